@@ -1,0 +1,16 @@
+// A HORD as integers: the bin masses and their sum, the common denominator of Eq. 8 (h = a / sum(a)).
+//
+// Nothing is divided: h(i,j) = mass[j*I + i] / sum, exactly. Masses are samples after dark subtraction.
+// Range: a mass is at most 2^16 - 1 and there are at most 15 x 15 bins, so sum < 2^24.
+#pragma once
+
+#include <cstdint>
+
+namespace hord::algo {
+
+struct Hord {
+    const std::uint16_t* mass = nullptr;  // I*J masses, j outer, i inner
+    std::uint32_t sum = 0;                // of the masses; 0: no light, and then no HORD
+};
+
+}  // namespace hord::algo

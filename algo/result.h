@@ -1,0 +1,41 @@
+// What a fallible call returns. A library returns an Error; the firmware logs it once, with its cure.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include <tl/expected.hpp>
+
+namespace hord {
+
+enum class ErrorCode : std::uint8_t {
+    invalid_argument,  // the caller or the configuration asks for something impossible
+    not_found,         // the named file, device, key or address does not exist
+    unreadable,        // it exists and cannot be read or decoded
+    unsupported,       // it is understood and this build or device cannot do it
+    busy,              // somebody else holds it, or it is doing something else
+    timeout,           // no answer in time; it may or may not have happened
+    disconnected,      // the device or the link is gone
+    refused,           // the other side said no
+    io,                // the operating system reported an error
+    internal,          // a bug
+};
+
+// `what` names the thing that failed; `cure` is what a person should do about it.
+struct Error {
+    ErrorCode code = ErrorCode::internal;
+    std::string what;
+    std::string cure;
+
+    // One line for a person: "what: cure".
+    [[nodiscard]] std::string message() const { return cure.empty() ? what : what + ": " + cure; }
+};
+
+template <class T>
+using Result = tl::expected<T, Error>;
+
+[[nodiscard]] inline tl::unexpected<Error> fail(ErrorCode code, std::string what, std::string cure = {}) {
+    return tl::unexpected<Error>(Error{code, std::move(what), std::move(cure)});
+}
+
+}  // namespace hord

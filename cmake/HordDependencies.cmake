@@ -1,0 +1,22 @@
+# Debian's packages as targets. Each is linked only by the file that calls it (PRIVATELY), so that no room
+# inherits another's library.
+
+find_package(PkgConfig REQUIRED)
+
+# tl::expected and CLI11 are header-only and in the default include path.
+find_path(HORD_EXPECTED_DIR tl/expected.hpp REQUIRED)
+
+# Only OpenCV's core, imgproc and imgcodecs are installed; OpenCVConfig.cmake wants all of OpenCV.
+find_path(HORD_OPENCV_INCLUDE opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)
+foreach(part core imgproc imgcodecs)
+  find_library(HORD_OPENCV_${part} opencv_${part} REQUIRED)
+  add_library(opencv::${part} INTERFACE IMPORTED)
+  target_include_directories(opencv::${part} SYSTEM INTERFACE ${HORD_OPENCV_INCLUDE})
+  target_link_libraries(opencv::${part} INTERFACE ${HORD_OPENCV_${part}})
+endforeach()
+
+find_package(fmt REQUIRED)
+find_package(Ceres REQUIRED)
+find_package(tomlplusplus REQUIRED)
+pkg_check_modules(modbus REQUIRED IMPORTED_TARGET libmodbus)
+pkg_check_modules(systemd REQUIRED IMPORTED_TARGET libsystemd)

@@ -1,0 +1,217 @@
+#include "common/toml_fields.h"
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <fstream>
+#include <iterator>
+#include <set>
+
+#include <fmt/format.h>
+#include <toml++/toml.h>
+
+namespace hord::common {
+namespace {
+
+// Levenshtein distance, for "did you mean".
+std::size_t edits(std::string_view a, std::string_view b) {
+    std::vector<std::size_t> row(b.size() + 1);
+    for (std::size_t k = 0; k < row.size(); ++k) row[k] = k;
+    for (std::size_t y = 1; y <= a.size(); ++y) {
+        std::size_t diagonal = row[0];
+        row[0] = y;
+        for (std::size_t x = 1; x <= b.size(); ++x) {
+            const std::size_t above = row[x];
+            row[x] = std::min({above + 1, row[x - 1] + 1, diagonal + (a[y - 1] == b[x - 1] ? 0U : 1U)});
+            diagonal = above;
+        }
+    }
+    return row[b.size()];
+}
+
+}  // namespace
+
+tl::unexpected<Error> TomlProblems::as_error() const {
+    return fail(ErrorCode::invalid_argument, fmt::format("{}", fmt::join(lines_, "\n")));
+}
+
+struct TomlTable::Node {
+    // The parsed file lives as long as any table taken from it.
+    std::shared_ptr<const toml::table> file;
+    const toml::table* table = nullptr;
+    std::string name;  // of the file
+    std::string path;  // of this table inside it, "" for the root, else "light."
+    TomlProblems* problems = nullptr;
+    std::set<std::string, std::less<>> asked;
+    std::deque<std::shared_ptr<Node>> taken;
+
+    const toml::node* find(std::string_view key) {
+        asked.emplace(key);
+        return table->get(key);
+    }
+    void report(const toml::node& at, std::string_view key, std::string_view what) const {
+        const auto line = at.source().begin.line;
+        problems->add(line > 0 ? fmt::format("{}:{}: {}{}: {}", name, line, path, key, what)
+                               : fmt::format("{}: {}{}: {}", name, path, key, what));
+    }
+    std::shared_ptr<Node> take(const toml::table& sub, std::string sub_path) {
+        auto node = std::make_shared<Node>(Node{file, &sub, name, std::move(sub_path), problems, {}, {}});
+        taken.push_back(node);
+        return node;
+    }
+};
+
+TomlTable TomlTable::parse_text(std::string_view text, std::string_view name, TomlProblems& problems) {
+    auto file = std::make_shared<toml::table>();
+    try {
+        *file = toml::parse(text, name);
+    } catch (const toml::parse_error& error) {
+        problems.add(fmt::format("{}:{}: not valid TOML: {}", name, error.source().begin.line, error.description()));
+    }
+    const toml::table* root = file.get();
+    return TomlTable(std::make_shared<Node>(Node{std::move(file), root, std::string(name), "", &problems, {}, {}}));
+}
+
+TomlTable TomlTable::parse_file(const std::filesystem::path& file, TomlProblems& problems) {
+    std::ifstream in(file, std::ios::binary);
+    std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+    if (!in.is_open() || in.bad() || std::filesystem::is_directory(file)) {
+        problems.add(fmt::format("{}: cannot be read: check that the file exists and may be read", file.string()));
+        text.clear();
+    }
+    return parse_text(text, file.string(), problems);
+}
+
+std::optional<double> TomlTable::read_number(std::string_view key, double low, double high) {
+    const toml::node* node = node_->find(key);
+    if (node == nullptr) return std::nullopt;
+    const auto value = node->is_integer() ? std::optional(static_cast<double>(node->as_integer()->get()))
+                       : node->is_floating_point() ? std::optional(node->as_floating_point()->get())
+                                                   : std::nullopt;
+    if (!value) {
+        node_->report(*node, key, "is not a number: write one without quotes");
+        return std::nullopt;
+    }
+    if (!(*value >= low && *value <= high)) {
+        node_->report(*node, key, fmt::format("{} is out of range: use {} to {}", *value, low, high));
+        return std::nullopt;
+    }
+    return value;
+}
+
+std::optional<std::int64_t> TomlTable::read_integer(std::string_view key, std::int64_t low, std::int64_t high) {
+    const toml::node* node = node_->find(key);
+    if (node == nullptr) return std::nullopt;
+    if (!node->is_integer()) {
+        node_->report(*node, key, "is not a whole number: write one without quotes or decimals");
+        return std::nullopt;
+    }
+    const std::int64_t value = node->as_integer()->get();
+    if (value < low || value > high) {
+        node_->report(*node, key, fmt::format("{} is out of range: use {} to {}", value, low, high));
+        return std::nullopt;
+    }
+    return value;
+}
+
+void TomlTable::number(std::string_view key, double& value, double low, double high) {
+    if (auto read = read_number(key, low, high)) value = *read;
+}
+
+void TomlTable::number(std::string_view key, float& value, double low, double high) {
+    if (auto read = read_number(key, low, high)) value = static_cast<float>(*read);
+}
+
+void TomlTable::boolean(std::string_view key, bool& value) {
+    const toml::node* node = node_->find(key);
+    if (node == nullptr) return;
+    if (!node->is_boolean()) return node_->report(*node, key, "is neither true nor false");
+    value = node->as_boolean()->get();
+}
+
+void TomlTable::text(std::string_view key, std::string& value) {
+    const toml::node* node = node_->find(key);
+    if (node == nullptr) return;
+    if (!node->is_string()) return node_->report(*node, key, "is not a text: write it in quotes");
+    value = node->as_string()->get();
+}
+
+void TomlTable::numbers(std::string_view key, std::vector<double>& values, std::size_t min_count, std::size_t max_count) {
+    const toml::node* node = node_->find(key);
+    if (node == nullptr) return;
+    std::vector<double> read;
+    const toml::array* array = node->as_array();
+    bool good = array != nullptr;
+    if (array != nullptr) {
+        for (const toml::node& element : *array) {
+            const auto number = element.value<double>();
+            good = good && element.is_number() && number && std::isfinite(*number);
+            read.push_back(number.value_or(0));
+        }
+    }
+    if (!good) return node_->report(*node, key, "is not a list of numbers: write [1.0, 2.0]");
+    if (read.size() < min_count || read.size() > max_count) {
+        return node_->report(*node, key,
+                             min_count == max_count
+                                 ? fmt::format("has {} numbers: give {}", read.size(), min_count)
+                                 : fmt::format("has {} numbers: give {} to {}", read.size(), min_count, max_count));
+    }
+    values = std::move(read);
+}
+
+std::optional<std::size_t> TomlTable::choice(std::string_view key, std::span<const std::string_view> names) {
+    const toml::node* node = node_->find(key);
+    if (node == nullptr) return std::nullopt;
+    const std::string given = node->is_string() ? node->as_string()->get() : std::string("(not a text)");
+    const auto found = std::find(names.begin(), names.end(), given);
+    if (found == names.end()) {
+        node_->report(*node, key, fmt::format("\"{}\" is not known: use one of {}", given, fmt::join(names, ", ")));
+        return std::nullopt;
+    }
+    return static_cast<std::size_t>(found - names.begin());
+}
+
+TomlTable TomlTable::table(std::string_view key) {
+    static const toml::table empty;
+    const toml::node* node = node_->find(key);
+    const toml::table* sub = node != nullptr ? node->as_table() : nullptr;
+    if (node != nullptr && sub == nullptr) node_->report(*node, key, fmt::format("is not a table: write [{}{}]", node_->path, key));
+    return TomlTable(node_->take(sub != nullptr ? *sub : empty, fmt::format("{}{}.", node_->path, key)));
+}
+
+std::vector<TomlTable> TomlTable::tables(std::string_view key) {
+    std::vector<TomlTable> all;
+    const toml::node* node = node_->find(key);
+    if (node == nullptr) return all;
+    const toml::array* array = node->as_array();
+    if (array == nullptr || !std::all_of(array->begin(), array->end(), [](const toml::node& n) { return n.is_table(); })) {
+        node_->report(*node, key, fmt::format("is not a list of tables: write [[{}{}]] for each", node_->path, key));
+        return all;
+    }
+    for (std::size_t k = 0; k < array->size(); ++k) {
+        all.push_back(TomlTable(node_->take(*(*array)[k].as_table(), fmt::format("{}{}[{}].", node_->path, key, k))));
+    }
+    return all;
+}
+
+bool TomlTable::has(std::string_view key) const { return node_->find(key) != nullptr; }
+
+void TomlTable::problem(std::string_view key, std::string_view what, std::string_view cure) {
+    const toml::node* node = node_->find(key);
+    node_->report(node != nullptr ? *node : *node_->table, key, cure.empty() ? std::string(what) : fmt::format("{}: {}", what, cure));
+}
+
+void TomlTable::refuse_unknown_keys() {
+    for (const auto& [key, value] : *node_->table) {
+        if (node_->asked.contains(key.str())) continue;
+        const auto nearest = std::min_element(node_->asked.begin(), node_->asked.end(), [&](const auto& a, const auto& b) {
+            return edits(a, key.str()) < edits(b, key.str());
+        });
+        const bool near = nearest != node_->asked.end() && edits(*nearest, key.str()) <= std::max<std::size_t>(2, key.str().size() / 3);
+        node_->report(value, key.str(), near ? fmt::format("is not a known key: did you mean {}?", *nearest)
+                                             : std::string("is not a known key: remove it"));
+    }
+    for (const auto& sub : node_->taken) TomlTable(sub).refuse_unknown_keys();
+}
+
+}  // namespace hord::common

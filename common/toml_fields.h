@@ -1,0 +1,79 @@
+// Reads a TOML file into defaulted structs, strictly: unknown keys, wrong types and values out of range are
+// problems, and all of them are reported at once, each with file, line and cure.
+//
+//     TomlProblems problems;
+//     auto root = TomlTable::parse_file(file, problems);        // a syntax error is a problem, too
+//     TomlTable light = root.table("light");                    // absent: an empty table, defaults stay
+//     light.number("radius_bins", scene.radius_bins, 0.0, 4.0); // keeps the default when the key is absent
+//     root.refuse_unknown_keys();                               // this table and every table taken from it
+//     if (!problems.empty()) return problems.as_error();
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "algo/result.h"
+
+namespace hord::common {
+
+class TomlProblems {
+  public:
+    void add(std::string line) { lines_.push_back(std::move(line)); }
+    [[nodiscard]] bool empty() const { return lines_.empty(); }
+    [[nodiscard]] const std::vector<std::string>& lines() const { return lines_; }
+    // invalid_argument; `what` holds every problem, one a line.
+    [[nodiscard]] tl::unexpected<Error> as_error() const;
+
+  private:
+    std::vector<std::string> lines_;
+};
+
+class TomlTable {
+  public:
+    // An unreadable file or a syntax error adds a problem and gives an empty table. `problems` must outlive the table.
+    static TomlTable parse_file(const std::filesystem::path& file, TomlProblems& problems);
+    static TomlTable parse_text(std::string_view text, std::string_view name, TomlProblems& problems);
+
+    // Each reads one key. An absent key leaves `value` as it is; a present one of the wrong type, or outside
+    // [low, high], adds a problem and leaves `value` as it is. An integer is a good number; a number is not a good integer.
+    void number(std::string_view key, double& value, double low, double high);
+    void number(std::string_view key, float& value, double low, double high);
+    template <class Int>
+        requires std::is_integral_v<Int>
+    void integer(std::string_view key, Int& value, std::int64_t low, std::int64_t high) {
+        if (auto read = read_integer(key, low, high)) value = static_cast<Int>(*read);
+    }
+    void boolean(std::string_view key, bool& value);
+    void text(std::string_view key, std::string& value);
+    void numbers(std::string_view key, std::vector<double>& values, std::size_t min_count, std::size_t max_count);
+
+    // One of the given names, as an index into them.
+    [[nodiscard]] std::optional<std::size_t> choice(std::string_view key, std::span<const std::string_view> names);
+
+    // A sub-table; absent: an empty one. An array of tables; absent: none.
+    [[nodiscard]] TomlTable table(std::string_view key);
+    [[nodiscard]] std::vector<TomlTable> tables(std::string_view key);
+    [[nodiscard]] bool has(std::string_view key) const;
+
+    // Adds a problem at the line of `key` (of the table, where the key is absent): for checks across keys.
+    void problem(std::string_view key, std::string_view what, std::string_view cure);
+
+    // Adds a problem for every key nobody asked for, with the nearest known one, in this table and those taken from it.
+    void refuse_unknown_keys();
+
+  private:
+    struct Node;
+    explicit TomlTable(std::shared_ptr<Node> node) : node_(std::move(node)) {}
+    std::optional<std::int64_t> read_integer(std::string_view key, std::int64_t low, std::int64_t high);
+    std::optional<double> read_number(std::string_view key, double low, double high);
+    std::shared_ptr<Node> node_;
+};
+
+}  // namespace hord::common

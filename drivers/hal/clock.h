@@ -1,0 +1,30 @@
+// The station's one monotonic clock. Injected everywhere; nothing else in the project reads time.
+#pragma once
+
+#include <chrono>
+
+namespace hord::hal {
+
+using Duration = std::chrono::nanoseconds;
+
+// A point on CLOCK_MONOTONIC in the service, on virtual time in simulation. Not a std clock: it has no now().
+struct StationTime {
+    using duration = Duration;
+    using rep = Duration::rep;
+    using period = Duration::period;
+    using time_point = std::chrono::time_point<StationTime>;
+    static constexpr bool is_steady = true;
+};
+using TimePoint = StationTime::time_point;
+
+class Clock {
+  public:
+    virtual ~Clock() = default;
+    // Any thread. Never goes backwards.
+    [[nodiscard]] TimePoint now() const { return do_now(); }
+
+  private:
+    [[nodiscard]] virtual TimePoint do_now() const = 0;
+};
+
+}  // namespace hord::hal

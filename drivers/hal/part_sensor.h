@@ -1,0 +1,53 @@
+// The light barrier (and, where there is one, the encoder) that says when a part comes.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "algo/result.h"
+#include "drivers/hal/clock.h"
+
+namespace hord::hal {
+
+struct PartEdge {
+    enum class Kind : std::uint8_t { arrives, leaves };
+    Kind kind = Kind::arrives;
+    TimePoint at;                        // when the kernel (or the simulated world) saw it, not when it was read
+    std::uint32_t sequence = 0;          // counts edges from 1; a gap means that edges were lost
+    std::optional<std::int64_t> counts;  // encoder position at the edge, counts; none without an encoder
+};
+
+struct EncoderReading {
+    TimePoint at;
+    std::int64_t counts = 0;  // grows with the conveyor's motion
+};
+
+class PartSensor {
+  public:
+    // Called on the loop's thread.
+    class Listener {
+      public:
+        virtual void on_edge(const PartEdge& edge) = 0;
+        virtual void on_encoder(const EncoderReading& reading) = 0;
+        virtual void on_part_sensor_lost(const Error& error) = 0;  // delivered once; stop() and start() again to recover
+
+      protected:
+        ~Listener() = default;
+    };
+
+    virtual ~PartSensor() = default;
+
+    // Loop thread, does not block. Edges and encoder readings go to `listener` until stop().
+    // Fails with not_found or busy (the line), invalid_argument when already started. After a failure nothing runs.
+    Result<void> start(Listener& listener);
+
+    // Loop thread. No call reaches the listener after it returns. Harmless when not started.
+    void stop();
+
+  private:
+    virtual Result<void> do_start(Listener& listener) = 0;
+    virtual void do_stop() = 0;
+    bool started_ = false;
+};
+
+}  // namespace hord::hal

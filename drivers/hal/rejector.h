@@ -1,0 +1,64 @@
+// What removes a bad part from the line, and the permit that lets the line run.
+#pragma once
+
+#include <cstdint>
+
+#include "algo/result.h"
+#include "drivers/hal/clock.h"
+
+namespace hord::hal {
+
+struct RejectCommand {
+    std::uint32_t part = 0;  // repeating a command for the same part never ejects twice
+    TimePoint start;         // when the ejector must act
+    Duration width{};        // how long
+};
+
+struct RejectReport {
+    enum class Outcome : std::uint8_t {
+        confirmed,  // the module acknowledged the write and reads back as written (and the confirm sensor agreed, if there is one)
+        late,       // acknowledged, but after the part had passed
+        failed,     // no acknowledgement; it may or may not have acted
+    };
+    std::uint32_t part = 0;
+    Outcome outcome = Outcome::failed;
+    TimePoint at;  // when the acknowledgement came, or was given up
+};
+
+class Rejector {
+  public:
+    // Called on the loop's thread.
+    class Listener {
+      public:
+        virtual void on_reject(const RejectReport& report) = 0;  // exactly one for every accepted reject()
+        virtual void on_rejector_link(bool up, const Error& why_down) = 0;
+
+      protected:
+        ~Listener() = default;
+    };
+
+    virtual ~Rejector() = default;
+
+    // Loop thread, does not block. The link is down until on_rejector_link(true) says otherwise; the driver keeps trying to
+    // reach the module until stop(). Fails with invalid_argument only (a bad address, a second start).
+    Result<void> start(Listener& listener);
+
+    // Loop thread, does not block. Fails with disconnected (not started), busy (its queue is full), invalid_argument (width <= 0).
+    Result<void> reject(const RejectCommand& command);
+
+    // Loop thread, does not block. The permit drops by itself when the link does. Idempotent.
+    void set_run_permit(bool permit);
+
+    // Loop thread. Outputs to their safe state (permit down, ejector as configured) before the link closes.
+    // May block for at most one response time-out.
+    void stop();
+
+  private:
+    virtual Result<void> do_start(Listener& listener) = 0;
+    virtual Result<void> do_reject(const RejectCommand& command) = 0;
+    virtual void do_set_run_permit(bool permit) = 0;
+    virtual void do_stop() = 0;
+    bool started_ = false;
+};
+
+}  // namespace hord::hal

@@ -1,0 +1,104 @@
+// The lenslet sensor: frames, lent out and given back.
+#pragma once
+
+#include <cstdint>
+#include <utility>
+
+#include "algo/frame.h"
+#include "algo/result.h"
+#include "drivers/hal/clock.h"
+
+namespace hord::hal {
+
+struct SensorFormat {
+    int width_px = 0;
+    int height_px = 0;
+    int bits = 8;     // 8..16
+    int buffers = 0;  // frames that may be lent at the same time
+};
+
+struct ExposureRequest {
+    std::uint32_t exposure = 0;
+    TimePoint start;
+    Duration length{};
+};
+
+// What the device says of a frame. Nothing here is trusted: the station's core matches it to the exposure it asked for.
+struct FrameInfo {
+    std::uint32_t sequence = 0;   // the device's own count; a gap means lost frames
+    TimePoint exposure_start;     // device timestamp
+    std::size_t bytes_used = 0;   // fewer than the format needs: a short frame
+    bool corrupt = false;         // the device flagged an error
+};
+
+class Sensor;
+
+// A frame on loan. Gives the buffer back when it dies; may die on any thread, before its sensor does.
+class FrameLease {
+  public:
+    FrameLease() = default;
+    FrameLease(Sensor& owner, std::uint32_t slot, algo::FrameView view, FrameInfo info)
+        : owner_(&owner), slot_(slot), view_(view), info_(info) {}
+    FrameLease(FrameLease&& other) noexcept
+        : owner_(std::exchange(other.owner_, nullptr)), slot_(other.slot_), view_(other.view_), info_(other.info_) {}
+    FrameLease& operator=(FrameLease&& other) noexcept {
+        if (this != &other) {
+            give_back();
+            owner_ = std::exchange(other.owner_, nullptr);
+            slot_ = other.slot_;
+            view_ = other.view_;
+            info_ = other.info_;
+        }
+        return *this;
+    }
+    ~FrameLease() { give_back(); }
+
+    [[nodiscard]] explicit operator bool() const { return owner_ != nullptr; }
+    [[nodiscard]] const algo::FrameView& view() const { return view_; }
+    [[nodiscard]] const FrameInfo& info() const { return info_; }
+    void give_back() noexcept;
+
+  private:
+    Sensor* owner_ = nullptr;
+    std::uint32_t slot_ = 0;
+    algo::FrameView view_;
+    FrameInfo info_;
+};
+
+class Sensor {
+  public:
+    // Called on the loop's thread.
+    class Listener {
+      public:
+        virtual void on_frame(FrameLease frame) = 0;
+        virtual void on_sensor_lost(const Error& error) = 0;  // delivered once; stop() and start() again to recover
+
+      protected:
+        ~Listener() = default;
+    };
+
+    virtual ~Sensor() = default;
+
+    [[nodiscard]] SensorFormat format() const { return do_format(); }
+
+    // Loop thread. Fails with not_found, unsupported (the format; lists what there is), busy, io.
+    Result<void> start(Listener& listener);
+
+    // Loop thread, does not block. Asks for one frame. The frame may come, come late, or never: the caller keeps the deadline.
+    // Fails with disconnected (not started or lost), busy (no free buffer), invalid_argument (length <= 0).
+    Result<void> trigger(const ExposureRequest& request);
+
+    // Loop thread. No call reaches the listener after it returns; frames on loan stay readable until given back.
+    void stop();
+
+  private:
+    friend class FrameLease;
+    [[nodiscard]] virtual SensorFormat do_format() const = 0;
+    virtual Result<void> do_start(Listener& listener) = 0;
+    virtual Result<void> do_trigger(const ExposureRequest& request) = 0;
+    virtual void do_stop() = 0;
+    virtual void do_give_back(std::uint32_t slot) noexcept = 0;  // any thread
+    bool started_ = false;
+};
+
+}  // namespace hord::hal

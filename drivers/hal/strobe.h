@@ -1,0 +1,69 @@
+// The collimator LEDs.
+#pragma once
+
+#include <cstdint>
+
+#include "algo/result.h"
+#include "drivers/hal/clock.h"
+
+namespace hord::hal {
+
+// What the lights stand. The driver enforces it below every caller.
+struct StrobeLimits {
+    Duration max_on{};    // longest pulse
+    Duration min_rest{};  // shortest time from the end of a pulse to the start of the next
+    int channels = 1;     // 1..32
+};
+
+struct StrobePulse {
+    std::uint32_t exposure = 0;  // the exposure this pulse lights; comes back in the report
+    std::uint32_t channels = 1;  // bit set of collimators
+    TimePoint start;
+    Duration width{};
+};
+
+struct StrobeReport {
+    std::uint32_t exposure = 0;
+    bool lit = false;  // false: refused, late or failed; the frame is dark or wrongly lit
+    TimePoint start;   // when it really began
+    Duration width{};  // and how long it lasted
+};
+
+class Strobe {
+  public:
+    // Called on the loop's thread.
+    class Listener {
+      public:
+        virtual void on_strobe(const StrobeReport& report) = 0;  // exactly one for every accepted fire()
+        virtual void on_strobe_lost(const Error& error) = 0;
+
+      protected:
+        ~Listener() = default;
+    };
+
+    virtual ~Strobe() = default;
+
+    // Loop thread. Lights are off when it returns, whatever it returns.
+    Result<void> start(Listener& listener);
+
+    // Loop thread, does not block. Schedules one pulse.
+    // Fails with invalid_argument (no such channel, width not in (0, max_on]), busy (inside min_rest of a pulse
+    // already accepted), disconnected (not started or lost). After a failure nothing is lit.
+    Result<void> fire(const StrobePulse& pulse);
+
+    // Loop thread. All lights off at once; pulses not yet begun are forgotten and reported as not lit. Harmless when not started.
+    void stop();
+
+    [[nodiscard]] StrobeLimits limits() const { return do_limits(); }
+
+  private:
+    virtual Result<void> do_start(Listener& listener) = 0;
+    virtual Result<void> do_fire(const StrobePulse& pulse) = 0;
+    virtual void do_stop() = 0;
+    [[nodiscard]] virtual StrobeLimits do_limits() const = 0;
+    bool started_ = false;
+    TimePoint busy_until_{};
+    bool ever_fired_ = false;
+};
+
+}  // namespace hord::hal

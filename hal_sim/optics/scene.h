@@ -1,0 +1,91 @@
+// A scene: one part with its defects, the light, the camera. Read from TOML; seeded and complete.
+//
+// Lengths in millimetres, angles in radians, wavelengths in nanometres. The part's frame: origin on the measurement
+// plane at the field's centre, x to the right and y downwards in the image, z along the light towards the camera.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "algo/light_field.h"
+#include "algo/result.h"
+
+namespace hord::sim {
+
+struct Vec3 {
+    double x = 0, y = 0, z = 0;
+};
+
+// The part. `none`: an empty field.
+struct NoPart {};
+struct DoubleConvexLens {
+    double radius_of_curvature_mm = 190;  // both faces
+    double aperture_radius_mm = 10;
+    double edge_thickness_mm = 4;
+    double refractive_index = 1.5;
+};
+struct Wedge {
+    double half_size_mm = 8;
+    double centre_thickness_mm = 4;
+    double tilt_x_rad = 0, tilt_y_rad = 0;  // of the camera-side face about the other
+    double refractive_index = 1.5;
+};
+using Part = std::variant<NoPart, DoubleConvexLens, Wedge>;
+
+struct AirBubble {  // a sphere of index 1 inside the part
+    Vec3 centre_mm;
+    double radius_mm = 0.5;
+};
+struct SphericalCut {  // a sphere of index 1 that bites into the surface
+    Vec3 centre_mm;
+    double radius_mm = 1;
+};
+struct AbsorbingSpeck {  // a disc on the measurement plane that lets `transmission` of the light through
+    Vec3 centre_mm;
+    double radius_mm = 0.5;
+    double transmission = 0;  // 0..1
+};
+using SceneDefect = std::variant<AirBubble, SphericalCut, AbsorbingSpeck>;
+
+struct Pose {
+    double x_mm = 0, y_mm = 0;  // shift of the part on the measurement plane
+    double rotation_rad = 0;    // about z
+};
+
+struct Light {
+    double source_radius_bins = 0.61;  // angular radius of the collimated source, bin pitches
+};
+
+struct Camera {
+    algo::Extents extents{111, 111, 9, 9};
+    double field_mm = 24;          // width of the lenslet field on the measurement plane
+    double bin_pitch_rad = 0.015;  // slope of one bin
+    int bits = 8;
+    double full_bin_dn = 240;      // DN of a bin filled by the source, before noise
+};
+
+// EMVA 1288, a subset. Off by default: an effect that is off costs nothing.
+struct SensorNoise {
+    double electrons_per_dn = 0;  // 0: no photon noise
+    double read_e = 0;            // rms electrons
+    double dark_dn = 0;           // pedestal
+};
+
+struct Scene {
+    std::string name = "scene";
+    std::uint64_t seed = 1;
+    Part part;
+    std::vector<SceneDefect> defects;
+    Pose pose;
+    Light light;
+    Camera camera;
+    SensorNoise noise;
+};
+
+// Fails with unreadable/invalid_argument; every problem of the file at once, each with its line and cure.
+Result<Scene> load_scene(const std::filesystem::path& file);
+
+}  // namespace hord::sim
