@@ -1,0 +1,83 @@
+// Virtual time: an event loop whose clock jumps from one due time to the next. A day of production takes seconds.
+//
+// The order is a function of the calls made, never of the machine: timers run by due time, then in the order in which
+// they were made. A timer due in the past runs at now(). What post() brings counts as a timer made, with due time
+// now(), when the running callback returns; from another thread that moment is the other thread's, so a
+// reproducible run posts from the loop's thread only.
+// Nothing is allocated once the number of pending timers has reached its largest value, as long as a callback's
+// captures fit into std::function (two pointers).
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <vector>
+
+#include "drivers/hal/event_loop.h"
+
+namespace hord::sim {
+
+class VirtualTime final : public hal::EventLoop {
+  public:
+    // Time starts at one second, so that a TimePoint nobody set is seen to be in the past.
+    static constexpr hal::TimePoint kStart{std::chrono::seconds(1)};
+    explicit VirtualTime(hal::TimePoint start = kStart) : now_(start) {}
+
+    // Runs everything due up to and including `end`; now() is then `end` (or stays, when `end` is in the past).
+    void run_until(hal::TimePoint end);
+    void run_for(hal::Duration duration) { run_until(now_ + duration); }
+
+    // Runs callbacks until `done` says so, asked before the first and after each of them; false when nothing due up to
+    // and including `limit` is left to run. now() is the time of the last callback.
+    bool run_until(const std::function<bool()>& done, hal::TimePoint limit);
+
+    // Runs until no timer is left; false when timers due after `limit` remain (a periodic timer never ends).
+    bool run_until_idle(hal::TimePoint limit);
+
+    // Runs the next callback only; false when there is none.
+    bool run_one();
+
+    [[nodiscard]] std::optional<hal::TimePoint> next_due();
+    [[nodiscard]] std::size_t pending() const { return pending_; }     // timers, without what is posted
+    [[nodiscard]] std::uint64_t callbacks_run() const { return run_; }
+
+  private:
+    struct Due {  // one entry of the heap; stale when the slot's generation has moved on
+        hal::TimePoint at;
+        std::uint64_t order;
+        std::uint32_t slot;
+        std::uint32_t generation;
+    };
+    struct Slot {
+        Callback callback;
+        std::uint32_t generation = 1;
+        bool used = false;
+    };
+    static bool later(const Due& a, const Due& b) { return a.at != b.at ? a.at > b.at : a.order > b.order; }
+
+    hal::TimePoint do_now() const override { return now_; }
+    TimerId do_call_at(hal::TimePoint due, Callback callback) override;
+    void do_cancel(TimerId timer) override;
+    Result<WatchId> do_watch(int fd, Readiness what, Callback callback) override;
+    void do_unwatch(WatchId) override {}
+    void do_post(Callback callback) override;
+
+    void take_posted();
+    void release(std::uint32_t slot);
+
+    hal::TimePoint now_;
+    std::vector<Due> heap_;
+    std::vector<Slot> slots_;
+    std::vector<std::uint32_t> free_;
+    std::uint64_t order_ = 0;
+    std::uint64_t run_ = 0;
+    std::size_t pending_ = 0;
+
+    std::mutex post_mutex_;
+    std::vector<Callback> posted_, taken_;
+    std::atomic<bool> has_posted_{false};
+};
+
+}  // namespace hord::sim
