@@ -1,0 +1,29 @@
+// One recorded frame from a file, and one to a file. Blocking; any thread.
+#pragma once
+
+#include <filesystem>
+
+#include "algo/frame.h"
+#include "algo/result.h"
+
+namespace hord::drivers {
+
+// What the caller insists on; 0 accepts what the file has.
+struct ExpectedFrame {
+    int width_px = 0;
+    int height_px = 0;
+    // Meaningful bits of a sample. A 16-bit file may hold 9- to 15-bit samples, right-aligned: it does not say so
+    // itself, so say it here; a sample beyond it makes the file refused.
+    int bits = 0;
+};
+
+// Reads PNG, TIFF or binary PGM, 8- or 16-bit grey. Fails with not_found; unreadable (no permission, not an image,
+// cut off, damaged); unsupported (colour, palette, alpha, JPEG, other depths); invalid_argument (not what was
+// expected). The message names the file and the cure. Nothing of a cut-off file is ever returned.
+Result<algo::Frame> read_frame(const std::filesystem::path& file, const ExpectedFrame& expected = {});
+
+// Writes a PNG, 8- or 16-bit grey (9- to 15-bit samples right-aligned). The file appears whole or not at all.
+// Fails with not_found (the folder), io, invalid_argument (an empty frame).
+Result<void> write_frame(const std::filesystem::path& file, const algo::FrameView& frame);
+
+}  // namespace hord::drivers
