@@ -1,0 +1,70 @@
+// The station's configuration: one TOML file, every key defaulted, deploy/hordd.toml documents them all.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <variant>
+
+#include "algo/result.h"
+#include "firmware/core/core_config.h"
+
+namespace hord::firmware {
+
+// [sensor] backend = "simulated" | "frames"
+struct SimulatedSensor {};
+struct RecordedFrames {
+    std::filesystem::path folder;  // every image in it, in the order of their names
+};
+using SensorConfig = std::variant<SimulatedSensor, RecordedFrames>;
+
+// [rejector] backend = "simulated" | "modbus"
+struct SimulatedRejector {};
+struct ModbusRejector {
+    std::string host = "127.0.0.1";
+    std::uint16_t port = 502;
+    std::uint8_t unit = 1;
+    std::uint16_t reject_coil = 0;      // address of the ejector's coil
+    std::uint16_t run_permit_coil = 1;  // address of the run permit's coil
+    bool energise_to_pass = false;      // the coil is 1 while good parts pass: a module that lost its link rejects
+    Duration response_timeout = milliseconds(30);
+};
+using RejectorConfig = std::variant<SimulatedRejector, ModbusRejector>;
+
+// [strobe] and [part_sensor] know the simulated backend alone today.
+struct StrobeConfig {
+    int channels = 1;
+    Duration max_on = milliseconds(2);
+    Duration min_rest = milliseconds(5);
+};
+
+// [modbus]: the register server that the PLC reads.
+struct ModbusServer {
+    std::string host = "127.0.0.1";
+    std::uint16_t port = 1502;  // 0: any free port
+};
+
+struct InspectionConfig {
+    int bins_i = 9, bins_j = 9;    // bins of a macro-pixel
+    std::filesystem::path recipe;  // empty: the defaults of algo/recipe.h
+    int threads = 1;               // parts inspected at the same time
+    int queue = 8;                 // frames that may wait for a thread
+};
+
+struct Config {
+    std::string name = "hord";
+    CoreConfig core;  // [line], [timing] and the rejector's times
+    SensorConfig sensor;
+    StrobeConfig strobe;
+    RejectorConfig rejector;
+    ModbusServer modbus;
+    InspectionConfig inspection;
+};
+
+// Fails with invalid_argument; every problem of the file at once, a line each with line number and cure.
+// Relative paths inside are taken from the file's folder.
+Result<Config> load_config(const std::filesystem::path& file);
+Result<Config> parse_config(std::string_view text, std::string_view name, const std::filesystem::path& folder);
+
+}  // namespace hord::firmware

@@ -1,0 +1,53 @@
+// What the core wants done, in this order. The shell does it and reports what failed as events.
+#pragma once
+
+#include <array>
+#include <cassert>
+#include <cstddef>
+#include <variant>
+
+#include "firmware/core/events.h"
+#include "firmware/snapshot.h"
+
+namespace hord::firmware {
+
+struct StartDevice {  // close it first where it is open
+    Device device{};
+};
+struct StopDevices {};
+struct Inspect {  // the frame goes to the inspector, with its loan
+    std::uint32_t part = 0;
+    FrameHandle frame = 0;
+};
+struct ReleaseFrame {
+    FrameHandle frame = 0;
+};
+struct SetRunPermit {
+    bool permit = false;
+};
+
+// ExposureRequest: trigger the sensor; StrobePulse: fire; RejectCommand: reject; PartResult: a part's story is complete.
+using Action = std::variant<std::monostate, StartDevice, StopDevices, hal::ExposureRequest, hal::StrobePulse, Inspect, ReleaseFrame,
+                            hal::RejectCommand, SetRunPermit, PartResult>;
+
+// A list that never allocates. The core leaves work for its next step rather than overfill it.
+class Actions {
+  public:
+    static constexpr std::size_t kCapacity = 64;
+
+    void clear() { size_ = 0; }
+    void push(const Action& action) {
+        assert(size_ < kCapacity);
+        list_[size_++] = action;
+    }
+    [[nodiscard]] std::size_t room() const { return kCapacity - size_; }
+    [[nodiscard]] std::size_t size() const { return size_; }
+    [[nodiscard]] const Action* begin() const { return list_.data(); }
+    [[nodiscard]] const Action* end() const { return list_.data() + size_; }
+
+  private:
+    std::array<Action, kCapacity> list_;
+    std::size_t size_ = 0;
+};
+
+}  // namespace hord::firmware

@@ -1,0 +1,119 @@
+// From the part sensor's edge to the exposure: who is this part, may it be inspected, and when.
+#include "firmware/core/core.h"
+
+namespace hord::firmware {
+
+// Whether `edge` follows the last one without a gap, a repetition or a jump in time. Where edges were lost, parts may
+// have gone by unseen: then the line is stopped.
+bool Core::continues(const hal::PartEdge& edge) {
+    const bool in_time = edge.at >= last_edge_at_ && edge.at <= now_;
+    const std::uint32_t step = edge.sequence - last_edge_;
+    if (step == 1) return in_time;
+    if (step > 1 && step < (1U << 31)) {
+        // Edges of a part alternate: arrives, leaves. A sensor that only reports arrivals loses a part with each.
+        const std::uint32_t lost = step - 1;
+        const bool next_lost_arrives = last_kind_ == hal::PartEdge::Kind::leaves;
+        const std::uint32_t parts = !leaves_seen_ ? lost : (lost + (next_lost_arrives ? 1U : 0U)) / 2;
+        counters_.missed += parts;
+        trouble_ |= kFaultPartSensor;
+        fault(kFaultPartSensor);
+        if (parts > 0) stop_the_line();
+    }
+    return false;
+}
+
+void Core::on(const hal::PartEdge& edge) {
+    if (edge.sequence == last_edge_ && edge.at == last_edge_at_ && last_edge_ != 0) return;  // the same edge, told twice
+    const bool arrives = edge.kind == hal::PartEdge::Kind::arrives;
+    const bool certain = continues(edge);
+    last_edge_ = edge.sequence;
+    last_kind_ = edge.kind;
+    last_edge_at_ = edge.at;
+    leaves_seen_ = leaves_seen_ || !arrives;
+    if (edge.counts) on(hal::EncoderReading{edge.at, *edge.counts});
+    if (arrives) arrive(edge, certain);
+}
+
+void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
+    ++counters_.seen;
+    const std::uint32_t number = ++parts_;
+    const TimePoint arrived = identity_certain ? edge.at : std::min(edge.at, now_);
+    if (line_.full()) {  // no memory left to follow it: nothing can be promised for it
+        PartResult result;
+        result.part = number;
+        result.arrived_ns = arrived.time_since_epoch().count();
+        result.reason = PartReason::line_full;
+        result.reject = RejectState::failed;
+        ++counters_.unfit;
+        ++counters_.reject_commanded;
+        ++counters_.reject_failed;
+        record(result);
+        stop_the_line();
+        return;
+    }
+    const bool too_close = comes_too_close(arrived);
+    last_arrival_ = arrived;
+    Part& part = line_.append();
+    part.arrived = arrived;
+    part.result.part = number;
+    part.result.arrived_ns = arrived.time_since_epoch().count();
+    part.exposure_start = arrived + config_.exposure_delay;
+    const bool counted = edge.counts && Conveyor::plausible(*edge.counts);
+    part.target_counts = (counted ? *edge.counts : conveyor_.counts_at(arrived)) + config_.transport_counts;
+
+    const bool position_known = !config_.by_encoder || counted;
+    if (accepting()) {
+        part.wanted = true;
+        ++wanted_on_line_;
+        single_taken_ = true;
+    }
+    if (!identity_certain || !position_known) return decide(part, PartVerdict::unfit, PartReason::edge_lost);
+    if (!part.wanted) return decide(part, PartVerdict::unfit, PartReason::station_not_running);
+    if (too_close) return decide(part, PartVerdict::unfit, PartReason::parts_too_close);
+    if (line_.size() > config_.max_parts) return decide(part, PartVerdict::unfit, PartReason::line_full);
+    expose(part);
+}
+
+// Whether a part that arrives `at` is too close to the one ahead. If that one is not exposed yet, its frame will show
+// both: it is rejected, too.
+bool Core::comes_too_close(TimePoint at) {
+    if (parts_ == 1 || last_arrival_ == TimePoint::min() || at - last_arrival_ >= config_.min_gap) return false;
+    if (line_.size() > 0) {
+        Part& ahead = line_[line_.size() - 1];
+        if (ahead.phase == Part::Phase::waiting && at < ahead.exposure_start + config_.exposure) {
+            decide(ahead, PartVerdict::unfit, PartReason::parts_too_close);
+        }
+    }
+    return true;
+}
+
+void Core::expose(Part& part) {
+    if (now_ > part.exposure_start) {  // told too late: the part is not where the camera looks
+        fault(kFaultOverrun);
+        return decide(part, PartVerdict::unfit, PartReason::strobe_failed);
+    }
+    part.frame_due = true;
+    part.light_due = true;
+    actions_->push(hal::ExposureRequest{part.number(), part.exposure_start, config_.exposure});
+    actions_->push(hal::StrobePulse{part.number(), config_.strobe_channels, part.exposure_start + config_.strobe_delay, config_.strobe});
+}
+
+void Core::on(const hal::EncoderReading& reading) {
+    conveyor_.read(reading.at, reading.counts);
+    if (!config_.by_encoder) return;
+    for (std::uint32_t k = 0; k < line_.size(); ++k) {
+        Part& part = line_[k];
+        if (part.passed_ejector == TimePoint::max() && conveyor_.reached(part.target_counts)) {
+            part.passed_ejector = conveyor_.reaches(part.target_counts);
+        }
+    }
+}
+
+// Nobody knows any more where the parts are: those to be rejected cannot be.
+void Core::lose_position() {
+    flush(PartReason::device_lost);
+    for (std::uint32_t k = 0; k < line_.size(); ++k) line_[k].passed_ejector = TimePoint::min();
+    conveyor_.forget();
+}
+
+}  // namespace hord::firmware

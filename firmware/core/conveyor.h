@@ -1,0 +1,63 @@
+// Where the conveyor is, from encoder readings: extrapolates the last two, stands still when they do.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+
+#include "firmware/core/core_config.h"
+
+namespace hord::firmware {
+
+class Conveyor {
+  public:
+    static constexpr std::int64_t kPlausible = std::int64_t{1} << 60;
+    [[nodiscard]] static bool plausible(std::int64_t counts) { return counts > -kPlausible && counts < kPlausible; }
+
+    // Readings older than the last one, or beyond what an encoder counts in a lifetime, are ignored.
+    void read(TimePoint at, std::int64_t counts) {
+        if ((known_ && at <= at_) || !plausible(counts)) return;
+        step_ns_ = known_ ? (at - at_).count() : 0;
+        step_counts_ = known_ ? counts - counts_ : 0;
+        at_ = at;
+        counts_ = counts;
+        known_ = true;
+    }
+    void forget() { *this = Conveyor{}; }
+
+    [[nodiscard]] bool known() const { return known_; }
+    [[nodiscard]] TimePoint last_read() const { return at_; }
+    [[nodiscard]] bool reached(std::int64_t counts) const { return known_ && counts_ >= counts; }
+
+    // When `counts` was or will be reached at the present speed; never (TimePoint::max()) when standing still, or
+    // when that is more than an hour away.
+    [[nodiscard]] TimePoint reaches(std::int64_t counts) const {
+        if (!known_) return TimePoint::max();
+        const std::int64_t distance = counts - counts_;
+        if (step_counts_ <= 0 || step_ns_ <= 0) return distance <= 0 ? at_ : TimePoint::max();
+        if (distance / step_counts_ > kFar.count() / step_ns_) return TimePoint::max();
+        if (distance / step_counts_ < -(kFar.count() / step_ns_)) return at_ - kFar;
+        return at_ + Duration(scaled(distance, step_ns_, step_counts_));
+    }
+    [[nodiscard]] std::int64_t counts_at(TimePoint t) const {
+        const std::int64_t ns = std::clamp((t - at_).count(), -kFar.count(), kFar.count());
+        if (step_counts_ <= 0 || step_ns_ <= 0 || ns / step_ns_ > kPlausible / step_counts_) return counts_;
+        return counts_ + scaled(ns, step_counts_, step_ns_);
+    }
+
+  private:
+    static constexpr Duration kFar = std::chrono::hours(1);
+
+    // value * num / den without leaving 64 bits: |value / den * num| stays below kFar or kPlausible (checked by the callers),
+    // and the remainder's product is rounded in double precision.
+    [[nodiscard]] static std::int64_t scaled(std::int64_t value, std::int64_t num, std::int64_t den) {
+        return value / den * num + static_cast<std::int64_t>(static_cast<double>(value % den) * static_cast<double>(num) / static_cast<double>(den));
+    }
+
+    bool known_ = false;
+    TimePoint at_;
+    std::int64_t counts_ = 0;
+    std::int64_t step_ns_ = 0;
+    std::int64_t step_counts_ = 0;
+};
+
+}  // namespace hord::firmware

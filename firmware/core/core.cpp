@@ -1,0 +1,246 @@
+// Commands, devices and faults: the state machine. The transitions themselves are in states.h.
+#include "firmware/core/core.h"
+
+#include <algorithm>
+
+namespace hord::firmware {
+namespace {
+
+std::uint32_t fault_of(Device device) {
+    switch (device) {
+        case Device::part_sensor: return kFaultPartSensor;
+        case Device::strobe: return kFaultStrobe;
+        case Device::sensor: return kFaultSensor;
+        case Device::rejector: return kFaultRejector;
+    }
+    return 0;
+}
+
+}  // namespace
+
+Answer Core::step(const Event& event, TimePoint now, Actions& actions) {
+    actions.clear();
+    actions_ = &actions;
+    answer_ = Answer::done;
+    now_ = std::max(now, now_);
+    if (next_heartbeat_ == TimePoint{}) next_heartbeat_ = now_ + config_.heartbeat;
+    if (now_ >= next_heartbeat_) {
+        const auto beats = 1 + (now_ - next_heartbeat_) / config_.heartbeat;
+        heartbeat_ = static_cast<std::uint16_t>(heartbeat_ + beats);
+        next_heartbeat_ += beats * config_.heartbeat;
+    }
+    std::visit([this](const auto& e) { on(e); }, event);
+    settle();
+
+    // The line may run while the station executes and can reject.
+    const bool permit = executing(state_) && !line_stop_ && up(Device::rejector);
+    if (permit != run_permit_) {
+        run_permit_ = permit;
+        actions.push(SetRunPermit{permit});
+    }
+    actions_ = nullptr;
+    return answer_;
+}
+
+void Core::on(Command command) {
+    const Cause cause = cause_of(command);
+    if (!next_state(state_, cause)) {
+        answer_ = Answer::not_in_this_state;
+        return;
+    }
+    if (command == Command::arm && up_ != (1U << kDevices) - 1U) {
+        answer_ = Answer::device_down;
+        return;
+    }
+    go(cause);
+}
+
+bool Core::go(Cause cause) {
+    const auto to = next_state(state_, cause);
+    if (!to) return false;
+    const State from = state_;
+    state_ = *to;
+    entered(from, cause);
+    return true;
+}
+
+void Core::entered(State from, Cause cause) {
+    switch (cause) {
+        case Cause::initialise:
+            started_ = true;
+            for (int d = 0; d < kDevices; ++d) actions_->push(StartDevice{static_cast<Device>(d)});
+            break;
+        case Cause::start_single:
+        case Cause::start_continuous:
+            draining_ = false;
+            single_taken_ = false;
+            failures_in_a_row_ = 0;
+            break;
+        case Cause::stop: draining_ = true; break;
+        case Cause::abort: flush(PartReason::station_not_running); break;
+        case Cause::halt:
+            flush(PartReason::station_not_running);
+            if (started_) actions_->push(StopDevices{});
+            started_ = false;
+            up_ = 0;
+            run_permit_ = false;  // closing the rejector drops it
+            break;
+        case Cause::reset:
+            reset_faults();
+            if (from == State::error) {  // try again what is down
+                started_ = true;
+                for (int d = 0; d < kDevices; ++d) {
+                    if (!up(static_cast<Device>(d))) actions_->push(StartDevice{static_cast<Device>(d)});
+                }
+            }
+            break;
+        case Cause::arm:
+        case Cause::disarm:
+        case Cause::finished:
+        case Cause::fault:
+        case Cause::line_stop: break;
+    }
+}
+
+// Parts without a verdict get one now. Their commands go out when they are due.
+void Core::flush(PartReason reason) {
+    for (std::uint32_t k = 0; k < line_.size(); ++k) {
+        Part& part = line_[k];
+        if (part.phase == Part::Phase::waiting) decide(part, PartVerdict::unfit, reason);
+    }
+}
+
+void Core::reset_faults() {
+    line_stop_ = false;
+    trouble_ = 0;
+    failures_in_a_row_ = 0;
+    faults_latched_ = 0;
+    first_fault_ = 0;
+    if (started_) fault(active_faults());
+}
+
+void Core::on(const DeviceUp& event) {
+    if (!started_) return;  // a report from before the halt
+    up_ |= bit(event.device);
+    if (event.device == Device::part_sensor) {  // it counts from 1 again
+        last_edge_ = 0;
+        last_kind_ = hal::PartEdge::Kind::leaves;
+        last_edge_at_ = TimePoint::min();
+        conveyor_.forget();
+    }
+    if (event.device == Device::sensor) frames_seen_ = false;
+}
+
+void Core::on(const DeviceLost& event) {
+    if (!started_) return;
+    up_ &= ~bit(event.device);
+    fault(fault_of(event.device));
+    for (std::uint32_t k = 0; k < line_.size(); ++k) {
+        Part& part = line_[k];
+        if (part.phase != Part::Phase::waiting) continue;
+        if ((event.device == Device::sensor && part.frame_due) || (event.device == Device::strobe && part.light_due)) {
+            decide(part, PartVerdict::unfit, PartReason::device_lost);
+        }
+    }
+    if (event.device == Device::part_sensor) {
+        if (config_.by_encoder) lose_position();
+        if (executing(state_)) stop_the_line();  // parts may go by unseen
+    }
+    go(Cause::fault);
+}
+
+bool Core::accepting() const {
+    return executing(state_) && !draining_ && !(state_ == State::single_execution && single_taken_);
+}
+
+std::uint32_t Core::active_faults() const {
+    std::uint32_t active = trouble_ | (line_stop_ ? std::uint32_t{kFaultRejectUnconfirmed} : 0U);
+    for (int d = 0; started_ && d < kDevices; ++d) {
+        if (!up(static_cast<Device>(d))) active |= fault_of(static_cast<Device>(d));
+    }
+    return active;
+}
+
+void Core::fault(std::uint32_t bits) {
+    faults_latched_ |= bits;
+    if (first_fault_ != 0 || bits == 0) return;
+    first_fault_ = 1;
+    while ((bits & 1U) == 0) {
+        bits >>= 1;
+        ++first_fault_;
+    }
+}
+
+void Core::stop_the_line() {
+    line_stop_ = true;
+    fault(kFaultRejectUnconfirmed);
+    go(Cause::line_stop);
+}
+
+Snapshot Core::snapshot() const {
+    Snapshot s;
+    s.state = state_;
+    s.line_stop = line_stop_;
+    s.run_permit = run_permit_;
+    s.faults_active = active_faults();
+    s.faults_latched = faults_latched_;
+    s.first_fault = first_fault_;
+    s.heartbeat = heartbeat_;
+    s.parts_on_line = line_.size();
+    s.counters = counters_;
+    s.last = last_;
+    return s;
+}
+
+std::vector<std::string> problems(const CoreConfig& c) {
+    std::vector<std::string> all;
+    const auto ms = [](Duration d) {
+        std::string text = std::to_string(static_cast<double>(d.count()) / 1e6);
+        text.erase(text.find_last_not_of('0') + 1);
+        if (text.back() == '.') text.pop_back();
+        return text + " ms";
+    };
+    const auto positive = [&](Duration d, const char* name) {
+        if (d <= Duration::zero()) all.push_back(std::string(name) + " is " + ms(d) + ": give a time above 0");
+    };
+    positive(c.exposure, "timing.exposure_us");
+    positive(c.strobe, "timing.strobe_us");
+    positive(c.frame_timeout, "timing.frame_timeout_ms");
+    positive(c.frame_window, "timing.frame_window_us");
+    positive(c.reject_pulse, "rejector.pulse_ms");
+    positive(c.heartbeat, "station.heartbeat_ms");
+    if (c.max_parts < 1 || c.max_parts > kLineCapacity) {
+        all.push_back("line.max_parts is " + std::to_string(c.max_parts) + ": use 1 to " + std::to_string(kLineCapacity));
+    }
+    const Duration exposed = c.exposure_delay + c.exposure;
+    const Duration deadline = c.transport - c.reject_early - c.reject_lead;
+    if (!c.by_encoder && exposed + c.frame_timeout > deadline) {
+        all.push_back("the verdict is due " + ms(deadline) + " after the edge (line.transport_ms less rejector.early_ms and lead_ms), "
+                      "the frame may come until " + ms(exposed + c.frame_timeout) +
+                      ": shorten timing.frame_timeout_ms or move the ejector downstream (line.transport_ms)");
+    }
+    if (c.by_encoder && c.transport_counts <= 0) all.push_back("line.transport_counts must be above 0 with an encoder");
+    if (c.min_gap < exposed) {
+        all.push_back("line.min_gap_ms is " + ms(c.min_gap) + ", a part is exposed only after " + ms(exposed) +
+                      ": raise line.min_gap_ms");
+    }
+    if (c.min_gap <= c.reject_pulse) {
+        all.push_back("rejector.pulse_ms is " + ms(c.reject_pulse) + ", parts may follow after " + ms(c.min_gap) +
+                      ": shorten the pulse or raise line.min_gap_ms, else a neighbour is ejected");
+    }
+    if (c.reject_early >= c.reject_pulse) {
+        all.push_back("rejector.early_ms is " + ms(c.reject_early) + ", the pulse is over after " + ms(c.reject_pulse) +
+                      ": shorten early_ms or lengthen pulse_ms");
+    }
+    if (2 * c.frame_window >= c.min_gap) {
+        all.push_back("timing.frame_window_us is " + ms(c.frame_window) + ", half of line.min_gap_ms or more: shorten it, "
+                      "else a frame may belong to two parts");
+    }
+    if (c.strobe_delay + c.strobe > c.exposure) {
+        all.push_back("the light ends " + ms(c.strobe_delay + c.strobe) + " after the exposure's start, the exposure " + ms(c.exposure) +
+                      ": lengthen timing.exposure_us or shorten timing.strobe_us");
+    }
+    return all;
+}
+
+}  // namespace hord::firmware

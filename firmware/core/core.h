@@ -1,0 +1,137 @@
+// The station core: (state, event, now) -> actions. It decides everything and touches nothing.
+//
+// A value: no descriptor, thread, clock or file, and no allocation. Each step is deterministic; the same events at
+// the same times give the same actions. The shell (firmware/station.h) carries events in and actions out, in the
+// service and in simulation alike.
+//
+// What it promises, whatever the events:
+//   - every part that the part sensor reports gets exactly one verdict, at its deadline at the latest;
+//   - pass only for a part whose own frame, lit by its own strobe, was judged good in time;
+//   - every other part is commanded to be rejected, once, and line stop is raised unless that is confirmed in time.
+//
+// Steps, by file: core.cpp commands, devices and faults; arrival.cpp from edge to exposure; matching.cpp frames, light
+// and judgements to their parts; rejection.cpp deadlines, commands and reports at the ejector.
+#pragma once
+
+#include "firmware/core/actions.h"
+#include "firmware/core/conveyor.h"
+#include "firmware/core/core_config.h"
+#include "firmware/core/events.h"
+#include "firmware/core/line.h"
+#include "firmware/core/states.h"
+#include "firmware/snapshot.h"
+
+namespace hord::firmware {
+
+// What became of a command. Events other than commands are always done.
+enum class Answer : std::uint8_t {
+    done,
+    not_in_this_state,
+    device_down,  // arm, while a device is lost or not yet there
+};
+
+class Core {
+  public:
+    // `config` has no problems().
+    explicit Core(const CoreConfig& config) : config_(config) {}
+
+    // Clears `actions` and fills it. `now` earlier than at the step before counts as that step's.
+    Answer step(const Event& event, TimePoint now, Actions& actions);
+
+    // When the next Tick is due, if no other event comes first; may be in the past: then at once.
+    [[nodiscard]] TimePoint next_wake() const { return next_wake_; }
+
+    [[nodiscard]] State state() const { return state_; }
+    [[nodiscard]] Snapshot snapshot() const;
+    [[nodiscard]] const CoreConfig& config() const { return config_; }
+    [[nodiscard]] const Line& line() const { return line_; }
+
+  private:
+    // core.cpp
+    void on(const Tick&) {}
+    void on(Command command);
+    void on(const DeviceUp& event);
+    void on(const DeviceLost& event);
+    bool go(Cause cause);
+    void entered(State from, Cause cause);
+    void flush(PartReason reason);
+    void reset_faults();
+    [[nodiscard]] bool accepting() const;
+    [[nodiscard]] bool up(Device device) const { return (up_ & bit(device)) != 0; }
+    [[nodiscard]] static std::uint32_t bit(Device device) { return 1U << static_cast<unsigned>(device); }
+    [[nodiscard]] std::uint32_t active_faults() const;
+    void fault(std::uint32_t bits);
+    void stop_the_line();
+
+    // arrival.cpp
+    void on(const hal::PartEdge& edge);
+    void on(const hal::EncoderReading& reading);
+    [[nodiscard]] bool continues(const hal::PartEdge& edge);
+    void arrive(const hal::PartEdge& edge, bool identity_certain);
+    [[nodiscard]] bool comes_too_close(TimePoint at);
+    void expose(Part& part);
+    void lose_position();
+
+    // matching.cpp
+    void on(const FrameArrived& event);
+    void on(const hal::StrobeReport& report);
+    void on(const Judged& judged);
+    void on(const TriggerRefused& event);
+    void on(const StrobeRefused& event);
+    void on(const InspectRefused& event);
+    void note_on_oldest_awaiting(PartReason oddity);
+    [[nodiscard]] Part* exposed_at(TimePoint exposure_start);
+    void judge_when_complete(Part& part);
+    void decide(Part& part, PartVerdict verdict, PartReason reason);
+    void count_trouble(PartReason reason);
+
+    // rejection.cpp
+    void on(const hal::RejectReport& report);
+    void on(const RejectRefused& event);
+    void settle();
+    [[nodiscard]] TimePoint settle(Part& part);
+    [[nodiscard]] TimePoint at_ejector(const Part& part) const;
+    [[nodiscard]] TimePoint gone_at(const Part& part) const;
+    void command_reject(Part& part);
+    [[nodiscard]] TimePoint await_report(Part& part);
+    void complete(Part& part, RejectState outcome);
+    void record(PartResult& result);
+
+    CoreConfig config_;
+    State state_ = State::preoperational;
+    TimePoint now_{};
+    TimePoint next_wake_ = TimePoint::max();
+    Actions* actions_ = nullptr;  // of the step that runs, else null
+    Answer answer_ = Answer::done;
+
+    std::uint32_t up_ = 0;           // Device bits
+    bool started_ = false;           // devices were asked to start
+    bool run_permit_ = false;
+    bool line_stop_ = false;
+    bool draining_ = false;
+    bool single_taken_ = false;
+    std::uint32_t trouble_ = 0;      // FaultBits besides devices that are down
+    std::uint32_t faults_latched_ = 0;
+    std::uint16_t first_fault_ = 0;
+    std::uint32_t failures_in_a_row_ = 0;
+
+    Line line_;
+    Conveyor conveyor_;
+    std::uint32_t parts_ = 0;
+    std::uint32_t wanted_on_line_ = 0;
+    TimePoint last_arrival_ = TimePoint::min();
+    TimePoint last_edge_at_ = TimePoint::min();
+    std::uint32_t last_edge_ = 0;    // sequence; 0: none since the part sensor came up
+    hal::PartEdge::Kind last_kind_ = hal::PartEdge::Kind::leaves;
+    bool leaves_seen_ = false;
+    bool frames_seen_ = false;
+    std::uint32_t last_frame_ = 0;
+
+    Counters counters_;
+    std::uint32_t results_ = 0;
+    PartResult last_;
+    std::uint16_t heartbeat_ = 0;
+    TimePoint next_heartbeat_{};
+};
+
+}  // namespace hord::firmware

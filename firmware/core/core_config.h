@@ -1,0 +1,61 @@
+// What the core must know of the line: when to expose, how long to wait, when and for how long to eject.
+//
+// All delays count from the part sensor's edge. Built by firmware/config.h from the configuration file, which
+// checks problems() before a Core is made of it.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "drivers/hal/clock.h"
+
+namespace hord::firmware {
+
+using hal::Duration;
+using hal::TimePoint;
+
+constexpr Duration microseconds(std::int64_t n) { return Duration(n * 1000); }
+constexpr Duration milliseconds(std::int64_t n) { return Duration(n * 1'000'000); }
+
+// Parts a Core has memory for. Parts above CoreConfig::max_parts are not inspected, only tracked to the rejector.
+constexpr std::uint32_t kLineCapacity = 256;
+
+struct CoreConfig {
+    // The way from the part sensor to the ejector: a time on a conveyor of constant speed, or encoder counts on one
+    // that may slow, stop and restart.
+    bool by_encoder = false;
+    Duration transport = milliseconds(400);    // edge to the part at the ejector, without encoder
+    std::int64_t transport_counts = 4000;      // the same in counts, with encoder
+    Duration encoder_timeout = milliseconds(100);  // no reading for so long, parts on the line: position is lost
+    std::uint32_t max_parts = 64;              // inspected parts between sensor and ejector, 1..kLineCapacity
+    Duration min_gap = milliseconds(20);       // edges closer than this: parts_too_close
+
+    // Exposure and light.
+    Duration exposure_delay = milliseconds(5);  // edge to the start of the exposure
+    Duration exposure = microseconds(500);
+    Duration strobe_delay = microseconds(100);  // start of the exposure to the start of the light
+    Duration strobe = microseconds(200);
+    std::uint32_t strobe_channels = 1;          // bit set of collimators
+    Duration strobe_window = microseconds(100);  // the light's start and width may differ from the request by this
+    Duration frame_window = milliseconds(2);    // a frame's exposure time stamp may differ from the request by this
+    Duration frame_timeout = milliseconds(100);  // after the exposure's end no frame, no strobe report: lost
+    std::size_t frame_bytes = 0;                // a frame with fewer is short
+
+    // Rejection. The pulse begins `reject_early` before the part is at the ejector; the command goes out `reject_lead`
+    // before the pulse: that is the verdict's deadline.
+    Duration reject_lead = milliseconds(20);
+    Duration reject_early = milliseconds(5);
+    Duration reject_pulse = milliseconds(15);
+    Duration confirm_timeout = milliseconds(100);  // after the pulse's end no report: unconfirmed
+
+    // A fault that repeats for so many parts in a row is an Error; 0: never.
+    std::uint32_t max_failures_in_a_row = 5;
+    Duration heartbeat = milliseconds(500);
+};
+
+// What makes these numbers impossible, one line each, with the configuration's names; empty when they can be used.
+std::vector<std::string> problems(const CoreConfig& config);
+
+}  // namespace hord::firmware

@@ -1,0 +1,71 @@
+// What the core is told. Times inside an event are the device's; the time of the step is a parameter of its own.
+#pragma once
+
+#include <cstdint>
+#include <variant>
+
+#include "algo/verdict.h"
+#include "drivers/hal/part_sensor.h"
+#include "drivers/hal/rejector.h"
+#include "drivers/hal/sensor.h"
+#include "drivers/hal/strobe.h"
+
+namespace hord::firmware {
+
+// What people and the PLC ask for (OPC 40100-1 methods in brackets). core/states.h says what is allowed when.
+enum class Command : std::uint8_t {
+    initialise,        // devices are opened
+    arm,               // [PrepareRecipe] refused while a device is down
+    disarm,            // [UnprepareRecipe]
+    start_single,      // [StartSingleJob] inspects the next part, then Ready
+    start_continuous,  // [StartContinuous]
+    stop,              // [Stop] inspects no new part; Ready when the last inspected one is past the ejector
+    abort,             // [Abort] Ready at once; parts under way are rejected
+    halt,              // [Halt] devices are closed, lights and permit off
+    reset,             // [Reset] after an error or halt; the person who resets has looked at the line
+};
+
+enum class Device : std::uint8_t { part_sensor, strobe, sensor, rejector };
+constexpr int kDevices = 4;
+
+// Names a frame that the shell holds on loan.
+using FrameHandle = std::uint32_t;
+
+struct FrameArrived {
+    FrameHandle frame = 0;
+    hal::FrameInfo info;
+};
+struct Judged {
+    std::uint32_t part = 0;
+    bool failed = false;  // the inspection returned an error; the rest is meaningless
+    algo::Verdict verdict = algo::Verdict::unfit;
+    algo::Reason reason = algo::Reason::none;
+    std::uint16_t defects = 0;
+    float score = 0;
+};
+struct DeviceUp {
+    Device device{};
+};
+struct DeviceLost {
+    Device device{};
+};
+// A device refused an action; `part` is the one it was for.
+struct TriggerRefused {
+    std::uint32_t part = 0;
+};
+struct StrobeRefused {
+    std::uint32_t part = 0;
+};
+struct InspectRefused {
+    std::uint32_t part = 0;
+};
+struct RejectRefused {
+    std::uint32_t part = 0;
+};
+// Time has passed: Core::next_wake() is due.
+struct Tick {};
+
+using Event = std::variant<Tick, Command, hal::PartEdge, hal::EncoderReading, FrameArrived, hal::StrobeReport, Judged,
+                           hal::RejectReport, DeviceUp, DeviceLost, TriggerRefused, StrobeRefused, InspectRefused, RejectRefused>;
+
+}  // namespace hord::firmware

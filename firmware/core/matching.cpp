@@ -1,0 +1,189 @@
+// Frames, light and judgements find their parts, or are recognised as nobody's.
+#include <algorithm>
+
+#include "firmware/core/core.h"
+
+namespace hord::firmware {
+namespace {
+
+PartReason reason_of(algo::Reason reason) {
+    switch (reason) {
+        case algo::Reason::none: return PartReason::none;
+        case algo::Reason::deflection: return PartReason::deflection;
+        case algo::Reason::slope: return PartReason::slope;
+        case algo::Reason::absorption: return PartReason::absorption;
+        case algo::Reason::too_dark: return PartReason::too_dark;
+        case algo::Reason::saturated: return PartReason::saturated;
+        case algo::Reason::nothing_to_see: return PartReason::nothing_to_see;
+    }
+    return PartReason::inspector_failed;
+}
+
+std::uint32_t trouble_of(PartReason reason) {
+    switch (reason) {
+        case PartReason::verdict_late: return kFaultOverrun;
+        case PartReason::frame_lost:
+        case PartReason::frame_stale:
+        case PartReason::frame_duplicate:
+        case PartReason::frame_short:
+        case PartReason::frame_corrupt: return kFaultSensor;
+        case PartReason::strobe_failed: return kFaultStrobe;
+        case PartReason::inspector_failed: return kFaultInspector;
+        case PartReason::too_dark:
+        case PartReason::saturated: return kFaultLightLevel;
+        default: return 0;
+    }
+}
+
+bool differs_by_more(Duration a, Duration b, Duration tolerance) {
+    return a - b > tolerance || b - a > tolerance;
+}
+
+std::uint32_t to_us(Duration d) {
+    const auto us = std::chrono::duration_cast<std::chrono::microseconds>(d).count();
+    return static_cast<std::uint32_t>(std::clamp<std::int64_t>(us, 0, 0xFFFFFFFE));
+}
+
+}  // namespace
+
+// A frame belongs to the part whose exposure was asked for at its time stamp, and only once. A frame that is nobody's
+// is put down to the oldest part that still waits: should its own frame not come, this is why.
+void Core::on(const FrameArrived& event) {
+    const std::uint32_t step = event.info.sequence - last_frame_;
+    const bool repeated = frames_seen_ && (step == 0 || step >= (1U << 31));
+    if (!repeated) {
+        frames_seen_ = true;
+        last_frame_ = event.info.sequence;
+    }
+    Part* part = repeated ? nullptr : exposed_at(event.info.exposure_start);
+    if (part == nullptr || !part->frame_due) {
+        note_on_oldest_awaiting(repeated ? PartReason::frame_duplicate : PartReason::frame_stale);
+        actions_->push(ReleaseFrame{event.frame});
+        return;
+    }
+    part->frame_due = false;
+    if (part->phase != Part::Phase::waiting) {  // it has its verdict: rejected for another reason
+        actions_->push(ReleaseFrame{event.frame});
+    } else if (event.info.corrupt || event.info.bytes_used < config_.frame_bytes) {
+        actions_->push(ReleaseFrame{event.frame});
+        decide(*part, PartVerdict::unfit, event.info.corrupt ? PartReason::frame_corrupt : PartReason::frame_short);
+    } else {
+        part->inspecting = true;
+        actions_->push(Inspect{part->number(), event.frame});
+    }
+}
+
+Part* Core::exposed_at(TimePoint exposure_start) {
+    for (std::uint32_t k = 0; k < line_.size(); ++k) {
+        Part& part = line_[k];
+        if (!part.wanted || !part.frame_due) continue;
+        if (!differs_by_more(exposure_start.time_since_epoch(), part.exposure_start.time_since_epoch(), config_.frame_window)) {
+            return &part;
+        }
+    }
+    return nullptr;
+}
+
+void Core::note_on_oldest_awaiting(PartReason oddity) {
+    for (std::uint32_t k = 0; k < line_.size(); ++k) {
+        Part& part = line_[k];
+        if (part.phase != Part::Phase::waiting || !part.frame_due) continue;
+        if (part.oddity == PartReason::none) part.oddity = oddity;
+        return;
+    }
+}
+
+void Core::on(const hal::StrobeReport& report) {
+    Part* part = line_.find(report.exposure);
+    if (part == nullptr || !part->light_due) return;
+    part->light_due = false;
+    if (part->phase != Part::Phase::waiting) return;
+    const TimePoint asked = part->exposure_start + config_.strobe_delay;
+    if (!report.lit || differs_by_more(report.start - TimePoint{}, asked - TimePoint{}, config_.strobe_window) ||
+        differs_by_more(report.width, config_.strobe, config_.strobe_window)) {
+        return decide(*part, PartVerdict::unfit, PartReason::strobe_failed);
+    }
+    part->light_good = true;
+    judge_when_complete(*part);
+}
+
+void Core::on(const Judged& judged) {
+    Part* part = line_.find(judged.part);
+    if (part == nullptr || !part->inspecting) return;
+    part->inspecting = false;
+    if (part->phase != Part::Phase::waiting) return;  // too late, or rejected for another reason
+    if (judged.failed) return decide(*part, PartVerdict::unfit, PartReason::inspector_failed);
+    part->judged = true;
+    part->judgement = judged;
+    judge_when_complete(*part);
+}
+
+// The judgement counts once the light is known to have been right, and before the deadline only.
+void Core::judge_when_complete(Part& part) {
+    if (!part.judged || !part.light_good) return;
+    if (now_ >= at_ejector(part) - config_.reject_early - config_.reject_lead) {
+        return decide(part, PartVerdict::unfit, PartReason::verdict_late);
+    }
+    ++counters_.inspected;
+    part.result.defects = part.judgement.defects;
+    part.result.score = part.judgement.score;
+    const PartReason reason = reason_of(part.judgement.reason);
+    switch (part.judgement.verdict) {
+        case algo::Verdict::pass: return decide(part, PartVerdict::pass, PartReason::none);
+        case algo::Verdict::reject: return decide(part, PartVerdict::reject, reason);
+        case algo::Verdict::unfit: return decide(part, PartVerdict::unfit, reason);
+    }
+}
+
+void Core::on(const TriggerRefused& event) {
+    Part* part = line_.find(event.part);
+    if (part == nullptr || !part->frame_due) return;
+    part->frame_due = false;
+    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, PartReason::frame_lost);
+}
+
+void Core::on(const StrobeRefused& event) {
+    Part* part = line_.find(event.part);
+    if (part == nullptr || !part->light_due) return;
+    part->light_due = false;
+    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, PartReason::strobe_failed);
+}
+
+void Core::on(const InspectRefused& event) {
+    Part* part = line_.find(event.part);
+    if (part == nullptr || !part->inspecting) return;
+    part->inspecting = false;
+    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, PartReason::inspector_failed);
+}
+
+// The one place where a part gets its verdict.
+void Core::decide(Part& part, PartVerdict verdict, PartReason reason) {
+    if (part.phase != Part::Phase::waiting) return;
+    part.phase = Part::Phase::decided;
+    part.result.verdict = verdict;
+    part.result.reason = reason;
+    part.result.latency_us = to_us(now_ - part.arrived);
+    switch (verdict) {
+        case PartVerdict::pass: ++counters_.pass; break;
+        case PartVerdict::reject: ++counters_.reject; break;
+        case PartVerdict::unfit: ++counters_.unfit; break;
+    }
+    if (part.wanted) count_trouble(reason);
+    if (verdict == PartVerdict::pass) complete(part, RejectState::not_needed);
+}
+
+// The same kind of trouble part after part is a fault of the station, not of the parts.
+void Core::count_trouble(PartReason reason) {
+    const std::uint32_t trouble = trouble_of(reason);
+    if (trouble != 0) {
+        trouble_ |= trouble;
+        fault(trouble);
+        ++failures_in_a_row_;
+        if (config_.max_failures_in_a_row != 0 && failures_in_a_row_ >= config_.max_failures_in_a_row) go(Cause::fault);
+    } else if (reason <= PartReason::nothing_to_see) {  // judged: everything on the way works
+        trouble_ &= ~std::uint32_t{kFaultOverrun | kFaultSensor | kFaultStrobe | kFaultInspector | kFaultLightLevel};
+        failures_in_a_row_ = 0;
+    }
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,40 @@
+#include "firmware/faults.h"
+
+namespace hord::firmware {
+namespace {
+
+constexpr FaultText kTexts[] = {
+    {kFaultPartSensor, "part-sensor", "the part sensor or the encoder is lost, silent, or missed an edge",
+     "check the light barrier, the encoder and their wiring; look at the line for parts nobody saw; reset"},
+    {kFaultStrobe, "strobe", "the light did not come, or came at the wrong time",
+     "check the collimator's driver and supply, and timing.strobe_us; reset"},
+    {kFaultSensor, "sensor", "the lenslet sensor is lost, or its frames are missing, old, repeated, short or corrupt",
+     "check the sensor's cable and supply, and timing.exposure_us; reset"},
+    {kFaultRejector, "rejector", "the rejector's module does not answer",
+     "check its supply, network and address (rejector.host, rejector.port, rejector.unit)"},
+    {kFaultRejectUnconfirmed, "reject-unconfirmed", "a bad part may have passed the ejector: the line is stopped",
+     "take the parts behind the ejector off the line, check the ejector, then reset"},
+    {kFaultInspector, "inspector", "an inspection failed or its queue was full",
+     "see the log; check that the frame's size is that of [inspection], lower the line's rate or raise inspection.threads"},
+    {kFaultOverrun, "overrun", "verdicts come later than the line allows",
+     "lower the line's rate, raise inspection.threads or move the ejector downstream (line.transport_ms)"},
+    {kFaultConfiguration, "configuration", "the configuration could not be used", "see the log; correct the file and reload"},
+    {kFaultLightLevel, "light-level", "frames are too dark or saturated",
+     "check the collimator and the optics for dirt, then timing.strobe_us and timing.exposure_us"},
+};
+
+}  // namespace
+
+std::span<const FaultText> fault_texts() { return kTexts; }
+
+std::string names_of_faults(std::uint32_t bits) {
+    std::string names;
+    for (const FaultText& text : kTexts) {
+        if ((bits & text.bit) == 0) continue;
+        if (!names.empty()) names += ", ";
+        names += text.name;
+    }
+    return names.empty() ? "none" : names;
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,81 @@
+// Who judges frames: takes a frame on loan, answers on the loop's thread.
+//
+// Three kinds: threaded (the service), inline in virtual time (simulation: the real pipeline runs at once, its answer
+// comes after a modelled time), and a stand-in without any pipeline (tests of the control, millions of parts).
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+
+#include "algo/pipeline.h"
+#include "algo/result.h"
+#include "drivers/hal/event_loop.h"
+#include "drivers/hal/sensor.h"
+#include "firmware/core/events.h"
+
+namespace hord::firmware {
+
+// Sees every inspection as it is made, with its frame and maps, nothing copied. Called on the thread that inspects (with
+// several threads: on each, at the same time); everything borrowed is valid during the call only.
+class InspectionObserver {
+  public:
+    virtual ~InspectionObserver() = default;
+    virtual void on_inspection(std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection) = 0;
+};
+
+class Inspector {
+  public:
+    // Called on the loop's thread.
+    class Listener {
+      public:
+        virtual void on_judged(const Judged& judged) = 0;  // exactly one for every accepted submit(), unless stopped before
+
+      protected:
+        ~Listener() = default;
+    };
+
+    virtual ~Inspector() = default;
+
+    // Loop thread. Judgements go to `listener` until stop(). Harmless when already started (the listener is replaced).
+    void start(Listener& listener) { do_start(listener); }
+
+    // Loop thread, does not block. The frame goes back to its sensor when it is judged, or at once on failure.
+    // Fails with busy (the queue is full), disconnected (not started).
+    Result<void> submit(std::uint32_t part, hal::FrameLease frame) { return do_submit(part, std::move(frame)); }
+
+    // Loop thread. Waits for the frame that is being inspected; no call reaches the listener after it returns.
+    void stop() { do_stop(); }
+
+  private:
+    virtual void do_start(Listener& listener) = 0;
+    virtual Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) = 0;
+    virtual void do_stop() = 0;
+};
+
+struct InspectorSettings {
+    algo::Extents extents;
+    int bits = 8;
+    algo::Recipe recipe;
+    int threads = 1;  // each with a pipeline of its own
+    int queue = 8;    // frames that may wait; one more is refused as busy
+    InspectionObserver* observer = nullptr;  // outlives the inspector
+};
+
+// Worker threads; answers through loop.post(). Fails with what Pipeline::create says.
+Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop, const InspectorSettings& settings);
+
+// Inspects inside submit(), answers `modelled` later by a timer. `threads` bounds how many parts are in the modelled work
+// at the same time, `queue` how many wait.
+Result<std::unique_ptr<Inspector>> make_inline_inspector(hal::EventLoop& loop, const InspectorSettings& settings,
+                                                         hal::Duration modelled);
+
+// No pipeline: `judge` says what to answer and how much later. `queue` bounds the parts under way.
+struct StandInAnswer {
+    Judged judged;  // `part` is filled in
+    hal::Duration after{};
+};
+using StandIn = std::function<StandInAnswer(std::uint32_t part, const hal::FrameLease& frame)>;
+std::unique_ptr<Inspector> make_stand_in_inspector(hal::EventLoop& loop, int queue, StandIn judge);
+
+}  // namespace hord::firmware
