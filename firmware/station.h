@@ -20,7 +20,7 @@
 namespace hord::firmware {
 
 // What the station talks to. All outlive it.
-struct Parts {
+struct Cell {
     hal::EventLoop& loop;
     hal::PartSensor& part_sensor;
     hal::Strobe& strobe;
@@ -41,7 +41,7 @@ class StationObserver {
 class Station {
   public:
     // `config` has no problems(); frame_bytes 0 is taken from the sensor's format.
-    Station(const CoreConfig& config, const Parts& parts, StationObserver* observer = nullptr);
+    Station(const CoreConfig& config, const Cell& cell, StationObserver* observer = nullptr);
     ~Station();  // halts
     Station(const Station&) = delete;
     Station& operator=(const Station&) = delete;
@@ -73,7 +73,7 @@ class Station {
     [[nodiscard]] FrameHandle lend(hal::FrameLease frame);
     [[nodiscard]] hal::FrameLease take_back(FrameHandle handle);
 
-    Parts parts_;
+    Cell cell_;
     StationObserver* observer_;
     Core core_;
     Actions actions_;
