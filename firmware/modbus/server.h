@@ -1,0 +1,65 @@
+// The Modbus TCP server: on the event loop, never blocking, with bounded memory.
+//
+// No client costs another anything but its turn on the loop:
+//  - slow or partial: its bytes wait in its own framer; there is no timer and no waiting.
+//  - never reading: when its replies no longer fit, its requests are no longer read.
+//  - garbage: the first wrong header closes its connection.
+//  - busy: a few requests a turn, then the others have theirs.
+//  - many connections: a newcomer always gets a slot; the one that makes room is, in this order, a connection
+//  that
+//    never finished a request, one that finished few, one that has been idle longest.
+#pragma once
+
+#include "algo/result.h"
+#include "drivers/hal/event_loop.h"
+#include "firmware/modbus/dispatcher.h"
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+namespace hord::firmware::modbus {
+
+struct ServerOptions {
+    std::string host =
+        "0.0.0.0";             // an address of this machine, IPv4 or IPv6; "0.0.0.0" and "::" are all of them
+    std::uint16_t port = 502;  // 0: any free one, see port()
+    std::size_t max_connections = 32;
+    bool may_write = true;  // false: a read-only listener; writing is an unknown function there
+};
+
+struct ServerStatistics {
+    std::uint64_t accepted = 0, evicted = 0,
+                  broken = 0;  // connections; broken: closed for bytes that are not Modbus
+    std::uint64_t requests = 0, exceptions = 0;
+    std::size_t connections = 0;  // now
+};
+
+class Server {
+  public:
+    // Loop thread. Serves at once. `loop` and `model` outlive the server. Fails with busy (the port is
+    // taken), refused (this user may not open it), not_found (no such address on this machine),
+    // invalid_argument, io, unsupported (a loop in virtual time).
+    [[nodiscard]] static Result<std::unique_ptr<Server>> open(hal::EventLoop& loop, RegisterModel& model,
+                                                              ServerOptions options);
+
+    // The same with a listening socket that somebody else opened, as systemd does for port 502. Takes it
+    // over, even when it fails.
+    [[nodiscard]] static Result<std::unique_ptr<Server>> adopt(hal::EventLoop& loop, RegisterModel& model,
+                                                               int listening_fd, ServerOptions options);
+
+    // Loop thread. Closes every connection.
+    ~Server();
+    Server(const Server&) = delete;
+    Server& operator=(const Server&) = delete;
+
+    [[nodiscard]] std::uint16_t port() const;
+    [[nodiscard]] ServerStatistics statistics() const;  // loop thread
+
+  private:
+    struct Impl;
+    explicit Server(std::unique_ptr<Impl> impl);
+    std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace hord::firmware::modbus
