@@ -10,7 +10,8 @@ using Source = RegisterSource;
 using Type = RegisterType;
 using Number = std::optional<double>;
 
-// -- names of values ---------------------------------------------------------------------------------------
+// -- names of values (those of reasons and faults are the core's: a test compares them)
+// --------------------------
 
 constexpr NamedValue kStates[] = {
     {1, name_of(State::preoperational)},
@@ -26,13 +27,13 @@ constexpr NamedValue kStatusBits[] = {
     {3, "fault_active"}, {4, "fault_latched"}, {5, "error"},
 };
 constexpr NamedValue kFaultBits[] = {
-    {0, "part_sensor"}, {1, "strobe"},  {2, "sensor"},        {3, "rejector"},    {4, "reject_unconfirmed"},
-    {5, "inspector"},   {6, "overrun"}, {7, "configuration"}, {8, "light_level"},
+    {0, "part-sensor"}, {1, "strobe"},  {2, "sensor"},        {3, "rejector"},    {4, "reject-unconfirmed"},
+    {5, "inspector"},   {6, "overrun"}, {7, "configuration"}, {8, "light-level"},
 };
 constexpr NamedValue kFirstFaults[] = {
-    {0, "none"},          {1, "part_sensor"},        {2, "strobe"},    {3, "sensor"},
-    {4, "rejector"},      {5, "reject_unconfirmed"}, {6, "inspector"}, {7, "overrun"},
-    {8, "configuration"}, {9, "light_level"},
+    {0, "none"},          {1, "part-sensor"},        {2, "strobe"},    {3, "sensor"},
+    {4, "rejector"},      {5, "reject-unconfirmed"}, {6, "inspector"}, {7, "overrun"},
+    {8, "configuration"}, {9, "light-level"},
 };
 constexpr NamedValue kVerdicts[] = {{1, "pass"}, {2, "reject"}, {3, "unfit"}};
 constexpr NamedValue kReasons[] = {
@@ -40,22 +41,22 @@ constexpr NamedValue kReasons[] = {
     {1, "deflection"},
     {2, "slope"},
     {3, "absorption"},
-    {4, "too_dark"},
+    {4, "too-dark"},
     {5, "saturated"},
-    {6, "nothing_to_see"},
-    {16, "verdict_late"},
-    {17, "frame_lost"},
-    {18, "frame_stale"},
-    {19, "frame_duplicate"},
-    {20, "frame_short"},
-    {21, "frame_corrupt"},
-    {22, "strobe_failed"},
-    {23, "parts_too_close"},
-    {24, "station_not_running"},
-    {25, "device_lost"},
-    {26, "line_full"},
-    {27, "edge_lost"},
-    {28, "inspector_failed"},
+    {6, "nothing-to-see"},
+    {16, "verdict-late"},
+    {17, "frame-lost"},
+    {18, "frame-stale"},
+    {19, "frame-duplicate"},
+    {20, "frame-short"},
+    {21, "frame-corrupt"},
+    {22, "strobe-failed"},
+    {23, "parts-too-close"},
+    {24, "station-not-running"},
+    {25, "device-lost"},
+    {26, "line-full"},
+    {27, "edge-lost"},
+    {28, "inspector-failed"},
 };
 constexpr NamedValue kRejectStates[] = {
     {0, "not_needed"}, {1, "commanded"}, {2, "confirmed"}, {3, "failed"}, {4, "late"},

@@ -22,7 +22,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr int kBacklog = 128;
+constexpr int kBacklog = 1024;
 constexpr int kAcceptsPerTurn = 8;
 constexpr std::uint64_t kEstablished = 8;  // requests after which a client is a regular one
 constexpr auto kEstablishedIdle = 10s;     // and how long it may be silent and stay one
@@ -166,8 +166,11 @@ struct Server::Impl {
                             SOCK_NONBLOCK | SOCK_CLOEXEC));
             if (fd.get() < 0) {
                 if (errno == ECONNABORTED || errno == EINTR) continue;
-                if (errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM)
-                    make_room_for_descriptors();
+                // After the first of a turn it is not known whether anybody waits: without descriptors
+                // accept4() fails either way.
+                const bool without =
+                    errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM;
+                if (without && k == 0) make_room_for_descriptors();
                 return;
             }
             ++statistics.accepted;
