@@ -1,0 +1,160 @@
+// A conveyor that slows, stops and restarts: deadlines and ejection follow the encoder, not the clock.
+#include "tests/firmware/core/core_rig.h"
+
+namespace hord::firmware {
+namespace {
+
+using algo::Reason;
+using algo::Verdict;
+
+CoreConfig with_encoder() {
+    CoreConfig c = quick_line();
+    c.by_encoder = true;  // 1800 counts to the ejector: 180 ms at 10 counts a millisecond
+    return c;
+}
+
+class Encoder : public ::testing::Test {
+  protected:
+    Encoder() {
+        rig.bring_to(State::continuous_execution);
+        rig.belt(0);
+        run(milliseconds(50), 10);
+    }
+    // The belt moves `per_ms` counts a millisecond and is read every 10 ms.
+    void run(Duration by, std::int64_t per_ms) {
+        for (Duration done{}; done < by; done += milliseconds(10)) {
+            rig.advance(milliseconds(10));
+            rig.belt(10 * per_ms);
+        }
+    }
+    std::uint32_t bad_part() {
+        const auto part = rig.part_arrives();
+        rig.advance(milliseconds(10));
+        rig.belt(100);
+        rig.light_comes(part);
+        rig.frame_comes(part);
+        rig.judged(part, Verdict::reject, Reason::slope);
+        return part;
+    }
+
+    CoreRig rig{with_encoder()};
+};
+
+TEST_F(Encoder, at_constant_speed_the_pulse_meets_the_part) {
+    const TimePoint edge = rig.now;
+    const auto part = bad_part();
+    run(milliseconds(150), 10);
+    ASSERT_TRUE(rig.rejected(part));
+    EXPECT_EQ(rig.rejects[0].start, edge + kPulseStart);
+    rig.confirmed(part);
+    EXPECT_TRUE(rig.results.empty());  // it must be seen to pass during the pulse, too
+    run(milliseconds(30), 10);
+    EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
+    EXPECT_FALSE(rig.shot().line_stop);
+}
+
+TEST_F(Encoder, at_half_speed_the_pulse_comes_twice_as_late) {
+    const auto part = bad_part();  // 100 counts done
+    const TimePoint slow_from = rig.now;
+    run(milliseconds(300), 5);
+    EXPECT_FALSE(rig.rejected(part));
+    run(milliseconds(20), 5);
+    ASSERT_TRUE(rig.rejected(part));
+    EXPECT_EQ(rig.rejects[0].start, slow_from + milliseconds(1700 / 5 - 5));
+}
+
+TEST_F(Encoder, a_stopped_conveyor_keeps_its_parts_until_it_restarts) {
+    const auto part = bad_part();
+    run(std::chrono::seconds(60), 0);
+    EXPECT_FALSE(rig.rejected(part));
+    EXPECT_EQ(rig.core.state(), State::continuous_execution);
+    EXPECT_EQ(rig.shot().parts_on_line, 1U);
+    const TimePoint restart = rig.now;
+    run(milliseconds(160), 10);
+    ASSERT_TRUE(rig.rejected(part));
+    EXPECT_EQ(rig.rejects[0].start, restart + milliseconds(165));
+    rig.confirmed(part);
+    run(milliseconds(40), 10);
+    EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
+    EXPECT_EQ(rig.shot().parts_on_line, 0U);
+}
+
+TEST_F(Encoder, a_slow_verdict_is_in_time_while_the_conveyor_stands) {
+    const auto part = rig.part_arrives();
+    run(milliseconds(10), 10);
+    rig.light_comes(part);
+    rig.frame_comes(part);
+    run(std::chrono::seconds(5), 0);
+    rig.judged(part, Verdict::pass);
+    EXPECT_EQ(rig.only_result().verdict, PartVerdict::pass);
+}
+
+TEST_F(Encoder, a_conveyor_that_stops_between_command_and_ejector_stops_the_line) {
+    const auto part = bad_part();
+    run(milliseconds(150), 10);
+    ASSERT_TRUE(rig.rejected(part));
+    rig.confirmed(part);
+    run(milliseconds(200), 0);  // the pulse hits nothing: the part has not come
+    EXPECT_EQ(rig.only_result().reject, RejectState::late);
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
+TEST_F(Encoder, a_conveyor_that_speeds_up_after_the_command_stops_the_line) {
+    const auto part = bad_part();
+    run(milliseconds(150), 10);
+    ASSERT_TRUE(rig.rejected(part));
+    rig.confirmed(part);
+    run(milliseconds(10), 40);  // passes before the pulse
+    EXPECT_EQ(rig.only_result().reject, RejectState::late);
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
+TEST_F(Encoder, a_silent_encoder_loses_the_parts_and_stops_the_line) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(99));
+    EXPECT_FALSE(rig.shot().line_stop);
+    rig.advance(milliseconds(1));
+    EXPECT_TRUE(rig.shot().line_stop);
+    EXPECT_EQ(rig.core.state(), State::error);
+    ASSERT_FALSE(rig.results.empty());
+    EXPECT_EQ(rig.results[0].part, part);
+    EXPECT_EQ(rig.shot().parts_on_line, 0U);
+}
+
+TEST_F(Encoder, a_part_without_a_count_is_rejected_where_it_must_be) {
+    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, 1, {}});
+    run(milliseconds(160), 10);
+    ASSERT_TRUE(rig.rejected(1));
+    rig.confirmed(1);
+    run(milliseconds(40), 10);
+    EXPECT_EQ(rig.only_result().reason, PartReason::edge_lost);
+    EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
+}
+
+TEST_F(Encoder, an_impossible_count_is_no_count) {
+    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, 1, std::numeric_limits<std::int64_t>::max()});
+    EXPECT_EQ(rig.shot().counters.unfit, 1U);
+    rig.send(hal::EncoderReading{rig.now + milliseconds(1), std::numeric_limits<std::int64_t>::min()});
+    run(milliseconds(160), 10);
+    EXPECT_TRUE(rig.rejected(1));
+}
+
+TEST(Conveyor, extrapolates_the_last_two_readings_and_never_overflows) {
+    Conveyor c;
+    const TimePoint t0(std::chrono::seconds(1));
+    EXPECT_EQ(c.reaches(100), TimePoint::max());
+    c.read(t0, 0);
+    EXPECT_EQ(c.reaches(100), TimePoint::max());
+    c.read(t0 + milliseconds(10), 100);
+    EXPECT_EQ(c.reaches(150), t0 + milliseconds(15));
+    EXPECT_EQ(c.reaches(50), t0 + milliseconds(5));
+    EXPECT_EQ(c.counts_at(t0 + milliseconds(20)), 200);
+    EXPECT_EQ(c.reaches(std::int64_t{1} << 60), TimePoint::max());
+    c.read(t0 + milliseconds(20), 90);  // backwards: stands still
+    EXPECT_EQ(c.reaches(100), TimePoint::max());
+    c.read(t0 + milliseconds(20), 500);  // not newer
+    EXPECT_EQ(c.reaches(100), TimePoint::max());
+}
+
+}  // namespace
+}  // namespace hord::firmware

@@ -1,0 +1,187 @@
+// Every state with every event: first what must be refused, then what must pass.
+#include <map>
+#include <set>
+#include <string>
+
+#include "tests/firmware/core/core_rig.h"
+
+namespace hord::firmware {
+namespace {
+
+constexpr State kStates[] = {State::preoperational, State::initialized,          State::ready, State::single_execution,
+                             State::continuous_execution, State::error, State::halted};
+constexpr Command kCommands[] = {Command::initialise, Command::arm,   Command::disarm, Command::start_single, Command::start_continuous,
+                                 Command::stop,       Command::abort, Command::halt,   Command::reset};
+constexpr const char* kNames[] = {"initialise", "arm", "disarm", "start_single", "start_continuous", "stop", "abort", "halt", "reset"};
+
+// Written down by hand from OPC 40100-1, not taken from the transition table under test. With an empty line, stop is
+// finished at once.
+const std::map<std::pair<State, Command>, State> kMustPass = {
+    {{State::preoperational, Command::initialise}, State::initialized},
+    {{State::preoperational, Command::halt}, State::halted},
+    {{State::initialized, Command::arm}, State::ready},
+    {{State::initialized, Command::halt}, State::halted},
+    {{State::ready, Command::disarm}, State::initialized},
+    {{State::ready, Command::start_single}, State::single_execution},
+    {{State::ready, Command::start_continuous}, State::continuous_execution},
+    {{State::ready, Command::halt}, State::halted},
+    {{State::single_execution, Command::stop}, State::ready},
+    {{State::single_execution, Command::abort}, State::ready},
+    {{State::single_execution, Command::halt}, State::halted},
+    {{State::continuous_execution, Command::stop}, State::ready},
+    {{State::continuous_execution, Command::abort}, State::ready},
+    {{State::continuous_execution, Command::halt}, State::halted},
+    {{State::error, Command::reset}, State::initialized},
+    {{State::error, Command::halt}, State::halted},
+    {{State::halted, Command::reset}, State::preoperational},
+};
+
+TEST(States, commands_that_must_fail_change_nothing) {
+    int refused = 0;
+    for (const State state : kStates) {
+        for (const Command command : kCommands) {
+            if (kMustPass.contains({state, command})) continue;
+            CoreRig rig;
+            rig.bring_to(state);
+            const Snapshot before = rig.shot();
+            EXPECT_EQ(rig.send(command), Answer::not_in_this_state)
+                << name_of(state) << " " << kNames[static_cast<int>(command)];
+            EXPECT_EQ(rig.core.state(), state) << kNames[static_cast<int>(command)];
+            EXPECT_EQ(rig.actions.size(), 0U);
+            EXPECT_EQ(rig.shot().faults_latched, before.faults_latched);
+            EXPECT_EQ(rig.shot().run_permit, before.run_permit);
+            ++refused;
+        }
+    }
+    EXPECT_EQ(refused, 7 * 9 - 17);
+}
+
+TEST(States, commands_that_must_pass_lead_where_the_standard_says) {
+    for (const auto& [pair, to] : kMustPass) {
+        CoreRig rig;
+        rig.bring_to(pair.first);
+        EXPECT_EQ(rig.send(pair.second), Answer::done);
+        EXPECT_EQ(rig.core.state(), to) << name_of(pair.first) << " " << kNames[static_cast<int>(pair.second)];
+    }
+}
+
+TEST(States, the_table_has_no_pair_twice) {
+    std::set<std::pair<State, Cause>> seen;
+    for (const Transition& t : kTransitions) EXPECT_TRUE(seen.emplace(t.from, t.cause).second) << name_of(t.from);
+}
+
+// The other events, in every state. An event that belongs to no part and no running device changes no state, but for a
+// lost device, which is an error where the station is ready or executing.
+TEST(States, events_change_the_state_only_where_a_device_is_lost) {
+    const auto start = TimePoint(std::chrono::seconds(100));
+    const std::vector<std::pair<const char*, Event>> events = {
+        {"tick", Tick{}},
+        {"edge arrives", hal::PartEdge{hal::PartEdge::Kind::arrives, start, 1, {}}},
+        {"edge leaves", hal::PartEdge{hal::PartEdge::Kind::leaves, start, 1, {}}},
+        {"encoder", hal::EncoderReading{start, 5}},
+        {"frame", FrameArrived{1, {1, start, 1000, false}}},
+        {"strobe report", hal::StrobeReport{1, true, start, microseconds(200)}},
+        {"judged", Judged{1, false, algo::Verdict::pass, algo::Reason::none, 0, 0}},
+        {"reject report", hal::RejectReport{1, hal::RejectReport::Outcome::failed, start}},
+        {"up: part sensor", DeviceUp{Device::part_sensor}},
+        {"up: strobe", DeviceUp{Device::strobe}},
+        {"up: sensor", DeviceUp{Device::sensor}},
+        {"up: rejector", DeviceUp{Device::rejector}},
+        {"lost: part sensor", DeviceLost{Device::part_sensor}},
+        {"lost: strobe", DeviceLost{Device::strobe}},
+        {"lost: sensor", DeviceLost{Device::sensor}},
+        {"lost: rejector", DeviceLost{Device::rejector}},
+        {"trigger refused", TriggerRefused{1}},
+        {"strobe refused", StrobeRefused{1}},
+        {"inspect refused", InspectRefused{1}},
+        {"reject refused", RejectRefused{1}},
+    };
+    for (const State state : kStates) {
+        for (const auto& [name, event] : events) {
+            CoreRig rig;
+            rig.bring_to(state);
+            rig.send(event);
+            const bool operational = state == State::ready || executing(state);
+            const State expected = operational && std::holds_alternative<DeviceLost>(event) ? State::error : state;
+            EXPECT_EQ(rig.core.state(), expected) << name_of(state) << ", " << name;
+            EXPECT_TRUE(rig.rejects.empty()) << name_of(state) << ", " << name;
+            EXPECT_TRUE(rig.inspections.empty()) << name_of(state) << ", " << name;
+            EXPECT_EQ(rig.exposures.size(), executing(state) && std::string_view(name) == "edge arrives" ? 1U : 0U)
+                << name_of(state) << ", " << name;
+            if (std::holds_alternative<FrameArrived>(event)) {
+                EXPECT_EQ(rig.released.size(), 1U) << name_of(state);
+            }
+        }
+    }
+}
+
+TEST(States, initialise_opens_every_device_and_halt_closes_them) {
+    CoreRig rig;
+    rig.send(Command::initialise);
+    EXPECT_EQ(rig.starts.size(), 4U);
+    rig.send(Command::halt);
+    EXPECT_EQ(rig.stops, 1);
+}
+
+TEST(States, arm_is_refused_until_every_device_is_up) {
+    for (int missing = 0; missing < kDevices; ++missing) {
+        CoreRig rig;
+        rig.send(Command::initialise);
+        for (int d = 0; d < kDevices; ++d) {
+            if (d != missing) rig.send(DeviceUp{static_cast<Device>(d)});
+        }
+        EXPECT_EQ(rig.send(Command::arm), Answer::device_down);
+        EXPECT_EQ(rig.core.state(), State::initialized);
+        EXPECT_NE(rig.shot().faults_active, 0U);
+        rig.send(DeviceUp{static_cast<Device>(missing)});
+        EXPECT_EQ(rig.shot().faults_active, 0U);
+        EXPECT_EQ(rig.send(Command::arm), Answer::done);
+    }
+}
+
+TEST(States, the_line_may_run_only_while_executing) {
+    CoreRig rig;
+    rig.bring_to(State::ready);
+    EXPECT_FALSE(rig.shot().run_permit);
+    rig.send(Command::start_continuous);
+    EXPECT_EQ(rig.permits, std::vector<bool>{true});
+    rig.send(Command::stop);
+    EXPECT_EQ(rig.permits, (std::vector<bool>{true, false}));
+}
+
+TEST(States, a_lost_device_is_opened_again_by_reset_and_its_fault_stays_latched_until_then) {
+    CoreRig rig;
+    rig.bring_to(State::continuous_execution);
+    rig.send(DeviceLost{Device::strobe});
+    EXPECT_EQ(rig.core.state(), State::error);
+    EXPECT_EQ(rig.permits, std::vector<bool>{false});
+    EXPECT_EQ(rig.shot().first_fault, 2);  // kFaultStrobe is bit 1
+    rig.send(Command::reset);
+    EXPECT_EQ(rig.starts, std::vector<Device>{Device::strobe});
+    EXPECT_EQ(rig.shot().faults_latched, std::uint32_t{kFaultStrobe});  // it is still down
+    rig.send(DeviceUp{Device::strobe});
+    EXPECT_EQ(rig.shot().faults_active, 0U);
+    EXPECT_EQ(rig.shot().faults_latched, std::uint32_t{kFaultStrobe});
+    EXPECT_EQ(rig.send(Command::arm), Answer::done);
+}
+
+TEST(States, the_first_fault_is_kept_when_others_follow) {
+    CoreRig rig;
+    rig.bring_to(State::continuous_execution);
+    rig.send(DeviceLost{Device::sensor});
+    rig.send(DeviceLost{Device::part_sensor});
+    EXPECT_EQ(rig.shot().faults_latched, kFaultSensor | kFaultPartSensor);
+    EXPECT_EQ(rig.shot().first_fault, 3);  // kFaultSensor is bit 2
+}
+
+TEST(States, the_heartbeat_beats_by_time_alone) {
+    CoreConfig config = quick_line();
+    config.heartbeat = milliseconds(500);
+    CoreRig rig(config);
+    rig.send(Tick{});
+    rig.advance(milliseconds(2600));
+    EXPECT_EQ(rig.shot().heartbeat, 5);
+}
+
+}  // namespace
+}  // namespace hord::firmware
