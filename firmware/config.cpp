@@ -1,0 +1,172 @@
+#include "firmware/config.h"
+
+#include <array>
+#include <charconv>
+#include <cmath>
+
+#include "algo/light_field.h"
+#include "common/toml_fields.h"
+
+namespace hord::firmware {
+namespace {
+
+using common::TomlProblems;
+using common::TomlTable;
+
+// A key in milliseconds or microseconds, as its name says, rounded to nanoseconds.
+void duration(TomlTable& table, std::string_view key, Duration& value, double unit_ns, double low, double high) {
+    double number = static_cast<double>(value.count()) / unit_ns;
+    table.number(key, number, low, high);
+    value = Duration(std::llround(number * unit_ns));
+}
+void ms(TomlTable& table, std::string_view key, Duration& value, double low, double high) { duration(table, key, value, 1e6, low, high); }
+void us(TomlTable& table, std::string_view key, Duration& value, double low, double high) { duration(table, key, value, 1e3, low, high); }
+
+// "9x9": bin columns by bin rows.
+void macro(TomlTable& table, std::string_view key, int& bins_i, int& bins_j) {
+    std::string text = std::to_string(bins_i) + "x" + std::to_string(bins_j);
+    table.text(key, text);
+    int i = 0, j = 0;
+    const char* end = text.data() + text.size();
+    const auto first = std::from_chars(text.data(), end, i);
+    const bool cross = first.ec == std::errc() && first.ptr != end && *first.ptr == 'x';
+    const auto second = cross ? std::from_chars(first.ptr + 1, end, j) : std::from_chars_result{end, std::errc::invalid_argument};
+    const bool in_range = i >= algo::kMinBins && i <= algo::kMaxBins && j >= algo::kMinBins && j <= algo::kMaxBins;
+    if (second.ec != std::errc() || second.ptr != end || !in_range) {
+        return table.problem(key, "\"" + text + "\" is not a macro-pixel", "write columns x rows, 3 to 15 bins a side, as in \"9x9\"");
+    }
+    bins_i = i;
+    bins_j = j;
+}
+
+void host(TomlTable& table, std::string_view key, std::string& value) {
+    table.text(key, value);
+    if (value.empty()) table.problem(key, "is empty", "give a host name or an address");
+}
+
+void read_line(TomlTable line, CoreConfig& core) {
+    constexpr std::array<std::string_view, 2> kinds{"time", "encoder"};
+    if (const auto kind = line.choice("tracking", kinds)) core.by_encoder = *kind == 1;
+    ms(line, "transport_ms", core.transport, 1, 600'000);
+    line.integer("transport_counts", core.transport_counts, 1, 1'000'000'000);
+    ms(line, "encoder_timeout_ms", core.encoder_timeout, 1, 60'000);
+    ms(line, "exposure_delay_ms", core.exposure_delay, 0, 60'000);
+    ms(line, "min_gap_ms", core.min_gap, 0.1, 60'000);
+    line.integer("max_parts", core.max_parts, 1, kLineCapacity);
+}
+
+void read_timing(TomlTable timing, CoreConfig& core) {
+    us(timing, "exposure_us", core.exposure, 1, 1'000'000);
+    us(timing, "strobe_delay_us", core.strobe_delay, 0, 1'000'000);
+    us(timing, "strobe_us", core.strobe, 1, 1'000'000);
+    us(timing, "strobe_window_us", core.strobe_window, 1, 1'000'000);
+    us(timing, "frame_window_us", core.frame_window, 1, 10'000'000);
+    ms(timing, "frame_timeout_ms", core.frame_timeout, 1, 60'000);
+}
+
+void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::path& folder) {
+    constexpr std::array<std::string_view, 2> kinds{"simulated", "frames"};
+    const auto kind = sensor.choice("backend", kinds);
+    std::string frames;
+    sensor.text("folder", frames);
+    if (kind != 1) return;
+    if (frames.empty()) sensor.problem("folder", "is missing", "name the folder of the recorded frames");
+    value = RecordedFrames{folder / frames};
+}
+
+void read_rejector(TomlTable rejector, RejectorConfig& value, CoreConfig& core) {
+    constexpr std::array<std::string_view, 2> kinds{"simulated", "modbus"};
+    constexpr std::array<std::string_view, 2> sides{"reject", "pass"};
+    const auto kind = rejector.choice("backend", kinds);
+    ModbusRejector modbus;
+    host(rejector, "host", modbus.host);
+    rejector.integer("port", modbus.port, 1, 65535);
+    rejector.integer("unit", modbus.unit, 0, 255);
+    rejector.integer("reject_coil", modbus.reject_coil, 0, 65535);
+    rejector.integer("run_permit_coil", modbus.run_permit_coil, 0, 65535);
+    if (const auto side = rejector.choice("energise_to", sides)) modbus.energise_to_pass = *side == 1;
+    ms(rejector, "response_timeout_ms", modbus.response_timeout, 1, 5000);
+    ms(rejector, "lead_ms", core.reject_lead, 0, 10'000);
+    ms(rejector, "early_ms", core.reject_early, 0, 10'000);
+    ms(rejector, "pulse_ms", core.reject_pulse, 0.1, 10'000);
+    ms(rejector, "confirm_timeout_ms", core.confirm_timeout, 1, 60'000);
+    if (modbus.reject_coil == modbus.run_permit_coil) {
+        rejector.problem("run_permit_coil", "is the ejector's coil, too", "give each output a coil of its own");
+    }
+    if (kind == 1) value = modbus;
+}
+
+void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
+    constexpr std::array<std::string_view, 1> kinds{"simulated"};
+    (void)strobe.choice("backend", kinds);
+    strobe.integer("channels", value.channels, 1, 32);
+    std::vector<double> lit{0};
+    strobe.numbers("lit", lit, 1, 32);
+    core.strobe_channels = 0;
+    for (const double channel : lit) {
+        if (channel < 0 || channel >= value.channels || channel != std::floor(channel)) {
+            strobe.problem("lit", "names a channel that does not exist", "use 0 to strobe.channels less one");
+            continue;
+        }
+        core.strobe_channels |= 1U << static_cast<unsigned>(channel);
+    }
+    us(strobe, "max_on_us", value.max_on, 1, 1'000'000);
+    ms(strobe, "min_rest_ms", value.min_rest, 0, 60'000);
+    if (core.strobe > value.max_on) {
+        strobe.problem("max_on_us", "is shorter than timing.strobe_us", "shorten the pulse; the limit protects the LED");
+    }
+    if (core.min_gap - core.strobe < value.min_rest) {
+        strobe.problem("min_rest_ms", "is longer than parts that follow at line.min_gap_ms leave", "raise line.min_gap_ms or shorten the pulse");
+    }
+}
+
+void read_inspection(TomlTable inspection, InspectionConfig& value, const std::filesystem::path& folder) {
+    macro(inspection, "macro", value.bins_i, value.bins_j);
+    std::string recipe;
+    inspection.text("recipe", recipe);
+    if (!recipe.empty()) value.recipe = folder / recipe;
+    inspection.integer("threads", value.threads, 1, 64);
+    inspection.integer("queue", value.queue, 1, 256);
+}
+
+Result<Config> read(TomlTable root, std::string_view name, const std::filesystem::path& folder, TomlProblems& found) {
+    Config config;
+    TomlTable station = root.table("station");
+    station.text("name", config.name);
+    ms(station, "heartbeat_ms", config.core.heartbeat, 10, 60'000);
+    station.integer("max_failures_in_a_row", config.core.max_failures_in_a_row, 0, 1'000'000);
+    read_line(root.table("line"), config.core);
+    read_timing(root.table("timing"), config.core);
+    read_sensor(root.table("sensor"), config.sensor, folder);
+    read_rejector(root.table("rejector"), config.rejector, config.core);
+    read_strobe(root.table("strobe"), config.strobe, config.core);
+    TomlTable part_sensor = root.table("part_sensor");
+    constexpr std::array<std::string_view, 1> kinds{"simulated"};
+    (void)part_sensor.choice("backend", kinds);
+    TomlTable modbus = root.table("modbus");
+    host(modbus, "host", config.modbus.host);
+    modbus.integer("port", config.modbus.port, 0, 65535);
+    read_inspection(root.table("inspection"), config.inspection, folder);
+    root.refuse_unknown_keys();
+    for (const std::string& problem : problems(config.core)) found.add(std::string(name) + ": " + problem);
+    if (!found.empty()) return found.as_error();
+    return config;
+}
+
+}  // namespace
+
+Result<Config> load_config(const std::filesystem::path& file) {
+    TomlProblems found;
+    TomlTable root = TomlTable::parse_file(file, found);
+    if (!found.empty()) return found.as_error();
+    return read(std::move(root), file.string(), file.parent_path(), found);
+}
+
+Result<Config> parse_config(std::string_view text, std::string_view name, const std::filesystem::path& folder) {
+    TomlProblems found;
+    TomlTable root = TomlTable::parse_text(text, name, found);
+    if (!found.empty()) return found.as_error();
+    return read(std::move(root), name, folder, found);
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,217 @@
+// The configuration and the recipe: defaults, documentation that is true, and every problem at once.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <sstream>
+
+#include "firmware/config.h"
+#include "firmware/recipe_file.h"
+
+namespace hord::firmware {
+namespace {
+
+using ::testing::HasSubstr;
+
+Result<Config> parse(std::string_view text) { return parse_config(text, "cell.toml", "/etc/hord"); }
+std::string problems_of(std::string_view text) {
+    const auto config = parse(text);
+    return config ? std::string("no problem") : config.error().what;
+}
+const std::filesystem::path kDeploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";
+
+std::string text_of(const std::filesystem::path& file) {
+    std::ifstream in(file);
+    std::stringstream text;
+    text << in.rdbuf();
+    return text.str();
+}
+
+TEST(Config, an_empty_file_is_the_defaults_and_they_can_be_used) {
+    const auto config = parse("");
+    ASSERT_TRUE(config) << config.error().what;
+    EXPECT_EQ(config->core.transport, milliseconds(400));
+    EXPECT_TRUE(std::holds_alternative<SimulatedSensor>(config->sensor));
+    EXPECT_TRUE(std::holds_alternative<SimulatedRejector>(config->rejector));
+    EXPECT_EQ(config->modbus.port, 1502);
+}
+
+// deploy/hordd.toml claims to hold every key at its default.
+TEST(Config, the_documented_file_is_the_defaults) {
+    const auto file = load_config(kDeploy / "hordd.toml");
+    ASSERT_TRUE(file) << file.error().what;
+    const Config defaults;
+    EXPECT_EQ(file->name, defaults.name);
+    const CoreConfig &a = file->core, &b = defaults.core;
+    EXPECT_EQ(std::tie(a.by_encoder, a.transport, a.transport_counts, a.encoder_timeout, a.max_parts, a.min_gap, a.exposure_delay,
+                       a.exposure, a.strobe_delay, a.strobe, a.strobe_channels, a.strobe_window, a.frame_window, a.frame_timeout),
+              std::tie(b.by_encoder, b.transport, b.transport_counts, b.encoder_timeout, b.max_parts, b.min_gap, b.exposure_delay,
+                       b.exposure, b.strobe_delay, b.strobe, b.strobe_channels, b.strobe_window, b.frame_window, b.frame_timeout));
+    EXPECT_EQ(std::tie(a.reject_lead, a.reject_early, a.reject_pulse, a.confirm_timeout, a.max_failures_in_a_row, a.heartbeat),
+              std::tie(b.reject_lead, b.reject_early, b.reject_pulse, b.confirm_timeout, b.max_failures_in_a_row, b.heartbeat));
+    EXPECT_EQ(std::tie(file->strobe.channels, file->strobe.max_on, file->strobe.min_rest),
+              std::tie(defaults.strobe.channels, defaults.strobe.max_on, defaults.strobe.min_rest));
+    EXPECT_EQ(std::tie(file->modbus.host, file->modbus.port), std::tie(defaults.modbus.host, defaults.modbus.port));
+    EXPECT_EQ(std::tie(file->inspection.bins_i, file->inspection.bins_j, file->inspection.threads, file->inspection.queue),
+              std::tie(defaults.inspection.bins_i, defaults.inspection.bins_j, defaults.inspection.threads, defaults.inspection.queue));
+}
+
+// The same for the keys that a simulated backend does not use: switch the backends on, uncomment, compare.
+TEST(Config, the_documented_keys_of_other_backends_are_known_and_at_their_defaults) {
+    std::string text = text_of(kDeploy / "hordd.toml");
+    const auto replace = [&](std::string_view from, std::string_view to) {
+        const auto at = text.find(from);
+        ASSERT_NE(at, std::string::npos) << from;
+        text.replace(at, from.size(), to);
+    };
+    replace("backend = \"simulated\"          # \"simulated\", or \"modbus\"", "backend = \"modbus\" #");
+    replace("backend = \"simulated\"          # \"simulated\", or \"frames\"", "backend = \"frames\" #");
+    replace("# folder =", "folder =");
+    replace("# recipe =", "recipe =");
+    const auto config = parse(text);
+    ASSERT_TRUE(config) << config.error().what;
+    EXPECT_EQ(std::get<RecordedFrames>(config->sensor).folder, "/etc/hord/frames");
+    EXPECT_EQ(config->inspection.recipe, "/etc/hord/recipes/default.toml");
+    const auto& modbus = std::get<ModbusRejector>(config->rejector);
+    const ModbusRejector defaults;
+    EXPECT_EQ(std::tie(modbus.host, modbus.port, modbus.unit, modbus.reject_coil, modbus.run_permit_coil, modbus.energise_to_pass,
+                       modbus.response_timeout),
+              std::tie(defaults.host, defaults.port, defaults.unit, defaults.reject_coil, defaults.run_permit_coil,
+                       defaults.energise_to_pass, defaults.response_timeout));
+}
+
+TEST(Config, every_key_reaches_its_field) {
+    const auto config = parse(R"(
+[station]
+name = "line 4"
+heartbeat_ms = 250
+max_failures_in_a_row = 3
+[line]
+tracking = "encoder"
+transport_counts = 12345
+encoder_timeout_ms = 50
+exposure_delay_ms = 7.5
+min_gap_ms = 40
+max_parts = 9
+[timing]
+exposure_us = 900
+strobe_delay_us = 50.5
+strobe_us = 800
+[strobe]
+channels = 4
+lit = [0, 3]
+[rejector]
+backend = "modbus"
+host = "10.0.0.7"
+port = 5020
+unit = 3
+reject_coil = 17
+run_permit_coil = 18
+energise_to = "pass"
+response_timeout_ms = 45
+pulse_ms = 30
+[modbus]
+port = 0
+[inspection]
+macro = "7x5"
+threads = 2
+)");
+    ASSERT_TRUE(config) << config.error().what;
+    EXPECT_EQ(config->name, "line 4");
+    EXPECT_EQ(config->core.heartbeat, milliseconds(250));
+    EXPECT_EQ(config->core.max_failures_in_a_row, 3U);
+    EXPECT_TRUE(config->core.by_encoder);
+    EXPECT_EQ(config->core.transport_counts, 12345);
+    EXPECT_EQ(config->core.exposure_delay, microseconds(7500));
+    EXPECT_EQ(config->core.strobe_delay, Duration(50'500));
+    EXPECT_EQ(config->core.strobe_channels, 0b1001U);
+    EXPECT_EQ(config->core.max_parts, 9U);
+    const auto& modbus = std::get<ModbusRejector>(config->rejector);
+    EXPECT_EQ(modbus.host, "10.0.0.7");
+    EXPECT_EQ(modbus.port, 5020);
+    EXPECT_EQ(modbus.unit, 3);
+    EXPECT_EQ(modbus.reject_coil, 17);
+    EXPECT_TRUE(modbus.energise_to_pass);
+    EXPECT_EQ(modbus.response_timeout, milliseconds(45));
+    EXPECT_EQ(config->inspection.bins_i, 7);
+    EXPECT_EQ(config->inspection.bins_j, 5);
+}
+
+TEST(Config, all_problems_are_told_at_once_with_line_and_cure) {
+    const std::string what = problems_of("[line]\ntransprt_ms = 300\nmax_parts = 0\n[timing]\nexposure_us = \"long\"\n");
+    EXPECT_THAT(what, HasSubstr("cell.toml:2: line.transprt_ms: is not a known key: did you mean transport_ms?"));
+    EXPECT_THAT(what, HasSubstr("cell.toml:3: line.max_parts: 0 is out of range: use 1 to 256"));
+    EXPECT_THAT(what, HasSubstr("cell.toml:5: timing.exposure_us: is not a number"));
+}
+
+TEST(Config, what_cannot_work_together_is_refused) {
+    EXPECT_THAT(problems_of("[line]\ntransport_ms = 100\n"), HasSubstr("the verdict is due 75 ms after the edge"));
+    EXPECT_THAT(problems_of("[rejector]\npulse_ms = 20\n"), HasSubstr("else a neighbour is ejected"));
+    EXPECT_THAT(problems_of("[rejector]\nearly_ms = 15\n"), HasSubstr("shorten early_ms"));
+    EXPECT_THAT(problems_of("[line]\nmin_gap_ms = 5.4\n[rejector]\npulse_ms = 5.1\n"), HasSubstr("a part is exposed only after 5.5 ms"));
+    EXPECT_THAT(problems_of("[timing]\nframe_window_us = 10000\n"), HasSubstr("a frame may belong to two parts"));
+    EXPECT_THAT(problems_of("[timing]\nstrobe_us = 450\n"), HasSubstr("the light ends 0.55 ms after the exposure's start"));
+    EXPECT_THAT(problems_of("[strobe]\nmax_on_us = 100\n"), HasSubstr("shorten the pulse; the limit protects the LED"));
+    EXPECT_THAT(problems_of("[strobe]\nlit = [1]\n"), HasSubstr("names a channel that does not exist"));
+    EXPECT_THAT(problems_of("[rejector]\nreject_coil = 1\n"), HasSubstr("give each output a coil of its own"));
+    EXPECT_THAT(problems_of("[sensor]\nbackend = \"frames\"\n"), HasSubstr("name the folder of the recorded frames"));
+    EXPECT_THAT(problems_of("[sensor]\nbackend = \"camera\"\n"), HasSubstr("use one of simulated, frames"));
+    for (const char* macro : {"9", "9x", "x9", "9x9x9", "2x9", "16x9", "nine"}) {
+        EXPECT_THAT(problems_of(std::string("[inspection]\nmacro = \"") + macro + "\"\n"), HasSubstr("is not a macro-pixel")) << macro;
+    }
+}
+
+TEST(Config, a_missing_file_and_broken_toml_are_named) {
+    const auto missing = load_config("/nowhere/cell.toml");
+    ASSERT_FALSE(missing);
+    EXPECT_THAT(missing.error().what, HasSubstr("/nowhere/cell.toml: cannot be read"));
+    EXPECT_THAT(problems_of("[line\n"), HasSubstr("cell.toml:1: not valid TOML"));
+}
+
+TEST(Recipe, the_documented_file_is_the_defaults) {
+    const auto file = load_recipe(kDeploy / "recipes/default.toml");
+    ASSERT_TRUE(file) << file.error().what;
+    const algo::Recipe d;
+    EXPECT_EQ(std::tie(file->name, file->dark_dn, file->min_sum_dn, file->saturated_dn, file->min_area, file->rim_margin),
+              std::tie(d.name, d.dark_dn, d.min_sum_dn, d.saturated_dn, d.min_area, d.rim_margin));
+    EXPECT_EQ(std::tie(file->emd_limit_bins, file->frobenius_limit_bins, file->transmission_limit, file->max_saturated_share, file->min_lit_share),
+              std::tie(d.emd_limit_bins, d.frobenius_limit_bins, d.transmission_limit, d.max_saturated_share, d.min_lit_share));
+    EXPECT_TRUE(file->zones.empty());
+}
+
+TEST(Recipe, zones_are_circles_and_polygons) {
+    const auto recipe = parse_recipe(R"(
+[[zone]]
+shape = "circle"
+centre = [55, 54.5]
+radius = 40
+[[zone]]
+use = "ignore"
+shape = "polygon"
+corners = [10, 11, 20, 10, 20, 30]
+)", "r.toml");
+    ASSERT_TRUE(recipe) << recipe.error().what;
+    ASSERT_EQ(recipe->zones.size(), 2U);
+    EXPECT_EQ(recipe->zones[0].use, algo::Zone::Use::inspect);
+    EXPECT_FLOAT_EQ(recipe->zones[0].centre.n, 54.5F);
+    EXPECT_FLOAT_EQ(recipe->zones[0].radius, 40.0F);
+    EXPECT_EQ(recipe->zones[1].use, algo::Zone::Use::ignore);
+    ASSERT_EQ(recipe->zones[1].corners.size(), 3U);
+    EXPECT_FLOAT_EQ(recipe->zones[1].corners[0].n, 11.0F);
+}
+
+TEST(Recipe, problems_of_zones_are_told_with_their_cure) {
+    const auto problems = [](std::string_view text) {
+        const auto recipe = parse_recipe(text, "r.toml");
+        return recipe ? std::string("no problem") : recipe.error().what;
+    };
+    EXPECT_THAT(problems("[[zone]]\nshape = \"circle\"\n"), HasSubstr("write centre = [m, n]"));
+    EXPECT_THAT(problems("[[zone]]\nuse = \"ignore\"\n"), HasSubstr("shape: is missing"));
+    EXPECT_THAT(problems("[[zone]]\nshape = \"polygon\"\ncorners = [1,2,3,4,5,6,7]\n"), HasSubstr("give m and n of each corner"));
+    EXPECT_THAT(problems("[[zone]]\nshape = \"polygon\"\ncorners = [1,2,3,4]\n"), HasSubstr("has 4 numbers"));
+    EXPECT_THAT(problems("[limits]\nemd_bin = 1\n"), HasSubstr("did you mean emd_bins?"));
+    EXPECT_THAT(problems("[limits]\nemd_bins = 0\n"), HasSubstr("out of range"));
+}
+
+}  // namespace
+}  // namespace hord::firmware
