@@ -10,23 +10,15 @@
 
 #include "algo/frame.h"
 #include "algo/light_field.h"
+#include "algo/mask.h"
 #include "algo/recipe.h"
 #include "algo/verdict.h"
 
 namespace hord::algo {
 
-// One value a lenslet, row by row. Never NaN, never infinite; 0 where `mask` says the value is not valid.
+// One value a lenslet, row by row. Never NaN, never infinite. 0 where `mask` says there is no value: the gradients
+// at kDark, kSaturated and kBorder lenslets, the transmission at kSaturated ones (a dark lenslet has one: its missing light).
 using Map = std::span<const float>;
-
-// Why a lenslet carries no valid value. Bits combine.
-enum MaskBit : std::uint8_t {
-    kValid = 0,
-    kDark = 1,       // too little light for a HORD
-    kSaturated = 2,  // a sample at full scale
-    kBorder = 4,     // a neighbour the feature needs is missing
-    kRim = 8,        // the part's own rim: valid, but not judged
-    kOutside = 16,   // outside the part, or outside the recipe's zones: valid, but not judged
-};
 
 // Time spent in each stage, in the ticks of the clock given to inspect(); 0 without one.
 struct StageTimes {

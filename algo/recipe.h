@@ -28,20 +28,35 @@ struct Zone {
     [[nodiscard]] bool contains(float m, float n) const;
 };
 
+// Light levels at 8 bits; at b bits they are 2^(b-8) times as many DN, the same share of the full scale.
+// Dark: twelve times the rounding noise of 8 bits (0.29 DN) and five times a read noise of 0.6 DN, so dark bins stay empty.
+// Least sum: 1/16 of a bin at full scale. With ten or more electrons a DN that is 160 electrons or more, where the EMD of two
+// draws of one HORD is about half a bin; with less light a HORD is noise. A lenslet that dark is judged by its transmission.
+constexpr std::uint32_t kFromBitDepth = 0xFFFFFFFF;
+constexpr std::uint32_t kDarkDn8Bit = 3;
+constexpr std::uint32_t kMinSumDn8Bit = 16;
+
 struct Recipe {
     std::string name = "default";
 
-    // Light. Samples at or below `dark_dn` count as no light; a lenslet whose sum is below `min_sum_dn` has no HORD
-    // (masked, never called 0); a lenslet with a sample at or above `saturated_dn` is masked as saturated.
-    // 0 means: derived from the frame's bit depth (documented at Pipeline::create).
-    std::uint32_t dark_dn = 3;
-    std::uint32_t min_sum_dn = 0;
-    std::uint32_t saturated_dn = 0;
+    // Light. `dark_dn` is subtracted from every sample (what is at or below it counts as no light); a lenslet whose sum
+    // is then below `min_sum_dn` has no HORD (masked, never called 0); a lenslet with a sample at or above
+    // `saturated_dn` is masked as saturated. The defaults follow the bit depth (below).
+    std::uint32_t dark_dn = kFromBitDepth;
+    std::uint32_t min_sum_dn = 0;    // 0: from the bit depth
+    std::uint32_t saturated_dn = 0;  // 0: the full scale
 
-    // Limits. A region of lenslets above a limit, of at least `min_area` lenslets, is a defect.
-    float emd_limit_bins = 1.0F;           // neighbour EMD gradient, Euclidean ground, bin pitches (Eqs. 9-11)
-    float frobenius_limit_bins = 1.0F;     // |Jacobian of the mean deflection|_F, bin pitches a lenslet (Eqs. 12-14)
-    float transmission_limit = 0.5F;       // light relative to the part's own typical lenslet, 0..1
+    // Limits. A region of lenslets at or above a limit, of at least `min_area` lenslets, is a defect.
+    //
+    // Gradients: a good part may use the whole range of 9 bins smoothly over 32 lenslets, 0.25 bin a lenslet along each
+    // axis. That is 0.35 in the Frobenius norm, and noise of the mean adds below 0.05 from 500 electrons a lenslet on; and
+    // 0.71 in the EMD gradient (over two lenslets), where noise does not average out and adds up to 0.3. Set them
+    // lower for weaker parts. Transmission: at 500 electrons a lenslet photon noise is 4.5 % and 8-bit rounding with the dark
+    // level 2 %, 25 % at five sigma; the light of a good lens varies by 4 % more. An opaque spot that covers 30 % of a
+    // lenslet is then found.
+    float emd_limit_bins = 1.0F;        // neighbour EMD gradient, Euclidean ground, bin pitches (Eqs. 9-11)
+    float frobenius_limit_bins = 0.4F;  // |Jacobian of the mean deflection|_F, bin pitches a lenslet (Eqs. 12-14)
+    float transmission_limit = 0.7F;    // light relative to the part's own typical lenslet, 0 (off) to 1
     std::uint32_t min_area = 1;            // lenslets
 
     // The part's own rim lights up in every gradient. `rim_margin` lenslets inside it are not judged; negative:

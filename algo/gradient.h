@@ -1,0 +1,28 @@
+// How much neighbouring HORDs disagree: the EMD gradient (Eqs. 9-11).
+//
+//     x = EMD(left, right)      y = EMD(above, below)      norm = sqrt(x^2 + y^2)
+//
+// Unit: bin pitches, over the two lenslets from neighbour to neighbour (not divided by two). EMD is exact, with
+// Euclidean ground distance. Norm: the paper leaves it open; here Euclidean, of the two components. It does not change
+// when the field is transposed or mirrored, and because EMD >= distance of the means it is at least twice the
+// Jacobian's Frobenius norm (algo/jacobian.h). Borders, dark and saturated lenslets: algo/stencil.h. A distance to
+// an invented histogram is never computed; missing light is judged by itself (algo/transmission.h).
+#pragma once
+
+#include "algo/emd.h"
+#include "algo/hord.h"
+#include "algo/stencil.h"
+
+namespace hord::algo {
+
+struct EmdGradient {
+    double x = 0;
+    double y = 0;
+    [[nodiscard]] double norm() const;
+};
+
+// The HORDs that the stencils name; all have light.
+EmdGradient emd_gradient(EmdSolver& solver, const Stencil& across, const Hord& left, const Hord& right, const Stencil& down, const Hord& above,
+                         const Hord& below);
+
+}  // namespace hord::algo

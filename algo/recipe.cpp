@@ -1,0 +1,49 @@
+#include "algo/recipe.h"
+
+#include <cmath>
+
+namespace hord::algo {
+namespace {
+
+void check_zone(const Zone& zone, std::size_t number, std::vector<std::string>& lines) {
+    const std::string name = "zone " + std::to_string(number + 1) + ": ";
+    if (zone.shape == Zone::Shape::circle) {
+        if (!std::isfinite(zone.centre.m) || !std::isfinite(zone.centre.n)) lines.push_back(name + "the centre is not a number: give it in lenslets");
+        if (!(zone.radius > 0) || !std::isfinite(zone.radius)) lines.push_back(name + "a circle needs a radius above 0 lenslets");
+        return;
+    }
+    if (zone.corners.size() < 3) lines.push_back(name + "a polygon needs at least three corners");
+    for (const Point& corner : zone.corners) {
+        if (std::isfinite(corner.m) && std::isfinite(corner.n)) continue;
+        lines.push_back(name + "a corner is not a number: give it in lenslets");
+        break;
+    }
+}
+
+}  // namespace
+
+std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) {
+    std::vector<std::string> lines;
+    const auto positive = [&](float value, const char* name, const char* unit) {
+        if (!(value > 0) || !std::isfinite(value)) lines.push_back(std::string(name) + " must be above 0 " + unit);
+    };
+    const auto share = [&](float value, const char* name) {
+        if (!(value >= 0 && value <= 1)) lines.push_back(std::string(name) + " must be from 0 to 1");
+    };
+    positive(recipe.emd_limit_bins, "emd_limit_bins", "bin pitches");
+    positive(recipe.frobenius_limit_bins, "frobenius_limit_bins", "bin pitches a lenslet");
+    if (!(recipe.transmission_limit >= 0 && recipe.transmission_limit < 1)) {
+        lines.push_back("transmission_limit must be from 0 (off) to below 1");
+    }
+    share(recipe.max_saturated_share, "max_saturated_share");
+    share(recipe.min_lit_share, "min_lit_share");
+    if (recipe.min_area > extents.lenslets()) lines.push_back("min_area must be at most the number of lenslets, " + std::to_string(extents.lenslets()));
+    if (std::int64_t{recipe.rim_margin} * 2 >= std::min(extents.m, extents.n)) {
+        lines.push_back("rim_margin " + std::to_string(recipe.rim_margin) + " leaves nothing of a field of " + std::to_string(extents.m) + "x" +
+                        std::to_string(extents.n) + " lenslets to judge");
+    }
+    for (std::size_t k = 0; k < recipe.zones.size(); ++k) check_zone(recipe.zones[k], k, lines);
+    return lines;
+}
+
+}  // namespace hord::algo

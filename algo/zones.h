@@ -1,0 +1,18 @@
+// The recipe's zones, painted: which lenslets may be judged at all (Zone::contains is in algo/recipe.h).
+//
+// A lenslet belongs to a zone when its centre does. A circle includes its edge. A polygon is filled by the even-odd
+// rule, its last corner joined to its first; a centre exactly on an edge belongs to the side that is to the right or below.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "algo/light_field.h"
+#include "algo/recipe.h"
+
+namespace hord::algo {
+
+// Sets kOutside where no `inspect` zone is (if there are any) and where an `ignore` zone is; 0 elsewhere.
+void paint_zones(std::span<const Zone> zones, const Extents& extents, std::span<std::uint8_t> mask);
+
+}  // namespace hord::algo

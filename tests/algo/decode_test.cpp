@@ -1,0 +1,129 @@
+#include "algo/decode.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <numeric>
+#include <random>
+#include <vector>
+
+namespace hord::algo {
+namespace {
+
+// 3x3 lenslets of 3x3 bins: sample (x, y) is 10 * y + x, so every mass tells where it came from.
+Frame numbered(int bits) {
+    Frame frame(9, 9, bits);
+    for (int y = 0; y < 9; ++y) {
+        for (int x = 0; x < 9; ++x) frame.set(x, y, static_cast<std::uint32_t>(10 * y + x));
+    }
+    return frame;
+}
+
+constexpr Extents kSmall{3, 3, 3, 3};
+
+TEST(Decode, takes_the_bins_of_a_lenslet_from_its_macro_pixel) {
+    for (const int bits : {8, 12, 16}) {
+        const Frame frame = numbered(bits);
+        HordRow row(kSmall);
+        decode_row(frame.view(), kSmall, {0, 1, 255}, 1, row);  // lenslet row 1: image rows 3 to 5
+        const Hord hord = row.hord(2);                          // image columns 6 to 8
+        const std::uint16_t expected[] = {36, 37, 38, 46, 47, 48, 56, 57, 58};
+        EXPECT_EQ(0, std::memcmp(hord.mass, expected, sizeof expected));
+        EXPECT_EQ(hord.sum, 423U);
+        EXPECT_TRUE(row.has_hord(2));
+    }
+}
+
+TEST(Decode, subtracts_the_dark_level_and_never_goes_below_zero) {
+    const Frame frame = numbered(8);
+    HordRow row(kSmall);
+    decode_row(frame.view(), kSmall, {11, 1, 255}, 0, row);
+    const std::uint16_t expected[] = {0, 0, 0, 0, 0, 1, 9, 10, 11};  // samples 0 1 2, 10 11 12, 20 21 22
+    EXPECT_EQ(0, std::memcmp(row.hord(0).mass, expected, sizeof expected));
+    EXPECT_EQ(row.hord(0).sum, 31U);
+}
+
+TEST(Decode, masks_dark_and_saturated_lenslets_at_their_exact_limits) {
+    const Frame frame = numbered(8);
+    HordRow row(kSmall);
+    decode_row(frame.view(), kSmall, {0, 100, 25}, 0, row);  // sums 99, 126, 153; peaks 22, 25, 28
+    EXPECT_EQ(row.mask(0), kDark);
+    EXPECT_EQ(row.mask(1), kSaturated);
+    EXPECT_EQ(row.mask(2), kSaturated);
+    decode_row(frame.view(), kSmall, {0, 99, 26}, 0, row);
+    EXPECT_EQ(row.mask(0), kValid);
+    EXPECT_EQ(row.mask(1), kValid);
+    EXPECT_EQ(row.mask(2), kSaturated);
+}
+
+TEST(Decode, a_lenslet_may_be_saturated_and_dark_after_subtraction) {
+    Frame frame(9, 9, 8);
+    frame.set(0, 0, 200);
+    HordRow row(kSmall);
+    decode_row(frame.view(), kSmall, {190, 50, 200}, 0, row);
+    EXPECT_EQ(row.mask(0), kDark | kSaturated);
+    EXPECT_EQ(row.mask(1), kDark);
+}
+
+TEST(Decode, follows_padded_rows_and_rows_that_run_backwards) {
+    const Frame frame = numbered(12);
+    std::vector<std::uint16_t> padded(9 * 16, 4095);
+    for (int y = 0; y < 9; ++y) {
+        for (int x = 0; x < 9; ++x) padded[static_cast<std::size_t>((8 - y) * 16 + x)] = static_cast<std::uint16_t>(frame.view().sample(x, y));
+    }
+    const FrameView upside_down{reinterpret_cast<const std::byte*>(padded.data() + 8 * 16), 9, 9, -32, 12};
+    HordRow straight(kSmall), backwards(kSmall);
+    for (int n = 0; n < 3; ++n) {
+        decode_row(frame.view(), kSmall, {2, 1, 4095}, n, straight);
+        decode_row(upside_down, kSmall, {2, 1, 4095}, n, backwards);
+        for (int m = 0; m < 3; ++m) {
+            EXPECT_EQ(0, std::memcmp(straight.hord(m).mass, backwards.hord(m).mass, 9 * sizeof(std::uint16_t)));
+            EXPECT_EQ(straight.mask(m), backwards.mask(m));
+        }
+    }
+}
+
+// Every number of bins, odd, even and rectangular, 8 to 16 bits: masses as defined, sums exact.
+TEST(Decode, holds_for_every_number_of_bins_and_every_bit_depth) {
+    std::mt19937 random(2);
+    for (int i = kMinBins; i <= kMaxBins; ++i) {
+        for (const int j : {3, 4, 9, 15}) {
+            for (const int bits : {8, 10, 12, 16}) {
+                const Extents e{5, 3, i, j};
+                Frame frame(e.width_px(), e.height_px(), bits);
+                for (int y = 0; y < e.height_px(); ++y) {
+                    for (int x = 0; x < e.width_px(); ++x) frame.set(x, y, static_cast<std::uint32_t>(random()) & frame.view().full_scale());
+                }
+                const std::uint32_t dark = frame.view().full_scale() / 7;
+                HordRow row(e);
+                decode_row(frame.view(), e, {dark, 1, 1U << 16}, 1, row);
+                for (int m = 0; m < e.m; ++m) {
+                    std::uint64_t sum = 0;
+                    for (int k = 0; k < e.bins(); ++k) {
+                        const std::uint32_t sample = frame.view().sample(m * i + k % i, j + k / i);
+                        const std::uint32_t mass = sample > dark ? sample - dark : 0;
+                        ASSERT_EQ(row.hord(m).mass[k], mass);
+                        sum += mass;
+                    }
+                    ASSERT_EQ(row.hord(m).sum, sum);
+                }
+            }
+        }
+    }
+}
+
+TEST(Decode, a_full_lenslet_of_15x15_bins_at_16_bits_stays_in_range) {
+    const Extents e{3, 3, 15, 15};
+    Frame frame(e.width_px(), e.height_px(), 16);
+    for (int y = 0; y < e.height_px(); ++y) {
+        for (int x = 0; x < e.width_px(); ++x) frame.set(x, y, 65535);
+    }
+    HordRow row(e);
+    decode_row(frame.view(), e, {0, 1, 65535}, 2, row);
+    EXPECT_EQ(row.hord(1).sum, 225U * 65535U);
+    EXPECT_LT(row.hord(1).sum, 1U << 24);
+    EXPECT_EQ(row.mask(1), kSaturated);
+}
+
+}  // namespace
+}  // namespace hord::algo
