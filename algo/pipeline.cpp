@@ -38,7 +38,7 @@ class Stopwatch {
 LightLevels light_levels(const Recipe& recipe, int bits) {
     const std::uint32_t full_scale = (1U << bits) - 1U;
     const std::uint32_t per_8_bit_dn = 1U << (bits - 8);
-    return {recipe.dark_dn == kFromBitDepth ? kDarkDn8Bit * per_8_bit_dn : recipe.dark_dn,
+    return {recipe.dark_dn == 0 ? kDarkDn8Bit * per_8_bit_dn : recipe.dark_dn,
             recipe.min_sum_dn == 0 ? kMinSumDn8Bit * per_8_bit_dn : recipe.min_sum_dn,
             recipe.saturated_dn == 0 ? full_scale : recipe.saturated_dn};
 }

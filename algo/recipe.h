@@ -32,7 +32,6 @@ struct Zone {
 // Dark: twelve times the rounding noise of 8 bits (0.29 DN) and five times a read noise of 0.6 DN, so dark bins stay empty.
 // Least sum: 1/16 of a bin at full scale. With ten or more electrons a DN that is 160 electrons or more, where the EMD of two
 // draws of one HORD is about half a bin; with less light a HORD is noise. A lenslet that dark is judged by its transmission.
-constexpr std::uint32_t kFromBitDepth = 0xFFFFFFFF;
 constexpr std::uint32_t kDarkDn8Bit = 3;
 constexpr std::uint32_t kMinSumDn8Bit = 16;
 
@@ -41,10 +40,11 @@ struct Recipe {
 
     // Light. `dark_dn` is subtracted from every sample (what is at or below it counts as no light); a lenslet whose sum
     // is then below `min_sum_dn` has no HORD (masked, never called 0); a lenslet with a sample at or above
-    // `saturated_dn` is masked as saturated. The defaults follow the bit depth (below).
-    std::uint32_t dark_dn = kFromBitDepth;
-    std::uint32_t min_sum_dn = 0;    // 0: from the bit depth
-    std::uint32_t saturated_dn = 0;  // 0: the full scale
+    // `saturated_dn` is masked as saturated. 0 follows the bit depth: the levels above, and the full scale. Where the
+    // camera has subtracted its dark level already, 1 is as good as none.
+    std::uint32_t dark_dn = 0;
+    std::uint32_t min_sum_dn = 0;
+    std::uint32_t saturated_dn = 0;
 
     // Limits. A region of lenslets at or above a limit, of at least `min_area` lenslets, is a defect.
     //
@@ -57,7 +57,7 @@ struct Recipe {
     float emd_limit_bins = 1.0F;        // neighbour EMD gradient, Euclidean ground, bin pitches (Eqs. 9-11)
     float frobenius_limit_bins = 0.4F;  // |Jacobian of the mean deflection|_F, bin pitches a lenslet (Eqs. 12-14)
     float transmission_limit = 0.7F;    // light relative to the part's own typical lenslet, 0 (off) to 1
-    std::uint32_t min_area = 1;            // lenslets
+    std::uint32_t min_area = 1;         // lenslets
 
     // The part's own rim lights up in every gradient. `rim_margin` lenslets inside it are not judged; negative:
     // chosen from the number of lenslets (documented in algo/rim.h).

@@ -85,14 +85,14 @@ Frame filled(const Extents& e, int bits, std::uint32_t value) {
 TEST(Pipeline, computes_a_light_field_by_hand) {
     const Extents e{3, 3, 3, 3};
     Frame frame(9, 9, 8);
-    const auto light = [&](int m, int n, int i, int j, std::uint32_t dn) { frame.set(m * 3 + i, n * 3 + j, dn); };
+    const auto light = [&](int m, int n, int i, int j, std::uint32_t dn) { frame.set(m * 3 + i, n * 3 + j, dn + 1); };
     for (const auto& [m, n] : {std::pair(0, 0), std::pair(2, 0), std::pair(0, 2), std::pair(2, 2), std::pair(1, 1), std::pair(1, 0)}) light(m, n, 1, 1, 100);
     light(0, 1, 0, 1, 100);
     light(2, 1, 2, 1, 100);
     light(1, 2, 1, 1, 50);
     light(1, 2, 1, 2, 50);
     Recipe recipe;
-    recipe.dark_dn = 0;
+    recipe.dark_dn = 1;
     recipe.rim_margin = 0;
     recipe.emd_limit_bins = 2;
     recipe.frobenius_limit_bins = 2;
