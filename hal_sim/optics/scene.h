@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -19,7 +20,7 @@ struct Vec3 {
     double x = 0, y = 0, z = 0;
 };
 
-// The part. `none`: an empty field.
+// The part. NoPart: an empty field.
 struct NoPart {};
 struct DoubleConvexLens {
     double radius_of_curvature_mm = 190;  // both faces
@@ -30,7 +31,7 @@ struct DoubleConvexLens {
 struct Wedge {
     double half_size_mm = 8;
     double centre_thickness_mm = 4;
-    double tilt_x_rad = 0, tilt_y_rad = 0;  // of the camera-side face about the other
+    double tilt_x_rad = 0, tilt_y_rad = 0;  // of the camera-side face; positive: thicker, and light bent, to the right / downwards
     double refractive_index = 1.5;
 };
 using Part = std::variant<NoPart, DoubleConvexLens, Wedge>;
@@ -43,7 +44,7 @@ struct SphericalCut {  // a sphere of index 1 that bites into the surface
     Vec3 centre_mm;
     double radius_mm = 1;
 };
-struct AbsorbingSpeck {  // a disc on the measurement plane that lets `transmission` of the light through
+struct AbsorbingSpeck {  // a thin disc across the light that lets `transmission` of the light through
     Vec3 centre_mm;
     double radius_mm = 0.5;
     double transmission = 0;  // 0..1
@@ -84,6 +85,21 @@ struct Scene {
     Camera camera;
     SensorNoise noise;
 };
+
+// What keeps a scene from being rendered. `table` and `key` are those of the scene file (docs/scene.md).
+struct SceneProblem {
+    std::string table;  // "part", "pose", "light", "camera", "noise", "defect"
+    std::size_t index = 0;  // which defect, from 0
+    std::string key, what, cure;
+    [[nodiscard]] std::string message() const;
+};
+
+// All of them; none when the scene can be rendered.
+std::vector<SceneProblem> problems(const Scene& scene);
+
+// The presets' names in scene files, as `part.kind` and `defect.kind`.
+std::string_view name_of(const Part& part);
+std::string_view name_of(const SceneDefect& defect);
 
 // Fails with unreadable/invalid_argument; every problem of the file at once, each with its line and cure.
 Result<Scene> load_scene(const std::filesystem::path& file);

@@ -1,0 +1,45 @@
+// The light-field camera's view of the part: which ray belongs to which lenslet and bin.
+//
+// A 4f relay with the source at infinity maps equal slopes to equal offsets behind every lenslet (the paper's Fig. 2), so
+// bin (i,j) of lenslet (m,n) is a cell of a regular grid in four dimensions: position on the measurement plane, slope there.
+#pragma once
+
+#include "hal_sim/optics/scene.h"
+#include "hal_sim/optics/trace.h"
+
+namespace hord::sim {
+
+// Positions in millimetres on the measurement plane, slopes in bin pitches, both in the camera's frame.
+class CameraGeometry {
+  public:
+    explicit CameraGeometry(const Scene& scene);
+
+    [[nodiscard]] double pitch_mm() const { return pitch_mm_; }
+    [[nodiscard]] double lenslet_x_mm(int m) const { return (m - 0.5 * (extents_.m - 1)) * pitch_mm_; }
+    [[nodiscard]] double lenslet_y_mm(int n) const { return (n - 0.5 * (extents_.n - 1)) * pitch_mm_; }
+    // Bin i collects slopes from left_of(i) to left_of(i + 1).
+    [[nodiscard]] double left_of(int i) const { return i - 0.5 * extents_.i; }
+    [[nodiscard]] double top_of(int j) const { return j - 0.5 * extents_.j; }
+
+    // To the part's frame, and the slope of the light back from it.
+    [[nodiscard]] CameraRay to_part(double x_mm, double y_mm, double u_bins, double v_bins) const {
+        const double x = x_mm - shift_x_, y = y_mm - shift_y_, u = u_bins * bin_rad_, v = v_bins * bin_rad_;
+        return {cosine_ * x + sine_ * y, cosine_ * y - sine_ * x, cosine_ * u + sine_ * v, cosine_ * v - sine_ * u};
+    }
+    // A position of the part's frame in lenslets: whole numbers are lenslets' centres.
+    void to_lenslets(double x, double y, double& m, double& n) const {
+        m = (cosine_ * x - sine_ * y + shift_x_) / pitch_mm_ + 0.5 * (extents_.m - 1);
+        n = (cosine_ * y + sine_ * x + shift_y_) / pitch_mm_ + 0.5 * (extents_.n - 1);
+    }
+    void to_camera(double u, double v, double& u_bins, double& v_bins) const {
+        u_bins = (cosine_ * u - sine_ * v) / bin_rad_;
+        v_bins = (cosine_ * v + sine_ * u) / bin_rad_;
+    }
+
+  private:
+    algo::Extents extents_;
+    double pitch_mm_, bin_rad_;
+    double shift_x_, shift_y_, sine_ = 0, cosine_ = 1;
+};
+
+}  // namespace hord::sim

@@ -1,0 +1,97 @@
+// The presets of a scene as surfaces and solids.
+#include <algorithm>
+
+#include "hal_sim/optics/exact_math.h"
+#include "hal_sim/optics/solid.h"
+
+namespace hord::sim {
+namespace {
+
+constexpr double kAir = 1.0;
+
+int add_sphere(Body& body, const Vec3& centre, double radius) {
+    return body.add({Surface::Shape::sphere, centre, {0, 0, 1}, radius});
+}
+int add_plane(Body& body, const Vec3& point, const Vec3& out) {
+    return body.add({Surface::Shape::plane, point, unit(out), 0});
+}
+int add_cylinder(Body& body, const Vec3& point, const Vec3& axis, double radius) {
+    return body.add({Surface::Shape::cylinder, point, unit(axis), radius});
+}
+
+// The box, a little larger than the part, so that no crossing lies on its faces.
+void bound(Body& body, const Vec3& half) {
+    const double more = 1e-3 * std::max({half.x, half.y, half.z});
+    body.low = {-half.x - more, -half.y - more, -half.z - more};
+    body.high = {half.x + more, half.y + more, half.z + more};
+}
+
+void include(Body& body, const Vec3& low, const Vec3& high) {
+    if (body.high.x <= body.low.x) {
+        body.low = low, body.high = high;
+        return;
+    }
+    body.low = {std::min(body.low.x, low.x), std::min(body.low.y, low.y), std::min(body.low.z, low.z)};
+    body.high = {std::max(body.high.x, high.x), std::max(body.high.y, high.y), std::max(body.high.z, high.z)};
+}
+
+void build(Body&, const NoPart&) {}
+
+void build(Body& body, const DoubleConvexLens& lens) {
+    const double r = lens.radius_of_curvature_mm, a = lens.aperture_radius_mm;
+    const double sag = a * a / (r + std::sqrt(r * r - a * a));
+    const double half = lens.edge_thickness_mm / 2 + sag;
+    const int camera_side = add_sphere(body, {0, 0, half - r}, r);
+    const int source_side = add_sphere(body, {0, 0, r - half}, r);
+    const int edge = add_cylinder(body, {}, {0, 0, 1}, a);
+    body.fill(Solid::all({Solid::inside(camera_side), Solid::inside(source_side), Solid::inside(edge)}), lens.refractive_index);
+    bound(body, {a, a, half});
+}
+
+void build(Body& body, const Wedge& wedge) {
+    const double h = wedge.half_size_mm, half = wedge.centre_thickness_mm / 2;
+    double sx = 0, cx = 1, sy = 0, cy = 1;
+    exact::sin_cos(wedge.tilt_x_rad, sx, cx);
+    exact::sin_cos(wedge.tilt_y_rad, sy, cy);
+    const double tx = sx / cx, ty = sy / cy;
+    std::vector<Solid> sides;
+    sides.push_back(Solid::inside(add_plane(body, {0, 0, half}, {-tx, -ty, 1})));
+    sides.push_back(Solid::inside(add_plane(body, {0, 0, -half}, {0, 0, -1})));
+    for (const double s : {-1.0, 1.0}) {
+        sides.push_back(Solid::inside(add_plane(body, {s * h, 0, 0}, {s, 0, 0})));
+        sides.push_back(Solid::inside(add_plane(body, {0, s * h, 0}, {0, s, 0})));
+    }
+    body.fill(Solid::all(std::move(sides)), wedge.refractive_index);
+    bound(body, {h, h, half + h * (std::abs(tx) + std::abs(ty))});
+}
+
+void add_hollow(Body& body, const Vec3& centre, double radius) {
+    const int sphere = add_sphere(body, centre, radius);
+    body.fill_more(Solid::inside(sphere), kAir);
+    body.features.push_back({centre, centre, radius, radius / 8});
+}
+
+void add_defect(Body& body, const AirBubble& bubble) { add_hollow(body, bubble.centre_mm, bubble.radius_mm); }
+void add_defect(Body& body, const SphericalCut& cut) { add_hollow(body, cut.centre_mm, cut.radius_mm); }
+void add_defect(Body& body, const AbsorbingSpeck& speck) {
+    body.discs.push_back({speck.centre_mm, speck.radius_mm, speck.transmission});
+    body.features.push_back({speck.centre_mm, speck.centre_mm, speck.radius_mm, speck.radius_mm / 2});
+    const double r = 1.001 * speck.radius_mm;
+    include(body, speck.centre_mm - Vec3{r, r, 1e-3 * r}, speck.centre_mm + Vec3{r, r, 1e-3 * r});
+}
+
+}  // namespace
+
+Body body_of(const Scene& scene, bool with_defects) {
+    Body body;
+    std::visit([&](const auto& part) { build(body, part); }, scene.part);
+    if (with_defects) {
+        for (const SceneDefect& defect : scene.defects) {
+            std::visit([&](const auto& d) { add_defect(body, d); }, defect);
+        }
+    }
+    body.done();
+    return body;
+}
+
+}  // namespace hord::sim

@@ -1,0 +1,50 @@
+#include "hal_sim/optics/solid.h"
+
+#include <algorithm>
+
+namespace hord::sim {
+
+bool Solid::contains(std::uint64_t state) const {
+    switch (op_) {
+        case Op::surface: return ((state >> surface_) & 1U) != 0;
+        case Op::all: return std::all_of(of_.begin(), of_.end(), [&](const Solid& s) { return s.contains(state); });
+        case Op::any: return std::any_of(of_.begin(), of_.end(), [&](const Solid& s) { return s.contains(state); });
+        case Op::difference: return of_[0].contains(state) && !of_[1].contains(state);
+    }
+    return false;
+}
+
+int Body::add(const Surface& surface) {
+    if (static_cast<int>(surfaces.size()) == kMaxSurfaces) return -1;
+    surfaces.push_back(surface);
+    return static_cast<int>(surfaces.size()) - 1;
+}
+
+void Body::fill(Solid part, double index) {
+    solids_.insert(solids_.begin(), std::move(part));
+    indices_.insert(indices_.begin() + 1, index);
+    empty = false;
+}
+
+void Body::fill_more(Solid defect, double index) {
+    solids_.push_back(std::move(defect));
+    indices_.push_back(index);
+}
+
+void Body::done() {
+    constexpr std::size_t kTabulated = 12;
+    if (surfaces.size() > kTabulated) return;
+    std::vector<std::uint8_t> table(std::size_t{1} << surfaces.size());
+    for (std::size_t state = 0; state < table.size(); ++state) table[state] = work_out(state);
+    table_ = std::move(table);
+}
+
+std::uint8_t Body::work_out(std::uint64_t state) const {
+    if (solids_.empty() || !solids_[0].contains(state)) return 0;
+    for (std::size_t k = solids_.size(); k-- > 1;) {
+        if (solids_[k].contains(state)) return static_cast<std::uint8_t>(k + 1);
+    }
+    return 1;
+}
+
+}  // namespace hord::sim

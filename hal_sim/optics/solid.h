@@ -1,0 +1,76 @@
+// What light meets: solids built from surfaces by union, intersection and difference, filled with media.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "hal_sim/optics/geometry.h"
+
+namespace hord::sim {
+
+// A solid as a formula over surfaces' insides.
+class Solid {
+  public:
+    static Solid inside(int surface) { return Solid(Op::surface, surface, {}); }
+    static Solid all(std::vector<Solid> of) { return Solid(Op::all, 0, std::move(of)); }
+    static Solid any(std::vector<Solid> of) { return Solid(Op::any, 0, std::move(of)); }
+    static Solid difference(Solid from, Solid cut) { return Solid(Op::difference, 0, {std::move(from), std::move(cut)}); }
+
+    // Bit s of `state`: inside surface s.
+    [[nodiscard]] bool contains(std::uint64_t state) const;
+
+  private:
+    enum class Op : std::uint8_t { surface, all, any, difference };
+    Solid(Op op, int surface, std::vector<Solid> of) : op_(op), surface_(surface), of_(std::move(of)) {}
+    Op op_;
+    int surface_;
+    std::vector<Solid> of_;
+};
+
+// A thin disc, normal to the light, that lets a share of it through.
+struct Disc {
+    Vec3 centre;
+    double radius = 0;
+    double transmission = 0;
+};
+
+// Where light may change its way within a short distance: rendering looks closely near it.
+struct Feature {
+    Vec3 from, to;          // a segment; a point where they are equal
+    double reach = 0;       // everything of it lies within this distance of the segment
+    double resolution = 0;  // cells larger than this may overlook it
+};
+
+// The part with its defects, in the part's own frame.
+struct Body {
+    static constexpr int kMaxSurfaces = 64;
+
+    std::vector<Surface> surfaces;
+    std::vector<Disc> discs;
+    std::vector<Feature> features;
+    Vec3 low, high;  // everything lies in this box
+    bool empty = true;
+
+    // Adds a surface and gives its number; -1 when there are kMaxSurfaces already.
+    int add(const Surface& surface);
+    // What fills a place: air outside `part`; inside, the last filling that contains the place, else the part itself.
+    void fill(Solid part, double index);
+    void fill_more(Solid defect, double index);
+    void done();  // after the last of these
+
+    [[nodiscard]] std::uint8_t medium(std::uint64_t state) const {
+        return table_.empty() ? work_out(state) : table_[static_cast<std::size_t>(state)];
+    }
+    [[nodiscard]] double index(std::uint8_t medium) const { return indices_[medium]; }
+
+  private:
+    [[nodiscard]] std::uint8_t work_out(std::uint64_t state) const;
+    std::vector<Solid> solids_;          // the part, then its defects
+    std::vector<double> indices_{1.0};   // of air, the part, its defects
+    std::vector<std::uint8_t> table_;    // by state, for few surfaces
+};
+
+// The scene's part, with or without its defects. The scene has no problems (scene.h).
+Body body_of(const Scene& scene, bool with_defects);
+
+}  // namespace hord::sim

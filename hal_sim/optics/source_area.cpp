@@ -1,0 +1,90 @@
+#include "hal_sim/optics/source_area.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "hal_sim/optics/exact_math.h"
+
+namespace hord::sim {
+namespace {
+
+
+double half_angle(double px, double py, double qx, double qy) {
+    return 0.5 * exact::atan2(px * qy - py * qx, px * qx + py * qy);
+}
+
+// The edges of the bins between low and high, with these two at the ends; `first`: the bin that the first cell is in.
+int cuts(double low, double high, int count, double* cut, int& first) {
+    const double left = -0.5 * count;
+    first = std::clamp(static_cast<int>(std::floor(low - left)), 0, count - 1);
+    int n = 0;
+    cut[n++] = low;
+    for (int k = first + 1; k < count && left + k < high; ++k) cut[n++] = left + k;
+    cut[n++] = high;
+    return n;
+}
+
+}  // namespace
+
+double disc_in_triangle(double px, double py, double qx, double qy) {
+    const double dx = qx - px, dy = qy - py;
+    const double a = dx * dx + dy * dy;
+    if (a == 0) return 0;
+    const double cross = px * qy - py * qx;
+    const double p_out = px * px + py * py - 1, q_out = qx * qx + qy * qy - 1;
+    if (p_out <= 0 && q_out <= 0) return 0.5 * cross;
+    const double b = px * dx + py * dy;
+    const double gap = a - cross * cross;  // b^2 - a c, without its cancellation
+    if (gap <= 0) return half_angle(px, py, qx, qy);
+    const double root = std::sqrt(gap);
+    const double t1 = (-b - root) / a, t2 = (-b + root) / a;
+    if (t1 >= 1 || t2 <= 0) return half_angle(px, py, qx, qy);
+    double area = 0.5 * (std::min(t2, 1.0) - std::max(t1, 0.0)) * cross;
+    if (t1 > 0) area += half_angle(px, py, px + t1 * dx, py + t1 * dy);
+    if (t2 < 1) area += half_angle(px + t2 * dx, py + t2 * dy, qx, qy);
+    return area;
+}
+
+void add_source(const algo::Extents& extents, const SlopeMap& map, double r, const SlopeBox& box, double weight, double* bins) {
+    const double det = map.determinant();
+    if (det == 0 || weight == 0) return;
+    // Where the disc lies in slope space: its centre, and the half sides of its bounding box.
+    const double u = map.at_u - (map.t_v * map.s - map.s_v * map.t) / det;
+    const double v = map.at_v - (map.s_u * map.t - map.t_u * map.s) / det;
+    const double half_u = r * std::sqrt(map.t_v * map.t_v + map.s_v * map.s_v) / std::abs(det);
+    const double half_v = r * std::sqrt(map.s_u * map.s_u + map.t_u * map.t_u) / std::abs(det);
+    const SlopeBox lit{std::max(box.u0, u - half_u), std::min(box.u1, u + half_u), std::max(box.v0, v - half_v),
+                       std::min(box.v1, v + half_v)};
+    if (lit.is_empty()) return;
+
+    double cut_u[algo::kMaxBins + 2], cut_v[algo::kMaxBins + 2];
+    int first_i = 0, first_j = 0;
+    const int nu = cuts(lit.u0, lit.u1, extents.i, cut_u, first_i);
+    const int nv = cuts(lit.v0, lit.v1, extents.j, cut_v, first_j);
+
+    const double scale = weight * r * r / det;  // signed: a mirrored lattice has mirrored cells
+    double* const corner = bins + first_j * extents.i + first_i;
+    double x[2][algo::kMaxBins + 2], y[2][algo::kMaxBins + 2], along[2][algo::kMaxBins + 2];
+    for (int b = 0; b < nv; ++b) {
+        double* const xs = x[b & 1];
+        double* const ys = y[b & 1];
+        double* const row = along[b & 1];
+        for (int k = 0; k < nu; ++k) {
+            const double du = cut_u[k] - map.at_u, dv = cut_v[b] - map.at_v;
+            xs[k] = (map.s + map.s_u * du + map.s_v * dv) / r;
+            ys[k] = (map.t + map.t_u * du + map.t_v * dv) / r;
+            if (k > 0) row[k] = disc_in_triangle(xs[k - 1], ys[k - 1], xs[k], ys[k]);
+        }
+        if (b == 0) continue;
+        const double* const xp = x[(b - 1) & 1];
+        const double* const yp = y[(b - 1) & 1];
+        double left = disc_in_triangle(xp[0], yp[0], xs[0], ys[0]);
+        for (int k = 1; k < nu; ++k) {
+            const double right = disc_in_triangle(xp[k], yp[k], xs[k], ys[k]);
+            corner[(b - 1) * extents.i + k - 1] += scale * (along[(b - 1) & 1][k] + right - row[k] - left);
+            left = right;
+        }
+    }
+}
+
+}  // namespace hord::sim

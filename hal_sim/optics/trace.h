@@ -1,0 +1,44 @@
+// Follows one ray of the camera backwards through the part to the source.
+#pragma once
+
+#include <cstdint>
+
+#include "hal_sim/optics/solid.h"
+
+namespace hord::sim {
+
+// A ray of the light field in the part's frame: through (x, y) of the measurement plane z = 0 with slope (u, v) = (dx/dz,
+// dy/dz), as seen from the camera, in free space behind the part.
+struct CameraRay {
+    double x = 0, y = 0, u = 0, v = 0;
+};
+
+// What the light was before it met the part.
+struct Arrival {
+    double u = 0, v = 0;     // slope at the source
+    double weight = 0;       // share of the light that survives; 0: lost
+    std::uint64_t path = 0;  // which surfaces it met, in order: rays of one path vary smoothly; 0: none reaches the source
+};
+constexpr std::uint64_t kFreePath = 1;  // met nothing
+
+// Where a ray goes, for who needs the way itself: corners, and whether the stretch up to each ran inside the part.
+struct Way {
+    static constexpr int kMaxPoints = 24;
+    Vec3 points[kMaxPoints];
+    bool in_part[kMaxPoints] = {};
+    int count = 0;
+};
+
+// A ray that is reflected totally goes on, up to 16 crossings; then, or when it turns back, it is lost.
+Arrival trace(const Body& body, const CameraRay& ray, Way* way = nullptr);
+
+// The same with the light: from the source, with slope 0, towards (x, y) of the measurement plane; where on that plane the
+// camera sees it come from, and with which slope. `path` as in Arrival, but not comparable to trace()'s.
+struct Landing {
+    double x = 0, y = 0, u = 0, v = 0;
+    double weight = 0;
+    std::uint64_t path = 0;  // 0: the camera never sees it
+};
+Landing shine(const Body& body, double x, double y, Way* way = nullptr);
+
+}  // namespace hord::sim
