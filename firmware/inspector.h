@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <vector>
 
 #include "algo/pipeline.h"
 #include "algo/result.h"
@@ -60,10 +61,15 @@ struct InspectorSettings {
     int threads = 1;  // each with a pipeline of its own
     int queue = 8;    // frames that may wait; one more is refused as busy
     InspectionObserver* observer = nullptr;  // outlives the inspector
+    algo::NowNs now = nullptr;               // the clock of Inspection::times; none: they stay 0
 };
 
 // Worker threads; answers through loop.post(). Fails with what Pipeline::create says.
 Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop, const InspectorSettings& settings);
+
+// The same with any way of judging, one a thread.
+using Judge = std::function<Judged(std::uint32_t part, const hal::FrameLease& frame)>;
+std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges);
 
 // Inspects inside submit(), answers `modelled` later by a timer. `threads` bounds how many parts are in the modelled work
 // at the same time, `queue` how many wait.

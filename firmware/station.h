@@ -4,8 +4,6 @@
 // the loop's thread alone and never blocks, but in halt() (the rejector's last write).
 #pragma once
 
-#include <array>
-#include <functional>
 #include <memory>
 #include <vector>
 
@@ -49,7 +47,8 @@ class Station {
     // Loop thread. Fails with refused, naming the state and what can be done, or what is missing (arm with a device down).
     Result<void> command(Command command);
 
-    // Initialises, and arms and starts as soon as every device is up; stays away from a station in Error.
+    // Initialises, and arms and starts as soon as every device is up; again after an error was reset, until somebody
+    // commands stop, abort, disarm or halt.
     void run();
 
     [[nodiscard]] Snapshot snapshot() const { return core_.snapshot(); }
@@ -57,32 +56,36 @@ class Station {
 
   private:
     struct Ears;  // the listeners of the seam
-    struct Loan {
-        hal::FrameLease frame;
-        FrameHandle next_free = 0;
-    };
 
-    void take(const Event& event);
+    Answer take(const Event& event);
     Answer step(const Event& event);
-    void carry_out(const Action& action);
-    void carry_out_start(Device device);
+    void carry_out(const std::monostate&) {}
+    void carry_out(const StartDevice& action);
+    void carry_out(const StopDevices& action);
+    void carry_out(const hal::ExposureRequest& request);
+    void carry_out(const hal::StrobePulse& pulse);
+    void carry_out(const Inspect& inspect);
+    void carry_out(const ReleaseFrame& release);
+    void carry_out(const hal::RejectCommand& command);
+    void carry_out(const SetRunPermit& action);
+    void carry_out(const PartResult& result);
     void stop_devices();
     void set_timer();
     void report(const Error& error);
     void try_to_run();
     [[nodiscard]] FrameHandle lend(hal::FrameLease frame);
-    [[nodiscard]] hal::FrameLease take_back(FrameHandle handle);
+    hal::FrameLease take_back(FrameHandle handle);
 
     Cell cell_;
     StationObserver* observer_;
     Core core_;
     Actions actions_;
     std::unique_ptr<Ears> ears_;
-    std::vector<Event> waiting_;  // events that actions of the running step brought about
+    std::vector<Event> waiting_;  // what came while a step was carried out
     bool stepping_ = false;
     bool wants_to_run_ = false;
-    std::vector<Loan> loans_;
-    FrameHandle first_free_ = 0;
+    bool rejector_started_ = false;
+    std::vector<hal::FrameLease> loans_;  // by FrameHandle
     hal::EventLoop::TimerId timer_ = hal::EventLoop::TimerId::none;
     TimePoint timer_due_ = TimePoint::max();
 };
