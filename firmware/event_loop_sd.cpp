@@ -152,7 +152,6 @@ Result<void> SdEventLoop::stop_on_signals(std::initializer_list<int> signals) {
 }
 
 Result<void> SdEventLoop::run() {
-    // sd_event_loop() ends the loop for good; stepping by hand lets it run again.
     while (sd_event_get_state(loop_->event) != SD_EVENT_FINISHED) {
         if (const int r = sd_event_run(loop_->event, UINT64_MAX); r < 0) return io_error("the event loop failed", r);
         loop_->gone_watches.clear();

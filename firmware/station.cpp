@@ -1,5 +1,6 @@
 #include "firmware/station.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace hord::firmware {

@@ -87,7 +87,7 @@ void Core::entered(State from, Cause cause) {
             break;
         case Cause::reset:
             reset_faults();
-            if (from == State::error) {  // try again what is down
+            if (from != State::halted) {  // try again what is down
                 started_ = true;
                 for (int d = 0; d < kDevices; ++d) {
                     if (!up(static_cast<Device>(d))) actions_->push(StartDevice{static_cast<Device>(d)});

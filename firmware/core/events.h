@@ -22,7 +22,7 @@ enum class Command : std::uint8_t {
     stop,              // [Stop] inspects no new part; Ready when the last inspected one is past the ejector
     abort,             // [Abort] Ready at once; parts under way are rejected
     halt,              // [Halt] devices are closed, lights and permit off
-    reset,             // [Reset] after an error or halt; the person who resets has looked at the line
+    reset,             // [Reset] after an error (the person who resets has looked at the line) or halt; opens absent devices again
 };
 
 enum class Device : std::uint8_t { part_sensor, strobe, sensor, rejector };

@@ -32,6 +32,7 @@ constexpr std::array kTransitions{
     Transition{State::preoperational, Cause::line_stop, State::error},
 
     Transition{State::initialized, Cause::arm, State::ready},
+    Transition{State::initialized, Cause::reset, State::initialized},  // looks for absent devices again
     Transition{State::initialized, Cause::halt, State::halted},
     Transition{State::initialized, Cause::line_stop, State::error},
 

@@ -1,0 +1,223 @@
+// Inspectors: bounded, on the loop's thread, and every frame goes back.
+#include "firmware/inspector.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <future>
+#include <thread>
+
+#include "firmware/event_loop_sd.h"
+#include "hal_sim/cell/virtual_time.h"
+#include "tests/firmware/station/fake_devices.h"
+
+namespace hord::firmware {
+namespace {
+
+struct Ear final : Inspector::Listener {
+    std::vector<Judged> answers;
+    std::thread::id thread;
+    std::function<void()> then = [] {};
+    void on_judged(const Judged& judged) override {
+        answers.push_back(judged);
+        thread = std::this_thread::get_id();
+        then();
+    }
+};
+
+// A frame of 27x27 lenslets, all light in the centre bin: nothing is bent, nothing is wrong.
+class FlatFrames : public hal::Sensor {
+  public:
+    FlatFrames() : frame_(27 * 9, 27 * 9, 8) {
+        for (int y = 4; y < frame_.height_px(); y += 9) {
+            for (int x = 4; x < frame_.width_px(); x += 9) frame_.set(x, y, 200);
+        }
+    }
+    hal::FrameLease lend() { return {*this, 0, frame_.view(), {1, {}, frame_.bytes().size(), false}}; }
+    hal::FrameLease lend_half() {
+        auto view = frame_.view();
+        view.height_px /= 2;
+        return {*this, 0, view, {1, {}, frame_.bytes().size(), false}};
+    }
+    std::atomic<int> given_back{0};
+
+  private:
+    hal::SensorFormat do_format() const override { return {27 * 9, 27 * 9, 8, 8}; }
+    Result<void> do_start(Listener&) override { return {}; }
+    Result<void> do_trigger(const hal::ExposureRequest&) override { return {}; }
+    void do_stop() override {}
+    void do_give_back(std::uint32_t) noexcept override { ++given_back; }
+    algo::Frame frame_;
+};
+
+InspectorSettings settings() {
+    InspectorSettings s;
+    s.extents = {27, 27, 9, 9};
+    s.queue = 2;
+    return s;
+}
+
+TEST(InlineInspector, runs_the_real_pipeline_and_answers_after_the_modelled_time) {
+    sim::VirtualTime loop;
+    FlatFrames frames;
+    Ear ear;
+    auto inspector = make_inline_inspector(loop, settings(), std::chrono::milliseconds(30));
+    ASSERT_TRUE(inspector) << inspector.error().message();
+    (*inspector)->start(ear);
+    ASSERT_TRUE((*inspector)->submit(7, frames.lend()));
+    loop.run_for(std::chrono::milliseconds(29));
+    EXPECT_TRUE(ear.answers.empty());
+    loop.run_for(std::chrono::milliseconds(1));
+    ASSERT_EQ(ear.answers.size(), 1U);
+    EXPECT_EQ(ear.answers[0].part, 7U);
+    EXPECT_FALSE(ear.answers[0].failed);
+    EXPECT_EQ(frames.given_back, 1);
+}
+
+TEST(InlineInspector, models_one_thread_and_a_bounded_queue) {
+    sim::VirtualTime loop;
+    FlatFrames frames;
+    Ear ear;
+    auto inspector = make_inline_inspector(loop, settings(), std::chrono::milliseconds(30));
+    ASSERT_TRUE(inspector);
+    (*inspector)->start(ear);
+    for (std::uint32_t part = 1; part <= 3; ++part) EXPECT_TRUE((*inspector)->submit(part, frames.lend()));
+    const auto fourth = (*inspector)->submit(4, frames.lend());
+    ASSERT_FALSE(fourth);
+    EXPECT_EQ(fourth.error().code, ErrorCode::busy);
+    loop.run_for(std::chrono::milliseconds(60));
+    EXPECT_EQ(ear.answers.size(), 2U);
+    loop.run_for(std::chrono::milliseconds(30));
+    EXPECT_EQ(ear.answers.size(), 3U);
+    EXPECT_EQ(frames.given_back, 4);
+}
+
+TEST(InlineInspector, a_frame_of_the_wrong_size_fails_that_part_only) {
+    sim::VirtualTime loop;
+    FlatFrames frames;
+    Ear ear;
+    auto inspector = make_inline_inspector(loop, settings(), std::chrono::milliseconds(1));
+    ASSERT_TRUE(inspector);
+    (*inspector)->start(ear);
+    ASSERT_TRUE((*inspector)->submit(1, frames.lend_half()));
+    ASSERT_TRUE((*inspector)->submit(2, frames.lend()));
+    loop.run_for(std::chrono::milliseconds(10));
+    ASSERT_EQ(ear.answers.size(), 2U);
+    EXPECT_TRUE(ear.answers[0].failed);
+    EXPECT_FALSE(ear.answers[1].failed);
+}
+
+TEST(InlineInspector, an_observer_sees_frame_and_maps) {
+    struct Seen final : InspectionObserver {
+        std::uint32_t part = 0;
+        std::size_t values = 0;
+        int width = 0;
+        void on_inspection(std::uint32_t p, const algo::FrameView& frame, const algo::Inspection& inspection) override {
+            part = p;
+            width = frame.width_px;
+            values = inspection.emd.size();
+        }
+    } seen;
+    sim::VirtualTime loop;
+    FlatFrames frames;
+    Ear ear;
+    auto with = settings();
+    with.observer = &seen;
+    auto inspector = make_inline_inspector(loop, with, std::chrono::milliseconds(1));
+    ASSERT_TRUE(inspector);
+    (*inspector)->start(ear);
+    ASSERT_TRUE((*inspector)->submit(3, frames.lend()));
+    EXPECT_EQ(seen.part, 3U);
+    EXPECT_EQ(seen.width, 243);
+    EXPECT_EQ(seen.values, 729U);
+}
+
+TEST(InlineInspector, an_impossible_recipe_is_refused_at_once) {
+    sim::VirtualTime loop;
+    auto impossible = settings();
+    impossible.extents.i = 99;
+    EXPECT_FALSE(make_inline_inspector(loop, impossible, std::chrono::milliseconds(1)));
+}
+
+TEST(Inspectors, refuse_frames_before_they_are_started_and_give_them_back) {
+    sim::VirtualTime loop;
+    FlatFrames frames;
+    auto stand_in = make_stand_in_inspector(loop, 1, [](std::uint32_t, const hal::FrameLease&) { return StandInAnswer{}; });
+    EXPECT_FALSE(stand_in->submit(1, frames.lend()));
+    auto threaded = make_threaded_inspector(loop, settings());
+    ASSERT_TRUE(threaded);
+    EXPECT_FALSE((*threaded)->submit(1, frames.lend()));
+    EXPECT_EQ(frames.given_back, 2);
+}
+
+TEST(ThreadedInspector, answers_on_the_loops_thread) {
+    auto loop = SdEventLoop::open();
+    ASSERT_TRUE(loop);
+    FlatFrames frames;
+    Ear ear;
+    ear.then = [&] {
+        if (ear.answers.size() == 2) (*loop)->request_stop();
+    };
+    auto with = settings();
+    with.threads = 2;
+    auto inspector = make_threaded_inspector(**loop, with);
+    ASSERT_TRUE(inspector) << inspector.error().message();
+    (*inspector)->start(ear);
+    ASSERT_TRUE((*inspector)->submit(1, frames.lend()));
+    ASSERT_TRUE((*inspector)->submit(2, frames.lend()));
+    ASSERT_TRUE((*loop)->run());
+    EXPECT_EQ(ear.answers.size(), 2U);
+    EXPECT_EQ(ear.thread, std::this_thread::get_id());
+    EXPECT_EQ(frames.given_back, 2);
+}
+
+// The first frame is being judged and waits for the test; the queue holds two more.
+TEST(ThreadedInspector, a_full_queue_refuses_and_stop_gives_every_frame_back) {
+    auto loop = SdEventLoop::open();
+    ASSERT_TRUE(loop);
+    FlatFrames frames;
+    Ear ear;
+    std::promise<void> begun, may_end;
+    std::vector<Judge> judges;
+    judges.emplace_back([&, ending = may_end.get_future().share()](std::uint32_t part, const hal::FrameLease&) {
+        if (part == 1) begun.set_value();
+        ending.wait();
+        return Judged{};
+    });
+    auto inspector = make_threaded_inspector(**loop, 2, std::move(judges));
+    inspector->start(ear);
+    ASSERT_TRUE(inspector->submit(1, frames.lend()));
+    begun.get_future().wait();
+    EXPECT_TRUE(inspector->submit(2, frames.lend()));
+    EXPECT_TRUE(inspector->submit(3, frames.lend()));
+    const auto fourth = inspector->submit(4, frames.lend());
+    ASSERT_FALSE(fourth);
+    EXPECT_EQ(fourth.error().code, ErrorCode::busy);
+    may_end.set_value();
+    inspector->stop();
+    EXPECT_EQ(frames.given_back, 4);
+    (*loop)->request_stop();
+    ASSERT_TRUE((*loop)->run());
+    EXPECT_TRUE(ear.answers.empty()) << "nothing reaches the listener after stop()";
+}
+
+TEST(ThreadedInspector, can_be_started_again) {
+    auto loop = SdEventLoop::open();
+    ASSERT_TRUE(loop);
+    FlatFrames frames;
+    Ear ear;
+    ear.then = [&] { (*loop)->request_stop(); };
+    auto inspector = make_threaded_inspector(**loop, settings());
+    ASSERT_TRUE(inspector);
+    (*inspector)->start(ear);
+    (*inspector)->stop();
+    (*inspector)->start(ear);
+    ASSERT_TRUE((*inspector)->submit(9, frames.lend()));
+    ASSERT_TRUE((*loop)->run());
+    ASSERT_EQ(ear.answers.size(), 1U);
+    EXPECT_EQ(ear.answers[0].part, 9U);
+}
+
+}  // namespace
+}  // namespace hord::firmware
