@@ -1,60 +1,84 @@
 #include "algo/decode.h"
 
 #include <algorithm>
-#include <array>
-#include <utility>
+#include <cstring>
 
 namespace hord::algo {
 namespace {
 
-// One image line: I samples of every lenslet. `peak` and `sum` gather over the J lines of the row.
-template <class Sample, int I>
-void decode_line(const Sample* line, int lenslets, std::size_t bins, std::uint32_t dark, std::uint16_t* mass, std::uint32_t* sum,
-                 std::uint16_t* peak) {
-    for (int m = 0; m < lenslets; ++m, line += I, mass += bins) {
-        std::uint32_t line_sum = 0;
-        std::uint16_t line_peak = peak[m];
-        for (int i = 0; i < I; ++i) {
-            const std::uint16_t sample = line[i];
-            line_peak = std::max(line_peak, sample);
-            mass[i] = static_cast<std::uint16_t>(sample > dark ? sample - dark : 0U);
-            line_sum += mass[i];
-        }
-        peak[m] = line_peak;
-        sum[m] += line_sum;
-    }
-}
+// A line of a macro-pixel is worked on sixteen samples at a time: its I bins and, to the right of them, whatever follows.
+// Those extra lanes are never looked at; in the row of masses they are overwritten by the line or the lenslet that comes next.
+constexpr int kLanes = 16;
+static_assert(kLanes >= kMaxBins);
 
-// decode_line for every number of bins, so that the inner loop has a constant length.
-template <class Sample>
-using LineDecoder = void (*)(const Sample*, int, std::size_t, std::uint32_t, std::uint16_t*, std::uint32_t*, std::uint16_t*);
-
-template <class Sample, int... Bins>
-constexpr auto line_decoders(std::integer_sequence<int, Bins...>) {
-    return std::array<LineDecoder<Sample>, sizeof...(Bins)>{&decode_line<Sample, kMinBins + Bins>...};
-}
-constexpr auto kEveryBinCount = std::make_integer_sequence<int, kMaxBins - kMinBins + 1>{};
-constexpr auto kDecode8 = line_decoders<std::uint8_t>(kEveryBinCount);
-constexpr auto kDecode16 = line_decoders<std::uint16_t>(kEveryBinCount);
+template <class T>
+struct LanesOf {
+    typedef T Type __attribute__((vector_size(kLanes * sizeof(T))));
+};
+template <class T>
+using Lanes = typename LanesOf<T>::Type;
 
 }  // namespace
 
-void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row) {
-    std::fill(row.sums_.begin(), row.sums_.end(), 0U);
-    std::fill(row.peaks_.begin(), row.peaks_.end(), std::uint16_t{0});
-    const auto which = static_cast<std::size_t>(extents.i - kMinBins);
-    for (int j = 0; j < extents.j; ++j) {
-        const int y = n * extents.j + j;
-        std::uint16_t* mass = row.masses_.data() + j * extents.i;
-        if (frame.bits > 8) {
-            kDecode16[which](frame.row16(y), extents.m, row.bins_, levels.dark, mass, row.sums_.data(), row.peaks_.data());
-        } else {
-            kDecode8[which](frame.row8(y), extents.m, row.bins_, levels.dark, mass, row.sums_.data(), row.peaks_.data());
-        }
+HordRow::HordRow(const Extents& extents)
+    : bins_(static_cast<std::size_t>(extents.bins())), masses_(static_cast<std::size_t>(extents.m) * bins_ + kLanes),
+      sums_(static_cast<std::size_t>(extents.m)), moments_x_(sums_.size()), moments_y_(sums_.size()), mask_(sums_.size()) {}
+
+// `samples` is the lenslet's first; sixteen may be read from the start of each of its lines.
+template <class Sample, class Column>
+void HordRow::decode_lenslet(const Sample* samples, std::ptrdiff_t line_stride, const Extents& extents, const LightLevels& levels, std::size_t m) {
+    const Lanes<Sample> dark = Lanes<Sample>{} + static_cast<Sample>(levels.dark);
+    Lanes<Sample> peak{};
+    Lanes<Column> column{}, weighted{};  // sums of the columns; of the masses times (J - j)
+    std::uint16_t* mass = masses_.data() + m * bins_;
+    for (int j = 0; j < extents.j; ++j, mass += extents.i) {
+        Lanes<Sample> line;
+        std::memcpy(&line, samples + j * line_stride, sizeof line);
+        peak = line > peak ? line : peak;
+        line = (line > dark ? line : dark) - dark;
+        const auto wide = __builtin_convertvector(line, Lanes<std::uint16_t>);
+        std::memcpy(mass, &wide, sizeof wide);
+        column += __builtin_convertvector(line, Lanes<Column>);
+        weighted += column;
     }
-    for (std::size_t m = 0; m < row.mask_.size(); ++m) {
-        row.mask_[m] = static_cast<std::uint8_t>((row.sums_[m] < levels.min_sum ? kDark : kValid) |
-                                                 (row.peaks_[m] >= levels.saturated ? kSaturated : kValid));
+    std::uint32_t sum = 0, weighted_sum = 0, brightest = 0;
+    std::int32_t moment_x = 0;
+    for (int i = 0; i < extents.i; ++i) {
+        sum += column[i];
+        weighted_sum += weighted[i];
+        moment_x += (2 * i - (extents.i - 1)) * static_cast<std::int32_t>(column[i]);
+        brightest = std::max<std::uint32_t>(brightest, peak[i]);
+    }
+    sums_[m] = sum;
+    moments_x_[m] = moment_x;
+    // 2j - (J-1) = (J+1) - 2(J-j)
+    moments_y_[m] = (extents.j + 1) * static_cast<std::int32_t>(sum) - 2 * static_cast<std::int32_t>(weighted_sum);
+    mask_[m] = static_cast<std::uint8_t>((sum < levels.min_sum ? kDark : kValid) | (brightest >= levels.saturated ? kSaturated : kValid));
+}
+
+void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row) {
+    const auto decode = [&](auto sample, auto column) {
+        using Sample = decltype(sample);
+        using Column = decltype(column);
+        const std::ptrdiff_t stride = frame.stride_bytes / static_cast<std::ptrdiff_t>(sizeof(Sample));
+        const auto* first = reinterpret_cast<const Sample*>(frame.data) + n * extents.j * stride;
+        // The last lenslets have fewer than sixteen samples before the end of the line: theirs are copied.
+        const int lenslets_read_in_place = std::max(0, (frame.width_px - kLanes) / extents.i + 1);
+        for (int m = 0; m < extents.m; ++m) {
+            const Sample* samples = first + m * extents.i;
+            if (m < lenslets_read_in_place) {
+                row.decode_lenslet<Sample, Column>(samples, stride, extents, levels, static_cast<std::size_t>(m));
+                continue;
+            }
+            Sample copied[kMaxBins][kLanes] = {};
+            for (int j = 0; j < extents.j; ++j) std::copy_n(samples + j * stride, extents.i, copied[j]);
+            row.decode_lenslet<Sample, Column>(copied[0], kLanes, extents, levels, static_cast<std::size_t>(m));
+        }
+    };
+    if (frame.bits > 8) {
+        decode(std::uint16_t{}, std::uint32_t{});
+    } else {
+        decode(std::uint8_t{}, std::uint16_t{});
     }
 }
 

@@ -2,12 +2,22 @@
 //
 //     mass(m; i, j) = max(0, sample(m*I + i, n*J + j) - dark)        sum(m) = sum of its masses
 //
-// so that h = mass / sum (Eq. 8) is known exactly and nothing has been divided yet. Masses fit 16 bits, sums of
-// at most 225 of them 24 bits. A lenslet whose sum is below `min_sum` is kDark, one with a sample at or above
-// `saturated` is kSaturated (before the dark level is subtracted): neither has a HORD.
+// so that h = mass / sum (Eq. 8) is known exactly and nothing has been divided yet. While the samples pass by, their first
+// moments are gathered, exact integers in half bins times DN (half bins, because the centre of an even number of bins lies
+// between two):
+//
+//     moment_x = sum of (2i - (I-1)) * mass        moment_y = sum of (2j - (J-1)) * mass
+//
+// Ranges: a mass fits 16 bits; at most 15 x 15 of them sum to less than 2^24, moments are below 14 * 2^24 < 2^28.
+// A column of 8-bit masses is gathered in 16 bits: at most 15 * 255, and, weighted with the row, 120 * 255 < 2^15; of 16-bit
+// masses in 32 bits: 120 * 65535 < 2^23.
+//
+// A lenslet whose sum is below `min_sum` is kDark, one with a sample at or above `saturated` is kSaturated (before
+// the dark level is subtracted): neither has a HORD.
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "algo/frame.h"
@@ -26,22 +36,26 @@ struct LightLevels {
 // Storage for one row of HORDs; all memory is taken by the constructor.
 class HordRow {
   public:
-    explicit HordRow(const Extents& extents)
-        : bins_(static_cast<std::size_t>(extents.bins())), masses_(static_cast<std::size_t>(extents.m) * bins_),
-          sums_(static_cast<std::size_t>(extents.m)),
-          peaks_(static_cast<std::size_t>(extents.m)), mask_(static_cast<std::size_t>(extents.m)) {}
+    explicit HordRow(const Extents& extents);
 
     [[nodiscard]] Hord hord(int m) const { return {masses_.data() + static_cast<std::size_t>(m) * bins_, sums_[static_cast<std::size_t>(m)]}; }
     [[nodiscard]] bool has_hord(int m) const { return mask_[static_cast<std::size_t>(m)] == kValid; }
-    [[nodiscard]] std::uint32_t sum(int m) const { return sums_[static_cast<std::size_t>(m)]; }
-    [[nodiscard]] std::uint8_t mask(int m) const { return mask_[static_cast<std::size_t>(m)]; }  // kDark, kSaturated
+
+    // One value a lenslet.
+    [[nodiscard]] std::span<const std::uint32_t> sums() const { return sums_; }
+    [[nodiscard]] std::span<const std::int32_t> moments_x() const { return moments_x_; }
+    [[nodiscard]] std::span<const std::int32_t> moments_y() const { return moments_y_; }
+    [[nodiscard]] std::span<const std::uint8_t> mask() const { return mask_; }  // kDark, kSaturated
 
   private:
     friend void decode_row(const FrameView&, const Extents&, const LightLevels&, int, HordRow&);
+    template <class Sample, class Column>
+    void decode_lenslet(const Sample* samples, std::ptrdiff_t line_stride, const Extents& extents, const LightLevels& levels, std::size_t m);
+
     std::size_t bins_;
-    std::vector<std::uint16_t> masses_;
+    std::vector<std::uint16_t> masses_;  // and room for one store of a whole vector past the end
     std::vector<std::uint32_t> sums_;
-    std::vector<std::uint16_t> peaks_;  // brightest sample
+    std::vector<std::int32_t> moments_x_, moments_y_;
     std::vector<std::uint8_t> mask_;
 };
 

@@ -118,11 +118,9 @@ void Pipeline::Workspace::load_row(const FrameView& frame, int n, Stopwatch& wat
     HordRow& hords = row(n);
     decode_row(frame, extents, levels, n, hords);
     watch.lap(times.decode_ns);
-    mean_deflections(hords, extents, std::span(deflections).subspan(at(0, n), static_cast<std::size_t>(extents.m)));
-    for (int m = 0; m < extents.m; ++m) {
-        sums[at(m, n)] = hords.sum(m);
-        mask[at(m, n)] = hords.mask(m);
-    }
+    mean_deflections(hords, std::span(deflections).subspan(at(0, n), static_cast<std::size_t>(extents.m)));
+    std::ranges::copy(hords.sums(), sums.begin() + static_cast<std::ptrdiff_t>(at(0, n)));
+    std::ranges::copy(hords.mask(), mask.begin() + static_cast<std::ptrdiff_t>(at(0, n)));
     watch.lap(times.hord_ns);
 }
 

@@ -48,12 +48,14 @@ struct Recipe {
 
     // Limits. A region of lenslets at or above a limit, of at least `min_area` lenslets, is a defect.
     //
-    // Gradients: a good part may use the whole range of 9 bins smoothly over 32 lenslets, 0.25 bin a lenslet along each
-    // axis. That is 0.35 in the Frobenius norm, and noise of the mean adds below 0.05 from 500 electrons a lenslet on; and
-    // 0.71 in the EMD gradient (over two lenslets), where noise does not average out and adds up to 0.3. Set them
-    // lower for weaker parts. Transmission: at 500 electrons a lenslet photon noise is 4.5 % and 8-bit rounding with the dark
-    // level 2 %, 25 % at five sigma; the light of a good lens varies by 4 % more. An opaque spot that covers 30 % of a
-    // lenslet is then found.
+    // Gradients: a good part may use the whole range of 9 bins smoothly over 40 lenslets, 0.2 bin a lenslet along each axis:
+    // 0.28 in the Frobenius norm, 0.57 in the EMD gradient (over two lenslets). Bins of finite width make that ripple: a spot
+    // 1.22 bins wide moves its mean up to 1.27 times as fast as itself over 0.4 bin, so 0.36 and 0.72. Noise adds less than
+    // 0.04 to the first from 500 electrons a lenslet on, and up to 0.3 to the second, where it does not average out.
+    // Set them lower for weaker parts.
+    // Transmission: at 500 electrons a lenslet photon noise is 4.5 %, 8-bit rounding with the dark level 2 %, together
+    // 25 % at five sigma; the light of a good lens varies by 4 % more. An opaque spot that covers 30 % of a lenslet is found.
+    // Measured on traced frames in tests/algo/real_frames_test.cpp, on drawn ones in properties_test.cpp.
     float emd_limit_bins = 1.0F;        // neighbour EMD gradient, Euclidean ground, bin pitches (Eqs. 9-11)
     float frobenius_limit_bins = 0.4F;  // |Jacobian of the mean deflection|_F, bin pitches a lenslet (Eqs. 12-14)
     float transmission_limit = 0.7F;    // light relative to the part's own typical lenslet, 0 (off) to 1

@@ -47,13 +47,13 @@ TEST(Decode, masks_dark_and_saturated_lenslets_at_their_exact_limits) {
     const Frame frame = numbered(8);
     HordRow row(kSmall);
     decode_row(frame.view(), kSmall, {0, 100, 25}, 0, row);  // sums 99, 126, 153; peaks 22, 25, 28
-    EXPECT_EQ(row.mask(0), kDark);
-    EXPECT_EQ(row.mask(1), kSaturated);
-    EXPECT_EQ(row.mask(2), kSaturated);
+    EXPECT_EQ(row.mask()[0], kDark);
+    EXPECT_EQ(row.mask()[1], kSaturated);
+    EXPECT_EQ(row.mask()[2], kSaturated);
     decode_row(frame.view(), kSmall, {0, 99, 26}, 0, row);
-    EXPECT_EQ(row.mask(0), kValid);
-    EXPECT_EQ(row.mask(1), kValid);
-    EXPECT_EQ(row.mask(2), kSaturated);
+    EXPECT_EQ(row.mask()[0], kValid);
+    EXPECT_EQ(row.mask()[1], kValid);
+    EXPECT_EQ(row.mask()[2], kSaturated);
 }
 
 TEST(Decode, a_lenslet_may_be_saturated_and_dark_after_subtraction) {
@@ -61,8 +61,8 @@ TEST(Decode, a_lenslet_may_be_saturated_and_dark_after_subtraction) {
     frame.set(0, 0, 200);
     HordRow row(kSmall);
     decode_row(frame.view(), kSmall, {190, 50, 200}, 0, row);
-    EXPECT_EQ(row.mask(0), kDark | kSaturated);
-    EXPECT_EQ(row.mask(1), kDark);
+    EXPECT_EQ(row.mask()[0], kDark | kSaturated);
+    EXPECT_EQ(row.mask()[1], kDark);
 }
 
 TEST(Decode, follows_padded_rows_and_rows_that_run_backwards) {
@@ -78,7 +78,7 @@ TEST(Decode, follows_padded_rows_and_rows_that_run_backwards) {
         decode_row(upside_down, kSmall, {2, 1, 4095}, n, backwards);
         for (int m = 0; m < 3; ++m) {
             EXPECT_EQ(0, std::memcmp(straight.hord(m).mass, backwards.hord(m).mass, 9 * sizeof(std::uint16_t)));
-            EXPECT_EQ(straight.mask(m), backwards.mask(m));
+            EXPECT_EQ(straight.mask()[static_cast<std::size_t>(m)], backwards.mask()[static_cast<std::size_t>(m)]);
         }
     }
 }
@@ -98,16 +98,38 @@ TEST(Decode, holds_for_every_number_of_bins_and_every_bit_depth) {
                 HordRow row(e);
                 decode_row(frame.view(), e, {dark, 1, 1U << 16}, 1, row);
                 for (int m = 0; m < e.m; ++m) {
-                    std::uint64_t sum = 0;
+                    std::int64_t sum = 0, moment_x = 0, moment_y = 0;
                     for (int k = 0; k < e.bins(); ++k) {
                         const std::uint32_t sample = frame.view().sample(m * i + k % i, j + k / i);
                         const std::uint32_t mass = sample > dark ? sample - dark : 0;
                         ASSERT_EQ(row.hord(m).mass[k], mass);
                         sum += mass;
+                        moment_x += std::int64_t{2 * (k % i) - (i - 1)} * mass;
+                        moment_y += std::int64_t{2 * (k / i) - (j - 1)} * mass;
                     }
+                    const auto at = static_cast<std::size_t>(m);
                     ASSERT_EQ(row.hord(m).sum, sum);
+                    ASSERT_EQ(row.moments_x()[at], moment_x);
+                    ASSERT_EQ(row.moments_y()[at], moment_y);
                 }
             }
+        }
+    }
+}
+
+TEST(Decode, a_lenslet_is_not_touched_by_its_neighbours_light) {
+    const Extents e{4, 3, 3, 3};
+    Frame frame(e.width_px(), e.height_px(), 8);
+    for (int y = 0; y < e.height_px(); ++y) {
+        for (int x = 0; x < e.width_px(); ++x) frame.set(x, y, x / 3 % 2 == 0 ? 255 : 1);
+    }
+    HordRow row(e);
+    for (int n = 0; n < 3; ++n) {
+        decode_row(frame.view(), e, {0, 1, 255}, n, row);
+        for (const int m : {1, 3}) {
+            EXPECT_TRUE(row.has_hord(m));
+            EXPECT_EQ(row.hord(m).sum, 9U);
+            for (int k = 0; k < 9; ++k) EXPECT_EQ(row.hord(m).mass[k], 1);
         }
     }
 }
@@ -122,7 +144,9 @@ TEST(Decode, a_full_lenslet_of_15x15_bins_at_16_bits_stays_in_range) {
     decode_row(frame.view(), e, {0, 1, 65535}, 2, row);
     EXPECT_EQ(row.hord(1).sum, 225U * 65535U);
     EXPECT_LT(row.hord(1).sum, 1U << 24);
-    EXPECT_EQ(row.mask(1), kSaturated);
+    EXPECT_EQ(row.moments_x()[1], 0);
+    EXPECT_EQ(row.moments_y()[1], 0);
+    EXPECT_EQ(row.mask()[1], kSaturated);
 }
 
 }  // namespace

@@ -2,8 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <random>
 #include <vector>
 
@@ -13,8 +13,18 @@ namespace {
 // Derived in algo/deflection.h; the contract asks for 2^-12.
 const double kDeflectionError = std::ldexp(1.0, -24);
 
+// By way of a frame of one lenslet's masses, three times over each way.
 Deflection mean_of(const std::vector<std::uint16_t>& mass, int i, int j) {
-    return mean_deflection({mass.data(), std::accumulate(mass.begin(), mass.end(), 0U)}, i, j);
+    const Extents e{3, 3, i, j};
+    Frame frame(e.width_px(), e.height_px(), 16);
+    for (int y = 0; y < e.height_px(); ++y) {
+        for (int x = 0; x < e.width_px(); ++x) frame.set(x, y, mass[static_cast<std::size_t>(y % j * i + x % i)]);
+    }
+    HordRow row(e);
+    decode_row(frame.view(), e, {0, 1, 1U << 16}, 1, row);
+    std::vector<Deflection> out(3);
+    mean_deflections(row, out);
+    return out[1];
 }
 
 TEST(MeanDeflection, of_hand_written_hords) {
@@ -33,7 +43,7 @@ TEST(MeanDeflection, of_hand_written_hords) {
 TEST(MeanDeflection, is_within_its_bound_of_double_for_every_geometry_and_bit_depth) {
     std::mt19937 random(3);
     double worst = 0;
-    for (int round = 0; round < 40000; ++round) {
+    for (int round = 0; round < 20000; ++round) {
         const int i = 3 + static_cast<int>(random() % 13), j = 3 + static_cast<int>(random() % 13);
         const std::uint32_t full = (1U << (8 + random() % 9)) - 1;
         const unsigned lit = random() % 4 == 0 ? 100 : 10;  // per cent
@@ -87,7 +97,7 @@ TEST(MeanDeflection, of_dark_lenslets_is_zero) {
     HordRow row(e);
     decode_row(frame.view(), e, {0, 1, 255}, 0, row);
     std::vector<Deflection> out(4, Deflection{DeflectionQ::from_raw(1), DeflectionQ::from_raw(1)});
-    mean_deflections(row, e, out);
+    mean_deflections(row, out);
     EXPECT_EQ(out[0], Deflection{});
     EXPECT_EQ(out[1].x.to_double_rounded(), 1.0);
     EXPECT_EQ(out[3], Deflection{});
