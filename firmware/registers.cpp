@@ -109,13 +109,25 @@ Reading take(const Register& row, std::span<const std::uint16_t> words) {
     return reading;
 }
 
-std::uint32_t crc32(std::string_view bytes) {
-    std::uint32_t crc = ~0U;
-    for (const char c : bytes) {
-        crc ^= static_cast<unsigned char>(c);
-        for (int bit = 0; bit < 8; ++bit) crc = crc >> 1U ^ (crc & 1U ? 0xEDB88320U : 0U);
+std::uint32_t crc32_step(std::uint32_t crc, unsigned byte) {
+    crc ^= byte & 0xFFU;
+    for (int bit = 0; bit < 8; ++bit) crc = crc >> 1U ^ (crc & 1U ? 0xEDB88320U : 0U);
+    return crc;
+}
+
+void encode_rows(std::span<const Register> rows, std::size_t base, const RegisterSource& source,
+                 std::span<std::uint16_t> image) {
+    for (const Register& row : rows) put(row, image.subspan(row.address - base, row.words), source);
+}
+
+std::vector<Reading> decode_rows(std::span<const Register> rows, std::size_t base,
+                                 std::span<const std::uint16_t> image) {
+    std::vector<Reading> readings;
+    for (const Register& row : rows) {
+        const std::size_t at = row.address - base;
+        if (at + row.words <= image.size()) readings.push_back(take(row, image.subspan(at, row.words)));
     }
-    return ~crc;
+    return readings;
 }
 
 }  // namespace
@@ -158,23 +170,36 @@ std::uint32_t map_crc32() {
     static const std::uint32_t crc = [] {
         std::string lines;
         for (const Block& block : register_blocks()) {
-            lines += fmt::format("{},{},{}\n", static_cast<int>(block.id), block.base, block.length);
+            lines += fmt::format("{},{},{},{}\n", static_cast<int>(block.id), block.base, block.length,
+                                 block.slots);
             for (const Register& row : block.registers) {
                 lines += fmt::format("{},{},{},{},{},{},{}\n", row.address, name_of(row.type), row.words,
                                      row.name, row.unit, row.scale, static_cast<int>(row.access));
             }
         }
-        return crc32(lines);
+        std::uint32_t running = ~0U;
+        for (const char c : lines) running = crc32_step(running, static_cast<unsigned char>(c));
+        return ~running;
     }();
     return crc;
+}
+
+std::uint32_t crc32_of(std::span<const std::uint16_t> words) {
+    std::uint32_t crc = ~0U;
+    for (const std::uint16_t word : words) crc = crc32_step(crc32_step(crc, word >> 8U), word);
+    return ~crc;
 }
 
 void encode(const Block& block, const RegisterSource& source, std::span<std::uint16_t> image) {
     std::fill(image.begin(), image.end(), std::uint16_t{0xFFFF});
     image[0] = static_cast<std::uint16_t>(block.id);
     image[1] = block.length;
-    for (const Register& row : block.registers)
-        put(row, image.subspan(row.address - block.base, row.words), source);
+    encode_rows(block.registers, block.base, source, image);
+}
+
+void encode_slot(const Block& ring, const RegisterSource& source, std::span<std::uint16_t> slot) {
+    std::fill(slot.begin(), slot.end(), std::uint16_t{0xFFFF});
+    encode_rows(ring.registers, ring.base + std::size_t{kBlockHeader}, source, slot);
 }
 
 Result<std::vector<Reading>> decode(const Block& block, std::span<const std::uint16_t> image) {
@@ -184,12 +209,17 @@ Result<std::vector<Reading>> decode(const Block& block, std::span<const std::uin
                     "find the block by walking the chain from register 0");
     }
     const auto there = std::min<std::size_t>(image.size(), std::size_t{image[1]} + kBlockHeader);
-    std::vector<Reading> readings;
-    for (const Register& row : block.registers) {
-        const std::size_t at = row.address - block.base;
-        if (at + row.words <= there) readings.push_back(take(row, image.subspan(at, row.words)));
+    return decode_rows(block.registers, block.base, image.first(there));
+}
+
+Result<std::vector<Reading>> decode_slot(const Block& ring, std::span<const std::uint16_t> slot) {
+    const std::size_t size = slot.size();
+    if (size != ring.slot_words || slot[0] != slot[size - 2] || slot[1] != slot[size - 1]) {
+        return fail(ErrorCode::busy,
+                    fmt::format("the slot of {} was overwritten while it was read", ring.name),
+                    "read it in one request");
     }
-    return readings;
+    return decode_rows(ring.registers, ring.base + std::size_t{kBlockHeader}, slot);
 }
 
 }  // namespace hord::firmware

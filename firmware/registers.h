@@ -12,7 +12,7 @@
 #pragma once
 
 #include "algo/result.h"
-#include "firmware/snapshot.h"
+#include "firmware/registers_source.h"
 
 #include <cstdint>
 #include <optional>
@@ -31,22 +31,6 @@ inline constexpr std::uint16_t kMaxRead = 125;  // registers in one request: a b
 
 enum class RegisterType : std::uint8_t { u16, s16, u32, s32, bits16, bits32, text };
 enum class RegisterAccess : std::uint8_t { read, read_write };
-
-// Who the station is; the same strings are in Modbus device identification (FC 43/14).
-struct StationIdentity {
-    std::string vendor = "HORD";
-    std::string product = "HORD station";
-    std::string firmware;  // version, "0.1.0"
-    std::string serial;
-    std::uint32_t boot_id = 0;  // another number after every start: a reset of the sequence cannot be misread
-};
-
-// What the encoder reads. `result` is the one that a slot or LAST shows.
-struct RegisterSource {
-    const StationIdentity& identity;
-    const Snapshot& snapshot;
-    const PartResult& result;
-};
 
 struct NamedValue {
     std::uint32_t value;  // of a bit set: the bit's number
@@ -74,6 +58,13 @@ enum class BlockId : std::uint16_t {
     status = 2,
     counters = 3,
     last = 4,
+    ring = 5,
+    command = 6,
+    reply = 7,
+    plc = 8,
+    recipe = 9,
+    health = 10,
+    calibration = 11,
     end = 0xFFFF,
 };
 
@@ -84,6 +75,7 @@ struct Block {
     std::uint16_t length = 0;  // registers after the header
     std::string_view meaning;
     std::span<const Register> registers;
+    std::uint16_t slots = 0, slot_words = 0;  // of a ring: `registers` are those of slot 0
     [[nodiscard]] constexpr std::uint16_t size() const {
         return static_cast<std::uint16_t>(length + kBlockHeader);
     }
@@ -97,8 +89,20 @@ struct Block {
 // CRC-32 (IEEE 802.3) over every row's address, type, width, name, unit, scale and access.
 [[nodiscard]] std::uint32_t map_crc32();
 
-// The whole block with its header. `image` has block.size() registers.
+// The whole block with its header, of block.size() registers; of a ring, one slot, of block.slot_words.
 void encode(const Block& block, const RegisterSource& source, std::span<std::uint16_t> image);
+void encode_slot(const Block& ring, const RegisterSource& source, std::span<std::uint16_t> slot);
+
+// Results 1, 2, ... stand at slot (sequence mod kRingSlots).
+inline constexpr std::uint16_t kRingSlots = 256;
+inline constexpr std::uint16_t kRingBase = 1000;  // of slot 0
+inline constexpr std::uint16_t kResultWords = 24;
+constexpr std::uint16_t address_of_result(std::uint32_t sequence) {
+    return static_cast<std::uint16_t>(kRingBase + kResultWords * (sequence % kRingSlots));
+}
+
+// CRC-32 (IEEE 802.3) over registers as they travel: high byte first.
+[[nodiscard]] std::uint32_t crc32_of(std::span<const std::uint16_t> words);
 
 // One decoded register, for people: number in its unit and text ("6 Ready", "0.935", "run_permit, line_stop";
 // "-" when not available).
@@ -111,6 +115,9 @@ struct Reading {
 // `image` as read from `block.base`, header included; rows beyond what was read are left out (an older
 // station). Fails with unreadable when the header is not this block's.
 [[nodiscard]] Result<std::vector<Reading>> decode(const Block& block, std::span<const std::uint16_t> image);
+// One slot of a ring. Fails with busy when its sequences differ: it was overwritten while it was read.
+[[nodiscard]] Result<std::vector<Reading>> decode_slot(const Block& ring,
+                                                       std::span<const std::uint16_t> slot);
 
 enum class MapFormat : std::uint8_t { markdown, csv, json, telegraf };
 [[nodiscard]] std::optional<MapFormat> map_format_of(std::string_view name);  // md, csv, json, telegraf

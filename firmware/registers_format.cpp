@@ -42,6 +42,11 @@ std::string as_markdown() {
         "(exception 02).\n"
         "- One request sees one moment: read a block whole (at most 125 registers) and its values belong "
         "together.\n"
+        "- Bits (FC 1 and 2): 0 to 15 are STATUS `bits`, 16 to 47 `faults_active`, 48 to 79 "
+        "`faults_latched`; 80 is the lowest\n"
+        "  bit of the PLC's `heartbeat`, the only bit that can be written.\n"
+        "- Only rows marked rw can be written, whole values at a time; a value that means \"not available\" "
+        "cannot (exception 03).\n"
         "- Rows are only ever added. Check `magic` for the byte order, and `map_version` or `map_crc32` for "
         "the map.\n",
         kMapVersion, map_crc32());
@@ -49,6 +54,10 @@ std::string as_markdown() {
         if (block.registers.empty()) continue;
         out += fmt::format("\n## {} at {}\n\n{}. Id {}, length {}.\n\n", block.name, block.base,
                            block.meaning, static_cast<int>(block.id), block.length);
+        if (block.slots > 0) {
+            out += fmt::format("{} slots of {} registers; the addresses below are those of slot 0.\n\n",
+                               block.slots, block.slot_words);
+        }
         out +=
             "| address | name | type | registers | unit | scale | access | meaning "
             "|\n|---|---|---|---|---|---|---|---|\n";
@@ -95,10 +104,12 @@ std::string as_json() {
     for (const Block& block : register_blocks()) {
         if (block.registers.empty()) continue;
         out += fmt::format(
-            "{}\n  {{\"id\": {}, \"name\": {}, \"base\": {}, \"length\": {}, \"meaning\": {}, \"registers\": "
+            "{}\n  {{\"id\": {}, \"name\": {}, \"base\": {}, \"length\": {}, \"slots\": {}, "
+            "\"slot_registers\": {}, "
+            "\"meaning\": {}, \"registers\": "
             "[",
-            comma, static_cast<int>(block.id), quoted(block.name), block.base, block.length,
-            quoted(block.meaning));
+            comma, static_cast<int>(block.id), quoted(block.name), block.base, block.length, block.slots,
+            block.slot_words, quoted(block.meaning));
         comma = ",";
         std::string_view row_comma;
         for (const Register& row : block.registers) {

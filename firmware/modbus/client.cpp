@@ -190,4 +190,16 @@ Result<std::vector<Reading>> Client::read_block(BlockId id) {
         "update the station's firmware");
 }
 
+Result<std::vector<Reading>> Client::read_result(std::uint32_t sequence) {
+    const auto slot = read(address_of_result(sequence), kResultWords);
+    if (!slot) return tl::unexpected(slot.error());
+    auto readings = decode_slot(*find_block(BlockId::ring), *slot);
+    if (readings && readings->front().number != static_cast<double>(sequence)) {
+        return fail(ErrorCode::not_found,
+                    fmt::format("{} no longer holds result {}", impl_->where(), sequence),
+                    fmt::format("read the last {} results; acknowledge them in time", kRingSlots));
+    }
+    return readings;
+}
+
 }  // namespace hord::firmware::modbus

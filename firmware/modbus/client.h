@@ -46,6 +46,10 @@ class Client {
     // station does not have it.
     [[nodiscard]] Result<std::vector<Reading>> read_block(BlockId id);
 
+    // One result of the ring, by its sequence. Fails as read() does, and with not_found when its slot holds
+    // another result.
+    [[nodiscard]] Result<std::vector<Reading>> read_result(std::uint32_t sequence);
+
     ~Client();
     Client(Client&&) noexcept;
     Client& operator=(Client&&) noexcept;

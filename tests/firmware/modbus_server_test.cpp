@@ -72,6 +72,20 @@ TEST_F(ServedStation, libmodbus_walks_the_chain_and_reads_every_block_by_name) {
     EXPECT_EQ(ident->back().text, "H-0042");
 }
 
+TEST_F(ServedStation, a_result_is_read_by_its_sequence) {
+    Snapshot now;
+    now.last.sequence = 300;
+    now.last.latency_us = 1234;
+    image.publish(now);
+    Client reader = client();
+    const auto result = reader.read_result(300);
+    ASSERT_TRUE(result) << result.error().message();
+    EXPECT_EQ(result->front().number, 300);
+    const auto gone = reader.read_result(44);  // the same slot
+    ASSERT_FALSE(gone);
+    EXPECT_EQ(gone.error().code, ErrorCode::not_found);
+}
+
 TEST_F(ServedStation, an_exception_is_a_clear_error_and_the_connection_stays_good) {
     Client reader = client();
     const auto refused = reader.read(60000, 2);

@@ -1,7 +1,6 @@
 #include "firmware/registers.h"
 
 #include "firmware/faults.h"
-#include "firmware/registers_image.h"
 
 #include <bit>
 #include <fstream>
@@ -40,10 +39,11 @@ Snapshot example() {
 }
 
 std::vector<std::uint16_t> image_of(BlockId id, const Snapshot& snapshot,
-                                    const StationIdentity& identity = {}) {
+                                    const StationIdentity& identity = {}, const RegisterExtras& extras = {}) {
     const Block& block = *find_block(id);
     std::vector<std::uint16_t> image(block.size());
-    encode(block, {.identity = identity, .snapshot = snapshot, .result = snapshot.last}, image);
+    encode(block, {.identity = identity, .snapshot = snapshot, .result = snapshot.last, .extras = extras},
+           image);
     return image;
 }
 
@@ -57,7 +57,7 @@ TEST(Registers, status_is_encoded_as_documented) {
                             0xFFFF,          // heartbeat
                             0xFFFF,          // no PLC heartbeat yet
                             1, 2,            // last sequence 0x10002, high word first
-                            1, 2,            // oldest
+                            0, 0xFF03,       // oldest: 255 before it
                             0xFFFF, 0, 0,    // no recipe
                             0, 0,            // active faults
                             0, 0b100001000,  // latched: rejector, light level
@@ -186,39 +186,6 @@ TEST(Registers, every_format_is_known_by_its_name) {
         EXPECT_THAT(format_registers(*map_format_of(name)), HasSubstr("reject_confirmed"));
     }
     EXPECT_FALSE(map_format_of("xml"));
-}
-
-TEST(RegisterImage, a_read_past_the_end_of_the_map_is_refused) {
-    RegisterImage image(StationIdentity{});
-    std::array<std::uint16_t, 125> out{};
-    EXPECT_EQ(image.read_registers(0, out), modbus::Exception::none);
-    EXPECT_EQ(image.read_registers(65500, std::span(out).first(36)), modbus::Exception::illegal_address);
-    EXPECT_EQ(image.read_registers(static_cast<std::uint16_t>(register_blocks().back().base + 1),
-                                   std::span(out).first(2)),
-              modbus::Exception::illegal_address);
-}
-
-TEST(RegisterImage, the_chain_leads_from_the_first_block_to_the_end) {
-    RegisterImage image(StationIdentity{});
-    std::vector<std::uint16_t> ids;
-    std::array<std::uint16_t, 2> header{};
-    for (std::uint16_t base = 0; ids.size() < 64; base = static_cast<std::uint16_t>(base + 2 + header[1])) {
-        ASSERT_EQ(image.read_registers(base, header), modbus::Exception::none) << base;
-        ids.push_back(header[0]);
-        if (header[0] == 0xFFFF) break;
-    }
-    EXPECT_THAT(std::vector(ids.begin(), ids.begin() + 4), ElementsAre(1, 2, 3, 4));
-    EXPECT_EQ(ids.back(), 0xFFFF);
-}
-
-TEST(RegisterImage, what_was_published_is_what_is_read) {
-    RegisterImage image(StationIdentity{});
-    std::array<std::uint16_t, 2> seen{};
-    ASSERT_EQ(image.read_registers(142, seen), modbus::Exception::none);
-    EXPECT_THAT(seen, ElementsAre(0, 0));
-    image.publish(example());
-    ASSERT_EQ(image.read_registers(142, seen), modbus::Exception::none);
-    EXPECT_THAT(seen, ElementsAre(1, 0x2345));
 }
 
 }  // namespace
