@@ -51,12 +51,15 @@ void read_line(TomlTable line, CoreConfig& core) {
     line.integer("transport_counts", core.transport_counts, 1, 1'000'000'000);
     ms(line, "encoder_timeout_ms", core.encoder_timeout, 1, 60'000);
     ms(line, "exposure_delay_ms", core.exposure_delay, 0, 60'000);
+    line.integer("exposure_counts", core.exposure_counts, 0, 1'000'000'000);
     ms(line, "min_gap_ms", core.min_gap, 0.1, 60'000);
+    line.integer("min_gap_counts", core.min_gap_counts, 1, 1'000'000'000);
     line.integer("max_parts", core.max_parts, 1, kLineCapacity);
 }
 
 void read_timing(TomlTable timing, CoreConfig& core) {
     us(timing, "exposure_us", core.exposure, 1, 1'000'000);
+    ms(timing, "trigger_lead_ms", core.trigger_lead, 0, 60'000);
     us(timing, "strobe_delay_us", core.strobe_delay, 0, 1'000'000);
     us(timing, "strobe_us", core.strobe, 1, 1'000'000);
     us(timing, "strobe_window_us", core.strobe_window, 1, 1'000'000);

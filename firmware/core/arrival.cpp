@@ -1,4 +1,6 @@
 // From the part sensor's edge to the exposure: who is this part, may it be inspected, and when.
+#include <algorithm>
+
 #include "firmware/core/core.h"
 
 namespace hord::firmware {
@@ -51,15 +53,19 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
         stop_the_line();
         return;
     }
-    const bool too_close = comes_too_close(arrived);
+    const bool counted = edge.counts && Conveyor::plausible(*edge.counts);
+    const std::int64_t counts = counted ? *edge.counts : conveyor_.counts_at(arrived);
+    const bool too_close = comes_too_close(arrived, counts);
     last_arrival_ = arrived;
+    last_arrival_counts_ = counts;
     Part& part = line_.append();
     part.arrived = arrived;
+    part.edge_counts = counts;
+    part.target_counts = counts + config_.transport_counts;
+    part.exposure_start = config_.by_encoder ? TimePoint::max() : arrived + config_.exposure_delay;
+    part.place_lost = !config_.by_encoder && state_ == State::error;  // the line is coming to a stop
     part.result.part = number;
     part.result.arrived_ns = arrived.time_since_epoch().count();
-    part.exposure_start = arrived + config_.exposure_delay;
-    const bool counted = edge.counts && Conveyor::plausible(*edge.counts);
-    part.target_counts = (counted ? *edge.counts : conveyor_.counts_at(arrived)) + config_.transport_counts;
 
     const bool position_known = !config_.by_encoder || counted;
     if (accepting()) {
@@ -71,31 +77,44 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     if (!part.wanted) return decide(part, PartVerdict::unfit, PartReason::station_not_running);
     if (too_close) return decide(part, PartVerdict::unfit, PartReason::parts_too_close);
     if (line_.size() > config_.max_parts) return decide(part, PartVerdict::unfit, PartReason::line_full);
-    expose(part);
 }
 
-// Whether a part that arrives `at` is too close to the one ahead. If that one is not exposed yet, its frame will show
+// Whether a part that arrives now is too close to the one ahead. If that one is not exposed yet, its frame will show
 // both: it is rejected, too.
-bool Core::comes_too_close(TimePoint at) {
-    if (parts_ == 1 || last_arrival_ == TimePoint::min() || at - last_arrival_ >= config_.min_gap) return false;
+bool Core::comes_too_close(TimePoint at, std::int64_t counts) {
+    if (last_arrival_ == TimePoint::min()) return false;
+    const bool close_in_time = at - last_arrival_ < config_.min_gap;
+    const bool close_in_space = config_.by_encoder && counts - last_arrival_counts_ < config_.min_gap_counts;
+    if (!close_in_time && !close_in_space) return false;
     if (line_.size() > 0) {
         Part& ahead = line_[line_.size() - 1];
-        if (ahead.phase == Part::Phase::waiting && at < ahead.exposure_start + config_.exposure) {
+        if (ahead.phase == Part::Phase::waiting && (!ahead.exposed || at < ahead.exposure_start + config_.exposure)) {
             decide(ahead, PartVerdict::unfit, PartReason::parts_too_close);
         }
     }
     return true;
 }
 
-void Core::expose(Part& part) {
-    if (now_ > part.exposure_start) {  // told too late: the part is not where the camera looks
+// Tells sensor and strobe shortly before the part is where the camera looks; returns when that is.
+TimePoint Core::expose_when_due(Part& part) {
+    const TimePoint start = config_.by_encoder ? conveyor_.reaches(part.edge_counts + config_.exposure_counts) : part.exposure_start;
+    if (start == TimePoint::max() || now_ < start - config_.trigger_lead) {
+        return start == TimePoint::max() ? start : start - config_.trigger_lead;
+    }
+    part.exposed = true;
+    part.exposure_start = start;
+    part.place_good = !config_.by_encoder;
+    if (now_ > start) {  // told too late: the part is not where the camera looks any more
+        trouble_ |= kFaultOverrun;
         fault(kFaultOverrun);
-        return decide(part, PartVerdict::unfit, PartReason::strobe_failed);
+        decide(part, PartVerdict::unfit, PartReason::strobe_failed);
+        return TimePoint::max();
     }
     part.frame_due = true;
     part.light_due = true;
-    actions_->push(hal::ExposureRequest{part.number(), part.exposure_start, config_.exposure});
-    actions_->push(hal::StrobePulse{part.number(), config_.strobe_channels, part.exposure_start + config_.strobe_delay, config_.strobe});
+    actions_->push(hal::ExposureRequest{part.number(), start, config_.exposure});
+    actions_->push(hal::StrobePulse{part.number(), config_.strobe_channels, start + config_.strobe_delay, config_.strobe});
+    return TimePoint::max();
 }
 
 void Core::on(const hal::EncoderReading& reading) {
@@ -103,8 +122,28 @@ void Core::on(const hal::EncoderReading& reading) {
     if (!config_.by_encoder) return;
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
+        if (part.exposed && !part.place_good && part.phase == Part::Phase::waiting && reading.at >= part.exposure_start) {
+            // The conveyor may have stopped or jumped since the exposure was planned: then it shows a neighbour, or nothing.
+            const std::int64_t off = conveyor_.counts_at(part.exposure_start) - (part.edge_counts + config_.exposure_counts);
+            part.place_good = std::max(off, -off) < config_.min_gap_counts / 2;
+            if (!part.place_good) decide(part, PartVerdict::unfit, PartReason::edge_lost);
+        }
         if (part.passed_ejector == TimePoint::max() && conveyor_.reached(part.target_counts)) {
             part.passed_ejector = conveyor_.reaches(part.target_counts);
+        }
+    }
+}
+
+// The line may no longer run. With an encoder its parts are followed until it runs again. Without one nobody knows where
+// they come to rest: those not yet exposed will not be before the camera at their time, and no rejection counts as
+// confirmed from now on. Commands still go out by time: the line may not have obeyed.
+void Core::lose_permit() {
+    if (config_.by_encoder) return;
+    for (std::uint32_t k = 0; k < line_.size(); ++k) {
+        Part& part = line_[k];
+        if (now_ < at_ejector(part)) part.place_lost = true;
+        if (part.phase == Part::Phase::waiting && now_ < part.exposure_start + config_.exposure) {
+            decide(part, PartVerdict::unfit, PartReason::station_not_running);
         }
     }
 }

@@ -32,11 +32,13 @@ Answer Core::step(const Event& event, TimePoint now, Actions& actions) {
     std::visit([this](const auto& e) { on(e); }, event);
     settle();
 
-    // The line may run while the station executes and can reject.
-    const bool permit = executing(state_) && !line_stop_ && up(Device::rejector);
+    // The line may run while the station executes and can reject, and after a stop until it is empty.
+    const bool emptying = state_ == State::ready && run_permit_ && line_.size() > 0;
+    const bool permit = (executing(state_) || emptying) && !line_stop_ && up(Device::rejector);
     if (permit != run_permit_) {
         run_permit_ = permit;
         actions.push(SetRunPermit{permit});
+        if (!permit) lose_permit();
     }
     actions_ = nullptr;
     return answer_;
@@ -83,6 +85,7 @@ void Core::entered(State from, Cause cause) {
             if (started_) actions_->push(StopDevices{});
             started_ = false;
             up_ = 0;
+            if (run_permit_) lose_permit();
             run_permit_ = false;  // closing the rejector drops it
             break;
         case Cause::reset:
@@ -138,7 +141,9 @@ void Core::on(const DeviceLost& event) {
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
         if (part.phase != Part::Phase::waiting) continue;
-        if ((event.device == Device::sensor && part.frame_due) || (event.device == Device::strobe && part.light_due)) {
+        const bool needs_sensor = part.frame_due || !part.exposed;
+        const bool needs_strobe = part.light_due || !part.exposed;
+        if ((event.device == Device::sensor && needs_sensor) || (event.device == Device::strobe && needs_strobe)) {
             decide(part, PartVerdict::unfit, PartReason::device_lost);
         }
     }
@@ -220,9 +225,12 @@ std::vector<std::string> problems(const CoreConfig& c) {
                       ": shorten timing.frame_timeout_ms or move the ejector downstream (line.transport_ms)");
     }
     if (c.by_encoder && c.transport_counts <= 0) all.push_back("line.transport_counts must be above 0 with an encoder");
-    if (c.min_gap < exposed) {
-        all.push_back("line.min_gap_ms is " + ms(c.min_gap) + ", a part is exposed only after " + ms(exposed) +
-                      ": raise line.min_gap_ms");
+    if (c.by_encoder && c.exposure_counts >= c.transport_counts) {
+        all.push_back("line.exposure_counts lies behind the ejector: lower it, or raise line.transport_counts");
+    }
+    if (c.min_gap < c.exposure) {
+        all.push_back("line.min_gap_ms is " + ms(c.min_gap) + ", an exposure takes " + ms(c.exposure) +
+                      ": raise line.min_gap_ms or shorten timing.exposure_us");
     }
     if (c.min_gap <= c.reject_pulse) {
         all.push_back("rejector.pulse_ms is " + ms(c.reject_pulse) + ", parts may follow after " + ms(c.min_gap) +

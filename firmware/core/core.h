@@ -68,8 +68,9 @@ class Core {
     void on(const hal::EncoderReading& reading);
     [[nodiscard]] bool continues(const hal::PartEdge& edge);
     void arrive(const hal::PartEdge& edge, bool identity_certain);
-    [[nodiscard]] bool comes_too_close(TimePoint at);
-    void expose(Part& part);
+    [[nodiscard]] bool comes_too_close(TimePoint at, std::int64_t counts);
+    [[nodiscard]] TimePoint expose_when_due(Part& part);
+    void lose_permit();
     void lose_position();
 
     // matching.cpp
@@ -120,6 +121,7 @@ class Core {
     std::uint32_t parts_ = 0;
     std::uint32_t wanted_on_line_ = 0;
     TimePoint last_arrival_ = TimePoint::min();
+    std::int64_t last_arrival_counts_ = 0;
     TimePoint last_edge_at_ = TimePoint::min();
     std::uint32_t last_edge_ = 0;    // sequence; 0: none since the part sensor came up
     hal::PartEdge::Kind last_kind_ = hal::PartEdge::Kind::leaves;

@@ -31,9 +31,12 @@ struct CoreConfig {
     Duration encoder_timeout = milliseconds(100);  // no reading for so long, parts on the line: position is lost
     std::uint32_t max_parts = 64;              // inspected parts between sensor and ejector, 1..kLineCapacity
     Duration min_gap = milliseconds(20);       // edges closer than this: parts_too_close
+    std::int64_t min_gap_counts = 200;         // the same in counts, with encoder, in addition
 
-    // Exposure and light.
-    Duration exposure_delay = milliseconds(5);  // edge to the start of the exposure
+    // Exposure and light. Several parts may be between part sensor and camera.
+    Duration exposure_delay = milliseconds(5);  // edge to the start of the exposure, without encoder
+    std::int64_t exposure_counts = 50;          // the same in counts, with encoder
+    Duration trigger_lead = milliseconds(5);    // sensor and strobe are told so long before, or at the edge when that is nearer
     Duration exposure = microseconds(500);
     Duration strobe_delay = microseconds(100);  // start of the exposure to the start of the light
     Duration strobe = microseconds(200);

@@ -118,9 +118,9 @@ void Core::on(const Judged& judged) {
     judge_when_complete(*part);
 }
 
-// The judgement counts once the light is known to have been right, and before the deadline only.
+// The judgement counts once light and place are known to have been right, and before the deadline only.
 void Core::judge_when_complete(Part& part) {
-    if (!part.judged || !part.light_good) return;
+    if (!part.judged || !part.light_good || !part.place_good) return;
     if (now_ >= at_ejector(part) - config_.reject_early - config_.reject_lead) {
         return decide(part, PartVerdict::unfit, PartReason::verdict_late);
     }

@@ -50,6 +50,8 @@ void Core::settle() {
 // Does what is due for one part; returns when something is due next, should no event come.
 TimePoint Core::settle(Part& part) {
     TimePoint next = TimePoint::max();
+    if (part.phase == Part::Phase::waiting && !part.exposed) next = expose_when_due(part);
+    if (part.phase == Part::Phase::waiting) judge_when_complete(part);
     if (part.phase == Part::Phase::waiting && (part.frame_due || part.light_due)) {
         const TimePoint lost_at = part.exposure_start + config_.exposure + config_.frame_timeout;
         if (now_ < lost_at) {
@@ -93,12 +95,13 @@ void Core::on(const RejectRefused& event) {
     if (part != nullptr && part->phase == Part::Phase::commanded) complete(*part, RejectState::failed);
 }
 
-// A rejection is confirmed when the rejector says so in time and the part was at the ejector during the pulse.
+// A rejection is confirmed when the rejector says so in time and the part was at the ejector during the pulse, as far as
+// the line is observed.
 TimePoint Core::await_report(Part& part) {
     using Outcome = hal::RejectReport::Outcome;
     const TimePoint pulse_end = part.eject_start + config_.reject_pulse;
     const TimePoint give_up = pulse_end + config_.confirm_timeout;
-    if (part.reported && part.report.outcome == Outcome::failed) {
+    if (part.reported && (part.report.outcome == Outcome::failed || part.place_lost)) {
         complete(part, RejectState::failed);
     } else if (part.reported && (part.command_late || part.report.outcome == Outcome::late || part.report.at > pulse_end)) {
         complete(part, RejectState::late);

@@ -203,7 +203,10 @@ class Shadow {
             Shown& p = parts_[exposure->exposure];
             EXPECT_FALSE(p.exposed);
             EXPECT_GE(exposure->start, now_);
-            EXPECT_EQ(exposure->start, p.arrived + config_.exposure_delay);
+            if (!config_.by_encoder) {
+                EXPECT_EQ(exposure->start, p.arrived + config_.exposure_delay);
+            }
+            EXPECT_LE(exposure->start, now_ + config_.trigger_lead);
             p.exposed = true;
             p.exposure_start = exposure->start;
         } else if (const auto* inspect = std::get_if<Inspect>(&action)) {
@@ -274,7 +277,7 @@ class Shadow {
         EXPECT_LE(c.inspected, c.pass + c.reject + c.unfit);
         EXPECT_EQ(results_, c.pass + c.reject_confirmed + c.reject_failed + c.reject_late);
         if (s.run_permit) {
-            EXPECT_TRUE(executing(s.state) && !s.line_stop);
+            EXPECT_TRUE((executing(s.state) || s.state == State::ready) && !s.line_stop);
         }
         EXPECT_EQ(s.first_fault == 0, s.faults_latched == 0);
         if (s.first_fault != 0) {

@@ -28,7 +28,7 @@ class Encoder : public ::testing::Test {
         }
     }
     std::uint32_t bad_part() {
-        const auto part = rig.part_arrives();
+        const auto part = rig.part_arrives();  // at the camera 50 counts, 5 ms later
         rig.advance(milliseconds(10));
         rig.belt(100);
         rig.light_comes(part);
@@ -61,6 +61,53 @@ TEST_F(Encoder, at_half_speed_the_pulse_comes_twice_as_late) {
     run(milliseconds(20), 5);
     ASSERT_TRUE(rig.rejected(part));
     EXPECT_EQ(rig.rejects[0].start, slow_from + milliseconds(1700 / 5 - 5));
+}
+
+TEST_F(Encoder, the_exposure_waits_for_the_part) {
+    CoreConfig config = with_encoder();
+    config.exposure_counts = 1000;
+    CoreRig far(config);
+    far.bring_to(State::continuous_execution);
+    far.belt(0);
+    far.advance(milliseconds(10));
+    far.belt(100);
+    const auto part = far.part_arrives();
+    for (int k = 0; k < 5; ++k) {
+        far.advance(milliseconds(10));
+        far.belt(100);
+    }
+    for (int k = 0; k < 9; ++k) {
+        EXPECT_TRUE(far.exposures.empty());
+        far.advance(milliseconds(10));
+        far.belt(50);  // half as fast
+    }
+    ASSERT_TRUE(far.exposures.empty());
+    const TimePoint last = far.now;  // 50 counts are left
+    far.advance(milliseconds(5));
+    ASSERT_EQ(far.exposures.size(), 1U);
+    EXPECT_EQ(far.exposure_of(part).start, last + milliseconds(10));
+}
+
+TEST_F(Encoder, a_conveyor_that_jumps_before_the_exposure_spoils_it) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.light_comes(part);
+    rig.frame_comes(part);
+    rig.judged(part, Verdict::pass);
+    EXPECT_TRUE(rig.results.empty());  // where it was is known with the next reading
+    rig.belt(400);                     // 200 counts at the exposure, not 50
+    EXPECT_TRUE(rig.results.empty());
+    EXPECT_EQ(rig.shot().counters.pass, 0U);
+    EXPECT_EQ(rig.shot().counters.unfit, 1U);
+}
+
+TEST_F(Encoder, parts_close_in_space_are_too_close_however_slow_the_conveyor) {
+    rig.part_arrives();
+    run(milliseconds(90), 2);  // no frame came: one unfit
+    rig.advance(milliseconds(8));
+    rig.part_arrives();  // 98 ms, but 180 counts behind
+    EXPECT_EQ(rig.exposures.size(), 1U);
+    EXPECT_EQ(rig.shot().counters.unfit, 2U);
 }
 
 TEST_F(Encoder, a_stopped_conveyor_keeps_its_parts_until_it_restarts) {

@@ -43,9 +43,9 @@ TEST(Config, the_documented_file_is_the_defaults) {
     const Config defaults;
     EXPECT_EQ(file->name, defaults.name);
     const CoreConfig &a = file->core, &b = defaults.core;
-    EXPECT_EQ(std::tie(a.by_encoder, a.transport, a.transport_counts, a.encoder_timeout, a.max_parts, a.min_gap, a.exposure_delay,
+    EXPECT_EQ(std::tie(a.by_encoder, a.transport, a.transport_counts, a.encoder_timeout, a.max_parts, a.min_gap, a.exposure_delay, a.trigger_lead, a.exposure_counts, a.min_gap_counts,
                        a.exposure, a.strobe_delay, a.strobe, a.strobe_channels, a.strobe_window, a.frame_window, a.frame_timeout),
-              std::tie(b.by_encoder, b.transport, b.transport_counts, b.encoder_timeout, b.max_parts, b.min_gap, b.exposure_delay,
+              std::tie(b.by_encoder, b.transport, b.transport_counts, b.encoder_timeout, b.max_parts, b.min_gap, b.exposure_delay, b.trigger_lead, b.exposure_counts, b.min_gap_counts,
                        b.exposure, b.strobe_delay, b.strobe, b.strobe_channels, b.strobe_window, b.frame_window, b.frame_timeout));
     EXPECT_EQ(std::tie(a.reject_lead, a.reject_early, a.reject_pulse, a.confirm_timeout, a.max_failures_in_a_row, a.heartbeat),
               std::tie(b.reject_lead, b.reject_early, b.reject_pulse, b.confirm_timeout, b.max_failures_in_a_row, b.heartbeat));
@@ -148,7 +148,8 @@ TEST(Config, what_cannot_work_together_is_refused) {
     EXPECT_THAT(problems_of("[line]\ntransport_ms = 100\n"), HasSubstr("the verdict is due 75 ms after the edge"));
     EXPECT_THAT(problems_of("[rejector]\npulse_ms = 20\n"), HasSubstr("else a neighbour is ejected"));
     EXPECT_THAT(problems_of("[rejector]\nearly_ms = 15\n"), HasSubstr("shorten early_ms"));
-    EXPECT_THAT(problems_of("[line]\nmin_gap_ms = 5.4\n[rejector]\npulse_ms = 5.1\n"), HasSubstr("a part is exposed only after 5.5 ms"));
+    EXPECT_THAT(problems_of("[timing]\nexposure_us = 21000\n"), HasSubstr("an exposure takes 21 ms"));
+    EXPECT_THAT(problems_of("[line]\ntracking = \"encoder\"\nexposure_counts = 4000\n"), HasSubstr("lies behind the ejector"));
     EXPECT_THAT(problems_of("[timing]\nframe_window_us = 10000\n"), HasSubstr("a frame may belong to two parts"));
     EXPECT_THAT(problems_of("[timing]\nstrobe_us = 450\n"), HasSubstr("the light ends 0.55 ms after the exposure's start"));
     EXPECT_THAT(problems_of("[strobe]\nmax_on_us = 100\n"), HasSubstr("shorten the pulse; the limit protects the LED"));
