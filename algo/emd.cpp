@@ -1,25 +1,22 @@
 #include "algo/emd.h"
 
 #include <algorithm>
+#include <array>
 #include <vector>
 
+#include "algo/lit_bins.h"
 #include "algo/transport_simplex.h"
 
 namespace hord::algo {
 namespace {
 
-// What has to move: bins with too much and bins with too little, over the common denominator.
+std::size_t index(int k) { return static_cast<std::size_t>(k); }
+
+// Bins that have too much, or too little, over the common denominator.
 struct Side {
     int count = 0;
-    std::vector<double> mass;
-    std::vector<std::uint8_t> bin;
-
-    explicit Side(int bins) : mass(static_cast<std::size_t>(bins)), bin(static_cast<std::size_t>(bins)) {}
-    void add(int k, double m) {
-        mass[static_cast<std::size_t>(count)] = m;
-        bin[static_cast<std::size_t>(count)] = static_cast<std::uint8_t>(k);
-        ++count;
-    }
+    std::array<double, kMostBins + 1> mass;  // one more: the loops below write before they decide
+    std::array<std::uint8_t, kMostBins + 1> bin;
 
     // Which side becomes the rows: the one with fewer bins; of equals the one that comes first in bins, then in masses.
     // So d(a,b) and d(b,a) are the same problem, and equal to the last bit.
@@ -31,103 +28,201 @@ struct Side {
     }
 };
 
+// d = a * S_b - b * S_a, bin by bin; what both share is gone. No branches on the data: they would be guesses.
+void cancel(const Hord& a, const Hord& b, int bins, Side& more, Side& less) {
+    const std::uint16_t* const mass_a = a.mass;
+    const std::uint16_t* const mass_b = b.mass;
+    const std::int64_t sum_a = a.sum;
+    const std::int64_t sum_b = b.sum;
+    const LitBins lit_a(mass_a, bins);
+    const LitBins lit_b(mass_b, bins);
+    std::size_t n_more = 0, n_less = 0;
+    for (int w = 0; w < lit_a.words(); ++w) {
+        for (std::uint64_t rest = lit_a.word(w) | lit_b.word(w); rest != 0; rest &= rest - 1) {
+            const int k = w * 64 + __builtin_ctzll(rest);
+            const std::int64_t d = mass_a[k] * sum_b - mass_b[k] * sum_a;
+            const auto mass = static_cast<double>(d);
+            more.mass[n_more] = mass;
+            more.bin[n_more] = static_cast<std::uint8_t>(k);
+            n_more += d > 0 ? 1U : 0U;
+            less.mass[n_less] = -mass;
+            less.bin[n_less] = static_cast<std::uint8_t>(k);
+            n_less += d < 0 ? 1U : 0U;
+        }
+    }
+    more.count = static_cast<int>(n_more);
+    less.count = static_cast<int>(n_less);
+}
+
+// Where shared mass may have to move, too: a * S_b against b * S_a.
+void keep(const Hord& h, std::int64_t other_sum, int bins, Side& side) {
+    const LitBins lit(h.mass, bins);
+    for (int w = 0; w < lit.words(); ++w) {
+        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
+            const int k = w * 64 + __builtin_ctzll(rest);
+            side.mass[index(side.count)] = static_cast<double>(h.mass[k] * other_sum);
+            side.bin[index(side.count)] = static_cast<std::uint8_t>(k);
+            ++side.count;
+        }
+    }
+}
+
+// Small problems of one shape, and where their answers go.
+struct Bucket {
+    SmallBatch<kWide> batch;
+    std::array<double, kWide> mass;  // on either side
+    std::array<double*, kWide> out;
+};
+
+template <int W>
+void put(SmallBatch<W>& batch, int lane, const Side& rows, const Side& cols) {
+    for (int i = 0; i < rows.count; ++i) {
+        batch.mass[i][lane] = rows.mass[index(i)];
+        batch.bin[i][lane] = rows.bin[index(i)];
+    }
+    for (int j = 0; j < cols.count; ++j) {
+        batch.mass[kSmallSide + j][lane] = cols.mass[index(j)];
+        batch.bin[kSmallSide + j][lane] = cols.bin[index(j)];
+    }
+}
+
 }  // namespace
 
 struct EmdSolver::State {
-    explicit State(const GroundDistance& g)
-        : ground(g), simplex(ground.row(0), ground.bins(), ground.largest()), more(g.bins()), less(g.bins()), order(static_cast<std::size_t>(g.bins())) {}
+    State(const GroundDistance& g, Isa isa)
+        : ground(g), simplex(ground.row(0), ground.bins(), ground.largest(), isa),
+          costs{ground.row(0), ground.bins(), ground.largest() * TransportSimplex::kTolerance}, solve_wide(algo::solve_wide(isa)),
+          buckets(index((kSmallSide + 1) * (kSmallSide + 1))) {
+        for (int rows = 2; rows <= kSmallSide; ++rows) {
+            for (int cols = rows; cols <= kSmallSide; ++cols) {
+                auto& batch = bucket(rows, cols).batch;
+                batch.rows = rows;
+                batch.cols = cols;
+            }
+        }
+    }
 
-    void cancel(const Hord& a, const Hord& b);
-    void keep(const Hord& a, const Hord& b);
-    double from_one(const Side& one, const Side& others) const;
-    double from_two(const Side& two, const Side& others);
-    double solve(const Side& rows, const Side& cols);
+    Bucket& bucket(int rows, int cols) { return buckets[index(rows * (kSmallSide + 1) + cols)]; }
+    bool find_sides(const Hord& a, const Hord& b);
+    double from_one() const;
+    double by_simplex(const double* supply, const double* demand, const std::uint8_t* row_bin, const std::uint8_t* col_bin, int r, int c);
+    double solve_alone();
+    void solve_bucket(Bucket& full);
 
     GroundDistance ground;
     TransportSimplex simplex;
+    SmallCosts costs;
+    SolveWide solve_wide;
+    SmallBatch<1> alone;
+    std::vector<Bucket> buckets;
     Side more, less;
-    std::vector<int> order;
+    const Side* fewer = nullptr;  // the two sides: rows
+    const Side* others = nullptr;  // and columns
     Work work;
 };
 
-// d = a * S_b - b * S_a, bin by bin; what both share is gone.
-void EmdSolver::State::cancel(const Hord& a, const Hord& b) {
-    const int bins = ground.bins();
-    for (int k = 0; k < bins; ++k) {
-        const std::int64_t d = static_cast<std::int64_t>(a.mass[k]) * b.sum - static_cast<std::int64_t>(b.mass[k]) * a.sum;
-        if (d > 0) more.add(k, static_cast<double>(d));
-        if (d < 0) less.add(k, static_cast<double>(-d));
+// False: nothing has to move.
+bool EmdSolver::State::find_sides(const Hord& a, const Hord& b) {
+    ++work.pairs;
+    more.count = less.count = 0;
+    if (a.sum == 0 || b.sum == 0) return false;
+    if (ground.is_metric()) {
+        cancel(a, b, ground.bins(), more, less);
+    } else {
+        keep(a, b.sum, ground.bins(), more);
+        keep(b, a.sum, ground.bins(), less);
     }
+    if (more.count == 0 || less.count == 0) return false;
+    const bool swap = less.precedes(more);
+    fewer = swap ? &less : &more;
+    others = swap ? &more : &less;
+    return true;
 }
 
-void EmdSolver::State::keep(const Hord& a, const Hord& b) {
-    const int bins = ground.bins();
-    for (int k = 0; k < bins; ++k) {
-        if (a.mass[k] > 0) more.add(k, static_cast<double>(static_cast<std::int64_t>(a.mass[k]) * b.sum));
-        if (b.mass[k] > 0) less.add(k, static_cast<double>(static_cast<std::int64_t>(b.mass[k]) * a.sum));
-    }
-}
-
-double EmdSolver::State::from_one(const Side& one, const Side& others) const {
-    const double* cost = ground.row(one.bin[0]);
+// All that the one bin has goes to, or comes from, the others.
+double EmdSolver::State::from_one() const {
+    const double* cost = ground.row(fewer->bin[0]);
     double sum = 0;
-    for (std::size_t k = 0; k < static_cast<std::size_t>(others.count); ++k) sum += others.mass[k] * cost[others.bin[k]];
+    for (int j = 0; j < others->count; ++j) sum += others->mass[index(j)] * cost[others->bin[index(j)]];
     return sum;
 }
 
-// A fractional knapsack: the bins that gain most by being served from the first of the two get it all, in order, until
-// it is used up.
-double EmdSolver::State::from_two(const Side& two, const Side& others) {
-    const double* first = ground.row(two.bin[0]);
-    const double* second = ground.row(two.bin[1]);
-    const auto gain = [&](int k) {
-        const int bin = others.bin[static_cast<std::size_t>(k)];
-        return second[bin] - first[bin];
-    };
-    for (int k = 0; k < others.count; ++k) {
-        int at = k;
-        for (; at > 0 && gain(order[static_cast<std::size_t>(at - 1)]) < gain(k); --at) {
-            order[static_cast<std::size_t>(at)] = order[static_cast<std::size_t>(at - 1)];
-        }
-        order[static_cast<std::size_t>(at)] = k;
-    }
-    double left = two.mass[0];
-    double sum = 0;
-    for (int at = 0; at < others.count; ++at) {
-        const auto k = static_cast<std::size_t>(order[static_cast<std::size_t>(at)]);
-        const double from_first = std::min(left, others.mass[k]);
-        left -= from_first;
-        sum += from_first * first[others.bin[k]] + (others.mass[k] - from_first) * second[others.bin[k]];
-    }
-    return sum;
-}
-
-double EmdSolver::State::solve(const Side& rows, const Side& cols) {
-    if (rows.count <= 2) {
-        ++work.closed_forms;
-        return rows.count == 1 ? from_one(rows, cols) : from_two(rows, cols);
-    }
-    const auto outcome = simplex.solve({rows.count, cols.count, rows.mass.data(), cols.mass.data(), rows.bin.data(), cols.bin.data()});
+double EmdSolver::State::by_simplex(const double* supply, const double* demand, const std::uint8_t* row_bin, const std::uint8_t* col_bin,
+                                    int r, int c) {
+    const auto outcome = simplex.solve({r, c, supply, demand, row_bin, col_bin});
+    ++work.simplex;
     work.pivots += static_cast<std::uint64_t>(outcome.pivots);
     work.unproven += outcome.proven ? 0U : 1U;
     return outcome.cost;
 }
 
-Result<EmdSolver> EmdSolver::create(const GroundDistance& ground) { return EmdSolver(std::make_unique<State>(ground)); }
+double EmdSolver::State::solve_alone() {
+    if (fewer->count == 1) return from_one();
+    if (others->count <= kSmallSide) {
+        ++work.small;
+        alone.rows = fewer->count;
+        alone.cols = others->count;
+        put(alone, 0, *fewer, *others);
+        solve_small(alone, costs);
+        if (alone.proven[0]) return alone.cost[0];
+    }
+    return by_simplex(fewer->mass.data(), others->mass.data(), fewer->bin.data(), others->bin.data(), fewer->count, others->count);
+}
+
+void EmdSolver::State::solve_bucket(Bucket& full) {
+    SmallBatch<kWide>& batch = full.batch;
+    work.small += static_cast<std::uint64_t>(batch.filled);
+    solve_wide(batch, costs);
+    for (int lane = 0; lane < batch.filled; ++lane) {
+        double cost = batch.cost[lane];
+        if (!batch.proven[lane]) {
+            std::array<double, 2 * kSmallSide> mass;
+            std::array<std::uint8_t, 2 * kSmallSide> bin;
+            for (std::size_t node = 0; node < mass.size(); ++node) {
+                mass[node] = batch.mass[node][lane];
+                bin[node] = static_cast<std::uint8_t>(batch.bin[node][lane]);
+            }
+            cost = by_simplex(mass.data(), mass.data() + kSmallSide, bin.data(), bin.data() + kSmallSide, batch.rows, batch.cols);
+        }
+        *full.out[index(lane)] = cost / full.mass[index(lane)];
+    }
+    batch.filled = 0;
+}
+
+Result<EmdSolver> EmdSolver::create(const GroundDistance& ground, Isa isa) {
+    if (!has(isa)) return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
+    return EmdSolver(std::make_unique<State>(ground, isa));
+}
 
 double EmdSolver::distance(const Hord& a, const Hord& b) {
     State& s = *state_;
-    ++s.work.pairs;
-    if (a.sum == 0 || b.sum == 0) return 0;
-    s.more.count = s.less.count = 0;
-    if (s.ground.is_metric()) {
-        s.cancel(a, b);
-    } else {
-        s.keep(a, b);
+    if (!s.find_sides(a, b)) return 0;
+    return s.solve_alone() / (static_cast<double>(a.sum) * static_cast<double>(b.sum));
+}
+
+void EmdSolver::submit(const Hord& a, const Hord& b, double* out) {
+    State& s = *state_;
+    if (!s.find_sides(a, b)) {
+        *out = 0;
+        return;
     }
-    if (s.more.count == 0 || s.less.count == 0) return 0;
-    const double cost = s.less.precedes(s.more) ? s.solve(s.less, s.more) : s.solve(s.more, s.less);
-    return cost / (static_cast<double>(a.sum) * static_cast<double>(b.sum));
+    const double mass = static_cast<double>(a.sum) * static_cast<double>(b.sum);
+    if (s.fewer->count == 1 || s.others->count > kSmallSide) {
+        *out = s.solve_alone() / mass;
+        return;
+    }
+    Bucket& bucket = s.bucket(s.fewer->count, s.others->count);
+    const int lane = bucket.batch.filled++;
+    put(bucket.batch, lane, *s.fewer, *s.others);
+    bucket.mass[index(lane)] = mass;
+    bucket.out[index(lane)] = out;
+    if (bucket.batch.filled == kWide) s.solve_bucket(bucket);
+}
+
+void EmdSolver::finish() {
+    for (Bucket& bucket : state_->buckets) {
+        if (bucket.batch.filled > 0) state_->solve_bucket(bucket);
+    }
 }
 
 const EmdSolver::Work& EmdSolver::work() const { return state_->work; }

@@ -17,6 +17,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "algo/emd_small.h"
 #include "algo/ground.h"
 #include "algo/hord.h"
 #include "algo/result.h"
@@ -27,17 +28,25 @@ namespace hord::algo {
 class EmdSolver {
   public:
     // Cannot fail for a GroundDistance that was made; a Result so that it reads like its siblings.
-    static Result<EmdSolver> create(const GroundDistance& ground);
+    // `isa`: the widest instruction set to use; the results are the same to the last bit.
+    static Result<EmdSolver> create(const GroundDistance& ground, Isa isa = best_isa());
 
     // The distance between two HORDs with the ground distance's number of bins, in its unit; exactly symmetric.
     // 0 when either is dark (sum 0): a caller masks those, there is no distance to a HORD that does not exist.
     [[nodiscard]] double distance(const Hord& a, const Hord& b);
 
+    // The same for many pairs, several times faster: small problems of one shape are collected and solved side by side.
+    // *out is written by submit() or a later call, at the latest by finish(); it must stay valid until then. The HORDs need
+    // not outlive submit(). Same bits as distance(). Call finish() as rarely as the memory for `out` allows.
+    void submit(const Hord& a, const Hord& b, double* out);
+    void finish();
+
     // What was done since create(). `unproven` counts plans returned at the pivot limit without a proof that they
     // are optimal; the tree is kept strongly feasible, so that it stays 0 (tested).
     struct Work {
         std::uint64_t pairs = 0;
-        std::uint64_t closed_forms = 0;
+        std::uint64_t small = 0;    // of them, solved by emd_small.h
+        std::uint64_t simplex = 0;  // of them, by transport_simplex.h; the rest need neither
         std::uint64_t pivots = 0;
         std::uint64_t unproven = 0;
     };

@@ -1,6 +1,7 @@
 #include "algo/transport_simplex.h"
 
 #include <algorithm>
+#include <bit>
 #include <limits>
 
 namespace hord::algo {
@@ -8,36 +9,38 @@ namespace {
 
 constexpr int kRoot = -1;
 constexpr int kUnknown = -2;
-constexpr int kVector = 8;  // doubles
-constexpr double kNeverEnters = 1e300;
-constexpr double kTolerance = 0x1p-36;  // of the largest cost
+constexpr double kClosed = std::numeric_limits<double>::infinity();
 
 std::size_t index(int k) { return static_cast<std::size_t>(k); }
 
-int rounded_up(int count, int to) { return (count + to - 1) / to * to; }
+int padded(int count) { return (count + kScanLanes - 1) / kScanLanes * kScanLanes; }
 
 }  // namespace
 
-TransportSimplex::TransportSimplex(const double* cost, int bins, double largest_cost)
-    : table_(cost), bins_(bins), tolerance_(largest_cost * kTolerance) {
-    const auto side = index(rounded_up(bins, kVector));
+TransportSimplex::TransportSimplex(const double* cost, int bins, double largest_cost, Isa isa)
+    : table_(cost), bins_(bins), tolerance_(largest_cost * kTolerance), scan_(transport_scans(isa)) {
+    const auto side = index(padded(bins));
     const auto nodes = 2 * side;
-    cell_.resize(side * side);
-    for (auto* values : {&u_, &v_, &left_row_, &left_col_, &mean_row_, &mean_col_, &best_key_}) values->resize(side);
+    for (auto* cells : {&cell_, &key_}) cells->resize(side * side);
+    for (auto* values : {&u_, &v_, &best_of_row_, &shut_row_, &shut_col_, &demand_, &left_row_, &left_col_, &mean_col_}) values->resize(side);
     flow_.resize(nodes);
-    for (auto* ints : {&parent_, &retired_}) ints->resize(nodes);
-    for (auto* ints : {&alive_rows_, &alive_cols_, &best_col_}) ints->resize(side);
+    for (auto* list : {&parent_, &hung_in_order_, &pending_}) list->resize(nodes);
     below_.resize((nodes + 1) * (nodes / kWordBits + 1));  // one more: a copy of the subtree that moves
 }
 
 TransportSimplex::Outcome TransportSimplex::solve(const Transport& problem) {
-    gather_costs(problem);
+    rows_ = problem.rows;
+    cols_ = problem.cols;
+    nodes_ = rows_ + cols_;
+    words_ = nodes_ / kWordBits + 1;
+    stride_ = padded(cols_);
+    order_cells(problem);
     start(problem);
-    compute_duals();
 
     Outcome outcome;
+    int since_duals = 0;
     int row = 0, col = 0;
-    for (bool fresh = true;;) {
+    for (;;) {
         if (price(row, col)) {
             if (outcome.pivots == kPivotsANode * nodes_) {
                 outcome.proven = false;
@@ -45,10 +48,10 @@ TransportSimplex::Outcome TransportSimplex::solve(const Transport& problem) {
             }
             pivot(row, col);
             ++outcome.pivots;
-            fresh = false;
-        } else if (!fresh) {  // what the pivots added up to in rounding is taken out before the last check
+            ++since_duals;
+        } else if (since_duals > kPivotsBetweenDuals) {  // what the pivots added up to in rounding is taken out before the last check
             compute_duals();
-            fresh = true;
+            since_duals = 0;
         } else {
             break;
         }
@@ -57,105 +60,90 @@ TransportSimplex::Outcome TransportSimplex::solve(const Transport& problem) {
     return outcome;
 }
 
-void TransportSimplex::gather_costs(const Transport& problem) {
-    rows_ = problem.rows;
-    cols_ = problem.cols;
-    nodes_ = rows_ + cols_;
-    words_ = nodes_ / kWordBits + 1;
-    stride_ = rounded_up(cols_, kVector);
-    next_row_ = 0;
+// Costs of the problem's cells, and the key that says when each is served: c_ij - R_i - K_j.
+void TransportSimplex::order_cells(const Transport& problem) {
+    double total = 0;
+    for (int i = 0; i < rows_; ++i) total += problem.supply[i];
+    std::copy_n(problem.demand, cols_, demand_.begin());
+    std::fill(demand_.begin() + cols_, demand_.begin() + stride_, 0.0);
+    std::fill_n(mean_col_.begin(), stride_, 0.0);
     for (int i = 0; i < rows_; ++i) {
-        const double* from = table_ + static_cast<std::ptrdiff_t>(problem.row_bin[i]) * bins_;
-        double* to = &cell(i, 0);
-        for (int j = 0; j < cols_; ++j) to[j] = from[problem.col_bin[j]];
-        for (int j = cols_; j < stride_; ++j) to[j] = kNeverEnters;
+        u_[index(i)] = scan_.gather(table_ + static_cast<std::ptrdiff_t>(problem.row_bin[i]) * bins_, problem.col_bin, cols_, stride_,
+                                    demand_.data(), problem.supply[i] / total, &cell(i, 0), mean_col_.data()) / total;
+    }
+    for (int i = 0; i < rows_; ++i) {
+        scan_.keys(&cell(i, 0), mean_col_.data(), u_[index(i)], i, stride_, key_.data() + static_cast<std::ptrdiff_t>(i * stride_));
     }
 }
 
-// Builds a plan and its tree: the open cell of least reduced cost takes all it can, and its row or its column, whichever
-// is used up, is closed and hangs from the other. Where both are used up the column is closed: the row stays
-// open with nothing left and closes later below some column, so that arcs which carry nothing point to the root.
+// Builds a plan and its tree: the open cell of least key takes all it can, and its row or its column, whichever is used up,
+// is closed and hangs from the other. Where both are used up the column is closed: the row stays open with nothing
+// left and closes later below some column, so that arcs which carry nothing point to the root.
 void TransportSimplex::start(const Transport& problem) {
-    double total = 0;
-    for (int i = 0; i < rows_; ++i) total += problem.supply[i];
     std::copy_n(problem.supply, rows_, left_row_.begin());
     std::copy_n(problem.demand, cols_, left_col_.begin());
-    std::fill_n(mean_col_.begin(), stride_, 0.0);
-    for (int i = 0; i < rows_; ++i) {
-        const double* costs = &cell(i, 0);
-        const double share = problem.supply[i] / total;
-        double mean = 0;
-        for (int j = 0; j < cols_; ++j) {
-            mean += problem.demand[j] * costs[j];
-            mean_col_[index(j)] += share * costs[j];
-        }
-        mean_row_[index(i)] = mean / total;
-    }
-
     for (int node = 0; node < nodes_; ++node) {
         std::fill_n(below(node), words_, Word{0});
         below(node)[node / kWordBits] |= Word{1} << (node % kWordBits);
     }
-    for (int i = 0; i < rows_; ++i) alive_rows_[index(i)] = i;
-    for (int j = 0; j < cols_; ++j) alive_cols_[index(j)] = j;
+    std::fill(shut_col_.begin(), shut_col_.begin() + cols_, 0.0);
+    std::fill(shut_col_.begin() + cols_, shut_col_.begin() + stride_, kClosed);
+    std::fill(shut_row_.begin(), shut_row_.begin() + padded(rows_), 0.0);
+    std::fill(best_of_row_.begin(), best_of_row_.begin() + padded(rows_), kClosed);
+    const auto best_in = [&](int i) {
+        return scan_.least(key_.data() + static_cast<std::ptrdiff_t>(i * stride_), shut_col_.data(), stride_);
+    };
+    for (int i = 0; i < rows_; ++i) best_of_row_[index(i)] = best_in(i);
+
+    hung_ = 0;
     int open_rows = rows_, open_cols = cols_;
-
-    const auto find_best = [&](int i) {
-        const double* costs = &cell(i, 0);
-        double best = std::numeric_limits<double>::infinity();
-        for (int a = 0; a < open_cols; ++a) {
-            const int j = alive_cols_[index(a)];
-            const double key = costs[j] - mean_col_[index(j)];
-            if (key < best) {
-                best = key;
-                best_col_[index(i)] = a;
-            }
-        }
-        best_key_[index(i)] = best - mean_row_[index(i)];
-    };
-    for (int i = 0; i < rows_; ++i) find_best(i);
-
-    int closed = 0;
-    const auto hang = [&](int child, int parent, double flow) {
-        parent_[index(child)] = parent;
-        flow_[index(child)] = flow;
-        retired_[index(closed++)] = child;
-        for (int w = 0; w < words_; ++w) below(parent)[w] |= below(child)[w];
-    };
-
     while (open_rows + open_cols > 2) {
-        int at_row = 0;
-        for (int a = 1; a < open_rows; ++a) {
-            if (best_key_[index(alive_rows_[index(a)])] < best_key_[index(alive_rows_[index(at_row)])]) at_row = a;
+        const auto bits = std::bit_cast<std::uint64_t>(scan_.least(best_of_row_.data(), shut_row_.data(), padded(rows_)));
+        const auto i = static_cast<int>(bits >> 8 & 0xFF);
+        const auto j = static_cast<int>(bits & 0xFF);
+        if (shut_col_[index(j)] != 0) {  // its best column has closed since
+            best_of_row_[index(i)] = best_in(i);
+            continue;
         }
-        const int i = alive_rows_[index(at_row)];
-        const int at_col = best_col_[index(i)];
-        const int j = alive_cols_[index(at_col)];
         double& left_row = left_row_[index(i)];
         double& left_col = left_col_[index(j)];
         if (open_rows == 1 || (open_cols > 1 && left_col <= left_row)) {
             hang(rows_ + j, i, left_col);
             left_row -= left_col;
-            const int last = --open_cols;
-            alive_cols_[index(at_col)] = alive_cols_[index(last)];
-            for (int a = 0; a < open_rows; ++a) {
-                const int row = alive_rows_[index(a)];
-                if (best_col_[index(row)] == at_col) {
-                    find_best(row);
-                } else if (best_col_[index(row)] == last) {
-                    best_col_[index(row)] = at_col;
-                }
-            }
+            shut_col_[index(j)] = kClosed;
+            --open_cols;
         } else {
             hang(i, rows_ + j, left_row);
             left_col -= left_row;
-            alive_rows_[index(at_row)] = alive_rows_[index(--open_rows)];
+            shut_row_[index(i)] = kClosed;
+            --open_rows;
         }
     }
-    const int root = rows_ + alive_cols_[0];
-    hang(alive_rows_[0], root, left_row_[index(alive_rows_[0])]);
+    const auto last_row = static_cast<int>(std::find(shut_row_.begin(), shut_row_.end(), 0.0) - shut_row_.begin());
+    const auto last_col = static_cast<int>(std::find(shut_col_.begin(), shut_col_.end(), 0.0) - shut_col_.begin());
+    const int root = rows_ + last_col;
+    hang(last_row, root, left_row_[index(last_row)]);
     parent_[index(root)] = kRoot;
     flow_[index(root)] = 0;
+
+    std::fill_n(v_.begin(), stride_, 0.0);
+    while (hung_ > 0) {
+        const int node = hung_in_order_[index(--hung_)];
+        const int parent = parent_[index(node)];
+        if (node < rows_) {
+            u_[index(node)] = cell(node, parent - rows_) - v_[index(parent - rows_)];
+        } else {
+            v_[index(node - rows_)] = cell(parent, node - rows_) - u_[index(parent)];
+        }
+    }
+    next_row_ = 0;
+}
+
+void TransportSimplex::hang(int child, int parent, double flow) {
+    parent_[index(child)] = parent;
+    flow_[index(child)] = flow;
+    hung_in_order_[index(hung_++)] = child;
+    for (int w = 0; w < words_; ++w) below(parent)[w] |= below(child)[w];
 }
 
 double TransportSimplex::arc_cost(int node) const {
@@ -167,7 +155,7 @@ double TransportSimplex::arc_cost(int node) const {
 
 // From the tree alone: every node after its parent.
 void TransportSimplex::compute_duals() {
-    std::vector<int>& pending = retired_;
+    std::vector<int>& pending = pending_;
     const auto dual = [&](int node) -> double& { return node < rows_ ? u_[index(node)] : v_[index(node - rows_)]; };
     Word* known = below(nodes_);
     std::fill_n(known, words_, Word{0});
@@ -186,26 +174,19 @@ void TransportSimplex::compute_duals() {
     std::fill(v_.begin() + cols_, v_.begin() + stride_, 0.0);
 }
 
-// The cell with the least reduced cost (the first of equals), if it is below -tolerance.
+// A cell that lowers the cost: the best (the first of equals) in the first block of rows that holds one.
 bool TransportSimplex::price(int& enter_row, int& enter_col) {
     double best = -tolerance_;
     int best_row = -1;
-    for (int i = 0; i < rows_; ++i) {
-        const double* costs = &cell(i, 0);
-        const double u = u_[index(i)];
-        double lane[kVector];
-        for (int k = 0; k < kVector; ++k) lane[k] = costs[k] - v_[index(k)];
-        for (int j = kVector; j < stride_; j += kVector) {
-            for (int k = 0; k < kVector; ++k) {
-                const double slack = costs[j + k] - v_[index(j + k)];
-                lane[k] = slack < lane[k] ? slack : lane[k];
-            }
-        }
-        const double least = *std::min_element(lane, lane + kVector) - u;
+    for (int seen = 1; seen <= rows_; ++seen) {
+        const int i = next_row_;
+        next_row_ = next_row_ + 1 == rows_ ? 0 : next_row_ + 1;
+        const double least = scan_.least_reduced(&cell(i, 0), v_.data(), u_[index(i)], stride_);
         if (least < best) {
             best = least;
             best_row = i;
         }
+        if (best_row >= 0 && seen % kRowsAtOnce == 0) break;
     }
     if (best_row < 0) return false;
     const double* costs = &cell(best_row, 0);

@@ -7,14 +7,15 @@
 //
 // Numbers. Masses are integers below 2^53 held in doubles, exact. Costs and dual variables are doubles. A cell enters
 // when its reduced cost is below -tolerance, tolerance = 2^-36 * largest cost: above what rounding adds up to in dual
-// variables (at most 900 sums of magnitude <= 450 * largest cost, recomputed from the tree before the last
-// check), so that rounding alone never makes a pivot. The accepted plan costs at most tolerance + rounding
+// variables (sums along the tree of magnitude <= 450 * largest cost, computed afresh from the tree before the last check
+// when more than 16 pivots changed them), so that rounding alone never makes a pivot. The accepted plan costs at most tolerance + rounding
 // more a unit of mass than the optimum: < 1e-9 for costs up to 20.
 #pragma once
 
 #include <cstdint>
-#include <span>
 #include <vector>
+
+#include "algo/transport_scans.h"
 
 namespace hord::algo {
 
@@ -30,8 +31,10 @@ struct Transport {
 
 class TransportSimplex {
   public:
+    static constexpr double kTolerance = 0x1p-36;  // of the largest cost: below it, a reduced cost is negative
+
     // `cost` is a table of bins x bins costs that outlives this object; a problem has at most `bins` rows and columns.
-    TransportSimplex(const double* cost, int bins, double largest_cost);
+    TransportSimplex(const double* cost, int bins, double largest_cost, Isa isa);
 
     struct Outcome {
         double cost = 0;  // sum of mass times cost over the plan
@@ -42,11 +45,14 @@ class TransportSimplex {
 
   private:
     static constexpr int kPivotsANode = 200;
+    static constexpr int kPivotsBetweenDuals = 16;
+    static constexpr int kRowsAtOnce = 8;  // priced before the best of them enters
     static constexpr int kWordBits = 64;
     using Word = std::uint64_t;
 
-    void gather_costs(const Transport& problem);
+    void order_cells(const Transport& problem);
     void start(const Transport& problem);
+    void hang(int child, int parent, double flow);
     void compute_duals();
     bool price(int& enter_row, int& enter_col);
     void pivot(int enter_row, int enter_col);
@@ -71,10 +77,13 @@ class TransportSimplex {
     std::vector<double> cell_;  // rows x stride costs
     std::vector<double> u_, v_;  // dual variables; c_ij = u_i + v_j on the tree
     std::vector<double> flow_;  // on the arc to the parent
-    std::vector<int> parent_, retired_;
+    std::vector<int> parent_, hung_in_order_;
     std::vector<Word> below_;  // nodes in the subtree of a node, itself included
-    std::vector<double> left_row_, left_col_, mean_row_, mean_col_, best_key_;
-    std::vector<int> alive_rows_, alive_cols_, best_col_;
+    std::vector<int> pending_;
+    std::vector<double> key_, best_of_row_, shut_row_, shut_col_;  // the order of the start
+    std::vector<double> demand_, left_row_, left_col_, mean_col_;
+    int hung_ = 0;
+    TransportScans scan_;
 };
 
 }  // namespace hord::algo

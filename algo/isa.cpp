@@ -1,0 +1,19 @@
+#include "algo/isa.h"
+
+namespace hord::algo {
+
+bool has(Isa isa) {
+#if defined(__x86_64__)
+    __builtin_cpu_init();
+    if (isa == Isa::avx2) return __builtin_cpu_supports("avx2");
+    if (isa == Isa::avx512) {
+        return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
+               __builtin_cpu_supports("avx512vl");
+    }
+#endif
+    return isa == Isa::portable;
+}
+
+Isa best_isa() { return has(Isa::avx512) ? Isa::avx512 : has(Isa::avx2) ? Isa::avx2 : Isa::portable; }
+
+}  // namespace hord::algo

@@ -1,0 +1,14 @@
+// Instruction sets that the kernels are compiled for, chosen at run time. Whatever is chosen, every result has the same
+// bits: lanes, their number and the order of operations are fixed; only how many lanes one instruction takes differs.
+#pragma once
+
+#include <cstdint>
+
+namespace hord::algo {
+
+enum class Isa : std::uint8_t { portable, avx2, avx512 };  // portable: SSE2 on x86-64, NEON on arm64
+
+bool has(Isa isa);
+Isa best_isa();
+
+}  // namespace hord::algo

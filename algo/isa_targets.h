@@ -1,0 +1,56 @@
+// HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS) compiles the always-inlined template BODY<vector bytes> once for each
+// instruction set, and defines NAME(Isa), which returns a pointer to the fitting one. For kernels' .cpp files only.
+#pragma once
+
+#include <cstring>
+#include <type_traits>
+
+#include "algo/isa.h"
+
+#define HORD_ALWAYS_INLINE [[gnu::always_inline]] inline
+
+namespace hord::algo {
+
+// As many T as fit into so many bytes; one T is just a T.
+template <class T, int Bytes>
+struct VectorOf {
+    using type __attribute__((vector_size(Bytes))) = T;
+};
+template <class T, int Bytes>
+    requires(Bytes == sizeof(T))
+struct VectorOf<T, Bytes> {
+    using type = T;
+};
+template <class T, int Bytes>
+using Vector = typename VectorOf<T, Bytes>::type;
+
+template <class V, class T>
+HORD_ALWAYS_INLINE V load(const T* from) {
+    V v;
+    std::memcpy(&v, from, sizeof(v));
+    return v;
+}
+template <class V, class T>
+HORD_ALWAYS_INLINE void store(const V& v, T* to) {
+    std::memcpy(to, &v, sizeof(v));
+}
+template <class V>
+HORD_ALWAYS_INLINE V lower(const V& a, const V& b) {
+    return b < a ? b : a;
+}
+
+}  // namespace hord::algo
+
+#if defined(__x86_64__)
+#define HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS)                                                          \
+    [[gnu::target("avx2")]] static RETURN NAME##_avx2 SIGNATURE { return BODY<32> ARGUMENTS; }                               \
+    [[gnu::target("avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512")]] static RETURN NAME##_avx512 SIGNATURE {    \
+        return BODY<64> ARGUMENTS;                                                                                           \
+    }                                                                                                                        \
+    static RETURN NAME##_portable SIGNATURE { return BODY<16> ARGUMENTS; }                                                   \
+    static auto NAME(Isa isa) { return isa == Isa::avx512 ? NAME##_avx512 : isa == Isa::avx2 ? NAME##_avx2 : NAME##_portable; }
+#else
+#define HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS)                    \
+    static RETURN NAME##_portable SIGNATURE { return BODY<16> ARGUMENTS; }             \
+    static auto NAME(Isa) { return NAME##_portable; }
+#endif

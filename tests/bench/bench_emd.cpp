@@ -1,0 +1,253 @@
+// How fast the exact earth mover's distance is, against stock solvers in the same run (./dev bench).
+//
+// Work: every pair of neighbouring lit lenslets of frame_555_9x9.png (from $HORD_DATA/bench or ../shared/data/bench; dark threshold
+// 3 DN), and synthetic pairs of 9x9 bins: two lobes, about 37 lit bins, and dense (81). The peers are too slow for the whole
+// frame: they get a random subset of its pairs, and all figures are CPU time a pair. Repetitions of all benchmarks are
+// interleaved and the table is made of medians, so that other load on the machine meets all of them alike.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <map>
+#include <random>
+#include <string>
+
+#include <benchmark/benchmark.h>
+#include <opencv2/imgcodecs.hpp>
+
+#include "algo/emd.h"
+#include "peers.h"
+
+namespace hord::bench {
+namespace {
+
+using algo::Hord;
+using Pair = std::pair<Hord, Hord>;
+
+constexpr int kBins = 9;
+constexpr int kPeerPairs = 3000;  // of the frame
+constexpr unsigned kSeed = 20261121;
+
+// Lenslets of 9x9 bins, one after the other.
+struct Field {
+    std::vector<std::uint16_t> mass;
+    std::vector<std::uint32_t> sum;
+    std::vector<std::uint16_t>& add() {
+        lenslet.assign(kBins * kBins, 0);
+        return lenslet;
+    }
+    void close() {
+        std::uint32_t total = 0;
+        for (const auto m : lenslet) total += m;
+        mass.insert(mass.end(), lenslet.begin(), lenslet.end());
+        sum.push_back(total);
+    }
+    [[nodiscard]] Hord at(std::size_t k) const { return {mass.data() + k * kBins * kBins, sum[k]}; }
+    std::vector<std::uint16_t> lenslet;
+};
+
+struct Work {
+    Field field;
+    std::vector<Pair> pairs;
+    std::vector<Pair> for_peers;
+    double lit = 0;  // mean number of lit bins
+};
+
+std::filesystem::path data_dir() {
+    const char* given = std::getenv("HORD_DATA");
+    return given != nullptr ? std::filesystem::path(given) : std::filesystem::path(HORD_SOURCE_DIR) / "../shared/data";
+}
+
+void finish(Work& work, std::size_t peer_pairs) {
+    std::mt19937_64 random(kSeed);
+    std::sample(work.pairs.begin(), work.pairs.end(), std::back_inserter(work.for_peers), peer_pairs, random);
+    for (const auto& m : work.field.mass) work.lit += m > 0 ? 1.0 : 0.0;
+    work.lit /= static_cast<double>(work.field.sum.size());
+}
+
+Work frame_work() {
+    Work work;
+    const cv::Mat image = cv::imread((data_dir() / "bench/frame_555_9x9.png").string(), cv::IMREAD_UNCHANGED);
+    if (image.empty()) return work;
+    const int m = image.cols / kBins, n = image.rows / kBins;
+    for (int y = 0; y < n; ++y) {
+        for (int x = 0; x < m; ++x) {
+            auto& h = work.field.add();
+            for (int k = 0; k < kBins * kBins; ++k) {
+                const auto dn = image.at<std::uint8_t>(y * kBins + k / kBins, x * kBins + k % kBins);
+                h[static_cast<std::size_t>(k)] = dn <= 3 ? std::uint16_t{0} : std::uint16_t{dn};
+            }
+            work.field.close();
+        }
+    }
+    const auto add = [&](int x0, int y0, int x1, int y1) {
+        if (x1 >= m || y1 >= n) return;
+        const Hord a = work.field.at(static_cast<std::size_t>(y0 * m + x0)), b = work.field.at(static_cast<std::size_t>(y1 * m + x1));
+        if (a.sum > 0 && b.sum > 0) work.pairs.emplace_back(a, b);
+    };
+    for (int y = 0; y < n; ++y) {
+        for (int x = 0; x < m; ++x) {
+            add(x, y, x + 1, y);
+            add(x, y, x, y + 1);
+        }
+    }
+    finish(work, kPeerPairs);
+    return work;
+}
+
+// light(i, j) in 0..1 is drawn for each lenslet; consecutive lenslets are a pair.
+template <class Light>
+Work synthetic(std::size_t pairs, std::size_t peer_pairs, Light draw) {
+    Work work;
+    std::mt19937_64 random(kSeed);
+    std::normal_distribution<double> noise(0.0, 0.6);
+    for (std::size_t k = 0; k < 2 * pairs; ++k) {
+        const auto light = draw(random, k);
+        auto& h = work.field.add();
+        for (int bin = 0; bin < kBins * kBins; ++bin) {
+            const double dn = 250 * light(bin % kBins, bin / kBins) + noise(random);
+            h[static_cast<std::size_t>(bin)] = dn <= 3 ? std::uint16_t{0} : static_cast<std::uint16_t>(std::min(dn, 255.0));
+        }
+        work.field.close();
+    }
+    for (std::size_t k = 0; k < pairs; ++k) work.pairs.emplace_back(work.field.at(2 * k), work.field.at(2 * k + 1));
+    finish(work, peer_pairs);
+    return work;
+}
+
+double gauss(double x, double y, double radius) { return std::exp(-(x * x + y * y) / (2 * radius * radius)); }
+
+Work two_lobes() {
+    return synthetic(4000, 500, [](auto& random, std::size_t) {
+        std::uniform_real_distribution<double> at(2.0, 6.0), share(0.3, 0.7);
+        const double x0 = at(random), y0 = at(random), x1 = at(random), y1 = at(random), s = share(random);
+        return [=](int i, int j) { return s * gauss(i - x0, j - y0, 0.5) + (1 - s) * gauss(i - x1, j - y1, 0.5); };
+    });
+}
+Work mid() {
+    return synthetic(1000, 100, [](auto& random, std::size_t) {
+        std::uniform_real_distribution<double> at(3.5, 4.5);
+        const double x0 = at(random), y0 = at(random);
+        return [=, &random](int i, int j) {
+            std::uniform_real_distribution<double> level(0.5, 1.0);
+            const double r = std::hypot(i - x0, j - y0);
+            return r > 3.45 ? 0.0 : gauss(i - x0, j - y0, 2.5) * level(random);
+        };
+    });
+}
+Work dense() {
+    return synthetic(300, 20, [](auto& random, std::size_t) {
+        return [&random](int, int) { return std::uniform_real_distribution<double>(0.02, 1.0)(random); };
+    });
+}
+
+const Work& work_named(const std::string& name) {
+    static std::map<std::string, Work> made;
+    if (const auto found = made.find(name); found != made.end()) return found->second;
+    return made[name] = name == "frame" ? frame_work() : name == "two-lobe" ? two_lobes() : name == "mid" ? mid() : dense();
+}
+
+const algo::GroundDistance& ground() {
+    static const auto made = *algo::GroundDistance::between_bins(kBins, kBins);
+    return made;
+}
+
+void per_pair(benchmark::State& state, std::size_t pairs) {
+    state.counters["ns_a_pair"] =
+        benchmark::Counter(static_cast<double>(pairs) * 1e-9, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+}
+
+void ours(benchmark::State& state, const std::string& name, algo::Isa isa) {
+    const auto& pairs = work_named(name).pairs;
+    auto solver = *algo::EmdSolver::create(ground(), isa);
+    std::vector<double> out(pairs.size());
+    for (auto _ : state) {
+        for (std::size_t k = 0; k < pairs.size(); ++k) solver.submit(pairs[k].first, pairs[k].second, &out[k]);
+        solver.finish();
+        benchmark::ClobberMemory();
+    }
+    per_pair(state, pairs.size());
+}
+
+template <class Peer>
+void peer(benchmark::State& state, const std::string& name, Peer solver) {
+    const auto& pairs = work_named(name).for_peers;
+    for (auto _ : state) {
+        for (const auto& [a, b] : pairs) benchmark::DoNotOptimize(solver.distance(a, b));
+    }
+    per_pair(state, pairs.size());
+}
+
+// Collects the median of every benchmark.
+class Medians : public benchmark::ConsoleReporter {
+  public:
+    void ReportRuns(const std::vector<Run>& runs) override {
+        for (const Run& run : runs) {
+            if (run.run_type == Run::RT_Aggregate && run.aggregate_name == "median") {
+                ns_a_pair[run.run_name.function_name] = run.counters.at("ns_a_pair").value;
+            }
+        }
+        ConsoleReporter::ReportRuns(runs);
+    }
+    std::map<std::string, double> ns_a_pair;
+};
+
+const char* const kPeers[] = {"cv, zeros skipped", "cv, cancelled", "LEMON, zeros skipped"};
+
+void print_table(const std::map<std::string, double>& ns, const std::vector<std::string>& works) {
+    std::printf("\nExact earth mover's distance, Euclidean ground, 9x9 bins: CPU time a pair, median, one thread\n\n"
+                "| pairs | lit bins | here, ns | portable, ns | %s | %s | %s | against the best |\n|---|---|---|---|---|---|---|---|\n",
+                kPeers[0], kPeers[1], kPeers[2]);
+    for (const auto& work : works) {
+        const double here = ns.at(work + "/here");
+        std::printf("| %s | %.1f | %.1f | %.1f |", work.c_str(), work_named(work).lit, here, ns.at(work + "/portable"));
+        double best = INFINITY;
+        for (const char* name : kPeers) {
+            const double other = ns.at(work + "/" + name);
+            best = std::min(best, other);
+            std::printf(" %.0f ns = %.1fx |", other, other / here);
+        }
+        std::printf(" %.1fx |\n", best / here);
+    }
+    if (const auto frame = ns.find("frame/here"); frame != ns.end()) {
+        const double pairs = static_cast<double>(work_named("frame").pairs.size());
+        std::printf("\nWhole frame: %.0f pairs in %.1f ms on one core; peers from a random %d of them.\n", pairs, pairs * frame->second * 1e-6, kPeerPairs);
+    }
+}
+
+}  // namespace
+}  // namespace hord::bench
+
+int main(int argc, char** argv) {
+    using namespace hord::bench;
+    using hord::algo::Isa;
+    std::vector<std::string> works = {"frame", "two-lobe", "mid", "dense"};
+    if (work_named("frame").pairs.empty()) {
+        std::printf("no bench/frame_555_9x9.png below %s: set HORD_DATA; measuring synthetic pairs only\n", data_dir().c_str());
+        works.erase(works.begin());
+    }
+    for (const auto& work : works) {
+        const auto add = [&](const std::string& name, auto run) {
+            benchmark::RegisterBenchmark((work + "/" + name).c_str(), run)->Unit(benchmark::kMillisecond)->Repetitions(7)->MinTime(0.1)->ReportAggregatesOnly();
+        };
+        add("here", [work](benchmark::State& s) { ours(s, work, hord::algo::best_isa()); });
+        add("avx2", [work](benchmark::State& s) { hord::algo::has(Isa::avx2) ? ours(s, work, Isa::avx2) : s.SkipWithError("no AVX2"); });
+        add("portable", [work](benchmark::State& s) { ours(s, work, Isa::portable); });
+        add(kPeers[0], [work](benchmark::State& s) { peer(s, work, CvPeer(ground(), false)); });
+        add(kPeers[1], [work](benchmark::State& s) { peer(s, work, CvPeer(ground(), true)); });
+        add(kPeers[2], [work](benchmark::State& s) { peer(s, work, LemonPeer(ground())); });
+    }
+    std::vector<char*> arguments(argv, argv + argc);
+    std::string interleave = "--benchmark_enable_random_interleaving=true";
+    arguments.push_back(interleave.data());
+    int count = static_cast<int>(arguments.size());
+    benchmark::Initialize(&count, arguments.data());
+    Medians medians;
+    benchmark::RunSpecifiedBenchmarks(&medians);
+    try {
+        print_table(medians.ns_a_pair, works);
+    } catch (const std::out_of_range&) {
+        std::printf("\n(no table: --benchmark_filter left some benchmarks out)\n");
+    }
+}
