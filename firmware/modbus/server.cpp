@@ -117,6 +117,7 @@ struct Server::Impl {
     struct Connection {
         Fd fd;
         std::string peer;
+        bool may_write = false;
         hal::EventLoop::WatchId watch = hal::EventLoop::WatchId::none;
         FramerTcp framer;
         std::array<std::uint8_t, kOutputSize> output;
@@ -173,13 +174,19 @@ struct Server::Impl {
                 if (without && k == 0) make_room_for_descriptors();
                 return;
             }
+            const Access access = access_of(reinterpret_cast<const sockaddr&>(address), options.access);
+            if (access == Access::none) {
+                ++statistics.refused;
+                continue;
+            }
             ++statistics.accepted;
             if (connections.size() >= options.max_connections) evict();
-            welcome(std::move(fd), address_of(address, length));
+            welcome(std::move(fd), address_of(address, length),
+                    options.may_write && access == Access::read_write);
         }
     }
 
-    void welcome(Fd fd, std::string peer) {
+    void welcome(Fd fd, std::string peer, bool may_write) {
         set_option(fd.get(), IPPROTO_TCP, TCP_NODELAY, 1);
         // A peer that lost its power is noticed after 30 + 3 * 10 seconds.
         set_option(fd.get(), SOL_SOCKET, SO_KEEPALIVE, 1);
@@ -189,6 +196,7 @@ struct Server::Impl {
         auto connection = std::make_unique<Connection>();
         connection->fd = std::move(fd);
         connection->peer = std::move(peer);
+        connection->may_write = may_write;
         connection->last_used = loop.now();
         Connection& c = *connection;
         connections.push_back(std::move(connection));
@@ -263,7 +271,7 @@ struct Server::Impl {
 
     void answer(Connection& c, const Request& request) {
         const auto frame = std::span(c.output).subspan(c.filled);
-        const Origin origin{.peer = c.peer, .may_write = options.may_write};
+        const Origin origin{.peer = c.peer, .may_write = c.may_write};
         const std::size_t size =
             dispatch(model, origin, request.pdu, frame.subspan(kMbapSize).first<kMaxPdu>());
         write_mbap(request, size, frame);

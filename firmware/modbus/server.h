@@ -12,25 +12,30 @@
 
 #include "algo/result.h"
 #include "drivers/hal/event_loop.h"
+#include "firmware/modbus/access.h"
 #include "firmware/modbus/dispatcher.h"
 
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace hord::firmware::modbus {
 
 struct ServerOptions {
-    std::string host =
-        "0.0.0.0";             // an address of this machine, IPv4 or IPv6; "0.0.0.0" and "::" are all of them
+    // An address of this machine, IPv4 or IPv6; "0.0.0.0" and "::" are all of them.
+    std::string host = "0.0.0.0";
     std::uint16_t port = 502;  // 0: any free one, see port()
     std::size_t max_connections = 32;
-    bool may_write = true;  // false: a read-only listener; writing is an unknown function there
+    bool may_write = true;                // false: a read-only listener; writing is an unknown function there
+    std::vector<AccessRule> access = {};  // who may connect, and who of these may write; empty: all
 };
 
 struct ServerStatistics {
-    std::uint64_t accepted = 0, evicted = 0,
-                  broken = 0;  // connections; broken: closed for bytes that are not Modbus
+    std::uint64_t accepted = 0;  // connections
+    std::uint64_t evicted = 0;   // closed to make room for others
+    std::uint64_t broken = 0;    // closed for bytes that are not Modbus
+    std::uint64_t refused = 0;   // closed at once by the access rules
     std::uint64_t requests = 0, exceptions = 0;
     std::size_t connections = 0;  // now
 };

@@ -106,6 +106,26 @@ TEST_F(ServedStation, a_restarted_server_is_found_again_by_the_same_client) {
     EXPECT_TRUE(reader.read(0, 2));
 }
 
+TEST_F(ServedStation, who_is_not_on_the_list_is_closed_at_once) {
+    loop.on_loop([&] { server.reset(); });
+    serve({.access = {{*parse_network("192.0.2.0/24"), true}}});
+    Peer peer(port);
+    EXPECT_TRUE(peer.closed_by_server());
+    EXPECT_EQ(statistics().refused, 1U);
+    EXPECT_EQ(statistics().accepted, 0U);
+}
+
+TEST_F(ServedStation, who_may_only_read_knows_no_writing_function) {
+    loop.on_loop([&] { server.reset(); });
+    serve({.access = {{*parse_network("127.0.0.0/8"), false}}});
+    Client reader = client();
+    EXPECT_TRUE(reader.read(0, 2));
+    const std::uint16_t one = 1;
+    const auto written = reader.write(8102, std::span(&one, 1));
+    ASSERT_FALSE(written);
+    EXPECT_THAT(written.error().message(), HasSubstr("exception 01"));
+}
+
 TEST_F(ServedStation, a_taken_port_is_an_error_that_names_the_port_and_the_cure) {
     const auto second =
         loop.on_loop([&] { return Server::open(loop, image, {.host = "127.0.0.1", .port = port}); });

@@ -1,0 +1,35 @@
+// Who may connect to the register server, and who may write.
+#pragma once
+
+#include "algo/result.h"
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+struct sockaddr;
+
+namespace hord::firmware::modbus {
+
+// A network as written in the configuration: "192.0.2.0/24", "2001:db8::/32", or one address. IPv4 is kept as
+// IPv6 (::ffff:a.b.c.d).
+struct Network {
+    std::array<std::uint8_t, 16> address{};
+    int prefix_bits = 128;  // of the 128
+};
+
+// Fails with invalid_argument: not an address, a prefix too long, or bits set beyond it.
+[[nodiscard]] Result<Network> parse_network(std::string_view text);
+
+struct AccessRule {
+    Network network;
+    bool may_write = false;
+};
+
+enum class Access : std::uint8_t { none, read, read_write };
+
+// The first rule whose network holds the peer decides; no rule holds it: none. No rules at all: read_write.
+[[nodiscard]] Access access_of(const sockaddr& peer, std::span<const AccessRule> rules);
+
+}  // namespace hord::firmware::modbus
