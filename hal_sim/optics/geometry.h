@@ -3,9 +3,10 @@
 // A ray knows on which side of every surface it is, and which surface it stands on; both come from the crossings it
 // has made, never from a point a little further on. So there is no offset to choose: on the surface a ray has just
 // crossed or been reflected from, the root t = 0 is known exactly and divided out, and elsewhere a crossing is as good
-// as the bound given with it. Lengths in millimetres, but nothing depends on the unit.
+// as crossing_error() says. Lengths in millimetres, but nothing depends on the unit.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -39,24 +40,63 @@ struct Surface {
     double radius = 0;
 };
 
-// Where a ray crosses a surface next, and how far off that may be. `t` is infinity when it never does.
-struct Crossing {
-    double t = std::numeric_limits<double>::infinity();
-    double error = 0;  // |t - true t| <= error, for the ray as given (first-order bound)
-};
-
 bool is_inside(const Surface& surface, const Vec3& p);
 
-// The next crossing at t >= 0 of a ray that is inside or outside (`inside`) and may start on the surface (`on_surface`:
-// it has just crossed it, into the side told by `inside`, or been reflected on that side).
-// Sphere: E. Haines et al., "Precision Improvements for Ray/Sphere Intersection", Ray Tracing Gems (2019), chapter 7.
-Crossing next_crossing(const Surface& surface, const Ray& ray, bool inside, bool on_surface);
+constexpr double kNever = std::numeric_limits<double>::infinity();
 
-// The point of the surface nearest to a computed crossing, and the outward unit normal there.
-Vec3 outward_normal(const Surface& surface, const Vec3& p);
-Vec3 on_surface(const Surface& surface, const Vec3& p);
+constexpr double kAlongAxis = 1e-30;  // squared sine to a cylinder's axis below which the ray never reaches its wall
+
+// How far along the ray the next crossing is (t >= 0; kNever) of a ray that is inside or outside (`inside`) and may start on
+// the surface (`on_surface`: it has just crossed it, into the side told by `inside`, or been reflected on that side).
+// Sphere: E. Haines et al., "Precision Improvements for Ray/Sphere Intersection", Ray Tracing Gems (2019), chapter 7.
+inline double next_crossing(const Surface& surface, const Ray& ray, bool inside, bool on_surface);
+
+// How far off that may be, for the ray as given (first-order bound): |t - true t| <= this.
+double crossing_error(const Surface& surface, const Ray& ray, double t);
+
+// Where a computed crossing belongs: the point of the surface nearest to it, and the outward unit normal there.
+struct Foot {
+    Vec3 point, normal;
+};
+Foot foot_of(const Surface& surface, const Vec3& p);
 
 // Shortest distance from point c to the segment a..b.
 double distance_to_segment(const Vec3& c, const Vec3& a, const Vec3& b);
+
+// Of a convex quadric a t^2 - 2 b t + c = 0, with gap = r^2 - (closest approach)^2 computed without cancellation.
+inline double convex_crossing(double a, double b, double c, double gap, bool inside) {
+    if (gap <= 0) return inside ? std::max(b / a, 0.0) : kNever;  // a tangent touches and does not enter
+    const double root = std::sqrt(a * gap);
+    if (inside) return std::max((b >= 0 ? (b + root) / a : c / (b - root)), 0.0);
+    // Outside by state. Behind us: true of a ray that moves away, rounding of one that has just arrived.
+    if (b <= 0) return kNever;
+    return std::max(c / (b + root), 0.0);
+}
+
+inline double next_crossing(const Surface& surface, const Ray& ray, bool inside, bool on_surface) {
+    const Vec3 f = ray.origin - surface.point;
+    const Vec3& d = ray.direction;
+    if (surface.shape == Surface::Shape::plane) {
+        const double towards = dot(d, surface.axis);
+        if (on_surface || (inside ? towards <= 0 : towards >= 0)) return kNever;
+        return std::max(-dot(f, surface.axis) / towards, 0.0);
+    }
+    if (on_surface && !inside) return kNever;  // a convex solid is left once
+    const double r = surface.radius;
+    if (surface.shape == Surface::Shape::sphere) {
+        const double b = -dot(f, d);
+        if (on_surface) return std::max(2 * b, 0.0);
+        const Vec3 closest = f + b * d;
+        return convex_crossing(1, b, dot(f, f) - r * r, r * r - dot(closest, closest), inside);
+    }
+    const Vec3 g = f - dot(f, surface.axis) * surface.axis;
+    const Vec3 e = d - dot(d, surface.axis) * surface.axis;
+    const double a = dot(e, e);
+    if (a < kAlongAxis) return kNever;
+    const double b = -dot(g, e);
+    if (on_surface) return std::max(2 * b / a, 0.0);
+    const Vec3 closest = g + (b / a) * e;
+    return convex_crossing(a, b, dot(g, g) - r * r, r * r - dot(closest, closest), inside);
+}
 
 }  // namespace hord::sim

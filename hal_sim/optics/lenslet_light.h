@@ -4,9 +4,9 @@
 // corners (the two-level design 2^(4-1), resolution IV), say what the part does to it:
 //   - every ray of one path, bent alike: the source's disc, mapped back linearly, is cut by the bins exactly (source_area.h);
 //   - slopes that no path brings near the source are dark, and the box shrinks to the rest;
-//   - rays of different paths (an edge runs through the cell), or bent too differently: the cell is halved where they differ.
+//   - rays of different paths (an edge runs through the cell), or bent too differently: the cell is halved where they differ,
+//     and when it holds only a small share of a bin, sampled evenly.
 // Cells that may hold a defect smaller than themselves are halved whatever the nine rays say (Feature::resolution).
-// A cell of less than kSmallest of a bin is not halved any more: its nine rays stand for it.
 #pragma once
 
 #include <vector>
@@ -31,7 +31,8 @@ class LensletLight {
     [[nodiscard]] bool is_near(const Cell& cell, const Feature& feature) const;
     [[nodiscard]] SlopeBox shrink(const Cell& cell, const Samples& samples) const;
     void add_smooth(const Cell& cell, const Samples& samples, double* bins) const;
-    void add_rays(const Cell& cell, const Samples& samples, double* bins) const;
+    void add_sampled(const Cell& cell, double rays_per_bin, double* bins) const;
+    void halve(const Cell& cell, int axis, const std::vector<const Feature*>& near, double* bins) const;
 
     algo::Extents extents_;
     CameraGeometry camera_;

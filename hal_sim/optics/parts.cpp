@@ -45,6 +45,7 @@ void build(Body& body, const DoubleConvexLens& lens) {
     const int source_side = add_sphere(body, {0, 0, r - half}, r);
     const int edge = add_cylinder(body, {}, {0, 0, 1}, a);
     body.fill(Solid::all({Solid::inside(camera_side), Solid::inside(source_side), Solid::inside(edge)}), lens.refractive_index);
+    body.convex = true;
     bound(body, {a, a, half});
 }
 
@@ -62,6 +63,7 @@ void build(Body& body, const Wedge& wedge) {
         sides.push_back(Solid::inside(add_plane(body, {0, s * h, 0}, {0, s, 0})));
     }
     body.fill(Solid::all(std::move(sides)), wedge.refractive_index);
+    body.convex = true;
     bound(body, {h, h, half + h * (std::abs(tx) + std::abs(ty))});
 }
 

@@ -14,16 +14,15 @@ struct Refraction {
     double cos_out = 1;
 };
 
-// `normal`: unit, either orientation. 1 - (n sin)^2 is taken as a product, from the tangential part of the direction and
-// not from its cosine, so that it keeps its relative accuracy at normal incidence and close to the critical angle.
+// `normal`: unit, either orientation. 1 - (n sin)^2 is taken from the tangential part of the direction and not from its
+// cosine, so that close to the critical angle nothing is lost but what the angle itself has lost.
 inline Refraction refract(const Vec3& direction, const Vec3& normal, double index_before, double index_after) {
     double cosine = dot(direction, normal);
     const Vec3 tangent = direction - cosine * normal;
     const Vec3 onwards = cosine < 0 ? -1.0 * normal : normal;
     if (cosine < 0) cosine = -cosine;
     const double ratio = index_before / index_after;
-    const double sine = ratio * length(tangent);
-    const double square = (1 - sine) * (1 + sine);
+    const double square = 1 - ratio * ratio * dot(tangent, tangent);
     if (square <= 0) return {unit(tangent - cosine * onwards), true, cosine, cosine};
     const double cos_out = std::sqrt(square);
     const Vec3 out = ratio * tangent + cos_out * onwards;

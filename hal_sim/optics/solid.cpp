@@ -32,6 +32,8 @@ void Body::fill_more(Solid defect, double index) {
 }
 
 void Body::done() {
+    size = length(high - low);
+    for (const Surface& surface : surfaces) size = std::max(size, surface.radius);
     constexpr std::size_t kTabulated = 12;
     if (surfaces.size() > kTabulated) return;
     std::vector<std::uint8_t> table(std::size_t{1} << surfaces.size());

@@ -48,8 +48,10 @@ struct Body {
     std::vector<Surface> surfaces;
     std::vector<Disc> discs;
     std::vector<Feature> features;
-    Vec3 low, high;  // everything lies in this box
+    Vec3 low, high;   // everything lies in this box
+    double size = 0;  // its diagonal, or the largest radius where that is larger
     bool empty = true;
+    bool convex = false;  // the part without its defects: light that has left it never meets it again
 
     // Adds a surface and gives its number; -1 when there are kMaxSurfaces already.
     int add(const Surface& surface);
@@ -58,6 +60,7 @@ struct Body {
     void fill_more(Solid defect, double index);
     void done();  // after the last of these
 
+    // 0: outside the part; 1: the part; from 2 on, its defects, be they hollow.
     [[nodiscard]] std::uint8_t medium(std::uint64_t state) const {
         return table_.empty() ? work_out(state) : table_[static_cast<std::size_t>(state)];
     }

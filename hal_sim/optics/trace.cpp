@@ -8,13 +8,13 @@ namespace hord::sim {
 namespace {
 
 constexpr int kMaxCrossings = 16;
-constexpr double kFar = std::numeric_limits<double>::infinity();
+constexpr double kClose = 1e-6;  // of the body's size: larger than any crossing_error() here
 
 std::uint64_t mix(std::uint64_t path, std::uint64_t step) { return (path ^ (step + 1)) * 0x9E3779B97F4A7C15ULL + (path >> 29); }
 
 // Distance along the ray to where it has left the box for good; negative when it never meets it.
 double leaves_box(const Body& body, const Ray& ray) {
-    double in = 0, out = kFar;
+    double in = 0, out = kNever;
     const auto slab = [&](double o, double d, double low, double high) {
         if (d == 0) {
             if (o < low || o > high) out = -1;
@@ -63,45 +63,53 @@ bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way
     const std::size_t count = body.surfaces.size();
     for (std::size_t s = 0; s < count; ++s) state |= std::uint64_t{is_inside(body.surfaces[s], ray.origin)} << s;
     std::uint8_t medium = body.medium(state);
+    if (medium != 0) leaves = kNever;
 
-    Crossing next[Body::kMaxSurfaces];
+    double next[Body::kMaxSurfaces];
     for (int step = 0;; ++step) {
         std::size_t first = 0;
-        double t = kFar;
+        double t = kNever;
         for (std::size_t s = 0; s < count; ++s) {
             next[s] = next_crossing(body.surfaces[s], ray, ((state >> s) & 1U) != 0, ((standing_on >> s) & 1U) != 0);
-            if (next[s].t < t) t = next[s].t, first = s;
+            if (next[s] < t) t = next[s], first = s;
         }
         if (t > leaves) break;
         if (step == kMaxCrossings) return false;
         // Faces that coincide, within the bounds on both, are crossed as one.
-        std::uint64_t crossed = 0;
+        std::uint64_t crossed = std::uint64_t{1} << first;
         for (std::size_t s = 0; s < count; ++s) {
-            if (next[s].t - t <= next[s].error + next[first].error) crossed |= std::uint64_t{1} << s;
+            if (s == first || next[s] - t > kClose * body.size) continue;  // far from it: no need to work out the bounds
+            const double errors = crossing_error(body.surfaces[s], ray, next[s]) + crossing_error(body.surfaces[first], ray, t);
+            if (next[s] - t <= errors) crossed |= std::uint64_t{1} << s;
         }
         if (!body.discs.empty()) pass_discs(body, ray, t, weight, path);
 
         const std::uint8_t beyond = body.medium(state ^ crossed);
         const double index_before = body.index(medium), index_after = body.index(beyond);
-        const Surface& surface = body.surfaces[first];
-        ray.origin = on_surface(surface, ray.origin + t * ray.direction);
+        const Foot foot = foot_of(body.surfaces[first], ray.origin + t * ray.direction);
+        ray.origin = foot.point;
         standing_on = crossed;
         note(ray.origin, medium != 0);
         bool through = true;
         if (index_before != index_after) {
-            const Refraction bent = refract(ray.direction, outward_normal(surface, ray.origin), index_before, index_after);
+            const Refraction bent = refract(ray.direction, foot.normal, index_before, index_after);
             ray.direction = bent.direction;
             path = mix(path, 2 * first + (bent.reflected ? 1 : 0));
             through = !bent.reflected;
         }
         if (through) {
             state ^= crossed;
+            const bool out = medium != 0 && beyond == 0;
             medium = beyond;
+            if (out && body.convex) {
+                leaves = 0;
+                break;
+            }
         }
-        leaves = leaves_box(body, ray);
+        leaves = medium == 0 ? leaves_box(body, ray) : kNever;
     }
-    if (!body.discs.empty()) pass_discs(body, ray, kFar, weight, path);
-    note(ray.origin + std::max(leaves, 0.0) * ray.direction, false);
+    if (!body.discs.empty()) pass_discs(body, ray, kNever, weight, path);
+    if (way) note(ray.origin + (leaves > 0 && leaves < kNever ? leaves : body.size) * ray.direction, false);
     return true;
 }
 

@@ -42,7 +42,7 @@ Around around(const Ball& d) { return {d.centre_mm, d.radius_mm}; }
 class Labels {
   public:
     Labels(const Scene& scene, const Body& clean)
-        : extents_(scene.camera.extents), camera_(scene), clean_(clean), seen_(extents_.lenslets()), touched_(extents_.lenslets()) {}
+        : extents_(scene.camera.extents), camera_(scene), clean_(clean), seen_(extents_.lenslets()), balance_(extents_.lenslets()), touched_(extents_.lenslets()) {}
 
     // Sends light through the whole field, `per_side` squared rays a lenslet, and notes how each lenslet is reached.
     void survey(int per_side) {
@@ -58,6 +58,7 @@ class Labels {
                 const Landing landing = shine(clean_, from.x, from.y);
                 std::size_t at = 0;
                 if (landing.path == 0 || !lenslet_at(landing, at)) continue;
+                balance_[at] += landing.path == kFreePath ? -1 : 1;
                 if (landing.path == kFreePath) seen_[at] |= kFree;
                 else through.push_back({at, landing.path}), paths.push_back(landing.path);
             }
@@ -79,16 +80,15 @@ class Labels {
     TruthDefect look_at(const Defect& defect) {
         const auto [centre, reach] = around(defect);
         const double step = std::min(camera_.pitch_mm() / 8, reach / 12);
-        // Light reaches the defect's depth displaced by what the first face did to it.
-        const double search = 1.2 * reach + 0.1 * (clean_.high.z - clean_.low.z);
-        const int half = static_cast<int>(std::ceil(search / step));
+        const Vec3 aim = aim_at(centre);
+        const int half = static_cast<int>(std::ceil(1.3 * reach / step));
         TruthDefect found;
         std::vector<std::size_t> lenslets;
         double sum_m = 0, sum_n = 0, count = 0;
         for (int b = -half; b <= half; ++b) {
             for (int a = -half; a <= half; ++a) {
                 Way way;
-                const Landing landing = shine(clean_, centre.x + a * step, centre.y + b * step, &way);
+                const Landing landing = shine(clean_, aim.x + a * step, aim.y + b * step, &way);
                 if (landing.path == 0 || !meets(way, defect)) continue;
                 double m = 0, n = 0;
                 camera_.to_lenslets(landing.x, landing.y, m, n);
@@ -112,7 +112,7 @@ class Labels {
     [[nodiscard]] std::vector<std::uint8_t> labels(int border_width) const {
         const int m_count = extents_.m, n_count = extents_.n;
         const auto at = [&](int m, int n) { return static_cast<std::size_t>(n) * static_cast<std::size_t>(m_count) + static_cast<std::size_t>(m); };
-        const auto is_part = [&](std::size_t k) { return (seen_[k] & kThroughPart) != 0; };
+        const auto is_part = [&](std::size_t k) { return balance_[k] > 0; };  // most of the light
         std::vector<std::uint8_t> border(extents_.lenslets());
         for (int n = 0; n < n_count; ++n) {
             for (int m = 0; m < m_count; ++m) {
@@ -137,6 +137,25 @@ class Labels {
     }
 
   private:
+    // Where to send light to that passes `place`, bent by what lies before it: three steps of a fixed-point search.
+    [[nodiscard]] Vec3 aim_at(const Vec3& place) const {
+        Vec3 aim = place;
+        for (int step = 0; step < 3; ++step) {
+            Way way;
+            shine(clean_, aim.x, aim.y, &way);
+            for (int k = 1; k < way.count; ++k) {
+                const Vec3& a = way.points[k - 1];
+                const Vec3& b = way.points[k];
+                if (!(a.z <= place.z && place.z < b.z)) continue;
+                const double t = (place.z - a.z) / (b.z - a.z);
+                aim.x -= a.x + t * (b.x - a.x) - place.x;
+                aim.y -= a.y + t * (b.y - a.y) - place.y;
+                break;
+            }
+        }
+        return aim;
+    }
+
     bool lenslet_at(const Landing& landing, std::size_t& at) const {
         double m = 0, n = 0;
         camera_.to_lenslets(landing.x, landing.y, m, n);
@@ -149,7 +168,9 @@ class Labels {
     algo::Extents extents_;
     CameraGeometry camera_;
     const Body& clean_;
-    std::vector<std::uint8_t> seen_, touched_;
+    std::vector<std::uint8_t> seen_;
+    std::vector<int> balance_;  // rays through the part, less free ones
+    std::vector<std::uint8_t> touched_;
 };
 
 }  // namespace
