@@ -75,18 +75,25 @@ HORD_ALWAYS_INLINE double least_body(const double* key, const double* shut, int 
 }
 
 template <int Bytes>
-HORD_ALWAYS_INLINE double least_reduced_body(const double* cost, const double* v, double u, int stride) {
+HORD_ALWAYS_INLINE double least_reduced_body(const double* cost, const double* u, const double* v, int first, int last, int stride) {
     using L = Lanes<Bytes>;
     using V = typename L::V;
+    using Bits = Vector<std::int64_t, Bytes>;
+    constexpr std::int64_t kOrder[kScanLanes] = {0, 1, 2, 3, 4, 5, 6, 7};
     L least;
-    least.fill(std::numeric_limits<double>::infinity());
-    for (int j = 0; j < stride; j += kScanLanes) {
-        for (int p = 0; p < L::kParts; ++p) {
-            const int at = j + p * L::kEach;
-            least.part[p] = lower<V>(least.part[p], load<V>(cost + at) - load<V>(v + at));
+    least.fill(0);
+    for (int i = first; i < last; ++i) {
+        const double* c = cost + i * stride;
+        for (int j = 0; j < stride; j += kScanLanes) {
+            for (int p = 0; p < L::kParts; ++p) {
+                const int at = j + p * L::kEach;
+                const V reduced = load<V>(c + at) - load<V>(v + at) - u[i];
+                const Bits named = (load<Bits>(&reduced) & ~std::int64_t{0xFFFF}) | (load<Bits>(kOrder + p * L::kEach) + (i * 256 + j));
+                least.part[p] = lower<V>(least.part[p], load<V>(&named));
+            }
         }
     }
-    return least.least() - u;
+    return least.least();
 }
 
 HORD_FOR_EACH_ISA(gather, double, gather_body,
@@ -96,8 +103,9 @@ HORD_FOR_EACH_ISA(gather, double, gather_body,
 HORD_FOR_EACH_ISA(keys, void, keys_body, (const double* cost, const double* mean, double mean_row, int row, int stride, double* key),
                   (cost, mean, mean_row, row, stride, key))
 HORD_FOR_EACH_ISA(least, double, least_body, (const double* key, const double* shut, int stride), (key, shut, stride))
-HORD_FOR_EACH_ISA(least_reduced, double, least_reduced_body, (const double* cost, const double* v, double u, int stride),
-                  (cost, v, u, stride))
+HORD_FOR_EACH_ISA(least_reduced, double, least_reduced_body,
+                  (const double* cost, const double* u, const double* v, int first, int last, int stride),
+                  (cost, u, v, first, last, stride))
 
 }  // namespace
 

@@ -174,28 +174,22 @@ void TransportSimplex::compute_duals() {
     std::fill(v_.begin() + cols_, v_.begin() + stride_, 0.0);
 }
 
-// A cell that lowers the cost: the best (the first of equals) in the first block of rows that holds one.
+// A cell that lowers the cost: the best in the next block of rows that holds one.
 bool TransportSimplex::price(int& enter_row, int& enter_col) {
-    double best = -tolerance_;
-    int best_row = -1;
-    for (int seen = 1; seen <= rows_; ++seen) {
-        const int i = next_row_;
-        next_row_ = next_row_ + 1 == rows_ ? 0 : next_row_ + 1;
-        const double least = scan_.least_reduced(&cell(i, 0), v_.data(), u_[index(i)], stride_);
-        if (least < best) {
-            best = least;
-            best_row = i;
+    for (int seen = 0; seen < rows_;) {
+        const int first = next_row_;
+        const int last = std::min(first + kRowsAtOnce, rows_);
+        seen += last - first;
+        next_row_ = last == rows_ ? 0 : last;
+        const double least = scan_.least_reduced(cell_.data(), u_.data(), v_.data(), first, last, stride_);
+        if (least < -tolerance_) {
+            const auto bits = std::bit_cast<std::uint64_t>(least);
+            enter_row = static_cast<int>(bits >> 8 & 0xFF);
+            enter_col = static_cast<int>(bits & 0xFF);
+            return true;
         }
-        if (best_row >= 0 && seen % kRowsAtOnce == 0) break;
     }
-    if (best_row < 0) return false;
-    const double* costs = &cell(best_row, 0);
-    const double u = u_[index(best_row)];
-    int j = 0;
-    while (costs[j] - v_[index(j)] - u != best) ++j;
-    enter_row = best_row;
-    enter_col = j;
-    return true;
+    return false;
 }
 
 void TransportSimplex::pivot(int enter_row, int enter_col) {

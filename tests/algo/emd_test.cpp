@@ -164,6 +164,35 @@ TEST(Emd, agrees_with_lemon_on_direction_maps) {
     }
 }
 
+// -- one answer ---------------------------------------------------------------------------------------------------------
+
+// Alone or side by side, on whatever instruction set this processor has: the same bits.
+TEST(Emd, gives_the_same_bits_side_by_side_and_on_every_instruction_set) {
+    for (const auto& ground : {bins_apart(9, 9), bins_apart(4, 7, GroundNorm::squared_euclidean)}) {
+        const int i = ground.bins_i(), j = ground.bins_j();
+        Random random(31);
+        std::vector<Histogram> h;
+        for (int n = 0; n < 3000; ++n) {
+            h.push_back(n % 5 == 0   ? scattered(random, i * j, 1 + n % 60, 255)
+                        : n % 5 == 1 ? two_lobes(random, i, j, 4095)
+                        : n % 5 == 2 ? scattered(random, i * j, 4, 2)
+                                     : blob(random, i, j, 255, 0.6));
+        }
+        auto alone = EmdSolver::create(ground, Isa::portable);
+        std::vector<double> expected;
+        for (std::size_t n = 1; n < h.size(); ++n) expected.push_back(alone->distance(hord_of(h[n - 1]), hord_of(h[n])));
+        for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
+            auto solver = EmdSolver::create(ground, isa);
+            EXPECT_EQ(solver.has_value(), has(isa));
+            if (!solver) continue;
+            std::vector<double> out(expected.size(), -1);
+            for (std::size_t n = 1; n < h.size(); ++n) solver->submit(hord_of(h[n - 1]), hord_of(h[n]), &out[n - 1]);
+            solver->finish();
+            EXPECT_EQ(out, expected);
+        }
+    }
+}
+
 // -- properties -----------------------------------------------------------------------------------------------------
 
 TEST(Emd, is_a_metric_on_histograms_and_at_least_the_distance_of_means) {
