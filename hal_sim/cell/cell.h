@@ -1,0 +1,80 @@
+// The simulated cell: world and devices, assembled from one struct of options.
+//
+//     sim::TokenFrames frames({27, 27, 8});                       // or sim::RenderedFrames
+//     auto cell = sim::SimulatedCell::make(loop, frames, options);  // any event loop: virtual or real time
+//     station.start((*cell)->part_sensor(), (*cell)->strobe(), (*cell)->sensor(), (*cell)->rejector());
+//     (*cell)->start();                                           // the belt moves, parts come
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "drivers/hal/event_loop.h"
+#include "hal_sim/cell/faults.h"
+#include "hal_sim/cell/frame_source.h"
+#include "hal_sim/cell/sim_part_sensor.h"
+#include "hal_sim/cell/sim_rejector.h"
+#include "hal_sim/cell/sim_sensor.h"
+#include "hal_sim/cell/sim_strobe.h"
+#include "hal_sim/cell/world.h"
+
+namespace hord::sim {
+
+struct CellOptions {
+    std::uint64_t seed = 1;
+    ConveyorOptions conveyor;
+    ScheduleOptions schedule;
+    GeometryOptions geometry;
+    PartSensorOptions part_sensor;
+    StrobeOptions strobe;
+    SensorOptions sensor;
+    RejectorOptions rejector;
+    std::vector<FaultRule> faults;
+
+    // What a station on this line is told: from the arrival edge to the part centred before camera and ejector.
+    [[nodiscard]] hal::Duration camera_delay() const { return travel(geometry.camera_mm); }
+    [[nodiscard]] hal::Duration ejector_delay() const { return travel(geometry.ejector_mm); }
+    [[nodiscard]] hal::Duration travel(double mm) const {
+        return hal::Duration(static_cast<hal::Duration::rep>(mm / conveyor.speed_mm_s * 1e9));
+    }
+};
+
+class SimulatedCell {
+  public:
+    // `loop` and `frames` outlive the cell. Fails with invalid_argument, every impossible option named.
+    static Result<std::unique_ptr<SimulatedCell>> make(hal::EventLoop& loop, FrameSource& frames, const CellOptions& options);
+
+    // The belt moves from now on; a station that is to see the first part is armed before.
+    void start() { world_.start(); }
+    [[nodiscard]] bool finished() const { return world_.finished(); }
+
+    [[nodiscard]] hal::PartSensor& part_sensor() { return part_sensor_; }
+    [[nodiscard]] SimStrobe& strobe() { return strobe_; }
+    [[nodiscard]] SimSensor& sensor() { return sensor_; }
+    [[nodiscard]] SimRejector& rejector() { return rejector_; }  // or a real one that tells world().set_ejector()
+
+    [[nodiscard]] World& world() { return world_; }
+    [[nodiscard]] FaultPlan& faults() { return faults_; }
+
+    // Every part, with its fate, as it is decided: kept when asked for, else only counted in world().totals().
+    void keep_history(bool keep) { keep_history_ = keep; }
+    [[nodiscard]] const std::vector<PartRecord>& history() const { return history_; }
+
+    // In addition to what the cell itself watches.
+    void watch(World::Watchers watchers) { watchers_ = std::move(watchers); }
+
+  private:
+    SimulatedCell(hal::EventLoop& loop, FrameSource& frames, const CellOptions& options);
+
+    FaultPlan faults_;
+    World world_;
+    SimPartSensor part_sensor_;
+    SimStrobe strobe_;
+    SimSensor sensor_;
+    SimRejector rejector_;
+    World::Watchers watchers_;
+    bool keep_history_ = false;
+    std::vector<PartRecord> history_;
+};
+
+}  // namespace hord::sim

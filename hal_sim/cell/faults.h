@@ -1,0 +1,84 @@
+// What goes wrong in the simulated cell: data, seeded, and counted, because a fault that never fired proves nothing.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "drivers/hal/clock.h"
+
+namespace hord::sim {
+
+// The opportunity of a fault is what its second column says; `amount` means what the third says.
+enum class Fault : std::uint8_t {
+    frame_drop,            // each exposure       never delivered; the device's count shows a gap
+    frame_duplicate,       // each exposure       delivered twice, same sequence
+    frame_stale,           // each exposure       the frame before it comes in its place, with its old time
+    frame_late,            // each exposure       delivered `amount` later (200 ms)
+    frame_short,           // each exposure       half of its bytes
+    frame_corrupt,         // each exposure       flagged by the device
+    frame_dark,            // each exposure       no light reached the sensor
+    frame_saturated,       // each exposure       every sample at full scale
+    sensor_lost,           // each exposure       the device goes; start() fails for `amount` (100 ms)
+    strobe_dead,           // each pulse          reported as lit, no light
+    strobe_refused,        // each pulse          no light, and the report says so
+    strobe_weak,           // each pulse          a quarter of the light
+    strobe_double,         // each pulse          a second pulse, `amount` after the first ends (50 us)
+    strobe_late,           // each pulse          begins `amount` late (2 ms), as the report says
+    strobe_lost,           // each pulse          the device goes; start() fails for `amount` (100 ms)
+    edge_bounce,           // each arrival        two more edges pairs within `amount` (200 us)
+    edge_lost,             // each arrival        not delivered; the sequence shows a gap
+    edge_missed,           // each arrival        not delivered, without a trace
+    edge_ghost,            // each arrival        an arrival `amount` later (10 ms) with no part
+    encoder_slip,          // each arrival        the encoder loses `amount`'s worth of nominal motion (1 ms)
+    part_sensor_lost,      // each arrival        the device goes; start() fails for `amount` (100 ms)
+    reject_lost,           // each command        never acts, never acknowledged
+    reject_unacknowledged, // each command        acts, never acknowledged
+    reject_late,           // each command        acts `amount` late (100 ms), acknowledged then
+    reject_twice,          // each command        acts again `amount` after the first pulse ends (20 ms)
+    ejector_stuck,         // each command        acknowledged, the valve does not move
+    rejector_down,         // each command        the link goes for `amount` (100 ms), the command with it
+};
+inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::rejector_down) + 1;
+
+std::string_view name_of(Fault fault);                          // "frame-drop"
+std::optional<Fault> fault_named(std::string_view name);
+
+struct FaultRule {
+    Fault fault = Fault::frame_drop;
+    double probability = 1;                 // of each opportunity in [first, last]
+    std::uint64_t first = 0;                // opportunities count from 0
+    std::uint64_t last = UINT64_MAX;        // inclusive
+    hal::Duration amount{};                 // 0: the fault's own, above
+};
+
+class FaultPlan {
+  public:
+    FaultPlan(std::uint64_t seed, std::vector<FaultRule> rules);
+
+    // Counts an opportunity. The first rule that fires: the amount; else none.
+    // Depends on seed, fault and number of the opportunity only, so that removing a rule leaves the others as they were.
+    std::optional<hal::Duration> fires(Fault fault);
+
+    // The next opportunity fires, once, whatever the rules say. amount 0: the fault's own.
+    void fire_next(Fault fault, hal::Duration amount = {});
+
+    [[nodiscard]] bool names(Fault fault) const { return !tracks_[index(fault)].rules.empty(); }
+    [[nodiscard]] std::uint64_t opportunities(Fault fault) const { return tracks_[index(fault)].opportunities; }
+    [[nodiscard]] std::uint64_t fired(Fault fault) const { return tracks_[index(fault)].fired; }
+    [[nodiscard]] std::vector<Fault> never_fired() const;  // named by a rule, and not seen
+
+  private:
+    static std::size_t index(Fault fault) { return static_cast<std::size_t>(fault); }
+    struct Track {
+        std::vector<FaultRule> rules;
+        std::optional<hal::Duration> next;
+        std::uint64_t opportunities = 0, fired = 0;
+    };
+    std::uint64_t seed_;
+    std::array<Track, kFaults> tracks_;
+};
+
+}  // namespace hord::sim

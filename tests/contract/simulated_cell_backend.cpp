@@ -1,0 +1,108 @@
+// The simulated cell behind the contract suites, in virtual time.
+#include "hal_sim/cell/cell.h"
+#include "tests/contract/harness.h"
+
+namespace hord::contract {
+namespace {
+
+using namespace std::chrono_literals;
+using sim::Fault;
+
+constexpr hal::Duration kGoneFor = 200ms;
+
+template <class H>
+class InCell : public H {
+  public:
+    explicit InCell(const sim::CellOptions& options = {}) : H(virtual_loop()) {
+        auto made = sim::SimulatedCell::make(this->loop(), frames_, options);
+        EXPECT_TRUE(made) << made.error().message();
+        cell_ = std::move(*made);
+    }
+
+  protected:
+    bool lose_by(Fault fault) {
+        cell_->faults().fire_next(fault, kGoneFor);
+        return true;
+    }
+    sim::TokenFrames frames_{{27, 18, 12}};
+    std::unique_ptr<sim::SimulatedCell> cell_;
+};
+
+class SimPartSensorHarness final : public InCell<PartSensorHarness> {
+  public:
+    explicit SimPartSensorHarness(double counts_per_mm) : InCell(options(counts_per_mm)) { cell_->start(); }
+    hal::PartSensor& device() override { return cell_->part_sensor(); }
+    void pass_part() override {}  // they come by themselves, one every 200 ms
+    bool lose() override { return lose_by(Fault::part_sensor_lost); }
+
+  private:
+    static sim::CellOptions options(double counts_per_mm) {
+        sim::CellOptions o;
+        o.part_sensor.encoder_counts_per_mm = counts_per_mm;
+        o.part_sensor.latency = 100us;
+        o.schedule.pitch_mm = 100;
+        return o;
+    }
+};
+
+class SimStrobeHarness final : public InCell<StrobeHarness> {
+  public:
+    explicit SimStrobeHarness(int channels) : InCell(options(channels)) {}
+    hal::Strobe& device() override { return cell_->strobe(); }
+    std::optional<hal::Duration> light() override {
+        const double pulses = cell_->strobe().light_between({}, now() + 1h).amount;
+        return std::chrono::round<hal::Duration>(pulses * std::chrono::duration<double, std::nano>(sim::StrobeOptions{}.nominal_pulse));
+    }
+    bool lose() override { return lose_by(Fault::strobe_lost); }
+
+  private:
+    static sim::CellOptions options(int channels) {
+        sim::CellOptions o;
+        o.strobe.limits.channels = channels;
+        o.strobe.report = {20us, 10us};
+        return o;
+    }
+};
+
+class SimSensorHarness final : public InCell<SensorHarness> {
+  public:
+    SimSensorHarness() { cell_->start(); }
+    hal::Sensor& device() override { return cell_->sensor(); }
+    bool lose() override { return lose_by(Fault::sensor_lost); }
+};
+
+class SimRejectorHarness final : public InCell<RejectorHarness> {
+  public:
+    SimRejectorHarness() {
+        cell_->start();
+        cell_->watch({.part_edge = {}, .part_gone = {}, .ejector = [this](bool open, hal::TimePoint at) {
+                          if (open) acts_.push_back({at, std::nullopt});
+                          else acts_.back().until = at;
+                      }});
+    }
+    hal::Rejector& device() override { return cell_->rejector(); }
+    std::vector<Actuation> actuations() override { return acts_; }
+    bool permit() override { return cell_->rejector().run_permit(); }
+    bool lose() override { return lose_by(Fault::rejector_down); }
+
+  private:
+    std::vector<Actuation> acts_;
+};
+
+INSTANTIATE_TEST_SUITE_P(SimulatedCell, PartSensorContract,
+                         testing::Values(Backend<PartSensorHarness>{"plain", [] { return std::make_unique<SimPartSensorHarness>(0); }, ""},
+                                         Backend<PartSensorHarness>{"encoder", [] { return std::make_unique<SimPartSensorHarness>(20); }, ""}),
+                         name_of<PartSensorHarness>);
+INSTANTIATE_TEST_SUITE_P(SimulatedCell, StrobeContract,
+                         testing::Values(Backend<StrobeHarness>{"one_channel", [] { return std::make_unique<SimStrobeHarness>(1); }, ""},
+                                         Backend<StrobeHarness>{"all_channels", [] { return std::make_unique<SimStrobeHarness>(32); }, ""}),
+                         name_of<StrobeHarness>);
+INSTANTIATE_TEST_SUITE_P(SimulatedCell, SensorContract,
+                         testing::Values(Backend<SensorHarness>{"tokens", [] { return std::make_unique<SimSensorHarness>(); }, ""}),
+                         name_of<SensorHarness>);
+INSTANTIATE_TEST_SUITE_P(SimulatedCell, RejectorContract,
+                         testing::Values(Backend<RejectorHarness>{"in_process", [] { return std::make_unique<SimRejectorHarness>(); }, ""}),
+                         name_of<RejectorHarness>);
+
+}  // namespace
+}  // namespace hord::contract
