@@ -42,6 +42,7 @@ struct SdEventLoop::Loop {
     sd_event_source* post_source = nullptr;
     int post_fd = -1;
     int signal = 0;
+    bool stop = false;  // not sd_event_exit(): a loop that has exited never runs again
 
     std::map<Key, Callback> timers;
     std::unordered_map<std::uint64_t, hal::TimePoint> due_of;
@@ -120,7 +121,8 @@ struct SdEventLoop::Loop {
     static int on_signal(sd_event_source* source, const signalfd_siginfo*, void* self) {
         auto& loop = *static_cast<Loop*>(self);
         loop.signal = sd_event_source_get_signal(source);
-        return sd_event_exit(loop.event, 0);
+        loop.stop = true;
+        return 0;
     }
 };
 
@@ -152,7 +154,7 @@ Result<void> SdEventLoop::stop_on_signals(std::initializer_list<int> signals) {
 }
 
 Result<void> SdEventLoop::run() {
-    while (sd_event_get_state(loop_->event) != SD_EVENT_FINISHED) {
+    while (!std::exchange(loop_->stop, false)) {
         if (const int r = sd_event_run(loop_->event, UINT64_MAX); r < 0) return io_error("the event loop failed", r);
         loop_->gone_watches.clear();
     }
@@ -160,7 +162,7 @@ Result<void> SdEventLoop::run() {
 }
 
 void SdEventLoop::request_stop() {
-    do_post([event = loop_->event] { sd_event_exit(event, 0); });
+    do_post([loop = loop_.get()] { loop->stop = true; });
 }
 
 int SdEventLoop::stopped_by() const { return loop_->signal; }

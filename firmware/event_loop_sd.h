@@ -19,10 +19,10 @@ class SdEventLoop final : public hal::EventLoop {
     // the mask.
     Result<void> stop_on_signals(std::initializer_list<int> signals = {SIGINT, SIGTERM});
 
-    // Runs callbacks until request_stop(). Fails with io.
+    // Runs callbacks until request_stop(); may be run again. Fails with io.
     Result<void> run();
 
-    // Any thread. run() returns after the callback that runs now; a stop asked for before run() makes it return at once.
+    // Any thread. run() returns soon, after the callbacks that are due now; a stop asked for before run() makes it return at once.
     void request_stop();
 
     // The signal that stopped the loop; 0: none.

@@ -11,6 +11,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -39,6 +40,7 @@ class LoopRunner {
     virtual void run_for(hal::Duration duration) = 0;
 };
 std::unique_ptr<LoopRunner> virtual_loop();
+std::unique_ptr<LoopRunner> real_loop();  // sd-event
 
 // Long enough for any device on a busy machine; a condition that holds ends the wait at once.
 inline constexpr hal::Duration kPatience = std::chrono::seconds(5);
@@ -105,6 +107,10 @@ struct Backend {
     std::function<std::unique_ptr<H>()> make;
     std::string why_not;
 };
+template <class H>
+void PrintTo(const Backend<H>& backend, std::ostream* out) {
+    *out << backend.name;
+}
 template <class H>
 std::string name_of(const testing::TestParamInfo<Backend<H>>& info) {
     return info.param.name;

@@ -1,4 +1,4 @@
-// The simulated cell behind the contract suites, in virtual time.
+// The simulated cell behind the contract suites, in virtual and in real time.
 #include "hal_sim/cell/cell.h"
 #include "tests/contract/harness.h"
 
@@ -13,7 +13,7 @@ constexpr hal::Duration kGoneFor = 200ms;
 template <class H>
 class InCell : public H {
   public:
-    explicit InCell(const sim::CellOptions& options = {}) : H(virtual_loop()) {
+    explicit InCell(std::unique_ptr<LoopRunner> runner, const sim::CellOptions& options = {}) : H(std::move(runner)) {
         auto made = sim::SimulatedCell::make(this->loop(), frames_, options);
         EXPECT_TRUE(made) << made.error().message();
         cell_ = std::move(*made);
@@ -30,9 +30,9 @@ class InCell : public H {
 
 class SimPartSensorHarness final : public InCell<PartSensorHarness> {
   public:
-    explicit SimPartSensorHarness(double counts_per_mm) : InCell(options(counts_per_mm)) { cell_->start(); }
+    SimPartSensorHarness(std::unique_ptr<LoopRunner> runner, double counts_per_mm) : InCell(std::move(runner), options(counts_per_mm)) { cell_->start(); }
     hal::PartSensor& device() override { return cell_->part_sensor(); }
-    void pass_part() override {}  // they come by themselves, one every 200 ms
+    void pass_part() override {}  // they come by themselves, one every 30 ms
     bool lose() override { return lose_by(Fault::part_sensor_lost); }
 
   private:
@@ -40,14 +40,15 @@ class SimPartSensorHarness final : public InCell<PartSensorHarness> {
         sim::CellOptions o;
         o.part_sensor.encoder_counts_per_mm = counts_per_mm;
         o.part_sensor.latency = 100us;
-        o.schedule.pitch_mm = 100;
+        o.conveyor.speed_mm_s = 2000;
+        o.schedule.pitch_mm = 60;
         return o;
     }
 };
 
 class SimStrobeHarness final : public InCell<StrobeHarness> {
   public:
-    explicit SimStrobeHarness(int channels) : InCell(options(channels)) {}
+    SimStrobeHarness(std::unique_ptr<LoopRunner> runner, int channels) : InCell(std::move(runner), options(channels)) {}
     hal::Strobe& device() override { return cell_->strobe(); }
     std::optional<hal::Duration> light() override {
         const double pulses = cell_->strobe().light_between({}, now() + 1h).amount;
@@ -66,14 +67,14 @@ class SimStrobeHarness final : public InCell<StrobeHarness> {
 
 class SimSensorHarness final : public InCell<SensorHarness> {
   public:
-    SimSensorHarness() { cell_->start(); }
+    explicit SimSensorHarness(std::unique_ptr<LoopRunner> runner) : InCell(std::move(runner)) { cell_->start(); }
     hal::Sensor& device() override { return cell_->sensor(); }
     bool lose() override { return lose_by(Fault::sensor_lost); }
 };
 
 class SimRejectorHarness final : public InCell<RejectorHarness> {
   public:
-    SimRejectorHarness() {
+    explicit SimRejectorHarness(std::unique_ptr<LoopRunner> runner) : InCell(std::move(runner)) {
         cell_->start();
         cell_->watch({.part_edge = {}, .part_gone = {}, .ejector = [this](bool open, hal::TimePoint at) {
                           if (open) acts_.push_back({at, std::nullopt});
@@ -89,19 +90,24 @@ class SimRejectorHarness final : public InCell<RejectorHarness> {
     std::vector<Actuation> acts_;
 };
 
-INSTANTIATE_TEST_SUITE_P(SimulatedCell, PartSensorContract,
-                         testing::Values(Backend<PartSensorHarness>{"plain", [] { return std::make_unique<SimPartSensorHarness>(0); }, ""},
-                                         Backend<PartSensorHarness>{"encoder", [] { return std::make_unique<SimPartSensorHarness>(20); }, ""}),
+// Every backend on both loops.
+template <class H, class T, class... Options>
+auto on_both(const std::string& name, Options... options) {
+    return testing::Values(
+        Backend<H>{name + "_virtual_time", [=] { return std::make_unique<T>(virtual_loop(), options...); }, ""},
+        Backend<H>{name + "_real_time", [=] { return std::make_unique<T>(real_loop(), options...); }, ""});
+}
+
+INSTANTIATE_TEST_SUITE_P(SimulatedCell, PartSensorContract, (on_both<PartSensorHarness, SimPartSensorHarness>("plain", 0.0)),
                          name_of<PartSensorHarness>);
-INSTANTIATE_TEST_SUITE_P(SimulatedCell, StrobeContract,
-                         testing::Values(Backend<StrobeHarness>{"one_channel", [] { return std::make_unique<SimStrobeHarness>(1); }, ""},
-                                         Backend<StrobeHarness>{"all_channels", [] { return std::make_unique<SimStrobeHarness>(32); }, ""}),
+INSTANTIATE_TEST_SUITE_P(SimulatedCellWithEncoder, PartSensorContract,
+                         (on_both<PartSensorHarness, SimPartSensorHarness>("encoder", 20.0)), name_of<PartSensorHarness>);
+INSTANTIATE_TEST_SUITE_P(SimulatedCell, StrobeContract, (on_both<StrobeHarness, SimStrobeHarness>("one_channel", 1)),
                          name_of<StrobeHarness>);
-INSTANTIATE_TEST_SUITE_P(SimulatedCell, SensorContract,
-                         testing::Values(Backend<SensorHarness>{"tokens", [] { return std::make_unique<SimSensorHarness>(); }, ""}),
-                         name_of<SensorHarness>);
-INSTANTIATE_TEST_SUITE_P(SimulatedCell, RejectorContract,
-                         testing::Values(Backend<RejectorHarness>{"in_process", [] { return std::make_unique<SimRejectorHarness>(); }, ""}),
+INSTANTIATE_TEST_SUITE_P(SimulatedCellAllChannels, StrobeContract, (on_both<StrobeHarness, SimStrobeHarness>("channels", 32)),
+                         name_of<StrobeHarness>);
+INSTANTIATE_TEST_SUITE_P(SimulatedCell, SensorContract, (on_both<SensorHarness, SimSensorHarness>("tokens")), name_of<SensorHarness>);
+INSTANTIATE_TEST_SUITE_P(SimulatedCell, RejectorContract, (on_both<RejectorHarness, SimRejectorHarness>("in_process")),
                          name_of<RejectorHarness>);
 
 }  // namespace
