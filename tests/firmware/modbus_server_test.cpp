@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdio>
+#include <cstdlib>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -216,6 +217,50 @@ TEST_F(ServedStation, mbpoll_reads_ident_to_last) {
     EXPECT_THAT(output_of("mbpoll -t 4:int -B -r 142 -c 10" + where), HasSubstr("[142]: \t65538"));
     EXPECT_THAT(output_of("mbpoll -t 3 -r 200 -c 100" + where), HasSubstr("[203]: \t77"));
     EXPECT_THAT(output_of("mbpoll -t 4 -r 9000 -c 1" + where), HasSubstr("Illegal data address"));
+}
+
+// A station that says yes, so that there is something to write to.
+class Obedient : public PlcHandler {
+  public:
+    int commands = 0;
+    CommandOutcome on_command(const Origin&, const CommandRequest&) override {
+        ++commands;
+        return {};
+    }
+    CommandOutcome on_recipe(const Origin&, const StagedRecipe&) override { return {}; }
+    void on_acknowledged(const Origin&, std::uint32_t) override {}
+    void on_plc_lost(PlcPolicy) override {}
+    void on_plc_back() override {}
+};
+
+TEST_F(ServedStation, pymodbus_reads_writes_and_commands) {
+    if (std::system("/usr/bin/python3 -c 'import pymodbus.client' 2>/dev/null") != 0) {
+        GTEST_SKIP() << "pymodbus is not installed (Debian packages python3-pymodbus python3-serial-asyncio)";
+    }
+    Obedient station;
+    PlcDesk desk(loop, station, {});
+    RegisterImage full(StationIdentity{.firmware = "0.1.0"}, &desk);
+    Snapshot now;
+    now.state = State::ready;
+    now.run_permit = true;
+    full.publish(now);
+    loop.on_loop([&] {
+        server.reset();
+        server = std::move(*Server::open(loop, full, {.host = "127.0.0.1", .port = 0}));
+    });
+    const std::string said =
+        output_of("/usr/bin/python3 " HORD_SOURCE_DIR "/tests/firmware/pymodbus_reads_the_station.py " +
+                  std::to_string(server->port()));
+    EXPECT_EQ(said,
+              "block 1 at 0\nblock 2 at 100\nblock 3 at 140\nblock 4 at 200\nblock 0 at 300\nblock 5 at "
+              "998\nblock 0 at 7144\n"
+              "block 6 at 8000\nblock 7 at 8020\nblock 8 at 8100\nblock 9 at 8200\nblock 0 at 8300\nblock 10 "
+              "at 8400\n"
+              "block 11 at 8500\nblock 65535 at 8600\n"
+              "mirrored\nstate 6\nbits 01000000\nexception 2\ncommand written\nreply [0, 71, 2, 2, 0]\n"
+              "reply [0, 72, 6, 2, 0]\nheartbeat 7\nheartbeat 1\nidentity HORD station 0.1.0\n");
+    loop.on_loop([&] { server.reset(); });
+    EXPECT_EQ(station.commands, 2) << "the repeated token did nothing";
 }
 
 }  // namespace

@@ -1,0 +1,34 @@
+// The first byte chooses how the rest is cut into pieces; the requests must not depend on it.
+#include "firmware/modbus/framer_tcp.h"
+
+#include <cstdlib>
+#include <vector>
+
+namespace {
+
+using hord::firmware::modbus::FramerTcp;
+using Requests = std::vector<std::vector<std::uint8_t>>;
+
+Requests requests_in(std::span<const std::uint8_t> bytes, std::size_t piece) {
+    FramerTcp framer;
+    Requests all;
+    while (!bytes.empty()) {
+        auto part = bytes.first(std::min(piece, bytes.size()));
+        bytes = bytes.subspan(part.size());
+        while (const auto request = framer.take(part)) {
+            if (request->pdu.empty() || request->pdu.size() > hord::firmware::modbus::kMaxPdu) std::abort();
+            all.emplace_back(request->pdu.begin(), request->pdu.end());
+        }
+        if (!part.empty() && !framer.broken()) std::abort();  // all is taken, unless the stream is broken
+    }
+    return all;
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    if (size == 0) return 0;
+    const std::span bytes(data + 1, size - 1);
+    if (requests_in(bytes, std::size_t{data[0]} + 1) != requests_in(bytes, bytes.size() + 1)) std::abort();
+    return 0;
+}
