@@ -75,25 +75,25 @@ HORD_ALWAYS_INLINE double least_body(const double* key, const double* shut, int 
 }
 
 template <int Bytes>
-HORD_ALWAYS_INLINE double least_reduced_body(const double* cost, const double* u, const double* v, int first, int last, int stride) {
+HORD_ALWAYS_INLINE double least_reduced_body(const double* cost, const double* u, const double* v, int first, int last, int stride, int* row) {
     using L = Lanes<Bytes>;
     using V = typename L::V;
-    using Bits = Vector<std::int64_t, Bytes>;
-    constexpr std::int64_t kOrder[kScanLanes] = {0, 1, 2, 3, 4, 5, 6, 7};
-    L least;
-    least.fill(0);
+    double best = 0;
     for (int i = first; i < last; ++i) {
         const double* c = cost + i * stride;
-        for (int j = 0; j < stride; j += kScanLanes) {
+        L least;
+        for (int p = 0; p < L::kParts; ++p) least.part[p] = load<V>(c + p * L::kEach) - load<V>(v + p * L::kEach);
+        for (int j = kScanLanes; j < stride; j += kScanLanes) {
             for (int p = 0; p < L::kParts; ++p) {
                 const int at = j + p * L::kEach;
-                const V reduced = load<V>(c + at) - load<V>(v + at) - u[i];
-                const Bits named = (load<Bits>(&reduced) & ~std::int64_t{0xFFFF}) | (load<Bits>(kOrder + p * L::kEach) + (i * 256 + j));
-                least.part[p] = lower<V>(least.part[p], load<V>(&named));
+                least.part[p] = lower<V>(least.part[p], load<V>(c + at) - load<V>(v + at));
             }
         }
+        const double of_row = least.least() - u[i];
+        *row = of_row < best ? i : *row;
+        best = lower(best, of_row);
     }
-    return least.least();
+    return best;
 }
 
 HORD_FOR_EACH_ISA(gather, double, gather_body,
@@ -104,8 +104,8 @@ HORD_FOR_EACH_ISA(keys, void, keys_body, (const double* cost, const double* mean
                   (cost, mean, mean_row, row, stride, key))
 HORD_FOR_EACH_ISA(least, double, least_body, (const double* key, const double* shut, int stride), (key, shut, stride))
 HORD_FOR_EACH_ISA(least_reduced, double, least_reduced_body,
-                  (const double* cost, const double* u, const double* v, int first, int last, int stride),
-                  (cost, u, v, first, last, stride))
+                  (const double* cost, const double* u, const double* v, int first, int last, int stride, int* row),
+                  (cost, u, v, first, last, stride, row))
 
 }  // namespace
 

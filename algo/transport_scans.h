@@ -22,9 +22,8 @@ struct TransportScans {
     void (*keys)(const double* cost, const double* mean, double mean_row, int row, int stride, double* key);
     // The least of key[j] + shut[j].
     double (*least)(const double* key, const double* shut, int stride);
-    // The least reduced cost cost[i][j] - v[j] - u[i] over rows first <= i < last, its 16 low bits replaced by i * 256 + j: to 36 bits
-    // the value, and where it is.
-    double (*least_reduced)(const double* cost, const double* u, const double* v, int first, int last, int stride);
+    // The least of 0 and the reduced costs cost[i][j] - v[j] - u[i] over rows first <= i < last; *row: where it is.
+    double (*least_reduced)(const double* cost, const double* u, const double* v, int first, int last, int stride, int* row);
 };
 TransportScans transport_scans(Isa isa);
 

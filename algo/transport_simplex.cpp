@@ -181,11 +181,12 @@ bool TransportSimplex::price(int& enter_row, int& enter_col) {
         const int last = std::min(first + kRowsAtOnce, rows_);
         seen += last - first;
         next_row_ = last == rows_ ? 0 : last;
-        const double least = scan_.least_reduced(cell_.data(), u_.data(), v_.data(), first, last, stride_);
+        const double least = scan_.least_reduced(cell_.data(), u_.data(), v_.data(), first, last, stride_, &enter_row);
         if (least < -tolerance_) {
-            const auto bits = std::bit_cast<std::uint64_t>(least);
-            enter_row = static_cast<int>(bits >> 8 & 0xFF);
-            enter_col = static_cast<int>(bits & 0xFF);
+            const double* costs = &cell(enter_row, 0);
+            const double u = u_[index(enter_row)];
+            enter_col = 0;
+            while (costs[enter_col] - v_[index(enter_col)] - u != least) ++enter_col;
             return true;
         }
     }
