@@ -58,6 +58,15 @@ class RejectLedger {
         return std::exchange(line.owed, 0);
     }
 
+    // Settles everything that is not, and calls deliver(report) as often as each report is owed.
+    template <class Deliver>
+    void settle_all(RejectReport::Outcome outcome, TimePoint at, Deliver&& deliver) {
+        for (std::size_t slot = 0; slot < kRemembered; ++slot) {
+            const RejectReport report{lines_[slot].part, outcome, at};
+            for (auto owed = settle(slot, report); owed > 0; --owed) deliver(report);
+        }
+    }
+
     [[nodiscard]] std::size_t pending() const { return pending_; }
     void forget() { *this = RejectLedger{}; }
 

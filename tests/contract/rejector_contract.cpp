@@ -53,7 +53,7 @@ TEST_P(RejectorContract, every_part_of_a_row_is_acted_on_and_reported) {
     start_and_wait();
     const hal::TimePoint first = h_->now() + 20ms;
     for (std::uint32_t part = 1; part <= 4; ++part) {
-        ASSERT_TRUE(h_->device().reject({.part = part, .start = first + part * 60ms, .width = 20ms}));
+        ASSERT_TRUE(h_->device().reject({.part = part, .start = first + part * (h_->window() + 40ms), .width = h_->window()}));
     }
     ASSERT_TRUE(h_->run_until([&] { return ear_.reports.size() == 4 && h_->actuations().size() == 4 && all_off(); }));
     EXPECT_THAT(ear_.parts(), testing::ElementsAre(1U, 2U, 3U, 4U));
@@ -63,7 +63,7 @@ TEST_P(RejectorContract, every_part_of_a_row_is_acted_on_and_reported) {
 
 TEST_P(RejectorContract, a_window_that_is_over_is_reported_late_and_nothing_acts) {
     start_and_wait();
-    ASSERT_TRUE(h_->device().reject(command(9, -100ms)));
+    ASSERT_TRUE(h_->device().reject(command(9, -h_->window() - 1ms)));
     ASSERT_TRUE(h_->run_until([&] { return !ear_.reports.empty(); }));
     EXPECT_EQ(ear_.reports[0].part, 9U);
     EXPECT_EQ(ear_.reports[0].outcome, Outcome::late);
@@ -91,7 +91,7 @@ TEST_P(RejectorContract, its_queue_is_bounded_and_says_busy_and_still_reports_wh
     const hal::TimePoint far = h_->now() + 10s;
     std::optional<ErrorCode> refused;
     for (std::uint32_t part = 1; part <= 10000 && !refused; ++part) {
-        refused = code_of(h_->device().reject({.part = part, .start = far + part * 50ms, .width = 20ms}));
+        refused = code_of(h_->device().reject({.part = part, .start = far + part * 50ms, .width = h_->window()}));
         if (!refused) ++accepted;
     }
     EXPECT_EQ(refused, ErrorCode::busy);

@@ -1,0 +1,70 @@
+// A Modbus TCP coil module on loopback, as the rejector drives one: a peer of its own, in its own thread, over real
+// sockets, with libmodbus on its side. Remembers when which coil moved, and misbehaves when told to.
+//
+//     auto module = sim::CoilModule::open(clock, {.port = 0});
+//     (*module)->on_coil([&](int coil, bool on, hal::TimePoint at) {                        // module's thread
+//         if (coil == 0) loop.post([&world, on, at] { world.set_ejector(on, at); });
+//     });
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "algo/result.h"
+#include "drivers/hal/clock.h"
+
+namespace hord::sim {
+
+struct CoilModuleOptions {
+    int port = 0;    // 0: a free one, chosen by the kernel
+    int coils = 16;
+};
+
+// What happens to a request.
+enum class CoilFault : std::uint8_t {
+    none,
+    silent,     // read, neither carried out nor answered
+    late,       // carried out at once, answered `delay` later
+    drip,       // carried out, answered byte by byte, `delay` apart
+    exception,  // refused: exception 04, server device failure
+    close,      // the connection closes instead
+    stuck,      // acknowledged, the coil does not move
+};
+
+class CoilModule {
+  public:
+    struct Move {
+        int coil = 0;
+        bool on = false;
+        hal::TimePoint at;
+    };
+
+    // Listens on 127.0.0.1 when it returns. `clock` is asked on the module's thread and outlives it. Fails with busy
+    // (the port), io.
+    static Result<std::unique_ptr<CoilModule>> open(const hal::Clock& clock, const CoilModuleOptions& options = {});
+    ~CoilModule();
+
+    // Any thread, all of them.
+    [[nodiscard]] int port() const;
+    [[nodiscard]] bool coil(int number) const;
+    [[nodiscard]] std::vector<Move> history() const;
+    [[nodiscard]] int connections() const;  // accepted since open()
+
+    // The next `writes` write requests misbehave (-1: all); reading requests do so only with `reads`, too.
+    void misbehave(CoilFault fault, int writes = -1, hal::Duration delay = {}, bool reads = false);
+    [[nodiscard]] int misbehaved() const;  // requests, since open()
+
+    void power_off();             // connections drop, nothing listens, all coils fall to 0
+    Result<void> power_on();      // the same port again. Fails with busy
+
+    // Called on the module's thread, without any lock; before the first connection.
+    void on_coil(std::function<void(int coil, bool on, hal::TimePoint at)> callback);
+
+  private:
+    struct Module;
+    explicit CoilModule(std::unique_ptr<Module> module);
+    std::unique_ptr<Module> module_;
+};
+
+}  // namespace hord::sim

@@ -1,0 +1,52 @@
+// The libmodbus rejector behind the contract suite, against a coil module on loopback, in real time.
+#include "drivers/modbus_rejector.h"
+#include "hal_sim/coil_module/coil_module.h"
+#include "tests/contract/harness.h"
+
+namespace hord::contract {
+namespace {
+
+using namespace std::chrono_literals;
+
+class ModbusHarness final : public RejectorHarness {
+  public:
+    ModbusHarness() : RejectorHarness(real_loop()) {
+        auto opened = sim::CoilModule::open(loop());
+        EXPECT_TRUE(opened) << opened.error().message();
+        module_ = std::move(*opened);
+        drivers::ModbusRejectorOptions options;
+        options.port = module_->port();
+        options.response_timeout = 1s;  // generous: the machine may be busy with other tests
+        options.reconnect_every = 20ms;
+        device_.emplace(loop(), options);
+    }
+    hal::Rejector& device() override { return *device_; }
+    std::vector<Actuation> actuations() override {
+        std::vector<Actuation> out;
+        for (const auto& move : module_->history()) {
+            if (move.coil != 0) continue;
+            if (move.on) out.push_back({move.at, std::nullopt});
+            else out.back().until = move.at;
+        }
+        return out;
+    }
+    bool permit() override { return module_->coil(1); }
+    hal::Duration slack() const override { return window(); }
+    hal::Duration window() const override { return 300ms; }
+    bool lose() override {
+        module_->power_off();
+        return true;
+    }
+    void bring_back() override { EXPECT_TRUE(module_->power_on()); }
+
+  private:
+    std::unique_ptr<sim::CoilModule> module_;
+    std::optional<drivers::ModbusRejector> device_;
+};
+
+INSTANTIATE_TEST_SUITE_P(ModbusRejector, RejectorContract,
+                         testing::Values(Backend<RejectorHarness>{"loopback", [] { return std::make_unique<ModbusHarness>(); }, ""}),
+                         name_of<RejectorHarness>);
+
+}  // namespace
+}  // namespace hord::contract
