@@ -21,10 +21,9 @@ constexpr double kSliceScale = 0.19509032201612825;
 
 template <class Visit>
 void for_each_lit(const Hord& a, const Hord& b, int bins, Visit visit) {
-    const LitBins lit_a(a.mass, bins);
-    const LitBins lit_b(b.mass, bins);
-    for (int w = 0; w < lit_a.words(); ++w) {
-        for (std::uint64_t rest = lit_a.word(w) | lit_b.word(w); rest != 0; rest &= rest - 1) {
+    const LitBins lit(a.mass, b.mass, bins);
+    for (int w = 0; w < lit.words(); ++w) {
+        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);
             visit(k, static_cast<double>(std::int64_t{a.mass[k]} * b.sum), static_cast<double>(std::int64_t{b.mass[k]} * a.sum));
         }

@@ -34,11 +34,10 @@ void cancel(const Hord& a, const Hord& b, int bins, Side& more, Side& less) {
     const std::uint16_t* const mass_b = b.mass;
     const std::int64_t sum_a = a.sum;
     const std::int64_t sum_b = b.sum;
-    const LitBins lit_a(mass_a, bins);
-    const LitBins lit_b(mass_b, bins);
+    const LitBins lit(mass_a, mass_b, bins);
     std::size_t n_more = 0, n_less = 0;
-    for (int w = 0; w < lit_a.words(); ++w) {
-        for (std::uint64_t rest = lit_a.word(w) | lit_b.word(w); rest != 0; rest &= rest - 1) {
+    for (int w = 0; w < lit.words(); ++w) {
+        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);
             const std::int64_t d = mass_a[k] * sum_b - mass_b[k] * sum_a;
             const auto mass = static_cast<double>(d);

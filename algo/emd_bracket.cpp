@@ -32,11 +32,10 @@ EmdBounds::EmdBounds(const GroundDistance& ground)
 
 Bracket EmdBounds::operator()(const Hord& a, const Hord& b) {
     if (a.sum == 0 || b.sum == 0) return {};
-    const LitBins lit_a(a.mass, ground_.bins());
-    const LitBins lit_b(b.mass, ground_.bins());
+    const LitBins lit(a.mass, b.mass, ground_.bins());
     difference_.count = 0;
-    for (int w = 0; w < lit_a.words(); ++w) {
-        for (std::uint64_t rest = lit_a.word(w) | lit_b.word(w); rest != 0; rest &= rest - 1) {
+    for (int w = 0; w < lit.words(); ++w) {
+        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);
             const std::int64_t d = std::int64_t{a.mass[k]} * b.sum - std::int64_t{b.mass[k]} * a.sum;
             if (d == 0) continue;

@@ -16,14 +16,15 @@ constexpr int kMostBins = kMaxBins * kMaxBins;
 
 class LitBins {
   public:
-    LitBins(const std::uint16_t* mass, int bins) : words_((bins + 63) / 64) {
+    // Lit in one HORD, or in either of two.
+    LitBins(const std::uint16_t* mass, int bins) : LitBins(mass, mass, bins) {}
+    LitBins(const std::uint16_t* a, const std::uint16_t* b, int bins) : words_((bins + 63) / 64) {
         for (int w = 0; w < words_; ++w) {
-            const std::uint16_t* const from = mass + w * 64;
-            const int count = std::min(bins - w * 64, 64);
+            const int end = std::min(bins - w * 64, 64);
             std::uint64_t bits = 0;
             int k = 0;
-            for (; k + 16 <= count; k += 16) bits |= sixteen(from + k) << k;
-            for (; k < count; ++k) bits |= std::uint64_t{from[k] != 0} << k;
+            for (; k + 16 <= end; k += 16) bits |= sixteen(a + w * 64 + k, b + w * 64 + k) << k;
+            for (; k < end; ++k) bits |= std::uint64_t{(a[w * 64 + k] | b[w * 64 + k]) != 0} << k;
             word_[w] = bits;
         }
     }
@@ -32,15 +33,16 @@ class LitBins {
     [[nodiscard]] std::uint64_t word(int w) const { return word_[w]; }
 
   private:
-    static std::uint64_t sixteen(const std::uint16_t* mass) {
+    static std::uint64_t sixteen(const std::uint16_t* a, const std::uint16_t* b) {
 #if defined(__SSE2__)
-        const __m128i zero = _mm_setzero_si128();
-        const __m128i low = _mm_cmpeq_epi16(_mm_loadu_si128(reinterpret_cast<const __m128i*>(mass)), zero);
-        const __m128i high = _mm_cmpeq_epi16(_mm_loadu_si128(reinterpret_cast<const __m128i*>(mass + 8)), zero);
-        return static_cast<std::uint64_t>(_mm_movemask_epi8(_mm_packs_epi16(low, high))) ^ 0xFFFFU;
+        const auto eight = [](const std::uint16_t* p, const std::uint16_t* q) {
+            return _mm_cmpeq_epi16(_mm_or_si128(_mm_loadu_si128(reinterpret_cast<const __m128i*>(p)), _mm_loadu_si128(reinterpret_cast<const __m128i*>(q))),
+                                   _mm_setzero_si128());
+        };
+        return static_cast<std::uint64_t>(_mm_movemask_epi8(_mm_packs_epi16(eight(a, b), eight(a + 8, b + 8)))) ^ 0xFFFFU;
 #else
         std::uint64_t bits = 0;
-        for (int k = 0; k < 16; ++k) bits |= std::uint64_t{mass[k] != 0} << k;
+        for (int k = 0; k < 16; ++k) bits |= std::uint64_t{(a[k] | b[k]) != 0} << k;
         return bits;
 #endif
     }
