@@ -1,5 +1,7 @@
 #include "algo/jacobian.h"
 
+#include <algorithm>
+
 namespace hord::algo {
 namespace {
 
@@ -7,7 +9,7 @@ SlopeQ slope(const Stencil& s, DeflectionQ before, DeflectionQ after) {
     return DeflectionQ::from_raw(std::int64_t{(after - before).raw()} * s.weight()).halved();
 }
 
-std::uint64_t squared(SlopeQ value) { return static_cast<std::uint64_t>(std::int64_t{value.raw()} * value.raw()); }
+std::uint64_t squared(std::int64_t raw) { return static_cast<std::uint64_t>(raw * raw); }
 
 }  // namespace
 
@@ -17,8 +19,16 @@ Jacobian jacobian_of(const Stencil& across, const Deflection& left, const Deflec
 }
 
 SlopeQ frobenius_norm(const Jacobian& jacobian) {
-    const std::uint64_t sum = squared(jacobian.x_by_m) + squared(jacobian.x_by_n) + squared(jacobian.y_by_m) + squared(jacobian.y_by_n);
+    const std::uint64_t sum = squared(jacobian.x_by_m.raw()) + squared(jacobian.x_by_n.raw()) + squared(jacobian.y_by_m.raw()) + squared(jacobian.y_by_n.raw());
     return SlopeQ::from_raw(static_cast<std::int64_t>(square_root_floored(sum)));
+}
+
+SingularNorms singular_norms(const Jacobian& jacobian) {
+    const std::int64_t x_m = jacobian.x_by_m.raw(), x_n = jacobian.x_by_n.raw(), y_m = jacobian.y_by_m.raw(), y_n = jacobian.y_by_n.raw();
+    const auto p = static_cast<std::int64_t>(square_root_floored(squared(x_m + y_n) + squared(x_n - y_m)));
+    const auto q = static_cast<std::int64_t>(square_root_floored(squared(x_m - y_n) + squared(x_n + y_m)));
+    const std::int64_t large = std::max(p, q), small = std::min(p, q);
+    return {SlopeQ::from_raw(large), Q<5, 26>::from_raw(p + q), large == 0 ? ShareQ{} : ShareQ::from_ratio_rounded(small, large)};
 }
 
 }  // namespace hord::algo

@@ -9,6 +9,18 @@
 // 2 * 14 < 128, an entry at most 14 and wrong by less than 2^-23 where the deflections are by 2^-24. Norms are Q6.25: a
 // raw entry is below 2^29, the sum of four squares below 2^60, its root below 2^30; the root is floored, so the Frobenius
 // norm is within 2 * 2^-23 + 2^-25 < 2^-12 of exact (tests/algo/jacobian_test.cpp).
+//
+// Frobenius alone cannot tell one strong direction from two moderate ones; the singular values s1 >= s2 can. With
+//
+//     p = |(x_m + y_n, x_n - y_m)|     q = |(x_m - y_n, x_n + y_m)|     (x_m: change of x by m, and so on)
+//
+// s1 + s2 = max(p, q) and s1 - s2 = min(p, q): two roots of sums of two squares, no subtraction of nearly equal numbers
+// and nothing special about singular, zero or nearly rank-one Jacobians. A sum of two raw entries is below 2^30, two
+// squares of such below 2^61; both roots are floored to Q6.25.
+//   nuclear     s1 + s2 = max(p, q)                 below 40; error below sqrt(2) * 2^-22 + 2^-25 < 2^-21
+//   spectral    s1 = (p + q) / 2, exact from p, q    at most 28; error below 2^-21
+//   anisotropy  (s1 - s2) / (s1 + s2) = min / max    0 (no direction) to 1 (one direction only); 0 for a zero Jacobian. Q0.24,
+//               rounded; its error is that of p and q over max(p, q): it means something only where the slope does.
 #pragma once
 
 #include "algo/deflection.h"
@@ -28,5 +40,14 @@ Jacobian jacobian_of(const Stencil& across, const Deflection& left, const Deflec
 
 // sqrt of the sum of the squared entries (Eq. 14).
 SlopeQ frobenius_norm(const Jacobian& jacobian);
+
+using ShareQ = Q<1, 24>;
+
+struct SingularNorms {
+    SlopeQ nuclear;
+    Q<5, 26> spectral;
+    ShareQ anisotropy;
+};
+SingularNorms singular_norms(const Jacobian& jacobian);
 
 }  // namespace hord::algo

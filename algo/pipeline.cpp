@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "algo/bands.h"
 #include "algo/decode.h"
 #include "algo/defects.h"
 #include "algo/deflection.h"
@@ -60,13 +61,32 @@ std::string joined(const std::vector<std::string>& lines) {
 
 std::string size_of(int width, int height) { return std::to_string(width) + "x" + std::to_string(height); }
 
+// What one thread works with: three rows of HORDs and their mean deflections, row n in place n % 3.
+struct Worker {
+    Worker(const Extents& e, EmdSolver emd_solver)
+        : solver(std::move(emd_solver)), hords{HordRow(e), HordRow(e), HordRow(e)} {
+        for (auto& row : deflections) row.resize(static_cast<std::size_t>(e.m));
+    }
+    EmdSolver solver;
+    std::array<HordRow, 3> hords;
+    std::array<std::vector<Deflection>, 3> deflections;
+
+    [[nodiscard]] HordRow& hords_of(int n) { return hords[static_cast<std::size_t>(n % 3)]; }
+    [[nodiscard]] std::vector<Deflection>& deflections_of(int n) { return deflections[static_cast<std::size_t>(n % 3)]; }
+    [[nodiscard]] Deflection deflection(int m, int n) { return deflections_of(n)[static_cast<std::size_t>(m)]; }
+};
+
+// Rows a band has when there are several threads. It decodes one row more at either end.
+constexpr int kBandRows = 16;
+
 }  // namespace
 
 struct Pipeline::Workspace {
-    Workspace(const Extents& e, int sample_bits, const Recipe& r, EmdSolver emd_solver)
-        : extents(e), bits(sample_bits), recipe(r), levels(light_levels(r, sample_bits)), solver(std::move(emd_solver)),
-          rows{HordRow(e), HordRow(e), HordRow(e)}, zones(e.lenslets()), deflections(e.lenslets()), sums(e.lenslets()), scratch(e.lenslets()),
+    Workspace(const Extents& e, int sample_bits, const Recipe& r, MapSet maps, std::unique_ptr<BandCrew> the_crew, std::vector<Worker> the_workers)
+        : extents(e), bits(sample_bits), recipe(r), levels(light_levels(r, sample_bits)), crew(std::move(the_crew)),
+          workers(std::move(the_workers)), zones(e.lenslets()), deflections(e.lenslets()), sums(e.lenslets()), scratch(e.lenslets()),
           mask(e.lenslets()), emd(e.lenslets()), frobenius(e.lenslets()), transmission(e.lenslets()),
+          spectral(maps == MapSet::all ? e.lenslets() : 0), nuclear(spectral.size()), anisotropy(spectral.size()),
           rim(e, r.rim_margin < 0 ? default_rim_margin(e) : r.rim_margin), defect_finder(e, r) {
         paint_zones(recipe.zones, extents, zones);
     }
@@ -75,8 +95,8 @@ struct Pipeline::Workspace {
     int bits;
     Recipe recipe;
     LightLevels levels;
-    EmdSolver solver;
-    std::array<HordRow, 3> rows;  // lenslet row n is in rows[n % 3]
+    std::unique_ptr<BandCrew> crew;
+    std::vector<Worker> workers;
 
     // One value a lenslet.
     std::vector<std::uint8_t> zones;
@@ -84,15 +104,16 @@ struct Pipeline::Workspace {
     std::vector<std::uint32_t> sums, scratch;
     std::vector<std::uint8_t> mask;
     std::vector<float> emd, frobenius, transmission;
+    std::vector<float> spectral, nuclear, anisotropy;  // empty unless asked for
 
     RimFinder rim;
     DefectFinder defect_finder;
 
-    [[nodiscard]] HordRow& row(int n) { return rows[static_cast<std::size_t>(n % 3)]; }
     [[nodiscard]] std::size_t at(int m, int n) const { return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m); }
     [[nodiscard]] Result<void> check_frame(const FrameView& frame) const;
-    void load_row(const FrameView& frame, int n, Stopwatch& watch, StageTimes& times);
-    void compare_row(int n);
+    void compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times);
+    void compute_band(Worker& worker, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
+    void compare_row(Worker& worker, int n);
     [[nodiscard]] Reason unfit_reason() const;
 };
 
@@ -113,41 +134,71 @@ Result<void> Pipeline::Workspace::check_frame(const FrameView& frame) const {
     return {};
 }
 
-// Decodes row n and notes what is needed of it later.
-void Pipeline::Workspace::load_row(const FrameView& frame, int n, Stopwatch& watch, StageTimes& times) {
-    HordRow& hords = row(n);
-    decode_row(frame, extents, levels, n, hords);
-    watch.lap(times.decode_ns);
-    mean_deflections(hords, std::span(deflections).subspan(at(0, n), static_cast<std::size_t>(extents.m)));
-    std::ranges::copy(hords.sums(), sums.begin() + static_cast<std::ptrdiff_t>(at(0, n)));
-    std::ranges::copy(hords.mask(), mask.begin() + static_cast<std::ptrdiff_t>(at(0, n)));
-    watch.lap(times.hord_ns);
+// The gradients of every row, and what the rest needs of the HORDs.
+void Pipeline::Workspace::compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times) {
+    const int rows = crew->threads() == 1 ? extents.n : kBandRows;
+    crew->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
+        Stopwatch untimed(nullptr);
+        StageTimes nobodys;
+        const bool caller = worker == 0;
+        compute_band(workers[static_cast<std::size_t>(worker)], frame, band * rows, std::min((band + 1) * rows, extents.n),
+                     caller ? watch : untimed, caller ? times : nobodys);
+    });
+    watch.lap(times.feature_ns);
 }
 
-// The gradients of row n, once its neighbours are loaded.
-void Pipeline::Workspace::compare_row(int n) {
+// Streams rows first..last-1, and one more at either end to compare with, through the worker's three rows.
+void Pipeline::Workspace::compute_band(Worker& worker, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times) {
+    const auto ours = [&](int n) { return n >= first && n < last; };
+    for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents.n); ++n) {
+        const HordRow& hords = worker.hords_of(n);
+        decode_row(frame, extents, levels, n, worker.hords_of(n));
+        watch.lap(times.decode_ns);
+        mean_deflections(hords, worker.deflections_of(n));
+        if (ours(n)) {
+            const auto row = static_cast<std::ptrdiff_t>(at(0, n));
+            std::ranges::copy(worker.deflections_of(n), deflections.begin() + row);
+            std::ranges::copy(hords.sums(), sums.begin() + row);
+            std::ranges::copy(hords.mask(), mask.begin() + row);
+        }
+        watch.lap(times.hord_ns);
+        if (ours(n - 1)) compare_row(worker, n - 1);
+        watch.lap(times.feature_ns);
+    }
+    if (last == extents.n) compare_row(worker, last - 1);
+    watch.lap(times.feature_ns);
+}
+
+// The gradients of row n; its neighbours are among the worker's rows, if it has them.
+void Pipeline::Workspace::compare_row(Worker& worker, int n) {
     const bool edge_row = n == 0 || n == extents.n - 1;
+    const HordRow& row = worker.hords_of(n);
     for (int m = 0; m < extents.m; ++m) {
         const std::size_t k = at(m, n);
-        emd[k] = 0;
-        frobenius[k] = 0;
+        EmdGradient gradient;
+        Jacobian jacobian;
         if (edge_row || m == 0 || m == extents.m - 1) {
             mask[k] |= kBorder;
-            continue;
+        } else if ((mask[k] & kNoHord) == 0) {
+            const Stencil across = stencil(row.has_hord(m - 1), row.has_hord(m + 1));
+            const Stencil down = stencil(worker.hords_of(n - 1).has_hord(m), worker.hords_of(n + 1).has_hord(m));
+            if (across.valid() && down.valid()) {
+                const int left = m + across.before, right = m + across.after, above = n + down.before, below = n + down.after;
+                gradient = emd_gradient(worker.solver, across, row.hord(left), row.hord(right), down, worker.hords_of(above).hord(m),
+                                        worker.hords_of(below).hord(m));
+                jacobian = jacobian_of(across, worker.deflection(left, n), worker.deflection(right, n), down, worker.deflection(m, above),
+                                       worker.deflection(m, below));
+            } else {
+                mask[k] |= kBorder;
+            }
         }
-        if ((mask[k] & kNoHord) != 0) continue;
-        const Stencil across = stencil(row(n).has_hord(m - 1), row(n).has_hord(m + 1));
-        const Stencil down = stencil(row(n - 1).has_hord(m), row(n + 1).has_hord(m));
-        if (!across.valid() || !down.valid()) {
-            mask[k] |= kBorder;
-            continue;
-        }
-        const int left = m + across.before, right = m + across.after, above = n + down.before, below = n + down.after;
-        emd[k] = static_cast<float>(
-            emd_gradient(solver, across, row(n).hord(left), row(n).hord(right), down, row(above).hord(m), row(below).hord(m)).norm());
-        frobenius[k] = frobenius_norm(jacobian_of(across, deflections[at(left, n)], deflections[at(right, n)], down, deflections[at(m, above)],
-                                                  deflections[at(m, below)]))
-                           .to_float_rounded();
+        emd[k] = static_cast<float>(gradient.norm());
+        frobenius[k] = frobenius_norm(jacobian).to_float_rounded();
+        if (spectral.empty()) continue;
+        const SingularNorms norms = singular_norms(jacobian);
+        spectral[k] = norms.spectral.to_float_rounded();
+        nuclear[k] = norms.nuclear.to_float_rounded();
+        anisotropy[k] = norms.anisotropy.to_float_rounded();
     }
 }
 
@@ -167,7 +218,7 @@ Reason Pipeline::Workspace::unfit_reason() const {
     return Reason::none;
 }
 
-Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe& recipe) {
+Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe& recipe, int threads, MapSet maps) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (bits < 8 || bits > 16) return fail(ErrorCode::invalid_argument, "samples of " + std::to_string(bits) + " bits", "use 8 to 16 bits");
     std::vector<std::string> lines = problems(recipe, extents);
@@ -175,9 +226,15 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
     if (!lines.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(lines));
     auto ground = GroundDistance::between_bins(extents.i, extents.j);
     if (!ground) return tl::unexpected(ground.error());
-    auto solver = EmdSolver::create(*ground);
-    if (!solver) return tl::unexpected(solver.error());
-    return Pipeline(std::make_unique<Workspace>(extents, bits, recipe, std::move(*solver)));
+    auto crew = BandCrew::create(threads);
+    if (!crew) return tl::unexpected(crew.error());
+    std::vector<Worker> workers;
+    for (int worker = 0; worker < threads; ++worker) {
+        auto solver = EmdSolver::create(*ground);
+        if (!solver) return tl::unexpected(solver.error());
+        workers.emplace_back(extents, std::move(*solver));
+    }
+    return Pipeline(std::make_unique<Workspace>(extents, bits, recipe, maps, std::move(*crew), std::move(workers)));
 }
 
 Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
@@ -187,17 +244,13 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     result.emd = w.emd;
     result.frobenius = w.frobenius;
     result.transmission = w.transmission;
+    result.spectral = w.spectral;
+    result.nuclear = w.nuclear;
+    result.anisotropy = w.anisotropy;
     result.mask = w.mask;
 
     Stopwatch total(now), watch(now);
-    for (int n = 0; n < w.extents.n; ++n) {
-        w.load_row(frame, n, watch, result.times);
-        if (n > 0) w.compare_row(n - 1);
-        watch.lap(result.times.feature_ns);
-    }
-    w.compare_row(w.extents.n - 1);
-    watch.lap(result.times.feature_ns);
-
+    w.compute_maps(frame, watch, result.times);
     w.rim.mark(w.deflections, w.sums, w.mask);
     for (std::size_t k = 0; k < w.mask.size(); ++k) w.mask[k] |= w.zones[k];
     transmissions(w.sums, w.mask, typical_light(w.sums, w.mask, w.scratch), w.transmission);

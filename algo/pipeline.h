@@ -1,7 +1,8 @@
 // From a frame to a judgement: decode, HORD, features, defects, verdict.
 //
 // One Pipeline belongs to one thread. All memory is taken in create(); inspect() streams rows through a
-// workspace that stays in cache and allocates nothing outside the blob search. No I/O, no clock, no logging.
+// workspace of three HORD rows a thread, which stays in cache, and allocates nothing outside the blob search. No I/O, no
+// clock, no logging. A lenslet's values do not depend on the number of threads, to the bit.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +21,8 @@ namespace hord::algo {
 // at kDark, kSaturated and kBorder lenslets, the transmission at kSaturated ones (a dark lenslet has one: its missing light).
 using Map = std::span<const float>;
 
-// Time spent in each stage, in the ticks of the clock given to inspect(); 0 without one.
+// Time spent in each stage by the calling thread, in the ticks of the clock given to inspect(); 0 without one. Waiting for
+// other threads counts as feature time.
 struct StageTimes {
     std::int64_t decode_ns = 0, hord_ns = 0, feature_ns = 0, decide_ns = 0, total_ns = 0;
 };
@@ -34,14 +36,23 @@ struct Inspection {
     Map emd;                             // bin pitches
     Map frobenius;                       // bin pitches a lenslet
     Map transmission;                    // 1 is the part's typical lenslet
+    Map spectral;                        // empty unless MapSet::all: the Jacobian's other norms, bin pitches a lenslet
+    Map nuclear;                         //
+    Map anisotropy;                      // 0..1: how much the Jacobian has one direction (algo/jacobian.h)
     std::span<const std::uint8_t> mask;  // MaskBit, one a lenslet
     StageTimes times;
 };
 
+enum class MapSet : std::uint8_t {
+    judged,  // what the verdict needs
+    all,     // every map of an Inspection
+};
+
 class Pipeline {
   public:
-    // Fails with invalid_argument when the extents or the recipe are impossible (all problems in one message).
-    static Result<Pipeline> create(const Extents& extents, int bits, const Recipe& recipe);
+    // Fails with invalid_argument when the extents, the recipe or the number of threads are impossible (all problems of
+    // a recipe in one message), with busy when the system gives no thread. `threads` includes the calling one.
+    static Result<Pipeline> create(const Extents& extents, int bits, const Recipe& recipe, int threads = 1, MapSet maps = MapSet::judged);
 
     // Judges one macro-pixel frame. The spans in the answer stay valid until the next call.
     // Fails with invalid_argument when the frame's size or bit depth is not what create() was told.

@@ -200,9 +200,11 @@ TEST(Pipeline, keeps_its_head_at_the_extremes) {
 }
 
 TEST(Pipeline, allocates_nothing_for_a_good_part) {
-    for (const int bits : {8, 16}) {
+    for (const auto& [bits, threads] : {std::pair(8, 1), std::pair(16, 1), std::pair(8, 2), std::pair(12, 3)}) {
         const Frame frame = drawn(kField, bits, 0.9 * ((1 << bits) - 1), lens(kField, 14, 2));
-        Pipeline pipeline = pipeline_for(kField, bits);
+        auto created = Pipeline::create(kField, bits, {}, threads, MapSet::all);
+        ASSERT_TRUE(created);
+        Pipeline pipeline = std::move(*created);
         const std::size_t before = allocations;
         const auto seen = pipeline.inspect(frame.view());
         const std::size_t after = allocations;
@@ -213,6 +215,24 @@ TEST(Pipeline, allocates_nothing_for_a_good_part) {
     const std::size_t before = allocations;
     delete new int(7);
     EXPECT_GT(allocations, before) << "the guard does not count";
+}
+
+TEST(Pipeline, computes_the_other_norms_only_when_asked) {
+    const Frame frame = drawn(kField, 8, 240, lens(kField, 14, 2));
+    Pipeline pipeline = pipeline_for(kField);
+    EXPECT_TRUE(pipeline.inspect(frame.view())->spectral.empty());
+    auto all = Pipeline::create(kField, 8, {}, 1, MapSet::all);
+    ASSERT_TRUE(all);
+    const auto seen = all->inspect(frame.view());
+    ASSERT_TRUE(seen);
+    for (std::size_t k = 0; k < seen->mask.size(); ++k) {  // for two singular values: nuclear^2 + (nuclear * anisotropy)^2 = 2 frobenius^2
+        const double nuclear = seen->nuclear[k], difference = nuclear * seen->anisotropy[k];
+        EXPECT_NEAR(nuclear * nuclear + difference * difference, 2.0 * seen->frobenius[k] * seen->frobenius[k], 1e-5);
+        EXPECT_NEAR(seen->spectral[k], (nuclear + difference) / 2, 1e-5);
+        if ((seen->mask[k] & kNoGradient) != 0) {
+            EXPECT_EQ(seen->nuclear[k], 0);
+        }
+    }
 }
 
 TEST(Pipeline, gives_the_same_answer_twice_and_after_other_frames) {

@@ -42,6 +42,37 @@ Frame eventful(const Extents& e, std::uint64_t seed) {
 
 const Extents kGeometries[] = {{41, 47, 9, 9}, {44, 36, 8, 10}, {40, 40, 5, 3}, {36, 40, 15, 14}};
 
+// Every map, to the bit, and every judgement, whatever the number of threads.
+TEST(Threads, do_not_change_the_answer) {
+    for (const Extents& e : {Extents{41, 47, 9, 9}, Extents{40, 3, 5, 5}, Extents{33, 16, 9, 9}, Extents{33, 17, 8, 8}, Extents{21, 65, 4, 6}}) {
+        SCOPED_TRACE(std::to_string(e.m) + "x" + std::to_string(e.n));
+        const Frame frame = eventful(e, 13);
+        auto alone = Pipeline::create(e, 8, {}, 1, MapSet::all);
+        ASSERT_TRUE(alone);
+        const auto expected = alone->inspect(frame.view());
+        ASSERT_TRUE(expected);
+        for (const int threads : {2, 3, 5}) {
+            auto shared = Pipeline::create(e, 8, {}, threads, MapSet::all);
+            ASSERT_TRUE(shared);
+            for (int round = 0; round < 3; ++round) {
+                const auto seen = shared->inspect(frame.view());
+                ASSERT_TRUE(seen);
+                EXPECT_EQ(seen->verdict, expected->verdict);
+                EXPECT_EQ(seen->reason, expected->reason);
+                EXPECT_EQ(seen->score, expected->score);
+                EXPECT_EQ(seen->defects.size(), expected->defects.size());
+                EXPECT_TRUE(std::ranges::equal(seen->mask, expected->mask));
+                for (const auto map : {&Inspection::emd, &Inspection::frobenius, &Inspection::transmission, &Inspection::spectral, &Inspection::nuclear,
+                                       &Inspection::anisotropy}) {
+                    EXPECT_EQ((*seen.*map).size(), e.lenslets());
+                    EXPECT_TRUE(std::ranges::equal(*seen.*map, *expected.*map));
+                }
+            }
+        }
+    }
+    EXPECT_FALSE(Pipeline::create({33, 17, 9, 9}, 8, {}, 0));
+}
+
 TEST(Symmetry, exchanging_rows_and_columns_exchanges_the_maps_and_nothing_else) {
     for (const Extents& e : kGeometries) {
         SCOPED_TRACE(std::to_string(e.i) + "x" + std::to_string(e.j));

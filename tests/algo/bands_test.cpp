@@ -1,0 +1,47 @@
+#include "algo/bands.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <memory>
+#include <vector>
+
+namespace hord::algo {
+namespace {
+
+TEST(BandCrew, works_on_every_band_once_whatever_the_number_of_threads) {
+    for (const int threads : {1, 2, 3, 8}) {
+        auto crew = BandCrew::create(threads);
+        ASSERT_TRUE(crew);
+        EXPECT_EQ((*crew)->threads(), threads);
+        for (const int bands : {0, 1, 2, 7, 100}) {
+            std::vector<std::atomic<int>> visits(static_cast<std::size_t>(bands));
+            std::atomic<int> strangers{0};
+            (*crew)->share_out(bands, [&](int worker, int band) {
+                if (worker < 0 || worker >= threads) ++strangers;
+                ++visits[static_cast<std::size_t>(band)];
+            });
+            for (const auto& count : visits) EXPECT_EQ(count, 1);
+            EXPECT_EQ(strangers, 0);
+        }
+    }
+}
+
+TEST(BandCrew, shows_the_caller_what_the_others_wrote) {
+    auto crew = BandCrew::create(4);
+    ASSERT_TRUE(crew);
+    std::vector<int> written(64);
+    for (int round = 1; round <= 300; ++round) {
+        (*crew)->share_out(64, [&](int, int band) { written[static_cast<std::size_t>(band)] = round * band; });
+        for (int band = 0; band < 64; ++band) ASSERT_EQ(written[static_cast<std::size_t>(band)], round * band);
+    }
+}
+
+TEST(BandCrew, refuses_an_impossible_number_of_threads) {
+    EXPECT_FALSE(BandCrew::create(0));
+    EXPECT_FALSE(BandCrew::create(-1));
+    EXPECT_FALSE(BandCrew::create(BandCrew::kMaxThreads + 1));
+}
+
+}  // namespace
+}  // namespace hord::algo
