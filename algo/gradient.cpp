@@ -4,11 +4,16 @@
 
 namespace hord::algo {
 
-double EmdGradient::norm() const { return std::sqrt(x * x + y * y); }
+double EmdGradient::norm() const {
+    const double across = weight_x * x, down = weight_y * y;
+    return std::sqrt(across * across + down * down);
+}
 
-EmdGradient emd_gradient(EmdSolver& solver, const Stencil& across, const Hord& left, const Hord& right, const Stencil& down, const Hord& above,
-                         const Hord& below) {
-    return {across.weight() * solver.distance(left, right), down.weight() * solver.distance(above, below)};
+void submit_emd_gradient(EmdSolver& solver, const Stencil& across, const Hord& left, const Hord& right, const Stencil& down, const Hord& above,
+                         const Hord& below, EmdGradient& out) {
+    out = {0, 0, across.weight(), down.weight()};
+    solver.submit(left, right, &out.x);
+    solver.submit(above, below, &out.y);
 }
 
 }  // namespace hord::algo

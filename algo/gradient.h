@@ -16,13 +16,16 @@
 namespace hord::algo {
 
 struct EmdGradient {
-    double x = 0;
+    double x = 0;  // EMD of the pair that the stencil names, across and down
     double y = 0;
-    [[nodiscard]] double norm() const;
+    int weight_x = 0;
+    int weight_y = 0;
+    [[nodiscard]] double norm() const;  // of the weighted components
 };
 
-// The HORDs that the stencils name; all have light.
-EmdGradient emd_gradient(EmdSolver& solver, const Stencil& across, const Hord& left, const Hord& right, const Stencil& down, const Hord& above,
-                         const Hord& below);
+// Asks for the gradient between the HORDs that the stencils name; all have light. `out` is complete after
+// solver.finish() and must stay in place until then; the HORDs need not.
+void submit_emd_gradient(EmdSolver& solver, const Stencil& across, const Hord& left, const Hord& right, const Stencil& down, const Hord& above,
+                         const Hord& below, EmdGradient& out);
 
 }  // namespace hord::algo

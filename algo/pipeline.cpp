@@ -61,23 +61,26 @@ std::string joined(const std::vector<std::string>& lines) {
 
 std::string size_of(int width, int height) { return std::to_string(width) + "x" + std::to_string(height); }
 
+// Rows a band has when there are several threads; it decodes one row more at either end. As many rows of EMD gradients
+// are asked for before they are finished, so that the solver finds many small problems alike.
+constexpr int kBandRows = 16;
+
 // What one thread works with: three rows of HORDs and their mean deflections, row n in place n % 3.
 struct Worker {
     Worker(const Extents& e, EmdSolver emd_solver)
-        : solver(std::move(emd_solver)), hords{HordRow(e), HordRow(e), HordRow(e)} {
+        : solver(std::move(emd_solver)), hords{HordRow(e), HordRow(e), HordRow(e)}, gradients(static_cast<std::size_t>(kBandRows * e.m)) {
         for (auto& row : deflections) row.resize(static_cast<std::size_t>(e.m));
     }
     EmdSolver solver;
     std::array<HordRow, 3> hords;
     std::array<std::vector<Deflection>, 3> deflections;
+    std::vector<EmdGradient> gradients;  // of the rows asked for, one after the other
+    std::size_t asked = 0;
 
     [[nodiscard]] HordRow& hords_of(int n) { return hords[static_cast<std::size_t>(n % 3)]; }
     [[nodiscard]] std::vector<Deflection>& deflections_of(int n) { return deflections[static_cast<std::size_t>(n % 3)]; }
     [[nodiscard]] Deflection deflection(int m, int n) { return deflections_of(n)[static_cast<std::size_t>(m)]; }
 };
-
-// Rows a band has when there are several threads. It decodes one row more at either end.
-constexpr int kBandRows = 16;
 
 }  // namespace
 
@@ -114,6 +117,7 @@ struct Pipeline::Workspace {
     void compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times);
     void compute_band(Worker& worker, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
     void compare_row(Worker& worker, int n);
+    void finish_rows(Worker& worker, int last);
     [[nodiscard]] Reason unfit_reason() const;
 };
 
@@ -166,16 +170,18 @@ void Pipeline::Workspace::compute_band(Worker& worker, const FrameView& frame, i
         watch.lap(times.feature_ns);
     }
     if (last == extents.n) compare_row(worker, last - 1);
+    finish_rows(worker, last);
     watch.lap(times.feature_ns);
 }
 
-// The gradients of row n; its neighbours are among the worker's rows, if it has them.
+// The gradients of row n, whose neighbours are among the worker's rows; the EMD's are only asked for.
 void Pipeline::Workspace::compare_row(Worker& worker, int n) {
     const bool edge_row = n == 0 || n == extents.n - 1;
     const HordRow& row = worker.hords_of(n);
     for (int m = 0; m < extents.m; ++m) {
         const std::size_t k = at(m, n);
-        EmdGradient gradient;
+        EmdGradient& gradient = worker.gradients[worker.asked++];
+        gradient = {};
         Jacobian jacobian;
         if (edge_row || m == 0 || m == extents.m - 1) {
             mask[k] |= kBorder;
@@ -184,15 +190,14 @@ void Pipeline::Workspace::compare_row(Worker& worker, int n) {
             const Stencil down = stencil(worker.hords_of(n - 1).has_hord(m), worker.hords_of(n + 1).has_hord(m));
             if (across.valid() && down.valid()) {
                 const int left = m + across.before, right = m + across.after, above = n + down.before, below = n + down.after;
-                gradient = emd_gradient(worker.solver, across, row.hord(left), row.hord(right), down, worker.hords_of(above).hord(m),
-                                        worker.hords_of(below).hord(m));
+                submit_emd_gradient(worker.solver, across, row.hord(left), row.hord(right), down, worker.hords_of(above).hord(m),
+                                    worker.hords_of(below).hord(m), gradient);
                 jacobian = jacobian_of(across, worker.deflection(left, n), worker.deflection(right, n), down, worker.deflection(m, above),
                                        worker.deflection(m, below));
             } else {
                 mask[k] |= kBorder;
             }
         }
-        emd[k] = static_cast<float>(gradient.norm());
         frobenius[k] = frobenius_norm(jacobian).to_float_rounded();
         if (spectral.empty()) continue;
         const SingularNorms norms = singular_norms(jacobian);
@@ -200,6 +205,15 @@ void Pipeline::Workspace::compare_row(Worker& worker, int n) {
         nuclear[k] = norms.nuclear.to_float_rounded();
         anisotropy[k] = norms.anisotropy.to_float_rounded();
     }
+    if (worker.asked == worker.gradients.size()) finish_rows(worker, n + 1);
+}
+
+// Writes the EMD gradients of the rows asked for; `last` is the row after them.
+void Pipeline::Workspace::finish_rows(Worker& worker, int last) {
+    worker.solver.finish();
+    float* out = emd.data() + at(0, last) - worker.asked;
+    for (std::size_t k = 0; k < worker.asked; ++k) out[k] = static_cast<float>(worker.gradients[k].norm());
+    worker.asked = 0;
 }
 
 // Why the frame does not allow a judgement; none if it does.
