@@ -90,6 +90,7 @@ Result<void> Station::command(Command command) {
     switch (answer) {
         case Answer::done: return {};
         case Answer::not_in_this_state: return tl::unexpected(not_in_this_state(command, state));
+        case Answer::pulse_under_way: return fail(ErrorCode::busy, "cannot arm: the ejector is still acting", "try again in a moment");
         case Answer::device_down: break;
     }
     return fail(ErrorCode::refused, "cannot arm: not every device is there", "see the active faults");

@@ -67,6 +67,8 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     part.result.part = number;
     part.result.arrived_ns = arrived.time_since_epoch().count();
 
+    if (part.place_lost) stop_the_line();
+
     const bool position_known = !config_.by_encoder || counted;
     if (accepting()) {
         part.wanted = true;
@@ -136,15 +138,28 @@ void Core::on(const hal::EncoderReading& reading) {
 
 // The line may no longer run. With an encoder its parts are followed until it runs again. Without one nobody knows where
 // they come to rest: those not yet exposed will not be before the camera at their time, and no rejection counts as
-// confirmed from now on. Commands still go out by time: the line may not have obeyed.
+// confirmed from now on. Commands still go out by time, until the reset: the line may not have obeyed.
 void Core::lose_permit() {
     if (config_.by_encoder) return;
+    bool any = false;
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
         if (now_ < at_ejector(part)) part.place_lost = true;
+        any = any || (part.place_lost && part.phase != Part::Phase::complete);
         if (part.phase == Part::Phase::waiting && now_ < part.exposure_start + config_.exposure) {
             decide(part, PartVerdict::unfit, PartReason::station_not_running);
         }
+    }
+    if (any) stop_the_line();
+}
+
+// The person who resets has looked at the line: parts whose place was lost are off it, or nobody's business any more.
+void Core::abandon_lost_places() {
+    for (std::uint32_t k = 0; k < line_.size(); ++k) {
+        Part& part = line_[k];
+        if (!part.place_lost) continue;
+        part.abandoned = true;
+        decide(part, PartVerdict::unfit, PartReason::station_not_running);
     }
 }
 

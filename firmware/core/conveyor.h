@@ -16,8 +16,15 @@ class Conveyor {
     // Readings older than the last one, or beyond what an encoder counts in a lifetime, are ignored.
     void read(TimePoint at, std::int64_t counts) {
         if ((known_ && at <= at_) || !plausible(counts)) return;
-        step_ns_ = known_ ? (at - at_).count() : 0;
-        step_counts_ = known_ ? counts - counts_ : 0;
+        if (!known_) {
+            base_at_ = at;
+            base_counts_ = counts;
+        } else if (at - base_at_ >= kBaseline) {
+            step_ns_ = (at - base_at_).count();
+            step_counts_ = counts - base_counts_;
+            base_at_ = at;
+            base_counts_ = counts;
+        }
         at_ = at;
         counts_ = counts;
         known_ = true;
@@ -46,6 +53,9 @@ class Conveyor {
 
   private:
     static constexpr Duration kFar = std::chrono::hours(1);
+    // Speed is taken over at least so long: an edge may come with its count microseconds after a reading, where one count
+    // more or less is all there is.
+    static constexpr Duration kBaseline = milliseconds(4);
 
     // value * num / den without leaving 64 bits: |value / den * num| stays below kFar or kPlausible (checked by the callers),
     // and the remainder's product is rounded in double precision.
@@ -54,7 +64,8 @@ class Conveyor {
     }
 
     bool known_ = false;
-    TimePoint at_;
+    TimePoint at_, base_at_;
+    std::int64_t base_counts_ = 0;
     std::int64_t counts_ = 0;
     std::int64_t step_ns_ = 0;
     std::int64_t step_counts_ = 0;

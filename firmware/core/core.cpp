@@ -54,6 +54,10 @@ void Core::on(Command command) {
         answer_ = Answer::device_down;
         return;
     }
+    if (command == Command::arm && now_ < ejector_rests_at_) {
+        answer_ = Answer::pulse_under_way;
+        return;
+    }
     go(cause);
 }
 
@@ -89,6 +93,7 @@ void Core::entered(State from, Cause cause) {
             run_permit_ = false;  // closing the rejector drops it
             break;
         case Cause::reset:
+            abandon_lost_places();
             reset_faults();
             if (from != State::halted) {  // try again what is down
                 started_ = true;

@@ -28,6 +28,7 @@ enum class Answer : std::uint8_t {
     done,
     not_in_this_state,
     device_down,  // arm, while a device is lost or not yet there
+    pulse_under_way,  // arm, while the ejector may still act on what it was told before: the line would run under it
 };
 
 class Core {
@@ -71,6 +72,7 @@ class Core {
     [[nodiscard]] bool comes_too_close(TimePoint at, std::int64_t counts);
     [[nodiscard]] TimePoint expose_when_due(Part& part);
     void lose_permit();
+    void abandon_lost_places();
     void lose_position();
 
     // matching.cpp
@@ -120,6 +122,7 @@ class Core {
     Conveyor conveyor_;
     std::uint32_t parts_ = 0;
     std::uint32_t wanted_on_line_ = 0;
+    TimePoint ejector_rests_at_ = TimePoint::min();  // after every pulse commanded so far
     TimePoint last_arrival_ = TimePoint::min();
     std::int64_t last_arrival_counts_ = 0;
     TimePoint last_edge_at_ = TimePoint::min();

@@ -28,6 +28,7 @@ struct Part {
     bool judged = false;
     bool command_late = false;  // the part was at the ejector before its command
     bool place_lost = false;   // the line may have stopped on its way to the ejector, unobserved
+    bool abandoned = false;    // and a reset has ended its story
     bool reported = false;     // the rejector's report has come
     PartReason oddity = PartReason::none;  // a frame that came instead of this part's own
 

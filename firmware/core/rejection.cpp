@@ -30,6 +30,7 @@ void Core::settle() {
             next_wake_ = std::min(next_wake_, silent_at);
         }
     }
+    if (state_ == State::initialized && now_ < ejector_rests_at_) next_wake_ = std::min(next_wake_, ejector_rests_at_);
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         if (actions_->room() < 8) {  // the rest in the next step, at once
             next_wake_ = now_;
@@ -62,6 +63,10 @@ TimePoint Core::settle(Part& part) {
             decide(part, PartVerdict::unfit, PartReason::strobe_failed);
         }
     }
+    if (part.abandoned && part.phase != Part::Phase::complete) {
+        if (part.phase == Part::Phase::decided) ++counters_.reject_commanded;
+        complete(part, RejectState::failed);
+    }
     if (part.phase == Part::Phase::waiting || part.phase == Part::Phase::decided) {
         const TimePoint at = at_ejector(part);
         const TimePoint deadline = at == TimePoint::max() || at == TimePoint::min() ? at : at - config_.reject_early - config_.reject_lead;
@@ -80,6 +85,7 @@ void Core::command_reject(Part& part) {
     if (now_ >= part.eject_start + config_.reject_pulse) return complete(part, RejectState::late);  // it would hit a neighbour
     part.phase = Part::Phase::commanded;
     part.command_late = now_ > at;
+    ejector_rests_at_ = std::max(ejector_rests_at_, part.eject_start + config_.reject_pulse);
     actions_->push(hal::RejectCommand{part.number(), part.eject_start, config_.reject_pulse});
 }
 
@@ -135,7 +141,8 @@ void Core::complete(Part& part, RejectState outcome) {
         case RejectState::commanded: break;
     }
     record(part.result);
-    if (outcome == RejectState::failed || outcome == RejectState::late) stop_the_line();
+    const bool unconfirmed = outcome == RejectState::failed || outcome == RejectState::late;
+    if (unconfirmed && !part.abandoned) stop_the_line();
 }
 
 void Core::record(PartResult& result) {

@@ -162,7 +162,10 @@ class Shadow {
 
     void step(const Event& event) {
         note(event);
+        const bool was_stopped = core_.snapshot().line_stop;
         core_.step(event, now_, actions_);
+        const bool left = std::holds_alternative<Command>(event) && std::get<Command>(event) == Command::reset;
+        if (!std::holds_alternative<Tick>(event)) reset_after_stop_ = left && was_stopped;  // a long line needs ticks to end its stories
         bool frame_given_back = false;
         for (const Action& action : actions_) check(action, event, frame_given_back);
         EXPECT_EQ(std::holds_alternative<FrameArrived>(event), frame_given_back) << "a frame is inspected or released, once";
@@ -254,7 +257,8 @@ class Shadow {
             }
         } else {
             EXPECT_NE(r.reason, PartReason::none);
-            EXPECT_TRUE(r.reject == RejectState::confirmed || core_.snapshot().line_stop) << "unconfirmed, and the line runs";
+            EXPECT_TRUE(r.reject == RejectState::confirmed || core_.snapshot().line_stop || reset_after_stop_)
+                << "unconfirmed, and the line runs";
             EXPECT_TRUE(p.commanded || r.reject != RejectState::confirmed);
         }
     }
@@ -292,7 +296,7 @@ class Shadow {
     TimePoint now_{std::chrono::seconds(10)};
     std::uint32_t edge_ = 0, frame_ = 7, handle_ = 0, number_ = 0, results_ = 0, last_commanded_ = 0;
     std::int64_t counts_ = 0;
-    bool fresh_ = false, frames_seen_ = false;
+    bool fresh_ = false, frames_seen_ = false, reset_after_stop_ = false;
     std::uint32_t highest_frame_ = 0;
     bool down_[kDevices] = {};
     TimePoint next_reading_{};

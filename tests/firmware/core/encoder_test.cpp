@@ -186,6 +186,15 @@ TEST_F(Encoder, an_impossible_count_is_no_count) {
     EXPECT_TRUE(rig.rejected(1));
 }
 
+TEST(Conveyor, one_count_microseconds_after_a_reading_is_no_speed) {
+    Conveyor c;
+    const TimePoint t0(std::chrono::seconds(1));
+    c.read(t0, 0);
+    c.read(t0 + milliseconds(10), 100);
+    c.read(t0 + milliseconds(10) + microseconds(10), 101);  // an edge with its count
+    EXPECT_EQ(c.reaches(201), t0 + milliseconds(20) + microseconds(10));
+}
+
 TEST(Conveyor, extrapolates_the_last_two_readings_and_never_overflows) {
     Conveyor c;
     const TimePoint t0(std::chrono::seconds(1));

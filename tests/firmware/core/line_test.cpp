@@ -411,7 +411,6 @@ TEST_F(Running, with_the_rejector_down_bad_parts_stop_the_line) {
     const auto part = rig.part_is_seen();
     rig.send(DeviceLost{Device::rejector});
     EXPECT_EQ(rig.core.state(), State::error);
-    EXPECT_FALSE(rig.shot().line_stop);
     rig.judged(part, Verdict::reject, Reason::slope);
     rig.advance(milliseconds(150));
     EXPECT_FALSE(rig.rejected(part));
@@ -504,12 +503,35 @@ TEST_F(Running, an_error_stops_the_line_and_no_rejection_counts_from_then_on) {
     rig.judged(second, Verdict::pass);
     rig.send(DeviceLost{Device::strobe});
     EXPECT_EQ(rig.permits, std::vector<bool>{false});
-    EXPECT_FALSE(rig.shot().line_stop);
+    EXPECT_TRUE(rig.shot().line_stop);
     ASSERT_TRUE(rig.advance_until_rejected(first));  // the line may not have obeyed
     rig.confirmed(first);
     EXPECT_TRUE(rig.shot().line_stop);
     EXPECT_EQ(rig.shot().counters.reject_failed, 1U);
     EXPECT_EQ(rig.shot().counters.pass, 1U);
+}
+
+TEST_F(Running, a_reset_ends_the_story_of_parts_whose_place_was_lost) {
+    const auto part = rig.part_is_seen();
+    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.send(DeviceLost{Device::strobe});
+    rig.send(Command::reset);
+    EXPECT_EQ(rig.only_result().reject, RejectState::failed);
+    EXPECT_FALSE(rig.shot().line_stop);
+    rig.advance(milliseconds(500));
+    EXPECT_FALSE(rig.rejected(part)) << "its pulse would hit another part of the line that runs again";
+}
+
+TEST_F(Running, arming_waits_until_the_ejector_rests) {
+    const auto part = rig.part_is_seen();
+    rig.judged(part, Verdict::reject, Reason::slope);
+    ASSERT_TRUE(rig.advance_until_rejected(part));
+    rig.send(DeviceLost{Device::strobe});
+    rig.send(DeviceUp{Device::strobe});
+    rig.send(Command::reset);
+    EXPECT_EQ(rig.send(Command::arm), Answer::pulse_under_way);
+    rig.advance(milliseconds(35));  // lead and pulse
+    EXPECT_EQ(rig.send(Command::arm), Answer::done);
 }
 
 TEST_F(Running, a_part_before_the_camera_when_the_line_stops_is_not_judged_by_what_stands_there_later) {

@@ -1,0 +1,38 @@
+#include "tests/scenario/scenario.h"
+
+namespace hord::firmware {
+namespace {
+
+TEST(SlowInspector, late_verdicts_reject) {
+    LineOptions options = timed_line(10, 150);
+    options.core.max_failures_in_a_row = 0;
+    options.slow_first = 30;
+    options.slow_last = 49;
+    options.slow_inspection = milliseconds(900);
+    options.queue = 64;
+    options.cell.sensor.buffers = 64;
+    const auto line = run_scenario(options);
+    ASSERT_NE(line, nullptr);
+    EXPECT_EQ(line->slow_inspections(), 20U);
+    EXPECT_EQ(line->invariants().of(PartReason::verdict_late), 20U);
+    EXPECT_EQ(line->snapshot().counters.unfit, 20U);
+    EXPECT_NE(line->snapshot().faults_latched & kFaultOverrun, 0U);
+    EXPECT_EQ(line->line_stops(), 0U);
+}
+
+TEST(SlowInspector, a_full_queue_rejects) {
+    LineOptions options = timed_line(11, 150);
+    options.core.max_failures_in_a_row = 0;
+    options.slow_first = 30;
+    options.slow_last = 49;
+    options.slow_inspection = milliseconds(900);
+    options.queue = 2;
+    options.cell.sensor.buffers = 64;
+    const auto line = run_scenario(options);
+    ASSERT_NE(line, nullptr);
+    EXPECT_GT(line->invariants().of(PartReason::inspector_failed), 5U);
+    EXPECT_GT(line->invariants().of(PartReason::verdict_late), 0U);
+}
+
+}  // namespace
+}  // namespace hord::firmware
