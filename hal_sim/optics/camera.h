@@ -26,6 +26,10 @@ class CameraGeometry {
         const double x = x_mm - shift_x_, y = y_mm - shift_y_, u = u_bins * bin_rad_, v = v_bins * bin_rad_;
         return {cosine_ * x + sine_ * y, cosine_ * y - sine_ * x, cosine_ * u + sine_ * v, cosine_ * v - sine_ * u};
     }
+    void position_to_camera(double x, double y, double& x_mm, double& y_mm) const {
+        x_mm = cosine_ * x - sine_ * y + shift_x_;
+        y_mm = cosine_ * y + sine_ * x + shift_y_;
+    }
     // A position of the part's frame in lenslets: whole numbers are lenslets' centres.
     void to_lenslets(double x, double y, double& m, double& n) const {
         m = (cosine_ * x - sine_ * y + shift_x_) / pitch_mm_ + 0.5 * (extents_.m - 1);

@@ -8,7 +8,7 @@ namespace {
 
 constexpr double kSampled = 0.25;        // share of a bin: a smaller cell that is not smooth is sampled
 constexpr double kSampledNear = 0.01;    // the same, next to a defect
-constexpr double kRays = 1000;           // a bin, in sampled cells
+constexpr double kRays = 500;            // a bin, in sampled cells
 constexpr double kRaysNear = 3000;       // the same, next to a defect
 constexpr int kFewestRays = 16;
 constexpr double kStraight = 0.01;       // bins: bent more than this besides linearly, a cell is not smooth

@@ -35,12 +35,23 @@ void include(Body& body, const Vec3& low, const Vec3& high) {
     body.high = {std::max(body.high.x, high.x), std::max(body.high.y, high.y), std::max(body.high.z, high.z)};
 }
 
+double sag_of(double radius, double half_width) {
+    return half_width * half_width / (radius + std::sqrt(radius * radius - half_width * half_width));
+}
+
+// Two pairs of planes across the light.
+void add_sides(Body& body, std::vector<Solid>& solid, double half_x, double half_y) {
+    for (const double s : {-1.0, 1.0}) {
+        if (half_x > 0) solid.push_back(Solid::inside(add_plane(body, {s * half_x, 0, 0}, {s, 0, 0})));
+        solid.push_back(Solid::inside(add_plane(body, {0, s * half_y, 0}, {0, s, 0})));
+    }
+}
+
 void build(Body&, const NoPart&) {}
 
 void build(Body& body, const DoubleConvexLens& lens) {
     const double r = lens.radius_of_curvature_mm, a = lens.aperture_radius_mm;
-    const double sag = a * a / (r + std::sqrt(r * r - a * a));
-    const double half = lens.edge_thickness_mm / 2 + sag;
+    const double half = lens.edge_thickness_mm / 2 + sag_of(r, a);
     const int camera_side = add_sphere(body, {0, 0, half - r}, r);
     const int source_side = add_sphere(body, {0, 0, r - half}, r);
     const int edge = add_cylinder(body, {}, {0, 0, 1}, a);
@@ -58,13 +69,46 @@ void build(Body& body, const Wedge& wedge) {
     std::vector<Solid> sides;
     sides.push_back(Solid::inside(add_plane(body, {0, 0, half}, {-tx, -ty, 1})));
     sides.push_back(Solid::inside(add_plane(body, {0, 0, -half}, {0, 0, -1})));
-    for (const double s : {-1.0, 1.0}) {
-        sides.push_back(Solid::inside(add_plane(body, {s * h, 0, 0}, {s, 0, 0})));
-        sides.push_back(Solid::inside(add_plane(body, {0, s * h, 0}, {0, s, 0})));
-    }
+    add_sides(body, sides, h, h);
     body.fill(Solid::all(std::move(sides)), wedge.refractive_index);
     body.convex = true;
     bound(body, {h, h, half + h * (std::abs(tx) + std::abs(ty))});
+}
+
+void build(Body& body, const PlanoConvexLens& lens) {
+    const double r = lens.radius_of_curvature_mm, a = lens.aperture_radius_mm;
+    const double half = (lens.edge_thickness_mm + sag_of(r, a)) / 2;
+    const int curved = add_sphere(body, {0, 0, half - r}, r);
+    const int flat = add_plane(body, {0, 0, -half}, {0, 0, -1});
+    const int edge = add_cylinder(body, {}, {0, 0, 1}, a);
+    body.fill(Solid::all({Solid::inside(curved), Solid::inside(flat), Solid::inside(edge)}), lens.refractive_index);
+    body.convex = true;
+    bound(body, {a, a, half});
+}
+
+void build(Body& body, const CylinderLens& lens) {
+    const double r = lens.radius_of_curvature_mm, w = lens.half_width_mm, l = lens.half_length_mm;
+    const double half = (lens.edge_thickness_mm + sag_of(r, w)) / 2;
+    std::vector<Solid> faces{Solid::inside(add_cylinder(body, {0, 0, half - r}, {0, 1, 0}, r)),
+                             Solid::inside(add_plane(body, {0, 0, -half}, {0, 0, -1}))};
+    add_sides(body, faces, w, l);
+    body.fill(Solid::all(std::move(faces)), lens.refractive_index);
+    body.convex = true;
+    bound(body, {w, l, half});
+}
+
+void build(Body& body, const Plate& plate) { build(body, Wedge{plate.half_size_mm, plate.thickness_mm, 0, 0, plate.refractive_index}); }
+
+void build(Body& body, const Vial& vial) {
+    const Vec3 along{0, 1, 0};
+    const Solid outer = Solid::inside(add_cylinder(body, {}, along, vial.outer_radius_mm));
+    const Solid inner = Solid::inside(add_cylinder(body, {}, along, vial.inner_radius_mm));
+    std::vector<Solid> wall{outer};
+    add_sides(body, wall, 0, vial.half_height_mm);
+    body.fill(Solid::all(std::move(wall)), vial.refractive_index);
+    body.fill_more(inner, vial.contents_index);
+    body.convex = true;  // with its contents
+    bound(body, {vial.outer_radius_mm, vial.half_height_mm, vial.outer_radius_mm});
 }
 
 void add_hollow(Body& body, const Vec3& centre, double radius) {
@@ -82,6 +126,20 @@ void add_defect(Body& body, const AbsorbingSpeck& speck) {
     include(body, speck.centre_mm - Vec3{r, r, 1e-3 * r}, speck.centre_mm + Vec3{r, r, 1e-3 * r});
 }
 
+void add_defect(Body& body, const Inclusion& inclusion) {
+    const int sphere = add_sphere(body, inclusion.centre_mm, inclusion.radius_mm);
+    body.fill_more(Solid::inside(sphere), inclusion.refractive_index);
+    body.features.push_back({inclusion.centre_mm, inclusion.centre_mm, inclusion.radius_mm, inclusion.radius_mm / 8});
+}
+void add_defect(Body& body, const Scratch& scratch) {
+    const Vec3 along = scratch.to_mm - scratch.from_mm;
+    const int groove = add_cylinder(body, scratch.from_mm, along, scratch.radius_mm);
+    const int begin = add_plane(body, scratch.from_mm, -1.0 * along);
+    const int end = add_plane(body, scratch.to_mm, along);
+    body.fill_more(Solid::all({Solid::inside(groove), Solid::inside(begin), Solid::inside(end)}), kAir);
+    body.features.push_back({scratch.from_mm, scratch.to_mm, scratch.radius_mm, scratch.radius_mm / 4});
+}
+
 }  // namespace
 
 Body body_of(const Scene& scene, bool with_defects) {
@@ -92,6 +150,7 @@ Body body_of(const Scene& scene, bool with_defects) {
             std::visit([&](const auto& d) { add_defect(body, d); }, defect);
         }
     }
+    body.fresnel = scene.effects.fresnel;
     body.done();
     return body;
 }

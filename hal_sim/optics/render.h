@@ -21,7 +21,7 @@ struct TruthDefect {
     double m = 0, n = 0;              // centre
     double radius_lenslets = 0;
     std::uint32_t area_lenslets = 0;  // lenslets touched by it
-    const char* kind = "";            // bubble, cut, speck
+    const char* kind = "";            // as in the scene file: bubble, cut, speck, ...
 };
 struct Truth {
     bool defect_free = true;
@@ -36,6 +36,14 @@ struct RenderOptions {
 };
 
 Result<LightField> render(const Scene& scene, const RenderOptions& options = {});
+
+// What the scene's telecentric camera sees: 1 where all light comes from the panel. Row by row.
+struct Picture {
+    int width_px = 0, height_px = 0;
+    std::vector<float> light;
+};
+Result<Picture> render_telecentric(const Scene& scene, const RenderOptions& options = {});
+
 Truth truth_of(const Scene& scene);
 
 // One exposure of a light field: scale, noise, quantise, saturate. `light` scales the source (1: nominal, 0: dark).

@@ -58,10 +58,45 @@ void check_part(Checker& c, const Wedge& wedge) {
     }
 }
 
+void check_part(Checker& c, const PlanoConvexLens& lens) {
+    check_part(c, DoubleConvexLens{lens.radius_of_curvature_mm, lens.aperture_radius_mm, lens.edge_thickness_mm, lens.refractive_index});
+}
+void check_part(Checker& c, const CylinderLens& lens) {
+    const bool sizes = c.within("radius_of_curvature_mm", lens.radius_of_curvature_mm, kThinnest, kLargest) &
+                       c.within("half_width_mm", lens.half_width_mm, kThinnest, kLargest);
+    c.within("half_length_mm", lens.half_length_mm, kThinnest, kLargest);
+    c.within("edge_thickness_mm", lens.edge_thickness_mm, 0, kLargest);
+    c.within("refractive_index", lens.refractive_index, 1, 4);
+    if (sizes) {
+        c.require(lens.half_width_mm <= lens.radius_of_curvature_mm, "half_width_mm", "is larger than the radius of curvature",
+                  "use at most " + Checker::number(lens.radius_of_curvature_mm));
+    }
+}
+void check_part(Checker& c, const Plate& plate) {
+    c.within("half_size_mm", plate.half_size_mm, kThinnest, kLargest);
+    c.within("thickness_mm", plate.thickness_mm, kThinnest, kLargest);
+    c.within("refractive_index", plate.refractive_index, 1, 4);
+}
+void check_part(Checker& c, const Vial& vial) {
+    const bool sizes = c.within("outer_radius_mm", vial.outer_radius_mm, kThinnest, kLargest) &
+                       c.within("inner_radius_mm", vial.inner_radius_mm, kThinnest, kLargest);
+    c.within("half_height_mm", vial.half_height_mm, kThinnest, kLargest);
+    c.within("refractive_index", vial.refractive_index, 1, 4);
+    c.within("contents_index", vial.contents_index, 1, 4);
+    if (sizes) {
+        c.require(vial.inner_radius_mm < vial.outer_radius_mm, "inner_radius_mm", "leaves no wall",
+                  "use less than " + Checker::number(vial.outer_radius_mm));
+    }
+}
+
 // Half width of the part across the light; 0 without one.
 double reach_of(const Part& part) {
     if (const auto* lens = std::get_if<DoubleConvexLens>(&part)) return lens->aperture_radius_mm;
     if (const auto* wedge = std::get_if<Wedge>(&part)) return wedge->half_size_mm;
+    if (const auto* lens = std::get_if<PlanoConvexLens>(&part)) return lens->aperture_radius_mm;
+    if (const auto* lens = std::get_if<CylinderLens>(&part)) return std::max(lens->half_width_mm, lens->half_length_mm);
+    if (const auto* plate = std::get_if<Plate>(&part)) return plate->half_size_mm;
+    if (const auto* vial = std::get_if<Vial>(&part)) return std::max(vial->outer_radius_mm, vial->half_height_mm);
     return 0;
 }
 
@@ -75,6 +110,16 @@ void check_defect(Checker& c, const AbsorbingSpeck& d) {
     check_ball(c, d.centre_mm, d.radius_mm);
     c.within("transmission", d.transmission, 0, 1);
 }
+void check_defect(Checker& c, const Inclusion& d) {
+    check_ball(c, d.centre_mm, d.radius_mm);
+    c.within("refractive_index", d.refractive_index, 1, 4);
+}
+void check_defect(Checker& c, const Scratch& d) {
+    for (const double x : {d.from_mm.x, d.from_mm.y, d.from_mm.z}) c.within("from_mm", x, -kLargest, kLargest);
+    for (const double x : {d.to_mm.x, d.to_mm.y, d.to_mm.z}) c.within("to_mm", x, -kLargest, kLargest);
+    c.within("radius_mm", d.radius_mm, kThinnest, kLargest);
+    c.require(length(d.to_mm - d.from_mm) > kThinnest, "to_mm", "is where the scratch begins", "give it a length");
+}
 
 }  // namespace
 
@@ -85,13 +130,13 @@ std::string SceneProblem::message() const {
 }
 
 std::string_view name_of(const Part& part) {
-    constexpr std::string_view names[] = {"none", "double-convex", "wedge"};
+    constexpr std::string_view names[] = {"none", "double-convex", "wedge", "plano-convex", "cylinder-lens", "plate", "vial"};
     static_assert(std::size(names) == std::variant_size_v<Part>);
     return names[part.index()];
 }
 
 std::string_view name_of(const SceneDefect& defect) {
-    constexpr std::string_view names[] = {"bubble", "cut", "speck"};
+    constexpr std::string_view names[] = {"bubble", "cut", "speck", "inclusion", "scratch"};
     static_assert(std::size(names) == std::variant_size_v<SceneDefect>);
     return names[defect.index()];
 }
@@ -134,7 +179,15 @@ std::vector<SceneProblem> problems(const Scene& scene) {
     c.require(scene.noise.read_e == 0 || scene.noise.electrons_per_dn > 0, "read_e", "read noise in electrons needs electrons_per_dn",
               "name electrons_per_dn");
 
-    constexpr std::size_t kMostDefects = 48;
+    c.in("telecentric");
+    c.within("width_px", scene.telecentric.width_px, 1, 8192);
+    c.within("height_px", scene.telecentric.height_px, 1, 8192);
+    c.within("field_mm", scene.telecentric.field_mm, 1e-3, 1e4);
+    c.within("panel_half_mm", scene.telecentric.panel_half_mm, 1e-3, 1e4);
+    c.within("panel_distance_mm", scene.telecentric.panel_distance_mm, 1e-3, 1e4);
+    c.within("rays_per_side", scene.telecentric.rays_per_side, 1, 64);
+
+    constexpr std::size_t kMostDefects = 16;  // Body::kMaxSurfaces, three a scratch
     for (std::size_t k = 0; k < scene.defects.size(); ++k) {
         c.in("defect", k);
         std::visit([&](const auto& defect) { check_defect(c, defect); }, scene.defects[k]);

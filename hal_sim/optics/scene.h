@@ -34,7 +34,30 @@ struct Wedge {
     double tilt_x_rad = 0, tilt_y_rad = 0;  // of the camera-side face; positive: thicker, and light bent, to the right / downwards
     double refractive_index = 1.5;
 };
-using Part = std::variant<NoPart, DoubleConvexLens, Wedge>;
+struct PlanoConvexLens {  // curved towards the camera
+    double radius_of_curvature_mm = 100;
+    double aperture_radius_mm = 10;
+    double edge_thickness_mm = 3;
+    double refractive_index = 1.5;
+};
+struct CylinderLens {  // curved towards the camera, across x; straight along y
+    double radius_of_curvature_mm = 100;
+    double half_width_mm = 8, half_length_mm = 9;  // x, y
+    double edge_thickness_mm = 3;
+    double refractive_index = 1.5;
+};
+struct Plate {
+    double half_size_mm = 8;
+    double thickness_mm = 4;
+    double refractive_index = 1.5;
+};
+struct Vial {  // a tube along y, closed by its contents' ends
+    double outer_radius_mm = 6, inner_radius_mm = 5;
+    double half_height_mm = 10;
+    double refractive_index = 1.5;
+    double contents_index = 1.33;
+};
+using Part = std::variant<NoPart, DoubleConvexLens, Wedge, PlanoConvexLens, CylinderLens, Plate, Vial>;
 
 struct AirBubble {  // a sphere of index 1 inside the part
     Vec3 centre_mm;
@@ -49,7 +72,16 @@ struct AbsorbingSpeck {  // a thin disc across the light that lets `transmission
     double radius_mm = 0.5;
     double transmission = 0;  // 0..1
 };
-using SceneDefect = std::variant<AirBubble, SphericalCut, AbsorbingSpeck>;
+struct Inclusion {  // a sphere of another index inside the part
+    Vec3 centre_mm;
+    double radius_mm = 0.5;
+    double refractive_index = 1.6;
+};
+struct Scratch {  // a round groove of this radius along a straight line
+    Vec3 from_mm, to_mm;
+    double radius_mm = 0.05;
+};
+using SceneDefect = std::variant<AirBubble, SphericalCut, AbsorbingSpeck, Inclusion, Scratch>;
 
 struct Pose {
     double x_mm = 0, y_mm = 0;  // shift of the part on the measurement plane
@@ -68,6 +100,20 @@ struct Camera {
     double full_bin_dn = 240;      // DN of a bin filled by the source, before noise
 };
 
+// Effects that a scene names. Off by default: an effect that is off costs nothing.
+struct Effects {
+    bool fresnel = false;  // light lost by reflection at every face; ghosts are not followed
+};
+
+// The conventional camera beside the other: it sees along the axis, in front of a panel of light behind the part.
+struct TelecentricCamera {
+    int width_px = 333, height_px = 333;
+    double field_mm = 24;           // width
+    double panel_half_mm = 60;      // half side of the square panel
+    double panel_distance_mm = 40;  // from the measurement plane
+    int rays_per_side = 4;          // squared: rays a pixel
+};
+
 // EMVA 1288, a subset. Off by default: an effect that is off costs nothing.
 struct SensorNoise {
     double electrons_per_dn = 0;  // 0: no photon noise
@@ -84,6 +130,8 @@ struct Scene {
     Light light;
     Camera camera;
     SensorNoise noise;
+    Effects effects;
+    TelecentricCamera telecentric;
 };
 
 // What keeps a scene from being rendered. `table` and `key` are those of the scene file (docs/scene.md).

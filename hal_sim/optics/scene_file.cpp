@@ -35,6 +35,32 @@ void read(TomlTable& table, Wedge& wedge) {
     number(table, "refractive_index", wedge.refractive_index);
 }
 
+void read(TomlTable& table, PlanoConvexLens& lens) {
+    number(table, "radius_of_curvature_mm", lens.radius_of_curvature_mm);
+    number(table, "aperture_radius_mm", lens.aperture_radius_mm);
+    number(table, "edge_thickness_mm", lens.edge_thickness_mm);
+    number(table, "refractive_index", lens.refractive_index);
+}
+void read(TomlTable& table, CylinderLens& lens) {
+    number(table, "radius_of_curvature_mm", lens.radius_of_curvature_mm);
+    number(table, "half_width_mm", lens.half_width_mm);
+    number(table, "half_length_mm", lens.half_length_mm);
+    number(table, "edge_thickness_mm", lens.edge_thickness_mm);
+    number(table, "refractive_index", lens.refractive_index);
+}
+void read(TomlTable& table, Plate& plate) {
+    number(table, "half_size_mm", plate.half_size_mm);
+    number(table, "thickness_mm", plate.thickness_mm);
+    number(table, "refractive_index", plate.refractive_index);
+}
+void read(TomlTable& table, Vial& vial) {
+    number(table, "outer_radius_mm", vial.outer_radius_mm);
+    number(table, "inner_radius_mm", vial.inner_radius_mm);
+    number(table, "half_height_mm", vial.half_height_mm);
+    number(table, "refractive_index", vial.refractive_index);
+    number(table, "contents_index", vial.contents_index);
+}
+
 void read(TomlTable& table, AirBubble& d) {
     vector(table, "centre_mm", d.centre_mm);
     number(table, "radius_mm", d.radius_mm);
@@ -47,6 +73,17 @@ void read(TomlTable& table, AbsorbingSpeck& d) {
     vector(table, "centre_mm", d.centre_mm);
     number(table, "radius_mm", d.radius_mm);
     number(table, "transmission", d.transmission);
+}
+
+void read(TomlTable& table, Inclusion& d) {
+    vector(table, "centre_mm", d.centre_mm);
+    number(table, "radius_mm", d.radius_mm);
+    number(table, "refractive_index", d.refractive_index);
+}
+void read(TomlTable& table, Scratch& d) {
+    vector(table, "from_mm", d.from_mm);
+    vector(table, "to_mm", d.to_mm);
+    number(table, "radius_mm", d.radius_mm);
 }
 
 template <class Variant, std::size_t... K>
@@ -105,6 +142,16 @@ Result<Scene> load_scene(const std::filesystem::path& file) {
     number(noise, "electrons_per_dn", scene.noise.electrons_per_dn);
     number(noise, "read_e", scene.noise.read_e);
     number(noise, "dark_dn", scene.noise.dark_dn);
+    TomlTable effects = root.table("effects");
+    effects.boolean("fresnel", scene.effects.fresnel);
+
+    TomlTable telecentric = root.table("telecentric");
+    telecentric.integer("width_px", scene.telecentric.width_px, -kMost, kMost);
+    telecentric.integer("height_px", scene.telecentric.height_px, -kMost, kMost);
+    number(telecentric, "field_mm", scene.telecentric.field_mm);
+    number(telecentric, "panel_half_mm", scene.telecentric.panel_half_mm);
+    number(telecentric, "panel_distance_mm", scene.telecentric.panel_distance_mm);
+    telecentric.integer("rays_per_side", scene.telecentric.rays_per_side, -kMost, kMost);
     root.refuse_unknown_keys();
 
     for (const SceneProblem& problem : problems(scene)) {
@@ -112,6 +159,7 @@ Result<Scene> load_scene(const std::filesystem::path& file) {
                            : problem.table == "pose"   ? pose
                            : problem.table == "light"  ? light
                            : problem.table == "camera" ? camera
+                           : problem.table == "telecentric" ? telecentric
                            : problem.table == "defect" ? defects[problem.index]
                                                        : noise;
         table.problem(problem.key, problem.what, problem.cure);

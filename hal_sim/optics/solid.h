@@ -53,6 +53,8 @@ struct Body {
     bool empty = true;
     bool convex = false;  // the part without its defects: light that has left it never meets it again
 
+    bool fresnel = false;  // light is lost by reflection
+
     // Adds a surface and gives its number; -1 when there are kMaxSurfaces already.
     int add(const Surface& surface);
     // What fills a place: air outside `part`; inside, the last filling that contains the place, else the part itself.

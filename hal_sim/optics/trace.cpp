@@ -96,6 +96,7 @@ bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way
             ray.direction = bent.direction;
             path = mix(path, 2 * first + (bent.reflected ? 1 : 0));
             through = !bent.reflected;
+            if (body.fresnel && through) weight *= fresnel_transmission(bent, index_before, index_after);
         }
         if (through) {
             state ^= crossed;
@@ -116,13 +117,15 @@ bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way
 }  // namespace
 
 Arrival trace(const Body& body, const CameraRay& from, Way* way) {
-    Arrival arrival{from.u, from.v, 1, kFreePath};
+    Arrival arrival{from.u, from.v, from.x, from.y, 1, kFreePath};
     const double start = body.high.z;
     Ray ray{{from.x + from.u * start, from.y + from.v * start, start}, unit({-from.u, -from.v, -1})};
     if (!follow(body, ray, arrival.weight, arrival.path, way) || ray.direction.z >= 0) return {};
     if (arrival.path != kFreePath) {
         arrival.u = ray.direction.x / ray.direction.z;
         arrival.v = ray.direction.y / ray.direction.z;
+        arrival.x = ray.origin.x - arrival.u * ray.origin.z;
+        arrival.y = ray.origin.y - arrival.v * ray.origin.z;
     }
     return arrival;
 }

@@ -16,6 +16,7 @@ struct CameraRay {
 // What the light was before it met the part.
 struct Arrival {
     double u = 0, v = 0;     // slope at the source
+    double x = 0, y = 0;     // where its straight line meets the measurement plane
     double weight = 0;       // share of the light that survives; 0: lost
     std::uint64_t path = 0;  // which surfaces it met, in order: rays of one path vary smoothly; 0: none reaches the source
 };

@@ -32,12 +32,31 @@ bool meets(const Way& way, const AbsorbingSpeck& d) {
     return false;
 }
 
+bool meets(const Way& way, const Inclusion& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
+bool meets(const Way& way, const Scratch& d) {
+    const double span = length(d.to_mm - d.from_mm);
+    for (int k = 1; k < way.count; ++k) {
+        if (!way.in_part[k]) continue;
+        // The stretch's closest approach to the line: both are straight, so the distance along the scratch is convex.
+        double low = 0, high = 1;
+        const auto at = [&](double t) { return distance_to_segment(d.from_mm + t * (d.to_mm - d.from_mm), way.points[k - 1], way.points[k]); };
+        while ((high - low) * span > 1e-3 * d.radius_mm) {
+            const double a = low + (high - low) / 3, b = high - (high - low) / 3;
+            (at(a) < at(b) ? high : low) = at(a) < at(b) ? b : a;
+        }
+        if (at(0.5 * (low + high)) < d.radius_mm) return true;
+    }
+    return false;
+}
+
 struct Around {
     Vec3 centre;
-    double reach;
+    double reach;   // everything of it lies this close
+    double detail;  // its smallest measure
 };
 template <class Ball>
-Around around(const Ball& d) { return {d.centre_mm, d.radius_mm}; }
+Around around(const Ball& d) { return {d.centre_mm, d.radius_mm, d.radius_mm}; }
+Around around(const Scratch& d) { return {0.5 * (d.from_mm + d.to_mm), 0.5 * length(d.to_mm - d.from_mm) + d.radius_mm, d.radius_mm}; }
 
 class Labels {
   public:
@@ -78,8 +97,8 @@ class Labels {
     // Sends light closely around one defect. Area 0 when none meets it.
     template <class Defect>
     TruthDefect look_at(const Defect& defect) {
-        const auto [centre, reach] = around(defect);
-        const double step = std::min(camera_.pitch_mm() / 8, reach / 12);
+        const auto [centre, reach, detail] = around(defect);
+        const double step = std::min(camera_.pitch_mm() / 8, std::max(detail / 12, reach / 300));
         const Vec3 aim = aim_at(centre);
         const int half = static_cast<int>(std::ceil(1.3 * reach / step));
         TruthDefect found;

@@ -3,6 +3,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <string>
+#include <tuple>
 
 #include <gtest/gtest.h>
 #include <opencv2/imgcodecs.hpp>
@@ -118,6 +119,31 @@ TEST_P(AgainstPovRay, the_truth_has_the_same_defects_and_part) {
     EXPECT_GE(both, 0.97 * defects);  // they count a lenslet barely touched by other samples than we do
     if (defects > 0) {
         EXPECT_NEAR(truth.defects.at(0).area_lenslets, defects, 0.03 * defects);
+    }
+}
+
+// What the conventional camera sees in front of a wide panel without Fresnel's losses, and of one half as wide with them.
+TEST_P(AgainstPovRay, the_conventional_picture_agrees) {
+    for (const auto& [name, panel_half_mm, fresnel] : {std::tuple{"_111_tele_wide.png", 60.0, false}, {"_111_tele.png", 30.0, true}}) {
+        const cv::Mat theirs = cv::imread((frames() / (std::string(GetParam().second) + name)).string(), cv::IMREAD_UNCHANGED);
+        ASSERT_EQ(theirs.cols, kSide);
+        scene_.telecentric.width_px = scene_.telecentric.height_px = kSide;
+        scene_.telecentric.panel_half_mm = panel_half_mm;
+        scene_.effects.fresnel = fresnel;
+        const Picture ours = *render_telecentric(scene_);
+        double off = 0, darkest = 1;
+        int rough = 0;
+        for (int k = 0; k < kSide * kSide; ++k) {
+            const double a = ours.light[static_cast<std::size_t>(k)], b = theirs.data[k] / 240.0;
+            off += std::abs(a - b) / (kSide * kSide);
+            rough += std::abs(a - b) > 0.2;
+            darkest = std::min(darkest, a);
+        }
+        EXPECT_LT(off, 0.01) << name;
+        EXPECT_LT(rough, 0.01 * kSide * kSide) << name;  // edges, at another number of rays a pixel
+        const bool has_bubble = std::string(GetParam().first) == "bubble", has_cut = std::string(GetParam().first) == "cut";
+        // The wide panel shows the bubble and not the cut; the narrow one shows both.
+        EXPECT_EQ(darkest < 0.7, has_bubble || (has_cut && fresnel)) << name << " darkest " << darkest;
     }
 }
 
