@@ -11,11 +11,11 @@ void Invariants::violation(const std::string& what, std::uint64_t number) {
     if (texts_.size() < 10) texts_.push_back("part " + std::to_string(number) + ": " + what);
 }
 
-// A fault invisible to any station excuses at most one part each time it fires.
-void Invariants::excuse(std::initializer_list<Fault> faults, const std::string& what, std::uint64_t number) {
+// A fault invisible to any station excuses at most one part of a kind each time it fires.
+void Invariants::excuse(Excuse kind, std::initializer_list<Fault> faults, const std::string& what, std::uint64_t number) {
     std::uint64_t fired = 0;
     for (const Fault fault : faults) fired += faults_.fired(fault);
-    if (++excused_ > fired) violation(what, number);
+    if (++excused_[static_cast<std::size_t>(kind)] > fired) violation(what, number);
 }
 
 void Invariants::part_arrives(const sim::PartRecord& part) {
@@ -41,7 +41,7 @@ void Invariants::part_is_gone(const sim::PartRecord& part, bool line_may_run) {
     const bool stopped = last_stop_.time_since_epoch().count() >= known.arrived_ns;
     const bool awaited = !stopped && known.ejected;  // commanded, the report is on its way
     if (!stopped && !awaited) {
-        excuse({Fault::edge_missed, Fault::ejector_stuck, Fault::reject_lost, Fault::reject_late, Fault::reject_unacknowledged,
+        excuse(Excuse::unseen, {Fault::edge_missed, Fault::ejector_stuck, Fault::reject_lost, Fault::reject_late, Fault::reject_unacknowledged,
                 Fault::rejector_down, Fault::encoder_slip}, "left without a verdict, and the line ran on", part.number);
     }
 }
@@ -106,10 +106,10 @@ void Invariants::settle(Known& part) {
     const bool passed = part.result.verdict == PartVerdict::pass;
     if (part.ejected && passed) {
         if (part.stood_still) return;
-        excuse({Fault::reject_late, Fault::reject_twice, Fault::encoder_slip}, "passed, and ejected", part.number);
+        excuse(Excuse::ejected, {Fault::reject_late, Fault::reject_twice, Fault::encoder_slip}, "passed, and ejected", part.number);
     }
     if (!part.ejected && !passed && part.result.reject == RejectState::confirmed) {
-        excuse({Fault::ejector_stuck, Fault::encoder_slip}, "its rejection is confirmed, and it left", part.number);
+        excuse(Excuse::not_ejected, {Fault::ejector_stuck, Fault::encoder_slip}, "its rejection is confirmed, and it left", part.number);
     }
 }
 

@@ -10,6 +10,7 @@
 
 #include <array>
 #include <cstdint>
+#include <initializer_list>
 #include <string>
 #include <vector>
 
@@ -40,7 +41,7 @@ class Invariants {
     [[nodiscard]] const std::vector<std::string>& first_violations() const { return texts_; }
     [[nodiscard]] std::uint64_t results() const { return results_; }
     [[nodiscard]] std::uint64_t passed_bad() const { return passed_bad_; }  // detection's misses, where it is not perfect
-    [[nodiscard]] std::uint64_t excused() const { return excused_; }
+    [[nodiscard]] std::uint64_t excused() const { return excused_[0] + excused_[1] + excused_[2]; }
     [[nodiscard]] std::uint64_t of(PartReason reason) const { return reasons_[static_cast<std::size_t>(reason) % reasons_.size()]; }
     [[nodiscard]] std::uint64_t fingerprint() const { return fingerprint_; }  // of every result in order
 
@@ -60,7 +61,8 @@ class Invariants {
     static constexpr std::size_t kMemory = 1024;  // parts; far more than are ever on the line
 
     void violation(const std::string& what, std::uint64_t number);
-    void excuse(std::initializer_list<sim::Fault> faults, const std::string& what, std::uint64_t number);
+    enum class Excuse : std::uint8_t { unseen, ejected, not_ejected };
+    void excuse(Excuse kind, std::initializer_list<sim::Fault> faults, const std::string& what, std::uint64_t number);
     void settle(Known& part);
     [[nodiscard]] Known* arrived_at(std::int64_t ns);
 
@@ -70,7 +72,8 @@ class Invariants {
     std::array<Judgement, kMemory> judgements_{};
     std::uint64_t newest_ = 0;
     hal::TimePoint last_stop_ = hal::TimePoint::min();
-    std::uint64_t results_ = 0, violations_ = 0, excused_ = 0, passed_bad_ = 0, fingerprint_ = 0xCBF29CE484222325U;
+    std::uint64_t results_ = 0, violations_ = 0, passed_bad_ = 0, fingerprint_ = 0xCBF29CE484222325U;
+    std::array<std::uint64_t, 3> excused_{};  // by Excuse
     std::array<std::uint64_t, 32> reasons_{};
     std::vector<std::string> texts_;
 };
