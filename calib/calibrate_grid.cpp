@@ -1,0 +1,267 @@
+#include "calib/calibrate_grid.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <fmt/format.h>
+
+namespace hord::calib {
+namespace {
+
+using algo::LensletGrid;
+using algo::PixelPoint;
+
+constexpr double kLeastMatch = 0.5;       // correlation with the frame's own lenslets
+constexpr double kLeastAmplitude = 0.08;  // of the typical lenslet
+constexpr double kLeastNeighbours = 0.5;   // of measured lenslets, measured, too; random blots: their own share
+constexpr double kMostError = 0.05;       // of the model where it was not fitted, against the pitch
+constexpr std::size_t kGrowCentres = 1600;
+
+bool inside(const WhiteImage& image, PixelPoint p) {
+    return p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < image.width_px() - 0.5 && p.y_px < image.height_px() - 0.5;
+}
+
+// A grid with the lattice's steps, its lenslet (0, 0) at the seed, u and v about 1 at the frame's corners.
+LensletGrid grid_of(const Lattice& lattice, const WhiteImage& image) {
+    LensletGrid grid;
+    grid.kind = lattice.kind;
+    grid.stagger = lattice.stagger;
+    grid.width_px = image.width_px();
+    grid.height_px = image.height_px();
+    grid.middle_x_px = 0.5 * (image.width_px() - 1);
+    grid.middle_y_px = 0.5 * (image.height_px() - 1);
+    grid.radius_px = 0.5 * std::max(image.width_px(), image.height_px());
+    grid.span = std::max(1.0, grid.radius_px / lattice.pitch_px());
+    grid.columns = grid.rows = 1;
+    grid.rung = algo::GridRung::affine;
+    const double s = grid.span;
+    grid.parameters = {lattice.seed_px.x_px,    lattice.seed_px.y_px,    s * lattice.step_u.x_px,
+                       s * lattice.step_v.x_px, s * lattice.step_u.y_px, s * lattice.step_v.y_px};
+    return grid;
+}
+
+struct Index {
+    int m = 0, n = 0;
+};
+
+// The lenslets that `grid` places inside the frame. `steps` bounds the search: the model is smooth, so a lenslet that
+// lies far outside by the lattice's own steps is not folded back in by a polynomial.
+std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& steps, const WhiteImage& image) {
+    const std::vector<double>& p = steps.parameters;  // affine
+    const double determinant = p[2] * p[5] - p[3] * p[4];
+    double low_u = 1e300, high_u = -1e300, low_v = 1e300, high_v = -1e300;
+    const double margin_x = 0.1 * image.width_px() + p[2] / steps.span;
+    const double margin_y = 0.1 * image.height_px() + p[5] / steps.span;
+    for (const double x : {-margin_x, image.width_px() + margin_x}) {
+        for (const double y : {-margin_y, image.height_px() + margin_y}) {
+            const double u = (p[5] * (x - p[0]) - p[3] * (y - p[1])) / determinant;
+            const double v = (p[2] * (y - p[1]) - p[4] * (x - p[0])) / determinant;
+            low_u = std::min(low_u, u);
+            high_u = std::max(high_u, u);
+            low_v = std::min(low_v, v);
+            high_v = std::max(high_v, v);
+        }
+    }
+    const double m_step = (steps.stagger == algo::Stagger::columns ? std::numbers::sqrt3 / 2 : 1) / steps.span;
+    const double n_step = (steps.stagger == algo::Stagger::rows ? std::numbers::sqrt3 / 2 : 1) / steps.span;
+    std::vector<Index> out;
+    for (int n = static_cast<int>(std::floor(low_v / n_step)) - 1; n <= static_cast<int>(std::ceil(high_v / n_step)) + 1; ++n) {
+        for (int m = static_cast<int>(std::floor(low_u / m_step)) - 1; m <= static_cast<int>(std::ceil(high_u / m_step)) + 1; ++m) {
+            const LensletGrid::Uv uv = grid.uv(m, n);
+            if (uv.u < low_u || uv.u > high_u || uv.v < low_v || uv.v > high_v) continue;
+            if (inside(image, grid.at(uv))) out.push_back({m, n});
+        }
+    }
+    return out;
+}
+
+struct Growth {
+    LensletGrid grid;
+    CentreFinder finder;
+};
+
+std::optional<Observation> observe(const CentreFinder& finder, const LensletGrid& grid, Index k, double most_px) {
+    const auto spot = finder.measure(grid.centre_px(k.m, k.n), most_px);
+    if (!spot || spot->match < kLeastMatch || spot->amplitude_dn < kLeastAmplitude * finder.typical_amplitude_dn()) return std::nullopt;
+    return Observation{k.m, k.n, spot->centre_px, true};
+}
+
+// From the seed outwards: centres within reach, a smooth surface through them, a longer reach, until all is covered.
+Result<Growth> grow(const WhiteImage& image, const Lattice& lattice) {
+    const LensletGrid steps = grid_of(lattice, image);
+    const double pitch = lattice.pitch_px();
+    const std::vector<Index> all = lenslets_inside(steps, steps, image);
+    std::vector<PixelPoint> seeds;
+    std::vector<std::pair<double, Index>> by_distance;
+    for (const Index k : all) {
+        const PixelPoint at = steps.centre_px(k.m, k.n);
+        by_distance.emplace_back(std::hypot(at.x_px - lattice.seed_px.x_px, at.y_px - lattice.seed_px.y_px), k);
+    }
+    std::sort(by_distance.begin(), by_distance.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+    for (const auto& [far, k] : by_distance) {
+        if (far > 0.7 * lattice.reach_px || seeds.size() == 400) break;
+        seeds.push_back(steps.centre_px(k.m, k.n));
+    }
+    auto finder = CentreFinder::learn(image, seeds, pitch);
+    if (!finder) return tl::unexpected(finder.error());
+
+    LensletGrid grid = steps;
+    const double farthest = std::hypot(image.width_px(), image.height_px());
+    for (double reach = std::max(0.7 * lattice.reach_px, 3 * pitch);; reach *= 1.4) {
+        std::vector<Index> near;
+        for (const Index k : lenslets_inside(grid, steps, image)) {
+            const PixelPoint at = grid.centre_px(k.m, k.n);
+            if (std::hypot(at.x_px - lattice.seed_px.x_px, at.y_px - lattice.seed_px.y_px) <= reach) near.push_back(k);
+        }
+        // A regular part of them: every k-th column of every k-th row.
+        const int every = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(near.size()) / static_cast<double>(kGrowCentres))));
+        std::vector<Observation> seen;
+        for (const Index k : near) {
+            if (k.m % every != 0 || k.n % every != 0) continue;
+            if (auto observation = observe(*finder, grid, k, 0.3 * pitch)) seen.push_back(*observation);
+        }
+        const int order = seen.size() >= 200 ? 3 : seen.size() >= 60 ? 2 : 1;
+        std::optional<LensletGrid> next = robust_polynomial(steps, seen, order);
+        if (!next) {
+            return fail(ErrorCode::refused, fmt::format("only {} lenslets can be measured", seen.size()),
+                        "show at least three rows and three columns of evenly lit lenslets");
+        }
+        grid = *next;
+        if (reach > farthest) break;
+    }
+    return Growth{std::move(grid), std::move(*finder)};
+}
+
+// Lenslets are counted from the first column and row with one inside the frame.
+void count_from_zero(LensletGrid& grid, std::vector<Observation>& observations, const std::vector<Index>& all) {
+    int low_m = all.front().m, high_m = low_m, low_n = all.front().n, high_n = low_n;
+    for (const Index k : all) {
+        low_m = std::min(low_m, k.m);
+        high_m = std::max(high_m, k.m);
+        low_n = std::min(low_n, k.n);
+        high_n = std::max(high_n, k.n);
+    }
+    const bool by_rows = grid.stagger == algo::Stagger::rows;
+    const int turned = by_rows ? low_n : low_m;
+    // Counting from an odd row (or column) exchanges those that are shifted, and so shifts the whole by half a pitch.
+    const LensletGrid::Uv before = grid.uv(low_m, low_n);
+    if (grid.stagger != algo::Stagger::none) grid.parity = (grid.parity + turned) & 1;
+    const LensletGrid::Uv after = grid.uv(0, 0);
+    grid.origin_u += (after.u - before.u) * grid.span;
+    grid.origin_v += (after.v - before.v) * grid.span;
+    grid.columns = high_m - low_m + 1;
+    grid.rows = high_n - low_n + 1;
+    for (Observation& seen : observations) {
+        seen.m -= low_m;
+        seen.n -= low_n;
+    }
+}
+
+// Of the complete neighbours of measured lenslets, the share that is measured, too. Lenslets of a lattice come together,
+// also where only a part of the frame is lit; what was taken for lenslets in a picture does not.
+double neighbours_found(const LensletGrid& grid, const CentreFinder& finder, const std::vector<Observation>& observations) {
+    std::vector<bool> found(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
+    const auto at = [&](int m, int n) { return static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m); };
+    for (const Observation& seen : observations) found[at(seen.m, seen.n)] = true;
+    std::int64_t asked = 0;
+    std::int64_t answered = 0;
+    for (const Observation& seen : observations) {
+        for (const auto& [dm, dn] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
+            const int m = seen.m + dm;
+            const int n = seen.n + dn;
+            if (m < 0 || n < 0 || m >= grid.columns || n >= grid.rows || !finder.complete(grid.centre_px(m, n))) continue;
+            ++asked;
+            if (found[at(m, n)]) ++answered;
+        }
+    }
+    return asked > 0 ? static_cast<double>(answered) / static_cast<double>(asked) : 0;
+}
+
+}  // namespace
+
+std::vector<GridCalibration::Node> GridCalibration::nodes() const {
+    const LensletGrid& grid = fit.grid;
+    std::vector<bool> measured(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
+    const auto at = [&](int m, int n) { return static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m); };
+    for (const Observation& seen : observations) {
+        if (seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows) measured[at(seen.m, seen.n)] = seen.used;
+    }
+    std::vector<Node> out;
+    for (int n = 0; n < grid.rows; ++n) {
+        for (int m = 0; m < grid.columns; ++m) {
+            const PixelPoint p = grid.centre_px(m, n);
+            if (p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < grid.width_px - 0.5 && p.y_px < grid.height_px - 0.5) {
+                out.push_back({m, n, p, measured[at(m, n)]});
+            }
+        }
+    }
+    return out;
+}
+
+Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::optional<algo::FrameView>& dark,
+                                       const GridOptions& options) {
+    const auto report = [&](double done) {
+        if (options.progress) options.progress(done);
+    };
+    report(0);
+    const auto image = WhiteImage::open(white, dark);
+    if (!image) return tl::unexpected(image.error());
+    const auto lattice = find_lattice(*image, options.hint);
+    if (!lattice) return tl::unexpected(lattice.error());
+    report(0.2);
+    auto grown = grow(*image, *lattice);
+    if (!grown) return tl::unexpected(grown.error());
+    report(0.4);
+
+    GridCalibration out;
+    out.lattice = *lattice;
+    out.immunity = grown->finder.immunity();
+    LensletGrid grid = grown->grid;
+    const LensletGrid steps = grid_of(*lattice, *image);
+    const std::vector<Index> all = lenslets_inside(grid, steps, *image);
+    const double pitch = lattice->pitch_px();
+    for (const Index k : all) {
+        const PixelPoint at = grid.centre_px(k.m, k.n);
+        if (!grown->finder.complete(at)) continue;
+        if (auto seen = observe(grown->finder, grid, k, 0.25 * pitch)) {
+            out.observations.push_back(*seen);
+            if (grown->finder.saturated_share(seen->centre_px) > 0) ++out.saturated;
+        }
+    }
+    report(0.7);
+    count_from_zero(grid, out.observations, all);
+    const double together = neighbours_found(grid, grown->finder, out.observations);
+    if (together < kLeastNeighbours) {
+        return fail(ErrorCode::refused,
+                    fmt::format("the lenslets do not look like one another: only {:.0f} % of the neighbours of those measured can be measured",
+                                100 * together),
+                    "record an evenly lit white frame, without a part and below saturation");
+    }
+    auto fit = fit_grid(grid, out.observations, options.fit);
+    if (!fit) return tl::unexpected(fit.error());
+    out.fit = std::move(*fit);
+    const double pitches = std::hypot(out.fit.cv_x_rms_px, out.fit.cv_y_rms_px) / pitch;
+    if (!(pitches < kMostError)) {
+        return fail(ErrorCode::refused,
+                    fmt::format("the centres do not lie on a lattice: unseen ones are off by {:.1f} % of a pitch", 100 * pitches),
+                    "check that the frame shows one lenslet array, in focus");
+    }
+    report(0.95);
+
+    const LensletGrid::Steps middle = out.fit.grid.steps_px({0, 0});
+    out.pitch_px = std::sqrt(std::abs(middle.along_u.x_px * middle.along_v.y_px - middle.along_u.y_px * middle.along_v.x_px));
+    out.rotation_rad = lattice->stagger == algo::Stagger::columns ? std::atan2(-middle.along_v.x_px, middle.along_v.y_px)
+                                                                  : std::atan2(middle.along_u.y_px, middle.along_u.x_px);
+    for (const GridCalibration::Node& node : out.nodes()) {
+        ++out.inside;
+        if (grown->finder.complete(node.centre_px)) ++out.complete;
+    }
+    out.found = static_cast<int>(out.observations.size());
+    out.missing = std::max(0, out.complete - out.found);
+    out.rejected = out.fit.rejected;
+    report(1);
+    return out;
+}
+
+}  // namespace hord::calib

@@ -1,0 +1,56 @@
+// From a white frame to the lenslet grid: lattice, centres, model. Needs no hints.
+//
+//     auto calibration = calibrate_grid(white, dark);
+//     if (!calibration) ...error().message() says why the frame is refused...
+//     write_grid("grid.toml", *calibration, stamp);   // calib/grid_toml.h
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "algo/frame.h"
+#include "algo/grid_file.h"
+#include "algo/result.h"
+#include "calib/centres.h"
+#include "calib/grid_fit.h"
+#include "calib/lattice.h"
+
+namespace hord::calib {
+
+struct GridOptions {
+    LatticeHint hint;
+    FitOptions fit;
+    std::function<void(double done)> progress;  // 0..1, from the calling thread; may be empty
+};
+
+struct GridCalibration {
+    Lattice lattice;                         // as first seen, before the fit
+    GridFit fit;                             // grid, ladder, covariance, residuals
+    std::vector<Observation> observations;   // every lenslet found; those not `used` are outliers of the fit
+    Immunity immunity;                       // of the centres against gradients
+
+    double pitch_px = 0;      // mean of the grid's two pitches at its middle
+    double rotation_rad = 0;  // of the lattice's rows (columns where these are staggered), x towards y
+    int inside = 0;           // lenslets of the grid whose centre lies inside the frame
+    int complete = 0;         // those whose whole window does
+    int found = 0;            // of the complete ones, those measured
+    int missing = 0;          // of the complete ones, those without a centre: dead, dark, or unlike the others
+    int rejected = 0;         // of the found ones, those that do not fit
+    int saturated = 0;        // of the found ones, those with saturated samples
+
+    struct Node {
+        int m = 0, n = 0;
+        algo::PixelPoint centre_px;  // of the grid model
+        bool found = false;          // measured there, and used by the fit
+    };
+    // Every lenslet of the grid inside the frame, row by row.
+    [[nodiscard]] std::vector<Node> nodes() const;
+};
+
+// Frames are 8 to 16 bit and at least 24 px a side. Fails with `refused`, naming the reason and the cure, when the
+// frame shows no single lenslet lattice, or its centres do not lie on one.
+Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::optional<algo::FrameView>& dark = {},
+                                       const GridOptions& options = {});
+
+}  // namespace hord::calib

@@ -1,0 +1,163 @@
+// From a white frame to the grid, against frames of known truth.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "synthetic.h"
+
+namespace hord::calib {
+namespace {
+
+using test::White;
+using ::testing::HasSubstr;
+
+// Of the fitted grid against the truth, at 20 ke- a pixel: what is asked of a calibration.
+constexpr double kGridRms = 0.001;
+constexpr double kGridMax = 0.005;
+
+void expect_grid(const White& white, double rms_px, double max_px) {
+    const auto drawn = test::draw(white);
+    const auto calibration = calibrate_grid(drawn.frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_EQ(calibration->fit.grid.kind, white.hexagonal ? algo::LatticeKind::hexagonal : algo::LatticeKind::square);
+    const auto compared = test::compare(drawn, *calibration, white.pitch_px);
+    EXPECT_EQ(compared.unmatched_truth, 0);
+    EXPECT_EQ(compared.invented, 0);
+    EXPECT_GE(compared.found_alive, static_cast<int>(0.99 * compared.alive_complete));
+    EXPECT_LT(compared.rms_px, rms_px) << calibration->fit.reason;
+    EXPECT_LT(compared.max_px, max_px) << calibration->fit.reason;
+}
+
+TEST(CalibrateGrid, square_lattice_with_dead_lenslets_is_found_to_a_thousandth_of_a_pixel) {
+    expect_grid({.width_px = 700, .height_px = 600, .pitch_px = 17.3, .rotation_deg = 3, .dead_share = 0.02}, kGridRms, kGridMax);
+}
+
+TEST(CalibrateGrid, shear_perspective_and_distortion_are_fitted) {
+    expect_grid({.width_px = 900, .height_px = 800, .pitch_px = 15.7, .rotation_deg = -7, .shear = 0.002, .perspective_x = 0.002,
+                 .perspective_y = -0.002, .k1 = -0.004, .dead_share = 0.02},
+                kGridRms, kGridMax);
+}
+
+TEST(CalibrateGrid, hexagonal_lattice_is_found_at_any_rotation) {
+    for (const double rotation : {0.0, 10.0, 30.0, -22.0}) {
+        SCOPED_TRACE(rotation);
+        expect_grid({.width_px = 600, .height_px = 600, .hexagonal = true, .pitch_px = 19.1, .rotation_deg = rotation, .dead_share = 0.02}, kGridRms, kGridMax);
+    }
+}
+
+TEST(CalibrateGrid, forty_five_degrees_is_a_rotation_like_any_other) {
+    expect_grid({.width_px = 600, .height_px = 600, .pitch_px = 18.2, .rotation_deg = 45}, kGridRms, kGridMax);
+}
+
+TEST(CalibrateGrid, integer_pitch_at_no_rotation_has_no_bias_of_the_pixel_phase) {
+    // All lenslets fall on the pixels alike, so that nothing averages out.
+    expect_grid({.width_px = 500, .height_px = 500, .pitch_px = 20}, 0.002, kGridMax);
+    expect_grid({.width_px = 500, .height_px = 500, .hexagonal = true, .pitch_px = 24, .offset_x_px = 0.15, .offset_y_px = 0.37}, 0.002, kGridMax);
+}
+
+TEST(CalibrateGrid, pitches_from_eight_to_sixty_four_pixels_are_found) {
+    expect_grid({.width_px = 300, .height_px = 300, .pitch_px = 8.4, .rotation_deg = 1}, 0.003, 0.01);
+    expect_grid({.width_px = 1000, .height_px = 1000, .pitch_px = 63, .rotation_deg = -2}, 0.002, kGridMax);
+}
+
+TEST(CalibrateGrid, spots_are_lenslets_too) {
+    expect_grid({.width_px = 500, .height_px = 500, .pitch_px = 23, .rotation_deg = 0.6, .disc_radius_px = -1.6}, kGridRms, kGridMax);
+}
+
+TEST(CalibrateGrid, vignetting_inside_the_lenslets_does_not_shift_the_grid) {
+    // A centre of gravity would be g R / 8 wrong: 0.2 px at the corner.
+    expect_grid({.width_px = 800, .height_px = 800, .pitch_px = 20.3, .rotation_deg = 2, .vignetting = 0.2, .dead_share = 0.02}, 0.02, 0.05);
+}
+
+TEST(CalibrateGrid, three_by_three_lenslets_are_enough) {
+    expect_grid({.width_px = 90, .height_px = 90, .pitch_px = 28, .rotation_deg = 1}, 0.01, 0.03);
+}
+
+TEST(CalibrateGrid, a_dark_quarter_is_missing_and_not_invented) {
+    White white{.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = 2};
+    white.light = [](double x, double y) { return x > 350 && y > 350 ? 0.0 : 1.0; };
+    const auto drawn = test::draw(white);
+    const auto calibration = calibrate_grid(drawn.frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    const auto compared = test::compare(drawn, *calibration, white.pitch_px);
+    EXPECT_LT(compared.rms_px, 0.003);
+    for (const Observation& seen : calibration->observations) {
+        EXPECT_FALSE(seen.centre_px.x_px > 360 && seen.centre_px.y_px > 360) << seen.m << "," << seen.n;
+    }
+    EXPECT_NEAR(calibration->missing, calibration->complete / 4, calibration->complete / 30);
+}
+
+TEST(CalibrateGrid, thirty_percent_dead_lenslets_leave_the_grid_as_good) {
+    expect_grid({.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = -4, .dead_share = 0.3}, kGridRms, kGridMax);
+}
+
+TEST(CalibrateGrid, a_saturated_frame_is_measured_by_its_edges_and_counted) {
+    White white{.width_px = 600, .height_px = 600, .pitch_px = 20.6, .rotation_deg = 1, .peak_dn = 300, .background_dn = 8, .electrons_per_dn = 80, .bits = 8};
+    const auto drawn = test::draw(white);
+    const auto calibration = calibrate_grid(drawn.frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_EQ(calibration->saturated, calibration->found);
+    EXPECT_LT(test::compare(drawn, *calibration, white.pitch_px).rms_px, 0.003);
+}
+
+TEST(CalibrateGrid, a_bubble_in_the_white_frame_costs_its_own_lenslets_only) {
+    White white{.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = 2};
+    white.light = [](double x, double y) {
+        const double r = std::hypot(x - 300, y - 420);
+        return r < 60 ? 0.02 + 0.6 * std::pow(r / 60, 6) : 1.0;
+    };
+    const auto drawn = test::draw(white);
+    const auto calibration = calibrate_grid(drawn.frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_LT(test::compare(drawn, *calibration, white.pitch_px).rms_px, 0.002);
+}
+
+TEST(CalibrateGrid, a_hint_that_is_ten_percent_wrong_does_no_harm) {
+    const auto drawn = test::draw({.width_px = 400, .height_px = 400, .pitch_px = 18.7, .rotation_deg = 2});
+    const auto without = calibrate_grid(drawn.frame.view());
+    for (const double wrong : {0.9, 1.1}) {
+        GridOptions options;
+        options.hint.pitch_px = wrong * 18.7;
+        const auto with = calibrate_grid(drawn.frame.view(), {}, options);
+        ASSERT_TRUE(with) << with.error().message();
+        EXPECT_NEAR(with->pitch_px, without->pitch_px, 1e-4);
+    }
+}
+
+TEST(CalibrateGrid, one_row_of_lenslets_is_refused_with_the_reason) {
+    White white{.width_px = 600, .height_px = 60, .pitch_px = 30};
+    white.light = [](double, double y) { return std::abs(y - 29) < 15 ? 1.0 : 0.0; };
+    const auto calibration = calibrate_grid(test::draw(white).frame.view());
+    ASSERT_FALSE(calibration);
+    EXPECT_EQ(calibration.error().code, ErrorCode::refused);
+}
+
+TEST(CalibrateGrid, frames_without_lenslets_are_refused_with_the_reason) {
+    const auto dark = calibrate_grid(test::draw({.peak_dn = 0}).frame.view());
+    ASSERT_FALSE(dark);
+    EXPECT_EQ(dark.error().code, ErrorCode::refused);
+    EXPECT_THAT(dark.error().message(), HasSubstr("no lattice"));
+    const auto full = calibrate_grid(test::draw({.background_dn = 1e6}).frame.view());
+    ASSERT_FALSE(full);
+    EXPECT_EQ(full.error().code, ErrorCode::refused);
+}
+
+TEST(CalibrateGrid, a_dark_frame_of_another_size_is_named) {
+    const auto drawn = test::draw({});
+    const algo::Frame dark(100, 100, 16);
+    const auto calibration = calibrate_grid(drawn.frame.view(), dark.view());
+    ASSERT_FALSE(calibration);
+    EXPECT_THAT(calibration.error().message(), HasSubstr("100x100"));
+}
+
+TEST(CalibrateGrid, progress_runs_from_nothing_to_all) {
+    GridOptions options;
+    std::vector<double> seen;
+    options.progress = [&](double done) { seen.push_back(done); };
+    ASSERT_TRUE(calibrate_grid(test::draw({}).frame.view(), {}, options));
+    EXPECT_EQ(seen.front(), 0);
+    EXPECT_EQ(seen.back(), 1);
+    EXPECT_TRUE(std::is_sorted(seen.begin(), seen.end()));
+}
+
+}  // namespace
+}  // namespace hord::calib
