@@ -1,0 +1,59 @@
+// Decodes a raw frame of a real, rotated, distorted lenslet array into a macro-pixel frame, by fixed-point resampling.
+//
+// Each bin (i, j) of lenslet (m, n) is the mean of the raw pixels under a box of one bin about
+//     centre(m, n) + r(i, j),   r(i, j) = (i - (I-1)/2) along_i + (j - (J-1)/2) along_j,
+// with the centre from the calibration file and the two steps r from the direction map. Boxes are laid along the sensor's
+// axes, as i and j are.
+//
+// Formats. A box is placed to 1/32 px; its weights along x and along y are Q0.7 each, both sum to exactly 128; a bin is
+// (sum w_x w_y sample + 2^13) >> 14. Range: at most 2^16 - 1 in, so the sum is below 2^30 and the bin never exceeds the
+// largest sample under it. Tables are built with + - * / and floor only, so that every machine builds the same ones.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "algo/frame.h"
+#include "algo/grid_file.h"
+#include "algo/light_field.h"
+
+namespace hord::algo {
+
+// One step of i and of j on the sensor, px.
+struct BinSteps {
+    PixelPoint along_i, along_j;
+};
+
+class Resampler {
+  public:
+    // Steps that divide the mean pitch of the grid into I x J bins along the sensor's axes.
+    [[nodiscard]] static BinSteps even_steps(const LensletGrid& grid, int bins_i, int bins_j);
+
+    // Takes all memory. Fails with invalid_argument for a grid that check() refuses, extents beyond algo/light_field.h, or
+    // bins smaller than half a pixel or larger than 24.
+    static Result<Resampler> create(const LensletGrid& grid, int bins_i, int bins_j, const BinSteps& steps);
+
+    [[nodiscard]] const Extents& extents() const { return extents_; }
+
+    // One row of lenslets: J image rows of I * M samples each, as a macro-pixel frame has them. Bins that reach beyond the
+    // raw frame are 0: no light. `raw` must have the size the grid was made for; `out` holds J * I * M samples.
+    void decode_row(const FrameView& raw, int n, std::span<std::uint16_t> out) const;
+
+    // The whole frame, with the bit depth of `raw`. Fails with invalid_argument when the frame is not of the grid's size.
+    Result<Frame> decode(const FrameView& raw) const;
+
+  private:
+    static constexpr int kPhases = 32;
+    template <class Sample>
+    void decode_lenslets(const FrameView& raw, int n, std::span<std::uint16_t> out) const;
+
+    Extents extents_;
+    int width_px_ = 0, height_px_ = 0;
+    int taps_x_ = 0, taps_y_ = 0;
+    std::vector<std::uint8_t> weights_x_, weights_y_;  // kPhases x taps
+    std::vector<std::int32_t> place_x_, place_y_;      // of every lenslet's centre, 1/32 px
+    std::vector<std::int32_t> offset_x_, offset_y_;    // of every bin from it, 1/32 px
+};
+
+}  // namespace hord::algo
