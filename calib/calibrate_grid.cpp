@@ -16,7 +16,7 @@ constexpr double kLeastMatch = 0.5;       // correlation with the frame's own le
 constexpr double kLeastAmplitude = 0.08;  // of the typical lenslet
 constexpr double kLeastNeighbours = 0.5;   // of measured lenslets, measured, too; random blots: their own share
 constexpr double kMostError = 0.05;       // of the model where it was not fitted, against the pitch
-constexpr std::size_t kGrowCentres = 1600;
+constexpr std::size_t kGrowCentres = 900;
 
 bool inside(const WhiteImage& image, PixelPoint p) {
     return p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < image.width_px() - 0.5 && p.y_px < image.height_px() - 0.5;
@@ -47,7 +47,7 @@ struct Index {
 
 // The lenslets that `grid` places inside the frame. `steps` bounds the search: the model is smooth, so a lenslet that
 // lies far outside by the lattice's own steps is not folded back in by a polynomial.
-std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& steps, const WhiteImage& image) {
+std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& steps, const WhiteImage& image, double reach_px = 1e9) {
     const std::vector<double>& p = steps.parameters;  // affine
     const double determinant = p[2] * p[5] - p[3] * p[4];
     double low_u = 1e300, high_u = -1e300, low_v = 1e300, high_v = -1e300;
@@ -63,6 +63,12 @@ std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& s
             high_v = std::max(high_v, v);
         }
     }
+    // Lenslet (0, 0) is the seed: what is far from it by the steps is far by the model, to a third.
+    const double reach = 1.4 * reach_px / std::hypot(p[2], p[4]);
+    low_u = std::max(low_u, -reach);
+    high_u = std::min(high_u, reach);
+    low_v = std::max(low_v, -reach);
+    high_v = std::min(high_v, reach);
     const double m_step = (steps.stagger == algo::Stagger::columns ? std::numbers::sqrt3 / 2 : 1) / steps.span;
     const double n_step = (steps.stagger == algo::Stagger::rows ? std::numbers::sqrt3 / 2 : 1) / steps.span;
     std::vector<Index> out;
@@ -91,7 +97,7 @@ std::optional<Observation> observe(const CentreFinder& finder, const LensletGrid
 Result<Growth> grow(const WhiteImage& image, const Lattice& lattice) {
     const LensletGrid steps = grid_of(lattice, image);
     const double pitch = lattice.pitch_px();
-    const std::vector<Index> all = lenslets_inside(steps, steps, image);
+    const std::vector<Index> all = lenslets_inside(steps, steps, image, lattice.reach_px);
     std::vector<PixelPoint> seeds;
     std::vector<std::pair<double, Index>> by_distance;
     for (const Index k : all) {
@@ -108,9 +114,9 @@ Result<Growth> grow(const WhiteImage& image, const Lattice& lattice) {
 
     LensletGrid grid = steps;
     const double farthest = std::hypot(image.width_px(), image.height_px());
-    for (double reach = std::max(0.7 * lattice.reach_px, 3 * pitch);; reach *= 1.4) {
+    for (double reach = std::max(0.7 * lattice.reach_px, 3 * pitch);; reach *= 1.6) {
         std::vector<Index> near;
-        for (const Index k : lenslets_inside(grid, steps, image)) {
+        for (const Index k : lenslets_inside(grid, steps, image, reach)) {
             const PixelPoint at = grid.centre_px(k.m, k.n);
             if (std::hypot(at.x_px - lattice.seed_px.x_px, at.y_px - lattice.seed_px.y_px) <= reach) near.push_back(k);
         }
@@ -226,7 +232,7 @@ Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::
         if (!grown->finder.complete(at)) continue;
         if (auto seen = observe(grown->finder, grid, k, 0.25 * pitch)) {
             out.observations.push_back(*seen);
-            if (grown->finder.saturated_share(seen->centre_px) > 0) ++out.saturated;
+            if (image->any_saturated() && grown->finder.saturated_share(seen->centre_px) > 0) ++out.saturated;
         }
     }
     report(0.7);

@@ -15,7 +15,8 @@ namespace {
 using algo::GridRung;
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-constexpr std::size_t kLadderCentres = 6000;  // enough to choose by; the chosen rung is then fitted to all
+constexpr std::size_t kLadderCentres = 6000;  // enough to choose by
+constexpr std::size_t kFitCentres = 24000;    // that the chosen rung is fitted to: more add time and no accuracy that counts
 constexpr double kSingular = 1e-9;            // of the eigenvalues of the normalised normal equations, against 1
 constexpr double kNeededGain = 2.0;           // standard errors
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
@@ -75,14 +76,22 @@ void evaluate(Solved& solved, const std::vector<Point>& points) {
     }
 }
 
+Eigen::MatrixXd normal_of(const Solved& solved) {
+    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(solved.jacobian.cols(), solved.jacobian.cols());
+    normal.selfadjointView<Eigen::Lower>().rankUpdate(solved.jacobian.transpose());
+    normal.triangularView<Eigen::StrictlyUpper>() = normal.transpose();
+    return normal;
+}
+
 // Fixes the parameters that the centres do not determine, one a null direction; true where it fixed any.
 bool fix_null_directions(Solved& solved) {
     bool any = false;
+    const Eigen::MatrixXd normal = normal_of(solved);
     for (;;) {
         const Eigen::Index count = solved.jacobian.cols();
         std::vector<Eigen::Index> free;
         bool again = false;
-        const Eigen::VectorXd size = solved.jacobian.colwise().norm();
+        const Eigen::VectorXd size = normal.diagonal().cwiseMax(0.0).cwiseSqrt();
         const double largest = size.maxCoeff();
         for (Eigen::Index k = 0; k < count; ++k) {
             if (solved.fixed[static_cast<std::size_t>(k)]) continue;
@@ -95,9 +104,15 @@ bool fix_null_directions(Solved& solved) {
         }
         const auto n = static_cast<Eigen::Index>(free.size());
         if (n == 0) return any;
-        Eigen::MatrixXd scaled(solved.jacobian.rows(), n);
-        for (Eigen::Index k = 0; k < n; ++k) scaled.col(k) = solved.jacobian.col(free[static_cast<std::size_t>(k)]) / size(free[static_cast<std::size_t>(k)]);
-        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled.transpose() * scaled);
+        Eigen::MatrixXd scaled(n, n);
+        for (Eigen::Index r = 0; r < n; ++r) {
+            for (Eigen::Index c = 0; c < n; ++c) {
+                const Eigen::Index from_r = free[static_cast<std::size_t>(r)];
+                const Eigen::Index from_c = free[static_cast<std::size_t>(c)];
+                scaled(r, c) = normal(from_r, from_c) / (size(from_r) * size(from_c));
+            }
+        }
+        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
         if (eigen.eigenvalues()(0) < kSingular) {
             // The parameter with the largest share in the null direction; the later, more special one on a tie.
             const Eigen::VectorXd null = eigen.eigenvectors().col(0).cwiseAbs();
@@ -191,7 +206,7 @@ std::optional<Solved> solve(algo::LensletGrid start, const std::vector<Point>& p
     if (!run(solved, points)) return std::nullopt;
     evaluate(solved, points);
     if (full && !know_centre) {
-        const Eigen::MatrixXd inverse = inverse_normal(solved.jacobian.transpose() * solved.jacobian, solved.fixed);
+        const Eigen::MatrixXd inverse = inverse_normal(normal_of(solved), solved.fixed);
         const double k1 = std::abs(solved.grid.parameters[8]);
         if (inverse.size() > 0 && k1 > 3 * std::sqrt(inverse(8, 8) * variance_of(solved))) {
             solved.fixed[10] = solved.fixed[11] = false;
@@ -337,6 +352,33 @@ std::vector<Point> points_of(const algo::LensletGrid& frame, std::span<const Obs
     return points;
 }
 
+// At most `most` of the points, spread evenly over them.
+std::vector<Point> part_of(const std::vector<Point>& points, std::size_t most) {
+    std::vector<Point> part;
+    const std::size_t every = (points.size() + most - 1) / most;
+    for (std::size_t k = 0; k < points.size(); k += every) part.push_back(points[k]);
+    return part;
+}
+
+// Keeps the centres within five robust standard deviations of `grid`.
+void reject_by(const algo::LensletGrid& grid, std::span<Observation> observations) {
+    std::vector<double> distance;
+    distance.reserve(observations.size());
+    for (const Observation& seen : observations) {
+        const algo::PixelPoint at = grid.centre_px(seen.m, seen.n);
+        distance.push_back(std::hypot(at.x_px - seen.centre_px.x_px, at.y_px - seen.centre_px.y_px));
+    }
+    std::vector<double> sorted;
+    for (std::size_t k = 0; k < distance.size(); ++k) {
+        if (observations[k].used) sorted.push_back(distance[k]);
+    }
+    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+    std::nth_element(sorted.begin(), middle, sorted.end());
+    // The median of a Rayleigh-distributed distance is 1.1774 sigma.
+    const double most = 5 * *middle / 1.1774 + 1e-3;
+    for (std::size_t k = 0; k < distance.size(); ++k) observations[k].used = distance[k] < most;
+}
+
 // The similarity nearest to the points: linear least squares in closed form.
 algo::LensletGrid first_similarity(const algo::LensletGrid& frame, const std::vector<Point>& points) {
     double u = 0, v = 0, x = 0, y = 0;
@@ -369,8 +411,9 @@ double inflation_of(const Solved& solved, const Blocks& blocks, const Eigen::Mat
     if (blocks.count < 9 || inverse.size() == 0 || !(variance > 0)) return 1;
     Eigen::MatrixXd pull = Eigen::MatrixXd::Zero(count, blocks.count);
     for (std::size_t k = 0; k < blocks.of.size(); ++k) {
-        pull.col(blocks.of[k]) += solved.jacobian.middleRows(static_cast<Eigen::Index>(2 * k), 2).transpose() *
-                                  solved.residuals.segment(static_cast<Eigen::Index>(2 * k), 2);
+        const auto row = static_cast<Eigen::Index>(2 * k);
+        pull.col(blocks.of[k]) += solved.residuals(row) * solved.jacobian.row(row).transpose();
+        pull.col(blocks.of[k]) += solved.residuals(row + 1) * solved.jacobian.row(row + 1).transpose();
     }
     const auto free = static_cast<double>(std::count(solved.fixed.begin(), solved.fixed.end(), false));
     const double spread = (pull.transpose() * inverse * pull).trace() / (variance * free);
@@ -395,9 +438,7 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
     std::vector<Point> points = points_of(frame, observations);
     if (points.size() < 4) return fail(ErrorCode::refused, "fewer than 4 lenslet centres agree with one another", "record the white frame again");
 
-    std::vector<Point> sample;
-    const std::size_t every = (points.size() + kLadderCentres - 1) / kLadderCentres;
-    for (std::size_t k = 0; k < points.size(); k += every) sample.push_back(points[k]);
+    const std::vector<Point> sample = part_of(points, kLadderCentres);
     const Blocks blocks = blocks_of(sample);
 
     GridFit fit;
@@ -448,15 +489,20 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
     RungReport& winner = fit.ladder[chosen];
     winner.chosen = true;
 
-    auto final_fit = solve(held, points);
+    // The chosen model has the last word on outliers: the surface that judged them first is not exact.
+    reject_by(held, observations);
+    points = points_of(frame, observations);
+    if (points.size() < 4) return fail(ErrorCode::refused, "fewer than 4 lenslet centres agree with the model", "record the white frame again");
+    const std::vector<Point> fitted = part_of(points, kFitCentres);
+    auto final_fit = solve(held, fitted);
     if (!final_fit) return fail(ErrorCode::refused, "the chosen grid model does not settle on all centres", "record the white frame again");
     const Solved& solved = *final_fit;
     fit.grid = solved.grid;
     fit.unobservable = solved.unobservable;
     const double variance = variance_of(solved);
-    const Eigen::MatrixXd inverse = inverse_normal(solved.jacobian.transpose() * solved.jacobian, solved.fixed);
+    const Eigen::MatrixXd inverse = inverse_normal(normal_of(solved), solved.fixed);
     fit.noise_px = std::sqrt(variance);
-    fit.correlation_inflation = inflation_of(solved, blocks_of(points), inverse, variance);
+    fit.correlation_inflation = inflation_of(solved, blocks_of(fitted), inverse, variance);
     const auto count = static_cast<Eigen::Index>(fit.grid.parameters.size());
     fit.sigma.assign(static_cast<std::size_t>(count), 0.0);
     fit.covariance.assign(static_cast<std::size_t>(count * count), 0.0);
@@ -468,10 +514,13 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
     }
     double x = 0;
     double y = 0;
-    for (Eigen::Index k = 0; k < solved.residuals.size(); k += 2) {
-        x += solved.residuals(k) * solved.residuals(k);
-        y += solved.residuals(k + 1) * solved.residuals(k + 1);
-        fit.max_px = std::max(fit.max_px, std::hypot(solved.residuals(k), solved.residuals(k + 1)));
+    for (const Point& point : points) {
+        const algo::PixelPoint at = fit.grid.at(point.uv);
+        const double dx = at.x_px - point.seen.x_px;
+        const double dy = at.y_px - point.seen.y_px;
+        x += dx * dx;
+        y += dy * dy;
+        fit.max_px = std::max(fit.max_px, std::hypot(dx, dy));
     }
     fit.used = static_cast<int>(points.size());
     fit.rejected = static_cast<int>(observations.size() - points.size());

@@ -94,13 +94,16 @@ void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, dou
 
 std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& frame, std::span<Observation> observations, int order) {
     constexpr int kRounds = 12;
+    constexpr std::size_t kMostCentres = 8000;
     const int terms = (order + 1) * (order + 2) / 2;
-    const auto count = static_cast<Eigen::Index>(observations.size());
+    // A regular part of very many centres determines the surface as well; all of them are then judged by it.
+    const std::size_t every = (observations.size() + kMostCentres - 1) / kMostCentres;
+    const auto count = every == 0 ? Eigen::Index{0} : static_cast<Eigen::Index>((observations.size() + every - 1) / every);
     if (count < terms + 1) return std::nullopt;
     Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> basis(count, terms);
     Eigen::MatrixX2d target(count, 2);
     for (Eigen::Index k = 0; k < count; ++k) {
-        const Observation& seen = observations[static_cast<std::size_t>(k)];
+        const Observation& seen = observations[static_cast<std::size_t>(k) * every];
         const auto [u, v] = frame.uv(seen.m, seen.n);
         monomials(order, u, v, basis.row(k).data());
         target(k, 0) = seen.centre_px.x_px;
@@ -134,7 +137,6 @@ std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& fram
         }
         if (settled) break;
     }
-    for (std::size_t k = 0; k < distance.size(); ++k) observations[k].used = distance[k] < 5 * sigma + 1e-3;
     algo::LensletGrid grid = frame;
     grid.rung = order == 1 ? algo::GridRung::affine : algo::GridRung::cubic;
     grid.parameters.assign(static_cast<std::size_t>(parameter_count(grid.rung)), 0.0);
@@ -145,6 +147,10 @@ std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& fram
         for (int axis = 0; axis < 2; ++axis) {
             for (int term = 0; term < terms; ++term) grid.parameters[static_cast<std::size_t>(axis * 10 + term)] = value(term, axis);
         }
+    }
+    for (Observation& seen : observations) {
+        const algo::PixelPoint at = grid.centre_px(seen.m, seen.n);
+        seen.used = std::hypot(at.x_px - seen.centre_px.x_px, at.y_px - seen.centre_px.y_px) < 5 * sigma + 1e-3;
     }
     return grid;
 }

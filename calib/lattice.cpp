@@ -13,7 +13,7 @@
 namespace hord::calib {
 namespace {
 
-constexpr int kLargestSide = 1024;  // of the analysed part
+constexpr int kLargestSide = 640;  // of the analysed part
 constexpr double kHalfSqrt3 = 0.86602540378443864676;
 constexpr double kLeastStrength = 0.08;  // of the autocorrelation at a lattice vector, against 1 at lag 0
 
@@ -72,8 +72,9 @@ std::vector<float> hann(int count) {
 cv::Mat1f flatten(const WhiteImage& image, const Part& part) {
     cv::Mat1f light(part.height, part.width);
     image.window(part.x, part.y, part.width, part.height, light.ptr<float>(0), part.width);
-    cv::Mat1f sorted = light.reshape(1, 1).clone();
-    const auto dim = sorted.begin() + sorted.cols / 50;
+    std::vector<float> sorted;  // every 13th pixel
+    for (int k = 0; k < part.width * part.height; k += 13) sorted.push_back(light(k / part.width, k % part.width));
+    const auto dim = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 50);
     std::nth_element(sorted.begin(), dim, sorted.end());
     const float floor = *dim;
     light -= floor;

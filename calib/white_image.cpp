@@ -19,7 +19,7 @@ void subtract_row(const Sample* from, float* to, int count) {
 }
 
 // Clipping below full scale: every 4th pixel is looked at; a maximum shared by more than 1 in 2000 of them is a ceiling.
-std::uint32_t ceiling(const algo::FrameView& frame) {
+std::uint32_t ceiling(const algo::FrameView& frame, bool& any) {
     std::uint32_t top = 0;
     std::int64_t count = 0;
     std::int64_t seen = 0;
@@ -35,7 +35,9 @@ std::uint32_t ceiling(const algo::FrameView& frame) {
             }
         }
     }
-    return count * 2000 > seen && top > 0 ? top : frame.full_scale();
+    const bool clipped = count * 2000 > seen && top > 0;
+    any = clipped || top >= frame.full_scale();
+    return clipped ? top : frame.full_scale();
 }
 
 }  // namespace
@@ -54,7 +56,7 @@ Result<WhiteImage> WhiteImage::open(const algo::FrameView& white, const std::opt
     WhiteImage image;
     image.white_ = white;
     image.dark_ = dark;
-    image.saturated_dn_ = ceiling(white);
+    image.saturated_dn_ = ceiling(white, image.any_saturated_);
     return image;
 }
 

@@ -23,6 +23,8 @@ class WhiteImage {
     // The largest value a sample of this frame takes: at or above it a pixel is saturated. Full scale, or, where many
     // samples share the frame's own maximum, that maximum.
     [[nodiscard]] std::uint32_t saturated_dn() const { return saturated_dn_; }
+    // Whether any of every 4th pixel is saturated: a frame without is spared a closer look.
+    [[nodiscard]] bool any_saturated() const { return any_saturated_; }
     [[nodiscard]] bool saturated(int x, int y) const { return white_.sample(x, y) >= saturated_dn_; }
 
     // Copies the window of width x height pixels with top-left (x, y) to `out`, row by row, `stride` floats apart.
@@ -33,6 +35,7 @@ class WhiteImage {
     algo::FrameView white_;
     std::optional<algo::FrameView> dark_;
     std::uint32_t saturated_dn_ = 0;
+    bool any_saturated_ = false;
 };
 
 }  // namespace hord::calib
