@@ -19,6 +19,7 @@ constexpr std::size_t kLadderCentres = 6000;  // enough to choose by
 constexpr std::size_t kFitCentres = 24000;    // that the chosen rung is fitted to: more add time and no accuracy that counts
 constexpr double kSingular = 1e-9;            // of the eigenvalues of the normalised normal equations, against 1
 constexpr double kNeededGain = 2.0;           // standard errors
+constexpr double kFarthest = 1e6;             // px
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
 struct Point {
@@ -201,7 +202,7 @@ std::optional<Solved> solve(algo::LensletGrid start, const std::vector<Point>& p
     const bool know_centre = full && (solved.grid.parameters[10] != 0 || solved.grid.parameters[11] != 0);
     if (full && !know_centre) solved.fixed[10] = solved.fixed[11] = true;
     evaluate(solved, points);
-    if (!solved.residuals.allFinite()) return std::nullopt;
+    if (!solved.residuals.allFinite() || !solved.jacobian.allFinite()) return std::nullopt;
     fix_null_directions(solved);
     if (!run(solved, points)) return std::nullopt;
     evaluate(solved, points);
@@ -372,6 +373,7 @@ void reject_by(const algo::LensletGrid& grid, std::span<Observation> observation
     for (std::size_t k = 0; k < distance.size(); ++k) {
         if (observations[k].used) sorted.push_back(distance[k]);
     }
+    if (sorted.empty() || !std::all_of(sorted.begin(), sorted.end(), [](double d) { return std::isfinite(d); })) return;
     const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
     std::nth_element(sorted.begin(), middle, sorted.end());
     // The median of a Rayleigh-distributed distance is 1.1774 sigma.
@@ -424,8 +426,9 @@ double inflation_of(const Solved& solved, const Blocks& blocks, const Eigen::Mat
 
 Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> observations, const FitOptions& options) {
     for (const Observation& seen : observations) {
-        if (!std::isfinite(seen.centre_px.x_px) || !std::isfinite(seen.centre_px.y_px)) {
-            return fail(ErrorCode::invalid_argument, fmt::format("the centre of lenslet {},{} is not a number", seen.m, seen.n));
+        if (!(std::abs(seen.centre_px.x_px) < kFarthest) || !(std::abs(seen.centre_px.y_px) < kFarthest)) {
+            return fail(ErrorCode::invalid_argument, fmt::format("the centre of lenslet {},{} is no place on a sensor", seen.m, seen.n),
+                        "give centres in pixels");
         }
     }
     if (observations.size() < 4) {
