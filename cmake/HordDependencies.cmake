@@ -16,6 +16,7 @@ foreach(part core imgproc imgcodecs)
 endforeach()
 
 find_package(fmt REQUIRED)
+find_package(nlohmann_json REQUIRED)
 find_package(Ceres REQUIRED)
 find_package(tomlplusplus REQUIRED)
 pkg_check_modules(modbus REQUIRED IMPORTED_TARGET libmodbus)

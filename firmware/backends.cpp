@@ -1,0 +1,152 @@
+#include "firmware/backends.h"
+
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "drivers/modbus_rejector.h"
+#include "drivers/recorded_frames.h"
+#include "hal_sim/cell/cell.h"
+#include "hal_sim/cell/rendered_frames.h"
+#include "hal_sim/coil_module/coil_module.h"
+#include "hal_sim/production.h"
+
+namespace hord::firmware {
+namespace {
+
+// The simulated line is built to the configuration's timing, so that the same file tells station and line.
+sim::CellOptions cell_options(const Config& config, const SimulationOptions& simulation) {
+    const CoreConfig& core = config.core;
+    sim::CellOptions options;
+    options.seed = simulation.seed;
+    const double speed = options.conveyor.speed_mm_s;
+    const auto travel_mm = [&](Duration time) { return speed * std::chrono::duration<double>(time).count(); };
+    options.schedule.parts = simulation.parts;
+    options.schedule.pitch_mm = speed / simulation.parts_per_second;
+    options.schedule.part_length_mm = options.schedule.pitch_mm * 0.4;
+    options.geometry.camera_mm = travel_mm(core.exposure_delay + core.strobe_delay + core.strobe / 2);
+    options.geometry.ejector_mm = travel_mm(core.transport);
+    options.geometry.exit_mm = options.geometry.ejector_mm + 100;
+    if (core.by_encoder) options.part_sensor.encoder_counts_per_mm = static_cast<double>(core.transport_counts) / options.geometry.ejector_mm;
+    options.strobe.limits = {config.strobe.max_on, config.strobe.min_rest, config.strobe.channels};
+    options.strobe.nominal_pulse = core.strobe;
+    return options;
+}
+
+// The good part of the simulated line, as its camera sees it.
+sim::Scene clean_part(const Config& config) {
+    sim::Scene scene;
+    scene.name = "lens";
+    scene.part = sim::DoubleConvexLens{};
+    scene.camera.extents = {111, 111, config.inspection.bins_i, config.inspection.bins_j};
+    scene.noise.electrons_per_dn = 40;
+    scene.noise.read_e = 2;
+    scene.noise.dark_dn = 1;
+    return scene;
+}
+
+class ChosenBackends final : public Backends {
+  public:
+    static Result<std::unique_ptr<Backends>> make(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
+        auto made = std::unique_ptr<ChosenBackends>(new ChosenBackends);
+        if (auto done = made->open_sensor(loop, config, simulation); !done) return tl::unexpected(done.error());
+        if (auto done = made->open_rejector(loop, config, simulation); !done) return tl::unexpected(done.error());
+        return made;
+    }
+
+    hal::PartSensor& part_sensor() override { return cell_->part_sensor(); }
+    hal::Strobe& strobe() override { return cell_->strobe(); }
+    hal::Sensor& sensor() override { return recorded_ ? static_cast<hal::Sensor&>(*recorded_) : cell_->sensor(); }
+    hal::Rejector& rejector() override { return modbus_ ? static_cast<hal::Rejector&>(*modbus_) : cell_->rejector(); }
+
+    void start_line() override {
+        if (!std::exchange(line_started_, true)) cell_->start();
+    }
+    bool line_is_over() const override { return cell_->finished(); }
+
+    void watch_fates(std::function<void(const Fate&)> watcher) override {
+        sim::World::Watchers watchers;
+        watchers.part_gone = [this, watcher = std::move(watcher)](const sim::PartRecord& part) {
+            watcher({part.arrived, recorded_ ? std::string() : cell_->world().schedule().kinds[part.kind].name, part.fate == sim::PartRecord::Fate::ejected});
+        };
+        cell_->watch(std::move(watchers));
+    }
+
+  private:
+    ChosenBackends() = default;
+
+    // Sensor, and with it the simulated cell that brings parts to it.
+    Result<void> open_sensor(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
+        sim::CellOptions options = cell_options(config, simulation);
+        sim::FrameSource* source = &tokens_;
+        if (const auto* folder = std::get_if<RecordedFrames>(&config.sensor)) {
+            auto recorded = drivers::RecordedFrames::open(loop, {folder->folder});
+            if (!recorded) return tl::unexpected(recorded.error());
+            recorded_ = std::move(*recorded);
+            options.schedule.parts = recorded_->count();
+        } else {
+            sim::ProductionOptions production;
+            production.clean = clean_part(config);
+            production.seed = simulation.seed;
+            production.good_share = simulation.good_share;
+            auto drawn = sim::draw_production(production);
+            if (!drawn) return tl::unexpected(drawn.error());
+            sim::RenderedFramesOptions rendering;
+            rendering.seed = simulation.seed;
+            rendering.progress = simulation.progress;
+            auto rendered = sim::RenderedFrames::make(std::move(drawn->scenes), rendering);
+            if (!rendered) return tl::unexpected(rendered.error());
+            rendered_ = std::move(*rendered);
+            options.schedule.kinds = std::move(drawn->kinds);
+            source = rendered_.get();
+        }
+        auto cell = sim::SimulatedCell::make(loop, *source, options);
+        if (!cell) return tl::unexpected(cell.error());
+        cell_ = std::move(*cell);
+        return {};
+    }
+
+    Result<void> open_rejector(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
+        const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
+        if (configured == nullptr && !simulation.own_coil_module) return {};
+        const ModbusRejector wanted = configured != nullptr ? *configured : ModbusRejector{};
+        drivers::ModbusRejectorOptions options;
+        options.host = wanted.host;
+        options.port = wanted.port;
+        options.unit = wanted.unit;
+        options.ejector_coil = wanted.reject_coil;
+        options.permit_coil = wanted.run_permit_coil;
+        options.energise_to_pass = wanted.energise_to_pass;
+        options.response_timeout = wanted.response_timeout;
+        if (simulation.own_coil_module) {
+            auto module = sim::CoilModule::open(loop, {});
+            if (!module) return tl::unexpected(module.error());
+            module_ = std::move(*module);
+            options.host = "127.0.0.1";
+            options.port = module_->port();
+            // The coil moves the simulated ejector: what the module was really told is what happens to the part.
+            module_->on_coil([this, &loop, coil = options.ejector_coil, acts_at = !options.energise_to_pass](int moved, bool on, hal::TimePoint at) {
+                if (moved == coil) loop.post([this, open = on == acts_at, at] { cell_->world().set_ejector(open, at); });
+            });
+        }
+        modbus_ = std::make_unique<drivers::ModbusRejector>(loop, options);
+        return {};
+    }
+
+    // In the order in which they may go: devices before what they look at.
+    sim::TokenFrames tokens_{{27, 27, 8}};
+    std::unique_ptr<sim::RenderedFrames> rendered_;
+    std::unique_ptr<sim::SimulatedCell> cell_;
+    std::unique_ptr<drivers::RecordedFrames> recorded_;
+    std::unique_ptr<sim::CoilModule> module_;
+    std::unique_ptr<drivers::ModbusRejector> modbus_;
+    bool line_started_ = false;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Backends>> Backends::open(hal::EventLoop& loop, const Config& config, const SimulationOptions& options) {
+    return ChosenBackends::make(loop, config, options);
+}
+
+}  // namespace hord::firmware

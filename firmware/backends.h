@@ -1,0 +1,56 @@
+// Everything below the seam, chosen by the configuration: the one place that names a backend.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "algo/light_field.h"
+#include "drivers/hal/event_loop.h"
+#include "drivers/hal/part_sensor.h"
+#include "drivers/hal/rejector.h"
+#include "drivers/hal/sensor.h"
+#include "drivers/hal/strobe.h"
+#include "firmware/config.h"
+
+namespace hord::firmware {
+
+// How the simulated part of the cell behaves. The simulated line follows the configuration's timing.
+struct SimulationOptions {
+    std::uint64_t seed = 1;
+    std::uint64_t parts = 0;          // how many come; 0: no end (recorded frames: as many as there are)
+    double parts_per_second = 10;
+    double good_share = 0.7;
+    bool own_coil_module = false;     // a Modbus coil module on loopback, which moves the simulated ejector
+    std::function<void(double)> progress;  // of rendering the parts, 0..1
+};
+
+class Backends {
+  public:
+    // Fails as the devices' own open() do, and with what rendering says. `loop` outlives it.
+    static Result<std::unique_ptr<Backends>> open(hal::EventLoop& loop, const Config& config, const SimulationOptions& options);
+    virtual ~Backends() = default;
+
+    [[nodiscard]] virtual hal::PartSensor& part_sensor() = 0;
+    [[nodiscard]] virtual hal::Strobe& strobe() = 0;
+    [[nodiscard]] virtual hal::Sensor& sensor() = 0;
+    [[nodiscard]] virtual hal::Rejector& rejector() = 0;
+
+    // Simulated line: the belt moves from now on; harmless when it moves, and on a real line.
+    virtual void start_line() = 0;
+
+    // What truly became of a part of the simulated line; told on the loop's thread.
+    struct Fate {
+        hal::TimePoint arrived;  // equals the part's edge
+        std::string kind;        // "good", "bubble", ...; empty where nobody knows (recorded frames)
+        bool ejected = false;
+    };
+    virtual void watch_fates(std::function<void(const Fate&)> watcher) = 0;
+
+    // The simulated line has brought all its parts. A real line never ends.
+    [[nodiscard]] virtual bool line_is_over() const = 0;
+};
+
+}  // namespace hord::firmware

@@ -1,0 +1,234 @@
+// hordctl inspect: judge recorded frames; write maps, pictures and JSON.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <optional>
+#include <set>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "algo/pipeline.h"
+#include "drivers/frame_file.h"
+#include "firmware/hordctl/commands.h"
+#include "firmware/pictures.h"
+#include "firmware/recipe_file.h"
+
+namespace hord::firmware {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+struct InspectOptions {
+    std::vector<std::string> frames;
+    std::string macro = "9x9";
+    std::string recipe;
+    std::string feature = "emd";
+    int bits = 0;
+    std::string out;
+    bool json = false;
+};
+
+struct FeatureView {
+    const char* name;
+    const char* unit;
+    algo::Map algo::Inspection::*map;
+    float algo::Recipe::*limit;
+};
+constexpr FeatureView kFeatures[] = {
+    {"emd", "bin pitches", &algo::Inspection::emd, &algo::Recipe::emd_limit_bins},
+    {"jacobian-frobenius", "bin pitches a lenslet", &algo::Inspection::frobenius, &algo::Recipe::frobenius_limit_bins},
+    {"transmission", "of the typical lenslet", &algo::Inspection::transmission, &algo::Recipe::transmission_limit},
+};
+
+const FeatureView* find_feature(std::string_view name) {
+    const auto* found = std::find_if(std::begin(kFeatures), std::end(kFeatures), [&](const FeatureView& f) { return f.name == name; });
+    return found == std::end(kFeatures) ? nullptr : found;
+}
+
+Result<std::pair<int, int>> parse_macro(const std::string& text) {
+    int i = 0, j = 0;
+    char rest = 0;
+    if (std::sscanf(text.c_str(), "%dx%d%c", &i, &j, &rest) == 2) return std::pair(i, j);
+    return fail(ErrorCode::invalid_argument, "--macro " + text + " is not a macro-pixel size", "write columns x rows of bins, as in 9x9");
+}
+
+struct Statistics {
+    float p50 = 0, p99 = 0, max = 0;
+    std::size_t valid = 0;
+};
+
+// Over the lenslets that are judged.
+Statistics statistics_of(algo::Map map, std::span<const std::uint8_t> mask) {
+    std::vector<float> values;
+    for (std::size_t k = 0; k < map.size(); ++k) {
+        if (mask[k] == algo::kValid) values.push_back(map[k]);
+    }
+    if (values.empty()) return {};
+    std::sort(values.begin(), values.end());
+    const auto at = [&](double share) { return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))]; };
+    return {at(0.50), at(0.99), values.back(), values.size()};
+}
+
+double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
+
+Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found, const FeatureView& feature) {
+    const Statistics s = statistics_of(found.*feature.map, found.mask);
+    Json defects = Json::array();
+    for (const algo::Defect& d : found.defects) {
+        defects.push_back({{"m", d.m}, {"n", d.n}, {"area", d.area}, {"peak", d.peak}, {"kind", name_of(d.kind)}});
+    }
+    return {{"frame", frame},
+            {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
+            {"verdict", name_of(found.verdict)},
+            {"reason", name_of(found.reason)},
+            {"score", found.score},
+            {"defects", defects},
+            {"feature", {{"name", feature.name}, {"unit", feature.unit}, {"p50", s.p50}, {"p99", s.p99}, {"max", s.max}, {"valid", s.valid}}},
+            {"ms",
+             {{"decode", milliseconds(found.times.decode_ns)},
+              {"hord", milliseconds(found.times.hord_ns)},
+              {"feature", milliseconds(found.times.feature_ns)},
+              {"decide", milliseconds(found.times.decide_ns)},
+              {"total", milliseconds(found.times.total_ns)}}}};
+}
+
+void print_for_people(const std::string& frame, const algo::Inspection& found) {
+    std::string where;
+    for (std::size_t k = 0; k < std::min<std::size_t>(found.defects.size(), 3); ++k) {
+        const algo::Defect& d = found.defects[k];
+        where += fmt::format("{}({:.1f}, {:.1f}) {} lenslets", where.empty() ? " at " : ", ", d.m, d.n, d.area);
+    }
+    fmt::print("{:<32} {:<7} {:<14} score {:.2f}, {} defect{}{}\n", frame, name_of(found.verdict), name_of(found.reason), found.score,
+               found.defects.size(), found.defects.size() == 1 ? "" : "s", where);
+}
+
+Result<void> write_results(const fs::path& out, const std::string& frame, const algo::Extents& extents, const algo::Inspection& found,
+                           const FeatureView& feature, const algo::Recipe& recipe, const Json& json) {
+    const std::string name = fs::path(frame).stem().string();
+    const algo::Map map = found.*feature.map;
+    const auto picture =
+        scale_to(fmt::format("{}: {} ({})", name, feature.name, name_of(found.verdict)), feature.unit, map, found.mask, recipe.*feature.limit);
+    if (auto done = write_float_tiff(out / fmt::format("{}.{}.tiff", name, feature.name), map, extents); !done) return done;
+    if (auto done = write_png(out / fmt::format("{}.{}.png", name, feature.name), draw(picture, map, found.mask, extents, found.defects)); !done) {
+        return done;
+    }
+    const fs::path file = out / (name + ".json");
+    std::ofstream stream(file);
+    stream << json.dump(2) << '\n';
+    if (!stream.flush()) return fail(ErrorCode::io, file.string() + " cannot be written", "check that the folder may be written to and has space");
+    return {};
+}
+
+std::int64_t steady_ns() {
+    return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+class Inspector {
+  public:
+    explicit Inspector(const InspectOptions& options) : options_(options) {}
+
+    Result<void> prepare() {
+        auto macro = parse_macro(options_.macro);
+        if (!macro) return tl::unexpected(macro.error());
+        macro_ = *macro;
+        feature_ = find_feature(options_.feature);
+        if (feature_ == nullptr) {
+            std::string known;
+            for (const FeatureView& f : kFeatures) known += fmt::format("{}{}", known.empty() ? "" : ", ", f.name);
+            return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " is not known", "use one of " + known);
+        }
+        if (!options_.recipe.empty()) {
+            auto recipe = load_recipe(options_.recipe);
+            if (!recipe) return tl::unexpected(recipe.error());
+            recipe_ = std::move(*recipe);
+        }
+        if (options_.out.empty()) return {};
+        std::set<std::string> names;
+        for (const std::string& frame : options_.frames) {
+            if (!names.insert(fs::path(frame).stem().string()).second) {
+                return fail(ErrorCode::invalid_argument, "two frames named " + fs::path(frame).stem().string() + " would overwrite each other in " + options_.out,
+                            "rename one, or inspect them into different folders");
+            }
+        }
+        std::error_code error;
+        fs::create_directories(options_.out, error);
+        if (error) return fail(ErrorCode::io, options_.out + " cannot be created (" + error.message() + ")", "give a folder that may be written to");
+        return {};
+    }
+
+    Result<algo::Verdict> inspect(const std::string& file) {
+        auto frame = drivers::read_frame(file, {.bits = options_.bits});
+        if (!frame) return tl::unexpected(frame.error());
+        const auto named = [&](const Error& error) { return Error{error.code, file + ": " + error.what, error.cure}; };
+        auto extents = algo::extents_of_frame(frame->width_px(), frame->height_px(), macro_.first, macro_.second);
+        if (!extents) return tl::unexpected(named(extents.error()));
+        if (!pipeline_ || !(*extents == extents_) || frame->bits() != bits_) {
+            auto made = algo::Pipeline::create(*extents, frame->bits(), recipe_);
+            if (!made) return tl::unexpected(named(made.error()));
+            pipeline_ = std::move(*made);
+            extents_ = *extents;
+            bits_ = frame->bits();
+        }
+        auto found = pipeline_->inspect(frame->view(), steady_ns);
+        if (!found) return tl::unexpected(named(found.error()));
+        const Json json = to_json(file, extents_, *found, *feature_);
+        if (options_.json) {
+            fmt::print("{}\n", json.dump());
+        } else {
+            print_for_people(file, *found);
+        }
+        if (!options_.out.empty()) {
+            if (auto done = write_results(options_.out, file, extents_, *found, *feature_, recipe_, json); !done) return tl::unexpected(done.error());
+        }
+        return found->verdict;
+    }
+
+  private:
+    const InspectOptions& options_;
+    std::pair<int, int> macro_{9, 9};
+    const FeatureView* feature_ = nullptr;
+    algo::Recipe recipe_;
+    std::optional<algo::Pipeline> pipeline_;
+    algo::Extents extents_;
+    int bits_ = 0;
+};
+
+Exit run_inspect(const InspectOptions& options) {
+    Inspector inspector(options);
+    if (auto ready = inspector.prepare(); !ready) return complain(ready.error());
+    bool rejected = false, unfit = false, bad = false;
+    for (const std::string& frame : options.frames) {
+        const auto verdict = inspector.inspect(frame);
+        if (!verdict) {
+            complain(verdict.error());
+            bad = true;
+            continue;
+        }
+        rejected = rejected || *verdict == algo::Verdict::reject;
+        unfit = unfit || *verdict == algo::Verdict::unfit;
+    }
+    return bad ? Exit::bad_input : rejected ? Exit::rejected : unfit ? Exit::unfit : Exit::good;
+}
+
+}  // namespace
+
+void add_inspect(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand("inspect", "Judge recorded frames");
+    auto options = std::make_shared<InspectOptions>();
+    command->add_option("FRAME", options->frames, "Frames: 8- or 16-bit grey images")->required();
+    command->add_option("--macro", options->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")->capture_default_str();
+    command->add_option("--recipe", options->recipe, "Limits, masks and zones (TOML); without it the default recipe");
+    command->add_option("--feature", options->feature, "Feature whose map and statistics are written")->capture_default_str();
+    command->add_option("--bits", options->bits, "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
+        ->check(CLI::Range(8, 16));
+    command->add_option("--out", options->out, "Folder for NAME.FEATURE.tiff, NAME.FEATURE.png and NAME.json");
+    command->add_flag("--json", options->json, "Print one JSON object a frame");
+    command->footer("Example: hordctl inspect frames/*.png --macro 9x9 --out maps --json");
+    command->callback([options, &status] { status = run_inspect(*options); });
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,236 @@
+// hordctl run: the station in the foreground; on the simulated cell it knows the truth and reports against it.
+#include <map>
+#include <memory>
+#include <mutex>
+#include <thread>
+#include <utility>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/gallery.h"
+#include "firmware/hordctl/progress.h"
+#include "firmware/hordctl/run_report.h"
+#include "firmware/modbus/client.h"
+#include "firmware/service.h"
+
+namespace hord::firmware {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct RunOptions {
+    std::string config, modbus, out;
+    bool simulate = false, json = false;
+    std::uint64_t parts = 0, seed = 1;
+    double rate = 10, good = 0.7;
+};
+
+constexpr const char* kRejectStates[] = {"not-needed", "commanded", "confirmed", "failed", "late"};
+
+Json to_json(const PartResult& result, const Backends::Fate* fate) {
+    Json json{{"part", result.part},
+              {"verdict", result.verdict == PartVerdict::pass ? "pass" : result.verdict == PartVerdict::reject ? "reject" : "unfit"},
+              {"reason", name_of(result.reason)},
+              {"score", result.score},
+              {"defects", result.defects},
+              {"latency_us", result.latency_us},
+              {"reject", kRejectStates[static_cast<std::size_t>(result.reject)]},
+              {"reject_latency_us", result.reject_latency_us}};
+    if (fate != nullptr) {
+        if (!fate->kind.empty()) json["truth"] = fate->kind;
+        json["ejected"] = fate->ejected;
+    }
+    return json;
+}
+
+// As a client's endpoint, but for port 0: any free one.
+Result<ModbusServer> parse_listen(const std::string& text) {
+    const bool any_port = text.size() > 2 && text.ends_with(":0");
+    const auto endpoint = modbus::parse_endpoint(any_port ? text.substr(0, text.size() - 2) : text);
+    if (!endpoint) return tl::unexpected(endpoint.error());
+    return ModbusServer{endpoint->host, any_port ? std::uint16_t{0} : endpoint->port};
+}
+
+// One run: brings each part's result and its true fate together, and ends when all parts have both.
+class Run {
+  public:
+    explicit Run(const RunOptions& options) : options_(options) {}
+
+    Exit go() {
+        Config config;
+        // Without a configuration: a camera far enough behind the part sensor for a machine that has other things to do.
+        config.core.exposure_delay = milliseconds(100);
+        if (!options_.config.empty()) {
+            auto loaded = load_config(options_.config);
+            if (!loaded) return complain(loaded.error());
+            config = std::move(*loaded);
+        }
+        if (options_.simulate) config.sensor = SimulatedSensor{};
+        if (!options_.modbus.empty()) {
+            auto listen = parse_listen(options_.modbus);
+            if (!listen) return complain(listen.error());
+            config.modbus = *listen;
+        }
+        gallery_.set_bins(config.inspection.bins_i, config.inspection.bins_j);
+        auto service = open(config);
+        if (!service) return complain(service.error());
+        service_ = std::move(*service);
+        fmt::print(stderr, "registers at {}\n", service_->registers_address());
+        progress_ = std::make_unique<Progress>("parts", options_.parts == 0);
+        const auto ran = service_->run();
+        progress_.reset();
+        if (reader_.joinable()) reader_.join();
+        if (!ran) return complain(ran.error());
+        return finish();
+    }
+
+  private:
+    Result<std::unique_ptr<Service>> open(const Config& config) {
+        SimulationOptions simulation;
+        simulation.seed = options_.seed;
+        simulation.parts = options_.parts;
+        simulation.parts_per_second = options_.rate;
+        simulation.good_share = options_.good;
+        simulation.own_coil_module = options_.simulate;
+        auto rendering = std::make_shared<std::unique_ptr<Progress>>(std::make_unique<Progress>("render parts"));
+        simulation.progress = [rendering](double done) {
+            if (*rendering) (*rendering)->show(done);
+            if (done >= 1) rendering->reset();
+        };
+        if (options_.parts == 0) fmt::print(stderr, "seed {}, until interrupted\n", options_.seed);
+        else fmt::print(stderr, "seed {}, {} parts\n", options_.seed, options_.parts);
+
+        ServiceWatchers watchers;
+        watchers.result = [this](const PartResult& result) { on_result(result); };
+        watchers.fate = [this](const Backends::Fate& fate) { on_fate(fate); };
+        watchers.state = [this](State from, State to) { say(fmt::format("{} to {}", name_of(from), name_of(to))); };
+        watchers.trouble = [this](const Error& error) { say(error.message()); };
+        if (!options_.out.empty()) {
+            watchers.inspection = [this](std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection) {
+                gallery_.keep(part, frame, inspection);
+            };
+        }
+        return Service::open(config, simulation, std::move(watchers));
+    }
+
+    void say(const std::string& line) {
+        progress_.reset();
+        fmt::print(stderr, "hordctl: {}\n", line);
+        progress_ = std::make_unique<Progress>("parts", options_.parts == 0);
+    }
+
+    void on_result(const PartResult& result) {
+        if (!std::exchange(seen_any_, true)) first_arrival_ns_ = result.arrived_ns;
+        last_seen_ = service_->loop().now();
+        results_[result.arrived_ns] = result;
+        settle(result.arrived_ns);
+    }
+    void on_fate(const Backends::Fate& fate) {
+        const std::int64_t arrived = fate.arrived.time_since_epoch().count();
+        fates_[arrived] = fate;
+        settle(arrived);
+        // The line counts this part as gone only after it has told everybody.
+        service_->loop().post([this] { end_if_over(); });
+    }
+
+    void end_if_over() {
+        if (!service_->backends().line_is_over()) return;
+        if (fates_.empty() && results_.empty()) return end();
+        // Parts that the station never saw have a fate and no result: after a while nobody waits for one.
+        service_->loop().call_after(milliseconds(2000), [this] { end(); });
+    }
+
+    void settle(std::int64_t arrived) {
+        const auto result = results_.find(arrived);
+        const auto fate = fates_.find(arrived);
+        if (result == results_.end() || fate == fates_.end()) return;
+        report_.add(result->second, fate->second.kind, fate->second.ejected);
+        if (options_.json) fmt::print("{}\n", to_json(result->second, &fate->second).dump());
+        gallery_.settle(result->second.part, fate->second.kind);
+        ++settled_;
+        if (options_.parts > 0 && progress_) {
+            progress_->show(static_cast<double>(settled_) / static_cast<double>(options_.parts), fmt::format("{} parts", settled_));
+        }
+        results_.erase(result);
+        fates_.erase(fate);
+        end_if_over();
+    }
+
+    // Reads the counters as a PLC would, over the network, while the station still runs; then stops it.
+    void end() {
+        if (ending_) return;
+        ending_ = true;
+        last_snapshot_ = service_->snapshot();
+        reader_ = std::thread([this] {
+            auto endpoint = modbus::parse_endpoint(service_->registers_address());
+            auto client = endpoint ? modbus::Client::connect(*endpoint, std::chrono::milliseconds(1000)) : tl::unexpected(endpoint.error());
+            if (client) {
+                counters_ = client->read_block(BlockId::counters);
+            } else {
+                counters_ = tl::unexpected(client.error());
+            }
+            service_->stop();
+        });
+    }
+
+    Exit finish() {
+        if (!ending_) last_snapshot_ = service_->snapshot();
+        const Duration elapsed = last_seen_.time_since_epoch() - Duration(first_arrival_ns_);
+        std::FILE* out = options_.json ? stderr : stdout;
+        fmt::print(out, "\n{}", report_.parts() > 0 ? report_.text(elapsed) : std::string("no part came\n"));
+        if (counters_) {
+            fmt::print(out, "\ncounters, read over Modbus:");
+            for (const Reading& reading : *counters_) fmt::print(out, " {} {}", reading.what->name, reading.text);
+            fmt::print(out, "\n");
+        }
+        const Snapshot& last = *last_snapshot_;
+        if (last.line_stop || last.state == State::error) {
+            fmt::print(out, "the station ended in {}{}\n", name_of(last.state), last.line_stop ? ", line stop raised" : "");
+        }
+        if (!options_.out.empty()) {
+            const auto written = gallery_.write(options_.out);
+            if (!written) return complain(written.error());
+            fmt::print(out, "picture: {}\n", *written);
+        }
+        return last.line_stop || last.state == State::error ? Exit::unfit : Exit::good;
+    }
+
+    const RunOptions& options_;
+    std::unique_ptr<Service> service_;
+    std::unique_ptr<Progress> progress_;
+    RunReport report_;
+    Gallery gallery_;
+    std::map<std::int64_t, PartResult> results_;  // by arrival, until their fate is known
+    std::map<std::int64_t, Backends::Fate> fates_;
+    std::size_t settled_ = 0;
+    bool seen_any_ = false;
+    std::int64_t first_arrival_ns_ = 0;
+    hal::TimePoint last_seen_{};
+    bool ending_ = false;
+    std::optional<Snapshot> last_snapshot_;
+    std::thread reader_;
+    Result<std::vector<Reading>> counters_ = tl::unexpected(Error{});
+};
+
+}  // namespace
+
+void add_run(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand("run", "Run the station in the foreground (what hordd does)");
+    auto options = std::make_shared<RunOptions>();
+    command->add_option("--config", options->config, "Configuration (TOML, deploy/hordd.toml); without it the defaults");
+    command->add_flag("--simulate", options->simulate, "Simulated line and sensor, and a Modbus coil module on loopback as the rejector");
+    command->add_option("--modbus", options->modbus, "Where the register server listens, HOST:PORT (port 0: any free one)");
+    command->add_option("--parts", options->parts, "End after so many parts (simulated line); without it, run until interrupted");
+    command->add_option("--seed", options->seed, "Seed of the simulated line")->capture_default_str();
+    command->add_option("--rate", options->rate, "Parts a second on the simulated line")->check(CLI::Range(0.1, 1000.0))->capture_default_str();
+    command->add_option("--good", options->good, "Share of good parts on the simulated line")->check(CLI::Range(0.0, 1.0))->capture_default_str();
+    command->add_option("--out", options->out, "Folder for a picture of one part of each kind");
+    command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
+    command->footer("Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended in an error.\n"
+                    "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");
+    command->callback([options, &status] { status = Run(*options).go(); });
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,51 @@
+// A whole station, assembled from its configuration and run on the event loop: what hordd does at boot and
+// `hordctl run` does in the foreground.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "firmware/backends.h"
+#include "firmware/config.h"
+#include "firmware/event_loop_sd.h"
+#include "firmware/inspector.h"
+#include "firmware/snapshot.h"
+#include "firmware/station.h"
+
+namespace hord::firmware {
+
+// Told on the loop's thread (on_inspection: on the thread that inspects). All may be left empty.
+struct ServiceWatchers {
+    std::function<void(const PartResult&)> result;         // a part's story is complete
+    std::function<void(State from, State to)> state;
+    std::function<void(const Error&)> trouble;             // to be logged, once, with its cure
+    std::function<void(const Backends::Fate&)> fate;       // simulated line: what truly became of a part
+    std::function<void(std::uint32_t part, const algo::FrameView&, const algo::Inspection&)> inspection;
+};
+
+class Service {
+  public:
+    // Opens everything and takes the register port; nothing runs yet. Fails with every device's and port's own error.
+    static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation, ServiceWatchers watchers);
+    ~Service();  // halts: lights off, outputs safe
+
+    // Runs until stop(), or SIGINT or SIGTERM. The simulated line starts when the station executes, or after
+    // `kLineWaits` whatever the station does: parts do not ask.
+    Result<void> run();
+    static constexpr Duration kLineWaits = milliseconds(3000);
+
+    void stop();  // any thread
+
+    [[nodiscard]] SdEventLoop& loop();
+    [[nodiscard]] Backends& backends();
+    [[nodiscard]] Snapshot snapshot() const;              // loop thread
+    [[nodiscard]] std::string registers_address() const;  // "127.0.0.1:1502"
+
+  private:
+    struct Parts;
+    explicit Service(std::unique_ptr<Parts> parts);
+    std::unique_ptr<Parts> parts_;
+};
+
+}  // namespace hord::firmware

@@ -1,0 +1,55 @@
+// Runs a program as a person would, and keeps what it said.
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace hord::test {
+
+struct Said {
+    int status = -1;  // exit status; 128 + signal when killed by one
+    std::string out, err;
+};
+
+// Runs `program` (a name in the build's bin folder, or a path) to its end; kills it after `patience` (status 128 + 9).
+Said run(const std::string& program, const std::vector<std::string>& arguments,
+         std::chrono::seconds patience = std::chrono::seconds(120));
+
+// A program that runs beside the test; interrupted (SIGINT) and waited for when it dies.
+class Running {
+  public:
+    Running(const std::string& program, const std::vector<std::string>& arguments);
+    ~Running();
+    Running(const Running&) = delete;
+    Running& operator=(const Running&) = delete;
+
+    // Waits until the program has written `text` on either stream; false when it ends or `patience` is over first.
+    bool says(const std::string& text, std::chrono::seconds patience = std::chrono::seconds(60));
+    [[nodiscard]] const Said& so_far() const;  // without its status
+    Said stop(int signal);  // sends the signal, waits, and returns everything said
+
+  private:
+    struct State;
+    State* state_;
+};
+
+// A folder of its own for each test, removed at the end.
+class TemporaryFolder {
+  public:
+    TemporaryFolder();
+    ~TemporaryFolder();
+    TemporaryFolder(const TemporaryFolder&) = delete;
+    TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+    [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+    [[nodiscard]] std::string operator/(const std::string& name) const { return (path_ / name).string(); }
+
+  private:
+    std::filesystem::path path_;
+};
+
+// $HORD_DATA, else ../shared/data beside the checkout; empty when neither exists.
+std::filesystem::path real_data();
+
+}  // namespace hord::test

@@ -1,0 +1,215 @@
+// `hordctl run`, `status` and `registers`: the whole station as a person and a PLC meet it.
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <sstream>
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "tests/cli/program.h"
+
+namespace hord::test {
+namespace {
+
+using ::testing::HasSubstr;
+using Json = nlohmann::json;
+
+// A TCP port of this machine, held (and, if asked, listening without ever answering) for the test's life.
+class HeldPort {
+  public:
+    explicit HeldPort(bool listening) : fd_(socket(AF_INET, SOCK_STREAM, 0)) {
+        sockaddr_in address{};
+        address.sin_family = AF_INET;
+        address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+        socklen_t size = sizeof address;
+        EXPECT_EQ(bind(fd_, reinterpret_cast<sockaddr*>(&address), size), 0);
+        EXPECT_EQ(getsockname(fd_, reinterpret_cast<sockaddr*>(&address), &size), 0);
+        port_ = ntohs(address.sin_port);
+        if (listening) {
+            EXPECT_EQ(listen(fd_, 16), 0);
+        }
+    }
+    ~HeldPort() { close(fd_); }
+    HeldPort(const HeldPort&) = delete;
+    HeldPort& operator=(const HeldPort&) = delete;
+    [[nodiscard]] std::string address() const { return "127.0.0.1:" + std::to_string(port_); }
+    [[nodiscard]] int port() const { return port_; }
+
+  private:
+    int fd_;
+    int port_ = 0;
+};
+
+std::vector<Json> json_lines(const std::string& text) {
+    std::vector<Json> all;
+    std::istringstream stream(text);
+    for (std::string line; std::getline(stream, line);) {
+        if (!line.empty() && line.front() == '{') all.push_back(Json::parse(line));
+    }
+    return all;
+}
+
+// -- registers -------------------------------------------------------------------------------------------------
+
+TEST(Registers, are_printed_in_every_format) {
+    EXPECT_THAT(run("hordctl", {"registers"}).out, HasSubstr("| "));
+    EXPECT_THAT(run("hordctl", {"registers", "--format", "csv"}).out, HasSubstr("heartbeat"));
+    EXPECT_FALSE(Json::parse(run("hordctl", {"registers", "--format", "json"}).out).empty());
+    EXPECT_THAT(run("hordctl", {"registers", "--format", "telegraf"}).out, HasSubstr("[[inputs.modbus]]"));
+}
+
+TEST(Registers, refuse_an_unknown_format) {
+    const Said said = run("hordctl", {"registers", "--format", "xml"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("xml"));
+}
+
+// -- status ----------------------------------------------------------------------------------------------------
+
+TEST(Status, says_so_when_nobody_answers) {
+    const HeldPort refusing(false), silent(true);
+    for (const std::string& address : {refusing.address(), silent.address()}) {
+        const Said said = run("hordctl", {"status", "--modbus", address, "--timeout", "300"}, std::chrono::seconds(20));
+        EXPECT_EQ(said.status, 2);
+        EXPECT_THAT(said.err, HasSubstr(address.substr(address.find(':') + 1)));
+    }
+}
+
+// -- run -------------------------------------------------------------------------------------------------------
+
+TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ejector) {
+    const Said said = run("hordctl", {"run", "--simulate", "--parts", "12", "--modbus", "127.0.0.1:0", "--json"}, std::chrono::seconds(120));
+    ASSERT_EQ(said.status, 0) << said.err;
+    const auto parts = json_lines(said.out);
+    ASSERT_EQ(parts.size(), 12U) << said.out;
+    std::set<int> numbers;  // a part is printed when its fate is known: ejected ones before those that leave at the end
+    for (std::size_t k = 0; k < parts.size(); ++k) {
+        EXPECT_TRUE(numbers.insert(parts[k]["part"].get<int>()).second) << parts[k];
+        EXPECT_EQ(parts[k]["ejected"], parts[k]["verdict"] != "pass") << parts[k];
+        EXPECT_EQ(parts[k]["truth"] == "good", parts[k]["verdict"] == "pass") << parts[k];
+    }
+}
+
+// The port that a running station said it listens at.
+std::string port_of(const Said& said) {
+    const std::string mark = "registers at 127.0.0.1:";
+    const auto at = said.err.find(mark);
+    return at == std::string::npos ? "" : said.err.substr(at + mark.size(), said.err.find('\n', at) - at - mark.size());
+}
+
+// By mbpoll, a Modbus client that nobody here wrote, and by hordctl's own.
+TEST(Run, ident_to_last_can_be_read_while_it_runs) {
+    Running station("hordctl", {"run", "--simulate", "--modbus", "127.0.0.1:0", "--json"});
+    ASSERT_TRUE(station.says("\"part\":3", std::chrono::seconds(120))) << station.so_far().err;
+    const std::string port = port_of(station.so_far());
+    ASSERT_NE(port, "");
+    const auto poll = [&](int from, int count) {
+        return run("/usr/bin/mbpoll", {"-m", "tcp", "-p", port, "-0", "-r", std::to_string(from), "-c", std::to_string(count), "-t", "4:hex", "-1", "127.0.0.1"});
+    };
+    const Said ident = poll(0, 10);
+    EXPECT_EQ(ident.status, 0) << ident.out << ident.err;
+    EXPECT_THAT(ident.out, HasSubstr("0x484F"));  // "HO", of "HORD"
+    EXPECT_THAT(ident.out, HasSubstr("0x5244"));  // "RD"
+    EXPECT_EQ(poll(100, 20).status, 0);           // STATUS
+    EXPECT_EQ(poll(140, 20).status, 0);           // COUNTERS
+    EXPECT_EQ(poll(200, 20).status, 0);           // LAST
+
+    const Said said = run("hordctl", {"status", "--modbus", "127.0.0.1:" + port, "--json"});
+    ASSERT_EQ(said.status, 0) << said.err;
+    const Json status = Json::parse(said.out);
+    EXPECT_EQ(status["STATUS"]["state"], 8);  // ContinuousExecution
+    EXPECT_GE(status["COUNTERS"]["seen"], 3);
+    const auto counted = [&](const char* name) { return status["COUNTERS"][name].get<int>(); };
+    EXPECT_GE(counted("inspected"), 3);
+    EXPECT_EQ(counted("missed"), 0);
+    EXPECT_LE(counted("pass") + counted("reject") + counted("unfit"), counted("seen"));
+    EXPECT_EQ(station.stop(SIGINT).status, 0);
+}
+
+TEST(Run, refuses_a_port_that_is_taken_and_names_it) {
+    const HeldPort taken(true);
+    const Said said = run("hordctl", {"run", "--simulate", "--parts", "1", "--modbus", taken.address()});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr(std::to_string(taken.port())));
+}
+
+TEST(Run, refuses_a_configuration_with_every_problem_at_once) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "c.toml") << "[line]\ntransport_mss = 4\n[modbus]\nport = 99999999\n";
+    const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--parts", "1"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("c.toml:2"));
+    EXPECT_THAT(said.err, HasSubstr("c.toml:4"));
+}
+
+// Parts do not ask whether the rejector is there: they come, are counted, and none is called good.
+TEST(Run, without_its_rejector_no_part_is_passed_and_the_line_is_stopped) {
+    const TemporaryFolder folder;
+    const HeldPort absent(false), silent(true);
+    for (const int port : {absent.port(), silent.port()}) {
+        std::ofstream(folder / "c.toml") << "[rejector]\nbackend = \"modbus\"\nport = " << port << "\n[modbus]\nport = 0\n";
+        const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--parts", "5", "--json"});
+        EXPECT_EQ(said.status, 3) << said.err;
+        const auto parts = json_lines(said.out);
+        EXPECT_EQ(parts.size(), 5U) << said.err;
+        for (const Json& part : parts) EXPECT_NE(part["verdict"], "pass") << part;
+        EXPECT_THAT(said.err, HasSubstr(std::to_string(port)));
+    }
+}
+
+TEST(Run, recorded_frames_get_the_verdicts_that_inspect_gives) {
+    const auto data = real_data() / "povray";
+    if (!std::filesystem::is_directory(data)) GTEST_SKIP() << "no real input: set HORD_DATA, or put it at ../shared/data";
+    const TemporaryFolder folder;
+    std::filesystem::create_directories(folder / "frames");
+    std::vector<std::string> arguments{"inspect", "--json"};
+    for (const std::string name : {"bubble_r500_111", "cutout_111", "empty_111", "lens_111", "wedge_111"}) {
+        const std::string file = folder / ("frames/" + name + ".png");
+        std::filesystem::copy_file(data / (name + "_raw.png"), file);
+        arguments.push_back(file);
+    }
+    const auto inspected = json_lines(run("hordctl", arguments).out);
+    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[line]\nexposure_delay_ms = 100\n[modbus]\nport = 0\n";
+    const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--json"});
+    const auto played = json_lines(said.out);
+    ASSERT_EQ(inspected.size(), 5U);
+    ASSERT_EQ(played.size(), 5U) << said.err;
+    for (std::size_t k = 0; k < played.size(); ++k) {
+        EXPECT_EQ(played[k]["verdict"], inspected[k]["verdict"]) << played[k] << said.err;
+        EXPECT_EQ(played[k]["reason"], inspected[k]["reason"]);
+        EXPECT_EQ(played[k]["ejected"], inspected[k]["verdict"] != "pass");
+    }
+}
+
+TEST(Run, refuses_a_folder_of_frames_with_a_bad_one_and_names_it) {
+    const TemporaryFolder folder;
+    std::filesystem::create_directories(folder / "frames");
+    std::ofstream(folder / "frames/a.png") << "not an image";
+    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n";
+    const Said said = run("hordctl", {"run", "--config", folder / "c.toml"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("a.png"));
+}
+
+TEST(Service, stops_on_sigterm_with_status_0_and_refuses_a_bad_configuration) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "good.toml") << "[modbus]\nport = 0\n";
+    std::ofstream(folder / "bad.toml") << "[modbus]\nprot = 0\n";
+    Running service("hordd", {"--config", folder / "good.toml"});
+    EXPECT_TRUE(service.says("registers at", std::chrono::seconds(120)));
+    EXPECT_EQ(service.stop(SIGTERM).status, 0);
+    const Said said = run("hordd", {"--config", folder / "bad.toml"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("bad.toml:2"));
+}
+
+}  // namespace
+}  // namespace hord::test
