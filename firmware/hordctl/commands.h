@@ -22,6 +22,8 @@ void add_inspect(CLI::App& program, Exit& status);
 void add_render(CLI::App& program, Exit& status);
 void add_run(CLI::App& program, Exit& status);
 void add_status(CLI::App& program, Exit& status);
+void add_calibrate(CLI::App& program, Exit& status);
+void add_soak(CLI::App& program, Exit& status);
 void add_registers(CLI::App& program, Exit& status);
 
 // Prints `error` as one line (more, when there are several problems) on stderr. Returns bad_input.

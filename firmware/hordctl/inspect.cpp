@@ -11,6 +11,8 @@
 #include <nlohmann/json.hpp>
 
 #include "algo/pipeline.h"
+#include "algo/resample.h"
+#include "calib/grid_toml.h"
 #include "drivers/frame_file.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/pictures.h"
@@ -25,6 +27,7 @@ using Json = nlohmann::ordered_json;
 struct InspectOptions {
     std::vector<std::string> frames;
     std::string macro = "9x9";
+    std::string grid;
     std::string recipe;
     std::string feature = "emd";
     int bits = 0;
@@ -141,6 +144,14 @@ class Inspector {
             for (const FeatureView& f : kFeatures) known += fmt::format("{}{}", known.empty() ? "" : ", ", f.name);
             return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " is not known", "use one of " + known);
         }
+        if (!options_.grid.empty()) {
+            auto grid = calib::read_grid(options_.grid);
+            if (!grid) return tl::unexpected(grid.error());
+            const auto steps = algo::Resampler::even_steps(grid->grid, macro_.first, macro_.second);
+            auto resampler = algo::Resampler::create(grid->grid, macro_.first, macro_.second, steps);
+            if (!resampler) return tl::unexpected(resampler.error());
+            resampler_ = std::move(*resampler);
+        }
         if (!options_.recipe.empty()) {
             auto recipe = load_recipe(options_.recipe);
             if (!recipe) return tl::unexpected(recipe.error());
@@ -164,6 +175,11 @@ class Inspector {
         auto frame = drivers::read_frame(file, {.bits = options_.bits});
         if (!frame) return tl::unexpected(frame.error());
         const auto named = [&](const Error& error) { return Error{error.code, file + ": " + error.what, error.cure}; };
+        if (resampler_) {
+            auto decoded = resampler_->decode(frame->view());
+            if (!decoded) return tl::unexpected(named(decoded.error()));
+            frame = std::move(*decoded);
+        }
         auto extents = algo::extents_of_frame(frame->width_px(), frame->height_px(), macro_.first, macro_.second);
         if (!extents) return tl::unexpected(named(extents.error()));
         if (!pipeline_ || !(*extents == extents_) || frame->bits() != bits_) {
@@ -192,6 +208,7 @@ class Inspector {
     std::pair<int, int> macro_{9, 9};
     const FeatureView* feature_ = nullptr;
     algo::Recipe recipe_;
+    std::optional<algo::Resampler> resampler_;
     std::optional<algo::Pipeline> pipeline_;
     algo::Extents extents_;
     int bits_ = 0;
@@ -221,6 +238,7 @@ void add_inspect(CLI::App& program, Exit& status) {
     auto options = std::make_shared<InspectOptions>();
     command->add_option("FRAME", options->frames, "Frames: 8- or 16-bit grey images")->required();
     command->add_option("--macro", options->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")->capture_default_str();
+    command->add_option("--grid", options->grid, "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
     command->add_option("--recipe", options->recipe, "Limits, masks and zones (TOML); without it the default recipe");
     command->add_option("--feature", options->feature, "Feature whose map and statistics are written")->capture_default_str();
     command->add_option("--bits", options->bits, "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")

@@ -28,6 +28,8 @@ int main(int argc, char** argv) {
         add_render(program, status);
         add_run(program, status);
         add_status(program, status);
+        add_calibrate(program, status);
+        add_soak(program, status);
         add_registers(program, status);
         program.parse(argc, argv);
     } catch (const CLI::Success& asked) {  // --help, --version
