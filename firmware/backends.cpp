@@ -89,6 +89,7 @@ class ChosenBackends final : public Backends {
             production.clean = clean_part(config);
             production.seed = simulation.seed;
             production.good_share = simulation.good_share;
+            production.good_parts = production.of_each_defect = simulation.variety;
             auto drawn = sim::draw_production(production);
             if (!drawn) return tl::unexpected(drawn.error());
             sim::RenderedFramesOptions rendering;

@@ -23,6 +23,7 @@ struct SimulationOptions {
     std::uint64_t parts = 0;          // how many come; 0: no end (recorded frames: as many as there are)
     double parts_per_second = 10;
     double good_share = 0.7;
+    int variety = 4;                  // different parts of each kind; each is rendered once, at the start
     bool own_coil_module = false;     // a Modbus coil module on loopback, which moves the simulated ejector
     std::function<void(double)> progress;  // of rendering the parts, 0..1
 };

@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <random>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -36,13 +37,20 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     std::unique_ptr<Station> station;
     std::string host;
 
-    void publish() { registers->publish(station->snapshot()); }
+    std::vector<PartResult> unpublished;
+
+    // Every result once, in order: several may be complete between two calls.
+    void publish() {
+        registers->publish(station->snapshot(), unpublished);
+        unpublished.clear();
+    }
     void publish_again() {
         publish();
         loop->call_after(kPublishEvery, [this] { publish_again(); });
     }
 
     void on_result(const PartResult& result) override {
+        unpublished.push_back(result);
         loop->post([this] { publish(); });  // the core has finished its step by then
         if (watchers.result) watchers.result(result);
     }

@@ -25,6 +25,7 @@ struct RunOptions {
     bool simulate = false, json = false;
     std::uint64_t parts = 0, seed = 1;
     double rate = 10, good = 0.7;
+    int variety = 4;
 };
 
 constexpr const char* kRejectStates[] = {"not-needed", "commanded", "confirmed", "failed", "late"};
@@ -93,6 +94,7 @@ class Run {
         simulation.parts = options_.parts;
         simulation.parts_per_second = options_.rate;
         simulation.good_share = options_.good;
+        simulation.variety = options_.variety;
         simulation.own_coil_module = options_.simulate;
         auto rendering = std::make_shared<std::unique_ptr<Progress>>(std::make_unique<Progress>("render parts"));
         simulation.progress = [rendering](double done) {
@@ -226,6 +228,9 @@ void add_run(CLI::App& program, Exit& status) {
     command->add_option("--seed", options->seed, "Seed of the simulated line")->capture_default_str();
     command->add_option("--rate", options->rate, "Parts a second on the simulated line")->check(CLI::Range(0.1, 1000.0))->capture_default_str();
     command->add_option("--good", options->good, "Share of good parts on the simulated line")->check(CLI::Range(0.0, 1.0))->capture_default_str();
+    command->add_option("--variety", options->variety, "Different parts of each kind on the simulated line; each is rendered at the start")
+        ->check(CLI::Range(1, 1000))
+        ->capture_default_str();
     command->add_option("--out", options->out, "Folder for a picture of one part of each kind");
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
     command->footer("Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended in an error.\n"

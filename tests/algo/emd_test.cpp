@@ -34,13 +34,22 @@ TEST(Emd, moves_one_spot_by_its_euclidean_distance) {
     EXPECT_DOUBLE_EQ(distance(a, b, bins_apart(9, 9, GroundNorm::euclidean, 2.5)), 2.5);
 }
 
-// Six units of work on equal masses: three stay, one moves two bins, one four.
+// Equal masses of five: three stay, two move from (1,0) to (2,2), three bins of Manhattan way each, six units of work.
 TEST(Emd, sums_work_over_the_mass) {
     const Histogram a{1, 2, 0, 0, 1, 1, 0, 0, 0};
     const Histogram b{1, 0, 0, 0, 1, 1, 0, 0, 2};
     // Bin 1 = (1,0), bin 8 = (2,2): sqrt(5) each for two of five units.
     EXPECT_DOUBLE_EQ(distance(a, b, bins_apart(3, 3)), 2 * std::sqrt(5.0) / 5);
     EXPECT_DOUBLE_EQ(distance(a, b, bins_apart(3, 3, GroundNorm::manhattan)), 6.0 / 5);
+}
+
+// The value of the paper's Fig. 4. The histograms are our own: those of the figure are not at hand.
+TEST(Emd, is_six_where_each_unit_moves_six_bins_on_average) {
+    // A row of nine: 1 unit moves 8 bins, 2 units move 5 bins each: 18 over 3 units.
+    Histogram a(9 * 3), b(9 * 3);
+    a[0] = 3;
+    b[8] = 1, b[5] = 2;
+    EXPECT_DOUBLE_EQ(distance(a, b, bins_apart(9, 3)), 6.0);
 }
 
 TEST(Emd, splits_a_mass_between_the_two_nearest_places) {

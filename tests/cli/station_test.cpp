@@ -86,7 +86,7 @@ TEST(Status, says_so_when_nobody_answers) {
 // -- run -------------------------------------------------------------------------------------------------------
 
 TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ejector) {
-    const Said said = run("hordctl", {"run", "--simulate", "--parts", "12", "--modbus", "127.0.0.1:0", "--json"}, std::chrono::seconds(120));
+    const Said said = run("hordctl", {"run", "--simulate", "--variety", "1", "--parts", "12", "--modbus", "127.0.0.1:0", "--json"}, std::chrono::seconds(120));
     ASSERT_EQ(said.status, 0) << said.err;
     const auto parts = json_lines(said.out);
     ASSERT_EQ(parts.size(), 12U) << said.out;
@@ -107,7 +107,7 @@ std::string port_of(const Said& said) {
 
 // By mbpoll, a Modbus client that nobody here wrote, and by hordctl's own.
 TEST(Run, ident_to_last_can_be_read_while_it_runs) {
-    Running station("hordctl", {"run", "--simulate", "--modbus", "127.0.0.1:0", "--json"});
+    Running station("hordctl", {"run", "--simulate", "--variety", "1", "--modbus", "127.0.0.1:0", "--json"});
     ASSERT_TRUE(station.says("\"part\":3", std::chrono::seconds(120))) << station.so_far().err;
     const std::string port = port_of(station.so_far());
     ASSERT_NE(port, "");
@@ -156,7 +156,7 @@ TEST(Run, without_its_rejector_no_part_is_passed_and_the_line_is_stopped) {
     const HeldPort absent(false), silent(true);
     for (const int port : {absent.port(), silent.port()}) {
         std::ofstream(folder / "c.toml") << "[rejector]\nbackend = \"modbus\"\nport = " << port << "\n[modbus]\nport = 0\n";
-        const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--parts", "5", "--json"});
+        const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--variety", "1", "--parts", "5", "--json"});
         EXPECT_EQ(said.status, 3) << said.err;
         const auto parts = json_lines(said.out);
         EXPECT_EQ(parts.size(), 5U) << said.err;
