@@ -39,11 +39,14 @@ struct FeatureView {
     const char* name;
     const char* unit;
     algo::Map algo::Inspection::*map;
-    float algo::Recipe::*limit;
+    float algo::Recipe::*limit;  // null: nothing is judged by it, and its map is computed only when asked for
 };
 constexpr FeatureView kFeatures[] = {
     {"emd", "bin pitches", &algo::Inspection::emd, &algo::Recipe::emd_limit_bins},
     {"jacobian-frobenius", "bin pitches a lenslet", &algo::Inspection::frobenius, &algo::Recipe::frobenius_limit_bins},
+    {"jacobian-spectral", "bin pitches a lenslet", &algo::Inspection::spectral, nullptr},
+    {"jacobian-nuclear", "bin pitches a lenslet", &algo::Inspection::nuclear, nullptr},
+    {"anisotropy", "0 to 1", &algo::Inspection::anisotropy, nullptr},
     {"transmission", "of the typical lenslet", &algo::Inspection::transmission, &algo::Recipe::transmission_limit},
 };
 
@@ -114,7 +117,8 @@ Result<void> write_results(const fs::path& out, const std::string& frame, const 
     const std::string name = fs::path(frame).stem().string();
     const algo::Map map = found.*feature.map;
     const auto picture =
-        scale_to(fmt::format("{}: {} ({})", name, feature.name, name_of(found.verdict)), feature.unit, map, found.mask, recipe.*feature.limit);
+        scale_to(fmt::format("{}: {} ({})", name, feature.name, name_of(found.verdict)), feature.unit, map, found.mask,
+                 feature.limit != nullptr ? recipe.*feature.limit : 0.0F);
     if (auto done = write_float_tiff(out / fmt::format("{}.{}.tiff", name, feature.name), map, extents); !done) return done;
     if (auto done = write_png(out / fmt::format("{}.{}.png", name, feature.name), draw(picture, map, found.mask, extents, found.defects)); !done) {
         return done;
@@ -183,7 +187,7 @@ class Inspector {
         auto extents = algo::extents_of_frame(frame->width_px(), frame->height_px(), macro_.first, macro_.second);
         if (!extents) return tl::unexpected(named(extents.error()));
         if (!pipeline_ || !(*extents == extents_) || frame->bits() != bits_) {
-            auto made = algo::Pipeline::create(*extents, frame->bits(), recipe_);
+            auto made = algo::Pipeline::create(*extents, frame->bits(), recipe_, 1, feature_->limit == nullptr ? algo::MapSet::all : algo::MapSet::judged);
             if (!made) return tl::unexpected(named(made.error()));
             pipeline_ = std::move(*made);
             extents_ = *extents;

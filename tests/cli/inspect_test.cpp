@@ -69,6 +69,17 @@ TEST(Inspect, out_writes_map_picture_and_json) {
     }
 }
 
+TEST(Inspect, every_feature_it_names_has_a_map) {
+    const TemporaryFolder folder;
+    const std::string frame = write(folder, "a.png", plain_frame());
+    for (const std::string feature : {"emd", "jacobian-frobenius", "jacobian-spectral", "jacobian-nuclear", "anisotropy", "transmission"}) {
+        const Said said = run("hordctl", {"inspect", frame, "--feature", feature, "--out", folder / "maps", "--json"});
+        ASSERT_EQ(said.status, 0) << said.err;
+        EXPECT_EQ(Json::parse(said.out)["feature"]["name"], feature);
+        EXPECT_TRUE(std::filesystem::exists(folder / ("maps/a." + feature + ".tiff")));
+    }
+}
+
 TEST(Inspect, a_dark_frame_is_unfit_with_status_3) {
     const TemporaryFolder folder;
     const Said said = run("hordctl", {"inspect", write(folder, "dark.png", algo::Frame(90, 90, 8)), "--json"});
