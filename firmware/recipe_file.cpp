@@ -47,13 +47,13 @@ Result<algo::Recipe> read(TomlTable root, TomlProblems& found) {
     TomlTable light = root.table("light");
     light.integer("dark_dn", recipe.dark_dn, 0, 65535);
     light.integer("min_sum_dn", recipe.min_sum_dn, 0, 0xFFFFFF);
-    light.integer("saturated_dn", recipe.saturated_dn, 0, 65536);
+    light.integer("saturated_dn", recipe.saturated_dn, 0, 65535);
     light.number("max_saturated_share", recipe.max_saturated_share, 0, 1);
     light.number("min_lit_share", recipe.min_lit_share, 0, 1);
     TomlTable limits = root.table("limits");
     limits.number("emd_bins", recipe.emd_limit_bins, 1e-3, 30);
     limits.number("frobenius_bins", recipe.frobenius_limit_bins, 1e-3, 30);
-    limits.number("transmission", recipe.transmission_limit, 0, 1);
+    limits.number("transmission", recipe.transmission_limit, 0, 0.999);
     limits.integer("min_area", recipe.min_area, 1, 1'000'000);
     root.integer("rim_margin", recipe.rim_margin, -1, 1000);
     for (TomlTable& zone : root.tables("zone")) recipe.zones.push_back(read_zone(zone));

@@ -17,6 +17,7 @@ struct PartEdge {
     std::optional<std::int64_t> counts;  // encoder position at the edge, counts; none without an encoder
 };
 
+// Delivered at a steady pace while the conveyor stands, too: silence means that the position is lost.
 struct EncoderReading {
     TimePoint at;
     std::int64_t counts = 0;  // grows with the conveyor's motion
