@@ -24,6 +24,7 @@ void add_run(CLI::App& program, Exit& status);
 void add_status(CLI::App& program, Exit& status);
 void add_calibrate(CLI::App& program, Exit& status);
 void add_soak(CLI::App& program, Exit& status);
+void add_experiment(CLI::App& program, Exit& status);
 void add_registers(CLI::App& program, Exit& status);
 
 // Prints `error` as one line (more, when there are several problems) on stderr. Returns bad_input.

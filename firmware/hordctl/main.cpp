@@ -30,6 +30,7 @@ int main(int argc, char** argv) {
         add_status(program, status);
         add_calibrate(program, status);
         add_soak(program, status);
+        add_experiment(program, status);
         add_registers(program, status);
         program.parse(argc, argv);
     } catch (const CLI::Success& asked) {  // --help, --version

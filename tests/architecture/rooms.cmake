@@ -8,8 +8,8 @@ set(hal_sim "common/|algo/(frame|result|light_field|grid_file)\\.h|drivers/hal/|
 set(calib "common/|algo/|calib/")
 set(firmware "common/|algo/|drivers/|hal_sim/|calib/|firmware/")
 
-# Only the programs' entry points and the simulated soak choose a backend: the station itself knows the seam alone.
-set(chooses_backend "firmware/(backend|hordd|hordctl|soak)")
+# Only the programs' entry points, the simulated soak and the experiments choose a backend: the station itself knows the seam alone.
+set(chooses_backend "firmware/(backend|experiment|hordd|hordctl|soak)")
 
 set(wrong "")
 set(seen 0)

@@ -1,0 +1,51 @@
+// How well a score tells bad from good, and how sure that is.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace hord::firmware {
+
+// A number with the interval that holds it with 95 % confidence.
+struct Estimate {
+    double value = 0, low = 0, high = 0;
+};
+
+// A scored place. Places of one part are not independent of each other: parts are what is drawn again.
+struct Scored {
+    float score = 0;
+    std::uint32_t part = 0;
+    bool bad = false;
+};
+
+struct Detection {
+    Estimate auc;  // area under the ROC curve: 0.5 guesses, 1 never errs, below 0.5 the sign is wrong
+    Estimate tpr;  // true positives at the largest threshold that keeps the false positives at or below `fpr`
+    float threshold = 0;  // that threshold: a score above it counts
+};
+
+// Intervals by the percentile bootstrap over parts (`repeats` draws from `seed`). Ties count half in the area; a threshold never
+// cuts through them. Needs at least one good and one bad score; else everything is 0.
+Detection detection_of(std::span<const Scored> scores, double fpr, int repeats, std::uint64_t seed);
+
+// Probability of detection by size: logistic in the logarithm of the size, POD = 1 / (1 + exp(-(b0 + b1 ln a))), fitted with Firth's
+// penalty (Biometrika 80 (1993) 27), which stays finite where hits and misses are separated. a90: the size found with 90 % probability;
+// a90_95: the size of which that is 95 % sure (Wald bound of the curve, as in MIL-HDBK-1823A). Nothing where the curve does not rise
+// through 0.9, or the bound never does.
+struct Tried {
+    double size = 0;  // > 0
+    bool found = false;
+};
+struct PodCurve {
+    double b0 = 0, b1 = 0;
+    std::optional<double> a50, a90, a90_95;
+    [[nodiscard]] double at(double size) const;
+};
+PodCurve pod_curve(std::span<const Tried> tried);
+
+// The value below which `share` (0..1) of the values lie; linear between neighbours. 0 for none.
+double quantile(std::vector<double> values, double share);
+
+}  // namespace hord::firmware
