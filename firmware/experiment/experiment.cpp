@@ -1,15 +1,18 @@
 #include "firmware/experiment/experiment.h"
 
 #include <algorithm>
-#include <array>
 #include <fstream>
 
 #include <fmt/format.h>
 
+#include "firmware/experiment/stability.h"
+
 namespace hord::firmware {
 
 std::span<const Experiment> experiments() {
-    static constexpr std::array<Experiment, 0> kExperiments{};
+    static constexpr Experiment kExperiments[] = {
+        {"stability", "Do the features keep their promises at the extremes? A table of case, expected, got, verdict", "about half a minute", run_stability},
+    };
     return kExperiments;
 }
 
