@@ -159,6 +159,22 @@ void TomlTable::numbers(std::string_view key, std::vector<double>& values, std::
     values = std::move(read);
 }
 
+void TomlTable::texts(std::string_view key, std::vector<std::string>& values) {
+    const toml::node* node = node_->find(key);
+    if (node == nullptr) return;
+    std::vector<std::string> read;
+    const toml::array* array = node->as_array();
+    bool good = array != nullptr;
+    if (array != nullptr) {
+        for (const toml::node& element : *array) {
+            good = good && element.is_string();
+            read.push_back(element.value_or(std::string()));
+        }
+    }
+    if (!good) return node_->report(*node, key, "is not a list of texts: write [\"a\", \"b\"]");
+    values = std::move(read);
+}
+
 std::optional<std::size_t> TomlTable::choice(std::string_view key, std::span<const std::string_view> names) {
     const toml::node* node = node_->find(key);
     if (node == nullptr) return std::nullopt;

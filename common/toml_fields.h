@@ -54,6 +54,8 @@ class TomlTable {
     void text(std::string_view key, std::string& value);
     void numbers(std::string_view key, std::vector<double>& values, std::size_t min_count, std::size_t max_count);
 
+    void texts(std::string_view key, std::vector<std::string>& values);
+
     // One of the given names, as an index into them.
     [[nodiscard]] std::optional<std::size_t> choice(std::string_view key, std::span<const std::string_view> names);
 

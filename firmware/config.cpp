@@ -123,11 +123,61 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
     }
 }
 
+// Who may write, then who may only read; addresses and networks.
+std::vector<modbus::AccessRule> access(TomlTable& table) {
+    std::vector<modbus::AccessRule> rules;
+    const auto read = [&](std::string_view key, std::vector<std::string> networks, bool may_write) {
+        table.texts(key, networks);
+        for (const std::string& text : networks) {
+            const auto network = modbus::parse_network(text);
+            if (network) rules.push_back({*network, may_write});
+            else table.problem(key, network.error().what, network.error().cure);
+        }
+    };
+    read("may_write", {"127.0.0.0/8", "::1"}, true);
+    read("may_read", {"0.0.0.0/0", "::/0"}, false);
+    return rules;
+}
+
+void read_modbus(TomlTable table, ModbusServer& value) {
+    host(table, "host", value.host);
+    table.integer("port", value.port, 0, 65535);
+    table.integer("read_only_port", value.read_only_port, 0, 65535);
+    table.integer("max_connections", value.max_connections, 1, 512);
+    value.access = access(table);
+    if (value.read_only_port != 0 && value.read_only_port == value.port) {
+        table.problem("read_only_port", "is modbus.port, too", "give it another one, or 0 for none");
+    }
+}
+
+void read_serial(TomlTable table, SerialLine& value) {
+    constexpr std::array<std::string_view, 3> parities{"none", "even", "odd"};
+    modbus::SerialOptions line;
+    line.device.clear();
+    table.text("device", line.device);
+    table.integer("baud", line.baud, 1200, 921'600);
+    if (const auto parity = table.choice("parity", parities)) line.parity = static_cast<modbus::SerialOptions::Parity>(*parity);
+    table.integer("unit", line.unit, 1, 247);
+    table.boolean("rs485", line.rs485);
+    table.boolean("may_write", line.may_write);
+    ms(table, "gap_ms", line.gap, 1, 1000);
+    if (!line.device.empty()) value = line;
+}
+
+void read_plc(TomlTable plc, PlcConfig& value, CoreConfig& core) {
+    constexpr std::array<std::string_view, 3> policies{"none", "stop", "reject_all"};
+    if (const auto policy = plc.choice("policy", policies)) core.plc_policy = static_cast<PlcPolicy>(*policy);
+    ms(plc, "timeout_ms", value.timeout, 200, 60'000);
+}
+
 void read_inspection(TomlTable inspection, InspectionConfig& value, const std::filesystem::path& folder) {
     macro(inspection, "macro", value.bins_i, value.bins_j);
     std::string recipe;
     inspection.text("recipe", recipe);
     if (!recipe.empty()) value.recipe = folder / recipe;
+    std::string recipes = "recipes";
+    inspection.text("recipes", recipes);
+    if (!recipes.empty()) value.recipes = folder / recipes;
     inspection.integer("threads", value.threads, 1, 64);
     inspection.integer("queue", value.queue, 1, 256);
 }
@@ -136,6 +186,7 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
     Config config;
     TomlTable station = root.table("station");
     station.text("name", config.name);
+    station.boolean("autostart", config.autostart);
     ms(station, "heartbeat_ms", config.core.heartbeat, 10, 60'000);
     station.integer("max_failures_in_a_row", config.core.max_failures_in_a_row, 0, 1'000'000);
     read_line(root.table("line"), config.core);
@@ -146,9 +197,9 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
     TomlTable part_sensor = root.table("part_sensor");
     constexpr std::array<std::string_view, 1> kinds{"simulated"};
     (void)part_sensor.choice("backend", kinds);
-    TomlTable modbus = root.table("modbus");
-    host(modbus, "host", config.modbus.host);
-    modbus.integer("port", config.modbus.port, 0, 65535);
+    read_modbus(root.table("modbus"), config.modbus);
+    read_serial(root.table("serial"), config.serial);
+    read_plc(root.table("plc"), config.plc, config.core);
     read_inspection(root.table("inspection"), config.inspection, folder);
     root.refuse_unknown_keys();
     for (const std::string& problem : problems(config.core)) found.add(std::string(name) + ": " + problem);
@@ -157,6 +208,12 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
 }
 
 }  // namespace
+
+std::vector<modbus::AccessRule> ModbusServer::default_access() {
+    TomlProblems none;
+    TomlTable empty = TomlTable::parse_text("", "defaults", none);
+    return hord::firmware::access(empty);
+}
 
 Result<Config> load_config(const std::filesystem::path& file) {
     TomlProblems found;

@@ -3,12 +3,16 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
+#include <vector>
 
 #include "algo/result.h"
 #include "firmware/core/core_config.h"
+#include "firmware/modbus/access.h"
+#include "firmware/modbus/server_rtu.h"
 
 namespace hord::firmware {
 
@@ -39,15 +43,29 @@ struct StrobeConfig {
     Duration min_rest = milliseconds(5);
 };
 
-// [modbus]: the register server that the PLC reads.
+// [modbus]: the register server that the PLC reads and writes.
 struct ModbusServer {
     std::string host = "127.0.0.1";
-    std::uint16_t port = 1502;  // 0: any free port
+    std::uint16_t port = 1502;         // 0: any free port
+    std::uint16_t read_only_port = 0;  // a second one, where nobody may write; 0: none
+    std::size_t max_connections = 32;
+    std::vector<modbus::AccessRule> access = default_access();  // who may connect, and who of these may write
+
+    static std::vector<modbus::AccessRule> default_access();  // all may read, this machine may write
+};
+
+// [serial]: the same registers on a serial line (Modbus RTU).
+using SerialLine = std::optional<modbus::SerialOptions>;
+
+// [plc]: its heartbeat. The policy is in CoreConfig::plc_policy.
+struct PlcConfig {
+    Duration timeout = milliseconds(2000);
 };
 
 struct InspectionConfig {
     int bins_i = 9, bins_j = 9;    // bins of a macro-pixel
-    std::filesystem::path recipe;  // empty: the defaults of algo/recipe.h
+    std::filesystem::path recipe;   // empty: the defaults of algo/recipe.h
+    std::filesystem::path recipes;  // folder of those that can be switched to by number; empty: none
     int threads = 1;               // parts inspected at the same time
     int queue = 8;                 // frames that may wait for a thread
 };
@@ -59,6 +77,10 @@ struct Config {
     StrobeConfig strobe;
     RejectorConfig rejector;
     ModbusServer modbus;
+    SerialLine serial;
+    PlcConfig plc;
+    std::filesystem::path state_folder;  // what outlives a run; empty: nothing does. Not a key: the service's $STATE_DIRECTORY
+    bool autostart = true;  // arms and starts by itself as soon as every device is up; false: somebody commands it
     InspectionConfig inspection;
 };
 

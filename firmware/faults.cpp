@@ -21,6 +21,8 @@ constexpr FaultText kTexts[] = {
     {kFaultConfiguration, "configuration", "the configuration could not be used", "see the log; correct the file and reload"},
     {kFaultLightLevel, "light-level", "frames are too dark or saturated",
      "check the collimator and the optics for dirt, then timing.strobe_us and timing.exposure_us"},
+    {kFaultPlc, "plc-lost", "the PLC's heartbeat stopped; the station does what plc.policy says",
+     "check the PLC and its network; the heartbeat must change several times within plc.timeout_ms"},
 };
 
 }  // namespace

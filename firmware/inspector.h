@@ -48,8 +48,18 @@ class Inspector {
     // Loop thread. Waits for the frame that is being inspected; no call reaches the listener after it returns.
     void stop() { do_stop(); }
 
+    // Loop thread, while the station does not execute: judges with another recipe from now on. Waits for the frame that is
+    // being inspected; frames that wait are given back unjudged. Fails with invalid_argument (the recipe does not fit the
+    // light field; the old one stays), unsupported (a stand-in).
+    Result<void> use(const algo::Recipe& recipe, std::uint16_t number) { return do_use(recipe, number); }
+
+    // Loop thread. Frames that wait for a thread now.
+    [[nodiscard]] std::size_t waiting() const { return do_waiting(); }
+
   private:
     virtual void do_start(Listener& listener) = 0;
+    virtual Result<void> do_use(const algo::Recipe& recipe, std::uint16_t number);
+    [[nodiscard]] virtual std::size_t do_waiting() const { return 0; }
     virtual Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) = 0;
     virtual void do_stop() = 0;
 };
@@ -58,6 +68,7 @@ struct InspectorSettings {
     algo::Extents extents;
     int bits = 8;
     algo::Recipe recipe;
+    std::uint16_t recipe_number = kNoNumber;  // comes back in every Judged
     int threads = 1;  // each with a pipeline of its own
     int queue = 8;    // frames that may wait; one more is refused as busy
     InspectionObserver* observer = nullptr;  // outlives the inspector
@@ -69,7 +80,9 @@ Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop,
 
 // The same with any way of judging, one a thread.
 using Judge = std::function<Judged(std::uint32_t part, const hal::FrameLease& frame)>;
-std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges);
+using Judges = std::function<Result<std::vector<Judge>>(const algo::Recipe& recipe, std::uint16_t number)>;
+// `remake` makes them for another recipe; without it use() is unsupported.
+std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges, Judges remake = nullptr);
 
 // Inspects inside submit(), answers `modelled` later by a timer. `threads` bounds how many parts are in the modelled work
 // at the same time, `queue` how many wait.

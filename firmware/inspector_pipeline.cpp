@@ -1,11 +1,14 @@
 // The pipeline as an inspector: one a thread, or one in virtual time.
 #include <algorithm>
+#include <cmath>
 #include <vector>
 
 #include "firmware/inspector.h"
 
 namespace hord::firmware {
 namespace {
+
+std::uint16_t to_register(float lenslets) { return static_cast<std::uint16_t>(std::clamp(std::lround(lenslets), 0L, 0xFFFEL)); }
 
 Judged judge_with(algo::Pipeline& pipeline, std::uint32_t part, const hal::FrameLease& frame, const InspectorSettings& settings) {
     Judged judged;
@@ -17,6 +20,11 @@ Judged judge_with(algo::Pipeline& pipeline, std::uint32_t part, const hal::Frame
     judged.reason = inspection->reason;
     judged.defects = static_cast<std::uint16_t>(std::min<std::size_t>(inspection->defects.size(), 0xFFFE));
     judged.score = inspection->score;
+    judged.recipe = settings.recipe_number;
+    if (!inspection->defects.empty()) {
+        judged.position_m = to_register(inspection->defects.front().m);
+        judged.position_n = to_register(inspection->defects.front().n);
+    }
     if (settings.observer != nullptr) settings.observer->on_inspection(part, frame.view(), *inspection);
     return judged;
 }
@@ -28,9 +36,7 @@ Result<std::shared_ptr<algo::Pipeline>> make_pipeline(const InspectorSettings& s
     return std::make_shared<algo::Pipeline>(std::move(*pipeline));
 }
 
-}  // namespace
-
-Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop, const InspectorSettings& settings) {
+Result<std::vector<Judge>> make_judges(const InspectorSettings& settings) {
     std::vector<Judge> judges;
     for (int k = 0; k < std::max(settings.threads, 1); ++k) {
         auto pipeline = make_pipeline(settings);
@@ -39,7 +45,25 @@ Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop,
             return judge_with(*pipeline, part, frame, settings);
         });
     }
-    return make_threaded_inspector(loop, settings.queue, std::move(judges));
+    return judges;
+}
+
+}  // namespace
+
+Result<void> Inspector::do_use(const algo::Recipe&, std::uint16_t) {
+    return fail(ErrorCode::unsupported, "this inspector knows no recipes", "use the pipeline");
+}
+
+Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop, const InspectorSettings& settings) {
+    auto judges = make_judges(settings);
+    if (!judges) return tl::unexpected(judges.error());
+    const auto remake = [settings](const algo::Recipe& recipe, std::uint16_t number) {
+        InspectorSettings other = settings;
+        other.recipe = recipe;
+        other.recipe_number = number;
+        return make_judges(other);
+    };
+    return make_threaded_inspector(loop, settings.queue, std::move(*judges), remake);
 }
 
 Result<std::unique_ptr<Inspector>> make_inline_inspector(hal::EventLoop& loop, const InspectorSettings& settings,

@@ -35,8 +35,8 @@ struct Mailbox {
 
 class ThreadedInspector final : public Inspector {
   public:
-    ThreadedInspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges)
-        : loop_(loop), queue_(static_cast<std::size_t>(queue)), judges_(std::move(judges)), mailbox_(std::make_shared<Mailbox>()) {}
+    ThreadedInspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges, Judges remake)
+        : loop_(loop), queue_(static_cast<std::size_t>(queue)), judges_(std::move(judges)), remake_(std::move(remake)), mailbox_(std::make_shared<Mailbox>()) {}
     ~ThreadedInspector() override { do_stop(); }
 
   private:
@@ -45,6 +45,22 @@ class ThreadedInspector final : public Inspector {
         if (!threads_.empty()) return;
         ending_ = false;
         for (Judge& judge : judges_) threads_.emplace_back([this, &judge] { work(judge); });
+    }
+
+    Result<void> do_use(const algo::Recipe& recipe, std::uint16_t number) override {
+        if (!remake_) return fail(ErrorCode::unsupported, "this inspector knows no recipes", "use the pipeline");
+        auto judges = remake_(recipe, number);
+        if (!judges) return tl::unexpected(judges.error());
+        Listener* listener = mailbox_->listener;
+        do_stop();
+        judges_ = std::move(*judges);
+        if (listener != nullptr) do_start(*listener);
+        return {};
+    }
+
+    std::size_t do_waiting() const override {
+        const std::lock_guard lock(mutex_);
+        return jobs_.size();
     }
 
     Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) override {
@@ -101,8 +117,9 @@ class ThreadedInspector final : public Inspector {
     hal::EventLoop& loop_;
     const std::size_t queue_;
     std::vector<Judge> judges_;
+    Judges remake_;
     std::vector<std::thread> threads_;
-    std::mutex mutex_;
+    mutable std::mutex mutex_;
     std::condition_variable wake_;
     std::deque<Job> jobs_;
     bool ending_ = false;
@@ -111,8 +128,8 @@ class ThreadedInspector final : public Inspector {
 
 }  // namespace
 
-std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges) {
-    return std::make_unique<ThreadedInspector>(loop, queue, std::move(judges));
+std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges, Judges remake) {
+    return std::make_unique<ThreadedInspector>(loop, queue, std::move(judges), std::move(remake));
 }
 
 }  // namespace hord::firmware

@@ -2,6 +2,9 @@
 
 #include <array>
 
+#include <fmt/format.h>
+
+#include "common/crc32.h"
 #include "common/toml_fields.h"
 
 namespace hord::firmware {
@@ -10,6 +13,7 @@ namespace {
 using common::TomlProblems;
 using common::TomlTable;
 
+constexpr int kRecipeSchema = 1;
 constexpr double kFar = 100'000;  // lenslets; beyond any light field
 
 algo::Zone read_zone(TomlTable& table) {
@@ -41,9 +45,27 @@ algo::Zone read_zone(TomlTable& table) {
     return zone;
 }
 
-Result<algo::Recipe> read(TomlTable root, TomlProblems& found) {
-    algo::Recipe recipe;
+// A text in quotes, as TOML's basic strings have it.
+std::string in_quotes(std::string_view text) {
+    std::string out = "\"";
+    for (const char c : text) {
+        if (c == '"' || c == '\\') (out += '\\') += c;
+        else if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) out += fmt::format("\\u{:04X}", static_cast<int>(c));
+        else out += c;
+    }
+    return out + '"';
+}
+
+Result<NumberedRecipe> read(TomlTable root, TomlProblems& found) {
+    NumberedRecipe numbered;
+    algo::Recipe& recipe = numbered.recipe;
+    int schema = kRecipeSchema;
+    root.integer("schema", schema, kRecipeSchema, kRecipeSchema);
+    std::string seal;
+    root.text("crc32", seal);
     root.text("name", recipe.name);
+    root.integer("number", numbered.number, 0, 65534);
+    root.integer("version", numbered.version, 1, 0x7FFFFFFF);
     TomlTable light = root.table("light");
     light.integer("dark_dn", recipe.dark_dn, 0, 65535);
     light.integer("min_sum_dn", recipe.min_sum_dn, 0, 0xFFFFFF);
@@ -58,20 +80,58 @@ Result<algo::Recipe> read(TomlTable root, TomlProblems& found) {
     root.integer("rim_margin", recipe.rim_margin, -1, 1000);
     for (TomlTable& zone : root.tables("zone")) recipe.zones.push_back(read_zone(zone));
     root.refuse_unknown_keys();
+    const std::string sum = fmt::format("{:08X}", crc32_of(numbered));
+    if (found.empty() && !seal.empty() && seal != sum) {
+        root.problem("crc32", "is " + seal + ", what the recipe says has " + sum,
+                     "somebody changed it after it was sealed: check it, then write the new value (hordctl recipe seal)");
+    }
     if (!found.empty()) return found.as_error();
-    return recipe;
+    return numbered;
+}
+
+Result<algo::Recipe> without_number(Result<NumberedRecipe> numbered) {
+    if (!numbered) return tl::unexpected(numbered.error());
+    return std::move(numbered->recipe);
 }
 
 }  // namespace
 
-Result<algo::Recipe> load_recipe(const std::filesystem::path& file) {
+std::string format_recipe(const NumberedRecipe& numbered) {
+    const algo::Recipe& r = numbered.recipe;
+    std::string text = fmt::format("schema = {}\nname = {}\nnumber = {}\nversion = {}\nrim_margin = {}\n\n", kRecipeSchema, in_quotes(r.name),
+                                   numbered.number, numbered.version, r.rim_margin);
+    text += fmt::format("[light]\ndark_dn = {}\nmin_sum_dn = {}\nsaturated_dn = {}\nmax_saturated_share = {}\nmin_lit_share = {}\n\n", r.dark_dn,
+                        r.min_sum_dn, r.saturated_dn, r.max_saturated_share, r.min_lit_share);
+    text += fmt::format("[limits]\nemd_bins = {}\nfrobenius_bins = {}\ntransmission = {}\nmin_area = {}\n", r.emd_limit_bins,
+                        r.frobenius_limit_bins, r.transmission_limit, r.min_area);
+    for (const algo::Zone& zone : r.zones) {
+        text += fmt::format("\n[[zone]]\nuse = \"{}\"\n", zone.use == algo::Zone::Use::inspect ? "inspect" : "ignore");
+        if (zone.shape == algo::Zone::Shape::circle) {
+            text += fmt::format("shape = \"circle\"\ncentre = [{}, {}]\nradius = {}\n", zone.centre.m, zone.centre.n, zone.radius);
+            continue;
+        }
+        text += "shape = \"polygon\"\ncorners = [";
+        for (std::size_t k = 0; k < zone.corners.size(); ++k) {
+            text += fmt::format("{}{}, {}", k == 0 ? "" : ", ", zone.corners[k].m, zone.corners[k].n);
+        }
+        text += "]\n";
+    }
+    return text;
+}
+
+std::uint32_t crc32_of(const NumberedRecipe& recipe) { return common::crc32(format_recipe(recipe)); }
+
+Result<algo::Recipe> load_recipe(const std::filesystem::path& file) { return without_number(load_numbered_recipe(file)); }
+Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name) { return without_number(parse_numbered_recipe(text, name)); }
+
+Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file) {
     TomlProblems found;
     TomlTable root = TomlTable::parse_file(file, found);
     if (!found.empty()) return found.as_error();
     return read(std::move(root), found);
 }
 
-Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name) {
+Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name) {
     TomlProblems found;
     TomlTable root = TomlTable::parse_text(text, name, found);
     if (!found.empty()) return found.as_error();

@@ -1,5 +1,7 @@
 #include "firmware/registers.h"
 
+#include "common/crc32.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -109,12 +111,6 @@ Reading take(const Register& row, std::span<const std::uint16_t> words) {
     return reading;
 }
 
-std::uint32_t crc32_step(std::uint32_t crc, unsigned byte) {
-    crc ^= byte & 0xFFU;
-    for (int bit = 0; bit < 8; ++bit) crc = crc >> 1U ^ (crc & 1U ? 0xEDB88320U : 0U);
-    return crc;
-}
-
 void encode_rows(std::span<const Register> rows, std::size_t base, const RegisterSource& source,
                  std::span<std::uint16_t> image) {
     for (const Register& row : rows) put(row, image.subspan(row.address - base, row.words), source);
@@ -177,17 +173,18 @@ std::uint32_t map_crc32() {
                                      row.name, row.unit, row.scale, static_cast<int>(row.access));
             }
         }
-        std::uint32_t running = ~0U;
-        for (const char c : lines) running = crc32_step(running, static_cast<unsigned char>(c));
-        return ~running;
+        return common::crc32(lines);
     }();
     return crc;
 }
 
 std::uint32_t crc32_of(std::span<const std::uint16_t> words) {
-    std::uint32_t crc = ~0U;
-    for (const std::uint16_t word : words) crc = crc32_step(crc32_step(crc, word >> 8U), word);
-    return ~crc;
+    common::Crc32 crc;
+    for (const std::uint16_t word : words) {
+        crc.add(static_cast<std::uint8_t>(word >> 8U));
+        crc.add(static_cast<std::uint8_t>(word & 0xFFU));
+    }
+    return crc.value();
 }
 
 void encode(const Block& block, const RegisterSource& source, std::span<std::uint16_t> image) {

@@ -146,7 +146,7 @@ CommandOutcome PlcDesk::execute(const modbus::Origin& origin, const StationNow& 
         }
         if (request.argument != crc32_of(staged_words_)) return refuse(CommandError::wrong_checksum);
         ++commands_done_;
-        return handler_.on_recipe(origin, staged());
+        return handler_.on_recipe(origin, request, staged());
     }
     ++commands_done_;
     return handler_.on_command(origin, request);

@@ -35,7 +35,7 @@ class PlcHandler {
     // Never commit_recipe, never the same token twice. Unknown codes come, too.
     virtual CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) = 0;
     // commit_recipe with the right checksum, while the station does not execute.
-    virtual CommandOutcome on_recipe(const modbus::Origin& origin, const StagedRecipe& staged) = 0;
+    virtual CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) = 0;
     // Results up to `sequence` are the PLC's now.
     virtual void on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) = 0;
     virtual void on_plc_lost(PlcPolicy policy) = 0;
@@ -74,7 +74,7 @@ class PlcDesk {
     // heartbeat the PLC cannot be lost. To be called several times within the timeout.
     void check_heartbeat();
 
-    // What was staged last; the recipe in use, at the start.
+    // The staged values are these from now on: those of the recipe in use, when it changes.
     void stage(const StagedRecipe& recipe);
 
     [[nodiscard]] PlcView view() const;

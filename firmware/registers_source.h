@@ -71,8 +71,6 @@ struct ResultStatistics {
 // -- the PLC's side (registers_plc.h)
 // --------------------------------------------------------------------------
 
-enum class PlcPolicy : std::uint16_t { none = 0, stop = 1, reject_all = 2 };
-
 enum class CommandCode : std::uint16_t {
     initialise = 1,
     arm = 2,
@@ -85,7 +83,8 @@ enum class CommandCode : std::uint16_t {
     reset = 9,
     commit_recipe = 20,  // argument: staged_crc32
     teach = 21,
-    self_test = 22,
+    self_test = 22,      // result: FaultBits of what failed
+    use_recipe = 23,     // argument: its number; argument2: its CRC-32, or 0: whatever it is; result: its CRC-32
 };
 enum class CommandState : std::uint16_t { none = 0, executing = 1, completed = 2, failed = 3 };
 enum class CommandError : std::uint16_t {
@@ -99,6 +98,9 @@ enum class CommandError : std::uint16_t {
     other_boot = 7,
     not_supported = 8,
     failed = 9,
+    plc_lost = 10,       // start: the PLC's heartbeat is missing
+    not_yet = 11,        // arm: the ejector is still acting
+    no_such_recipe = 12, // use_recipe: no usable file has this number
 };
 
 struct CommandRequest {

@@ -25,11 +25,12 @@ inline constexpr NamedValue kStatusBits[] = {
 inline constexpr NamedValue kFaultBits[] = {
     {0, "part-sensor"}, {1, "strobe"},  {2, "sensor"},        {3, "rejector"},    {4, "reject-unconfirmed"},
     {5, "inspector"},   {6, "overrun"}, {7, "configuration"}, {8, "light-level"},
+    {9, "plc-lost"},
 };
 inline constexpr NamedValue kFirstFaults[] = {
     {0, "none"},          {1, "part-sensor"},        {2, "strobe"},    {3, "sensor"},
     {4, "rejector"},      {5, "reject-unconfirmed"}, {6, "inspector"}, {7, "overrun"},
-    {8, "configuration"}, {9, "light-level"},
+    {8, "configuration"}, {9, "light-level"},        {10, "plc-lost"},
 };
 inline constexpr NamedValue kVerdicts[] = {{1, "pass"}, {2, "reject"}, {3, "unfit"}};
 inline constexpr NamedValue kReasons[] = {
@@ -53,6 +54,7 @@ inline constexpr NamedValue kReasons[] = {
     {26, "line-full"},
     {27, "edge-lost"},
     {28, "inspector-failed"},
+    {29, "plc-lost"},
 };
 inline constexpr NamedValue kRejectStates[] = {
     {0, "not_needed"}, {1, "commanded"}, {2, "confirmed"}, {3, "failed"}, {4, "late"},
@@ -156,6 +158,10 @@ inline Number of_result(const Source& s, double value) {
     return s.result.sequence == 0 ? Number{} : Number{value};
 }
 
+inline Number of_known(const Source& s, std::uint16_t value) {
+    return value == kNoNumber ? Number{} : of_result(s, value);
+}
+
 template <std::uint16_t base>
 inline constexpr std::array<Register, 16> kResult = {{
     number(base + 0, Type::u32, "sequence", "", "result number since this boot, from 1; 0: no result yet",
@@ -192,11 +198,11 @@ inline constexpr std::array<Register, 16> kResult = {{
         base + 17, Type::u16, "reject_state", "", "what became of the rejection",
         [](const Source& s) { return of_result(s, static_cast<double>(s.result.reject)); }, kRejectStates),
     number(base + 18, Type::u16, "position_m", "lenslets", "column of the worst defect's centre",
-           [](const Source&) -> Number { return {}; }),
+           [](const Source& s) { return of_known(s, s.result.position_m); }),
     number(base + 19, Type::u16, "position_n", "lenslets", "row of the worst defect's centre",
-           [](const Source&) -> Number { return {}; }),
+           [](const Source& s) { return of_known(s, s.result.position_n); }),
     number(base + 20, Type::u16, "recipe", "", "number of the recipe that judged",
-           [](const Source&) -> Number { return {}; }),
+           [](const Source& s) { return of_known(s, s.result.recipe); }),
     number(
         base + 21, Type::bits16, "flags", "", "how the result came about",
         [](const Source& s) -> Number {

@@ -1,43 +1,75 @@
 #include "firmware/service.h"
 
+#include <filesystem>
+#include <fstream>
 #include <optional>
+#include <algorithm>
 #include <random>
 #include <vector>
 
 #include <fmt/format.h>
 
 #include "firmware/modbus/server.h"
-#include "firmware/recipe_file.h"
+#include "firmware/modbus/server_rtu.h"
+#include "firmware/operations.h"
+#include "firmware/recipe_folder.h"
 #include "firmware/registers_image.h"
+#include "firmware/self_check.h"
 
 namespace hord::firmware {
 namespace {
 
-// The registers follow every result and change of state at once, and the rest (heartbeat, parts on the line) at this pace.
+// The registers follow every result and change of state at once, and the rest (heartbeats, parts on the line) at this pace.
 constexpr Duration kPublishEvery = milliseconds(50);
+constexpr Duration kHealthEvery = milliseconds(1000);
+constexpr const char* kRecipeInUse = "recipe-in-use.toml";
+constexpr const char* kProcessorMillidegrees = "/sys/class/thermal/thermal_zone0/temp";
 
 StationIdentity identity_of(const Config& config) {
     StationIdentity identity;
     identity.firmware = HORD_VERSION;
     identity.serial = config.name;
-    identity.boot_id = std::random_device{}();
+    // A command's `boot` is the low half, where 0 means any boot.
+    while ((identity.boot_id & 0xFFFFU) == 0) identity.boot_id = std::random_device{}();
     return identity;
+}
+
+std::optional<double> processor_celsius() {
+    std::ifstream in(kProcessorMillidegrees);
+    double millidegrees = 0;
+    return in >> millidegrees ? std::optional(millidegrees / 1000) : std::nullopt;
+}
+
+std::optional<double> disk_free_percent(const std::filesystem::path& folder) {
+    if (folder.empty()) return std::nullopt;
+    std::error_code error;
+    const auto space = std::filesystem::space(folder, error);
+    if (error || space.capacity == 0) return std::nullopt;
+    return 100.0 * static_cast<double>(space.available) / static_cast<double>(space.capacity);
 }
 
 }  // namespace
 
-// Members are destroyed in reverse order: the station halts before its devices go, the devices before the loop.
+// Members are destroyed in reverse order: the station halts before its devices go, the devices before the loop; who asks
+// over the network goes first.
 struct Service::Parts final : StationObserver, InspectionObserver {
+    Config config;
     ServiceWatchers watchers;
     std::unique_ptr<SdEventLoop> loop;
+    std::unique_ptr<Recorder> recorder;
     std::unique_ptr<Backends> backends;
     std::unique_ptr<Inspector> inspector;
-    std::optional<RegisterImage> registers;
-    std::unique_ptr<modbus::Server> server;
     std::unique_ptr<Station> station;
-    std::string host;
+    std::optional<Operations> operations;
+    std::optional<PlcDesk> desk;
+    std::optional<RegisterImage> registers;
+    std::unique_ptr<modbus::Server> server, read_only_server;
+    std::unique_ptr<modbus::ServerRtu> serial_server;
 
     std::vector<PartResult> unpublished;
+    HealthReport health;
+    hal::TimePoint opened_at{};
+    std::uint32_t configured_recipe = 0;  // CRC-32
 
     // Every result once, in order: several may be complete between two calls.
     void publish() {
@@ -45,48 +77,90 @@ struct Service::Parts final : StationObserver, InspectionObserver {
         unpublished.clear();
     }
     void publish_again() {
+        desk->check_heartbeat();
         publish();
         loop->call_after(kPublishEvery, [this] { publish_again(); });
     }
+    void publish_health_again();
 
     void on_result(const PartResult& result) override {
+        if (recorder) recorder->on_result(result);
+        const auto lost = static_cast<std::uint32_t>(result.reason == PartReason::frame_lost);
+        const auto corrupt = static_cast<std::uint32_t>(result.reason >= PartReason::frame_stale && result.reason <= PartReason::frame_corrupt);
+        health.frames_lost = health.frames_lost.value_or(0) + lost;
+        health.frames_corrupt = health.frames_corrupt.value_or(0) + corrupt;
         unpublished.push_back(result);
         loop->post([this] { publish(); });  // the core has finished its step by then
         if (watchers.result) watchers.result(result);
     }
     void on_state(State from, State to) override {
         loop->post([this] { publish(); });
-        if (to == State::continuous_execution) backends->start_line();
+        if (to == State::continuous_execution || to == State::single_execution) backends->start_line();
         if (watchers.state) watchers.state(from, to);
     }
     void on_trouble(const Error& error) override {
         if (watchers.trouble) watchers.trouble(error);
     }
     void on_inspection(std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection) override {
+        if (recorder) recorder->on_inspection(part, frame, inspection);
         if (watchers.inspection) watchers.inspection(part, frame, inspection);
     }
+    void on_recipe(const NumberedRecipe& recipe) {
+        registers->publish(RecipeInUse{recipe.number, crc32_of(recipe), ShortText(recipe.recipe.name)});
+    }
 
-    Result<void> open(const Config& config, const SimulationOptions& simulation);
+    Result<void> open(const SimulationOptions& simulation);
+    Result<void> open_doors();
+    Result<NumberedRecipe> first_recipe();
+    Result<void> open_inspector(const NumberedRecipe& recipe);
+    void connect(NumberedRecipe recipe);
 };
 
-Result<void> Service::Parts::open(const Config& config, const SimulationOptions& simulation) {
-    auto opened = SdEventLoop::open();
-    if (!opened) return tl::unexpected(opened.error());
-    loop = std::move(*opened);
-    if (auto done = loop->stop_on_signals(); !done) return done;
-
-    // The port first: it is the cheapest thing that can be wrong.
-    host = config.modbus.host;
-    registers.emplace(identity_of(config));
-    auto listening = modbus::Server::open(*loop, *registers, {.host = host, .port = config.modbus.port, .may_write = false});
+// The ports: the cheapest thing that can be wrong. Nobody is answered before the loop runs.
+Result<void> Service::Parts::open_doors() {
+    const StationIdentity identity = identity_of(config);
+    operations.emplace(*loop);
+    desk.emplace(*loop, *operations, PlcOptions{config.core.plc_policy, config.plc.timeout, identity.boot_id});
+    registers.emplace(identity, &*desk);
+    modbus::ServerOptions options;
+    options.host = config.modbus.host;
+    options.port = config.modbus.port;
+    options.max_connections = config.modbus.max_connections;
+    options.access = config.modbus.access;
+    auto listening = modbus::Server::open(*loop, *registers, options);
     if (!listening) return tl::unexpected(listening.error());
     server = std::move(*listening);
+    if (config.modbus.read_only_port != 0) {
+        options.port = config.modbus.read_only_port;
+        options.may_write = false;
+        auto reading = modbus::Server::open(*loop, *registers, options);
+        if (!reading) return tl::unexpected(reading.error());
+        read_only_server = std::move(*reading);
+    }
+    if (config.serial) {
+        auto line = modbus::ServerRtu::open(*loop, *registers, *config.serial);
+        if (!line) return tl::unexpected(line.error());
+        serial_server = std::move(*line);
+    }
+    return {};
+}
 
-    auto devices = Backends::open(*loop, config, simulation);
-    if (!devices) return tl::unexpected(devices.error());
-    backends = std::move(*devices);
-    if (watchers.fate) backends->watch_fates(watchers.fate);
+// The configured one, or what was committed since it was configured.
+Result<NumberedRecipe> Service::Parts::first_recipe() {
+    NumberedRecipe recipe;
+    if (!config.inspection.recipe.empty()) {
+        auto loaded = load_numbered_recipe(config.inspection.recipe);
+        if (!loaded) return loaded;
+        recipe = std::move(*loaded);
+    }
+    configured_recipe = crc32_of(recipe);
+    if (!config.state_folder.empty()) {
+        if (auto remembered = remembered_recipe(config.state_folder / kRecipeInUse, configured_recipe)) return std::move(*remembered);
+    }
+    return recipe;
+}
 
+Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
     const hal::SensorFormat format = backends->sensor().format();
     auto extents = algo::extents_of_frame(format.width_px, format.height_px, config.inspection.bins_i, config.inspection.bins_j);
     if (!extents) return tl::unexpected(extents.error());
@@ -95,21 +169,87 @@ Result<void> Service::Parts::open(const Config& config, const SimulationOptions&
     settings.bits = format.bits;
     settings.threads = config.inspection.threads;
     settings.queue = config.inspection.queue;
+    settings.recipe = recipe.recipe;
+    settings.recipe_number = recipe.number;
     settings.observer = this;
-    if (!config.inspection.recipe.empty()) {
-        auto recipe = load_recipe(config.inspection.recipe);
-        if (!recipe) return tl::unexpected(recipe.error());
-        settings.recipe = std::move(*recipe);
-    }
     auto made = make_threaded_inspector(*loop, settings);
     if (!made) return tl::unexpected(made.error());
     inspector = std::move(*made);
+    CalibrationReport calibration;
+    calibration.lenslets_m = static_cast<std::uint16_t>(extents->m);
+    calibration.lenslets_n = static_cast<std::uint16_t>(extents->n);
+    registers->publish(calibration);
+    return {};
+}
 
+void Service::Parts::connect(NumberedRecipe recipe) {
+    Operations::Works works{.station = *station, .inspector = *inspector, .desk = *desk, .recorder = recorder.get()};
+    works.check_judgement = [this, bits = backends->sensor().format().bits] {
+        return check_judgement(config.inspection.bins_i, config.inspection.bins_j, bits);
+    };
+    if (!config.inspection.recipes.empty()) {
+        works.recipe = [this](std::uint16_t number) { return find_recipe(config.inspection.recipes, number); };
+    }
+    works.recipe_changed = [this](const NumberedRecipe& now) {
+        on_recipe(now);
+        if (config.state_folder.empty()) return;
+        if (auto kept = remember_recipe(config.state_folder / kRecipeInUse, configured_recipe, now); !kept) on_trouble(kept.error());
+    };
+    works.publish = [this] { publish(); };
+    works.trouble = [this](const Error& error) { on_trouble(error); };
+    on_recipe(recipe);
+    operations->begin(std::move(works), std::move(recipe));
+}
+
+Result<void> Service::Parts::open(const SimulationOptions& simulation) {
+    auto opened = SdEventLoop::open();
+    if (!opened) return tl::unexpected(opened.error());
+    loop = std::move(*opened);
+    opened_at = loop->now();
+    if (auto done = loop->stop_on_signals(); !done) return done;
+    if (auto done = open_doors(); !done) return done;
+
+    auto devices = Backends::open(*loop, config, simulation);
+    if (!devices) return tl::unexpected(devices.error());
+    backends = std::move(*devices);
+    if (watchers.fate) backends->watch_fates(watchers.fate);
+
+    auto recipe = first_recipe();
+    if (!recipe) return tl::unexpected(recipe.error());
+    if (auto done = open_inspector(*recipe); !done) return done;
     station = std::make_unique<Station>(
         config.core,
         Cell{*loop, backends->part_sensor(), backends->strobe(), backends->sensor(), backends->rejector(), *inspector}, this);
+    connect(std::move(*recipe));
     publish_again();
+    publish_health_again();
     return {};
+}
+
+void Service::Parts::publish_health_again() {
+    health.uptime_s = static_cast<std::uint32_t>(std::chrono::duration_cast<std::chrono::seconds>(loop->now() - opened_at).count());
+    health.frames_lost = health.frames_lost.value_or(0);
+    health.frames_corrupt = health.frames_corrupt.value_or(0);
+    health.frames_waiting = static_cast<std::uint16_t>(inspector->waiting());
+    modbus::ServerStatistics all = server->statistics();
+    if (read_only_server) {
+        const modbus::ServerStatistics more = read_only_server->statistics();
+        all.connections += more.connections;
+        all.requests += more.requests;
+        all.exceptions += more.exceptions;
+        all.evicted += more.evicted;
+        all.broken += more.broken;
+    }
+    const auto counted = [](std::uint64_t n) { return static_cast<std::uint32_t>(std::min<std::uint64_t>(n, 0xFFFFFFFE)); };
+    health.modbus_connections = counted(all.connections);
+    health.modbus_requests = counted(all.requests);
+    health.modbus_exceptions = counted(all.exceptions);
+    health.modbus_evicted = counted(all.evicted);
+    health.modbus_broken = counted(all.broken);
+    health.processor_celsius = processor_celsius();
+    health.disk_free_percent = disk_free_percent(config.state_folder);
+    registers->publish(health);
+    loop->call_after(kHealthEvery, [this] { publish_health_again(); });
 }
 
 Service::Service(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
@@ -117,14 +257,19 @@ Service::~Service() = default;
 
 Result<std::unique_ptr<Service>> Service::open(const Config& config, const SimulationOptions& simulation, ServiceWatchers watchers) {
     auto parts = std::make_unique<Parts>();
+    parts->config = config;
     parts->watchers = std::move(watchers);
-    if (auto done = parts->open(config, simulation); !done) return tl::unexpected(done.error());
+    if (auto done = parts->open(simulation); !done) return tl::unexpected(done.error());
     return std::unique_ptr<Service>(new Service(std::move(parts)));
 }
 
 Result<void> Service::run() {
     parts_->loop->call_after(kLineWaits, [this] { parts_->backends->start_line(); });
-    parts_->station->run();
+    if (parts_->config.autostart) {
+        parts_->station->run();
+    } else {
+        parts_->station->request(Command::initialise);
+    }
     return parts_->loop->run();
 }
 
@@ -132,6 +277,6 @@ void Service::stop() { parts_->loop->request_stop(); }
 SdEventLoop& Service::loop() { return *parts_->loop; }
 Backends& Service::backends() { return *parts_->backends; }
 Snapshot Service::snapshot() const { return parts_->station->snapshot(); }
-std::string Service::registers_address() const { return fmt::format("{}:{}", parts_->host, parts_->server->port()); }
+std::string Service::registers_address() const { return fmt::format("{}:{}", parts_->config.modbus.host, parts_->server->port()); }
 
 }  // namespace hord::firmware

@@ -24,6 +24,7 @@ std::string_view name_of(PartReason reason) {
         case PartReason::line_full: return "line-full";
         case PartReason::edge_lost: return "edge-lost";
         case PartReason::inspector_failed: return "inspector-failed";
+        case PartReason::plc_lost: return "plc-lost";
     }
     return "unknown";
 }

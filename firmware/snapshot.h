@@ -55,8 +55,16 @@ enum class PartReason : std::uint16_t {
     line_full = 26,          // more parts between sensor and rejector than the line can hold
     edge_lost = 27,          // the part sensor missed an edge: identity is uncertain
     inspector_failed = 28,   // the inspection returned an error
+    plc_lost = 29,           // the PLC's heartbeat stopped, and the policy is to reject every part
 };
 std::string_view name_of(PartReason reason);
+
+// What the station does when the PLC's heartbeat stops.
+enum class PlcPolicy : std::uint16_t {
+    none = 0,
+    stop = 1,        // inspects no new part and starts no more until the heartbeat is back; Ready when the line is empty
+    reject_all = 2,  // every part without a verdict is rejected until the heartbeat is back
+};
 
 enum class RejectState : std::uint16_t { not_needed = 0, commanded = 1, confirmed = 2, failed = 3, late = 4 };
 
@@ -71,12 +79,16 @@ enum FaultBit : std::uint32_t {
     kFaultOverrun = 1U << 6,            // verdicts come later than the line allows
     kFaultConfiguration = 1U << 7,
     kFaultLightLevel = 1U << 8,
+    kFaultPlc = 1U << 9,                // the PLC's heartbeat stopped, and the policy is not "none"
 };
 
 struct Counters {
     std::uint32_t seen = 0, inspected = 0, pass = 0, reject = 0, unfit = 0, missed = 0;
     std::uint32_t reject_commanded = 0, reject_confirmed = 0, reject_failed = 0, reject_late = 0;
 };
+
+// No defect, no recipe: the registers show "not available".
+constexpr std::uint16_t kNoNumber = 0xFFFF;
 
 struct PartResult {
     std::uint32_t sequence = 0;       // result number, from 1; 0: no result yet
@@ -89,6 +101,8 @@ struct PartResult {
     std::uint32_t latency_us = 0;     // edge to verdict
     std::uint32_t reject_latency_us = 0;  // edge to confirmed reject; 0 when not rejected
     RejectState reject = RejectState::not_needed;
+    std::uint16_t position_m = kNoNumber, position_n = kNoNumber;  // of the worst defect's centre, lenslets
+    std::uint16_t recipe = kNoNumber;     // number of the recipe that judged
 };
 
 struct Snapshot {

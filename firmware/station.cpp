@@ -8,6 +8,8 @@ namespace {
 
 constexpr std::string_view kCommandNames[] = {"initialise", "arm", "disarm", "start-single", "start-continuous", "stop", "abort", "halt", "reset"};
 
+bool near(Duration a, Duration b, Duration tolerance) { return a - b <= tolerance && b - a <= tolerance; }
+
 std::string_view name_of(Command command) { return kCommandNames[static_cast<int>(command)]; }
 
 Error not_in_this_state(Command command, State state) {
@@ -44,10 +46,14 @@ struct Station::Ears final : hal::PartSensor::Listener,
     void on_edge(const hal::PartEdge& edge) override { station.take(edge); }
     void on_encoder(const hal::EncoderReading& reading) override { station.take(reading); }
     void on_part_sensor_lost(const Error& error) override { lost(Device::part_sensor, error); }
-    void on_strobe(const hal::StrobeReport& report) override { station.take(report); }
+    void on_strobe(const hal::StrobeReport& report) override {
+        if (report.exposure == Station::kTestPart) return station.test_lit(report);
+        station.take(report);
+    }
     void on_strobe_lost(const Error& error) override { lost(Device::strobe, error); }
     void on_frame(hal::FrameLease frame) override {
         const hal::FrameInfo info = frame.info();
+        if (station.test_frame(frame)) return;
         station.take(FrameArrived{station.lend(std::move(frame)), info});
     }
     void on_sensor_lost(const Error& error) override { lost(Device::sensor, error); }
@@ -56,7 +62,10 @@ struct Station::Ears final : hal::PartSensor::Listener,
         if (!up) return lost(Device::rejector, why_down);
         station.take(DeviceUp{Device::rejector});
     }
-    void on_judged(const Judged& judged) override { station.take(judged); }
+    void on_judged(const Judged& judged) override {
+        if (judged.part == Station::kTestPart) return station.test_judged(judged);
+        station.take(judged);
+    }
 
     void lost(Device device, const Error& error) {
         station.report(error);
@@ -75,35 +84,50 @@ Station::Station(const CoreConfig& config, const Cell& cell, StationObserver* ob
 Station::~Station() {
     wants_to_run_ = false;
     observer_ = nullptr;
+    if (test_) cell_.loop.cancel(test_->patience);
+    test_.reset();
     take(Command::halt);
     stop_devices();
     cell_.loop.cancel(timer_);
 }
 
 Result<void> Station::command(Command command) {
-    if (command == Command::start_continuous) wants_to_run_ = true;
-    if (command == Command::stop || command == Command::abort || command == Command::disarm || command == Command::halt) {
-        wants_to_run_ = false;
-    }
     const State state = core_.state();
-    const Answer answer = take(command);
-    switch (answer) {
+    switch (request(command)) {
         case Answer::done: return {};
         case Answer::not_in_this_state: return tl::unexpected(not_in_this_state(command, state));
+        case Answer::plc_lost:
+            return fail(ErrorCode::refused, "cannot start: the PLC's heartbeat is missing", "see that the PLC writes it, or change plc.policy");
         case Answer::pulse_under_way: return fail(ErrorCode::busy, "cannot arm: the ejector is still acting", "try again in a moment");
         case Answer::device_down: break;
     }
     return fail(ErrorCode::refused, "cannot arm: not every device is there", "see the active faults");
 }
 
+Answer Station::request(Command command) {
+    if (command == Command::stop || command == Command::abort || command == Command::disarm || command == Command::halt) {
+        wants_to_run_ = false;
+    }
+    const Answer answer = take(command);
+    if (command == Command::start_continuous && answer == Answer::done) wants_to_run_ = autostart_;
+    return answer;
+}
+
 void Station::run() {
-    wants_to_run_ = true;
+    autostart_ = wants_to_run_ = true;
     if (core_.state() == State::preoperational) {
         take(Command::initialise);
     } else {
         try_to_run();
     }
 }
+
+void Station::plc_lost() {
+    if (core_.config().plc_policy == PlcPolicy::stop) wants_to_run_ = false;
+    take(PlcLost{});
+}
+
+void Station::plc_back() { take(PlcBack{}); }
 
 // Events that come while a step is carried out wait for its end, so that every step sees the state the last one left.
 Answer Station::take(const Event& event) {
@@ -213,6 +237,78 @@ void Station::carry_out(const SetRunPermit& action) { cell_.rejector.set_run_per
 
 void Station::carry_out(const PartResult& result) {
     if (observer_ != nullptr) observer_->on_result(result);
+}
+
+// -- the flash test: past the core, which has no part for it ------------------------------------------------------
+
+bool Station::test_possible() const {
+    const State state = core_.state();
+    return (state == State::initialized || state == State::ready) && core_.all_devices_up() && core_.line().size() == 0 && !test_;
+}
+
+void Station::test_flash(Duration patience, std::function<void(const FlashTest&)> done) {
+    const CoreConfig& config = core_.config();
+    test_.emplace();
+    test_->exposure_start = cell_.loop.now() + std::max(config.trigger_lead, milliseconds(1));
+    test_->done = std::move(done);
+    test_->patience = cell_.loop.call_after(patience, [this] { end_test(); });
+    const hal::ExposureRequest exposure{kTestPart, test_->exposure_start, config.exposure};
+    const hal::StrobePulse pulse{kTestPart, config.strobe_channels, exposure.start + config.strobe_delay, config.strobe};
+    auto triggered = cell_.sensor.trigger(exposure);
+    if (triggered) triggered = cell_.strobe.fire(pulse);
+    if (!triggered) {
+        report(triggered.error());
+        cell_.loop.cancel(test_->patience);
+        test_->patience = cell_.loop.call_after(Duration::zero(), [this] { end_test(); });
+    }
+}
+
+void Station::test_lit(const hal::StrobeReport& report) {
+    if (!test_ || !std::exchange(test_->light_due, false)) return;
+    const CoreConfig& config = core_.config();
+    test_->result.lit = report.lit && near(report.width, config.strobe, config.strobe_window) &&
+                        near(report.start - TimePoint{}, test_->exposure_start + config.strobe_delay - TimePoint{}, config.strobe_window);
+    end_test_when_complete();
+}
+
+bool Station::test_frame(hal::FrameLease& frame) {
+    const CoreConfig& config = core_.config();
+    if (!test_ || !test_->frame_due ||
+        !near(frame.info().exposure_start - TimePoint{}, test_->exposure_start - TimePoint{}, config.frame_window)) {
+        return false;
+    }
+    test_->frame_due = false;
+    test_->result.frame = !frame.info().corrupt && frame.info().bytes_used >= config.frame_bytes;
+    if (test_->result.frame) {
+        if (auto done = cell_.inspector.submit(kTestPart, std::move(frame)); !done) {
+            report(done.error());
+            test_->judgement_due = false;
+        }
+    } else {
+        test_->judgement_due = false;
+        hal::FrameLease gone = std::move(frame);
+    }
+    end_test_when_complete();
+    return true;
+}
+
+void Station::test_judged(const Judged& judged) {
+    if (!test_ || !std::exchange(test_->judgement_due, false)) return;
+    test_->result.judged = !judged.failed;
+    test_->result.reason = judged.reason;
+    end_test_when_complete();
+}
+
+void Station::end_test_when_complete() {
+    if (!test_->light_due && !test_->judgement_due) end_test();
+}
+
+void Station::end_test() {
+    if (!test_) return;
+    const Test test = std::move(*test_);
+    test_.reset();
+    cell_.loop.cancel(test.patience);
+    test.done(test.result);
 }
 
 void Station::set_timer() {

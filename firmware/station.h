@@ -4,7 +4,9 @@
 // the loop's thread alone and never blocks, but in halt() (the rejector's last write).
 #pragma once
 
+#include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "drivers/hal/event_loop.h"
@@ -46,10 +48,28 @@ class Station {
 
     // Loop thread. Fails with refused, naming the state and what can be done, or what is missing (arm with a device down).
     Result<void> command(Command command);
+    Answer request(Command command);  // the same, for those who answer in numbers
 
     // Initialises, and arms and starts as soon as every device is up; again after an error was reset, until somebody
-    // commands stop, abort, disarm or halt.
+    // commands stop, abort, disarm or halt; and again once somebody commands start_continuous. Without run() nothing ever
+    // starts by itself.
     void run();
+
+    // Loop thread. The PLC's heartbeat has stopped, or is back: what follows is CoreConfig::plc_policy.
+    void plc_lost();
+    void plc_back();
+
+    // One flash and one frame of the empty line, judged like a part's and then forgotten. Only while test_possible();
+    // `done` comes once, on the loop's thread, after `patience` at the latest.
+    struct FlashTest {
+        bool lit = false;     // the light came at its time and width
+        bool frame = false;   // the frame came, whole and of this exposure
+        bool judged = false;  // the inspection gave an answer
+        algo::Reason reason = algo::Reason::none;
+    };
+    static constexpr std::uint32_t kTestPart = 0xFFFFFFFF;  // its number, where inspections are observed
+    [[nodiscard]] bool test_possible() const;  // Initialized or Ready, every device up, nothing on the line, no test under way
+    void test_flash(Duration patience, std::function<void(const FlashTest&)> done);
 
     [[nodiscard]] Snapshot snapshot() const { return core_.snapshot(); }
     [[nodiscard]] const Core& core() const { return core_; }
@@ -70,6 +90,11 @@ class Station {
     void carry_out(const SetRunPermit& action);
     void carry_out(const PartResult& result);
     void stop_devices();
+    void test_lit(const hal::StrobeReport& report);
+    [[nodiscard]] bool test_frame(hal::FrameLease& frame);  // true: it was the test's, and is taken
+    void test_judged(const Judged& judged);
+    void end_test_when_complete();
+    void end_test();
     void set_timer();
     void report(const Error& error);
     void try_to_run();
@@ -83,9 +108,18 @@ class Station {
     std::unique_ptr<Ears> ears_;
     std::vector<Event> waiting_;  // what came while a step was carried out
     bool stepping_ = false;
+    bool autostart_ = false;  // run() was called
     bool wants_to_run_ = false;
     bool rejector_started_ = false;
     std::vector<hal::FrameLease> loans_;  // by FrameHandle
+    struct Test {
+        FlashTest result;
+        TimePoint exposure_start;
+        bool light_due = true, frame_due = true, judgement_due = true;
+        hal::EventLoop::TimerId patience = hal::EventLoop::TimerId::none;
+        std::function<void(const FlashTest&)> done;
+    };
+    std::optional<Test> test_;
     hal::EventLoop::TimerId timer_ = hal::EventLoop::TimerId::none;
     TimePoint timer_due_ = TimePoint::max();
 };

@@ -77,6 +77,7 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     }
     if (!identity_certain || !position_known) return decide(part, PartVerdict::unfit, PartReason::edge_lost);
     if (!part.wanted) return decide(part, PartVerdict::unfit, PartReason::station_not_running);
+    if (without_plc(PlcPolicy::reject_all)) return decide(part, PartVerdict::unfit, PartReason::plc_lost);
     if (too_close) return decide(part, PartVerdict::unfit, PartReason::parts_too_close);
     if (line_.size() > config_.max_parts) return decide(part, PartVerdict::unfit, PartReason::line_full);
 }

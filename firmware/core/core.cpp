@@ -50,8 +50,12 @@ void Core::on(Command command) {
         answer_ = Answer::not_in_this_state;
         return;
     }
-    if (command == Command::arm && up_ != (1U << kDevices) - 1U) {
+    if (command == Command::arm && !all_devices_up()) {
         answer_ = Answer::device_down;
+        return;
+    }
+    if ((command == Command::start_single || command == Command::start_continuous) && without_plc(PlcPolicy::stop)) {
+        answer_ = Answer::plc_lost;
         return;
     }
     if (command == Command::arm && now_ < ejector_rests_at_) {
@@ -124,7 +128,7 @@ void Core::reset_faults() {
     failures_in_a_row_ = 0;
     faults_latched_ = 0;
     first_fault_ = 0;
-    if (started_) fault(active_faults());
+    if (started_ || plc_lost_) fault(active_faults());
 }
 
 void Core::on(const DeviceUp& event) {
@@ -159,12 +163,21 @@ void Core::on(const DeviceLost& event) {
     go(Cause::fault);
 }
 
+void Core::on(const PlcLost&) {
+    plc_lost_ = true;
+    if (config_.plc_policy == PlcPolicy::none) return;
+    fault(kFaultPlc);
+    if (without_plc(PlcPolicy::stop) && executing(state_)) go(Cause::stop);
+    if (without_plc(PlcPolicy::reject_all)) flush(PartReason::plc_lost);
+}
+
 bool Core::accepting() const {
     return executing(state_) && !draining_ && !(state_ == State::single_execution && single_taken_);
 }
 
 std::uint32_t Core::active_faults() const {
     std::uint32_t active = trouble_ | (line_stop_ ? std::uint32_t{kFaultRejectUnconfirmed} : 0U);
+    if (plc_lost_ && config_.plc_policy != PlcPolicy::none) active |= kFaultPlc;
     for (int d = 0; started_ && d < kDevices; ++d) {
         if (!up(static_cast<Device>(d))) active |= fault_of(static_cast<Device>(d));
     }

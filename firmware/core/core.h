@@ -28,6 +28,7 @@ enum class Answer : std::uint8_t {
     done,
     not_in_this_state,
     device_down,  // arm, while a device is lost or not yet there
+    plc_lost,     // start, while the PLC's heartbeat is missing and the policy is to stop
     pulse_under_way,  // arm, while the ejector may still act on what it was told before: the line would run under it
 };
 
@@ -43,6 +44,7 @@ class Core {
     [[nodiscard]] TimePoint next_wake() const { return next_wake_; }
 
     [[nodiscard]] State state() const { return state_; }
+    [[nodiscard]] bool all_devices_up() const { return up_ == (1U << kDevices) - 1U; }
     [[nodiscard]] Snapshot snapshot() const;
     [[nodiscard]] const CoreConfig& config() const { return config_; }
     [[nodiscard]] const Line& line() const { return line_; }
@@ -53,6 +55,9 @@ class Core {
     void on(Command command);
     void on(const DeviceUp& event);
     void on(const DeviceLost& event);
+    void on(const PlcLost&);
+    void on(const PlcBack&) { plc_lost_ = false; }
+    [[nodiscard]] bool without_plc(PlcPolicy policy) const { return plc_lost_ && config_.plc_policy == policy; }
     bool go(Cause cause);
     void entered(State from, Cause cause);
     void flush(PartReason reason);
@@ -113,6 +118,7 @@ class Core {
     bool line_stop_ = false;
     bool draining_ = false;
     bool single_taken_ = false;
+    bool plc_lost_ = false;
     std::uint32_t trouble_ = 0;      // FaultBits besides devices that are down
     std::uint32_t faults_latched_ = 0;
     std::uint16_t first_fault_ = 0;

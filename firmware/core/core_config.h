@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "drivers/hal/clock.h"
+#include "firmware/snapshot.h"
 
 namespace hord::firmware {
 
@@ -56,6 +57,7 @@ struct CoreConfig {
     // A fault that repeats for so many parts in a row is an Error; 0: never.
     std::uint32_t max_failures_in_a_row = 5;
     Duration heartbeat = milliseconds(500);
+    PlcPolicy plc_policy = PlcPolicy::none;  // what PlcLost brings about
 };
 
 // What makes these numbers impossible, one line each, with the configuration's names; empty when they can be used.

@@ -9,6 +9,7 @@
 #include "drivers/hal/rejector.h"
 #include "drivers/hal/sensor.h"
 #include "drivers/hal/strobe.h"
+#include "firmware/snapshot.h"
 
 namespace hord::firmware {
 
@@ -42,6 +43,8 @@ struct Judged {
     algo::Reason reason = algo::Reason::none;
     std::uint16_t defects = 0;
     float score = 0;
+    std::uint16_t position_m = kNoNumber, position_n = kNoNumber;  // of the worst defect, lenslets
+    std::uint16_t recipe = kNoNumber;  // number of the recipe that judged
 };
 struct DeviceUp {
     Device device{};
@@ -62,10 +65,13 @@ struct InspectRefused {
 struct RejectRefused {
     std::uint32_t part = 0;
 };
+// The PLC's heartbeat has stopped, or is back: CoreConfig::plc_policy.
+struct PlcLost {};
+struct PlcBack {};
 // Time has passed: Core::next_wake() is due.
 struct Tick {};
 
 using Event = std::variant<Tick, Command, hal::PartEdge, hal::EncoderReading, FrameArrived, hal::StrobeReport, Judged,
-                           hal::RejectReport, DeviceUp, DeviceLost, TriggerRefused, StrobeRefused, InspectRefused, RejectRefused>;
+                           hal::RejectReport, DeviceUp, DeviceLost, TriggerRefused, StrobeRefused, InspectRefused, RejectRefused, PlcLost, PlcBack>;
 
 }  // namespace hord::firmware

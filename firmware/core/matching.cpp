@@ -127,6 +127,9 @@ void Core::judge_when_complete(Part& part) {
     ++counters_.inspected;
     part.result.defects = part.judgement.defects;
     part.result.score = part.judgement.score;
+    part.result.position_m = part.judgement.position_m;
+    part.result.position_n = part.judgement.position_n;
+    part.result.recipe = part.judgement.recipe;
     const PartReason reason = reason_of(part.judgement.reason);
     switch (part.judgement.verdict) {
         case algo::Verdict::pass: return decide(part, PartVerdict::pass, PartReason::none);

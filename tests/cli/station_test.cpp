@@ -14,6 +14,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "firmware/modbus/client.h"
 #include "tests/cli/program.h"
 
 namespace hord::test {
@@ -131,6 +132,88 @@ TEST(Run, ident_to_last_can_be_read_while_it_runs) {
     EXPECT_GE(counted("inspected"), 3);
     EXPECT_EQ(counted("missed"), 0);
     EXPECT_LE(counted("pass") + counted("reject") + counted("unfit"), counted("seen"));
+    EXPECT_EQ(station.stop(SIGINT).status, 0);
+}
+
+// -- a PLC -------------------------------------------------------------------------------------------------------
+
+// Talks to a station as a PLC program does: commands by token, and looks until what it waits for is there.
+class Plc {
+  public:
+    explicit Plc(const std::string& port) : client_(connect(port)) { boot_ = read(8, 1)[0]; }
+    std::vector<std::uint16_t> read(std::uint16_t address, std::size_t count) {
+        auto words = client_.read(address, count);
+        EXPECT_TRUE(words) << words.error().message();
+        return words ? *words : std::vector<std::uint16_t>(count);
+    }
+    std::uint32_t read32(std::uint16_t address) {
+        const auto words = read(address, 2);
+        return std::uint32_t{words[0]} << 16U | words[1];
+    }
+    Result<void> write(std::uint16_t address, const std::vector<std::uint16_t>& words) { return client_.write(address, words); }
+    // The reply's error once it is known.
+    int command(std::uint16_t code, std::uint16_t argument = 0) {
+        EXPECT_TRUE(write(8002, {0, ++token_, boot_, code, 0, argument}));
+        EXPECT_TRUE(comes([&] { return read(8023, 1)[0] == token_ && read(8025, 1)[0] >= 2; }));
+        return read(8026, 1)[0];
+    }
+    template <class F>
+    bool comes(F what) {
+        const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+        while (std::chrono::steady_clock::now() < end) {
+            if (what()) return true;
+        }
+        return false;
+    }
+    bool state_is(int state) {
+        return comes([&] { return read(102, 1)[0] == state; });
+    }
+
+  private:
+    static firmware::modbus::Client connect(const std::string& port) {
+        auto client = firmware::modbus::Client::connect({"127.0.0.1", static_cast<std::uint16_t>(std::stoi(port))}, std::chrono::seconds(10));
+        if (!client) throw std::runtime_error(client.error().message());
+        return std::move(*client);
+    }
+    firmware::modbus::Client client_;
+    std::uint16_t boot_ = 0, token_ = 0;
+};
+
+TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
+    const TemporaryFolder folder;
+    std::filesystem::create_directories(folder / "recipes");
+    std::ofstream(folder / "recipes/seven.toml") << "name = \"seven\"\nnumber = 7\n[limits]\nemd_bins = 0.9\n";
+    std::ofstream(folder / "c.toml") << "[station]\nautostart = false\n[line]\nexposure_delay_ms = 100\n[plc]\npolicy = \"stop\"\ntimeout_ms = 60000\n";
+    Running station("hordctl", {"run", "--simulate", "--config", folder / "c.toml", "--variety", "1", "--modbus", "127.0.0.1:0"});
+    ASSERT_TRUE(station.says("registers at", std::chrono::seconds(120))) << station.so_far().err;
+    Plc plc(port_of(station.so_far()));
+    EXPECT_TRUE(plc.write(8102, {1}));  // alive
+    ASSERT_TRUE(plc.state_is(5));
+    ASSERT_TRUE(plc.comes([&] { return plc.command(2) == 0; }));  // arm, as soon as the rejector's module is found
+    EXPECT_EQ(plc.command(22), 0) << "self-test found " << plc.read32(8027) << station.so_far().err;
+    EXPECT_EQ(plc.command(23, 7), 0) << station.so_far().err;
+    EXPECT_EQ(plc.read(110, 1)[0], 7);  // the recipe in use
+    EXPECT_EQ(plc.command(5), 0);
+    ASSERT_TRUE(plc.state_is(8));
+    ASSERT_TRUE(plc.comes([&] { return plc.read32(106) >= 2; }));
+    EXPECT_EQ(plc.read32(1024), 1U);  // the first result, and who judged it
+    EXPECT_EQ(plc.read(1024 + 20, 1)[0], 7);
+    EXPECT_TRUE(plc.write(8103, {0, 2}));
+    EXPECT_FALSE(plc.write(8103, {0, 1}));  // never backwards
+    EXPECT_EQ(plc.command(6), 0);
+    ASSERT_TRUE(plc.state_is(6));
+    EXPECT_EQ(plc.read32(115) & 0x10U, 0U);  // every rejection was confirmed
+    EXPECT_EQ(station.stop(SIGINT).status, 0);
+}
+
+TEST(Plc, writes_only_where_the_configuration_lets_it) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "c.toml") << "[modbus]\nport = 0\nmay_write = [\"192.0.2.0/24\"]\n";
+    Running station("hordctl", {"run", "--variety", "1", "--config", folder / "c.toml"});
+    ASSERT_TRUE(station.says("registers at", std::chrono::seconds(120))) << station.so_far().err;
+    Plc plc(port_of(station.so_far()));
+    EXPECT_EQ(plc.read(2, 1)[0], 0x484F);
+    EXPECT_FALSE(plc.write(8102, {1}));
     EXPECT_EQ(station.stop(SIGINT).status, 0);
 }
 

@@ -227,7 +227,7 @@ class Obedient : public PlcHandler {
         ++commands;
         return {};
     }
-    CommandOutcome on_recipe(const Origin&, const StagedRecipe&) override { return {}; }
+    CommandOutcome on_recipe(const Origin&, const CommandRequest&, const StagedRecipe&) override { return {}; }
     void on_acknowledged(const Origin&, std::uint32_t) override {}
     void on_plc_lost(PlcPolicy) override {}
     void on_plc_back() override {}

@@ -41,7 +41,7 @@ class Station : public PlcHandler {
         writers.emplace_back(origin.peer);
         return answer;
     }
-    CommandOutcome on_recipe(const modbus::Origin&, const StagedRecipe& staged) override {
+    CommandOutcome on_recipe(const modbus::Origin&, const CommandRequest&, const StagedRecipe& staged) override {
         recipes.push_back(staged);
         return answer;
     }

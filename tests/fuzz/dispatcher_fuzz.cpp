@@ -23,7 +23,7 @@ class Handler : public PlcHandler {
         return {request.code % 7 == 0 ? CommandState::executing : CommandState::completed, CommandError::none,
                 0};
     }
-    CommandOutcome on_recipe(const modbus::Origin&, const StagedRecipe&) override { return {}; }
+    CommandOutcome on_recipe(const modbus::Origin&, const CommandRequest&, const StagedRecipe&) override { return {}; }
     void on_acknowledged(const modbus::Origin&, std::uint32_t sequence) override {
         if (sequence > 300) std::abort();
     }

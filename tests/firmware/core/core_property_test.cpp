@@ -88,6 +88,7 @@ class Shadow {
     std::uint32_t any_part() { return number_ == 0 ? 1 : number_ - static_cast<std::uint32_t>(pick(static_cast<int>(std::min(number_, 5U)))); }
 
     Event any_event() {
+        if (plc_lost_ && chance(10)) return PlcBack{};
         if (!executing(core_.state()) && chance(60)) return recovery();
         if (last_commanded_ != 0 && chance(95)) {
             return hal::RejectReport{std::exchange(last_commanded_, 0U), hal::RejectReport::Outcome::confirmed, now_};
@@ -156,6 +157,7 @@ class Shadow {
             case 5: return RejectRefused{any_part()};
             case 6: return InspectRefused{any_part()};
             case 7: return Judged{any_part(), true, algo::Verdict::pass, algo::Reason::none, 0, 0};
+            case 8: return plc_lost_ || config_.plc_policy == PlcPolicy::none ? Event(PlcBack{}) : Event(PlcLost{});
             default: return Tick{};
         }
     }
@@ -186,6 +188,8 @@ class Shadow {
             Shown& p = parts_[judged->part];
             if (p.own_frame && !judged->failed && judged->verdict == algo::Verdict::pass) p.judged_pass = true;
         }
+        if (std::holds_alternative<PlcLost>(event)) plc_lost_ = true;
+        if (std::holds_alternative<PlcBack>(event)) plc_lost_ = false;
         if (const auto* lost = std::get_if<DeviceLost>(&event)) down_[static_cast<int>(lost->device)] = true;
         if (const auto* back = std::get_if<DeviceUp>(&event)) down_[static_cast<int>(back->device)] = false;
         if (std::holds_alternative<Command>(event) && std::get<Command>(event) == Command::initialise && core_.state() == State::preoperational) {
@@ -250,6 +254,7 @@ class Shadow {
         if (r.verdict == PartVerdict::pass) {
             EXPECT_TRUE(p.own_frame && p.own_light && p.judged_pass) << "part " << r.part << " passed without valid data of its own";
             EXPECT_FALSE(p.commanded);
+            EXPECT_FALSE(plc_lost_ && config_.plc_policy == PlcPolicy::reject_all) << "passed without the PLC";
             EXPECT_EQ(r.reject, RejectState::not_needed);
             EXPECT_EQ(r.reason, PartReason::none);
             if (!config_.by_encoder) {
@@ -298,6 +303,7 @@ class Shadow {
     std::int64_t counts_ = 0;
     bool fresh_ = false, frames_seen_ = false, reset_after_stop_ = false;
     std::uint32_t highest_frame_ = 0;
+    bool plc_lost_ = false;
     bool down_[kDevices] = {};
     TimePoint next_reading_{};
     std::map<std::uint32_t, Shown> parts_;
@@ -325,6 +331,7 @@ void run_seeds(const CoreConfig& config, std::uint64_t from) {
         if (config.by_encoder && reason == PartReason::verdict_late) continue;
         EXPECT_GT(reasons[reason], 0) << name_of(reason) << " never happened";
     }
+    EXPECT_EQ(reasons[PartReason::plc_lost] > 0, config.plc_policy == PlcPolicy::reject_all);
     for (const RejectState outcome : {RejectState::not_needed, RejectState::confirmed, RejectState::failed, RejectState::late}) {
         EXPECT_GT(outcomes[outcome], 0) << static_cast<int>(outcome) << " never happened";
     }
@@ -334,6 +341,15 @@ TEST(CoreProperties, hold_for_any_events_on_a_timed_line) {
     CoreConfig config = quick_line();
     config.max_failures_in_a_row = 20;
     run_seeds(config, 1);
+}
+
+TEST(CoreProperties, hold_for_any_events_on_a_line_whose_plc_comes_and_goes) {
+    CoreConfig config = quick_line();
+    config.max_failures_in_a_row = 20;
+    config.plc_policy = PlcPolicy::reject_all;
+    run_seeds(config, 2000);
+    config.plc_policy = PlcPolicy::stop;
+    run_seeds(config, 3000);
 }
 
 TEST(CoreProperties, hold_for_any_events_on_a_line_with_encoder) {

@@ -96,6 +96,8 @@ TEST(States, events_change_the_state_only_where_a_device_is_lost) {
         {"strobe refused", StrobeRefused{1}},
         {"inspect refused", InspectRefused{1}},
         {"reject refused", RejectRefused{1}},
+        {"PLC lost", PlcLost{}},
+        {"PLC back", PlcBack{}},
     };
     for (const State state : kStates) {
         for (const auto& [name, event] : events) {

@@ -51,7 +51,15 @@ TEST(Config, the_documented_file_is_the_defaults) {
               std::tie(b.reject_lead, b.reject_early, b.reject_pulse, b.confirm_timeout, b.max_failures_in_a_row, b.heartbeat));
     EXPECT_EQ(std::tie(file->strobe.channels, file->strobe.max_on, file->strobe.min_rest),
               std::tie(defaults.strobe.channels, defaults.strobe.max_on, defaults.strobe.min_rest));
-    EXPECT_EQ(std::tie(file->modbus.host, file->modbus.port), std::tie(defaults.modbus.host, defaults.modbus.port));
+    EXPECT_EQ(std::tie(file->modbus.host, file->modbus.port, file->modbus.read_only_port, file->modbus.max_connections),
+              std::tie(defaults.modbus.host, defaults.modbus.port, defaults.modbus.read_only_port, defaults.modbus.max_connections));
+    ASSERT_EQ(file->modbus.access.size(), defaults.modbus.access.size());
+    for (std::size_t k = 0; k < file->modbus.access.size(); ++k) {
+        const auto &rule = file->modbus.access[k], &same = defaults.modbus.access[k];
+        EXPECT_EQ(std::tie(rule.network.address, rule.network.prefix_bits, rule.may_write), std::tie(same.network.address, same.network.prefix_bits, same.may_write));
+    }
+    EXPECT_FALSE(file->serial);
+    EXPECT_EQ(std::tie(file->autostart, file->plc.timeout, a.plc_policy), std::tie(defaults.autostart, defaults.plc.timeout, b.plc_policy));
     EXPECT_EQ(std::tie(file->inspection.bins_i, file->inspection.bins_j, file->inspection.threads, file->inspection.queue),
               std::tie(defaults.inspection.bins_i, defaults.inspection.bins_j, defaults.inspection.threads, defaults.inspection.queue));
 }
@@ -112,7 +120,22 @@ response_timeout_ms = 45
 pulse_ms = 30
 [modbus]
 port = 0
+read_only_port = 5021
+may_write = ["10.0.0.0/8"]
+may_read = []
+max_connections = 5
+[serial]
+device = "/dev/ttyS1"
+baud = 115200
+parity = "none"
+unit = 17
+rs485 = false
+may_write = false
+[plc]
+policy = "reject_all"
+timeout_ms = 750
 [inspection]
+recipes = "all"
 macro = "7x5"
 threads = 2
 )");
@@ -126,6 +149,21 @@ threads = 2
     EXPECT_EQ(config->core.strobe_delay, Duration(50'500));
     EXPECT_EQ(config->core.strobe_channels, 0b1001U);
     EXPECT_EQ(config->core.max_parts, 9U);
+    EXPECT_EQ(config->modbus.read_only_port, 5021);
+    EXPECT_EQ(config->modbus.max_connections, 5U);
+    ASSERT_EQ(config->modbus.access.size(), 1U);
+    EXPECT_EQ(config->modbus.access[0].network.prefix_bits, 96 + 8);
+    EXPECT_TRUE(config->modbus.access[0].may_write);
+    ASSERT_TRUE(config->serial);
+    EXPECT_EQ(config->serial->device, "/dev/ttyS1");
+    EXPECT_EQ(config->serial->baud, 115200);
+    EXPECT_EQ(config->serial->parity, firmware::modbus::SerialOptions::Parity::none);
+    EXPECT_EQ(config->serial->unit, 17);
+    EXPECT_FALSE(config->serial->rs485);
+    EXPECT_FALSE(config->serial->may_write);
+    EXPECT_EQ(config->core.plc_policy, PlcPolicy::reject_all);
+    EXPECT_EQ(config->plc.timeout, milliseconds(750));
+    EXPECT_EQ(config->inspection.recipes, "/etc/hord/all");
     const auto& modbus = std::get<ModbusRejector>(config->rejector);
     EXPECT_EQ(modbus.host, "10.0.0.7");
     EXPECT_EQ(modbus.port, 5020);

@@ -1,0 +1,14 @@
+// A small file that is either the old one or the new one, whatever happens in between.
+#pragma once
+
+#include <filesystem>
+#include <string_view>
+
+#include "algo/result.h"
+
+namespace hord::common {
+
+// Writes beside it, syncs, renames, syncs the folder. Fails with io (names the file); the old file is whole then.
+Result<void> write_durably(const std::filesystem::path& file, std::string_view text);
+
+}  // namespace hord::common

@@ -1,0 +1,71 @@
+// Carries out what a PLC, or anybody else who may write registers, asks of the station.
+//
+// The desk (registers_plc.h) has made sure that it comes once; here it happens: the state machine's commands, the recipe in
+// use, the self-test, and what the PLC's heartbeat and acknowledgements mean. Loop thread only. Every command and every
+// change of the recipe is told to the recorder with who asked for it.
+#pragma once
+
+#include <functional>
+#include <string>
+
+#include "drivers/hal/event_loop.h"
+#include "firmware/inspector.h"
+#include "firmware/recipe_file.h"
+#include "firmware/recorder.h"
+#include "firmware/registers_plc.h"
+#include "firmware/station.h"
+
+namespace hord::firmware {
+
+// A recipe as eight registers, and back: limits come from the registers; zones, light levels and the name from `base`.
+StagedRecipe staged_from(const NumberedRecipe& recipe);
+NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged);
+
+class Operations final : public PlcHandler {
+  public:
+    explicit Operations(hal::EventLoop& loop) : loop_(loop) {}
+    ~Operations() override;
+    Operations(const Operations&) = delete;
+    Operations& operator=(const Operations&) = delete;
+
+    // What it works on. All outlive it; what is empty is left out.
+    struct Works {
+        Station& station;
+        Inspector& inspector;
+        PlcDesk& desk;
+        Recorder* recorder = nullptr;
+        std::function<Result<void>()> check_judgement = {};                   // part of the self-test
+        std::function<Result<NumberedRecipe>(std::uint16_t number)> recipe = {};  // the recipe of this number; not_found: there is none
+        std::function<void(const NumberedRecipe&)> recipe_changed = {};  // it is in use from now on
+        std::function<void()> publish = {};  // registers follow before a command is answered
+        std::function<void(const Error&)> trouble = {};  // to be logged, once
+    };
+    // `recipe` is what the inspector judges with. Before the loop runs.
+    void begin(Works works, NumberedRecipe recipe);
+
+    [[nodiscard]] const NumberedRecipe& recipe() const { return recipe_; }
+
+    // Judges with another recipe. Fails, and the old one stays, with refused (the station executes) and with what the
+    // pipeline says of the recipe.
+    Result<void> use(const Who& who, NumberedRecipe recipe);
+
+    CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
+    CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) override;
+    void on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) override;
+    void on_plc_lost(PlcPolicy policy) override;
+    void on_plc_back() override;
+
+  private:
+    [[nodiscard]] CommandOutcome carry_out(const Who& who, const CommandRequest& request);
+    [[nodiscard]] CommandOutcome use_recipe(const Who& who, const CommandRequest& request);
+    [[nodiscard]] CommandOutcome self_test(const Who& who, const CommandRequest& request);
+    [[nodiscard]] CommandOutcome used(const Result<void>& done);
+    void record(const Who& who, const CommandRequest& request, State before, const CommandOutcome& outcome);
+    void report(const Error& error) const;
+
+    hal::EventLoop& loop_;
+    std::optional<Works> works_;
+    NumberedRecipe recipe_;
+};
+
+}  // namespace hord::firmware
