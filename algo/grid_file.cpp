@@ -15,15 +15,15 @@ int shifted(int index, int parity) { return static_cast<int>(static_cast<unsigne
 
 // Terms u^p v^q, p + q <= order, in the order 1, u, v, u2, uv, v2, ...; `coefficients` holds them in the same order.
 double polynomial(int order, const double* coefficients, double u, double v) {
+    double of_u[6], of_v[6];  // powers
+    of_u[0] = of_v[0] = 1;
+    for (int k = 1; k <= order; ++k) {
+        of_u[k] = of_u[k - 1] * u;
+        of_v[k] = of_v[k - 1] * v;
+    }
     double sum = 0;
-    int at = 0;
     for (int degree = 0; degree <= order; ++degree) {
-        for (int q = 0; q <= degree; ++q) {
-            double term = coefficients[at++];
-            for (int k = 0; k < degree - q; ++k) term *= u;
-            for (int k = 0; k < q; ++k) term *= v;
-            sum += term;
-        }
+        for (int q = 0; q <= degree; ++q) sum += *coefficients++ * of_u[degree - q] * of_v[q];
     }
     return sum;
 }

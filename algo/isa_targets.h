@@ -48,9 +48,11 @@ HORD_ALWAYS_INLINE V lower(const V& a, const V& b) {
         return BODY<64> ARGUMENTS;                                                                                           \
     }                                                                                                                        \
     static RETURN NAME##_portable SIGNATURE { return BODY<16> ARGUMENTS; }                                                   \
-    static auto NAME(Isa isa) { return isa == Isa::avx512 ? NAME##_avx512 : isa == Isa::avx2 ? NAME##_avx2 : NAME##_portable; }
+    static auto NAME(::hord::algo::Isa isa) {                                                                                   \
+        return isa == ::hord::algo::Isa::avx512 ? NAME##_avx512 : isa == ::hord::algo::Isa::avx2 ? NAME##_avx2 : NAME##_portable; \
+    }
 #else
 #define HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS)                    \
     static RETURN NAME##_portable SIGNATURE { return BODY<16> ARGUMENTS; }             \
-    static auto NAME(Isa) { return NAME##_portable; }
+    static auto NAME(::hord::algo::Isa) { return NAME##_portable; }
 #endif

@@ -16,7 +16,7 @@ constexpr double kLeastMatch = 0.5;       // correlation with the frame's own le
 constexpr double kLeastAmplitude = 0.08;  // of the typical lenslet
 constexpr double kLeastNeighbours = 0.5;   // of measured lenslets, measured, too; random blots: their own share
 constexpr double kMostError = 0.05;       // of the model where it was not fitted, against the pitch
-constexpr std::size_t kGrowCentres = 900;
+constexpr double kGrowCentres = 900;
 
 bool inside(const WhiteImage& image, PixelPoint p) {
     return p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < image.width_px() - 0.5 && p.y_px < image.height_px() - 0.5;
@@ -43,11 +43,12 @@ LensletGrid grid_of(const Lattice& lattice, const WhiteImage& image) {
 
 struct Index {
     int m = 0, n = 0;
+    PixelPoint at;  // where a grid places it
 };
 
 // The lenslets that `grid` places inside the frame. `steps` bounds the search: the model is smooth, so a lenslet that
-// lies far outside by the lattice's own steps is not folded back in by a polynomial.
-std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& steps, const WhiteImage& image, double reach_px = 1e9) {
+// lies far outside by the lattice's own steps is not folded back in by a polynomial. Only every `every`-th row and column.
+std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& steps, const WhiteImage& image, double reach_px = 1e9, int every = 1) {
     const std::vector<double>& p = steps.parameters;  // affine
     const double determinant = p[2] * p[5] - p[3] * p[4];
     double low_u = 1e300, high_u = -1e300, low_v = 1e300, high_v = -1e300;
@@ -72,11 +73,13 @@ std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& s
     const double m_step = (steps.stagger == algo::Stagger::columns ? std::numbers::sqrt3 / 2 : 1) / steps.span;
     const double n_step = (steps.stagger == algo::Stagger::rows ? std::numbers::sqrt3 / 2 : 1) / steps.span;
     std::vector<Index> out;
-    for (int n = static_cast<int>(std::floor(low_v / n_step)) - 1; n <= static_cast<int>(std::ceil(high_v / n_step)) + 1; ++n) {
-        for (int m = static_cast<int>(std::floor(low_u / m_step)) - 1; m <= static_cast<int>(std::ceil(high_u / m_step)) + 1; ++m) {
+    const auto first = [every](double low, double step) { return (static_cast<int>(std::floor(low / step)) - 1) / every * every; };
+    for (int n = first(low_v, n_step); n <= static_cast<int>(std::ceil(high_v / n_step)) + 1; n += every) {
+        for (int m = first(low_u, m_step); m <= static_cast<int>(std::ceil(high_u / m_step)) + 1; m += every) {
             const LensletGrid::Uv uv = grid.uv(m, n);
             if (uv.u < low_u || uv.u > high_u || uv.v < low_v || uv.v > high_v) continue;
-            if (inside(image, grid.at(uv))) out.push_back({m, n});
+            const PixelPoint at = grid.at(uv);
+            if (inside(image, at)) out.push_back({m, n, at});
         }
     }
     return out;
@@ -87,8 +90,8 @@ struct Growth {
     CentreFinder finder;
 };
 
-std::optional<Observation> observe(const CentreFinder& finder, const LensletGrid& grid, Index k, double most_px) {
-    const auto spot = finder.measure(grid.centre_px(k.m, k.n), most_px);
+std::optional<Observation> observe(const CentreFinder& finder, const Index& k, double most_px) {
+    const auto spot = finder.measure(k.at, most_px);
     if (!spot || spot->match < kLeastMatch || spot->amplitude_dn < kLeastAmplitude * finder.typical_amplitude_dn()) return std::nullopt;
     return Observation{k.m, k.n, spot->centre_px, true};
 }
@@ -100,14 +103,11 @@ Result<Growth> grow(const WhiteImage& image, const Lattice& lattice) {
     const std::vector<Index> all = lenslets_inside(steps, steps, image, lattice.reach_px);
     std::vector<PixelPoint> seeds;
     std::vector<std::pair<double, Index>> by_distance;
-    for (const Index k : all) {
-        const PixelPoint at = steps.centre_px(k.m, k.n);
-        by_distance.emplace_back(std::hypot(at.x_px - lattice.seed_px.x_px, at.y_px - lattice.seed_px.y_px), k);
-    }
+    for (const Index& k : all) by_distance.emplace_back(std::hypot(k.at.x_px - lattice.seed_px.x_px, k.at.y_px - lattice.seed_px.y_px), k);
     std::sort(by_distance.begin(), by_distance.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     for (const auto& [far, k] : by_distance) {
         if (far > 0.7 * lattice.reach_px || seeds.size() == 400) break;
-        seeds.push_back(steps.centre_px(k.m, k.n));
+        seeds.push_back(k.at);
     }
     auto finder = CentreFinder::learn(image, seeds, pitch);
     if (!finder) return tl::unexpected(finder.error());
@@ -115,17 +115,13 @@ Result<Growth> grow(const WhiteImage& image, const Lattice& lattice) {
     LensletGrid grid = steps;
     const double farthest = std::hypot(image.width_px(), image.height_px());
     for (double reach = std::max(0.7 * lattice.reach_px, 3 * pitch);; reach *= 1.6) {
-        std::vector<Index> near;
-        for (const Index k : lenslets_inside(grid, steps, image, reach)) {
-            const PixelPoint at = grid.centre_px(k.m, k.n);
-            if (std::hypot(at.x_px - lattice.seed_px.x_px, at.y_px - lattice.seed_px.y_px) <= reach) near.push_back(k);
-        }
-        // A regular part of them: every k-th column of every k-th row.
-        const int every = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(near.size()) / static_cast<double>(kGrowCentres))));
+        // A regular part of the lenslets within reach: every k-th column of every k-th row.
+        const double area = std::min(std::numbers::pi * reach * reach, static_cast<double>(image.width_px()) * image.height_px());
+        const int every = std::max(1, static_cast<int>(std::sqrt(area / (pitch * pitch * kGrowCentres))));
         std::vector<Observation> seen;
-        for (const Index k : near) {
-            if (k.m % every != 0 || k.n % every != 0) continue;
-            if (auto observation = observe(*finder, grid, k, 0.3 * pitch)) seen.push_back(*observation);
+        for (const Index& k : lenslets_inside(grid, steps, image, reach, every)) {
+            if (std::hypot(k.at.x_px - lattice.seed_px.x_px, k.at.y_px - lattice.seed_px.y_px) > reach) continue;
+            if (auto observation = observe(*finder, k, 0.3 * pitch)) seen.push_back(*observation);
         }
         const int order = seen.size() >= 200 ? 3 : seen.size() >= 60 ? 2 : 1;
         std::optional<LensletGrid> next = robust_polynomial(steps, seen, order);
@@ -142,7 +138,7 @@ Result<Growth> grow(const WhiteImage& image, const Lattice& lattice) {
 // Lenslets are counted from the first column and row with one inside the frame.
 void count_from_zero(LensletGrid& grid, std::vector<Observation>& observations, const std::vector<Index>& all) {
     int low_m = all.front().m, high_m = low_m, low_n = all.front().n, high_n = low_n;
-    for (const Index k : all) {
+    for (const Index& k : all) {
         low_m = std::min(low_m, k.m);
         high_m = std::max(high_m, k.m);
         low_n = std::min(low_n, k.n);
@@ -227,10 +223,9 @@ Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::
     const LensletGrid steps = grid_of(*lattice, *image);
     const std::vector<Index> all = lenslets_inside(grid, steps, *image);
     const double pitch = lattice->pitch_px();
-    for (const Index k : all) {
-        const PixelPoint at = grid.centre_px(k.m, k.n);
-        if (!grown->finder.complete(at)) continue;
-        if (auto seen = observe(grown->finder, grid, k, 0.25 * pitch)) {
+    for (const Index& k : all) {
+        if (!grown->finder.complete(k.at)) continue;
+        if (auto seen = observe(grown->finder, k, 0.25 * pitch)) {
             out.observations.push_back(*seen);
             if (image->any_saturated() && grown->finder.saturated_share(seen->centre_px) > 0) ++out.saturated;
         }

@@ -8,6 +8,8 @@
 #include <Eigen/Dense>
 #include <fmt/format.h>
 
+#include "algo/isa_targets.h"
+
 namespace hord::calib {
 namespace {
 
@@ -21,6 +23,42 @@ constexpr double kMostVariance = 2.5;  // that an immunity may cost, against the
 constexpr std::size_t kMostSeeds = 400;
 
 using Table = std::vector<double>;
+
+// What one window answers to the kernels of one phase (see CentreFinder::Kernels::bank).
+struct Answers {
+    float x = 0, y = 0, amplitude = 0, power = 0;
+};
+
+// Always sixteen lanes, in whatever registers there are, so that every machine adds up in the same order.
+constexpr int kLanes = 16;
+typedef float Lanes __attribute__((vector_size(kLanes * sizeof(float))));
+
+template <int>
+HORD_ALWAYS_INLINE Answers answers(const float* kernels, const float* light, std::ptrdiff_t size) {
+    const float* of_window = kernels + 3 * size;
+    Lanes sum{};
+    for (std::ptrdiff_t k = 0; k < size; k += kLanes) sum += algo::load<Lanes>(of_window + k) * algo::load<Lanes>(light + k);
+    float mean = 0;
+    for (int lane = 0; lane < kLanes; ++lane) mean += sum[lane];
+    // Sums of differences to the mean: single precision then suffices.
+    Lanes x{}, y{}, amplitude{}, power{};
+    for (std::ptrdiff_t k = 0; k < size; k += kLanes) {
+        const Lanes off = algo::load<Lanes>(light + k) - mean;
+        x += algo::load<Lanes>(kernels + k) * off;
+        y += algo::load<Lanes>(kernels + size + k) * off;
+        amplitude += algo::load<Lanes>(kernels + 2 * size + k) * off;
+        power += algo::load<Lanes>(of_window + k) * off * off;
+    }
+    Answers out;
+    for (int lane = 0; lane < kLanes; ++lane) {
+        out.x += x[lane];
+        out.y += y[lane];
+        out.amplitude += amplitude[lane];
+        out.power += power[lane];
+    }
+    return out;
+}
+HORD_FOR_EACH_ISA(answers_for, Answers, answers, (const float* kernels, const float* light, std::ptrdiff_t size), (kernels, light, size))
 
 double lookup(const Table& table, double r) {
     const double at = r / kStep;
@@ -144,13 +182,14 @@ struct CentreFinder::Kernels {
     Weights weights;
     int half = 0, side = 0, phases = 16;
     Eigen::Index size = 0;
+    Answers (*answer)(const float*, const float*, std::ptrdiff_t) = answers_for(algo::best_isa());
     double gain = 0;       // DN of first moment a pixel of shift and DN of amplitude
     double own_match = 1;  // keeps `match` in -1..1
     double typical_amplitude = 0;
     Table learned;
     // Four kernels a phase: moment x, moment y, amplitude, window share.
     Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic> bank;
-    mutable Eigen::VectorXf light;
+    mutable Eigen::VectorXf light;  // of the window that is measured, side x side and room for whole vectors
 
     void sample(const Weights& from);
     struct Moments {
@@ -169,7 +208,7 @@ void CentreFinder::Kernels::sample(const Weights& from) {
     half = static_cast<int>(std::ceil(weights.radius + 0.5));
     side = 2 * half + 1;
     phases = side > 40 ? 8 : 16;
-    size = static_cast<Eigen::Index>((side * side + 7) / 8 * 8);
+    size = static_cast<Eigen::Index>((side * side + kLanes - 1) / kLanes * kLanes);
     light = Eigen::VectorXf::Zero(size);
     bank = Eigen::MatrixXf::Zero(size, static_cast<Eigen::Index>(4) * phases * phases);
     for (int phase = 0; phase < phases * phases; ++phase) {
@@ -221,16 +260,12 @@ CentreFinder::Kernels::Moments CentreFinder::Kernels::moments(algo::PixelPoint a
     const int phase_y = std::min(phases - 1, static_cast<int>((at.y_px + 0.5 - fy) * phases));
     image->window(static_cast<int>(fx) - half, static_cast<int>(fy) - half, side, side, light.data(), side);
     const auto first = static_cast<Eigen::Index>(4) * (phase_y * phases + phase_x);
-    const auto mean = bank.col(first + 3).dot(light);
-    // Sums of differences to the mean: single precision then suffices.
-    light.head(static_cast<Eigen::Index>(side) * side).array() -= mean;
-    const double amplitude = bank.col(first + 2).dot(light);
-    const double power = (bank.col(first + 3).array() * light.array().square()).sum();
+    const Answers seen = answer(bank.col(first).data(), light.data(), size);
     Moments out;
-    out.x = bank.col(first).dot(light);
-    out.y = bank.col(first + 1).dot(light);
-    out.amplitude = amplitude;
-    out.match = power > 0 ? amplitude * own_match / std::sqrt(power) : 0;
+    out.x = seen.x;
+    out.y = seen.y;
+    out.amplitude = seen.amplitude;
+    out.match = seen.power > 0 ? out.amplitude * own_match / std::sqrt(seen.power) : 0;
     out.about = {fx + (phase_x + 0.5) / phases - 0.5, fy + (phase_y + 0.5) / phases - 0.5};
     return out;
 }
@@ -270,7 +305,7 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
 // The answer of the moments to a shift, from moments one phase to both sides of known centres.
 void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> centres) {
     const double step = 1.0 / phases;
-    double answer = 0;
+    double answered = 0;
     double shift = 0;
     for (const algo::PixelPoint& c : centres) {
         if (!complete({c.x_px - 0.5, c.y_px - 0.5}) || !complete({c.x_px + 0.5, c.y_px + 0.5})) continue;
@@ -280,10 +315,10 @@ void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> cen
         const Moments right = moments({c.x_px + step, c.y_px});
         const Moments above = moments({c.x_px, c.y_px - step});
         const Moments below = moments({c.x_px, c.y_px + step});
-        answer += (left.x - right.x + above.y - below.y) / amplitude;
+        answered += (left.x - right.x + above.y - below.y) / amplitude;
         shift += right.about.x_px - left.about.x_px + below.about.y_px - above.about.y_px;
     }
-    gain = shift > 0 ? answer / shift : 0;
+    gain = shift > 0 ? answered / shift : 0;
 }
 
 // The mean radial profile about known centres, 1 at its top: a sum of rings, each as wide as kRing, by least squares. Rings
@@ -297,7 +332,9 @@ Profile CentreFinder::Kernels::measure_profile(std::span<const Spot> spots, doub
         const auto cy = static_cast<int>(std::lround(spot.centre_px.y_px));
         for (int y = std::max(0, cy - box); y <= std::min(image->height_px() - 1, cy + box); ++y) {
             for (int x = std::max(0, cx - box); x <= std::min(image->width_px() - 1, cx + box); ++x) {
-                const double r = std::hypot(x - spot.centre_px.x_px, y - spot.centre_px.y_px);
+                const double dx = x - spot.centre_px.x_px;
+                const double dy = y - spot.centre_px.y_px;
+                const double r = std::sqrt(dx * dx + dy * dy);
                 const auto k = static_cast<std::size_t>(std::lround(r / kStep));
                 if (k >= count) continue;
                 sums[k] += image->at(x, y) / spot.amplitude_dn;

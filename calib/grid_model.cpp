@@ -94,7 +94,7 @@ void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, dou
 
 std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& frame, std::span<Observation> observations, int order) {
     constexpr int kRounds = 12;
-    constexpr std::size_t kMostCentres = 8000;
+    constexpr std::size_t kMostCentres = 4000;
     const int terms = (order + 1) * (order + 2) / 2;
     // A regular part of very many centres determines the surface as well; all of them are then judged by it.
     const std::size_t every = (observations.size() + kMostCentres - 1) / kMostCentres;
@@ -150,7 +150,9 @@ std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& fram
     }
     for (Observation& seen : observations) {
         const algo::PixelPoint at = grid.centre_px(seen.m, seen.n);
-        seen.used = std::hypot(at.x_px - seen.centre_px.x_px, at.y_px - seen.centre_px.y_px) < 5 * sigma + 1e-3;
+        const double dx = at.x_px - seen.centre_px.x_px;
+        const double dy = at.y_px - seen.centre_px.y_px;
+        seen.used = std::sqrt(dx * dx + dy * dy) < 5 * sigma + 1e-3;
     }
     return grid;
 }
