@@ -111,6 +111,23 @@ TEST(CalibrateGrid, a_bubble_in_the_white_frame_costs_its_own_lenslets_only) {
     EXPECT_LT(test::compare(drawn, *calibration, white.pitch_px).rms_px, 0.002);
 }
 
+TEST(CalibrateGrid, a_frame_with_a_part_in_the_light_is_no_white_frame) {
+    // Structure of half a pitch and the full contrast: about what a textured part shows inside the lenslets. As weak as dust on the
+    // array, it does no harm.
+    White white{.width_px = 500, .height_px = 500, .pitch_px = 18.7, .rotation_deg = 2};
+    const auto calibrate = [&](double contrast) {
+        white.light = [contrast](double x, double y) {
+            return 1 - contrast * (0.5 + 0.25 * std::sin(0.41 * x + 2 * std::sin(0.051 * y)) + 0.25 * std::cos(0.37 * y - 3 * std::cos(0.043 * x)));
+        };
+        return calibrate_grid(test::draw(white).frame.view());
+    };
+    const auto through_a_part = calibrate(1);
+    ASSERT_FALSE(through_a_part);
+    EXPECT_EQ(through_a_part.error().code, ErrorCode::refused);
+    EXPECT_THAT(through_a_part.error().message(), HasSubstr("no white frame"));
+    EXPECT_TRUE(calibrate(0.05));
+}
+
 TEST(CalibrateGrid, a_hint_that_is_ten_percent_wrong_does_no_harm) {
     const auto drawn = test::draw({.width_px = 400, .height_px = 400, .pitch_px = 18.7, .rotation_deg = 2});
     const auto without = calibrate_grid(drawn.frame.view());

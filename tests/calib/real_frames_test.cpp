@@ -66,7 +66,7 @@ TEST_F(RealFrames, the_dark_frame_changes_little) {
 }
 
 TEST_F(RealFrames, bad_frames_are_refused_with_the_reason) {
-    for (const char* name : {"sh_bad_mmt_mmirs_blank", "sh_bad_mmt_mmirs_bogus", "lf_sq_napariLF_dark"}) {
+    for (const char* name : {"sh_bad_mmt_mmirs_blank", "sh_bad_mmt_mmirs_bogus", "lf_sq_napariLF_dark", "lf_sq_napariLF_object"}) {
         SCOPED_TRACE(name);
         const auto calibration = calibrate_grid(load(name).view());
         ASSERT_FALSE(calibration);
