@@ -176,6 +176,12 @@ Picture montage(std::span<const MontageRow> rows) {
     return to_picture(sheet);
 }
 
+Picture reduced(const Picture& picture, int factor) {
+    cv::Mat small;
+    cv::resize(to_mat(picture), small, {picture.width / factor, picture.height / factor}, 0, 0, cv::INTER_AREA);
+    return to_picture(small);
+}
+
 namespace {
 
 Result<void> write(const std::filesystem::path& file, const cv::Mat& image) {

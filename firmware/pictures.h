@@ -49,6 +49,9 @@ struct MontageRow {
 };
 Picture montage(std::span<const MontageRow> rows);
 
+// The picture at 1/factor of its size, averaged.
+Picture reduced(const Picture& picture, int factor);
+
 // Fail with io, naming the file and the cure.
 Result<void> write_png(const std::filesystem::path& file, const Picture& picture);
 Result<void> write_float_tiff(const std::filesystem::path& file, algo::Map map, const algo::Extents& extents);

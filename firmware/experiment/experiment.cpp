@@ -5,12 +5,14 @@
 
 #include <fmt/format.h>
 
+#include "firmware/experiment/paper.h"
 #include "firmware/experiment/stability.h"
 
 namespace hord::firmware {
 
 std::span<const Experiment> experiments() {
     static constexpr Experiment kExperiments[] = {
+        {"paper", "The paper's figure: which of its claims hold, and for which light and bubbles", "about two minutes on two cores", run_paper},
         {"stability", "Do the features keep their promises at the extremes? A table of case, expected, got, verdict", "about half a minute", run_stability},
     };
     return kExperiments;
@@ -29,10 +31,14 @@ std::string describe(std::span<const Claim> claims) {
     return text;
 }
 
+std::string to_markdown(const ExperimentReport& report) {
+    const std::string claims = report.claims.empty() ? "" : "## Claims\n\n" + describe(report.claims) + "\n";
+    return report.opening.empty() ? report.text + "\n" + claims : report.opening + "\n" + claims + report.text;
+}
+
 Result<void> write_report(const std::filesystem::path& file, const ExperimentReport& report) {
     std::ofstream stream(file);
-    stream << report.text;
-    if (!report.claims.empty()) stream << "\n## Claims\n\n" << describe(report.claims);
+    stream << to_markdown(report);
     if (!stream.flush()) return fail(ErrorCode::io, file.string() + " cannot be written", "check that the folder may be written to and has space");
     return {};
 }

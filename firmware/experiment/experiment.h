@@ -35,7 +35,8 @@ struct Claim {
 };
 
 struct ExperimentReport {
-    std::string text;                          // for people, Markdown; without the claims
+    std::string opening;                       // for people, Markdown: title and what was done, before the claims
+    std::string text;                          // the rest, after them; without an opening, all of it, and the claims follow
     std::vector<Claim> claims;
     std::vector<std::filesystem::path> files;  // written
     [[nodiscard]] bool as_expected() const;    // every claim was decided and came out as expected
@@ -52,7 +53,9 @@ std::span<const Experiment> experiments();
 // The claims as a Markdown table; all on one line each: holds / does not hold / undecided.
 std::string describe(std::span<const Claim> claims);
 
-// Writes the report with its claims as OUT/NAME.md. Fails with io.
+// The whole report, Markdown.
+std::string to_markdown(const ExperimentReport& report);
+// Fails with io.
 Result<void> write_report(const std::filesystem::path& file, const ExperimentReport& report);
 
 }  // namespace hord::firmware

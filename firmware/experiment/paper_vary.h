@@ -1,0 +1,13 @@
+// For which bubbles and which area lights the paper's picture comes out: the cut seen by the telecentric camera, the bubble not.
+#pragma once
+
+#include "firmware/experiment/cells.h"
+#include "firmware/experiment/experiment.h"
+#include "firmware/experiment/sight.h"
+
+namespace hord::firmware {
+
+// `lens`: the clean scene at the figure's pitch; `emd`, `frobenius`: what its interior shows.
+Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim::Scene& lens, const Interior& emd, const Interior& frobenius, Cells& cells);
+
+}  // namespace hord::firmware

@@ -1,0 +1,37 @@
+// `hordctl experiment` as a person meets it.
+#include <algorithm>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/cli/program.h"
+
+namespace hord::test {
+namespace {
+
+using ::testing::HasSubstr;
+
+TEST(Experiment, help_lists_what_can_be_asked_and_how_long_it_takes) {
+    const Said list = run("hordctl", {"experiment", "--help"});
+    EXPECT_EQ(list.status, 0);
+    EXPECT_THAT(list.out, HasSubstr("paper"));
+    const Said one = run("hordctl", {"experiment", "paper", "--help"});
+    EXPECT_EQ(one.status, 0);
+    EXPECT_THAT(one.out, HasSubstr("The full form takes"));
+    EXPECT_THAT(one.out, HasSubstr("Example: hordctl experiment paper --out"));
+}
+
+TEST(Experiment, a_wrong_command_line_or_folder_is_status_2_and_one_line) {
+    const TemporaryFolder folder;
+    const std::vector<std::vector<std::string>> wrong = {
+        {"experiment"}, {"experiment", "paper"}, {"experiment", "no-such", "--out", folder / "x"}, {"experiment", "paper", "--out", "/dev/null/x", "--quick"}};
+    for (const auto& arguments : wrong) {
+        const Said said = run("hordctl", arguments);
+        EXPECT_EQ(said.status, 2) << arguments.back();
+        EXPECT_EQ(std::count(said.err.begin(), said.err.end(), '\n'), 1) << said.err;
+        EXPECT_TRUE(said.out.empty()) << said.out;
+    }
+}
+
+}  // namespace
+}  // namespace hord::test
