@@ -1,7 +1,9 @@
 #include "algo/decode.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <cstring>
+#include <string>
 
 namespace hord::algo {
 namespace {
@@ -54,6 +56,41 @@ void HordRow::decode_lenslet(const Sample* samples, std::ptrdiff_t line_stride, 
     // 2j - (J-1) = (J+1) - 2(J-j)
     moments_y_[m] = (extents.j + 1) * static_cast<std::int32_t>(sum) - 2 * static_cast<std::int32_t>(weighted_sum);
     mask_[m] = static_cast<std::uint8_t>((sum < levels.min_sum ? kDark : kValid) | (brightest >= levels.saturated ? kSaturated : kValid));
+}
+
+Result<void> check_bits(int bits) {
+    if (bits >= 8 && bits <= 16) return {};
+    return fail(ErrorCode::invalid_argument, "samples of " + std::to_string(bits) + " bits", "use 8 to 16 bits");
+}
+
+Result<void> check_frame(const FrameView& frame, const Extents& extents, int bits) {
+    const auto size_of = [](int width, int height) { return std::to_string(width) + "x" + std::to_string(height); };
+    if (frame.width_px != extents.width_px() || frame.height_px != extents.height_px() || frame.bits != bits) {
+        return fail(ErrorCode::invalid_argument, "a frame of " + size_of(frame.width_px, frame.height_px) + " pixels at " + std::to_string(frame.bits) + " bits",
+                    "give one of " + size_of(extents.width_px(), extents.height_px()) + " at " + std::to_string(bits) + ", as was set up");
+    }
+    const std::ptrdiff_t row_bytes = std::ptrdiff_t{frame.width_px} * frame.sample_bytes();
+    if (frame.data == nullptr || std::abs(frame.stride_bytes) < row_bytes) {
+        return fail(ErrorCode::invalid_argument, "a frame whose rows are " + std::to_string(frame.stride_bytes) + " bytes apart",
+                    "rows of this frame need " + std::to_string(row_bytes));
+    }
+    if (frame.bits > 8 && (reinterpret_cast<std::uintptr_t>(frame.data) % 2 != 0 || frame.stride_bytes % 2 != 0)) {
+        return fail(ErrorCode::invalid_argument, "two-byte samples at an odd address", "align the frame's rows to two bytes");
+    }
+    return {};
+}
+
+Hord decode_hord(const FrameView& frame, const Extents& extents, const LightLevels& levels, int m, int n, std::span<std::uint16_t> masses) {
+    std::uint32_t sum = 0;
+    std::size_t k = 0;
+    for (int j = 0; j < extents.j; ++j) {
+        for (int i = 0; i < extents.i; ++i, ++k) {
+            const std::uint32_t sample = frame.sample(m * extents.i + i, n * extents.j + j);
+            masses[k] = static_cast<std::uint16_t>(sample - std::min(sample, levels.dark));
+            sum += masses[k];
+        }
+    }
+    return {masses.data(), sum};
 }
 
 void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row) {

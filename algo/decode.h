@@ -59,7 +59,15 @@ class HordRow {
     std::vector<std::uint8_t> mask_;
 };
 
-// Decodes lenslet row n. The frame has the extents' size and, above 8 bits, aligned two-byte samples.
+// What decode_row asks of a frame: the extents' size, the bit depth (8..16), rows that hold it and, above 8 bits, aligned
+// two-byte samples. Both fail with invalid_argument.
+Result<void> check_frame(const FrameView& frame, const Extents& extents, int bits);
+Result<void> check_bits(int bits);
+
+// One lenslet's HORD alone, to the bit that of decode_row; `masses` has room for all bins.
+Hord decode_hord(const FrameView& frame, const Extents& extents, const LightLevels& levels, int m, int n, std::span<std::uint16_t> masses);
+
+// Decodes lenslet row n of a frame that was checked.
 void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row);
 
 }  // namespace hord::algo

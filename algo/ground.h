@@ -67,4 +67,8 @@ class GroundDistance {
     std::vector<double> cost_;  // bins x bins
 };
 
+struct Extents;
+// Fails with invalid_argument when the ground distance is not between these extents' bins.
+Result<void> check_bins(const GroundDistance& ground, const Extents& extents);
+
 }  // namespace hord::algo

@@ -12,6 +12,7 @@ enum MaskBit : std::uint8_t {
     kBorder = 4,     // at the field's edge, or without a neighbour to compare with (algo/stencil.h)
     kRim = 8,        // the part's own rim: valid, but not judged
     kOutside = 16,   // outside the part, or outside the recipe's zones: valid, but not judged
+    kAtLimit = 32,   // the value is a limit instead of a distance (algo/distance.h): valid
 };
 
 constexpr std::uint8_t kNoHord = kDark | kSaturated;          // the lenslet itself has no HORD

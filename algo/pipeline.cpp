@@ -36,14 +36,6 @@ class Stopwatch {
     std::int64_t last_;
 };
 
-LightLevels light_levels(const Recipe& recipe, int bits) {
-    const std::uint32_t full_scale = (1U << bits) - 1U;
-    const std::uint32_t per_8_bit_dn = 1U << (bits - 8);
-    return {recipe.dark_dn == 0 ? kDarkDn8Bit * per_8_bit_dn : recipe.dark_dn,
-            recipe.min_sum_dn == 0 ? kMinSumDn8Bit * per_8_bit_dn : recipe.min_sum_dn,
-            recipe.saturated_dn == 0 ? full_scale : recipe.saturated_dn};
-}
-
 std::vector<std::string> problems_of(const LightLevels& levels, int bits) {
     std::vector<std::string> lines;
     const std::uint32_t full_scale = (1U << bits) - 1U;
@@ -58,8 +50,6 @@ std::string joined(const std::vector<std::string>& lines) {
     for (const std::string& line : lines) text += (text.empty() ? "" : "; ") + line;
     return text;
 }
-
-std::string size_of(int width, int height) { return std::to_string(width) + "x" + std::to_string(height); }
 
 // Rows a band has when there are several threads; it decodes one row more at either end. As many rows of EMD gradients
 // are asked for before they are finished, so that the solver finds many small problems alike.
@@ -113,30 +103,12 @@ struct Pipeline::Workspace {
     DefectFinder defect_finder;
 
     [[nodiscard]] std::size_t at(int m, int n) const { return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m); }
-    [[nodiscard]] Result<void> check_frame(const FrameView& frame) const;
     void compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times);
     void compute_band(Worker& worker, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
     void compare_row(Worker& worker, int n);
     void finish_rows(Worker& worker, int last);
     [[nodiscard]] Reason unfit_reason() const;
 };
-
-Result<void> Pipeline::Workspace::check_frame(const FrameView& frame) const {
-    if (frame.width_px != extents.width_px() || frame.height_px != extents.height_px() || frame.bits != bits) {
-        return fail(ErrorCode::invalid_argument,
-                    "a frame of " + size_of(frame.width_px, frame.height_px) + " pixels at " + std::to_string(frame.bits) + " bits",
-                    "this pipeline was set up for " + size_of(extents.width_px(), extents.height_px()) + " at " + std::to_string(bits));
-    }
-    const std::ptrdiff_t row_bytes = std::ptrdiff_t{frame.width_px} * frame.sample_bytes();
-    if (frame.data == nullptr || std::abs(frame.stride_bytes) < row_bytes) {
-        return fail(ErrorCode::invalid_argument, "a frame whose rows are " + std::to_string(frame.stride_bytes) + " bytes apart",
-                    "rows of this frame need " + std::to_string(row_bytes));
-    }
-    if (frame.bits > 8 && (reinterpret_cast<std::uintptr_t>(frame.data) % 2 != 0 || frame.stride_bytes % 2 != 0)) {
-        return fail(ErrorCode::invalid_argument, "two-byte samples at an odd address", "align the frame's rows to two bytes");
-    }
-    return {};
-}
 
 // The gradients of every row, and what the rest needs of the HORDs.
 void Pipeline::Workspace::compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times) {
@@ -234,7 +206,7 @@ Reason Pipeline::Workspace::unfit_reason() const {
 
 Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe& recipe, int threads, MapSet maps) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    if (bits < 8 || bits > 16) return fail(ErrorCode::invalid_argument, "samples of " + std::to_string(bits) + " bits", "use 8 to 16 bits");
+    if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
     std::vector<std::string> lines = problems(recipe, extents);
     for (std::string& line : problems_of(light_levels(recipe, bits), bits)) lines.push_back(std::move(line));
     if (!lines.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(lines));
@@ -253,7 +225,7 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
 
 Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     Workspace& w = *workspace_;
-    if (auto fine = w.check_frame(frame); !fine) return tl::unexpected(fine.error());
+    if (auto fine = check_frame(frame, w.extents, w.bits); !fine) return tl::unexpected(fine.error());
     Inspection result;
     result.emd = w.emd;
     result.frobenius = w.frobenius;

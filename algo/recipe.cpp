@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "algo/decode.h"
+
 namespace hord::algo {
 namespace {
 
@@ -21,6 +23,14 @@ void check_zone(const Zone& zone, std::size_t number, std::vector<std::string>& 
 }
 
 }  // namespace
+
+LightLevels light_levels(const Recipe& recipe, int bits) {
+    const std::uint32_t full_scale = (1U << bits) - 1U;
+    const std::uint32_t per_8_bit_dn = 1U << (bits - 8);
+    return {recipe.dark_dn == 0 ? kDarkDn8Bit * per_8_bit_dn : recipe.dark_dn,
+            recipe.min_sum_dn == 0 ? kMinSumDn8Bit * per_8_bit_dn : recipe.min_sum_dn,
+            recipe.saturated_dn == 0 ? full_scale : recipe.saturated_dn};
+}
 
 std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) {
     std::vector<std::string> lines;

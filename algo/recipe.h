@@ -72,6 +72,10 @@ struct Recipe {
     std::vector<Zone> zones;
 };
 
+// The recipe's light levels at a bit depth, in DN.
+struct LightLevels;  // algo/decode.h
+LightLevels light_levels(const Recipe& recipe, int bits);
+
 // All problems of a recipe for light fields of these extents, one line each; empty when it can be used.
 std::vector<std::string> problems(const Recipe& recipe, const Extents& extents);
 

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "algo/feature_map.h"
 #include "algo/pipeline.h"
 #include "algo/resample.h"
 #include "calib/grid_toml.h"
@@ -30,29 +31,53 @@ struct InspectOptions {
     std::string grid;
     std::string recipe;
     std::string feature = "emd";
+    std::string reference;
     int bits = 0;
     std::string out;
     bool json = false;
 };
 
-struct FeatureView {
-    const char* name;
-    const char* unit;
+// Features that every inspection computes, or can, and what the recipe tolerates of them; the others have a FeatureMapper.
+struct InspectedMap {
+    algo::Feature feature;
     algo::Map algo::Inspection::*map;
     float algo::Recipe::*limit;  // null: nothing is judged by it, and its map is computed only when asked for
 };
-constexpr FeatureView kFeatures[] = {
-    {"emd", "bin pitches", &algo::Inspection::emd, &algo::Recipe::emd_limit_bins},
-    {"jacobian-frobenius", "bin pitches a lenslet", &algo::Inspection::frobenius, &algo::Recipe::frobenius_limit_bins},
-    {"jacobian-spectral", "bin pitches a lenslet", &algo::Inspection::spectral, nullptr},
-    {"jacobian-nuclear", "bin pitches a lenslet", &algo::Inspection::nuclear, nullptr},
-    {"anisotropy", "0 to 1", &algo::Inspection::anisotropy, nullptr},
-    {"transmission", "of the typical lenslet", &algo::Inspection::transmission, &algo::Recipe::transmission_limit},
+constexpr InspectedMap kInspectedMaps[] = {
+    {algo::Feature::emd, &algo::Inspection::emd, &algo::Recipe::emd_limit_bins},
+    {algo::Feature::jacobian_frobenius, &algo::Inspection::frobenius, &algo::Recipe::frobenius_limit_bins},
+    {algo::Feature::jacobian_spectral, &algo::Inspection::spectral, nullptr},
+    {algo::Feature::jacobian_nuclear, &algo::Inspection::nuclear, nullptr},
+    {algo::Feature::anisotropy, &algo::Inspection::anisotropy, nullptr},
+    {algo::Feature::transmission, &algo::Inspection::transmission, &algo::Recipe::transmission_limit},
 };
 
-const FeatureView* find_feature(std::string_view name) {
-    const auto* found = std::find_if(std::begin(kFeatures), std::end(kFeatures), [&](const FeatureView& f) { return f.name == name; });
-    return found == std::end(kFeatures) ? nullptr : found;
+// Null when it takes a FeatureMapper.
+const InspectedMap* inspected_map(const algo::FeatureChoice& choice) {
+    const auto* found = std::ranges::find(kInspectedMaps, choice.feature, &InspectedMap::feature);
+    return choice.against_reference || found == std::end(kInspectedMaps) ? nullptr : found;
+}
+
+std::string known_features() {
+    std::string known;
+    for (const std::string_view name : algo::kFeatureNames) known += fmt::format("{}{}", known.empty() ? "" : ", ", name);
+    return known + "; the distances also as reference-NAME";
+}
+
+// The map that was asked for, with what is needed to show it.
+struct FeatureView {
+    std::string name;
+    std::string unit;
+    algo::Map map;
+    std::span<const std::uint8_t> mask;
+    float limit = 0;  // 0: none
+};
+
+std::string unit_for_people(algo::Feature feature) {
+    if (feature == algo::Feature::transmission) return "of the typical lenslet";
+    const std::string_view unit = algo::unit_of(feature);
+    if (!unit.empty()) return std::string(unit);
+    return feature == algo::Feature::bhattacharyya ? "-ln of the overlap" : "0 to 1";
 }
 
 Result<std::pair<int, int>> parse_macro(const std::string& text) {
@@ -71,7 +96,7 @@ struct Statistics {
 Statistics statistics_of(algo::Map map, std::span<const std::uint8_t> mask) {
     std::vector<float> values;
     for (std::size_t k = 0; k < map.size(); ++k) {
-        if (mask[k] == algo::kValid) values.push_back(map[k]);
+        if ((mask[k] & ~algo::kAtLimit) == algo::kValid) values.push_back(map[k]);
     }
     if (values.empty()) return {};
     std::sort(values.begin(), values.end());
@@ -82,7 +107,7 @@ Statistics statistics_of(algo::Map map, std::span<const std::uint8_t> mask) {
 double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
 
 Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found, const FeatureView& feature) {
-    const Statistics s = statistics_of(found.*feature.map, found.mask);
+    const Statistics s = statistics_of(feature.map, feature.mask);
     Json defects = Json::array();
     for (const algo::Defect& d : found.defects) {
         defects.push_back({{"m", d.m}, {"n", d.n}, {"area", d.area}, {"peak", d.peak}, {"kind", name_of(d.kind)}});
@@ -113,14 +138,11 @@ void print_for_people(const std::string& frame, const algo::Inspection& found) {
 }
 
 Result<void> write_results(const fs::path& out, const std::string& frame, const algo::Extents& extents, const algo::Inspection& found,
-                           const FeatureView& feature, const algo::Recipe& recipe, const Json& json) {
+                           const FeatureView& feature, const Json& json) {
     const std::string name = fs::path(frame).stem().string();
-    const algo::Map map = found.*feature.map;
-    const auto picture =
-        scale_to(fmt::format("{}: {} ({})", name, feature.name, name_of(found.verdict)), feature.unit, map, found.mask,
-                 feature.limit != nullptr ? recipe.*feature.limit : 0.0F);
-    if (auto done = write_float_tiff(out / fmt::format("{}.{}.tiff", name, feature.name), map, extents); !done) return done;
-    if (auto done = write_png(out / fmt::format("{}.{}.png", name, feature.name), draw(picture, map, found.mask, extents, found.defects)); !done) {
+    const auto picture = scale_to(fmt::format("{}: {} ({})", name, feature.name, name_of(found.verdict)), feature.unit, feature.map, feature.mask, feature.limit);
+    if (auto done = write_float_tiff(out / fmt::format("{}.{}.tiff", name, feature.name), feature.map, extents); !done) return done;
+    if (auto done = write_png(out / fmt::format("{}.{}.png", name, feature.name), draw(picture, feature.map, feature.mask, extents, found.defects)); !done) {
         return done;
     }
     const fs::path file = out / (name + ".json");
@@ -142,11 +164,14 @@ class Inspector {
         auto macro = parse_macro(options_.macro);
         if (!macro) return tl::unexpected(macro.error());
         macro_ = *macro;
-        feature_ = find_feature(options_.feature);
-        if (feature_ == nullptr) {
-            std::string known;
-            for (const FeatureView& f : kFeatures) known += fmt::format("{}{}", known.empty() ? "" : ", ", f.name);
-            return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " is not known", "use one of " + known);
+        const auto choice = algo::feature_named(options_.feature);
+        if (!choice) return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " is not known", "use one of " + known_features());
+        choice_ = *choice;
+        if (choice_.against_reference && options_.reference.empty()) {
+            return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " needs something to compare with", "give --reference FRAME");
+        }
+        if (!choice_.against_reference && !options_.reference.empty()) {
+            return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " does not look at --reference", "ask for reference-" + options_.feature + ", or leave it out");
         }
         if (!options_.grid.empty()) {
             auto grid = calib::read_grid(options_.grid);
@@ -160,6 +185,11 @@ class Inspector {
             auto recipe = load_recipe(options_.recipe);
             if (!recipe) return tl::unexpected(recipe.error());
             recipe_ = std::move(*recipe);
+        }
+        if (choice_.against_reference) {
+            auto reference = read(options_.reference);
+            if (!reference) return tl::unexpected(reference.error());
+            reference_ = std::move(*reference);
         }
         if (options_.out.empty()) return {};
         std::set<std::string> names;
@@ -176,44 +206,87 @@ class Inspector {
     }
 
     Result<algo::Verdict> inspect(const std::string& file) {
-        auto frame = drivers::read_frame(file, {.bits = options_.bits});
+        auto frame = read(file);
         if (!frame) return tl::unexpected(frame.error());
         const auto named = [&](const Error& error) { return Error{error.code, file + ": " + error.what, error.cure}; };
-        if (resampler_) {
-            auto decoded = resampler_->decode(frame->view());
-            if (!decoded) return tl::unexpected(named(decoded.error()));
-            frame = std::move(*decoded);
-        }
         auto extents = algo::extents_of_frame(frame->width_px(), frame->height_px(), macro_.first, macro_.second);
         if (!extents) return tl::unexpected(named(extents.error()));
         if (!pipeline_ || !(*extents == extents_) || frame->bits() != bits_) {
-            auto made = algo::Pipeline::create(*extents, frame->bits(), recipe_, 1, feature_->limit == nullptr ? algo::MapSet::all : algo::MapSet::judged);
-            if (!made) return tl::unexpected(named(made.error()));
-            pipeline_ = std::move(*made);
-            extents_ = *extents;
-            bits_ = frame->bits();
+            if (auto made = set_up(*extents, frame->bits()); !made) return tl::unexpected(named(made.error()));
         }
         auto found = pipeline_->inspect(frame->view(), steady_ns);
         if (!found) return tl::unexpected(named(found.error()));
-        const Json json = to_json(file, extents_, *found, *feature_);
+        auto feature = view(frame->view(), *found);
+        if (!feature) return tl::unexpected(named(feature.error()));
+        const Json json = to_json(file, extents_, *found, *feature);
         if (options_.json) {
             fmt::print("{}\n", json.dump());
         } else {
             print_for_people(file, *found);
         }
         if (!options_.out.empty()) {
-            if (auto done = write_results(options_.out, file, extents_, *found, *feature_, recipe_, json); !done) return tl::unexpected(done.error());
+            if (auto done = write_results(options_.out, file, extents_, *found, *feature, json); !done) return tl::unexpected(done.error());
         }
         return found->verdict;
     }
 
   private:
+    // A frame as macro-pixels: decoded, if there is a grid.
+    Result<algo::Frame> read(const std::string& file) {
+        auto frame = drivers::read_frame(file, {.bits = options_.bits});
+        if (!frame || !resampler_) return frame;
+        auto decoded = resampler_->decode(frame->view());
+        if (!decoded) return fail(decoded.error().code, file + ": " + decoded.error().what, decoded.error().cure);
+        return decoded;
+    }
+
+    Result<void> set_up(const algo::Extents& extents, int bits) {
+        const InspectedMap* inspected = inspected_map(choice_);
+        const bool extra = inspected != nullptr && inspected->limit == nullptr;
+        auto pipeline = algo::Pipeline::create(extents, bits, recipe_, 1, extra ? algo::MapSet::all : algo::MapSet::judged);
+        if (!pipeline) return tl::unexpected(pipeline.error());
+        if (inspected == nullptr) {
+            auto mapper = algo::FeatureMapper::create(extents, bits, algo::light_levels(recipe_, bits), choice_.feature);
+            if (!mapper) return tl::unexpected(mapper.error());
+            mapper_ = std::move(*mapper);
+        }
+        pipeline_ = std::move(*pipeline);
+        extents_ = extents;
+        bits_ = bits;
+        return {};
+    }
+
+    // The map of the feature asked for; its time counts as the feature's.
+    Result<FeatureView> view(const algo::FrameView& frame, algo::Inspection& found) {
+        FeatureView result{algo::name_of(choice_), unit_for_people(choice_.feature), {}, found.mask, 0};
+        if (const InspectedMap* inspected = inspected_map(choice_)) {
+            result.map = found.*inspected->map;
+            if (inspected->limit != nullptr) result.limit = recipe_.*inspected->limit;
+            return result;
+        }
+        const std::int64_t start = steady_ns();
+        auto map = choice_.against_reference ? mapper_->against(frame, reference_.view()) : mapper_->over_neighbours(frame);
+        if (!map) return fail(map.error().code, (choice_.against_reference ? options_.reference + ": " : "") + map.error().what, map.error().cure);
+        const std::int64_t took = steady_ns() - start;
+        found.times.feature_ns += took;
+        found.times.total_ns += took;
+        // Rim and zones are the inspection's; which lenslets can be compared is the map's own.
+        mask_.assign(map->mask.begin(), map->mask.end());
+        for (std::size_t k = 0; k < mask_.size(); ++k) mask_[k] = static_cast<std::uint8_t>(mask_[k] | (found.mask[k] & algo::kNotJudged));
+        result.map = map->values;
+        result.mask = mask_;
+        return result;
+    }
+
     const InspectOptions& options_;
     std::pair<int, int> macro_{9, 9};
-    const FeatureView* feature_ = nullptr;
+    algo::FeatureChoice choice_;
     algo::Recipe recipe_;
+    algo::Frame reference_;
     std::optional<algo::Resampler> resampler_;
     std::optional<algo::Pipeline> pipeline_;
+    std::optional<algo::FeatureMapper> mapper_;
+    std::vector<std::uint8_t> mask_;
     algo::Extents extents_;
     int bits_ = 0;
 };
@@ -244,12 +317,14 @@ void add_inspect(CLI::App& program, Exit& status) {
     command->add_option("--macro", options->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")->capture_default_str();
     command->add_option("--grid", options->grid, "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
     command->add_option("--recipe", options->recipe, "Limits, masks and zones (TOML); without it the default recipe");
-    command->add_option("--feature", options->feature, "Feature whose map and statistics are written")->capture_default_str();
+    command->add_option("--feature", options->feature, "Feature whose map and statistics are written: " + known_features())->capture_default_str();
+    command->add_option("--reference", options->reference, "Frame of a good part at the same place, for the reference- features");
     command->add_option("--bits", options->bits, "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
         ->check(CLI::Range(8, 16));
     command->add_option("--out", options->out, "Folder for NAME.FEATURE.tiff, NAME.FEATURE.png and NAME.json");
     command->add_flag("--json", options->json, "Print one JSON object a frame");
-    command->footer("Example: hordctl inspect frames/*.png --macro 9x9 --out maps --json");
+    command->footer("Example: hordctl inspect frames/*.png --macro 9x9 --out maps --json\n"
+                    "         hordctl inspect part.png --feature reference-chi2 --reference good_part.png --out maps");
     command->callback([options, &status] { status = run_inspect(*options); });
 }
 

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "algo/feature.h"
 #include "drivers/frame_file.h"
 #include "tests/cli/program.h"
 
@@ -71,12 +72,40 @@ TEST(Inspect, out_writes_map_picture_and_json) {
 
 TEST(Inspect, every_feature_it_names_has_a_map) {
     const TemporaryFolder folder;
-    const std::string frame = write(folder, "a.png", plain_frame());
-    for (const std::string feature : {"emd", "jacobian-frobenius", "jacobian-spectral", "jacobian-nuclear", "anisotropy", "transmission"}) {
-        const Said said = run("hordctl", {"inspect", frame, "--feature", feature, "--out", folder / "maps", "--json"});
+    const std::string frame = write(folder, "a.png", plain_frame()), reference = write(folder, "good.png", plain_frame());
+    std::vector<std::string> names;
+    for (const auto name : algo::kFeatureNames) {
+        names.emplace_back(name);
+        if (algo::feature_named("reference-" + std::string(name))) names.push_back("reference-" + std::string(name));
+    }
+    EXPECT_EQ(names.size(), 14U + 9U);
+    for (const auto& feature : names) {
+        std::vector<std::string> arguments{"inspect", frame, "--feature", feature, "--out", folder / "maps", "--json"};
+        if (feature.starts_with("reference-")) arguments.insert(arguments.end(), {"--reference", reference});
+        const Said said = run("hordctl", arguments);
         ASSERT_EQ(said.status, 0) << said.err;
-        EXPECT_EQ(Json::parse(said.out)["feature"]["name"], feature);
+        const Json map = Json::parse(said.out)["feature"];
+        EXPECT_EQ(map["name"], feature);
+        EXPECT_GT(map["valid"], 100) << feature;
+        EXPECT_EQ(map["max"], feature == "transmission" ? 1.0 : 0.0) << feature;  // a plain field
         EXPECT_TRUE(std::filesystem::exists(folder / ("maps/a." + feature + ".tiff")));
+    }
+}
+
+// One lenslet of the frame sees its light a bin further to the right than the reference does.
+TEST(Inspect, compares_with_a_reference_at_the_same_place) {
+    const TemporaryFolder folder;
+    algo::Frame moved = plain_frame();
+    for (int y = 0; y < 9; ++y) {
+        for (int x = 8; x > 0; --x) moved.set(7 * 9 + x, 8 * 9 + y, moved.view().sample(7 * 9 + x - 1, 8 * 9 + y));
+    }
+    const std::string good = write(folder, "good.png", plain_frame()), frame = write(folder, "moved.png", moved);
+    for (const auto& [feature, distance] : {std::pair("reference-emd", 1.0), std::pair("reference-centroid", 1.0), std::pair("reference-emd-l1", 1.0)}) {
+        const Said said = run("hordctl", {"inspect", frame, "--reference", good, "--feature", feature, "--json"});
+        ASSERT_EQ(said.status, 1) << said.err;  // the part itself is rejected, by the recipe
+        const Json map = Json::parse(said.out)["feature"];
+        EXPECT_NEAR(map["max"].get<double>(), distance, 1e-6);
+        EXPECT_EQ(map["p99"], 0.0);
     }
 }
 
@@ -126,6 +155,16 @@ TEST(Inspect, refuses_macro_pixels_that_do_not_divide_the_frame) {
 TEST(Inspect, refuses_an_unknown_feature_and_names_the_known) {
     const TemporaryFolder folder;
     expect_refusal({write(folder, "a.png", plain_frame()), "--feature", "emdd"}, "emdd", "emd");
+}
+
+TEST(Inspect, refuses_a_reference_feature_without_a_reference_and_the_other_way_round) {
+    const TemporaryFolder folder;
+    const std::string frame = write(folder, "a.png", plain_frame());
+    expect_refusal({frame, "--feature", "reference-chi2"}, "reference-chi2", "--reference FRAME");
+    expect_refusal({frame, "--feature", "chi2", "--reference", frame}, "chi2", "reference-chi2");
+    expect_refusal({frame, "--feature", "reference-transmission", "--reference", frame}, "reference-transmission", "emd");
+    expect_refusal({frame, "--feature", "reference-chi2", "--reference", "/nonexistent/b.png"}, "/nonexistent/b.png", "");
+    expect_refusal({frame, "--feature", "reference-chi2", "--reference", write(folder, "deep.png", plain_frame(16))}, "deep.png", "at 8");
 }
 
 TEST(Inspect, refuses_an_unknown_recipe_key_and_an_impossible_value_at_once) {
