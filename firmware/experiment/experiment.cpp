@@ -7,12 +7,14 @@
 
 #include "firmware/experiment/paper.h"
 #include "firmware/experiment/stability.h"
+#include "firmware/experiment/tradeoff.h"
 
 namespace hord::firmware {
 
 std::span<const Experiment> experiments() {
     static constexpr Experiment kExperiments[] = {
         {"paper", "The paper's figure: which of its claims hold, and for which light and bubbles", "about two minutes on two cores", run_paper},
+        {"tradeoff", "Speed against accuracy: every feature over light, bins, slopes, strides and frames", "about fifteen minutes on two cores", run_tradeoff},
         {"stability", "Do the features keep their promises at the extremes? A table of case, expected, got, verdict", "about half a minute", run_stability},
     };
     return kExperiments;
