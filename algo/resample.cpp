@@ -29,20 +29,17 @@ void box_weights(double width, int phase, int phases, std::span<std::uint8_t> ou
 
 }  // namespace
 
-BinSteps Resampler::even_steps(const LensletGrid& grid, int bins_i, int bins_j) {
-    const LensletGrid::Steps steps = grid.steps_px({0, 0});
-    const double area = std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px);
-    const double pitch = std::sqrt(area);
-    return {{pitch / bins_i, 0}, {0, pitch / bins_j}};
-}
-
-Result<Resampler> Resampler::create(const LensletGrid& grid, int bins_i, int bins_j, const BinSteps& steps) {
+Result<Resampler> Resampler::create(const LensletGrid& grid, const BinLayout& layout) {
     if (auto fine = check(grid); !fine) return tl::unexpected(fine.error());
     Resampler out;
-    out.extents_ = {grid.columns, grid.rows, bins_i, bins_j};
+    out.extents_ = {grid.columns, grid.rows, layout.bins_i, layout.bins_j};
     if (auto fine = check(out.extents_); !fine) return tl::unexpected(fine.error());
-    const double box_x = std::abs(steps.along_i.x_px);
-    const double box_y = std::abs(steps.along_j.y_px);
+    if (layout.offsets_px.size() != static_cast<std::size_t>(out.extents_.bins())) {
+        return fail(ErrorCode::invalid_argument, std::to_string(layout.offsets_px.size()) + " places for " + std::to_string(out.extents_.bins()) + " bins",
+                    "give one place a bin");
+    }
+    const double box_x = layout.box_x_px;
+    const double box_y = layout.box_y_px;
     for (const double box : {box_x, box_y}) {
         if (!(box >= kSmallestBin && box <= kLargestBin)) {
             return fail(ErrorCode::invalid_argument, "bins of " + std::to_string(box) + " px", "choose the number of bins so that one is 0.5 to 24 px");
@@ -70,13 +67,9 @@ Result<Resampler> Resampler::create(const LensletGrid& grid, int bins_i, int bin
             out.place_y_.push_back(fixed(near ? centre.y_px + 0.5 - 0.5 * box_y : -1e6));
         }
     }
-    for (int j = 0; j < bins_j; ++j) {
-        for (int i = 0; i < bins_i; ++i) {
-            const double from_i = i - 0.5 * (bins_i - 1);
-            const double from_j = j - 0.5 * (bins_j - 1);
-            out.offset_x_.push_back(fixed(from_i * steps.along_i.x_px + from_j * steps.along_j.x_px));
-            out.offset_y_.push_back(fixed(from_i * steps.along_i.y_px + from_j * steps.along_j.y_px));
-        }
+    for (const PixelPoint& offset : layout.offsets_px) {
+        out.offset_x_.push_back(fixed(offset.x_px));
+        out.offset_y_.push_back(fixed(offset.y_px));
     }
     return out;
 }

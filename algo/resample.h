@@ -1,9 +1,9 @@
 // Decodes a raw frame of a real, rotated, distorted lenslet array into a macro-pixel frame, by fixed-point resampling.
 //
 // Each bin (i, j) of lenslet (m, n) is the mean of the raw pixels under a box of one bin about
-//     centre(m, n) + r(i, j),   r(i, j) = (i - (I-1)/2) along_i + (j - (J-1)/2) along_j,
-// with the centre from the calibration file and the two steps r from the direction map. Boxes are laid along the sensor's
-// axes, as i and j are.
+//     centre(m, n) + r(i, j),
+// with the centre from the calibration file and r from the direction map, which may be as bent as it likes (algo/direction_map.h).
+// Boxes are laid along the sensor's axes, as i and j are.
 //
 // Formats. A box is placed to 1/32 px; its weights along x and along y are Q0.7 each, both sum to exactly 128; a bin is
 // (sum w_x w_y sample + 2^13) >> 14. Range: at most 2^16 - 1 in, so the sum is below 2^30 and the bin never exceeds the
@@ -14,25 +14,18 @@
 #include <span>
 #include <vector>
 
+#include "algo/direction_map.h"
 #include "algo/frame.h"
 #include "algo/grid_file.h"
 #include "algo/light_field.h"
 
 namespace hord::algo {
 
-// One step of i and of j on the sensor, px.
-struct BinSteps {
-    PixelPoint along_i, along_j;
-};
-
 class Resampler {
   public:
-    // Steps that divide the mean pitch of the grid into I x J bins along the sensor's axes.
-    [[nodiscard]] static BinSteps even_steps(const LensletGrid& grid, int bins_i, int bins_j);
-
     // Takes all memory. Fails with invalid_argument for a grid that check() refuses, extents beyond algo/light_field.h, or
     // bins smaller than half a pixel or larger than 24.
-    static Result<Resampler> create(const LensletGrid& grid, int bins_i, int bins_j, const BinSteps& steps);
+    static Result<Resampler> create(const LensletGrid& grid, const BinLayout& layout);
 
     [[nodiscard]] const Extents& extents() const { return extents_; }
 

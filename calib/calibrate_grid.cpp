@@ -212,7 +212,7 @@ Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::
         if (options.progress) options.progress(done);
     };
     report(0);
-    const auto image = WhiteImage::open(white, dark);
+    const auto image = WhiteImage::open(white, dark, options.flat);
     if (!image) return tl::unexpected(image.error());
     const auto lattice = find_lattice(*image, options.hint);
     if (!lattice) return tl::unexpected(lattice.error());

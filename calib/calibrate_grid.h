@@ -21,6 +21,7 @@ namespace hord::calib {
 struct GridOptions {
     LatticeHint hint;
     FitOptions fit;
+    std::optional<algo::FrameView> flat;        // what each pixel makes of even light, without lenslets
     std::function<void(double done)> progress;  // 0..1, from the calling thread; may be empty
 };
 

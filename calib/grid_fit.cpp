@@ -2,48 +2,19 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <fmt/format.h>
 
 #include "calib/cross_validation.h"
 #include "calib/grid_solver.h"
+#include "calib/ladder.h"
 
 namespace hord::calib {
 namespace {
 
-using algo::GridRung;
-
 constexpr std::size_t kLadderCentres = 4000;  // enough to choose by
 constexpr std::size_t kFitCentres = 12000;    // that the chosen rung is fitted to: more add time and no accuracy that counts
-constexpr double kNeededGain = 2.0;           // standard errors
 constexpr double kFarthest = 1e6;             // px
-constexpr double kInfinite = std::numeric_limits<double>::infinity();
-
-// A start for `rung` from the fit of a lower one.
-algo::LensletGrid lift(const algo::LensletGrid& from, GridRung rung) {
-    algo::LensletGrid grid = from;
-    const std::vector<double>& p = from.parameters;
-    grid.rung = rung;
-    if (rung == GridRung::similarity) return grid;
-    std::vector<double> six(p.begin(), p.begin() + std::min<std::ptrdiff_t>(6, static_cast<std::ptrdiff_t>(p.size())));
-    if (from.rung == GridRung::similarity) six = {p[0], p[1], p[2], -p[3], p[3], p[2]};
-    if (rung != GridRung::cubic && rung != GridRung::quintic) {
-        if (from.rung == GridRung::similarity) grid.parameters = six;
-        grid.parameters.resize(static_cast<std::size_t>(parameter_count(rung)), 0.0);
-        return grid;
-    }
-    // Polynomials are linear: any start will do, so the affine part is enough.
-    const int half = parameter_count(rung) / 2;
-    grid.parameters.assign(static_cast<std::size_t>(2 * half), 0.0);
-    for (int axis = 0; axis < 2; ++axis) {
-        const auto first = static_cast<std::size_t>(axis * half);
-        grid.parameters[first] = six[static_cast<std::size_t>(axis)];
-        grid.parameters[first + 1] = six[static_cast<std::size_t>(axis == 0 ? 2 : 4)];
-        grid.parameters[first + 2] = six[static_cast<std::size_t>(axis == 0 ? 3 : 5)];
-    }
-    return grid;
-}
 
 std::vector<Point> points_of(const algo::LensletGrid& frame, std::span<const Observation> observations) {
     std::vector<Point> points;
@@ -80,80 +51,6 @@ void reject_by(const algo::LensletGrid& grid, std::span<Observation> observation
     // The median of a Rayleigh-distributed distance is 1.1774 sigma.
     const double most = 5 * *middle / 1.1774 + 1e-3;
     for (std::size_t k = 0; k < distance.size(); ++k) observations[k].used = distance[k] < most;
-}
-
-// The similarity nearest to the points: linear least squares in closed form.
-algo::LensletGrid first_similarity(const algo::LensletGrid& frame, const std::vector<Point>& points) {
-    double u = 0, v = 0, x = 0, y = 0;
-    for (const Point& p : points) {
-        u += p.uv.u;
-        v += p.uv.v;
-        x += p.seen.x_px;
-        y += p.seen.y_px;
-    }
-    const auto n = static_cast<double>(points.size());
-    u /= n, v /= n, x /= n, y /= n;
-    double uu = 0, a = 0, b = 0;
-    for (const Point& p : points) {
-        const double du = p.uv.u - u, dv = p.uv.v - v, dx = p.seen.x_px - x, dy = p.seen.y_px - y;
-        uu += du * du + dv * dv;
-        a += du * dx + dv * dy;
-        b += du * dy - dv * dx;
-    }
-    a /= std::max(uu, 1e-12), b /= std::max(uu, 1e-12);
-    algo::LensletGrid grid = frame;
-    grid.rung = GridRung::similarity;
-    grid.parameters = {x - a * u + b * v, y - b * u - a * v, a, b};
-    return grid;
-}
-
-struct Choice {
-    algo::LensletGrid grid;
-    std::size_t rung = 0;  // index in the ladder
-};
-
-// Climbs the ladder on a part of the centres and says which rung they require; fills in the ladder of `fit`.
-std::optional<Choice> climb(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options, GridFit& fit) {
-    const Blocks blocks = sort_into_blocks(sample);
-    fit.blocks = blocks.count();
-    algo::LensletGrid previous = first_similarity(frame, sample);
-    Choice choice{previous, 0};
-    std::optional<Validation> best;
-    for (const GridRung rung : algo::kGridRungs) {
-        if (rung > options.highest || (options.only && rung != *options.only && (rung > *options.only || rung >= GridRung::cubic))) continue;
-        RungReport& report = fit.ladder.emplace_back();
-        report.rung = rung;
-        report.parameters = parameter_count(rung);
-        report.cv_x_rms_px = report.cv_y_rms_px = kInfinite;
-        if (2 * sample.size() < static_cast<std::size_t>(report.parameters) + 4 && !options.only) {
-            report.verdict = "not tried: too few lenslets";
-            continue;
-        }
-        auto solved = solve(lift(previous, rung), sample);
-        if (!solved) {
-            report.verdict = "not taken: the fit did not settle";
-            continue;
-        }
-        if (rung < GridRung::cubic) previous = solved->grid;
-        const Validation validation = leave_blocks_out(*solved, blocks);
-        report.rms_px = std::sqrt(solved->residuals.squaredNorm() / static_cast<double>(solved->residuals.size()));
-        report.cv_x_rms_px = validation.x_rms;
-        report.cv_y_rms_px = validation.y_rms;
-        const bool first = !best;
-        report.gain_t = first ? 0 : gain_of(*best, validation);
-        const bool take = options.only ? rung == *options.only : first || report.gain_t > kNeededGain;
-        if (options.only) report.verdict = take ? "asked for" : "a step on the way to the one asked for";
-        else if (first) report.verdict = "the simplest";
-        else if (take) report.verdict = fmt::format("needed: predicts unseen blocks better by {:.1f} standard errors", report.gain_t);
-        else report.verdict = fmt::format("not needed: predicts unseen blocks better by {:.1f} standard errors, less than {:.0f}", report.gain_t, kNeededGain);
-        if (take || first) {
-            choice = {solved->grid, fit.ladder.size() - 1};
-            best = validation;
-        }
-    }
-    if (!best) return std::nullopt;
-    fit.ladder[choice.rung].chosen = true;
-    return choice;
 }
 
 // The chosen rung on (nearly) all centres: parameters, their covariance, and what is not to be believed.
@@ -214,7 +111,10 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
     if (points.size() < 4) return fail(ErrorCode::refused, "fewer than 4 lenslet centres agree with one another", "record the white frame again");
 
     GridFit fit;
-    const auto choice = climb(frame, part_of(points, kLadderCentres), options, fit);
+    Climbed climbed = climb(frame, part_of(points, kLadderCentres), options);
+    fit.ladder = std::move(climbed.ladder);
+    fit.blocks = climbed.blocks;
+    const auto& choice = climbed.choice;
     if (!choice) return fail(ErrorCode::refused, "no grid model fits the lenslet centres", "record the white frame again");
 
     // The chosen model has the last word on outliers: the surface that judged them first is not exact.

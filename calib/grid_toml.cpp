@@ -47,6 +47,43 @@ std::string toml_string(std::string_view text) {
     return out + '"';
 }
 
+std::string directions_to_toml(const algo::DirectionMap& map, const DirectionStatistics& s) {
+    return fmt::format(
+        "\n[directions]\nname = \"{}\"\nreason = {}\nparameters = {}\nsigma = {}\nspan_rad = {}\nradius_px = {}\nzero_x_px = {}\nzero_y_px = {}\n"
+        "captures = {}\nleft_out_x_px = {}\nleft_out_y_px = {}\nnoise_px = {}\nscale_px_a_rad = {}\nscale_sigma = {}\n"
+        "stage_rotation_rad = {}\nstage_rotation_sigma = {}\nmirrored = {}\n",
+        name_of(map.rung), toml_string(s.reason), list(map.parameters), list(s.sigma), number(map.span_rad), number(map.radius_px), number(map.zero_px.x_px),
+        number(map.zero_px.y_px), s.captures, number(s.left_out_x_px), number(s.left_out_y_px), number(s.noise_px), number(s.scale_px_a_rad),
+        number(s.scale_sigma), number(s.stage_rotation_rad), number(s.stage_rotation_sigma), s.mirrored);
+}
+
+void read_rung(common::TomlTable& table, algo::GridRung& to) {
+    std::array<std::string_view, algo::kGridRungs.size()> rungs;
+    for (std::size_t k = 0; k < rungs.size(); ++k) rungs[k] = name_of(algo::kGridRungs[k]);
+    if (const auto rung = table.choice("name", rungs)) to = algo::kGridRungs[*rung];
+}
+
+void read_directions(common::TomlTable table, GridFile& file) {
+    algo::DirectionMap& map = file.directions.emplace();
+    DirectionStatistics& s = file.direction_statistics;
+    read_rung(table, map.rung);
+    table.text("reason", s.reason);
+    table.numbers("parameters", map.parameters, 4, 64);
+    table.numbers("sigma", s.sigma, 0, 64);
+    table.number("span_rad", map.span_rad, 1e-9, kAny);
+    table.number("radius_px", map.radius_px, 1e-9, kAny);
+    table.number("zero_x_px", map.zero_px.x_px, -kAny, kAny);
+    table.number("zero_y_px", map.zero_px.y_px, -kAny, kAny);
+    table.integer("captures", s.captures, 0, 1'000'000);
+    table.boolean("mirrored", s.mirrored);
+    for (const auto& [key, value] :
+         {std::pair<const char*, double*>{"left_out_x_px", &s.left_out_x_px}, {"left_out_y_px", &s.left_out_y_px}, {"noise_px", &s.noise_px},
+          {"scale_px_a_rad", &s.scale_px_a_rad}, {"scale_sigma", &s.scale_sigma}, {"stage_rotation_rad", &s.stage_rotation_rad},
+          {"stage_rotation_sigma", &s.stage_rotation_sigma}}) {
+        table.number(key, *value, -kAny, kAny);
+    }
+}
+
 Result<void> replace(const std::filesystem::path& path, std::string_view text) {
     const auto failed = [&] {
         return fail(ErrorCode::io, fmt::format("{}: cannot be written", path.string()), "check that the folder exists, may be written and is not full");
@@ -85,6 +122,12 @@ GridFile file_of(const GridCalibration& calibration, const GridStamp& stamp) {
     return file;
 }
 
+void add_directions(GridFile& file, const DirectionFit& fit) {
+    file.directions = fit.map;
+    file.direction_statistics = {fit.sigma,    fit.captures,       fit.left_out_x_px, fit.left_out_y_px,      fit.noise_px,
+                                 fit.scale_px_a_rad, fit.scale_sigma, fit.stage_rotation_rad, fit.stage_rotation_sigma, fit.mirrored, fit.reason};
+}
+
 std::string to_toml(const GridFile& file) {
     const algo::LensletGrid& grid = file.grid;
     const GridStatistics& s = file.statistics;
@@ -103,6 +146,7 @@ std::string to_toml(const GridFile& file) {
         "max_px = {}\ncv_x_rms_px = {}\ncv_y_rms_px = {}\nnoise_px = {}\ncorrelation_inflation = {}\n",
         s.complete, s.found, s.missing, s.rejected, s.saturated, s.blocks, number(s.rms_x_px), number(s.rms_y_px), number(s.max_px),
         number(s.cv_x_rms_px), number(s.cv_y_rms_px), number(s.noise_px), number(s.correlation_inflation));
+    if (file.directions) body += directions_to_toml(*file.directions, file.direction_statistics);
     return fmt::format("{}{:016x}\"\n{}", kChecksumKey, fnv1a(body), body);
 }
 
@@ -147,9 +191,7 @@ Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
     lattice.number("origin_v", grid.origin_v, -kAny, kAny);
     lattice.number("span", grid.span, 1e-9, kAny);
     auto model = root.table("model");
-    std::array<std::string_view, algo::kGridRungs.size()> rungs;
-    for (std::size_t k = 0; k < rungs.size(); ++k) rungs[k] = name_of(algo::kGridRungs[k]);
-    if (const auto rung = model.choice("name", rungs)) grid.rung = algo::kGridRungs[*rung];
+    read_rung(model, grid.rung);
     model.text("reason", file.reason);
     model.numbers("parameters", grid.parameters, 4, 64);
     model.numbers("sigma", file.sigma, 0, 64);
@@ -169,10 +211,11 @@ Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
           {"correlation_inflation", &s.correlation_inflation}}) {
         residuals.number(key, *value, 0, 1e300);
     }
+    if (root.has("directions")) read_directions(root.table("directions"), file);
     root.refuse_unknown_keys();
     if (!problems.empty()) return problems.as_error();
-    if (auto fine = check(grid); !fine) {
-        return fail(fine.error().code, fmt::format("{}: {}", name, fine.error().what), fine.error().cure);
+    for (const auto& fine : {check(grid), file.directions ? check(*file.directions) : Result<void>{}}) {
+        if (!fine) return fail(fine.error().code, fmt::format("{}: {}", name, fine.error().what), fine.error().cure);
     }
     return file;
 }

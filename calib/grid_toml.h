@@ -5,13 +5,16 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "algo/direction_map.h"
 #include "algo/grid_file.h"
 #include "algo/result.h"
 #include "calib/calibrate_grid.h"
+#include "calib/tilts.h"
 
 namespace hord::calib {
 
@@ -30,8 +33,20 @@ struct GridStatistics {
     double noise_px = 0, correlation_inflation = 1;
 };
 
+// How well the direction map is known; px.
+struct DirectionStatistics {
+    std::vector<double> sigma;  // of its parameters; 0 where fixed
+    int captures = 0;           // the empty field's included
+    double left_out_x_px = 0, left_out_y_px = 0, noise_px = 0;
+    double scale_px_a_rad = 0, scale_sigma = 0, stage_rotation_rad = 0, stage_rotation_sigma = 0;
+    bool mirrored = false;
+    std::string reason;  // why this model
+};
+
 struct GridFile {
     algo::LensletGrid grid;
+    std::optional<algo::DirectionMap> directions;  // none: calibrated without tilts
+    DirectionStatistics direction_statistics;
     GridStamp stamp;
     GridStatistics statistics;
     std::string reason;         // why this model
@@ -40,6 +55,7 @@ struct GridFile {
 };
 
 [[nodiscard]] GridFile file_of(const GridCalibration& calibration, const GridStamp& stamp);
+void add_directions(GridFile& file, const DirectionFit& fit);
 [[nodiscard]] std::string to_toml(const GridFile& file);
 
 // Fails with invalid_argument (all problems, each with file and line) or `unsupported` (another version).

@@ -59,27 +59,52 @@ std::uint32_t ceiling(const algo::FrameView& frame, bool& any) {
 
 }  // namespace
 
-Result<WhiteImage> WhiteImage::open(const algo::FrameView& white, const std::optional<algo::FrameView>& dark) {
+Result<WhiteImage> WhiteImage::open(const algo::FrameView& white, const std::optional<algo::FrameView>& dark,
+                                    const std::optional<algo::FrameView>& flat) {
     if (white.data == nullptr || white.width_px < kSmallestSide || white.height_px < kSmallestSide) {
         return fail(ErrorCode::invalid_argument, fmt::format("a white frame of {}x{} px", white.width_px, white.height_px),
                     "use a frame of at least 24x24 px");
     }
-    if (dark && (dark->width_px != white.width_px || dark->height_px != white.height_px)) {
+    for (const auto& [name, frame] : {std::pair{"dark", &dark}, {"flat", &flat}}) {
+        if (!*frame || ((*frame)->width_px == white.width_px && (*frame)->height_px == white.height_px)) continue;
         return fail(ErrorCode::invalid_argument,
-                    fmt::format("a dark frame of {}x{} px for a white frame of {}x{} px", dark->width_px, dark->height_px,
-                                white.width_px, white.height_px),
-                    "record both with the same region of the sensor");
+                    fmt::format("a {} frame of {}x{} px for a white frame of {}x{} px", name, (*frame)->width_px, (*frame)->height_px, white.width_px,
+                                white.height_px),
+                    "record all of them with the same region of the sensor");
     }
     WhiteImage image;
     image.white_ = white;
     image.dark_ = dark;
+    if (flat && !image.learn_gain(*flat)) {
+        return fail(ErrorCode::invalid_argument, "the flat frame is as dark as the dark one", "record it in even light, without lenslets, below saturation");
+    }
     image.saturated_dn_ = ceiling(white, image.any_saturated_);
     return image;
 }
 
 float WhiteImage::at(int x, int y) const {
     const auto light = static_cast<float>(white_.sample(x, y));
-    return dark_ ? light - static_cast<float>(dark_->sample(x, y)) : light;
+    const float net = dark_ ? light - static_cast<float>(dark_->sample(x, y)) : light;
+    return gain_.empty() ? net : net * gain_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_px()) + static_cast<std::size_t>(x)];
+}
+
+// Pixels that answer less than a tenth of the mean are dead: they count as no light.
+bool WhiteImage::learn_gain(const algo::FrameView& flat) {
+    std::vector<float> answer;
+    answer.reserve(static_cast<std::size_t>(flat.width_px) * static_cast<std::size_t>(flat.height_px));
+    double sum = 0;
+    for (int y = 0; y < flat.height_px; ++y) {
+        for (int x = 0; x < flat.width_px; ++x) {
+            const auto light = static_cast<float>(flat.sample(x, y));
+            answer.push_back(dark_ ? light - static_cast<float>(dark_->sample(x, y)) : light);
+            sum += answer.back();
+        }
+    }
+    const auto mean = static_cast<float>(sum / static_cast<double>(answer.size()));
+    if (!(mean > 0)) return false;
+    for (float& value : answer) value = value > 0.1F * mean ? mean / value : 0.0F;
+    gain_ = std::move(answer);
+    return true;
 }
 
 void WhiteImage::window(int x, int y, int width, int height, float* out, int stride) const {
@@ -103,6 +128,9 @@ void WhiteImage::window(int x, int y, int width, int height, float* out, int str
         };
         copy(white_, copy_row<std::uint8_t>, copy_row<std::uint16_t>);
         if (dark_) copy(*dark_, subtract_row<std::uint8_t>, subtract_row<std::uint16_t>);
+        if (gain_.empty()) continue;
+        const float* gain = gain_.data() + static_cast<std::ptrdiff_t>(from_y) * width_px() + x + first;
+        for (int k = 0; k < count; ++k) to[first + k] *= gain[k];
     }
 }
 

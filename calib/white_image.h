@@ -1,8 +1,9 @@
-// A white frame less its dark frame, read in windows: no copy of the whole frame is made.
+// A white frame less its dark frame and over its flat one, read in windows: no copy of the whole frame is made.
 #pragma once
 
 #include <cstdint>
 #include <optional>
+#include <vector>
 
 #include "algo/frame.h"
 #include "algo/result.h"
@@ -11,9 +12,11 @@ namespace hord::calib {
 
 class WhiteImage {
   public:
-    // The frames are borrowed. Fails with invalid_argument when the sizes of `white` and `dark` differ, or a side
-    // is below 24 px (three lenslets of the smallest pitch).
-    static Result<WhiteImage> open(const algo::FrameView& white, const std::optional<algo::FrameView>& dark);
+    // The frames are borrowed. A flat frame shows what each pixel makes of even light (no lenslets in front of it); with one, light is
+    // multiplied by the flat's mean over the flat, less its dark level. Fails with invalid_argument when the sizes of `white`, `dark`
+    // and `flat` differ, a side is below 24 px (three lenslets of the smallest pitch), or the flat is dark.
+    static Result<WhiteImage> open(const algo::FrameView& white, const std::optional<algo::FrameView>& dark,
+                                   const std::optional<algo::FrameView>& flat = {});
 
     [[nodiscard]] int width_px() const { return white_.width_px; }
     [[nodiscard]] int height_px() const { return white_.height_px; }
@@ -32,8 +35,10 @@ class WhiteImage {
     void window(int x, int y, int width, int height, float* out, int stride) const;
 
   private:
+    [[nodiscard]] bool learn_gain(const algo::FrameView& flat);
     algo::FrameView white_;
     std::optional<algo::FrameView> dark_;
+    std::vector<float> gain_;  // one a pixel; empty without a flat frame
     std::uint32_t saturated_dn_ = 0;
     bool any_saturated_ = false;
 };

@@ -1,6 +1,9 @@
-// hordctl calibrate: the lenslet grid of a sensor from a white frame.
+// hordctl calibrate: the lenslet grid of a sensor from a white frame, its direction map from captures at known tilts.
+#include <array>
 #include <chrono>
 #include <ctime>
+#include <filesystem>
+#include <functional>
 #include <numbers>
 #include <optional>
 
@@ -20,18 +23,31 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct CalibrateArguments {
-    std::string white, dark, out, centres, camera = "unnamed";
+    std::string white, dark, flat, tilts, out, centres, camera = "unnamed";
     bool json = false;
 };
 
-Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& found) {
+Json to_json(const calib::DirectionFit& fit) {
+    return {{"model", name_of(fit.map.rung)},
+            {"reason", fit.reason},
+            {"captures", fit.captures},
+            {"scale_px_a_rad", fit.scale_px_a_rad},
+            {"scale_sigma", fit.scale_sigma},
+            {"stage_rotation_deg", fit.stage_rotation_rad * 180 / std::numbers::pi},
+            {"stage_rotation_sigma_deg", fit.stage_rotation_sigma * 180 / std::numbers::pi},
+            {"mirrored", fit.mirrored},
+            {"zero_px", {{"x", fit.map.zero_px.x_px}, {"y", fit.map.zero_px.y_px}}},
+            {"left_out_px", {{"rms_x", fit.left_out_x_px}, {"rms_y", fit.left_out_y_px}}}};
+}
+
+Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& found, const std::optional<calib::DirectionFit>& directions) {
     const calib::GridFit& fit = found.fit;
     Json ladder = Json::array(), unobservable = Json::array();
     for (const auto& rung : fit.ladder) {
         ladder.push_back({{"model", name_of(rung.rung)}, {"cv_rms_x_px", rung.cv_x_rms_px}, {"cv_rms_y_px", rung.cv_y_rms_px}, {"verdict", rung.verdict}});
     }
     for (const auto& parameter : fit.unobservable) unobservable.push_back(parameter.name);
-    return {{"white", arguments.white},
+    Json json{{"white", arguments.white},
             {"lattice", name_of(fit.grid.kind)},
             {"columns", fit.grid.columns},
             {"rows", fit.grid.rows},
@@ -45,32 +61,99 @@ Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& 
              {{"inside", found.inside}, {"complete", found.complete}, {"found", found.found}, {"missing", found.missing}, {"rejected", found.rejected}, {"saturated", found.saturated}}},
             {"residual_px", {{"rms_x", fit.rms_x_px}, {"rms_y", fit.rms_y_px}, {"max", fit.max_px}}},
             {"cross_validated_px", {{"rms_x", fit.cv_x_rms_px}, {"rms_y", fit.cv_y_rms_px}, {"blocks", fit.blocks}}}};
+    if (directions) json["directions"] = to_json(*directions);
+    return json;
+}
+
+// Frames of one size, kept as long as the calibration needs them.
+struct Frames {
+    algo::Frame white;
+    std::optional<algo::Frame> dark, flat;
+};
+std::optional<algo::FrameView> view_of(const std::optional<algo::Frame>& frame) { return frame ? std::optional(frame->view()) : std::nullopt; }
+
+Result<std::optional<algo::Frame>> read_optional(const std::string& file, const algo::Frame& like) {
+    if (file.empty()) return std::nullopt;
+    auto frame = drivers::read_frame(file, {like.width_px(), like.height_px(), 0});
+    if (!frame) return tl::unexpected(frame.error());
+    return std::optional(std::move(*frame));
+}
+
+// The captures of tilts.toml in `folder`, one after the other.
+Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& folder, const calib::GridCalibration& grid, const Frames& frames,
+                                                 const std::function<void(double)>& progress) {
+    const auto list = calib::read_tilts(folder / "tilts.toml");
+    if (!list) return tl::unexpected(list.error());
+    std::array<std::optional<algo::Frame>, 2> own;
+    for (const auto& [name, to] : {std::pair{&list->dark, &own[0]}, {&list->flat, &own[1]}}) {
+        auto read = read_optional(name->empty() ? "" : (folder / *name).string(), frames.white);
+        if (!read) return tl::unexpected(read.error());
+        *to = std::move(*read);
+    }
+    const auto dark = own[0] ? view_of(own[0]) : view_of(frames.dark);
+    const auto flat = own[1] ? view_of(own[1]) : view_of(frames.flat);
+    const auto measure = [&](const std::string& name) -> Result<calib::SpotPlace> {
+        const std::string file = (folder / name).string();
+        const auto frame = drivers::read_frame(file);
+        if (!frame) return tl::unexpected(frame.error());
+        auto place = calib::measure_spots(frame->view(), dark, flat, grid);
+        if (!place) return fail(place.error().code, file + ": " + place.error().what, place.error().cure);
+        return place;
+    };
+    const auto empty = measure(list->empty);
+    if (!empty) return tl::unexpected(empty.error());
+    std::vector<calib::Tilt> tilts;
+    for (const calib::TiltEntry& entry : list->tilts) {
+        progress(static_cast<double>(tilts.size() + 1) / static_cast<double>(list->tilts.size() + 1));
+        const auto spot = measure(entry.frame);
+        if (!spot) return tl::unexpected(spot.error());
+        tilts.push_back({entry.frame, entry.direction, *spot});
+    }
+    progress(1);
+    auto fit = calib::fit_directions(*empty, tilts, grid.pitch_px);
+    if (!fit) return fail(fit.error().code, (folder / "tilts.toml").string() + ": " + fit.error().what, fit.error().cure);
+    return fit;
 }
 
 Exit run_calibrate(const CalibrateArguments& arguments) {
+    Frames frames;
     auto white = drivers::read_frame(arguments.white);
     if (!white) return complain(white.error());
-    std::optional<algo::Frame> dark;
-    if (!arguments.dark.empty()) {
-        auto read = drivers::read_frame(arguments.dark, {white->width_px(), white->height_px(), 0});
+    frames.white = std::move(*white);
+    for (const auto& [name, to] : {std::pair{&arguments.dark, &frames.dark}, {&arguments.flat, &frames.flat}}) {
+        auto read = read_optional(*name, frames.white);
         if (!read) return complain(read.error());
-        dark = std::move(*read);
+        *to = std::move(*read);
     }
     std::optional<Progress> progress(std::in_place, "calibrate");
+    const double share = arguments.tilts.empty() ? 1 : 0.3;  // of the grid in the whole work
     calib::GridOptions options;
-    options.progress = [&](double done) { progress->show(done); };
-    const auto found = calib::calibrate_grid(white->view(), dark ? std::optional(dark->view()) : std::nullopt, options);
+    options.flat = view_of(frames.flat);
+    options.progress = [&](double done) { progress->show(share * done); };
+    const auto found = calib::calibrate_grid(frames.white.view(), view_of(frames.dark), options);
+    if (!found) {
+        progress.reset();
+        return complain({found.error().code, arguments.white + ": " + found.error().what, found.error().cure});
+    }
+    std::optional<calib::DirectionFit> directions;
+    if (!arguments.tilts.empty()) {
+        auto fit = calibrate_directions(arguments.tilts, *found, frames, [&](double done) { progress->show(share + (1 - share) * done); });
+        progress.reset();
+        if (!fit) return complain(fit.error());
+        directions = std::move(*fit);
+    }
     progress.reset();
-    if (!found) return complain({found.error().code, arguments.white + ": " + found.error().what, found.error().cure});
 
     const std::time_t now = std::time(nullptr);
     const calib::GridStamp stamp{arguments.camera, fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(now)), arguments.white, arguments.dark};
-    if (auto done = calib::write_grid(arguments.out, calib::file_of(*found, stamp)); !done) return complain(done.error());
+    calib::GridFile file = calib::file_of(*found, stamp);
+    if (directions) calib::add_directions(file, *directions);
+    if (auto done = calib::write_grid(arguments.out, file); !done) return complain(done.error());
     if (!arguments.centres.empty()) {
         if (auto done = calib::write_centres(arguments.centres, *found); !done) return complain(done.error());
     }
     if (arguments.json) {
-        fmt::print("{}\n", to_json(arguments, *found).dump());
+        fmt::print("{}\n", to_json(arguments, *found, directions).dump());
         return Exit::good;
     }
     const calib::GridFit& fit = found->fit;
@@ -80,6 +163,13 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
     fmt::print("lenslets: {} complete, {} found, {} missing, {} rejected, {} saturated\n", found->complete, found->found, found->missing, found->rejected,
                found->saturated);
     fmt::print("residual {:.4f} / {:.4f} px, cross-validated {:.4f} / {:.4f} px (x / y, rms)\n", fit.rms_x_px, fit.rms_y_px, fit.cv_x_rms_px, fit.cv_y_rms_px);
+    if (directions) {
+        fmt::print("directions: {}\n", directions->reason);
+        fmt::print("scale {:.3f} +- {:.3f} px a radian, stage turned by {:.4f} +- {:.4f} degrees{}, undeflected light at {:.3f}, {:.3f} px from the centres\n",
+                   directions->scale_px_a_rad, directions->scale_sigma, directions->stage_rotation_rad * 180 / std::numbers::pi,
+                   directions->stage_rotation_sigma * 180 / std::numbers::pi, directions->mirrored ? " and mirrored" : "", directions->map.zero_px.x_px,
+                   directions->map.zero_px.y_px);
+    }
     fmt::print("{}\n", arguments.out);
     return Exit::good;
 }
@@ -91,11 +181,16 @@ void add_calibrate(CLI::App& program, Exit& status) {
     auto arguments = std::make_shared<CalibrateArguments>();
     command->add_option("WHITE", arguments->white, "A frame of even light: 8- or 16-bit grey")->required();
     command->add_option("--dark", arguments->dark, "A frame without light, of the same size");
+    command->add_option("--flat", arguments->flat, "A frame of even light without lenslets: what each pixel makes of it");
+    command->add_option("--tilts", arguments->tilts, "Folder with captures of collimated light at known directions (tilts or wedges), listed in its tilts.toml");
     command->add_option("--out", arguments->out, "Calibration file to write (TOML)")->required();
     command->add_option("--centres", arguments->centres, "Lenslet centres to write (CSV: m,n,x_px,y_px; pixel (0,0) is the centre of the top-left one)");
     command->add_option("--camera", arguments->camera, "Identity of the camera, kept in the file")->capture_default_str();
     command->add_flag("--json", arguments->json, "Print one JSON object");
-    command->footer("Exit status: 0 written, 2 no lattice or unreadable input.\nExample: hordctl calibrate white.png --dark dark.png --out grid.toml");
+    command->footer(
+        "tilts.toml: empty = \"empty.png\" (collimated, no part, no tilt), dark and flat if any, and for each capture\n"
+        "  [[tilt]] with frame = \"1.png\" and x_rad, y_rad (or x_deg, y_deg).\n"
+        "Exit status: 0 written, 2 no lattice or unreadable input.\nExample: hordctl calibrate white.png --dark dark.png --tilts tilts --out grid.toml");
     command->callback([arguments, &status] { status = run_calibrate(*arguments); });
 }
 

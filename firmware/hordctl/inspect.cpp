@@ -106,13 +106,13 @@ Statistics statistics_of(algo::Map map, std::span<const std::uint8_t> mask) {
 
 double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
 
-Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found, const FeatureView& feature) {
+Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found, const FeatureView& feature, double bin_rad) {
     const Statistics s = statistics_of(feature.map, feature.mask);
     Json defects = Json::array();
     for (const algo::Defect& d : found.defects) {
         defects.push_back({{"m", d.m}, {"n", d.n}, {"area", d.area}, {"peak", d.peak}, {"kind", name_of(d.kind)}});
     }
-    return {{"frame", frame},
+    Json json{{"frame", frame},
             {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
             {"verdict", name_of(found.verdict)},
             {"reason", name_of(found.reason)},
@@ -125,6 +125,11 @@ Json to_json(const std::string& frame, const algo::Extents& extents, const algo:
               {"feature", milliseconds(found.times.feature_ns)},
               {"decide", milliseconds(found.times.decide_ns)},
               {"total", milliseconds(found.times.total_ns)}}}};
+    if (bin_rad > 0 && std::string_view(feature.unit).starts_with("bin pitches")) {
+        json["feature"]["bin_rad"] = bin_rad;
+        json["feature"]["rad"] = {{"p50", s.p50 * bin_rad}, {"p99", s.p99 * bin_rad}, {"max", s.max * bin_rad}};
+    }
+    return json;
 }
 
 void print_for_people(const std::string& frame, const algo::Inspection& found) {
@@ -176,8 +181,10 @@ class Inspector {
         if (!options_.grid.empty()) {
             auto grid = calib::read_grid(options_.grid);
             if (!grid) return tl::unexpected(grid.error());
-            const auto steps = algo::Resampler::even_steps(grid->grid, macro_.first, macro_.second);
-            auto resampler = algo::Resampler::create(grid->grid, macro_.first, macro_.second, steps);
+            const algo::BinLayout layout = grid->directions ? algo::layout_of(grid->grid, *grid->directions, macro_.first, macro_.second)
+                                                            : algo::even_layout(grid->grid, macro_.first, macro_.second);
+            bin_rad_ = std::sqrt(layout.step_i_rad * layout.step_j_rad);
+            auto resampler = algo::Resampler::create(grid->grid, layout);
             if (!resampler) return tl::unexpected(resampler.error());
             resampler_ = std::move(*resampler);
         }
@@ -218,7 +225,7 @@ class Inspector {
         if (!found) return tl::unexpected(named(found.error()));
         auto feature = view(frame->view(), *found);
         if (!feature) return tl::unexpected(named(feature.error()));
-        const Json json = to_json(file, extents_, *found, *feature);
+        const Json json = to_json(file, extents_, *found, *feature, bin_rad_);
         if (options_.json) {
             fmt::print("{}\n", json.dump());
         } else {
@@ -281,6 +288,7 @@ class Inspector {
     const InspectOptions& options_;
     std::pair<int, int> macro_{9, 9};
     algo::FeatureChoice choice_;
+    double bin_rad_ = 0;  // one bin pitch; 0: not known
     algo::Recipe recipe_;
     algo::Frame reference_;
     std::optional<algo::Resampler> resampler_;

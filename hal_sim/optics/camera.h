@@ -17,6 +17,12 @@ class CameraGeometry {
     [[nodiscard]] double pitch_mm() const { return pitch_mm_; }
     [[nodiscard]] double lenslet_x_mm(int m) const { return (m - 0.5 * (extents_.m - 1)) * pitch_mm_; }
     [[nodiscard]] double lenslet_y_mm(int n) const { return (n - 0.5 * (extents_.n - 1)) * pitch_mm_; }
+    // A lenslet's place on the measurement plane: centre and half sides.
+    struct Place {
+        double x_mm, y_mm, half_x_mm, half_y_mm;
+    };
+    [[nodiscard]] Place place_of(int m, int n) const { return {lenslet_x_mm(m), lenslet_y_mm(n), 0.5 * pitch_mm_, 0.5 * pitch_mm_}; }
+
     // Bin i collects slopes from left_of(i) to left_of(i + 1).
     [[nodiscard]] double left_of(int i) const { return i - 0.5 * extents_.i; }
     [[nodiscard]] double top_of(int j) const { return j - 0.5 * extents_.j; }

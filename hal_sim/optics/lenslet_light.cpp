@@ -1,6 +1,7 @@
 #include "hal_sim/optics/lenslet_light.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 namespace hord::sim {
@@ -10,9 +11,13 @@ constexpr double kSampled = 0.25;        // share of a bin: a smaller cell that 
 constexpr double kSampledNear = 0.01;    // the same, next to a defect
 constexpr double kRays = 500;            // a bin, in sampled cells
 constexpr double kRaysNear = 3000;       // the same, next to a defect
+constexpr double kSampledEdge = 0.05;    // the same, where the edge of an obstacle runs through it
+constexpr double kRaysEdge = 2000;
 constexpr int kFewestRays = 16;
+constexpr double kGhostly = 0.01;        // how much less closely ghosts are looked at: they hold less than a hundredth of the light
 constexpr double kStraight = 0.01;       // bins: bent more than this besides linearly, a cell is not smooth
 constexpr double kEven = 0.01;           // the same for the light's weight
+constexpr double kUniform = 1e-4;        // the same, for a cell whose box is wider than the light in it
 constexpr double kShift = 0.7;           // bins: a smooth cell over which the source moves further is halved
 constexpr double kFocus = 1.2;           // bins: half sides of a box of slopes in which edges are looked for
 
@@ -37,9 +42,7 @@ double distance_of_segments(const Vec3& a, const Vec3& b, const Feature& feature
     return steps > 0 ? least - 0.5 * span / steps : least;
 }
 
-}  // namespace
-
-struct LensletLight::Cell {
+struct Cell {
     double x, y, hx, hy;  // centre and half sides, mm
     SlopeBox box;
     double lenslet_area;
@@ -52,7 +55,7 @@ struct LensletLight::Cell {
 };
 
 // Corner k's ray at [k], the centre's at [kCorners].
-struct LensletLight::Samples {
+struct Samples {
     double s[kCorners + 1], t[kCorners + 1];    // slope at the source, bins
     double du[kCorners + 1], dv[kCorners + 1];  // and how far that is from the slope as seen
     double weight[kCorners + 1];
@@ -81,6 +84,8 @@ struct LensletLight::Samples {
         }
         return worst;
     }
+    // How far the source moves over half the cell.
+    [[nodiscard]] double shift() const { return std::hypot(effect(s, 0), effect(t, 0)) + std::hypot(effect(s, 1), effect(t, 1)); }
     // What half a side of the cell along an axis changes.
     [[nodiscard]] double effect(const double* of, int axis) const {
         double sum = 0;
@@ -89,29 +94,139 @@ struct LensletLight::Samples {
     }
 };
 
-LensletLight::LensletLight(const Scene& scene)
-    : extents_(scene.camera.extents),
-      camera_(scene),
-      body_(body_of(scene, true)),
-      clean_(body_of(scene, false)),
-      source_radius_(scene.light.source_radius_bins),
-      bin_rad_(scene.camera.bin_pitch_rad) {
-    clean_.low = body_.low;
-    clean_.high = body_.high;
+bool is_smooth(const Samples& samples) {
+    return samples.bent() < kStraight && samples.uneven() < kEven && samples.shift() < kShift;
+}
+
+// Where a cell's sequence of points begins: elsewhere in every cell, so that their errors are not alike and do not add up.
+void shifted_start(const Cell& cell, double (&at)[kAxes]) {
+    const auto bits = [](double value) { return std::bit_cast<std::uint64_t>(value); };
+    std::uint64_t hash = 0;
+    for (const double value : {cell.x, cell.y, cell.box.u0, cell.box.v0, cell.box.u1}) {
+        hash = (hash ^ bits(value)) * 0x9E3779B97F4A7C15ULL;
+        hash ^= hash >> 29;
+    }
+    for (double& x : at) {
+        hash *= 0xBF58476D1CE4E5B9ULL;
+        hash ^= hash >> 31;
+        x = static_cast<double>(hash >> 11) * 0x1p-53;
+    }
+}
+
+// As many places of the part as keep it from moving more than a quarter of a lenslet between them.
+int places_of(const Motion& motion, double pitch_mm) {
+    const double way = std::hypot(motion.way_x_mm(), motion.way_y_mm());
+    return way > 0 ? std::max(2, static_cast<int>(std::ceil(4 * way / pitch_mm))) : 1;
+}
+
+// An even spectrum by Gauss and Legendre's three wavelengths.
+struct Line {
+    double wavelength_nm, share;
+};
+std::vector<Line> spectrum_of(const Collimator& source) {
+    if (!(source.bandwidth_nm > 0)) return {{source.wavelength_nm, 1}};
+    const double off = 0.77459666924148338 * 0.5 * source.bandwidth_nm;
+    return {{source.wavelength_nm - off, 5.0 / 18}, {source.wavelength_nm, 8.0 / 18}, {source.wavelength_nm + off, 5.0 / 18}};
+}
+
+}  // namespace
+
+LensletLight::LensletLight(const Scene& scene, const SlopeGrid& grid)
+    : extents_(scene.camera.extents), camera_(scene), obstacles_(scene), bin_rad_(scene.camera.bin_pitch_rad) {
+    const auto optics_at = [&](double wavelength_nm) {
+        // Without dispersion and diffraction all wavelengths are alike.
+        const bool same = !is_dispersive(scene) && !scene.effects.diffraction;
+        for (const auto& known : optics_) {
+            if (same || known->wavelength_nm == wavelength_nm) return known.get();
+        }
+        auto made = std::make_unique<Optics>(Optics{wavelength_nm, body_of(scene, true, wavelength_nm), body_of(scene, false, wavelength_nm), nullptr});
+        made->clean.low = made->body.low;
+        made->clean.high = made->body.high;
+        if (scene.effects.diffraction) {
+            const double first_zero = wavelength_nm * 1e-6 / camera_.pitch_mm() / bin_rad_;
+            made->diffraction = std::make_unique<Diffraction>(first_zero, grid.step, std::max(grid.i, grid.j));
+        }
+        optics_.push_back(std::move(made));
+        return optics_.back().get();
+    };
+    std::vector<Ghost> ways{{}};
+    constexpr int kFaces = 5;  // light reflected at later ones is not followed
+    if (scene.effects.ghosts) {
+        for (int first = 1; first < kFaces; ++first) {
+            for (int second = first + 1; second <= kFaces; ++second) ways.push_back({first, second});
+        }
+    }
+    const int places = places_of(scene.motion, camera_.pitch_mm());
+    for (const Collimator& source : collimators_of(scene)) {
+        for (const Line& line : spectrum_of(source)) {
+            const Optics* const optics = optics_at(line.wavelength_nm);
+            for (int k = 0; k < places; ++k) {
+                const double moved = (k + 0.5) / places - 0.5;
+                for (const Ghost& way : ways) {
+                    passes_.push_back({optics, source.direction_x_rad / bin_rad_, source.direction_y_rad / bin_rad_, source.radius_rad / bin_rad_,
+                                       source.power * line.share / places, moved * scene.motion.way_x_mm(), moved * scene.motion.way_y_mm(), way});
+                }
+            }
+        }
+    }
+    std::stable_sort(passes_.begin(), passes_.end(), [](const Pass& a, const Pass& b) { return a.optics->wavelength_nm < b.optics->wavelength_nm; });
+}
+
+// One pass over one lenslet.
+class LensletLight::Gathering {
+  public:
+    Gathering(const LensletLight& in, const Pass& pass, const SlopeGrid& grid, double* cells)
+        : camera_(in.camera_), obstacles_(in.obstacles_), body_(pass.optics->body), clean_(pass.optics->clean), pass_(pass),
+          bin_rad_(in.bin_rad_), importance_(pass.ghost.is_one() ? kGhostly : 1), grid_(grid), cells_(cells) {}
+
+    void collect(const Cell& cell, const std::vector<const Feature*>& near);
+
+  private:
+    [[nodiscard]] Arrival trace_back(double x, double y, double u, double v) const {
+        return trace(body_, camera_.to_part(x - pass_.shift_x, y - pass_.shift_y, u, v), nullptr, pass_.ghost);
+    }
+    [[nodiscard]] Samples sample(const Cell& cell) const;
+    void keep_near(const Cell& cell, const std::vector<const Feature*>& before, std::vector<const Feature*>& near) const;
+    [[nodiscard]] SlopeBox shrink(const Cell& cell, const Samples& samples) const;
+    void add_smooth(const Cell& cell, const SlopeBox& lit, const Samples& samples, double transmission);
+    void add_sampled(const Cell& cell, double rays_per_bin);
+    void halve(const Cell& cell, int axis, const std::vector<const Feature*>& near);
+
+    const CameraGeometry& camera_;
+    const Obstacles& obstacles_;
+    const Body& body_;
+    const Body& clean_;
+    const Pass& pass_;
+    double bin_rad_, importance_;
+    const SlopeGrid& grid_;
+    double* cells_;
+};
+
+void LensletLight::collect(const CameraGeometry::Place& lenslet, const SlopeGrid& grid, double* cells) const {
+    std::fill_n(cells, grid.cells(), 0.0);
+    const Cell whole{lenslet.x_mm, lenslet.y_mm, lenslet.half_x_mm, lenslet.half_y_mm, grid.box(), 4 * lenslet.half_x_mm * lenslet.half_y_mm};
+    std::vector<const Feature*> near;
+    std::vector<double> fine;
+    for (std::size_t k = 0; k < passes_.size(); ++k) {
+        const Pass& pass = passes_[k];
+        near.clear();
+        for (const Feature& feature : pass.optics->body.features) near.push_back(&feature);
+        if (!pass.optics->diffraction) {
+            Gathering(*this, pass, grid, cells).collect(whole, near);
+            continue;
+        }
+        const SlopeGrid sharp = pass.optics->diffraction->fine(grid);
+        if (k == 0 || passes_[k - 1].optics != pass.optics) fine.assign(static_cast<std::size_t>(sharp.cells()), 0.0);
+        Gathering(*this, pass, sharp, fine.data()).collect(whole, near);
+        if (k + 1 == passes_.size() || passes_[k + 1].optics != pass.optics) pass.optics->diffraction->blur(grid, fine.data(), cells);
+    }
 }
 
 void LensletLight::collect(int m, int n, double* bins) const {
-    std::fill_n(bins, extents_.bins(), 0.0);
-    const double half = 0.5 * camera_.pitch_mm();
-    const Cell whole{camera_.lenslet_x_mm(m), camera_.lenslet_y_mm(n), half, half,
-                     {camera_.left_of(0), camera_.left_of(extents_.i), camera_.top_of(0), camera_.top_of(extents_.j)},
-                     4 * half * half};
-    std::vector<const Feature*> near;
-    for (const Feature& feature : body_.features) near.push_back(&feature);
-    collect(whole, near, bins);
+    collect(camera_.place_of(m, n), SlopeGrid::of(extents_), bins);
 }
 
-LensletLight::Samples LensletLight::sample(const Cell& cell) const {
+Samples LensletLight::Gathering::sample(const Cell& cell) const {
     Samples out;
     for (int k = 0; k <= kCorners; ++k) {
         double x = cell.x, y = cell.y, u = cell.u(), v = cell.v();
@@ -121,7 +236,7 @@ LensletLight::Samples LensletLight::sample(const Cell& cell) const {
             u += kSigns[k][2] * cell.hu();
             v += kSigns[k][3] * cell.hv();
         }
-        const Arrival arrival = trace(body_, camera_.to_part(x, y, u, v));
+        const Arrival arrival = trace_back(x, y, u, v);
         camera_.to_camera(arrival.u, arrival.v, out.s[k], out.t[k]);
         out.du[k] = out.s[k] - u;
         out.dv[k] = out.t[k] - v;
@@ -132,24 +247,31 @@ LensletLight::Samples LensletLight::sample(const Cell& cell) const {
     return out;
 }
 
-// Whether a ray of the cell may meet the feature, judged by the clean part's way of its central ray.
-bool LensletLight::is_near(const Cell& cell, const Feature& feature) const {
+// Those features that a ray of the cell may meet, judged by the clean part's way of its central ray.
+void LensletLight::Gathering::keep_near(const Cell& cell, const std::vector<const Feature*>& before, std::vector<const Feature*>& near) const {
+    if (before.empty()) return;
     Way way;
-    trace(clean_, camera_.to_part(cell.x, cell.y, cell.u(), cell.v()), &way);
-    const double depth = std::max(std::abs(feature.from.z), std::abs(feature.to.z)) + feature.reach;
-    const double spread = std::hypot(cell.hx, cell.hy) + std::hypot(cell.hu(), cell.hv()) * bin_rad_ * depth;
-    for (int k = 1; k < way.count; ++k) {
-        if (distance_of_segments(way.points[k - 1], way.points[k], feature) < feature.reach + 1.5 * spread) return true;
+    trace(clean_, camera_.to_part(cell.x - pass_.shift_x, cell.y - pass_.shift_y, cell.u(), cell.v()), &way, pass_.ghost);
+    const double across = std::hypot(cell.hx, cell.hy), aslant = std::hypot(cell.hu(), cell.hv()) * bin_rad_;
+    // Glass moves a ray's foot on the measurement plane by its slope, too.
+    const double foot = (1 - 1 / body_.part_index()) * std::max(std::abs(body_.low.z), std::abs(body_.high.z));
+    for (const Feature* feature : before) {
+        const double depth = std::max(std::abs(feature->from.z), std::abs(feature->to.z)) + feature->reach + foot;
+        const double reach = feature->reach + 1.5 * (across + aslant * depth);
+        for (int k = 1; k < way.count; ++k) {
+            if (distance_of_segments(way.points[k - 1], way.points[k], *feature) >= reach) continue;
+            near.push_back(feature);
+            break;
+        }
     }
-    return false;
 }
 
 // The part of the box that some path may bring to the source, by how far each path bends.
-SlopeBox LensletLight::shrink(const Cell& cell, const Samples& samples) const {
+SlopeBox LensletLight::Gathering::shrink(const Cell& cell, const Samples& samples) const {
     const auto lit = [&](double u0, double u1, double v0, double v1) {
-        const double r = source_radius_;
-        return SlopeBox{std::max(cell.box.u0, -u1 - r), std::min(cell.box.u1, -u0 + r), std::max(cell.box.v0, -v1 - r),
-                        std::min(cell.box.v1, -v0 + r)};
+        const double r = pass_.radius, s = pass_.s, t = pass_.t;
+        return SlopeBox{std::max(cell.box.u0, s - u1 - r), std::min(cell.box.u1, s - u0 + r), std::max(cell.box.v0, t - v1 - r),
+                        std::min(cell.box.v1, t - v0 + r)};
     };
     if (samples.one_path) {  // the four effects, and what they do not explain
         if (samples.path[0] == 0) return {};
@@ -184,46 +306,49 @@ SlopeBox LensletLight::shrink(const Cell& cell, const Samples& samples) const {
     return all;
 }
 
-void LensletLight::collect(const Cell& cell, const std::vector<const Feature*>& near_before, double* bins) const {
+void LensletLight::Gathering::collect(const Cell& cell, const std::vector<const Feature*>& near_before) {
     std::vector<const Feature*> near;
     double lever = 0.5 * (body_.high.z - body_.low.z);
     const auto sides = [&](int axis) {  // how much of the part the cell's rays cover, along each axis
         return axis == 0 ? cell.hx : axis == 1 ? cell.hy : bin_rad_ * lever * (axis == 2 ? cell.hu() : cell.hv());
     };
     bool coarse = false;
-    for (const Feature* feature : near_before) {
-        if (!is_near(cell, *feature)) continue;
-        near.push_back(feature);
+    keep_near(cell, near_before, near);
+    for (const Feature* feature : near) {
         lever = std::max(std::abs(feature->from.z), std::abs(feature->to.z));
         coarse = coarse || std::max(cell.hx, cell.hy) + std::max(sides(2), sides(3)) > feature->resolution;
     }
-    const double weight = cell.share() * cell.box.area();
+    const double weight = cell.share() * cell.box.area() * importance_;
     const bool small = weight < (near.empty() ? kSampled : kSampledNear);
-    if (small && coarse) return add_sampled(cell, kRaysNear, bins);
+    if (small && coarse) return add_sampled(cell, kRaysNear);
     if (coarse) {
         int axis = 0;
         for (int a = 1; a < kAxes; ++a) axis = sides(a) > sides(axis) ? a : axis;
-        return halve(cell, axis, near, bins);
+        return halve(cell, axis, near);
     }
 
     const Samples samples = sample(cell);
     // Rays of different paths in a wide box may have missed a third path between them: first find the lit slopes.
-    if (!samples.one_path && std::max(cell.hu(), cell.hv()) > kFocus) return halve(cell, cell.hu() >= cell.hv() ? 2 : 3, near, bins);
+    if (!samples.one_path && std::max(cell.hu(), cell.hv()) > kFocus) return halve(cell, cell.hu() >= cell.hv() ? 2 : 3, near);
     const SlopeBox lit = shrink(cell, samples);
     if (lit.is_empty()) return;
+    const double transmission = obstacles_.empty() ? 1 : obstacles_.transmission(cell.x, cell.y, cell.hx, cell.hy, lit);
+    if (transmission == 0) return;
+    const bool edge = transmission < 0;  // of an obstacle
+    if (near.empty() && samples.one_path && !edge && samples.path[0] != kFreePath && is_smooth(samples) && samples.uneven() < kUniform) return add_smooth(cell, lit, samples, transmission);
     if (lit.area() < 0.6 * cell.box.area()) {
         Cell narrower = cell;
         narrower.box = lit;
-        return collect(narrower, near, bins);
+        return collect(narrower, near);
     }
-    if (samples.one_path) {
-        const double shift_x = std::hypot(samples.effect(samples.s, 0), samples.effect(samples.t, 0));
-        const double shift_y = std::hypot(samples.effect(samples.s, 1), samples.effect(samples.t, 1));
-        if (samples.bent() < kStraight && samples.uneven() < kEven && shift_x + shift_y < kShift) return add_smooth(cell, samples, bins);
-    }
-    if (small) return add_sampled(cell, near.empty() ? kRays : kRaysNear, bins);
+    if (samples.one_path && !edge && is_smooth(samples)) return add_smooth(cell, lit, samples, transmission);
+    if (edge ? weight < kSampledEdge : small) return add_sampled(cell, edge ? kRaysEdge : near.empty() ? kRays : kRaysNear);
 
-    // Halve where the rays differ most: in the path they take, or in how far they are bent.
+    // Halve where the rays differ most: in the path they take, or in how far they are bent; the longest side at an obstacle.
+    if (edge && samples.one_path && is_smooth(samples)) {
+        const double u = cell.hu() * camera_.pitch_mm(), v = cell.hv() * camera_.pitch_mm();  // a bin as long as a lenslet
+        return halve(cell, std::max(u, v) > std::max(cell.hx, cell.hy) ? (u >= v ? 2 : 3) : (cell.hx >= cell.hy ? 0 : 1), near);
+    }
     int axis = 0;
     double most = -1;
     for (int a = 0; a < kAxes; ++a) {
@@ -236,10 +361,10 @@ void LensletLight::collect(const Cell& cell, const std::vector<const Feature*>& 
         }
         if (difference > most) most = difference, axis = a;
     }
-    halve(cell, axis, near, bins);
+    halve(cell, axis, near);
 }
 
-void LensletLight::halve(const Cell& cell, int axis, const std::vector<const Feature*>& near, double* bins) const {
+void LensletLight::Gathering::halve(const Cell& cell, int axis, const std::vector<const Feature*>& near) {
     Cell a = cell, b = cell;
     switch (axis) {
         case 0: a.hx = b.hx = 0.5 * cell.hx, a.x -= a.hx, b.x += b.hx; break;
@@ -247,12 +372,12 @@ void LensletLight::halve(const Cell& cell, int axis, const std::vector<const Fea
         case 2: a.box.u1 = b.box.u0 = cell.u(); break;
         default: a.box.v1 = b.box.v0 = cell.v(); break;
     }
-    collect(a, near, bins);
-    collect(b, near, bins);
+    collect(a, near);
+    collect(b, near);
 }
 
-void LensletLight::add_smooth(const Cell& cell, const Samples& samples, double* bins) const {
-    const double weight = (samples.weight[kCorners] + kCorners * samples.mean(samples.weight)) / (kCorners + 1);
+void LensletLight::Gathering::add_smooth(const Cell& cell, const SlopeBox& lit, const Samples& samples, double transmission) {
+    const double weight = pass_.power * transmission * (samples.weight[kCorners] + kCorners * samples.mean(samples.weight)) / (kCorners + 1);
     SlopeMap map;
     map.at_u = cell.u(), map.at_v = cell.v();
     // A square's mean is a third of its value at the corners.
@@ -273,32 +398,34 @@ void LensletLight::add_smooth(const Cell& cell, const Samples& samples, double* 
     for (int b = 0; b < ny; ++b) {
         for (int a = 0; a < nx; ++a) {
             const double x = kAt[nx - 1][a], y = kAt[ny - 1][b];
-            map.s = s + x * sx + y * sy;
-            map.t = t + x * tx + y * ty;
-            add_source(extents_, map, source_radius_, cell.box, cell.share() * weight * kShare[nx - 1][a] * kShare[ny - 1][b], bins);
+            map.s = s + x * sx + y * sy - pass_.s;
+            map.t = t + x * tx + y * ty - pass_.t;
+            add_source(grid_, map, pass_.radius, lit, cell.share() * weight * kShare[nx - 1][a] * kShare[ny - 1][b], cells_);
         }
     }
 }
 
-void LensletLight::add_sampled(const Cell& cell, double rays_per_bin, double* bins) const {
-    const double weight = cell.share() * cell.box.area();
-    const int count = std::max(kFewestRays, static_cast<int>(rays_per_bin * weight));
-    double at[kAxes] = {0.5, 0.5, 0.5, 0.5};
+void LensletLight::Gathering::add_sampled(const Cell& cell, double rays_per_bin) {
+    const double weight = pass_.power * cell.share() * cell.box.area();
+    const int count = std::max(kFewestRays, static_cast<int>(rays_per_bin * importance_ * cell.share() * cell.box.area()));
+    double at[kAxes];
+    shifted_start(cell, at);
     for (int k = 0; k < count; ++k) {
         for (int a = 0; a < kAxes; ++a) {
             at[a] += kStep[a];
             if (at[a] >= 1) at[a] -= 1;
         }
         const double u = cell.box.u0 + at[2] * (cell.box.u1 - cell.box.u0), v = cell.box.v0 + at[3] * (cell.box.v1 - cell.box.v0);
-        const Arrival arrival =
-            trace(body_, camera_.to_part(cell.x + (2 * at[0] - 1) * cell.hx, cell.y + (2 * at[1] - 1) * cell.hy, u, v));
+        const double x = cell.x + (2 * at[0] - 1) * cell.hx, y = cell.y + (2 * at[1] - 1) * cell.hy;
+        const double passes = obstacles_.empty() ? 1 : obstacles_.transmission(x, y, u, v);
+        if (passes == 0) continue;
+        const Arrival arrival = trace_back(x, y, u, v);
         if (!(arrival.weight > 0)) continue;
         double s = 0, t = 0;
         camera_.to_camera(arrival.u, arrival.v, s, t);
-        if (s * s + t * t >= source_radius_ * source_radius_) continue;
-        const int i = std::clamp(static_cast<int>(std::floor(u - camera_.left_of(0))), 0, extents_.i - 1);
-        const int j = std::clamp(static_cast<int>(std::floor(v - camera_.top_of(0))), 0, extents_.j - 1);
-        bins[j * extents_.i + i] += arrival.weight * weight / count;
+        s -= pass_.s, t -= pass_.t;
+        if (s * s + t * t >= pass_.radius * pass_.radius) continue;
+        cells_[grid_.row(v) * grid_.i + grid_.column(u)] += passes * arrival.weight * weight / count;
     }
 }
 

@@ -6,39 +6,56 @@
 //   - slopes that no path brings near the source are dark, and the box shrinks to the rest;
 //   - rays of different paths (an edge runs through the cell), or bent too differently: the cell is halved where they differ,
 //     and when it holds only a small share of a bin, sampled evenly.
-// Cells that may hold a defect smaller than themselves are halved whatever the nine rays say (Feature::resolution).
+// Cells that may hold a defect smaller than themselves are halved whatever the nine rays say (Feature::resolution), and so
+// are cells through which the edge of an obstacle runs.
+//
+// The light is a sum over passes, each a source at one wavelength, a place of the moving part, and a way of the light: the
+// refracted one, or a ghost. A scene that names no such effect has one pass.
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "hal_sim/optics/camera.h"
+#include "hal_sim/optics/diffraction.h"
+#include "hal_sim/optics/obstacles.h"
 #include "hal_sim/optics/source_area.h"
 
 namespace hord::sim {
 
 class LensletLight {
   public:
-    explicit LensletLight(const Scene& scene);
+    // `grid`: the step and the size of the grids to be filled.
+    LensletLight(const Scene& scene, const SlopeGrid& grid);
+    explicit LensletLight(const Scene& scene) : LensletLight(scene, SlopeGrid::of(scene.camera.extents)) {}
 
-    // Fills bins[j * extents.i + i] of lenslet (m, n), 1 for a bin filled by the source. Any thread.
+    // Fills cells[l * grid.i + k], 1 for a full bin's area of light. Any thread.
+    void collect(const CameraGeometry::Place& lenslet, const SlopeGrid& grid, double* cells) const;
+
+    // The bins of lenslet (m, n): bins[j * extents.i + i].
     void collect(int m, int n, double* bins) const;
 
   private:
-    struct Cell;
-    struct Samples;
-    void collect(const Cell& cell, const std::vector<const Feature*>& near, double* bins) const;
-    [[nodiscard]] Samples sample(const Cell& cell) const;
-    [[nodiscard]] bool is_near(const Cell& cell, const Feature& feature) const;
-    [[nodiscard]] SlopeBox shrink(const Cell& cell, const Samples& samples) const;
-    void add_smooth(const Cell& cell, const Samples& samples, double* bins) const;
-    void add_sampled(const Cell& cell, double rays_per_bin, double* bins) const;
-    void halve(const Cell& cell, int axis, const std::vector<const Feature*>& near, double* bins) const;
+    class Gathering;
+    // The part in light of one wavelength.
+    struct Optics {
+        double wavelength_nm;
+        Body body, clean;
+        std::unique_ptr<Diffraction> diffraction;  // or none
+    };
+    struct Pass {
+        const Optics* optics;
+        double s, t, radius, power;  // the source: direction and radius in bins, in the camera's frame
+        double shift_x, shift_y;     // of the part, mm
+        Ghost ghost;
+    };
 
     algo::Extents extents_;
     CameraGeometry camera_;
-    Body body_, clean_;
-    double source_radius_;
+    Obstacles obstacles_;
     double bin_rad_;
+    std::vector<std::unique_ptr<Optics>> optics_;
+    std::vector<Pass> passes_;  // those of one wavelength together
 };
 
 }  // namespace hord::sim

@@ -8,6 +8,7 @@ namespace hord::sim {
 namespace {
 
 constexpr double kAir = 1.0;
+constexpr double kOpaque = 1e9;  // per mm: no light is left behind a crossing's error
 
 int add_sphere(Body& body, const Vec3& centre, double radius) {
     return body.add({Surface::Shape::sphere, centre, {0, 0, 1}, radius});
@@ -111,43 +112,79 @@ void build(Body& body, const Vial& vial) {
     bound(body, {vial.outer_radius_mm, vial.half_height_mm, vial.outer_radius_mm});
 }
 
+// What a defect needs to know of the part around it.
+struct Around {
+    double index, wavelength_nm, absorption;
+};
+
 void add_hollow(Body& body, const Vec3& centre, double radius) {
     const int sphere = add_sphere(body, centre, radius);
     body.fill_more(Solid::inside(sphere), kAir);
     body.features.push_back({centre, centre, radius, radius / 8});
 }
 
-void add_defect(Body& body, const AirBubble& bubble) { add_hollow(body, bubble.centre_mm, bubble.radius_mm); }
-void add_defect(Body& body, const SphericalCut& cut) { add_hollow(body, cut.centre_mm, cut.radius_mm); }
-void add_defect(Body& body, const AbsorbingSpeck& speck) {
+void add_defect(Body& body, const Around&, const AirBubble& bubble) { add_hollow(body, bubble.centre_mm, bubble.radius_mm); }
+void add_defect(Body& body, const Around&, const SphericalCut& cut) { add_hollow(body, cut.centre_mm, cut.radius_mm); }
+void add_defect(Body& body, const Around&, const AbsorbingSpeck& speck) {
     body.discs.push_back({speck.centre_mm, speck.radius_mm, speck.transmission});
     body.features.push_back({speck.centre_mm, speck.centre_mm, speck.radius_mm, speck.radius_mm / 2});
     const double r = 1.001 * speck.radius_mm;
     include(body, speck.centre_mm - Vec3{r, r, 1e-3 * r}, speck.centre_mm + Vec3{r, r, 1e-3 * r});
 }
 
-void add_defect(Body& body, const Inclusion& inclusion) {
-    const int sphere = add_sphere(body, inclusion.centre_mm, inclusion.radius_mm);
-    body.fill_more(Solid::inside(sphere), inclusion.refractive_index);
-    body.features.push_back({inclusion.centre_mm, inclusion.centre_mm, inclusion.radius_mm, inclusion.radius_mm / 8});
+// A thread: the cylinder between two places.
+Solid thread(Body& body, const Vec3& from, const Vec3& to, double radius) {
+    const Vec3 along = to - from;
+    const int wall = add_cylinder(body, from, along, radius);
+    const int begin = add_plane(body, from, -1.0 * along);
+    const int end = add_plane(body, to, along);
+    body.features.push_back({from, to, radius, radius / 4});
+    return Solid::all({Solid::inside(wall), Solid::inside(begin), Solid::inside(end)});
 }
-void add_defect(Body& body, const Scratch& scratch) {
-    const Vec3 along = scratch.to_mm - scratch.from_mm;
-    const int groove = add_cylinder(body, scratch.from_mm, along, scratch.radius_mm);
-    const int begin = add_plane(body, scratch.from_mm, -1.0 * along);
-    const int end = add_plane(body, scratch.to_mm, along);
-    body.fill_more(Solid::all({Solid::inside(groove), Solid::inside(begin), Solid::inside(end)}), kAir);
-    body.features.push_back({scratch.from_mm, scratch.to_mm, scratch.radius_mm, scratch.radius_mm / 4});
+
+void add_defect(Body& body, const Around& glass, const Inclusion& d) {
+    const int sphere = add_sphere(body, d.centre_mm, d.radius_mm);
+    body.fill_more(Solid::inside(sphere), dispersed(d.refractive_index, d.abbe_number, glass.wavelength_nm));
+    body.features.push_back({d.centre_mm, d.centre_mm, d.radius_mm, d.radius_mm / 8});
+}
+void add_defect(Body& body, const Around&, const Scratch& d) { body.fill_more(thread(body, d.from_mm, d.to_mm, d.radius_mm), kAir); }
+void add_defect(Body& body, const Around& glass, const Absorber& d) {
+    const int sphere = add_sphere(body, d.centre_mm, d.radius_mm);
+    body.fill_more(Solid::inside(sphere), glass.index, d.opaque ? kOpaque : glass.absorption + d.absorption_per_mm);
+    body.features.push_back({d.centre_mm, d.centre_mm, d.radius_mm, d.radius_mm / 8});
+}
+void add_defect(Body& body, const Around& glass, const Stria& d) {
+    body.fill_more(thread(body, d.from_mm, d.to_mm, d.radius_mm), glass.index + d.index_difference, glass.absorption);
 }
 
 }  // namespace
 
-Body body_of(const Scene& scene, bool with_defects) {
+double dispersed(double index_d, double abbe_number, double wavelength_nm) {
+    if (!(abbe_number > 0)) return index_d;
+    constexpr double kLineF = 486.13, kLineC = 656.28;  // nm
+    const double per_square = (index_d - 1) / abbe_number / (1 / (kLineF * kLineF) - 1 / (kLineC * kLineC));
+    return index_d + per_square * (1 / (wavelength_nm * wavelength_nm) - 1 / (kLineD * kLineD));
+}
+
+double index_of(const Part& part) {
+    return std::visit([](const auto& p) {
+        if constexpr (requires { p.refractive_index; }) return p.refractive_index;
+        else return kAir;
+    }, part);
+}
+
+Body body_of(const Scene& scene, bool with_defects, double wavelength_nm) {
     Body body;
-    std::visit([&](const auto& part) { build(body, part); }, scene.part);
+    const double index = dispersed(index_of(scene.part), scene.glass.abbe_number, wavelength_nm);
+    std::visit([&](auto part) {
+        if constexpr (requires { part.refractive_index; }) part.refractive_index = index;
+        build(body, part);
+    }, scene.part);
+    body.tint(scene.glass.absorption_per_mm);
     if (with_defects) {
+        const Around glass{index, wavelength_nm, scene.glass.absorption_per_mm};
         for (const SceneDefect& defect : scene.defects) {
-            std::visit([&](const auto& d) { add_defect(body, d); }, defect);
+            std::visit([&](const auto& d) { add_defect(body, glass, d); }, defect);
         }
     }
     body.fresnel = scene.effects.fresnel;

@@ -45,19 +45,38 @@ Result<LightField> render(const Scene& scene, const RenderOptions& options) {
     if (auto good = check(scene); !good) return tl::unexpected(good.error());
     const algo::Extents& e = scene.camera.extents;
     LightField field{e, std::vector<float>(e.lenslets() * static_cast<std::size_t>(e.bins()))};
-    const LensletLight light(scene);
+    const int around = scene.effects.crosstalk ? 1 : 0;
+    const SlopeGrid grid = SlopeGrid::of(e, around);
+    const LensletLight light(scene, grid);
+    const CameraGeometry camera(scene);
+    const auto sample = [&](int m, int n, int i, int j) -> float& {
+        return field.bins[static_cast<std::size_t>(n * e.j + j) * static_cast<std::size_t>(e.width_px()) + static_cast<std::size_t>(m * e.i + i)];
+    };
+    // Light for other lenslets waits until all rows are done, and is added in their order: sums do not depend on threads.
+    struct Stray {
+        int m, n, i, j;
+        float light;
+    };
+    std::vector<std::vector<Stray>> strays(around > 0 ? static_cast<std::size_t>(e.n) : 0);
 
     share_out_rows(e.n, options, [&](int n) {
-        double bins[algo::kMaxBins * algo::kMaxBins];
+        std::vector<double> cells(static_cast<std::size_t>(grid.cells()));
         for (int m = 0; m < e.m; ++m) {
-            light.collect(m, n, bins);
-            for (int j = 0; j < e.j; ++j) {
-                const auto row = static_cast<std::size_t>(n * e.j + j) * static_cast<std::size_t>(e.m) + static_cast<std::size_t>(m);
-                std::transform(bins + j * e.i, bins + (j + 1) * e.i, field.bins.data() + row * static_cast<std::size_t>(e.i),
-                               [](double value) { return static_cast<float>(value); });
+            light.collect(camera.place_of(m, n), grid, cells.data());
+            for (int l = 0; l < grid.j; ++l) {
+                for (int k = 0; k < grid.i; ++k) {
+                    const auto value = static_cast<float>(cells[static_cast<std::size_t>(l * grid.i + k)]);
+                    // A lenslet's range is as wide as a lenslet: beyond it lie the neighbours'.
+                    const int to_m = m + k / e.i - around, to_n = n + l / e.j - around;
+                    if (to_m == m && to_n == n) sample(m, n, k % e.i, l % e.j) = value;
+                    else if (value > 0 && to_m >= 0 && to_m < e.m && to_n >= 0 && to_n < e.n) strays[static_cast<std::size_t>(n)].push_back({to_m, to_n, k % e.i, l % e.j, value});
+                }
             }
         }
     });
+    for (const auto& row : strays) {
+        for (const Stray& stray : row) sample(stray.m, stray.n, stray.i, stray.j) += stray.light;
+    }
     return field;
 }
 

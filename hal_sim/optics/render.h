@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <vector>
 
 #include "algo/frame.h"
@@ -49,5 +50,8 @@ Truth truth_of(const Scene& scene);
 // One exposure of a light field: scale, noise, quantise, saturate. `light` scales the source (1: nominal, 0: dark).
 // The same seed gives the same bits on every machine.
 algo::Frame expose(const LightField& field, const Scene& scene, std::uint64_t seed, double light = 1.0);
+
+// The same of any picture of light, row by row, 1 for a pixel filled by the source.
+algo::Frame expose(std::span<const float> light, int width_px, int height_px, const Scene& scene, std::uint64_t seed, double strength = 1.0);
 
 }  // namespace hord::sim

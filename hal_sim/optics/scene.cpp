@@ -110,22 +110,113 @@ void check_defect(Checker& c, const AbsorbingSpeck& d) {
     check_ball(c, d.centre_mm, d.radius_mm);
     c.within("transmission", d.transmission, 0, 1);
 }
+void check_abbe(Checker& c, double abbe_number) {
+    c.require(abbe_number == 0 || (abbe_number >= 10 && abbe_number <= 200), "abbe_number", Checker::number(abbe_number) + " is out of range",
+              "use 10 to 200, or 0 for none");
+}
 void check_defect(Checker& c, const Inclusion& d) {
     check_ball(c, d.centre_mm, d.radius_mm);
     c.within("refractive_index", d.refractive_index, 1, 4);
+    check_abbe(c, d.abbe_number);
 }
-void check_defect(Checker& c, const Scratch& d) {
-    for (const double x : {d.from_mm.x, d.from_mm.y, d.from_mm.z}) c.within("from_mm", x, -kLargest, kLargest);
-    for (const double x : {d.to_mm.x, d.to_mm.y, d.to_mm.z}) c.within("to_mm", x, -kLargest, kLargest);
-    c.within("radius_mm", d.radius_mm, kThinnest, kLargest);
-    c.require(length(d.to_mm - d.from_mm) > kThinnest, "to_mm", "is where the scratch begins", "give it a length");
+void check_thread(Checker& c, const Vec3& from, const Vec3& to, double radius) {
+    for (const double x : {from.x, from.y, from.z}) c.within("from_mm", x, -kLargest, kLargest);
+    for (const double x : {to.x, to.y, to.z}) c.within("to_mm", x, -kLargest, kLargest);
+    c.within("radius_mm", radius, kThinnest, kLargest);
+    c.require(length(to - from) > kThinnest, "to_mm", "is where it begins", "give it a length");
+}
+void check_defect(Checker& c, const Scratch& d) { check_thread(c, d.from_mm, d.to_mm, d.radius_mm); }
+void check_defect(Checker& c, const Absorber& d) {
+    check_ball(c, d.centre_mm, d.radius_mm);
+    c.within("absorption_per_mm", d.absorption_per_mm, 0, 1e6);
+}
+void check_defect(Checker& c, const Stria& d) {
+    check_thread(c, d.from_mm, d.to_mm, d.radius_mm);
+    c.within("index_difference", d.index_difference, -0.5, 0.5);
+}
+
+void check_light(Checker& c, const Scene& scene) {
+    const auto colour = [&](double wavelength, double bandwidth) {
+        if (!(c.within("wavelength_nm", wavelength, 300, 2000) & c.within("bandwidth_nm", bandwidth, 0, 1000))) return;
+        c.require(wavelength - bandwidth / 2 >= 200, "bandwidth_nm", "reaches below 200 nm", "use a narrower one");
+    };
+    c.in("light");
+    c.within("source_radius_bins", scene.light.source_radius_bins, 1e-3, 8);
+    colour(scene.light.wavelength_nm, scene.light.bandwidth_nm);
+    double power = 0;
+    for (std::size_t k = 0; k < scene.light.collimators.size(); ++k) {
+        const Collimator& source = scene.light.collimators[k];
+        c.in("light.collimator", k);
+        c.within("direction_rad", source.direction_x_rad, -0.5, 0.5);
+        c.within("direction_rad", source.direction_y_rad, -0.5, 0.5);
+        c.within("radius_rad", source.radius_rad, 1e-6, 0.5);
+        c.within("power", source.power, 0, 1e6);
+        colour(source.wavelength_nm, source.bandwidth_nm);
+        power += source.power;
+    }
+    constexpr std::size_t kMostCollimators = 16;
+    c.require(scene.light.collimators.size() <= kMostCollimators, "power", "is of one collimator too many",
+              "use at most " + std::to_string(kMostCollimators));
+    c.require(scene.light.collimators.empty() || power > 0, "power", "no collimator gives light", "give one of them some power");
+}
+
+void check_relay(Checker& c, const Scene& scene) {
+    const Relay& relay = scene.camera.relay;
+    c.in("camera.relay");
+    const bool lengths = c.within("f1_mm", relay.f1_mm, 1e-3, kLargest) & c.within("f2_mm", relay.f2_mm, 1e-3, kLargest);
+    c.within("stop_radius_mm", relay.stop_radius_mm, 0, kLargest);
+    c.within("lens1_radius_mm", relay.lens1_radius_mm, 0, kLargest);
+    c.within("lens2_radius_mm", relay.lens2_radius_mm, 0, kLargest);
+    if (lengths && scene.effects.crosstalk && relay.stop_radius_mm > 0) {
+        const double half_range = 0.5 * std::min(scene.camera.extents.i, scene.camera.extents.j) * scene.camera.bin_pitch_rad * relay.f1_mm;
+        c.require(relay.stop_radius_mm > half_range, "stop_radius_mm",
+                  "lets no light beyond the bins' range of " + Checker::number(half_range) + " mm, so there is no crosstalk to compute",
+                  "drop effects.crosstalk, or open the stop");
+    }
+    c.in("camera.array");
+    c.within("pitch_um", scene.camera.array.pitch_um, 0, 1e5);
+    c.within("focal_um", scene.camera.array.focal_um, 0, 1e6);
+    for (std::size_t k = 0; k < scene.camera.dust.size(); ++k) {
+        const Dust& dust = scene.camera.dust[k];
+        c.in("dust", k);
+        c.within("x_mm", dust.x_mm, -kLargest, kLargest);
+        c.within("y_mm", dust.y_mm, -kLargest, kLargest);
+        c.within("radius_mm", dust.radius_mm, kThinnest, kLargest);
+        c.within("transmission", dust.transmission, 0, 1);
+    }
+}
+
+void check_effects(Checker& c, const Scene& scene) {
+    c.in("effects");
+    c.require(!scene.effects.ghosts || scene.effects.fresnel, "ghosts", "are made of the light that fresnel splits off", "name fresnel, too");
+    c.in("part");
+    check_abbe(c, scene.glass.abbe_number);
+    c.within("absorption_per_mm", scene.glass.absorption_per_mm, 0, 1e3);
+    const bool has_part = !std::holds_alternative<NoPart>(scene.part);
+    c.require(has_part || (scene.glass.abbe_number == 0 && scene.glass.absorption_per_mm == 0), "kind", "is none: there is no glass to have a colour",
+              "name a part, or drop abbe_number and absorption_per_mm");
+    if (is_dispersive(scene)) {
+        const auto sources = collimators_of(scene);
+        const bool colourless = std::all_of(sources.begin(), sources.end(), [](const Collimator& s) { return s.wavelength_nm == kLineD && s.bandwidth_nm == 0; });
+        c.require(!colourless, "abbe_number", "changes nothing at the one wavelength of " + Checker::number(kLineD) + " nm",
+                  "name the light's wavelength_nm or bandwidth_nm, or drop abbe_number");
+    }
+    c.in("motion");
+    c.within("velocity_mm_s", scene.motion.velocity_x_mm_s, -1e5, 1e5);
+    c.within("velocity_mm_s", scene.motion.velocity_y_mm_s, -1e5, 1e5);
+    c.within("strobe_us", scene.motion.strobe_us, 0, 1e7);
+    const bool moves = scene.motion.velocity_x_mm_s != 0 || scene.motion.velocity_y_mm_s != 0;
+    c.require(!moves || scene.motion.strobe_us > 0, "strobe_us", "is 0: a part that moves is blurred for as long as the strobe is lit", "name strobe_us, or drop velocity_mm_s");
+    c.require(moves || !(scene.motion.strobe_us > 0), "velocity_mm_s", "is 0: a part that stands is not blurred", "name velocity_mm_s, or drop strobe_us");
+    const double pitch = scene.camera.extents.m > 0 ? scene.camera.field_mm / scene.camera.extents.m : 0, way = std::hypot(scene.motion.way_x_mm(), scene.motion.way_y_mm());
+    c.require(!(way > 16 * pitch), "strobe_us", "the part moves by " + Checker::number(way / pitch) + " lenslets while it is lit", "use at most 16 lenslets' way");
 }
 
 }  // namespace
 
 std::string SceneProblem::message() const {
     std::string where = table;
-    if (table == "defect") where.append(" ").append(std::to_string(index + 1));
+    if (table == "defect" || table == "dust" || table == "light.collimator") where.append(" ").append(std::to_string(index + 1));
     return where.append(".").append(key).append(": ").append(what).append(": ").append(cure);
 }
 
@@ -136,9 +227,21 @@ std::string_view name_of(const Part& part) {
 }
 
 std::string_view name_of(const SceneDefect& defect) {
-    constexpr std::string_view names[] = {"bubble", "cut", "speck", "inclusion", "scratch"};
+    constexpr std::string_view names[] = {"bubble", "cut", "speck", "inclusion", "scratch", "absorber", "stria"};
     static_assert(std::size(names) == std::variant_size_v<SceneDefect>);
     return names[defect.index()];
+}
+
+void derive_from_array(Camera& camera) {
+    const double magnification = camera.relay.f2_mm / camera.relay.f1_mm;
+    camera.field_mm = camera.extents.m * camera.array.pitch_um * 1e-3 / magnification;
+    camera.bin_pitch_rad = camera.array.pitch_um / camera.extents.i / camera.array.focal_um * magnification;
+}
+
+std::vector<Collimator> collimators_of(const Scene& scene) {
+    if (!scene.light.collimators.empty()) return scene.light.collimators;
+    const Light& light = scene.light;
+    return {{0, 0, light.source_radius_bins * scene.camera.bin_pitch_rad, light.wavelength_nm, light.bandwidth_nm, 1}};
 }
 
 std::vector<SceneProblem> problems(const Scene& scene) {
@@ -158,8 +261,9 @@ std::vector<SceneProblem> problems(const Scene& scene) {
         c.require(std::abs(scene.pose.y_mm) < half_height + reach, "y_mm", "puts the part outside the field", "move it towards 0");
     }
 
-    c.in("light");
-    c.within("source_radius_bins", scene.light.source_radius_bins, 1e-3, 8);
+    check_light(c, scene);
+    check_relay(c, scene);
+    check_effects(c, scene);
 
     c.in("camera");
     const algo::Extents& e = scene.camera.extents;
@@ -176,8 +280,15 @@ std::vector<SceneProblem> problems(const Scene& scene) {
     c.within("electrons_per_dn", scene.noise.electrons_per_dn, 0, 1e6);
     c.within("read_e", scene.noise.read_e, 0, 1e6);
     c.within("dark_dn", scene.noise.dark_dn, 0, 65535);
-    c.require(scene.noise.read_e == 0 || scene.noise.electrons_per_dn > 0, "read_e", "read noise in electrons needs electrons_per_dn",
-              "name electrons_per_dn");
+    c.within("dark_e_per_s", scene.noise.dark_e_per_s, 0, 1e9);
+    c.within("exposure_ms", scene.noise.exposure_ms, 0, 1e6);
+    c.within("dsnu_e", scene.noise.dsnu_e, 0, 1e6);
+    c.within("prnu", scene.noise.prnu, 0, 0.5);
+    c.within("full_well_e", scene.noise.full_well_e, 0, 1e9);
+    for (const auto& [key, value] : {std::pair{"read_e", scene.noise.read_e}, {"dark_e_per_s", scene.noise.dark_e_per_s}, {"dsnu_e", scene.noise.dsnu_e},
+                                     {"full_well_e", scene.noise.full_well_e}}) {
+        c.require(value == 0 || scene.noise.electrons_per_dn > 0, key, "is in electrons and needs electrons_per_dn", "name electrons_per_dn");
+    }
 
     c.in("telecentric");
     c.within("width_px", scene.telecentric.width_px, 1, 8192);

@@ -76,20 +76,70 @@ struct Inclusion {  // a sphere of another index inside the part
     Vec3 centre_mm;
     double radius_mm = 0.5;
     double refractive_index = 1.6;
+    double abbe_number = 0;
 };
 struct Scratch {  // a round groove of this radius along a straight line
     Vec3 from_mm, to_mm;
     double radius_mm = 0.05;
 };
-using SceneDefect = std::variant<AirBubble, SphericalCut, AbsorbingSpeck, Inclusion, Scratch>;
+struct Absorber {  // a ball of dark glass inside the part
+    Vec3 centre_mm;
+    double radius_mm = 0.5;
+    bool opaque = false;
+    double absorption_per_mm = 1;  // natural: exp(-absorption * length) passes; not used where opaque
+};
+struct Stria {  // a straight thread of glass of slightly another index
+    Vec3 from_mm, to_mm;
+    double radius_mm = 0.1;
+    double index_difference = 1e-3;
+};
+using SceneDefect = std::variant<AirBubble, SphericalCut, AbsorbingSpeck, Inclusion, Scratch, Absorber, Stria>;
+
+constexpr double kLineD = 587.56;  // nm; refractive indices are given for this wavelength
+
+// What the part's glass does besides bending light; 0: nothing.
+struct Glass {
+    double abbe_number = 0;        // (n_d - 1) / (n_F - n_C); n = a + b / wavelength^2 (Cauchy)
+    double absorption_per_mm = 0;  // natural
+};
 
 struct Pose {
     double x_mm = 0, y_mm = 0;  // shift of the part on the measurement plane
     double rotation_rad = 0;    // about z
 };
 
+struct Collimator {
+    double direction_x_rad = 0, direction_y_rad = 0;  // slope of its light
+    double radius_rad = 0.00915;                      // angular radius of its disc
+    double wavelength_nm = kLineD;
+    double bandwidth_nm = 0;                          // full width of its even spectrum
+    double power = 1;                                 // radiance; 1 fills a bin to full_bin_dn
+};
+
 struct Light {
-    double source_radius_bins = 0.61;  // angular radius of the collimated source, bin pitches
+    double source_radius_bins = 0.61;     // angular radius of the one collimated source, bin pitches
+    double wavelength_nm = kLineD;
+    double bandwidth_nm = 0;
+    std::vector<Collimator> collimators;  // in place of that one
+};
+
+// Named by a size above 0 each.
+struct Relay {
+    double f1_mm = 100, f2_mm = 100;    // of the 4f camera's lenses; their distances from part and array
+    double stop_radius_mm = 0;          // in the focal plane that they share
+    double lens1_radius_mm = 0, lens2_radius_mm = 0;
+};
+
+// What lies on a surface of the camera's optics. It stays where it is when the part moves.
+struct Dust {
+    enum class Plane : std::uint8_t { lens1, stop, lens2, lenslets };
+    Plane plane = Plane::lens1;
+    double x_mm = 0, y_mm = 0, radius_mm = 0.1;  // on that surface
+    double transmission = 0;
+};
+
+struct LensletArray {
+    double pitch_um = 0, focal_um = 0;  // 0: not said; together with the relay they say field_mm and bin_pitch_rad
 };
 
 struct Camera {
@@ -98,11 +148,25 @@ struct Camera {
     double bin_pitch_rad = 0.015;  // slope of one bin
     int bits = 8;
     double full_bin_dn = 240;      // DN of a bin filled by the source, before noise
+    Relay relay;
+    LensletArray array;
+    std::vector<Dust> dust;
 };
 
-// Effects that a scene names. Off by default: an effect that is off costs nothing.
+// The part moves along while the strobe is lit.
+struct Motion {
+    double velocity_x_mm_s = 0, velocity_y_mm_s = 0;
+    double strobe_us = 0;
+    [[nodiscard]] double way_x_mm() const { return velocity_x_mm_s * strobe_us * 1e-6; }
+    [[nodiscard]] double way_y_mm() const { return velocity_y_mm_s * strobe_us * 1e-6; }
+};
+
+// Effects that are either there or not. Others are named by their parameters (effects.h lists all).
 struct Effects {
-    bool fresnel = false;  // light lost by reflection at every face; ghosts are not followed
+    bool fresnel = false;      // light lost by reflection at every face
+    bool ghosts = false;       // that light, where two reflections bring it to the camera; needs fresnel
+    bool diffraction = false;  // blur by the lenslets' square apertures; needs the array's pitch and focal length
+    bool crosstalk = false;    // light beyond a lenslet's bins falls into its neighbours' (3x3), instead of being lost
 };
 
 // The conventional camera beside the other: it sees along the axis, in front of a panel of light behind the part.
@@ -114,19 +178,28 @@ struct TelecentricCamera {
     int rays_per_side = 4;          // squared: rays a pixel
 };
 
-// EMVA 1288, a subset. Off by default: an effect that is off costs nothing.
+// The linear sensor of EMVA 1288. Quantisation and saturation at the last DN are always there.
 struct SensorNoise {
-    double electrons_per_dn = 0;  // 0: no photon noise
-    double read_e = 0;            // rms electrons
+    double electrons_per_dn = 0;  // 1 / system gain; 0: no photon noise
+    double read_e = 0;            // temporal dark noise, rms electrons
     double dark_dn = 0;           // pedestal
+    double dark_e_per_s = 0;      // dark current: electrons a second and pixel, with their shot noise
+    double exposure_ms = 1;       // for which it flows
+    double dsnu_e = 0;            // rms of the pixels' dark offsets, electrons
+    double prnu = 0;              // rms of the pixels' sensitivities about 1
+    double full_well_e = 0;       // electrons that a pixel holds; 0: more than the last DN shows
+    std::uint64_t pattern_seed = 1;  // of dsnu and prnu: the camera's own, the same in every frame
+    bool photon_noise = true;        // false: electrons are counted without their shot noise
 };
 
 struct Scene {
     std::string name = "scene";
     std::uint64_t seed = 1;
     Part part;
+    Glass glass;
     std::vector<SceneDefect> defects;
     Pose pose;
+    Motion motion;
     Light light;
     Camera camera;
     SensorNoise noise;
@@ -136,14 +209,26 @@ struct Scene {
 
 // What keeps a scene from being rendered. `table` and `key` are those of the scene file (docs/scene.md).
 struct SceneProblem {
-    std::string table;  // "part", "pose", "light", "camera", "noise", "defect"
-    std::size_t index = 0;  // which defect, from 0
+    std::string table;      // "part", "pose", "light", "camera.relay", "noise", "defect", ...
+    std::size_t index = 0;  // which defect, collimator or grain of dust, from 0
     std::string key, what, cure;
     [[nodiscard]] std::string message() const;
 };
 
 // All of them; none when the scene can be rendered.
 std::vector<SceneProblem> problems(const Scene& scene);
+
+// field_mm and bin_pitch_rad from the array's pitch and focal length, seen through the relay.
+void derive_from_array(Camera& camera);
+
+// The scene's collimators: those it lists, else the one of source_radius_bins.
+std::vector<Collimator> collimators_of(const Scene& scene);
+
+// Whether any of its glasses bends one colour more than another.
+bool is_dispersive(const Scene& scene);
+
+// The part's refractive index at kLineD; 1 without a part.
+double index_of(const Part& part);
 
 // The presets' names in scene files, as `part.kind` and `defect.kind`.
 std::string_view name_of(const Part& part);

@@ -1,5 +1,6 @@
 // Scenes as TOML files; the format is described in docs/scene.md.
 #include <array>
+#include <map>
 
 #include "common/toml_fields.h"
 #include "hal_sim/optics/scene.h"
@@ -18,6 +19,12 @@ void vector(TomlTable& table, std::string_view key, Vec3& value) {
     std::vector<double> xyz;
     table.numbers(key, xyz, 3, 3);
     if (xyz.size() == 3) value = {xyz[0], xyz[1], xyz[2]};
+}
+
+void pair(TomlTable& table, std::string_view key, double& x, double& y) {
+    std::vector<double> xy;
+    table.numbers(key, xy, 2, 2);
+    if (xy.size() == 2) x = xy[0], y = xy[1];
 }
 
 void read(TomlTable&, NoPart&) {}
@@ -79,6 +86,22 @@ void read(TomlTable& table, Inclusion& d) {
     vector(table, "centre_mm", d.centre_mm);
     number(table, "radius_mm", d.radius_mm);
     number(table, "refractive_index", d.refractive_index);
+    number(table, "abbe_number", d.abbe_number);
+}
+void read(TomlTable& table, Absorber& d) {
+    vector(table, "centre_mm", d.centre_mm);
+    number(table, "radius_mm", d.radius_mm);
+    table.boolean("opaque", d.opaque);
+    if (d.opaque && table.has("absorption_per_mm")) {
+        table.problem("absorption_per_mm", "contradicts opaque = true", "name one of them");
+    }
+    number(table, "absorption_per_mm", d.absorption_per_mm);
+}
+void read(TomlTable& table, Stria& d) {
+    vector(table, "from_mm", d.from_mm);
+    vector(table, "to_mm", d.to_mm);
+    number(table, "radius_mm", d.radius_mm);
+    number(table, "index_difference", d.index_difference);
 }
 void read(TomlTable& table, Scratch& d) {
     vector(table, "from_mm", d.from_mm);
@@ -105,6 +128,78 @@ void read_kind(TomlTable& table, Variant& value, bool required) {
     std::visit([&](auto& alternative) { read(table, alternative); }, value);
 }
 
+void read_light(TomlTable& table, std::vector<TomlTable>& collimators, Light& light) {
+    number(table, "source_radius_bins", light.source_radius_bins);
+    number(table, "wavelength_nm", light.wavelength_nm);
+    number(table, "bandwidth_nm", light.bandwidth_nm);
+    collimators = table.tables("collimator");
+    for (TomlTable& given : collimators) {
+        Collimator& source = light.collimators.emplace_back();
+        pair(given, "direction_rad", source.direction_x_rad, source.direction_y_rad);
+        number(given, "radius_rad", source.radius_rad);
+        number(given, "wavelength_nm", source.wavelength_nm);
+        number(given, "bandwidth_nm", source.bandwidth_nm);
+        number(given, "power", source.power);
+    }
+    for (const char* key : {"source_radius_bins", "wavelength_nm", "bandwidth_nm"}) {
+        if (!collimators.empty() && table.has(key)) table.problem(key, "is of the one source, and collimators are listed", "give it to each collimator instead");
+    }
+}
+
+void read_camera(TomlTable& table, TomlTable& relay, TomlTable& array, Camera& camera) {
+    constexpr std::int64_t kMost = 1'000'000;
+    table.integer("m", camera.extents.m, -kMost, kMost);
+    table.integer("n", camera.extents.n, -kMost, kMost);
+    table.integer("i", camera.extents.i, -kMost, kMost);
+    table.integer("j", camera.extents.j, -kMost, kMost);
+    number(table, "field_mm", camera.field_mm);
+    number(table, "bin_pitch_rad", camera.bin_pitch_rad);
+    table.integer("bits", camera.bits, -kMost, kMost);
+    number(table, "full_bin_dn", camera.full_bin_dn);
+
+    number(relay, "f1_mm", camera.relay.f1_mm);
+    number(relay, "f2_mm", camera.relay.f2_mm);
+    number(relay, "stop_radius_mm", camera.relay.stop_radius_mm);
+    number(relay, "lens1_radius_mm", camera.relay.lens1_radius_mm);
+    number(relay, "lens2_radius_mm", camera.relay.lens2_radius_mm);
+
+    number(array, "pitch_um", camera.array.pitch_um);
+    number(array, "focal_um", camera.array.focal_um);
+    if (array.has("pitch_um") != array.has("focal_um")) {
+        array.problem(array.has("pitch_um") ? "pitch_um" : "focal_um", "stands alone", "name pitch_um and focal_um, or neither");
+    } else if (camera.array.pitch_um > 0 && camera.array.focal_um > 0 && camera.extents.i > 0) {
+        for (const char* key : {"field_mm", "bin_pitch_rad"}) {
+            if (table.has(key)) table.problem(key, "is said by camera.array's pitch_um and focal_um as well", "drop one or the other");
+        }
+        derive_from_array(camera);
+    }
+}
+
+void read_dust(std::vector<TomlTable>& tables, std::vector<Dust>& dust) {
+    static constexpr std::array<std::string_view, 4> kPlanes{"lens1", "stop", "lens2", "lenslets"};
+    for (TomlTable& table : tables) {
+        Dust& grain = dust.emplace_back();
+        if (const auto plane = table.choice("plane", kPlanes)) grain.plane = static_cast<Dust::Plane>(*plane);
+        number(table, "x_mm", grain.x_mm);
+        number(table, "y_mm", grain.y_mm);
+        number(table, "radius_mm", grain.radius_mm);
+        number(table, "transmission", grain.transmission);
+    }
+}
+
+void read_noise(TomlTable& table, SensorNoise& noise) {
+    number(table, "electrons_per_dn", noise.electrons_per_dn);
+    table.boolean("photon_noise", noise.photon_noise);
+    number(table, "read_e", noise.read_e);
+    number(table, "dark_dn", noise.dark_dn);
+    number(table, "dark_e_per_s", noise.dark_e_per_s);
+    number(table, "exposure_ms", noise.exposure_ms);
+    number(table, "dsnu_e", noise.dsnu_e);
+    number(table, "prnu", noise.prnu);
+    number(table, "full_well_e", noise.full_well_e);
+    table.integer("pattern_seed", noise.pattern_seed, 0, INT64_MAX);
+}
+
 }  // namespace
 
 Result<Scene> load_scene(const std::filesystem::path& file) {
@@ -115,37 +210,38 @@ Result<Scene> load_scene(const std::filesystem::path& file) {
     root.text("name", scene.name);
     root.integer("seed", scene.seed, 0, INT64_MAX);
 
-    TomlTable part = root.table("part");
-    read_kind(part, scene.part, false);
-    TomlTable pose = root.table("pose");
-    number(pose, "x_mm", scene.pose.x_mm);
-    number(pose, "y_mm", scene.pose.y_mm);
-    number(pose, "rotation_rad", scene.pose.rotation_rad);
-    std::vector<TomlTable> defects = root.tables("defect");
-    for (TomlTable& table : defects) read_kind(table, scene.defects.emplace_back(), true);
+    std::map<std::string, std::vector<TomlTable>, std::less<>> tables;  // as problems() names them
+    const auto table = [&](std::string_view name) -> TomlTable& {
+        auto& known = tables[std::string(name)];
+        if (known.empty()) known.push_back(root.table(name));
+        return known.front();
+    };
+    read_kind(table("part"), scene.part, false);
+    number(table("part"), "abbe_number", scene.glass.abbe_number);
+    number(table("part"), "absorption_per_mm", scene.glass.absorption_per_mm);
+    number(table("pose"), "x_mm", scene.pose.x_mm);
+    number(table("pose"), "y_mm", scene.pose.y_mm);
+    number(table("pose"), "rotation_rad", scene.pose.rotation_rad);
+    tables["defect"] = root.tables("defect");
+    for (TomlTable& defect : tables["defect"]) read_kind(defect, scene.defects.emplace_back(), true);
+    pair(table("motion"), "velocity_mm_s", scene.motion.velocity_x_mm_s, scene.motion.velocity_y_mm_s);
+    number(table("motion"), "strobe_us", scene.motion.strobe_us);
 
-    TomlTable light = root.table("light");
-    number(light, "source_radius_bins", scene.light.source_radius_bins);
+    read_light(table("light"), tables["light.collimator"], scene.light);
+    TomlTable &camera = table("camera"), relay = camera.table("relay"), array = camera.table("array");
+    read_camera(camera, relay, array, scene.camera);
+    tables["camera.relay"] = {relay}, tables["camera.array"] = {array};
+    tables["dust"] = root.tables("dust");
+    read_dust(tables["dust"], scene.camera.dust);
 
-    TomlTable camera = root.table("camera");
+    read_noise(table("noise"), scene.noise);
+    table("effects").boolean("fresnel", scene.effects.fresnel);
+    table("effects").boolean("ghosts", scene.effects.ghosts);
+    table("effects").boolean("diffraction", scene.effects.diffraction);
+    table("effects").boolean("crosstalk", scene.effects.crosstalk);
+
     constexpr std::int64_t kMost = 1'000'000;
-    camera.integer("m", scene.camera.extents.m, -kMost, kMost);
-    camera.integer("n", scene.camera.extents.n, -kMost, kMost);
-    camera.integer("i", scene.camera.extents.i, -kMost, kMost);
-    camera.integer("j", scene.camera.extents.j, -kMost, kMost);
-    number(camera, "field_mm", scene.camera.field_mm);
-    number(camera, "bin_pitch_rad", scene.camera.bin_pitch_rad);
-    camera.integer("bits", scene.camera.bits, -kMost, kMost);
-    number(camera, "full_bin_dn", scene.camera.full_bin_dn);
-
-    TomlTable noise = root.table("noise");
-    number(noise, "electrons_per_dn", scene.noise.electrons_per_dn);
-    number(noise, "read_e", scene.noise.read_e);
-    number(noise, "dark_dn", scene.noise.dark_dn);
-    TomlTable effects = root.table("effects");
-    effects.boolean("fresnel", scene.effects.fresnel);
-
-    TomlTable telecentric = root.table("telecentric");
+    TomlTable& telecentric = table("telecentric");
     telecentric.integer("width_px", scene.telecentric.width_px, -kMost, kMost);
     telecentric.integer("height_px", scene.telecentric.height_px, -kMost, kMost);
     number(telecentric, "field_mm", scene.telecentric.field_mm);
@@ -155,14 +251,8 @@ Result<Scene> load_scene(const std::filesystem::path& file) {
     root.refuse_unknown_keys();
 
     for (const SceneProblem& problem : problems(scene)) {
-        TomlTable& table = problem.table == "part"     ? part
-                           : problem.table == "pose"   ? pose
-                           : problem.table == "light"  ? light
-                           : problem.table == "camera" ? camera
-                           : problem.table == "telecentric" ? telecentric
-                           : problem.table == "defect" ? defects[problem.index]
-                                                       : noise;
-        table.problem(problem.key, problem.what, problem.cure);
+        auto& named = tables[problem.table];
+        (problem.index < named.size() ? named[problem.index] : root).problem(problem.key, problem.what, problem.cure);
     }
     if (!wrong.empty()) return wrong.as_error();
     return scene;

@@ -23,12 +23,21 @@ int Body::add(const Surface& surface) {
 void Body::fill(Solid part, double index) {
     solids_.insert(solids_.begin(), std::move(part));
     indices_.insert(indices_.begin() + 1, index);
+    absorptions_.insert(absorptions_.begin() + 1, 0.0);
     empty = false;
 }
 
-void Body::fill_more(Solid defect, double index) {
+void Body::tint(double absorption) {
+    if (empty || !(absorption > 0)) return;
+    absorptions_[1] = absorption;
+    absorbs = true;
+}
+
+void Body::fill_more(Solid defect, double index, double absorption) {
     solids_.push_back(std::move(defect));
     indices_.push_back(index);
+    absorptions_.push_back(absorption);
+    absorbs = absorbs || absorption > 0;
 }
 
 void Body::done() {

@@ -54,12 +54,14 @@ struct Body {
     bool convex = false;  // the part without its defects: light that has left it never meets it again
 
     bool fresnel = false;  // light is lost by reflection
+    bool absorbs = false;  // and within some medium
 
     // Adds a surface and gives its number; -1 when there are kMaxSurfaces already.
     int add(const Surface& surface);
     // What fills a place: air outside `part`; inside, the last filling that contains the place, else the part itself.
     void fill(Solid part, double index);
-    void fill_more(Solid defect, double index);
+    void tint(double absorption);  // the part
+    void fill_more(Solid defect, double index, double absorption = 0);
     void done();  // after the last of these
 
     // 0: outside the part; 1: the part; from 2 on, its defects, be they hollow.
@@ -67,15 +69,21 @@ struct Body {
         return table_.empty() ? work_out(state) : table_[static_cast<std::size_t>(state)];
     }
     [[nodiscard]] double index(std::uint8_t medium) const { return indices_[medium]; }
+    [[nodiscard]] double part_index() const { return empty ? 1 : indices_[1]; }
+    [[nodiscard]] double absorption(std::uint8_t medium) const { return absorptions_[medium]; }  // natural, per mm
 
   private:
     [[nodiscard]] std::uint8_t work_out(std::uint64_t state) const;
     std::vector<Solid> solids_;          // the part, then its defects
     std::vector<double> indices_{1.0};   // of air, the part, its defects
+    std::vector<double> absorptions_{0.0};
     std::vector<std::uint8_t> table_;    // by state, for few surfaces
 };
 
-// The scene's part, with or without its defects. The scene has no problems (scene.h).
-Body body_of(const Scene& scene, bool with_defects);
+// The scene's part, with or without its defects, at a wavelength. The scene has no problems (scene.h).
+Body body_of(const Scene& scene, bool with_defects, double wavelength_nm = kLineD);
+
+// Index at a wavelength (nm) of a glass with this index at kLineD. Cauchy's two terms; exact at the lines d, F, C.
+double dispersed(double index_d, double abbe_number, double wavelength_nm);
 
 }  // namespace hord::sim

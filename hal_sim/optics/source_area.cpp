@@ -13,18 +13,24 @@ double half_angle(double px, double py, double qx, double qy) {
     return 0.5 * exact::atan2(px * qy - py * qx, px * qx + py * qy);
 }
 
-// The edges of the bins between low and high, with these two at the ends; `first`: the bin that the first cell is in.
-int cuts(double low, double high, int count, double* cut, int& first) {
-    const double left = -0.5 * count;
-    first = std::clamp(static_cast<int>(std::floor(low - left)), 0, count - 1);
+int cell_of(double at, double left, double step, int count) {
+    return std::clamp(static_cast<int>(std::floor((at - left) / step)), 0, count - 1);
+}
+
+// The edges of the cells between low and high, with these two at the ends; `first`: the cell that the first piece is in.
+int cuts(double low, double high, double left, double step, int count, double* cut, int& first) {
+    first = cell_of(low, left, step, count);
     int n = 0;
     cut[n++] = low;
-    for (int k = first + 1; k < count && left + k < high; ++k) cut[n++] = left + k;
+    for (int k = first + 1; k < count && left + k * step < high; ++k) cut[n++] = left + k * step;
     cut[n++] = high;
     return n;
 }
 
 }  // namespace
+
+int SlopeGrid::column(double u) const { return cell_of(u, left, step, i); }
+int SlopeGrid::row(double v) const { return cell_of(v, top, step, j); }
 
 double disc_in_triangle(double px, double py, double qx, double qy) {
     const double dx = qx - px, dy = qy - py;
@@ -45,7 +51,7 @@ double disc_in_triangle(double px, double py, double qx, double qy) {
     return area;
 }
 
-void add_source(const algo::Extents& extents, const SlopeMap& map, double r, const SlopeBox& box, double weight, double* bins) {
+void add_source(const SlopeGrid& grid, const SlopeMap& map, double r, const SlopeBox& box, double weight, double* cells) {
     const double det = map.determinant();
     if (det == 0 || weight == 0) return;
     // Where the disc lies in slope space: its centre, and the half sides of its bounding box.
@@ -57,14 +63,15 @@ void add_source(const algo::Extents& extents, const SlopeMap& map, double r, con
                        std::min(box.v1, v + half_v)};
     if (lit.is_empty()) return;
 
-    double cut_u[algo::kMaxBins + 2], cut_v[algo::kMaxBins + 2];
+    constexpr int kMost = SlopeGrid::kMostCells + 2;
+    double cut_u[kMost], cut_v[kMost];
     int first_i = 0, first_j = 0;
-    const int nu = cuts(lit.u0, lit.u1, extents.i, cut_u, first_i);
-    const int nv = cuts(lit.v0, lit.v1, extents.j, cut_v, first_j);
+    const int nu = cuts(lit.u0, lit.u1, grid.left, grid.step, grid.i, cut_u, first_i);
+    const int nv = cuts(lit.v0, lit.v1, grid.top, grid.step, grid.j, cut_v, first_j);
 
     const double scale = weight * r * r / det;  // signed: a mirrored lattice has mirrored cells
-    double* const corner = bins + first_j * extents.i + first_i;
-    double x[2][algo::kMaxBins + 2], y[2][algo::kMaxBins + 2], along[2][algo::kMaxBins + 2];
+    double* const corner = cells + first_j * grid.i + first_i;
+    double x[2][kMost], y[2][kMost], along[2][kMost];
     for (int b = 0; b < nv; ++b) {
         double* const xs = x[b & 1];
         double* const ys = y[b & 1];
@@ -81,7 +88,7 @@ void add_source(const algo::Extents& extents, const SlopeMap& map, double r, con
         double left = disc_in_triangle(xp[0], yp[0], xs[0], ys[0]);
         for (int k = 1; k < nu; ++k) {
             const double right = disc_in_triangle(xp[k], yp[k], xs[k], ys[k]);
-            corner[(b - 1) * extents.i + k - 1] += scale * (along[(b - 1) & 1][k] + right - row[k] - left);
+            corner[(b - 1) * grid.i + k - 1] += scale * (along[(b - 1) & 1][k] + right - row[k] - left);
             left = right;
         }
     }

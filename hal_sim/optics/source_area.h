@@ -24,11 +24,28 @@ struct SlopeMap {
     [[nodiscard]] double determinant() const { return s_u * t_v - s_v * t_u; }
 };
 
+// What one lenslet's light falls on: cells of slope, cell (k,l) from left + k step to left + (k + 1) step, and likewise down.
+struct SlopeGrid {
+    static constexpr int kMostCells = 400;  // a side
+    double left = 0, top = 0, step = 1;     // bin pitches
+    int i = 0, j = 0;
+    [[nodiscard]] int cells() const { return i * j; }
+    [[nodiscard]] SlopeBox box() const { return {left, left + i * step, top, top + j * step}; }
+    [[nodiscard]] int column(double u) const;  // the cell that holds this slope, or the nearest
+    [[nodiscard]] int row(double v) const;
+
+    // The bins, and `around` times as many on every side.
+    static SlopeGrid of(const algo::Extents& e, int around = 0) {
+        const int k = 1 + 2 * around;
+        return {-0.5 * k * e.i, -0.5 * k * e.j, 1, k * e.i, k * e.j};
+    }
+};
+
 // Signed area of the unit disc inside the triangle (0, P, Q).
 double disc_in_triangle(double px, double py, double qx, double qy);
 
 // Adds `weight` times the area (in slope space, 1 = a full bin) of the disc of radius r at the source inside `box` to the
-// bins it falls into: bins[j * extents.i + i]. The box lies within the bins.
-void add_source(const algo::Extents& extents, const SlopeMap& map, double r, const SlopeBox& box, double weight, double* bins);
+// cells it falls into: cells[l * grid.i + k]. The box lies within the grid.
+void add_source(const SlopeGrid& grid, const SlopeMap& map, double r, const SlopeBox& box, double weight, double* cells);
 
 }  // namespace hord::sim

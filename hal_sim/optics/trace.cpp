@@ -2,12 +2,14 @@
 
 #include <algorithm>
 
+#include "hal_sim/optics/exact_math.h"
 #include "hal_sim/optics/refraction.h"
 
 namespace hord::sim {
 namespace {
 
 constexpr int kMaxCrossings = 16;
+constexpr double kLeast = 1e-12;  // of the light: what is left of less is lost
 constexpr double kClose = 1e-6;  // of the body's size: larger than any crossing_error() here
 
 std::uint64_t mix(std::uint64_t path, std::uint64_t step) { return (path ^ (step + 1)) * 0x9E3779B97F4A7C15ULL + (path >> 29); }
@@ -44,8 +46,10 @@ void pass_discs(const Body& body, const Ray& ray, double to, double& weight, std
     }
 }
 
-// Follows the ray until it has left the body for good; false when it is lost on the way.
-bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way* way) {
+// Follows the ray until it has left the body for good; false when it is lost on the way. `kLosses`: light may be lost at faces or
+// in glass, or be a ghost; what no scene names is not even asked for.
+template <bool kLosses>
+bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way* way, [[maybe_unused]] Ghost ghost = {}) {
     double leaves = leaves_box(body, ray);
     if (way) *way = Way{};
     const auto note = [&](const Vec3& point, bool in_part) {
@@ -55,6 +59,7 @@ bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way
     };
     note(ray.origin, false);
     if (leaves < 0) {
+        if (ghost.is_one()) return false;
         note(ray.origin + (2 * (body.high.z - body.low.z)) * ray.direction, false);
         return true;
     }
@@ -65,6 +70,7 @@ bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way
     std::uint8_t medium = body.medium(state);
     if (medium != 0) leaves = kNever;
 
+    [[maybe_unused]] int faces = 0;  // met, between media of different index
     double next[Body::kMaxSurfaces];
     for (int step = 0;; ++step) {
         std::size_t first = 0;
@@ -73,7 +79,10 @@ bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way
             next[s] = next_crossing(body.surfaces[s], ray, ((state >> s) & 1U) != 0, ((standing_on >> s) & 1U) != 0);
             if (next[s] < t) t = next[s], first = s;
         }
-        if (t > leaves) break;
+        if (t > leaves) {
+            if (kLosses && faces <= ghost.second) return false;
+            break;
+        }
         if (step == kMaxCrossings) return false;
         // Faces that coincide, within the bounds on both, are crossed as one.
         std::uint64_t crossed = std::uint64_t{1} << first;
@@ -91,18 +100,34 @@ bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way
         standing_on = crossed;
         note(ray.origin, medium != 0);
         bool through = true;
+        if constexpr (kLosses) {
+            if (body.absorbs && body.absorption(medium) > 0) weight *= exact::exp(-body.absorption(medium) * t);
+            if (weight < kLeast) return false;
+        }
         if (index_before != index_after) {
-            const Refraction bent = refract(ray.direction, foot.normal, index_before, index_after);
+            Refraction bent = refract(ray.direction, foot.normal, index_before, index_after);
+            if constexpr (kLosses) {
+                const double passes = body.fresnel ? fresnel_transmission(bent, index_before, index_after) : 1;
+                const int face = faces++;
+                if (face == ghost.first || face == ghost.second) {
+                    if (bent.reflected) return false;  // all of it: the way of another ray
+                    weight *= 1 - passes;
+                    bent.direction = unit(ray.direction - (2 * dot(ray.direction, foot.normal)) * foot.normal);
+                    bent.reflected = true;
+                } else if (!bent.reflected) {
+                    weight *= passes;
+                }
+            }
             ray.direction = bent.direction;
             path = mix(path, 2 * first + (bent.reflected ? 1 : 0));
             through = !bent.reflected;
-            if (body.fresnel && through) weight *= fresnel_transmission(bent, index_before, index_after);
         }
         if (through) {
             state ^= crossed;
             const bool out = medium != 0 && beyond == 0;
             medium = beyond;
             if (out && body.convex) {
+                if (kLosses && faces <= ghost.second) return false;
                 leaves = 0;
                 break;
             }
@@ -116,11 +141,13 @@ bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way
 
 }  // namespace
 
-Arrival trace(const Body& body, const CameraRay& from, Way* way) {
+Arrival trace(const Body& body, const CameraRay& from, Way* way, Ghost ghost) {
     Arrival arrival{from.u, from.v, from.x, from.y, 1, kFreePath};
     const double start = body.high.z;
     Ray ray{{from.x + from.u * start, from.y + from.v * start, start}, unit({-from.u, -from.v, -1})};
-    if (!follow(body, ray, arrival.weight, arrival.path, way) || ray.direction.z >= 0) return {};
+    const bool goes = body.fresnel || body.absorbs ? follow<true>(body, ray, arrival.weight, arrival.path, way, ghost)
+                                                   : follow<false>(body, ray, arrival.weight, arrival.path, way);
+    if (!goes || ray.direction.z >= 0) return {};
     if (arrival.path != kFreePath) {
         arrival.u = ray.direction.x / ray.direction.z;
         arrival.v = ray.direction.y / ray.direction.z;
@@ -133,7 +160,9 @@ Arrival trace(const Body& body, const CameraRay& from, Way* way) {
 Landing shine(const Body& body, double x, double y, Way* way) {
     Landing landing{x, y, 0, 0, 1, kFreePath};
     Ray ray{{x, y, body.low.z}, {0, 0, 1}};
-    if (!follow(body, ray, landing.weight, landing.path, way) || ray.direction.z <= 0) return {};
+    const bool goes = body.fresnel || body.absorbs ? follow<true>(body, ray, landing.weight, landing.path, way)
+                                                   : follow<false>(body, ray, landing.weight, landing.path, way);
+    if (!goes || ray.direction.z <= 0) return {};
     landing.u = ray.direction.x / ray.direction.z;
     landing.v = ray.direction.y / ray.direction.z;
     landing.x = ray.origin.x - landing.u * ray.origin.z;

@@ -30,8 +30,15 @@ struct Way {
     int count = 0;
 };
 
+// Light that is split at a face goes on both ways. `Ghost` follows the reflected share at two faces (counted from 0
+// along the ray), where both reflect partially; without it the refracted share is followed.
+struct Ghost {
+    int first = -1, second = -1;
+    [[nodiscard]] bool is_one() const { return first >= 0; }
+};
+
 // A ray that is reflected totally goes on, up to 16 crossings; then, or when it turns back, it is lost.
-Arrival trace(const Body& body, const CameraRay& ray, Way* way = nullptr);
+Arrival trace(const Body& body, const CameraRay& ray, Way* way = nullptr, Ghost ghost = {});
 
 // The same with the light: from the source, with slope 0, towards (x, y) of the measurement plane; where on that plane the
 // camera sees it come from, and with which slope. `path` as in Arrival, but not comparable to trace()'s.

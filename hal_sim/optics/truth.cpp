@@ -33,7 +33,10 @@ bool meets(const Way& way, const AbsorbingSpeck& d) {
 }
 
 bool meets(const Way& way, const Inclusion& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
-bool meets(const Way& way, const Scratch& d) {
+bool meets(const Way& way, const Absorber& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
+template <class Thread>
+    requires requires(const Thread& d) { d.from_mm; }
+bool meets(const Way& way, const Thread& d) {
     const double span = length(d.to_mm - d.from_mm);
     for (int k = 1; k < way.count; ++k) {
         if (!way.in_part[k]) continue;
@@ -55,8 +58,11 @@ struct Around {
     double detail;  // its smallest measure
 };
 template <class Ball>
+    requires requires(const Ball& d) { d.centre_mm; }
 Around around(const Ball& d) { return {d.centre_mm, d.radius_mm, d.radius_mm}; }
-Around around(const Scratch& d) { return {0.5 * (d.from_mm + d.to_mm), 0.5 * length(d.to_mm - d.from_mm) + d.radius_mm, d.radius_mm}; }
+template <class Thread>
+    requires requires(const Thread& d) { d.from_mm; }
+Around around(const Thread& d) { return {0.5 * (d.from_mm + d.to_mm), 0.5 * length(d.to_mm - d.from_mm) + d.radius_mm, d.radius_mm}; }
 
 class Labels {
   public:

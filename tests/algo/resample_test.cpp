@@ -37,7 +37,7 @@ TEST(Resample, an_aligned_frame_of_one_pixel_a_bin_is_copied) {
     for (const int bits : {8, 12, 16}) {
         const Frame raw = noise(45, 36, bits);
         const LensletGrid grid = upright(5, 4, 9, 4);
-        const auto resampler = Resampler::create(grid, 9, 9, Resampler::even_steps(grid, 9, 9));
+        const auto resampler = Resampler::create(grid, even_layout(grid, 9, 9));
         ASSERT_TRUE(resampler) << resampler.error().message();
         const auto decoded = resampler->decode(raw.view());
         ASSERT_TRUE(decoded);
@@ -54,7 +54,7 @@ TEST(Resample, a_bin_is_the_mean_of_what_lies_under_it) {
     // Bins of 2 px on a grid that starts on whole pixels: plain means of 2 x 2.
     const Frame raw = noise(60, 60, 12);
     const LensletGrid grid = upright(5, 5, 12, 6.5);
-    const auto resampler = Resampler::create(grid, 6, 6, Resampler::even_steps(grid, 6, 6));
+    const auto resampler = Resampler::create(grid, even_layout(grid, 6, 6));
     ASSERT_TRUE(resampler);
     const auto decoded = resampler->decode(raw.view());
     const auto view = raw.view();
@@ -78,7 +78,7 @@ TEST(Resample, full_scale_stays_full_scale_and_black_stays_black) {
         LensletGrid grid = upright(4, 4, 17.3, 20.4);
         grid.width_px = grid.height_px = 97;
         grid.parameters = {20.4, 20.1, 17.3, 0.6};
-        const auto resampler = Resampler::create(grid, 7, 9, Resampler::even_steps(grid, 7, 9));
+        const auto resampler = Resampler::create(grid, even_layout(grid, 7, 9));
         ASSERT_TRUE(resampler) << resampler.error().message();
         const auto decoded = resampler->decode(raw.view());
         for (int y = 0; y < decoded->height_px(); ++y) {
@@ -107,15 +107,15 @@ TEST(Resample, a_ramp_is_read_at_the_bins_own_places) {
         grid.parameters = {150, 150, 80, -4, 4, 80, 0.002, -0.001, -0.01};
         grid.middle_x_px = grid.middle_y_px = 149.5;
         grid.radius_px = 150;
-        const auto steps = Resampler::even_steps(grid, 9, 9);
-        const auto resampler = Resampler::create(grid, 9, 9, steps);
+        const BinLayout layout = even_layout(grid, 9, 9);
+        const auto resampler = Resampler::create(grid, layout);
         ASSERT_TRUE(resampler) << resampler.error().message();
         const auto decoded = resampler->decode(raw.view());
         const double tolerance = slope * (1.0 / 32 + 0.025 + 0.125 / 2.2) + 1;
         for (int n = 0; n < 9; ++n) {
             for (int m = 0; m < 9; ++m) {
                 for (int i = 0; i < 9; ++i) {
-                    const double x = grid.centre_px(m, n).x_px + (i - 4) * steps.along_i.x_px;
+                    const double x = grid.centre_px(m, n).x_px + (i - 4) * layout.box_x_px;
                     EXPECT_NEAR(decoded->view().sample(m * 9 + i, n * 9 + 4), 1000 + slope * x, tolerance);
                 }
             }
@@ -130,7 +130,7 @@ TEST(Resample, bins_beyond_the_frame_hold_no_light) {
     }
     LensletGrid grid = upright(4, 4, 30, 0);
     grid.width_px = grid.height_px = 90;
-    const auto resampler = Resampler::create(grid, 5, 5, Resampler::even_steps(grid, 5, 5));
+    const auto resampler = Resampler::create(grid, even_layout(grid, 5, 5));
     const auto decoded = resampler->decode(raw.view());
     EXPECT_EQ(decoded->view().sample(0, 0), 0U);    // half a lenslet left of the frame
     EXPECT_EQ(decoded->view().sample(7, 7), 200U);  // the middle of lenslet (1, 1)
@@ -146,7 +146,7 @@ TEST(Resample, the_same_bits_on_every_machine) {
     grid.parameters = {129.3, 131.2, 110.1, -5.7, 5.9, 110.6, 0.002, -0.001, -0.004};
     grid.middle_x_px = grid.middle_y_px = 129.5;
     grid.radius_px = 130;
-    const auto resampler = Resampler::create(grid, 9, 9, Resampler::even_steps(grid, 9, 9));
+    const auto resampler = Resampler::create(grid, even_layout(grid, 9, 9));
     ASSERT_TRUE(resampler);
     const auto decoded = resampler->decode(noise(260, 260, 12).view());
     std::uint64_t hash = 14695981039346656037U;
@@ -156,12 +156,12 @@ TEST(Resample, the_same_bits_on_every_machine) {
 
 TEST(Resample, what_cannot_be_decoded_is_refused) {
     const LensletGrid grid = upright(5, 5, 9, 4);
-    EXPECT_FALSE(Resampler::create(grid, 2, 9, Resampler::even_steps(grid, 2, 9)));
-    EXPECT_FALSE(Resampler::create(grid, 9, 9, {{0.1, 0}, {0, 0.1}}));
+    EXPECT_FALSE(Resampler::create(grid, even_layout(grid, 2, 9)));
+    EXPECT_FALSE(Resampler::create(grid, even_layout(upright(4, 4, 0.9, 20), 9, 9)));
     LensletGrid broken = grid;
     broken.parameters.pop_back();
-    EXPECT_FALSE(Resampler::create(broken, 9, 9, Resampler::even_steps(grid, 9, 9)));
-    const auto resampler = Resampler::create(grid, 9, 9, Resampler::even_steps(grid, 9, 9));
+    EXPECT_FALSE(Resampler::create(broken, even_layout(grid, 9, 9)));
+    const auto resampler = Resampler::create(grid, even_layout(grid, 9, 9));
     const auto decoded = resampler->decode(Frame(10, 10, 8).view());
     ASSERT_FALSE(decoded);
     EXPECT_THAT(decoded.error().message(), ::testing::HasSubstr("10x10"));

@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "tests/calib/synthetic.h"
 #include "tests/cli/program.h"
 
 namespace hord::test {
@@ -65,6 +66,63 @@ TEST(Calibrate, inspect_refuses_a_grid_file_that_is_missing_or_was_edited) {
         EXPECT_EQ(said.status, 2);
         EXPECT_THAT(said.err, HasSubstr(grid));
     }
+}
+
+// A 16-bit PGM.
+void write_pgm(const std::string& path, const algo::Frame& frame) {
+    std::ofstream out(path, std::ios::binary);
+    out << "P5\n" << frame.width_px() << ' ' << frame.height_px() << "\n65535\n";
+    for (int y = 0; y < frame.height_px(); ++y) {
+        for (int x = 0; x < frame.width_px(); ++x) {
+            const std::uint32_t sample = frame.view().sample(x, y);
+            out.put(static_cast<char>(sample >> 8U)).put(static_cast<char>(sample & 0xFFU));
+        }
+    }
+}
+
+TEST(Calibrate, captures_at_known_tilts_give_radians) {
+    const TemporaryFolder folder;
+    std::filesystem::create_directory(folder / "tilts");
+    calib::test::White white{.width_px = 300, .height_px = 300, .pitch_px = 24, .rotation_deg = 1};
+    write_pgm(folder / "white.pgm", calib::test::draw(white).frame);
+    const double px_a_rad = 200;
+    const auto capture = [&](const std::string& name, double x_rad, double y_rad) {
+        calib::test::White spots = white;
+        spots.disc_radius_px = -1.4;
+        spots.offset_x_px += 0.5 + px_a_rad * x_rad;
+        spots.offset_y_px += px_a_rad * y_rad;
+        write_pgm(folder / ("tilts/" + name), calib::test::draw(spots).frame);
+    };
+    std::ofstream list(folder / "tilts/tilts.toml");
+    list << "empty = \"empty.pgm\"\n";
+    capture("empty.pgm", 0, 0);
+    const std::pair<double, double> tilts[] = {{0.03, 0}, {0, 0.03}, {-0.03, -0.02}, {0.02, -0.03}};
+    for (int k = 0; k < 4; ++k) {
+        const std::string name = std::to_string(k) + ".pgm";
+        capture(name, tilts[k].first, tilts[k].second);
+        list << "[[tilt]]\nframe = \"" << name << "\"\nx_rad = " << tilts[k].first << "\ny_rad = " << tilts[k].second << "\n";
+    }
+    list.close();
+    const Said said = run("hordctl", {"calibrate", folder / "white.pgm", "--tilts", folder / "tilts", "--out", folder / "grid.toml", "--json"});
+    ASSERT_EQ(said.status, 0) << said.err;
+    const Json directions = Json::parse(said.out)["directions"];
+    EXPECT_NEAR(directions["scale_px_a_rad"].get<double>(), px_a_rad, 1);
+    EXPECT_NEAR(directions["zero_px"]["x"].get<double>(), 0.5, 0.02);
+    EXPECT_LE(directions["left_out_px"]["rms_x"].get<double>(), 0.02);
+
+    const Said seen = run("hordctl", {"inspect", folder / "white.pgm", "--grid", folder / "grid.toml", "--json"});
+    EXPECT_NE(seen.status, 2) << seen.err;
+    EXPECT_NEAR(Json::parse(seen.out)["feature"]["bin_rad"].get<double>(), 24.0 / 9 / px_a_rad, 1e-4);
+
+    // Tilts on one line say nothing across it.
+    std::ofstream line(folder / "tilts/tilts.toml");
+    line << "empty = \"empty.pgm\"\n";
+    for (int k = 0; k < 3; ++k) line << "[[tilt]]\nframe = \"0.pgm\"\nx_rad = 0.03\ny_rad = 0\n";
+    line.close();
+    const Said refused = run("hordctl", {"calibrate", folder / "white.pgm", "--tilts", folder / "tilts", "--out", folder / "other.toml"});
+    EXPECT_EQ(refused.status, 2);
+    EXPECT_THAT(refused.err, HasSubstr("one line"));
+    EXPECT_FALSE(std::filesystem::exists(folder / "other.toml"));
 }
 
 TEST(Soak, a_short_one_keeps_every_promise_and_the_same_seed_gives_the_same_run) {

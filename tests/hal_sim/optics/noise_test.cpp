@@ -99,7 +99,7 @@ TEST(Exposure, noise_has_the_variance_of_photons_reading_and_rounding) {
     Scene scene;
     scene.camera.bits = 12;
     scene.camera.full_bin_dn = 1000;
-    scene.noise = {4.0, 6.0, 100.0};
+    scene.noise = {.electrons_per_dn = 4, .read_e = 6, .dark_dn = 100};
     const algo::Frame frame = expose(even_light(0.5F), scene, 99);
     const int count = frame.width_px() * frame.height_px();
     const Moments m = moments(count, [&](std::uint64_t k) {
@@ -118,7 +118,7 @@ std::uint64_t checksum(const algo::Frame& frame) {  // FNV-1a
 
 TEST(Exposure, a_seed_gives_the_same_bits_everywhere_and_another_gives_others) {
     Scene scene;
-    scene.noise = {10.0, 2.0, 4.0};
+    scene.noise = {.electrons_per_dn = 10, .read_e = 2, .dark_dn = 4};
     LightField field = even_light(0);
     for (std::size_t k = 0; k < field.bins.size(); ++k) field.bins[k] = static_cast<float>(k % 97) / 128.0F;
     EXPECT_EQ(checksum(expose(field, scene, 42)), checksum(expose(field, scene, 42)));

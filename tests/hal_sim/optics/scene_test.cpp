@@ -69,11 +69,11 @@ read_e = 3
     EXPECT_THAT(what, HasSubstr("toml:4: part.apertur_radius_mm: is not a known key: did you mean aperture_radius_mm?"));
     EXPECT_THAT(what, HasSubstr(":7: "));
     EXPECT_THAT(what, HasSubstr("radius_mm: 0 is out of range"));
-    EXPECT_THAT(what, HasSubstr("\"dimple\" is not known: use one of bubble, cut, speck, inclusion, scratch"));
+    EXPECT_THAT(what, HasSubstr("\"dimple\" is not known: use one of bubble, cut, speck, inclusion, scratch, absorber, stria"));
     EXPECT_THAT(what, HasSubstr("name the kind of defect"));
     EXPECT_THAT(what, HasSubstr(":13: camera.m: 2 is out of range: use 3 to 2048"));
     EXPECT_THAT(what, HasSubstr(":14: camera.bits: 20 is out of range: use 8 to 16"));
-    EXPECT_THAT(what, HasSubstr(":16: noise.read_e: read noise in electrons needs electrons_per_dn"));
+    EXPECT_THAT(what, HasSubstr(":16: noise.read_e: is in electrons and needs electrons_per_dn"));
 }
 
 TEST(SceneFile, impossible_geometry_is_refused) {

@@ -18,7 +18,7 @@ TEST(SourceArea, all_of_a_disc_inside_the_bins_is_found) {
             std::vector<double> bins(81);
             SlopeMap map;
             map.s = at, map.t = 0.3 * at;
-            add_source(e, map, r, {-4.5, 4.5, -4.5, 4.5}, 1, bins.data());
+            add_source(SlopeGrid::of(e), map, r, {-4.5, 4.5, -4.5, 4.5}, 1, bins.data());
             EXPECT_NEAR(std::accumulate(bins.begin(), bins.end(), 0.0), kPi * r * r, 1e-13) << r << " " << at;
         }
     }
@@ -27,7 +27,7 @@ TEST(SourceArea, all_of_a_disc_inside_the_bins_is_found) {
 TEST(SourceArea, a_centred_disc_is_cut_by_its_bins_in_closed_form) {
     const algo::Extents e{3, 3, 9, 9};
     std::vector<double> bins(81);
-    add_source(e, {}, 0.61, {-4.5, 4.5, -4.5, 4.5}, 1, bins.data());
+    add_source(SlopeGrid::of(e), {}, 0.61, {-4.5, 4.5, -4.5, 4.5}, 1, bins.data());
     const double r = 0.61, h = 0.5;
     const double segment = r * r * std::acos(h / r) - h * std::sqrt(r * r - h * h);
     EXPECT_NEAR(bins[4 * 9 + 4], kPi * r * r - 4 * segment, 1e-14);
@@ -41,7 +41,7 @@ TEST(SourceArea, agrees_with_counting_points_for_sheared_turned_and_mirrored_map
         SlopeMap map{0.4, -0.7, 0.9, 0.6, a, b, c, d};
         const SlopeBox box{-2.2, 3.1, -2.9, 2.05};
         std::vector<double> exact(42), counted(42);
-        add_source(e, map, 1.3, box, 2.0, exact.data());
+        add_source(SlopeGrid::of(e), map, 1.3, box, 2.0, exact.data());
         constexpr int kPoints = 900;
         for (int y = 0; y < kPoints; ++y) {
             for (int x = 0; x < kPoints; ++x) {
