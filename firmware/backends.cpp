@@ -6,6 +6,7 @@
 
 #include "drivers/modbus_rejector.h"
 #include "drivers/recorded_frames.h"
+#include "firmware/event_loop_sd.h"
 #include "hal_sim/cell/cell.h"
 #include "hal_sim/cell/rendered_frames.h"
 #include "hal_sim/coil_module/coil_module.h"
@@ -44,6 +45,32 @@ sim::Scene clean_part(const Config& config) {
     scene.noise.dark_dn = 1;
     return scene;
 }
+
+drivers::ModbusRejectorOptions rejector_options(const ModbusRejector& wanted) {
+    drivers::ModbusRejectorOptions options;
+    options.host = wanted.host;
+    options.port = wanted.port;
+    options.unit = wanted.unit;
+    options.ejector_coil = wanted.reject_coil;
+    options.permit_coil = wanted.run_permit_coil;
+    options.energise_to_pass = wanted.energise_to_pass;
+    options.response_timeout = wanted.response_timeout;
+    return options;
+}
+
+// Waits for the rejector's link, whose first writes are the safe state.
+struct SafeState final : hal::Rejector::Listener {
+    explicit SafeState(SdEventLoop& l) : loop(l) {}
+    void on_reject(const hal::RejectReport&) override {}
+    void on_rejector_link(bool up, const Error& why_down) override {
+        reached = up;
+        why = why_down;
+        if (up) loop.request_stop();
+    }
+    SdEventLoop& loop;
+    bool reached = false;
+    Error why;
+};
 
 class ChosenBackends final : public Backends {
   public:
@@ -95,6 +122,7 @@ class ChosenBackends final : public Backends {
             sim::RenderedFramesOptions rendering;
             rendering.seed = simulation.seed;
             rendering.progress = simulation.progress;
+            rendering.cache = simulation.cache;
             auto rendered = sim::RenderedFrames::make(std::move(drawn->scenes), rendering);
             if (!rendered) return tl::unexpected(rendered.error());
             rendered_ = std::move(*rendered);
@@ -110,15 +138,7 @@ class ChosenBackends final : public Backends {
     Result<void> open_rejector(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
         const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
         if (configured == nullptr && !simulation.own_coil_module) return {};
-        const ModbusRejector wanted = configured != nullptr ? *configured : ModbusRejector{};
-        drivers::ModbusRejectorOptions options;
-        options.host = wanted.host;
-        options.port = wanted.port;
-        options.unit = wanted.unit;
-        options.ejector_coil = wanted.reject_coil;
-        options.permit_coil = wanted.run_permit_coil;
-        options.energise_to_pass = wanted.energise_to_pass;
-        options.response_timeout = wanted.response_timeout;
+        drivers::ModbusRejectorOptions options = rejector_options(configured != nullptr ? *configured : ModbusRejector{});
         if (simulation.own_coil_module) {
             auto module = sim::CoilModule::open(loop, {});
             if (!module) return tl::unexpected(module.error());
@@ -148,6 +168,25 @@ class ChosenBackends final : public Backends {
 
 Result<std::unique_ptr<Backends>> Backends::open(hal::EventLoop& loop, const Config& config, const SimulationOptions& options) {
     return ChosenBackends::make(loop, config, options);
+}
+
+Result<void> Backends::make_safe(const Config& config, Duration patience) {
+    const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
+    if (configured == nullptr) return {};
+    auto loop = SdEventLoop::open();
+    if (!loop) return tl::unexpected(loop.error());
+    SafeState safe(**loop);
+    drivers::ModbusRejector rejector(**loop, rejector_options(*configured));
+    if (auto started = rejector.start(safe); !started) return started;
+    (*loop)->call_after(patience, [&] { (*loop)->request_stop(); });
+    const auto ran = (*loop)->run();
+    rejector.stop();
+    if (!ran) return ran;
+    if (!safe.reached) {
+        return fail(ErrorCode::timeout, "the rejector was not brought to its safe state: " + safe.why.what,
+                    "stop the line by hand; wire its run permit so that a module without link drops it");
+    }
+    return {};
 }
 
 }  // namespace hord::firmware

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -24,6 +25,7 @@ struct SimulationOptions {
     double parts_per_second = 10;
     double good_share = 0.7;
     int variety = 4;                  // different parts of each kind; each is rendered once, at the start
+    std::filesystem::path cache;      // folder where what was rendered is kept for the next start; empty: nowhere
     bool own_coil_module = false;     // a Modbus coil module on loopback, which moves the simulated ejector
     std::function<void(double)> progress;  // of rendering the parts, 0..1
 };
@@ -33,6 +35,10 @@ class Backends {
     // Fails as the devices' own open() do, and with what rendering says. `loop` outlives it.
     static Result<std::unique_ptr<Backends>> open(hal::EventLoop& loop, const Config& config, const SimulationOptions& options);
     virtual ~Backends() = default;
+
+    // Brings the configured rejector to its safe state (ejector at rest, no run permit) and lets go of it: for after a
+    // service that died. Blocks for at most `patience`. Fails with timeout (its module does not answer).
+    static Result<void> make_safe(const Config& config, Duration patience);
 
     [[nodiscard]] virtual hal::PartSensor& part_sensor() = 0;
     [[nodiscard]] virtual hal::Strobe& strobe() = 0;

@@ -17,14 +17,19 @@
 namespace hord::firmware {
 
 // [sensor] backend = "simulated" | "frames"
-struct SimulatedSensor {};
+struct SimulatedSensor {
+    bool operator==(const SimulatedSensor&) const = default;
+};
 struct RecordedFrames {
     std::filesystem::path folder;  // every image in it, in the order of their names
+    bool operator==(const RecordedFrames&) const = default;
 };
 using SensorConfig = std::variant<SimulatedSensor, RecordedFrames>;
 
 // [rejector] backend = "simulated" | "modbus"
-struct SimulatedRejector {};
+struct SimulatedRejector {
+    bool operator==(const SimulatedRejector&) const = default;
+};
 struct ModbusRejector {
     std::string host = "127.0.0.1";
     std::uint16_t port = 502;
@@ -33,6 +38,7 @@ struct ModbusRejector {
     std::uint16_t run_permit_coil = 1;  // address of the run permit's coil
     bool energise_to_pass = false;      // the coil is 1 while good parts pass: a module that lost its link rejects
     Duration response_timeout = milliseconds(30);
+    bool operator==(const ModbusRejector&) const = default;
 };
 using RejectorConfig = std::variant<SimulatedRejector, ModbusRejector>;
 
@@ -41,6 +47,7 @@ struct StrobeConfig {
     int channels = 1;
     Duration max_on = milliseconds(2);
     Duration min_rest = milliseconds(5);
+    bool operator==(const StrobeConfig&) const = default;
 };
 
 // [modbus]: the register server that the PLC reads and writes.

@@ -42,6 +42,7 @@ struct SdEventLoop::Loop {
     sd_event_source* post_source = nullptr;
     int post_fd = -1;
     int signal = 0;
+    std::vector<std::unique_ptr<Callback>> signal_callbacks;
     bool stop = false;  // not sd_event_exit(): a loop that has exited never runs again
 
     std::map<Key, Callback> timers;
@@ -151,6 +152,16 @@ Result<void> SdEventLoop::stop_on_signals(std::initializer_list<int> signals) {
         if (r < 0) return io_error("signals cannot be watched", r);
     }
     return {};
+}
+
+Result<void> SdEventLoop::on_signal(int signal, Callback callback) {
+    loop_->signal_callbacks.push_back(std::make_unique<Callback>(std::move(callback)));
+    const auto call = [](sd_event_source*, const signalfd_siginfo*, void* what) {
+        (*static_cast<Callback*>(what))();
+        return 0;
+    };
+    const int r = sd_event_add_signal(loop_->event, nullptr, signal | SD_EVENT_SIGNAL_PROCMASK, call, loop_->signal_callbacks.back().get());
+    return r < 0 ? io_error("signals cannot be watched", r) : Result<void>{};
 }
 
 Result<void> SdEventLoop::run() {

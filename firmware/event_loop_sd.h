@@ -19,6 +19,9 @@ class SdEventLoop final : public hal::EventLoop {
     // the mask.
     Result<void> stop_on_signals(std::initializer_list<int> signals = {SIGINT, SIGTERM});
 
+    // Blocks the signal and runs `callback` on the loop's thread whenever it comes. Before any thread is started. Fails with io.
+    Result<void> on_signal(int signal, Callback callback);
+
     // Runs callbacks until request_stop(); may be run again. Fails with io.
     Result<void> run();
 

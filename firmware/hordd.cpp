@@ -1,11 +1,22 @@
-// hordd: the station as a service. Everything it does it does through Service; this file only speaks to systemd.
+// hordd: the station as a service. Everything it does it does through Service; this file only speaks to systemd: readiness,
+// status and watchdog, sockets that it opened, reload, the journal, and the policy of the timing thread.
+#include <algorithm>
+#include <bit>
+#include <cerrno>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <string>
 
+#include <CLI/CLI.hpp>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <sched.h>
+#include <sys/mman.h>
 #include <systemd/sd-daemon.h>
 
+#include "firmware/faults.h"
+#include "firmware/journal.h"
 #include "firmware/service.h"
 
 namespace {
@@ -13,49 +24,209 @@ namespace {
 using namespace hord;
 using namespace hord::firmware;
 
-constexpr const char* kDefaultConfig = "/etc/hord/hordd.toml";
-constexpr const char* kHelp =
-    "usage: hordd [--config FILE]\n"
-    "\n"
-    "Runs the inspection station until SIGTERM. FILE is /etc/hord/hordd.toml unless given.\n"
-    "Exit status: 0 stopped as asked, 2 the configuration, a device or a port cannot be used (one line on stderr says which).\n"
-    "\n"
-    "Example: hordd --config deploy/hordd.toml\n";
+constexpr int kBadConfiguration = 78;  // EX_CONFIG: starting again does not help
+constexpr int kCannotRun = 2;
+constexpr Duration kStatusEvery = milliseconds(1000);
+constexpr Duration kSafePatience = milliseconds(3000);
 
-// The level prefix of sd-daemon(3): journald reads it, a terminal shows it.
-int complain(const Error& error) {
-    fmt::print(stderr, SD_ERR "hordd: {}\n", error.message());
-    return 2;
+struct Options {
+    std::string config = "/etc/hord/hordd.toml";
+    int realtime = 0;
+    bool check = false, safe = false, catalog = false;
+};
+
+const char* environment(const char* name) {
+    const char* value = std::getenv(name);
+    return value == nullptr ? "" : value;
 }
+
+Result<Config> read_config(const Options& options) {
+    auto config = load_config(options.config);
+    if (config) config->state_folder = environment("STATE_DIRECTORY");
+    return config;
+}
+
+int complain(Happening what, const Error& error, int status) {
+    tell(entry_of(what), error.message());
+    sd_notifyf(0, "STATUS=%s", error.message().c_str());
+    return status;
+}
+
+// The thread that runs the loop meets the line's times, and so does the rejector's, which it starts; threads that inspect leave
+// the policy again.
+void take_realtime_policy(int priority) {
+    sched_param param{};
+    param.sched_priority = priority;
+    if (::sched_setscheduler(0, SCHED_FIFO, &param) != 0) {
+        tell(entry_of(Happening::trouble),
+             fmt::format("real-time priority {} was refused: {}: set LimitRTPRIO= in the unit; times may be missed while the machine is busy", priority,
+                         std::strerror(errno)));
+    }
+    if (::mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0) {
+        tell(entry_of(Happening::trouble),
+             fmt::format("memory cannot be locked: {}: set LimitMEMLOCK=infinity in the unit; times may be missed while memory is short", std::strerror(errno)));
+    }
+}
+
+// Sockets of hordd.socket, by their names.
+Doors doors_from_systemd() {
+    Doors doors;
+    char** names = nullptr;
+    const int count = sd_listen_fds_with_names(1, &names);
+    for (int k = 0; k < count; ++k) {
+        const std::string_view name = names[k];
+        (name == "modbus-read-only" ? doors.modbus_read_only : doors.modbus) = SD_LISTEN_FDS_START + k;
+        std::free(names[k]);
+    }
+    if (count > 0) std::free(names);
+    return doors;
+}
+
+class Daemon {
+  public:
+    explicit Daemon(const Options& options) : options_(options) {}
+
+    int run() {
+        auto config = read_config(options_);
+        if (!config) return complain(Happening::configuration_refused, config.error(), kBadConfiguration);
+        sd_notify(0, "STATUS=opening devices");
+        SimulationOptions simulation;
+        simulation.variety = 2;
+        simulation.cache = environment("CACHE_DIRECTORY");
+        auto opened = Service::open(*config, simulation, watchers(), doors_from_systemd());
+        if (!opened) return complain(Happening::trouble, opened.error(), kCannotRun);
+        service_ = std::move(*opened);
+        if (options_.realtime > 0) take_realtime_policy(options_.realtime);
+        service_->loop().post([this] { begin(); });
+        const auto ran = service_->run();
+        sd_notify(0, "STOPPING=1\nSTATUS=halting");
+        service_.reset();  // lights off, permit down
+        if (!ran) return complain(Happening::trouble, ran.error(), kCannotRun);
+        tell(entry_of(Happening::stopped), "stopped as asked");
+        return 0;
+    }
+
+  private:
+    ServiceWatchers watchers() {
+        ServiceWatchers all;
+        all.state = [this](State from, State to) {
+            tell(entry_of(Happening::state), fmt::format("{} to {}", name_of(from), name_of(to)),
+                 std::array{Field{"HORD_STATE", std::string(name_of(to))}, Field{"HORD_FROM", std::string(name_of(from))}});
+            if (service_) service_->loop().post([this] { say_status(); });
+        };
+        all.recipe = [](const NumberedRecipe& recipe) {
+            const std::string crc = fmt::format("{:08X}", crc32_of(recipe));
+            tell(entry_of(Happening::recipe), fmt::format("recipe {} \"{}\", CRC-32 {}, is in use", recipe.number, recipe.recipe.name, crc),
+                 std::array{Field{"HORD_RECIPE", std::to_string(recipe.number)}, Field{"HORD_RECIPE_CRC", crc}});
+        };
+        all.reload = [this] { reload(); };
+        all.trouble = [](const Error& error) { tell(entry_of(Happening::trouble), error.message()); };
+        return all;
+    }
+
+    void begin() {
+        const std::string address = service_->registers_address();
+        tell(entry_of(Happening::ready), "registers at " + address, std::array{Field{"HORD_REGISTERS", address}});
+        sd_notify(0, "READY=1");
+        say_status_again();
+        std::uint64_t watchdog_us = 0;
+        if (sd_watchdog_enabled(0, &watchdog_us) > 0) {
+            ask_for_progress_every(microseconds(static_cast<std::int64_t>(watchdog_us / 4)));
+        }
+    }
+
+    // The timer only asks. Who feeds the watchdog is the last of the inspecting threads to answer, through the loop.
+    void ask_for_progress_every(Duration pace) {
+        service_->roll_call([] { sd_notify(0, "WATCHDOG=1"); });
+        service_->loop().call_after(pace, [this, pace] { ask_for_progress_every(pace); });
+    }
+
+    void say_status_again() {
+        say_status();
+        service_->loop().call_after(kStatusEvery, [this] { say_status_again(); });
+    }
+    void say_status() {
+        const Snapshot now = service_->snapshot();
+        tell_faults(now.faults_active);
+        const Counters& c = now.counters;
+        const std::string status = fmt::format("{}{}, {} parts: {} pass, {} reject, {} unfit; faults: {}", name_of(now.state),
+                                               now.line_stop ? ", LINE STOP" : "", c.seen, c.pass, c.reject, c.unfit, names_of_faults(now.faults_active));
+        if (status != std::exchange(status_, status)) sd_notifyf(0, "STATUS=%s", status.c_str());
+    }
+    void tell_faults(std::uint32_t active) {
+        for (const FaultText& fault : fault_texts()) {
+            const bool is = (active & fault.bit) != 0, was = (told_faults_ & fault.bit) != 0;
+            if (is == was) continue;
+            const std::array field{Field{"HORD_FAULT", std::string(fault.name)}};
+            if (is) {
+                tell(entry_of(fault.bit), fmt::format("fault {}: {}: {}", fault.name, fault.meaning, fault.cure), field);
+            } else {
+                tell(entry_of(Happening::fault_cleared), fmt::format("fault {} is over", fault.name), field);
+            }
+        }
+        told_faults_ = active;
+    }
+
+    void reload() {
+        timespec now{};
+        ::clock_gettime(CLOCK_MONOTONIC, &now);
+        sd_notifyf(0, "RELOADING=1\nMONOTONIC_USEC=%lld", static_cast<long long>(now.tv_sec) * 1'000'000 + now.tv_nsec / 1000);
+        const auto config = read_config(options_);
+        const auto waiting = config ? service_->reload(*config) : tl::unexpected(config.error());
+        if (!waiting) {
+            tell(entry_of(Happening::reload_refused), "reload refused, the old configuration stays: " + waiting.error().message());
+        } else if (waiting->empty()) {
+            tell(entry_of(Happening::reloaded), "configuration read again");
+        } else {
+            tell(entry_of(Happening::reloaded), fmt::format("configuration read again; not changed until a restart: {}", fmt::join(*waiting, ", ")));
+        }
+        sd_notify(0, "READY=1");
+    }
+
+    const Options& options_;
+    std::unique_ptr<Service> service_;
+    std::string status_;
+    std::uint32_t told_faults_ = 0;
+};
 
 }  // namespace
 
 int main(int argc, char** argv) {
-    std::string file = kDefaultConfig;
-    if (argc == 2 && std::strcmp(argv[1], "--help") == 0) {
-        std::fputs(kHelp, stdout);
+    Options options;
+    CLI::App program{"hordd: the inspection station as a service; runs until SIGTERM, reads its configuration again on SIGHUP"};
+    program.set_version_flag("--version", "hordd " HORD_VERSION);
+    program.add_option("--config", options.config, "Configuration (TOML)")->capture_default_str();
+    program.add_option("--realtime", options.realtime, "Run the timing thread under SCHED_FIFO with this priority; 0: not")->check(CLI::Range(0, 99))->capture_default_str();
+    program.add_flag("--check", options.check, "Only read the configuration and its recipe, and say what is wrong with them");
+    program.add_flag("--safe", options.safe, "Only bring the rejector to its safe state, no run permit: for after a service that died");
+    program.add_flag("--catalog", options.catalog, "Only print the journal's catalogue: every message id, what it means and what to do");
+    program.footer("Exit status: 0 stopped as asked, 2 a device or a port cannot be used, or usage, 78 the configuration cannot be used.\n"
+                   "Example: hordd --config deploy/hordd.toml");
+    try {
+        program.parse(argc, argv);
+    } catch (const CLI::Success& asked) {
+        return program.exit(asked);
+    } catch (const CLI::ParseError& error) {
+        fmt::print(stderr, "hordd: {}: see hordd --help\n", error.what());
+        return kCannotRun;
+    }
+    if (options.catalog) {
+        fmt::print("{}", format_catalog());
         return 0;
     }
-    if (argc == 3 && std::strcmp(argv[1], "--config") == 0) {
-        file = argv[2];
-    } else if (argc != 1) {
-        std::fputs(kHelp, stderr);
-        return 2;
+    if (options.check || options.safe) {
+        const auto config = read_config(options);
+        if (!config) return complain(Happening::configuration_refused, config.error(), kBadConfiguration);
+        if (options.safe) {
+            const auto safe = Backends::make_safe(*config, kSafePatience);
+            return safe ? 0 : complain(Happening::trouble, safe.error(), kCannotRun);
+        }
+        if (!config->inspection.recipe.empty()) {
+            const auto recipe = load_numbered_recipe(config->inspection.recipe);
+            if (!recipe) return complain(Happening::configuration_refused, recipe.error(), kBadConfiguration);
+        }
+        fmt::print("{} can be used\n", options.config);
+        return 0;
     }
-    const auto config = load_config(file);
-    if (!config) return complain(config.error());
-
-    ServiceWatchers watchers;
-    watchers.state = [](State from, State to) {
-        fmt::print(stderr, SD_NOTICE "hordd: {} to {}\n", name_of(from), name_of(to));
-        sd_notifyf(0, "STATUS=%.*s", static_cast<int>(name_of(to).size()), name_of(to).data());
-    };
-    watchers.trouble = [](const Error& error) { fmt::print(stderr, SD_WARNING "hordd: {}\n", error.message()); };
-    auto service = Service::open(*config, {}, std::move(watchers));
-    if (!service) return complain(service.error());
-    fmt::print(stderr, SD_INFO "hordd: registers at {}\n", (*service)->registers_address());
-    sd_notify(0, "READY=1");
-    const auto ran = (*service)->run();
-    sd_notify(0, "STOPPING=1");
-    return ran ? 0 : complain(ran.error());
+    return Daemon(options).run();
 }

@@ -56,8 +56,13 @@ class Inspector {
     // Loop thread. Frames that wait for a thread now.
     [[nodiscard]] std::size_t waiting() const { return do_waiting(); }
 
+    // Loop thread. `all_here` runs on the loop's thread once every thread has taken a turn: at once when none is started,
+    // after its frame when one is busy, never when one hangs. A later call replaces an earlier one that waits.
+    void roll_call(std::function<void()> all_here) { do_roll_call(std::move(all_here)); }
+
   private:
     virtual void do_start(Listener& listener) = 0;
+    virtual void do_roll_call(std::function<void()> all_here) { all_here(); }
     virtual Result<void> do_use(const algo::Recipe& recipe, std::uint16_t number);
     [[nodiscard]] virtual std::size_t do_waiting() const { return 0; }
     virtual Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) = 0;

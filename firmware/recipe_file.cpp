@@ -77,6 +77,9 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found) {
     limits.number("frobenius_bins", recipe.frobenius_limit_bins, 1e-3, 30);
     limits.number("transmission", recipe.transmission_limit, 0, 0.999);
     limits.integer("min_area", recipe.min_area, 1, 1'000'000);
+    if (recipe.dark_dn != 0 && recipe.saturated_dn != 0 && recipe.dark_dn >= recipe.saturated_dn) {
+        light.problem("dark_dn", "is not below saturated_dn", "lower it, or raise saturated_dn");
+    }
     root.integer("rim_margin", recipe.rim_margin, -1, 1000);
     for (TomlTable& zone : root.tables("zone")) recipe.zones.push_back(read_zone(zone));
     root.refuse_unknown_keys();

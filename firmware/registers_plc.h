@@ -74,6 +74,8 @@ class PlcDesk {
     // heartbeat the PLC cannot be lost. To be called several times within the timeout.
     void check_heartbeat();
 
+    void set_timeout(hal::Duration timeout) { options_.timeout = timeout; }
+
     // The staged values are these from now on: those of the recipe in use, when it changes.
     void stage(const StagedRecipe& recipe);
 
@@ -95,7 +97,7 @@ class PlcDesk {
 
     const hal::Clock& clock_;
     PlcHandler& handler_;
-    const PlcOptions options_;
+    PlcOptions options_;
 
     std::array<Remembered, 256> memory_{};  // a ring; token 0: empty
     std::size_t next_ = 0;

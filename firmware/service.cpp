@@ -4,6 +4,7 @@
 #include <fstream>
 #include <optional>
 #include <algorithm>
+#include <csignal>
 #include <random>
 #include <vector>
 
@@ -54,6 +55,7 @@ std::optional<double> disk_free_percent(const std::filesystem::path& folder) {
 // over the network goes first.
 struct Service::Parts final : StationObserver, InspectionObserver {
     Config config;
+    Doors doors;
     ServiceWatchers watchers;
     std::unique_ptr<SdEventLoop> loop;
     std::unique_ptr<Recorder> recorder;
@@ -114,6 +116,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     Result<NumberedRecipe> first_recipe();
     Result<void> open_inspector(const NumberedRecipe& recipe);
     void connect(NumberedRecipe recipe);
+    Result<std::vector<std::string>> reload(const Config& next);
 };
 
 // The ports: the cheapest thing that can be wrong. Nobody is answered before the loop runs.
@@ -127,13 +130,14 @@ Result<void> Service::Parts::open_doors() {
     options.port = config.modbus.port;
     options.max_connections = config.modbus.max_connections;
     options.access = config.modbus.access;
-    auto listening = modbus::Server::open(*loop, *registers, options);
+    auto listening = doors.modbus >= 0 ? modbus::Server::adopt(*loop, *registers, doors.modbus, options) : modbus::Server::open(*loop, *registers, options);
     if (!listening) return tl::unexpected(listening.error());
     server = std::move(*listening);
-    if (config.modbus.read_only_port != 0) {
+    if (config.modbus.read_only_port != 0 || doors.modbus_read_only >= 0) {
         options.port = config.modbus.read_only_port;
         options.may_write = false;
-        auto reading = modbus::Server::open(*loop, *registers, options);
+        auto reading = doors.modbus_read_only >= 0 ? modbus::Server::adopt(*loop, *registers, doors.modbus_read_only, options)
+                                                   : modbus::Server::open(*loop, *registers, options);
         if (!reading) return tl::unexpected(reading.error());
         read_only_server = std::move(*reading);
     }
@@ -187,11 +191,13 @@ void Service::Parts::connect(NumberedRecipe recipe) {
     works.check_judgement = [this, bits = backends->sensor().format().bits] {
         return check_judgement(config.inspection.bins_i, config.inspection.bins_j, bits);
     };
-    if (!config.inspection.recipes.empty()) {
-        works.recipe = [this](std::uint16_t number) { return find_recipe(config.inspection.recipes, number); };
-    }
+    works.recipe = [this](std::uint16_t number) -> Result<NumberedRecipe> {
+        if (config.inspection.recipes.empty()) return fail(ErrorCode::not_found, "there is no folder of recipes", "name one in inspection.recipes");
+        return find_recipe(config.inspection.recipes, number);
+    };
     works.recipe_changed = [this](const NumberedRecipe& now) {
         on_recipe(now);
+        if (watchers.recipe) watchers.recipe(now);
         if (config.state_folder.empty()) return;
         if (auto kept = remember_recipe(config.state_folder / kRecipeInUse, configured_recipe, now); !kept) on_trouble(kept.error());
     };
@@ -207,6 +213,9 @@ Result<void> Service::Parts::open(const SimulationOptions& simulation) {
     loop = std::move(*opened);
     opened_at = loop->now();
     if (auto done = loop->stop_on_signals(); !done) return done;
+    if (watchers.reload) {
+        if (auto done = loop->on_signal(SIGHUP, [this] { watchers.reload(); }); !done) return done;
+    }
     if (auto done = open_doors(); !done) return done;
 
     auto devices = Backends::open(*loop, config, simulation);
@@ -252,12 +261,71 @@ void Service::Parts::publish_health_again() {
     loop->call_after(kHealthEvery, [this] { publish_health_again(); });
 }
 
+// -- reload -------------------------------------------------------------------------------------------------------
+
+namespace {
+
+bool same_doors(const ModbusServer& a, const ModbusServer& b) {
+    return a.host == b.host && a.port == b.port && a.read_only_port == b.read_only_port && a.max_connections == b.max_connections;
+}
+
+}  // namespace
+
+Result<std::vector<std::string>> Service::Parts::reload(const Config& next) {
+    // The recipe first: it alone can be refused.
+    std::vector<std::string> waiting;
+    NumberedRecipe recipe;
+    if (!next.inspection.recipe.empty()) {
+        auto loaded = load_numbered_recipe(next.inspection.recipe);
+        if (!loaded) return tl::unexpected(loaded.error());
+        recipe = std::move(*loaded);
+    }
+    if (const std::uint32_t crc = crc32_of(recipe); crc != configured_recipe) {
+        if (executing(station->core().state())) {
+            waiting.emplace_back("inspection.recipe (stop the station, then reload again)");
+        } else {
+            const std::uint32_t before = std::exchange(configured_recipe, crc);
+            if (auto used = operations->use({}, std::move(recipe)); !used) {
+                configured_recipe = before;
+                return tl::unexpected(used.error());
+            }
+        }
+    }
+    server->set_access(next.modbus.access);
+    if (read_only_server) read_only_server->set_access(next.modbus.access);
+    desk->set_timeout(next.plc.timeout);
+    config.inspection.recipes = next.inspection.recipes;
+    config.inspection.recipe = next.inspection.recipe;
+    config.modbus.access = next.modbus.access;
+    config.plc = next.plc;
+
+    const auto restart = [&](bool differs, const char* table) {
+        if (differs) waiting.emplace_back(table);
+    };
+    CoreConfig other = next.core;
+    other.plc_policy = config.core.plc_policy;
+    restart(next.name != config.name || next.autostart != config.autostart, "[station]");
+    restart(other != config.core, "[line], [timing] or [rejector]'s times");
+    restart(next.core.plc_policy != config.core.plc_policy, "plc.policy");
+    restart(next.sensor != config.sensor, "[sensor]");
+    restart(next.strobe != config.strobe, "[strobe]");
+    restart(next.rejector != config.rejector, "[rejector]");
+    restart(!same_doors(next.modbus, config.modbus), "[modbus] addresses, ports or connections");
+    restart(next.serial != config.serial, "[serial]");
+    restart(next.inspection.bins_i != config.inspection.bins_i || next.inspection.bins_j != config.inspection.bins_j ||
+                next.inspection.threads != config.inspection.threads || next.inspection.queue != config.inspection.queue,
+            "[inspection] macro, threads or queue");
+    return waiting;
+}
+
 Service::Service(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
 Service::~Service() = default;
 
-Result<std::unique_ptr<Service>> Service::open(const Config& config, const SimulationOptions& simulation, ServiceWatchers watchers) {
+Result<std::unique_ptr<Service>> Service::open(const Config& config, const SimulationOptions& simulation, ServiceWatchers watchers,
+                                               const Doors& doors) {
     auto parts = std::make_unique<Parts>();
     parts->config = config;
+    parts->doors = doors;
     parts->watchers = std::move(watchers);
     if (auto done = parts->open(simulation); !done) return tl::unexpected(done.error());
     return std::unique_ptr<Service>(new Service(std::move(parts)));
@@ -274,6 +342,8 @@ Result<void> Service::run() {
 }
 
 void Service::stop() { parts_->loop->request_stop(); }
+Result<std::vector<std::string>> Service::reload(const Config& config) { return parts_->reload(config); }
+void Service::roll_call(std::function<void()> all_here) { parts_->inspector->roll_call(std::move(all_here)); }
 SdEventLoop& Service::loop() { return *parts_->loop; }
 Backends& Service::backends() { return *parts_->backends; }
 Snapshot Service::snapshot() const { return parts_->station->snapshot(); }

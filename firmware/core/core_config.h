@@ -58,6 +58,8 @@ struct CoreConfig {
     std::uint32_t max_failures_in_a_row = 5;
     Duration heartbeat = milliseconds(500);
     PlcPolicy plc_policy = PlcPolicy::none;  // what PlcLost brings about
+
+    bool operator==(const CoreConfig&) const = default;
 };
 
 // What makes these numbers impossible, one line each, with the configuration's names; empty when they can be used.

@@ -26,6 +26,8 @@ void add_calibrate(CLI::App& program, Exit& status);
 void add_soak(CLI::App& program, Exit& status);
 void add_experiment(CLI::App& program, Exit& status);
 void add_registers(CLI::App& program, Exit& status);
+void add_recipe(CLI::App& program, Exit& status);
+void add_command(CLI::App& program, Exit& status);  // command and selftest
 
 // Prints `error` as one line (more, when there are several problems) on stderr. Returns bad_input.
 Exit complain(const Error& error);

@@ -32,6 +32,8 @@ int main(int argc, char** argv) {
         add_soak(program, status);
         add_experiment(program, status);
         add_registers(program, status);
+        add_recipe(program, status);
+        add_command(program, status);
         program.parse(argc, argv);
     } catch (const CLI::Success& asked) {  // --help, --version
         return program.exit(asked);

@@ -1,8 +1,11 @@
 #include "firmware/modbus/client.h"
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <charconv>
+#include <random>
+#include <thread>
 #include <utility>
 
 #include <fmt/format.h>
@@ -18,6 +21,7 @@ struct FreeContext {
     }
 };
 
+constexpr auto kAskAgainAfter = std::chrono::milliseconds(20);
 constexpr std::size_t kMostBlocks = 64;  // a chain that is longer goes in circles
 
 }  // namespace
@@ -93,10 +97,13 @@ struct Client::Impl {
     tl::unexpected<Error> failed(const std::string& doing) {
         const int error = errno;
         if (error > MODBUS_ENOBASE && error < EMBBADCRC) {
-            return fail(ErrorCode::refused,
+            const char* cure = error == EMBXSBUSY  ? "it is executing a command: try again in a moment"
+                               : error == EMBXILFUN ? "who may write is listed in the station's modbus.may_write"
+                                                    : "compare the addresses with `hordctl registers`";
+            return fail(error == EMBXSBUSY ? ErrorCode::busy : ErrorCode::refused,
                         fmt::format("{} refuses {}: exception {:02} ({})", where(), doing,
                                     error - MODBUS_ENOBASE, modbus_strerror(error)),
-                        "compare the addresses with `hordctl registers`");
+                        cure);
         }
         context.reset();
         if (error == ETIMEDOUT) {
@@ -200,6 +207,51 @@ Result<std::vector<Reading>> Client::read_result(std::uint32_t sequence) {
                     fmt::format("read the last {} results; acknowledge them in time", kRingSlots));
     }
     return readings;
+}
+
+Result<Client::Reply> Client::command(CommandCode code, std::uint32_t argument, std::uint32_t argument2,
+                                      std::chrono::milliseconds patience) {
+    const auto boot = read(find_register(BlockId::ident, "boot_id")->address, 2);
+    if (!boot) return tl::unexpected(boot.error());
+    std::random_device random;
+    std::uint32_t token = 0;
+    while (token == 0) token = random();
+    const auto high = [](std::uint32_t v) { return static_cast<std::uint16_t>(v >> 16U); };
+    const auto low = [](std::uint32_t v) { return static_cast<std::uint16_t>(v & 0xFFFFU); };
+    const std::array<std::uint16_t, 8> request{high(token),    low(token),    (*boot)[1],      static_cast<std::uint16_t>(code),
+                                               high(argument), low(argument), high(argument2), low(argument2)};
+    const Block& reply = *find_block(BlockId::reply);
+    const auto at = [&](std::string_view row) { return std::size_t{find_register(BlockId::reply, row)->address} - reply.base; };
+    const auto until = std::chrono::steady_clock::now() + patience;
+    const std::uint16_t command_at = find_register(BlockId::command, "token")->address;
+    while (true) {
+        const auto written = write(command_at, request);
+        const bool uncertain = !written && (written.error().code == ErrorCode::timeout || written.error().code == ErrorCode::disconnected);
+        const bool busy = !written && written.error().code == ErrorCode::busy;
+        if (!written && !uncertain && !busy) return tl::unexpected(written.error());
+        const auto words = read(reply.base, reply.size());
+        if (words) {
+            const bool mine = (*words)[at("token")] == request[0] && (*words)[at("token") + 1] == request[1];
+            const auto state = static_cast<CommandState>((*words)[at("state")]);
+            if (mine && state != CommandState::executing) {
+                const auto rows = decode(reply, *words);
+                Reply answer{state, static_cast<CommandError>((*words)[at("error")]),
+                             std::uint32_t{(*words)[at("result")]} << 16U | (*words)[at("result") + 1], {}};
+                for (const Reading& row : *rows) {
+                    if (row.what->name == "error") answer.error_name = row.text.substr(row.text.find(' ') + 1);
+                }
+                return answer;
+            }
+        }
+        if (std::chrono::steady_clock::now() < until) {
+            std::this_thread::sleep_for(kAskAgainAfter);
+            continue;
+        }
+        if (!written) return tl::unexpected(written.error());
+        if (!words) return tl::unexpected(words.error());
+        return fail(ErrorCode::timeout, fmt::format("{} has not finished the command within {} ms", impl_->where(), patience.count()),
+                    "see hordctl status");
+    }
 }
 
 }  // namespace hord::firmware::modbus

@@ -31,7 +31,7 @@ class Client {
     [[nodiscard]] static Result<Client> connect(Endpoint endpoint, std::chrono::milliseconds timeout);
 
     // Holding registers, 1..125 and 1..123 at a time. Fails with refused (an exception reply; `what` names
-    // it), timeout, disconnected, invalid_argument.
+    // it), busy (exception 06), timeout, disconnected, invalid_argument.
     [[nodiscard]] Result<std::vector<std::uint16_t>> read(std::uint16_t address, std::size_t count);
     [[nodiscard]] Result<void> write(std::uint16_t address, std::span<const std::uint16_t> values);
 
@@ -49,6 +49,18 @@ class Client {
     // One result of the ring, by its sequence. Fails as read() does, and with not_found when its slot holds
     // another result.
     [[nodiscard]] Result<std::vector<Reading>> read_result(std::uint32_t sequence);
+
+    // One command, exactly once: writes it, again with the same token whenever it is not known whether it arrived, and asks
+    // until its reply is there. Fails as read() and write() do, with timeout after `patience`. A refusal by the station is
+    // a reply, not a failure.
+    struct Reply {
+        CommandState state = CommandState::none;
+        CommandError error = CommandError::none;
+        std::uint32_t result = 0;
+        std::string error_name;  // "not_in_this_state"
+    };
+    [[nodiscard]] Result<Reply> command(CommandCode code, std::uint32_t argument, std::uint32_t argument2,
+                                        std::chrono::milliseconds patience);
 
     ~Client();
     Client(Client&&) noexcept;

@@ -226,6 +226,20 @@ struct Server::Impl {
         });
     }
 
+    void set_access(std::vector<AccessRule> access) {
+        closed.clear();
+        options.access = std::move(access);
+        for (std::size_t k = connections.size(); k-- > 0;) {
+            Connection& c = *connections[k];
+            sockaddr_storage address{};
+            socklen_t length = sizeof address;
+            const bool known = ::getpeername(c.fd.get(), reinterpret_cast<sockaddr*>(&address), &length) == 0;
+            const Access allowed = known ? access_of(reinterpret_cast<const sockaddr&>(address), options.access) : Access::none;
+            c.may_write = options.may_write && allowed == Access::read_write;
+            if (allowed == Access::none) close(c);
+        }
+    }
+
     // -- one connection ------------------------------------------------------------------------------------
 
     void wait_for(Connection& c, hal::EventLoop::Readiness what) {
@@ -327,6 +341,8 @@ Result<std::unique_ptr<Server>> Server::adopt(hal::EventLoop& loop, RegisterMode
     if (auto started = impl->start(); !started) return tl::unexpected(started.error());
     return std::unique_ptr<Server>(new Server(std::move(impl)));
 }
+
+void Server::set_access(std::vector<AccessRule> access) { impl_->set_access(std::move(access)); }
 
 std::uint16_t Server::port() const {
     sockaddr_storage address{};

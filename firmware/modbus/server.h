@@ -58,6 +58,9 @@ class Server {
     Server(const Server&) = delete;
     Server& operator=(const Server&) = delete;
 
+    // Loop thread. Other access rules from now on; connections that they do not allow are closed.
+    void set_access(std::vector<AccessRule> access);
+
     [[nodiscard]] std::uint16_t port() const;
     [[nodiscard]] ServerStatistics statistics() const;  // loop thread
 

@@ -23,6 +23,7 @@ struct SerialOptions {
                         // does it itself
     hal::Duration gap = std::chrono::milliseconds(20);  // a longer silence ends a frame
     bool may_write = true;
+    bool operator==(const SerialOptions&) const = default;
 };
 
 struct SerialStatistics {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <fstream>
+#include <string>
 
 #include "hal_sim/cell/random.h"
 
@@ -11,6 +13,40 @@ namespace {
 
 bool same_camera(const Camera& a, const Camera& b) {
     return a.extents == b.extents && a.bits == b.bits && a.field_mm == b.field_mm && a.bin_pitch_rad == b.bin_pitch_rad;
+}
+
+// FNV-1a over 8 bytes at a time (the last ones filled with zeros): finds a file that was cut or damaged.
+struct Sum {
+    std::uint64_t value = 0xCBF29CE484222325;
+    void add(const void* bytes, std::size_t size) {
+        for (std::size_t at = 0; at < size; at += 8) {
+            std::uint64_t word = 0;
+            std::memcpy(&word, static_cast<const char*>(bytes) + at, std::min<std::size_t>(8, size - at));
+            value = (value ^ word) * 0x100000001B3;
+        }
+    }
+};
+
+// Another program renders otherwise, and so do other scenes: both are in the name, the program by its file's size and date.
+// The places of parts and defects are drawn from the seed; the scenes' names and poses tell draws apart.
+std::filesystem::path cache_file(const std::filesystem::path& folder, const std::vector<Scene>& scenes, const RenderedFramesOptions& options) {
+    std::error_code error;
+    const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
+    const auto size = std::filesystem::file_size(program, error);
+    const auto date = std::filesystem::last_write_time(program, error).time_since_epoch().count();
+    Sum sum;
+    const auto add = [&](const auto& value) { sum.add(&value, sizeof value); };
+    add(size);
+    add(date);
+    add(options.exposures);
+    add(options.seed);
+    for (const Scene& scene : scenes) {
+        const algo::Extents& e = scene.camera.extents;
+        for (const int n : {e.m, e.n, e.i, e.j, scene.camera.bits}) add(n);
+        for (const double x : {scene.pose.x_mm, scene.pose.y_mm, scene.camera.field_mm, scene.camera.bin_pitch_rad}) add(x);
+        sum.add(scene.name.data(), scene.name.size());
+    }
+    return error ? std::filesystem::path() : folder / ("rendered-" + std::to_string(sum.value) + ".cache");
 }
 
 }  // namespace
@@ -34,6 +70,8 @@ Result<std::unique_ptr<RenderedFrames>> RenderedFrames::make(std::vector<Scene> 
     std::unique_ptr<RenderedFrames> frames(new RenderedFrames());
     frames->nominal_share_ = options.nominal_share;
     frames->scenes_ = std::move(scenes);
+    const std::filesystem::path cached = options.cache.empty() ? "" : cache_file(options.cache, frames->scenes_, options);
+    if (!cached.empty() && frames->take_from(cached, options.exposures)) return frames;
     const auto count = static_cast<double>(frames->scenes_.size());
     for (std::size_t kind = 0; kind < frames->scenes_.size(); ++kind) {
         const Scene& scene = frames->scenes_[kind];
@@ -49,7 +87,61 @@ Result<std::unique_ptr<RenderedFrames>> RenderedFrames::make(std::vector<Scene> 
         }
         frames->fields_.push_back(std::move(*field));
     }
+    if (!cached.empty()) frames->keep_in(cached);
     return frames;
+}
+
+// -- the cache: light fields and exposures, one after the other, then a sum of them all -----------------------------
+
+bool RenderedFrames::take_from(const std::filesystem::path& file, int exposures) {
+    std::ifstream in(file, std::ios::binary);
+    Sum sum;
+    const auto read = [&](void* to, std::size_t size) {
+        in.read(static_cast<char*>(to), static_cast<std::streamsize>(size));
+        sum.add(to, size);
+    };
+    for (const Scene& scene : scenes_) {
+        const Camera& camera = scene.camera;
+        LightField field{camera.extents, std::vector<float>(camera.extents.lenslets() * static_cast<std::size_t>(camera.extents.i * camera.extents.j))};
+        read(field.bins.data(), field.bins.size() * sizeof(float));
+        fields_.push_back(std::move(field));
+        auto& ahead = ahead_.emplace_back();
+        for (int k = 0; k < exposures; ++k) {
+            algo::Frame frame(camera.extents.width_px(), camera.extents.height_px(), camera.bits);
+            read(frame.bytes().data(), frame.bytes().size());
+            ahead.push_back(std::move(frame));
+        }
+    }
+    std::uint64_t written = 0;
+    in.read(reinterpret_cast<char*>(&written), sizeof written);
+    if (in.good() && written == sum.value && in.peek() == std::ifstream::traits_type::eof()) return true;
+    fields_.clear();
+    ahead_.clear();
+    return false;
+}
+
+// What cannot be kept is rendered again: no error.
+void RenderedFrames::keep_in(const std::filesystem::path& file) const {
+    const std::filesystem::path beside = file.string() + ".new";
+    {
+        std::ofstream out(beside, std::ios::binary | std::ios::trunc);
+        Sum sum;
+        const auto write = [&](const void* from, std::size_t size) {
+            out.write(static_cast<const char*>(from), static_cast<std::streamsize>(size));
+            sum.add(from, size);
+        };
+        for (std::size_t kind = 0; kind < fields_.size(); ++kind) {
+            write(fields_[kind].bins.data(), fields_[kind].bins.size() * sizeof(float));
+            for (const algo::Frame& frame : ahead_[kind]) write(frame.bytes().data(), frame.bytes().size());
+        }
+        out.write(reinterpret_cast<const char*>(&sum.value), sizeof sum.value);
+        if (!out.flush()) return;
+    }
+    std::error_code ignored;
+    for (const auto& entry : std::filesystem::directory_iterator(file.parent_path(), ignored)) {  // of other programs and scenes
+        if (entry.path().extension() == file.extension()) std::filesystem::remove(entry.path(), ignored);
+    }
+    std::filesystem::rename(beside, file, ignored);
 }
 
 FrameSource::Format RenderedFrames::format() const {

@@ -5,6 +5,7 @@
 // centred, is exposed when it happens.
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <vector>
@@ -21,6 +22,7 @@ struct RenderedFramesOptions {
     double nominal_share = 0.02;                   // light within this of 1 counts as nominal
     std::uint64_t seed = 1;
     std::function<void(double done)> progress;     // 0..1, from the calling thread; may be empty
+    std::filesystem::path cache = {};              // folder that keeps what this very program rendered for its next start; empty: nowhere
 };
 
 class RenderedFrames final : public FrameSource {
@@ -36,6 +38,8 @@ class RenderedFrames final : public FrameSource {
 
   private:
     RenderedFrames() = default;
+    [[nodiscard]] bool take_from(const std::filesystem::path& file, int exposures);
+    void keep_in(const std::filesystem::path& file) const;
     [[nodiscard]] LightField shifted(const LightField& field, int lenslets) const;
 
     std::vector<Scene> scenes_;  // by kind; the last is the empty field

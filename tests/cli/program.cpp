@@ -112,6 +112,9 @@ bool Running::says(const std::string& text, std::chrono::seconds patience) {
 
 const Said& Running::so_far() const { return state_->said; }
 
+void Running::signal(int signal) { kill(state_->child.pid, signal); }
+int Running::pid() const { return state_->child.pid; }
+
 Said Running::stop(int signal) {
     if (state_->child.pid > 0) {
         kill(state_->child.pid, signal);

@@ -28,6 +28,8 @@ class Running {
     // Waits until the program has written `text` on either stream; false when it ends or `patience` is over first.
     bool says(const std::string& text, std::chrono::seconds patience = std::chrono::seconds(60));
     [[nodiscard]] const Said& so_far() const;  // without its status
+    void signal(int signal);
+    [[nodiscard]] int pid() const;
     Said stop(int signal);  // sends the signal, waits, and returns everything said
 
   private:

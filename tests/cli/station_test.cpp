@@ -282,17 +282,5 @@ TEST(Run, refuses_a_folder_of_frames_with_a_bad_one_and_names_it) {
     EXPECT_THAT(said.err, HasSubstr("a.png"));
 }
 
-TEST(Service, stops_on_sigterm_with_status_0_and_refuses_a_bad_configuration) {
-    const TemporaryFolder folder;
-    std::ofstream(folder / "good.toml") << "[modbus]\nport = 0\n";
-    std::ofstream(folder / "bad.toml") << "[modbus]\nprot = 0\n";
-    Running service("hordd", {"--config", folder / "good.toml"});
-    EXPECT_TRUE(service.says("registers at", std::chrono::seconds(120)));
-    EXPECT_EQ(service.stop(SIGTERM).status, 0);
-    const Said said = run("hordd", {"--config", folder / "bad.toml"});
-    EXPECT_EQ(said.status, 2);
-    EXPECT_THAT(said.err, HasSubstr("bad.toml:2"));
-}
-
 }  // namespace
 }  // namespace hord::test

@@ -5,8 +5,11 @@
 #include <fstream>
 #include <sstream>
 
+#include <unistd.h>
+
 #include "firmware/config.h"
 #include "firmware/recipe_file.h"
+#include "firmware/recipe_folder.h"
 
 namespace hord::firmware {
 namespace {
@@ -250,6 +253,83 @@ TEST(Recipe, problems_of_zones_are_told_with_their_cure) {
     EXPECT_THAT(problems("[[zone]]\nshape = \"polygon\"\ncorners = [1,2,3,4]\n"), HasSubstr("has 4 numbers"));
     EXPECT_THAT(problems("[limits]\nemd_bin = 1\n"), HasSubstr("did you mean emd_bins?"));
     EXPECT_THAT(problems("[limits]\nemd_bins = 0\n"), HasSubstr("out of range"));
+}
+
+TEST(Recipe, what_it_says_survives_being_written_and_read) {
+    const auto recipe = parse_numbered_recipe(R"(
+name = "quo\"te \\ ä"
+number = 12
+version = 4
+rim_margin = 2
+[light]
+dark_dn = 7
+min_lit_share = 0.0512
+[limits]
+emd_bins = 0.123456
+transmission = 0.333
+[[zone]]
+shape = "circle"
+centre = [5.25, 6]
+radius = 2.5
+[[zone]]
+use = "ignore"
+shape = "polygon"
+corners = [1, 2, 3, 4, 5.5, 0.1]
+)", "r.toml");
+    ASSERT_TRUE(recipe) << recipe.error().what;
+    const std::string text = format_recipe(*recipe);
+    const auto again = parse_numbered_recipe(text, "again.toml");
+    ASSERT_TRUE(again) << again.error().what;
+    EXPECT_EQ(format_recipe(*again), text);
+    EXPECT_EQ(again->recipe.name, recipe->recipe.name);
+    EXPECT_EQ(again->number, 12);
+    EXPECT_EQ(again->version, 4U);
+    EXPECT_EQ(again->recipe.emd_limit_bins, recipe->recipe.emd_limit_bins);
+    ASSERT_EQ(again->recipe.zones.size(), 2U);
+    EXPECT_EQ(again->recipe.zones[1].corners.size(), 3U);
+    EXPECT_EQ(crc32_of(*again), crc32_of(*recipe));
+    NumberedRecipe other = *recipe;
+    other.recipe.zones[0].radius = 2.6F;
+    EXPECT_NE(crc32_of(other), crc32_of(*recipe));
+}
+
+TEST(Recipe, for_another_program_and_with_a_broken_seal_is_refused) {
+    EXPECT_FALSE(parse_numbered_recipe("schema = 2\n", "r.toml"));
+    const auto broken = parse_numbered_recipe("crc32 = \"12345678\"\n", "r.toml");
+    ASSERT_FALSE(broken);
+    EXPECT_THAT(broken.error().what, HasSubstr("r.toml:1"));
+}
+
+// What the pipeline would refuse, the file refuses, with its line.
+TEST(Recipe, limits_that_no_pipeline_takes_are_refused_at_reading) {
+    for (const char* text : {"[limits]\ntransmission = 1\n", "[light]\nsaturated_dn = 65536\n", "[light]\ndark_dn = 200\nsaturated_dn = 100\n"}) {
+        const auto recipe = parse_numbered_recipe(text, "r.toml");
+        EXPECT_FALSE(recipe) << text;
+    }
+}
+
+TEST(RecipeFolder, finds_by_number_and_says_why_it_cannot) {
+    const auto folder = std::filesystem::temp_directory_path() / ("hord-recipes-" + std::to_string(::getpid()));
+    std::filesystem::create_directories(folder);
+    const auto write = [&](const char* name, const char* text) { std::ofstream(folder / name) << text; };
+    write("a.toml", "number = 1\n");
+    write("b.toml", "number = 2\n");
+    write("notes.txt", "number = 3\n");
+    EXPECT_TRUE(find_recipe(folder, 2));
+    EXPECT_EQ(find_recipe(folder, 3).error().code, ErrorCode::not_found);
+    write("c.toml", "number = 1\n");
+    EXPECT_EQ(find_recipe(folder, 1).error().code, ErrorCode::refused);
+    write("c.toml", "nubmer = 3\n");
+    EXPECT_THAT(find_recipe(folder, 3).error().what, HasSubstr("c.toml:1"));
+    EXPECT_TRUE(find_recipe(folder, 1));
+    EXPECT_EQ(find_recipe(folder / "none", 1).error().code, ErrorCode::not_found);
+
+    NumberedRecipe in_use;
+    in_use.number = 5;
+    ASSERT_TRUE(remember_recipe(folder / "in-use", 0xAB, in_use));
+    EXPECT_EQ(remembered_recipe(folder / "in-use", 0xAB)->number, 5);
+    EXPECT_FALSE(remembered_recipe(folder / "in-use", 0xAC));  // another one is configured meanwhile
+    std::filesystem::remove_all(folder);
 }
 
 }  // namespace

@@ -219,5 +219,68 @@ TEST(ThreadedInspector, can_be_started_again) {
     EXPECT_EQ(ear.answers[0].part, 9U);
 }
 
+// What feeds the watchdog: while one of two threads hangs in a frame, the call is not answered, however often it is made.
+TEST(ThreadedInspector, a_roll_call_is_answered_when_every_thread_has_taken_a_turn) {
+    auto loop = SdEventLoop::open();
+    ASSERT_TRUE(loop);
+    FlatFrames frames;
+    Ear ear;
+    std::promise<void> begun, may_end;
+    const auto ending = may_end.get_future().share();
+    std::vector<Judge> judges(2, [&](std::uint32_t part, const hal::FrameLease&) {
+        if (part == 1) {
+            begun.set_value();
+            ending.wait();
+        }
+        return Judged{};
+    });
+    auto inspector = make_threaded_inspector(**loop, 2, std::move(judges));
+    int answered = 0;
+    const auto call = [&] {
+        inspector->roll_call([&] {
+            ++answered;
+            (*loop)->request_stop();
+        });
+    };
+    call();
+    EXPECT_EQ(answered, 1);  // nobody is there to be missed
+    inspector->start(ear);
+    ASSERT_TRUE(inspector->submit(1, frames.lend()));
+    begun.get_future().wait();
+    call();
+    ear.then = [&] { (*loop)->request_stop(); };
+    ASSERT_TRUE(inspector->submit(2, frames.lend()));  // the other thread goes on working
+    ASSERT_TRUE((*loop)->run());
+    EXPECT_EQ(answered, 1);
+    ear.then = [] {};
+    may_end.set_value();
+    call();
+    while (answered == 1) ASSERT_TRUE((*loop)->run());
+    EXPECT_EQ(answered, 2);
+    inspector->stop();
+}
+
+TEST(ThreadedInspector, judges_with_another_recipe_when_told_and_with_the_old_one_when_that_is_bad) {
+    auto loop = SdEventLoop::open();
+    ASSERT_TRUE(loop);
+    FlatFrames frames;
+    Ear ear;
+    ear.then = [&] { (*loop)->request_stop(); };
+    auto inspector = make_threaded_inspector(**loop, settings());
+    ASSERT_TRUE(inspector);
+    (*inspector)->start(ear);
+    algo::Recipe bad;
+    bad.rim_margin = 1000;
+    EXPECT_EQ((*inspector)->use(bad, 4).error().code, ErrorCode::invalid_argument);
+    ASSERT_TRUE((*inspector)->submit(1, frames.lend()));
+    ASSERT_TRUE((*loop)->run());
+    ASSERT_TRUE((*inspector)->use(algo::Recipe{}, 5));
+    ASSERT_TRUE((*inspector)->submit(2, frames.lend()));
+    ASSERT_TRUE((*loop)->run());
+    ASSERT_EQ(ear.answers.size(), 2U);
+    EXPECT_EQ(ear.answers[0].recipe, kNoNumber);
+    EXPECT_EQ(ear.answers[1].recipe, 5);
+}
+
 }  // namespace
 }  // namespace hord::firmware

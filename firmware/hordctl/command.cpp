@@ -1,0 +1,110 @@
+// hordctl command and selftest: what a PLC would ask of a station, asked by a person.
+#include <algorithm>
+#include <chrono>
+
+#include <fmt/format.h>
+
+#include "firmware/faults.h"
+#include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/remote.h"
+#include "firmware/registers.h"
+
+namespace hord::firmware {
+namespace {
+
+constexpr auto kPatience = std::chrono::seconds(10);
+
+struct CommandOptions {
+    std::string name;
+    RemoteOptions remote;
+};
+
+// Commands without arguments, under the names of the register map.
+std::vector<std::string> plain_commands() {
+    std::vector<std::string> names;
+    for (const NamedValue& value : find_register(BlockId::command, "code")->values) {
+        const auto code = static_cast<CommandCode>(value.value);
+        if (code != CommandCode::commit_recipe && code != CommandCode::use_recipe) names.emplace_back(value.name);
+    }
+    return names;
+}
+
+CommandCode code_of(std::string_view name) {
+    for (const NamedValue& value : find_register(BlockId::command, "code")->values) {
+        if (value.name == name) return static_cast<CommandCode>(value.value);
+    }
+    return CommandCode{};
+}
+
+const char* cure_of(CommandError error) {
+    switch (error) {
+        case CommandError::not_in_this_state: return "see its state: hordctl status";
+        case CommandError::device_down: return "see the active faults: hordctl status";
+        case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC, or change plc.policy";
+        case CommandError::not_yet: return "the ejector is still acting: try again in a moment";
+        case CommandError::no_such_recipe: return "see the station's recipes: hordctl recipe list";
+        case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
+        case CommandError::bad_argument: return "see the station's journal for what is wrong with it";
+        default: return "see the station's journal";
+    }
+}
+
+Exit self_test(const RemoteOptions& options) {
+    auto client = connect(options);
+    if (!client) return complain(client.error());
+    const auto reply = client->command(CommandCode::self_test, 0, 0, kPatience);
+    if (!reply) return complain(reply.error());
+    if (reply->state == CommandState::completed) {
+        fmt::print("self-test passed: judgement, light, sensor and light level are good\n");
+        return Exit::good;
+    }
+    if (reply->error != CommandError::failed && reply->error != CommandError::device_down) {
+        return complain({ErrorCode::refused, "self-test refused: " + reply->error_name, cure_of(reply->error)});
+    }
+    for (const FaultText& fault : fault_texts()) {
+        if ((reply->result & fault.bit) != 0) fmt::print("{}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);
+    }
+    return Exit::rejected;
+}
+
+}  // namespace
+
+void add_remote_options(CLI::App& command, RemoteOptions& options) {
+    command.add_option("--modbus", options.modbus, "The station's register server, HOST[:PORT]")->capture_default_str();
+    command.add_option("--timeout", options.timeout_ms, "Longest wait for an answer, ms")->check(CLI::Range(1, 60000))->capture_default_str();
+}
+
+Result<modbus::Client> connect(const RemoteOptions& options) {
+    auto endpoint = modbus::parse_endpoint(options.modbus);
+    if (!endpoint) return tl::unexpected(endpoint.error());
+    return modbus::Client::connect(*endpoint, std::chrono::milliseconds(options.timeout_ms));
+}
+
+Exit send_command(const RemoteOptions& options, CommandCode code, std::uint32_t argument, std::uint32_t argument2) {
+    auto client = connect(options);
+    if (!client) return complain(client.error());
+    const auto reply = client->command(code, argument, argument2, kPatience);
+    if (!reply) return complain(reply.error());
+    if (reply->state != CommandState::completed) return complain({ErrorCode::refused, "refused: " + reply->error_name, cure_of(reply->error)});
+    if (reply->result != 0) fmt::print("done, {:08X}\n", reply->result);
+    else fmt::print("done\n");
+    return Exit::good;
+}
+
+void add_command(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand("command", "Command a station: initialise, arm, start_continuous, stop, reset ...");
+    auto options = std::make_shared<CommandOptions>();
+    command->add_option("name", options->name, "What to do")->required()->check(CLI::IsMember(plain_commands()));
+    add_remote_options(*command, options->remote);
+    command->footer("The station must list this address in modbus.may_write. Exit status: 0 done, 2 refused or not reached.\n"
+                    "Example: hordctl command reset --modbus 192.168.1.20:502");
+    command->callback([options, &status] { status = send_command(options->remote, code_of(options->name)); });
+
+    auto* test = program.add_subcommand("selftest", "Have a station that does not execute test itself: judgement, light, sensor");
+    add_remote_options(*test, options->remote);
+    test->footer("Exit status: 0 passed, 1 something is wrong (named with its cure), 2 refused or not reached.\n"
+                 "Example: hordctl selftest --modbus 192.168.1.20:502");
+    test->callback([options, &status] { status = self_test(options->remote); });
+}
+
+}  // namespace hord::firmware

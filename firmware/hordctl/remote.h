@@ -1,0 +1,24 @@
+// A station at the other end of Modbus, local or remote: how to name it, and how to command it.
+#pragma once
+
+#include <string>
+
+#include "firmware/hordctl/commands.h"
+#include "firmware/modbus/client.h"
+
+namespace hord::firmware {
+
+struct RemoteOptions {
+    std::string modbus = "127.0.0.1:1502";
+    int timeout_ms = 1000;
+};
+
+// --modbus and --timeout.
+void add_remote_options(CLI::App& command, RemoteOptions& options);
+
+Result<modbus::Client> connect(const RemoteOptions& options);
+
+// Sends one command and prints what came of it; a refusal goes to stderr with its name. 0 done, 2 refused or not reached.
+Exit send_command(const RemoteOptions& options, CommandCode code, std::uint32_t argument = 0, std::uint32_t argument2 = 0);
+
+}  // namespace hord::firmware
