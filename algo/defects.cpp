@@ -81,7 +81,11 @@ struct DefectFinder::Workspace {
 
 DefectFinder::DefectFinder(const Extents& extents, const Recipe& recipe)
     : workspace_(std::make_unique<Workspace>(Workspace{extents, recipe.emd_limit_bins, recipe.frobenius_limit_bins, recipe.transmission_limit,
-                                                       recipe.min_area, cv::Mat1b(extents.n, extents.m), {}, {}, {}, {}, {}})) {}
+                                                       recipe.min_area, cv::Mat1b(extents.n, extents.m), {}, {}, {}, {}, {}})) {
+    // The library would start a pool of threads of its own, with the signals and the scheduling policy of whoever comes first.
+    static const bool alone = (cv::setNumThreads(1), true);
+    static_cast<void>(alone);
+}
 DefectFinder::~DefectFinder() = default;
 DefectFinder::DefectFinder(DefectFinder&&) noexcept = default;
 DefectFinder& DefectFinder::operator=(DefectFinder&&) noexcept = default;

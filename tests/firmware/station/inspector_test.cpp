@@ -253,8 +253,8 @@ TEST(ThreadedInspector, a_roll_call_is_answered_when_every_thread_has_taken_a_tu
     ASSERT_TRUE((*loop)->run());
     EXPECT_EQ(answered, 1);
     ear.then = [] {};
-    may_end.set_value();
     call();
+    may_end.set_value();
     while (answered == 1) ASSERT_TRUE((*loop)->run());
     EXPECT_EQ(answered, 2);
     inspector->stop();
