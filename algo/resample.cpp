@@ -2,11 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
+#include <type_traits>
 
 namespace hord::algo {
 namespace {
 
 constexpr int kPhaseBits = 5;
+constexpr int kLanes = 16;
+constexpr int kWidestLenslet = 15 * 24 + 32;  // px: bins of the largest size, and the taps beyond
 constexpr double kSmallestBin = 0.5, kLargestBin = 24;  // px
 
 std::int32_t fixed(double px) { return static_cast<std::int32_t>(std::floor(px * (1 << kPhaseBits) + 0.5)); }
@@ -71,45 +75,119 @@ Result<Resampler> Resampler::create(const LensletGrid& grid, const BinLayout& la
         out.offset_x_.push_back(fixed(offset.x_px));
         out.offset_y_.push_back(fixed(offset.y_px));
     }
+    // Bins in rows and columns, each further right or down than the one before.
+    const auto at = [&](const std::vector<std::int32_t>& offsets, int i, int j) { return offsets[static_cast<std::size_t>(j * layout.bins_i + i)]; };
+    bool regular = true;
+    for (int j = 0; j < layout.bins_j; ++j) {
+        for (int i = 0; i < layout.bins_i; ++i) {
+            regular = regular && at(out.offset_x_, i, j) == at(out.offset_x_, i, 0) && at(out.offset_y_, i, j) == at(out.offset_y_, 0, j);
+            regular = regular && (i == 0 || at(out.offset_x_, i, 0) > at(out.offset_x_, i - 1, 0)) && (j == 0 || at(out.offset_y_, 0, j) > at(out.offset_y_, 0, j - 1));
+        }
+    }
+    out.reach_x_ = ((at(out.offset_x_, layout.bins_i - 1, 0) - at(out.offset_x_, 0, 0)) >> kPhaseBits) + 1 + out.taps_x_;
+    if (regular && out.reach_x_ <= kWidestLenslet) {
+        for (int i = 0; i < layout.bins_i; ++i) out.column_.push_back(at(out.offset_x_, i, 0));
+        for (int j = 0; j < layout.bins_j; ++j) out.row_.push_back(at(out.offset_y_, 0, j));
+    }
     return out;
 }
 
+// One bin, by its box alone: for bins at the frame's rim and layouts that are not rows and columns.
 template <class Sample>
-void Resampler::decode_lenslets(const FrameView& raw, int n, std::span<std::uint16_t> out) const {
-    const int bins_i = extents_.i;
-    const int stride = extents_.m * bins_i;
+std::uint16_t Resampler::bin(const FrameView& raw, std::int32_t at_x, std::int32_t at_y) const {
+    const int x = at_x >> kPhaseBits;
+    const int y = at_y >> kPhaseBits;
+    if (x < 0 || y < 0 || x + taps_x_ > width_px_ || y + taps_y_ > height_px_) return 0;
+    const std::uint8_t* across = &weights_x_[static_cast<std::size_t>((at_x & (kPhases - 1)) * taps_x_)];
+    const std::uint8_t* down = &weights_y_[static_cast<std::size_t>((at_y & (kPhases - 1)) * taps_y_)];
+    std::uint32_t sum = 0;
+    for (int row = 0; row < taps_y_; ++row) {
+        const auto* from = reinterpret_cast<const Sample*>(raw.data + (y + row) * raw.stride_bytes) + x;
+        std::uint32_t line = 0;
+        for (int k = 0; k < taps_x_; ++k) line += static_cast<std::uint32_t>(across[k]) * from[k];
+        sum += line * down[row];
+    }
+    return static_cast<std::uint16_t>((sum + (1U << 13U)) >> 14U);
+}
+
+// A lenslet whose bins lie in rows and columns, wholly inside the frame: each row of bins first weighs whole raw rows, sixteen
+// pixels at a time, then its bins add up the columns. The sums are the same whole numbers as bin()'s.
+template <class Sample, class Sum>
+void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out, int stride) const {
+    typedef Sample Samples __attribute__((vector_size(kLanes * sizeof(Sample))));
+    typedef Sum Sums __attribute__((vector_size(kLanes * sizeof(Sum))));
+    const int first = (place_x + column_[0]) >> kPhaseBits;
+    Sum weighed[kWidestLenslet + kLanes];
+    const std::uint8_t* across[kMaxBins];
+    int from[kMaxBins];
+    for (int i = 0; i < extents_.i; ++i) {
+        const std::int32_t at = place_x + column_[static_cast<std::size_t>(i)];
+        from[i] = (at >> kPhaseBits) - first;
+        across[i] = &weights_x_[static_cast<std::size_t>((at & (kPhases - 1)) * taps_x_)];
+    }
+    for (int j = 0; j < extents_.j; ++j, out += stride) {
+        const std::int32_t at_y = place_y + row_[static_cast<std::size_t>(j)];
+        const std::uint8_t* down = &weights_y_[static_cast<std::size_t>((at_y & (kPhases - 1)) * taps_y_)];
+        const std::byte* line = raw.data + (at_y >> kPhaseBits) * raw.stride_bytes + static_cast<std::ptrdiff_t>(first) * static_cast<std::ptrdiff_t>(sizeof(Sample));
+        for (int x = 0; x < reach_x_; x += kLanes) {
+            Sums sum{};
+            for (int row = 0; row < taps_y_; ++row) {
+                Samples samples;
+                std::memcpy(&samples, line + row * raw.stride_bytes + static_cast<std::ptrdiff_t>(x) * static_cast<std::ptrdiff_t>(sizeof(Sample)), sizeof samples);
+                sum += __builtin_convertvector(samples, Sums) * static_cast<Sum>(down[row]);
+            }
+            std::memcpy(weighed + x, &sum, sizeof sum);
+        }
+        const auto add_up = [&](auto taps) {
+            for (int i = 0; i < extents_.i; ++i) {
+                std::uint32_t sum = 1U << 13U;
+                for (int k = 0; k < taps; ++k) sum += static_cast<std::uint32_t>(across[i][k]) * weighed[from[i] + k];
+                out[i] = static_cast<std::uint16_t>(sum >> 14U);
+            }
+        };
+        if (taps_x_ == 3) add_up(std::integral_constant<int, 3>{});
+        else if (taps_x_ == 4) add_up(std::integral_constant<int, 4>{});
+        else add_up(taps_x_);
+    }
+}
+
+template <class Sample, class Sum>
+void Resampler::decode_lenslets(const FrameView& raw, int n, std::uint16_t* out, int line_stride, int lenslet_stride) const {
     for (int m = 0; m < extents_.m; ++m) {
         const auto lenslet = static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m);
+        const std::int32_t place_x = place_x_[lenslet];
+        const std::int32_t place_y = place_y_[lenslet];
+        std::uint16_t* to = out + static_cast<std::ptrdiff_t>(m) * lenslet_stride;
+        if (!column_.empty()) {
+            const int x = (place_x + column_.front()) >> kPhaseBits;
+            const int y = (place_y + row_.front()) >> kPhaseBits;
+            const int last_y = (place_y + row_.back()) >> kPhaseBits;
+            if (x >= 0 && y >= 0 && x + (reach_x_ + kLanes - 1) / kLanes * kLanes <= width_px_ && last_y + taps_y_ <= height_px_) {
+                decode_lenslet<Sample, Sum>(raw, place_x, place_y, to, line_stride);
+                continue;
+            }
+        }
         for (int j = 0; j < extents_.j; ++j) {
-            for (int i = 0; i < bins_i; ++i) {
-                const auto bin = static_cast<std::size_t>(j * bins_i + i);
-                const std::int32_t at_x = place_x_[lenslet] + offset_x_[bin];
-                const std::int32_t at_y = place_y_[lenslet] + offset_y_[bin];
-                const int x = at_x >> kPhaseBits;
-                const int y = at_y >> kPhaseBits;
-                std::uint16_t& to = out[static_cast<std::size_t>(j * stride + m * bins_i + i)];
-                if (x < 0 || y < 0 || x + taps_x_ > width_px_ || y + taps_y_ > height_px_) {
-                    to = 0;
-                    continue;
-                }
-                const std::uint8_t* across = &weights_x_[static_cast<std::size_t>((at_x & (kPhases - 1)) * taps_x_)];
-                const std::uint8_t* down = &weights_y_[static_cast<std::size_t>((at_y & (kPhases - 1)) * taps_y_)];
-                std::uint32_t sum = 0;
-                for (int row = 0; row < taps_y_; ++row) {
-                    const auto* from = reinterpret_cast<const Sample*>(raw.data + (y + row) * raw.stride_bytes) + x;
-                    std::uint32_t line = 0;
-                    for (int k = 0; k < taps_x_; ++k) line += static_cast<std::uint32_t>(across[k]) * from[k];
-                    sum += line * down[row];
-                }
-                to = static_cast<std::uint16_t>((sum + (1U << 13U)) >> 14U);
+            for (int i = 0; i < extents_.i; ++i) {
+                const auto k = static_cast<std::size_t>(j * extents_.i + i);
+                to[j * line_stride + i] = bin<Sample>(raw, place_x + offset_x_[k], place_y + offset_y_[k]);
             }
         }
     }
 }
 
+void Resampler::decode_into(const FrameView& raw, int n, std::uint16_t* out, int line_stride, int lenslet_stride) const {
+    // 8-bit samples times weights that sum to 128 fit 16 bits.
+    if (raw.bits > 8) decode_lenslets<std::uint16_t, std::uint32_t>(raw, n, out, line_stride, lenslet_stride);
+    else decode_lenslets<std::uint8_t, std::uint16_t>(raw, n, out, line_stride, lenslet_stride);
+}
+
 void Resampler::decode_row(const FrameView& raw, int n, std::span<std::uint16_t> out) const {
-    if (raw.bits > 8) decode_lenslets<std::uint16_t>(raw, n, out);
-    else decode_lenslets<std::uint8_t>(raw, n, out);
+    decode_into(raw, n, out.data(), extents_.m * extents_.i, extents_.i);
+}
+
+void Resampler::decode_row_by_lenslet(const FrameView& raw, int n, std::span<std::uint16_t> out) const {
+    decode_into(raw, n, out.data(), extents_.i, extents_.bins());
 }
 
 Result<Frame> Resampler::decode(const FrameView& raw) const {

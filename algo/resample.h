@@ -33,13 +33,21 @@ class Resampler {
     // raw frame are 0: no light. `raw` must have the size the grid was made for; `out` holds J * I * M samples.
     void decode_row(const FrameView& raw, int n, std::span<std::uint16_t> out) const;
 
+    // The same lenslets one after the other, each with its I * J bins, j outer.
+    void decode_row_by_lenslet(const FrameView& raw, int n, std::span<std::uint16_t> out) const;
+
     // The whole frame, with the bit depth of `raw`. Fails with invalid_argument when the frame is not of the grid's size.
     Result<Frame> decode(const FrameView& raw) const;
 
   private:
     static constexpr int kPhases = 32;
     template <class Sample>
-    void decode_lenslets(const FrameView& raw, int n, std::span<std::uint16_t> out) const;
+    [[nodiscard]] std::uint16_t bin(const FrameView& raw, std::int32_t at_x, std::int32_t at_y) const;
+    template <class Sample, class Sum>
+    void decode_lenslet(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out, int stride) const;
+    template <class Sample, class Sum>
+    void decode_lenslets(const FrameView& raw, int n, std::uint16_t* out, int line_stride, int lenslet_stride) const;
+    void decode_into(const FrameView& raw, int n, std::uint16_t* out, int line_stride, int lenslet_stride) const;
 
     Extents extents_;
     int width_px_ = 0, height_px_ = 0;
@@ -47,6 +55,8 @@ class Resampler {
     std::vector<std::uint8_t> weights_x_, weights_y_;  // kPhases x taps
     std::vector<std::int32_t> place_x_, place_y_;      // of every lenslet's centre, 1/32 px
     std::vector<std::int32_t> offset_x_, offset_y_;    // of every bin from it, 1/32 px
+    std::vector<std::int32_t> column_, row_;           // the same where bins lie in rows and columns; else empty
+    int reach_x_ = 0;                                  // pixels from the first bin's to behind the last one's
 };
 
 }  // namespace hord::algo

@@ -3,7 +3,9 @@
 #include <chrono>
 #include <cmath>
 #include <fstream>
+#include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <set>
 
@@ -12,6 +14,7 @@
 
 #include "algo/feature_map.h"
 #include "algo/pipeline.h"
+#include "algo/regrid.h"
 #include "algo/resample.h"
 #include "calib/grid_toml.h"
 #include "drivers/frame_file.h"
@@ -125,7 +128,7 @@ Json to_json(const std::string& frame, const algo::Extents& extents, const algo:
               {"feature", milliseconds(found.times.feature_ns)},
               {"decide", milliseconds(found.times.decide_ns)},
               {"total", milliseconds(found.times.total_ns)}}}};
-    if (bin_rad > 0 && std::string_view(feature.unit).starts_with("bin pitches")) {
+    if (bin_rad > 0 && (feature.unit == "bin pitches" || feature.unit == "bin pitches a lenslet")) {
         json["feature"]["bin_rad"] = bin_rad;
         json["feature"]["rad"] = {{"p50", s.p50 * bin_rad}, {"p99", s.p99 * bin_rad}, {"max", s.max * bin_rad}};
     }
@@ -184,9 +187,16 @@ class Inspector {
             const algo::BinLayout layout = grid->directions ? algo::layout_of(grid->grid, *grid->directions, macro_.first, macro_.second)
                                                             : algo::even_layout(grid->grid, macro_.first, macro_.second);
             bin_rad_ = std::sqrt(layout.step_i_rad * layout.step_j_rad);
-            auto resampler = algo::Resampler::create(grid->grid, layout);
-            if (!resampler) return tl::unexpected(resampler.error());
-            resampler_ = std::move(*resampler);
+            // Neighbours of a staggered lattice are not to the right and below: it is put on a square one.
+            if (grid->grid.stagger == algo::Stagger::none) {
+                auto resampler = algo::Resampler::create(grid->grid, layout);
+                if (!resampler) return tl::unexpected(resampler.error());
+                decode_ = [decoder = std::make_shared<algo::Resampler>(std::move(*resampler))](const algo::FrameView& raw) { return decoder->decode(raw); };
+            } else {
+                auto regridder = algo::Regridder::create(grid->grid, layout);
+                if (!regridder) return tl::unexpected(regridder.error());
+                decode_ = [decoder = std::make_shared<algo::Regridder>(std::move(*regridder))](const algo::FrameView& raw) { return decoder->decode(raw); };
+            }
         }
         if (!options_.recipe.empty()) {
             auto recipe = load_recipe(options_.recipe);
@@ -241,8 +251,8 @@ class Inspector {
     // A frame as macro-pixels: decoded, if there is a grid.
     Result<algo::Frame> read(const std::string& file) {
         auto frame = drivers::read_frame(file, {.bits = options_.bits});
-        if (!frame || !resampler_) return frame;
-        auto decoded = resampler_->decode(frame->view());
+        if (!frame || !decode_) return frame;
+        auto decoded = decode_(frame->view());
         if (!decoded) return fail(decoded.error().code, file + ": " + decoded.error().what, decoded.error().cure);
         return decoded;
     }
@@ -291,7 +301,7 @@ class Inspector {
     double bin_rad_ = 0;  // one bin pitch; 0: not known
     algo::Recipe recipe_;
     algo::Frame reference_;
-    std::optional<algo::Resampler> resampler_;
+    std::function<Result<algo::Frame>(const algo::FrameView&)> decode_;  // of raw frames; none: frames are macro-pixels
     std::optional<algo::Pipeline> pipeline_;
     std::optional<algo::FeatureMapper> mapper_;
     std::vector<std::uint8_t> mask_;

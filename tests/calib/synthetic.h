@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <utility>
 #include <vector>
 
 #include "algo/frame.h"
@@ -48,6 +49,8 @@ struct White {
     double dead_share = 0;
     std::uint64_t seed = 1;
     int bits = 16;
+    // How far the light of a lenslet at a place in the frame lands from its centre, px; empty: nowhere.
+    std::function<std::pair<double, double>(double x, double y)> deflect = nullptr;
     // Light at a place in the frame, 0..1; empty: 1 everywhere.
     std::function<double(double x, double y)> light = nullptr;
 };
@@ -93,6 +96,11 @@ inline Drawn draw(const White& w) {
             const bool dead = random.uniform() < w.dead_share;
             if (x >= -0.5 && y >= -0.5 && x < w.width_px - 0.5 && y < w.height_px - 0.5) out.truth.push_back({x, y, dead});
             if (dead) continue;
+            if (w.deflect) {
+                const auto [dx, dy] = w.deflect(x, y);
+                x += dx;
+                y += dy;
+            }
             const double g = w.vignetting / std::sqrt(2.0) / half;
             const double gx = g * (x - middle_x);
             const double gy = g * (y - middle_y);
