@@ -10,6 +10,8 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <memory>
+#include <vector>
 
 #include "hal_sim/optics/scene.h"
 
@@ -27,22 +29,53 @@ struct Ray {
     Vec3 direction;  // unit
 };
 
-// A closed or half-infinite convex region's boundary.
+constexpr double kNever = std::numeric_limits<double>::infinity();
+
+// A rotation and a shift: turned about x, then y, then z, then moved.
+struct Rigid {
+    Vec3 x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1};  // where the axes go
+    Vec3 shift;
+    [[nodiscard]] Vec3 turn(const Vec3& v) const { return v.x * x + v.y * y + v.z * z; }
+    [[nodiscard]] Vec3 operator()(const Vec3& p) const { return turn(p) + shift; }
+    [[nodiscard]] Rigid operator*(const Rigid& first) const { return {turn(first.x), turn(first.y), turn(first.z), (*this)(first.shift)}; }
+    static Rigid of(const Vec3& position, const Vec3& rotation_rad);
+};
+
+// An asphere's height over its vertex plane, by the squared distance w from its axis, s(w) = c w / (1 + sqrt(1 - (1 + k) c^2 w)) +
+// a4 w^2 + a6 w^3 ...; beyond its rim it goes on straight in w, with the slope that it has there.
+struct Asphere {
+    double curvature = 0, conic = 0;
+    std::vector<double> coefficients;  // of r^4, r^6, ... mm^-3, mm^-5, ...
+    double rim = 0;                    // w
+    double reach = kNever;             // from the vertex; crossings further off are not looked for
+    double steepest = 0, sharpest = 0;  // bounds on |s'| and |s''|; by done()
+    void done();
+    struct At {
+        double height, slope;  // s, ds/dw
+    };
+    [[nodiscard]] At at(double w) const;
+
+  private:
+    [[nodiscard]] At on(double w) const;
+};
+
+// A closed or half-infinite region's boundary; convex, but for the asphere.
 struct Surface {
     enum class Shape : std::uint8_t {
         plane,     // inside is where (p - point) . axis < 0: the axis points out
         sphere,    // centre `point`
         cylinder,  // endless, through `point` along `axis`
+        cone,      // one nappe from its apex `point` along `axis`; `radius` is the tangent of half its angle
+        asphere,   // vertex `point`; inside is what lies lower along `axis`
     };
     Shape shape = Shape::plane;
     Vec3 point;
     Vec3 axis{0, 0, 1};  // unit
     double radius = 0;
+    std::shared_ptr<const Asphere> asphere = nullptr;
 };
 
 bool is_inside(const Surface& surface, const Vec3& p);
-
-constexpr double kNever = std::numeric_limits<double>::infinity();
 
 constexpr double kAlongAxis = 1e-30;  // squared sine to a cylinder's axis below which the ray never reaches its wall
 
@@ -50,6 +83,10 @@ constexpr double kAlongAxis = 1e-30;  // squared sine to a cylinder's axis below
 // the surface (`on_surface`: it has just crossed it, into the side told by `inside`, or been reflected on that side).
 // Sphere: E. Haines et al., "Precision Improvements for Ray/Sphere Intersection", Ray Tracing Gems (2019), chapter 7.
 inline double next_crossing(const Surface& surface, const Ray& ray, bool inside, bool on_surface);
+
+// next_crossing of cones and aspheres. A cone's roots are those of its quadric that lie on its nappe. An asphere's is approached
+// in steps that cannot pass it, by the bound on the second derivative along the ray, and that converge like Newton's.
+double next_crossing_of_others(const Surface& surface, const Ray& ray, bool inside, bool on_surface);
 
 // How far off that may be, for the ray as given (first-order bound): |t - true t| <= this.
 double crossing_error(const Surface& surface, const Ray& ray, double t);
@@ -81,6 +118,7 @@ inline double next_crossing(const Surface& surface, const Ray& ray, bool inside,
         if (on_surface || (inside ? towards <= 0 : towards >= 0)) return kNever;
         return std::max(-dot(f, surface.axis) / towards, 0.0);
     }
+    if (surface.shape >= Surface::Shape::cone) return next_crossing_of_others(surface, ray, inside, on_surface);
     if (on_surface && !inside) return kNever;  // a convex solid is left once
     const double r = surface.radius;
     if (surface.shape == Surface::Shape::sphere) {

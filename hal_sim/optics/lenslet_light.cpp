@@ -202,9 +202,9 @@ class LensletLight::Gathering {
     double* cells_;
 };
 
-void LensletLight::collect(const CameraGeometry::Place& lenslet, const SlopeGrid& grid, double* cells) const {
+void LensletLight::collect(const CameraGeometry::Place& lenslet, const SlopeGrid& grid, const SlopeBox& range, double* cells) const {
     std::fill_n(cells, grid.cells(), 0.0);
-    const Cell whole{lenslet.x_mm, lenslet.y_mm, lenslet.half_x_mm, lenslet.half_y_mm, grid.box(), 4 * lenslet.half_x_mm * lenslet.half_y_mm};
+    const Cell whole{lenslet.x_mm, lenslet.y_mm, lenslet.half_x_mm, lenslet.half_y_mm, range, 4 * lenslet.half_x_mm * lenslet.half_y_mm};
     std::vector<const Feature*> near;
     std::vector<double> fine;
     for (std::size_t k = 0; k < passes_.size(); ++k) {
@@ -223,7 +223,8 @@ void LensletLight::collect(const CameraGeometry::Place& lenslet, const SlopeGrid
 }
 
 void LensletLight::collect(int m, int n, double* bins) const {
-    collect(camera_.place_of(m, n), SlopeGrid::of(extents_), bins);
+    const SlopeGrid grid = SlopeGrid::of(extents_);
+    collect(camera_.place_of(m, n), grid, grid.box(), bins);
 }
 
 Samples LensletLight::Gathering::sample(const Cell& cell) const {
@@ -284,7 +285,9 @@ SlopeBox LensletLight::Gathering::shrink(const Cell& cell, const Samples& sample
         const double u = samples.mean(samples.du), v = samples.mean(samples.dv);
         return lit(u - du - more, u + du + more, v - dv - more, v + dv + more);
     }
-    SlopeBox all = lit(-0.1, 0.1, -0.1, 0.1);  // light that meets nothing may pass any edge
+    // Light that meets nothing may pass any edge; as seen, it comes from where the camera puts it.
+    SlopeBox all = lit(-camera_.offset(cell.x + cell.hx) - 0.1, -camera_.offset(cell.x - cell.hx) + 0.1, -camera_.offset(cell.y + cell.hy) - 0.1,
+                       -camera_.offset(cell.y - cell.hy) + 0.1);
     for (int k = 0; k <= kCorners; ++k) {
         if (samples.path[k] == 0) continue;
         bool first = true;

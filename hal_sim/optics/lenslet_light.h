@@ -29,8 +29,8 @@ class LensletLight {
     LensletLight(const Scene& scene, const SlopeGrid& grid);
     explicit LensletLight(const Scene& scene) : LensletLight(scene, SlopeGrid::of(scene.camera.extents)) {}
 
-    // Fills cells[l * grid.i + k], 1 for a full bin's area of light. Any thread.
-    void collect(const CameraGeometry::Place& lenslet, const SlopeGrid& grid, double* cells) const;
+    // Fills cells[l * grid.i + k] with the light of slopes within `range`, 1 for a full bin's area of light. Any thread.
+    void collect(const CameraGeometry::Place& lenslet, const SlopeGrid& grid, const SlopeBox& range, double* cells) const;
 
     // The bins of lenslet (m, n): bins[j * extents.i + i].
     void collect(int m, int n, double* bins) const;

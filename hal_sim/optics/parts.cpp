@@ -2,7 +2,7 @@
 #include <algorithm>
 
 #include "hal_sim/optics/exact_math.h"
-#include "hal_sim/optics/solid.h"
+#include "hal_sim/optics/shapes.h"
 
 namespace hord::sim {
 namespace {
@@ -186,6 +186,10 @@ Body body_of(const Scene& scene, bool with_defects, double wavelength_nm) {
         for (const SceneDefect& defect : scene.defects) {
             std::visit([&](const auto& d) { add_defect(body, glass, d); }, defect);
         }
+    }
+    const Pose& pose = scene.pose;
+    if (pose.tilt_x_rad != 0 || pose.tilt_y_rad != 0 || pose.z_mm != 0) {
+        body.move(Rigid::of({0, 0, pose.z_mm}, {pose.tilt_x_rad, pose.tilt_y_rad, 0}));
     }
     body.fresnel = scene.effects.fresnel;
     body.done();

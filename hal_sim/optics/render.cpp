@@ -39,45 +39,107 @@ void share_out_rows(int rows, const RenderOptions& options, const DoRow& do_row)
     if (options.progress) options.progress(1.0);
 }
 
+// Light for samples that other rows write waits until all rows are done, and is added in their order: sums do not depend on
+// threads.
+class Strays {
+  public:
+    explicit Strays(int rows) : rows_(static_cast<std::size_t>(rows)) {}
+    void add(int row, std::size_t sample, float light) { rows_[static_cast<std::size_t>(row)].push_back({sample, light}); }
+    void pour(std::vector<float>& into) const {
+        for (const auto& row : rows_) {
+            for (const auto& [sample, light] : row) into[sample] += light;
+        }
+    }
+
+  private:
+    std::vector<std::vector<std::pair<std::size_t, float>>> rows_;
+};
+
+std::size_t index(int width, int x, int y) { return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x); }
+
 }  // namespace
 
 Result<LightField> render(const Scene& scene, const RenderOptions& options) {
     if (auto good = check(scene); !good) return tl::unexpected(good.error());
     const algo::Extents& e = scene.camera.extents;
     LightField field{e, std::vector<float>(e.lenslets() * static_cast<std::size_t>(e.bins()))};
-    const int around = scene.effects.crosstalk ? 1 : 0;
+    const CameraGeometry camera(scene);
+    // Only of an aligned square array with square lenslets of bins are a lenslet's neighbours' bins where its own would go on.
+    const int around = scene.effects.crosstalk && camera.array().is_plain() && e.i == e.j ? 1 : 0;
     const SlopeGrid grid = SlopeGrid::of(e, around);
     const LensletLight light(scene, grid);
-    const CameraGeometry camera(scene);
-    const auto sample = [&](int m, int n, int i, int j) -> float& {
-        return field.bins[static_cast<std::size_t>(n * e.j + j) * static_cast<std::size_t>(e.width_px()) + static_cast<std::size_t>(m * e.i + i)];
-    };
-    // Light for other lenslets waits until all rows are done, and is added in their order: sums do not depend on threads.
-    struct Stray {
-        int m, n, i, j;
-        float light;
-    };
-    std::vector<std::vector<Stray>> strays(around > 0 ? static_cast<std::size_t>(e.n) : 0);
+    Strays strays(e.n);
 
     share_out_rows(e.n, options, [&](int n) {
         std::vector<double> cells(static_cast<std::size_t>(grid.cells()));
         for (int m = 0; m < e.m; ++m) {
-            light.collect(camera.place_of(m, n), grid, cells.data());
+            if (camera.array().is_dead(m, n)) continue;
+            light.collect(camera.place_of(m, n), grid, grid.box(), cells.data());
             for (int l = 0; l < grid.j; ++l) {
                 for (int k = 0; k < grid.i; ++k) {
                     const auto value = static_cast<float>(cells[static_cast<std::size_t>(l * grid.i + k)]);
-                    // A lenslet's range is as wide as a lenslet: beyond it lie the neighbours'.
                     const int to_m = m + k / e.i - around, to_n = n + l / e.j - around;
-                    if (to_m == m && to_n == n) sample(m, n, k % e.i, l % e.j) = value;
-                    else if (value > 0 && to_m >= 0 && to_m < e.m && to_n >= 0 && to_n < e.n) strays[static_cast<std::size_t>(n)].push_back({to_m, to_n, k % e.i, l % e.j, value});
+                    if (to_m < 0 || to_m >= e.m || to_n < 0 || to_n >= e.n) continue;
+                    const std::size_t sample = index(e.width_px(), to_m * e.i + k % e.i, to_n * e.j + l % e.j);
+                    if (to_m == m && to_n == n) field.bins[sample] = value;
+                    else if (value > 0) strays.add(n, sample, value);
                 }
             }
         }
     });
-    for (const auto& row : strays) {
-        for (const Stray& stray : row) sample(stray.m, stray.n, stray.i, stray.j) += stray.light;
-    }
+    strays.pour(field.bins);
     return field;
+}
+
+Result<Picture> render_raw(const Scene& scene, const RenderOptions& options) {
+    if (auto good = check(scene); !good) return tl::unexpected(good.error());
+    const algo::Extents& e = scene.camera.extents;
+    const CameraGeometry camera(scene);
+    const ArrayGeometry& array = camera.array();
+    Picture picture{array.width_px(), array.height_px(), {}};
+    picture.light.resize(static_cast<std::size_t>(picture.width_px) * static_cast<std::size_t>(picture.height_px));
+    const SlopeBox range = SlopeGrid::of(e, scene.effects.crosstalk ? 1 : 0).box();
+    // The pixels under a lenslet's range, and the cells of slope that they are.
+    const auto under = [&](int m, int n, int& x0, int& y0) -> SlopeGrid {
+        const ArrayGeometry::Point centre = array.centre_px(m, n);
+        const double bin = array.bin_px(m, n);
+        x0 = static_cast<int>(std::floor(centre.x + range.u0 * bin + 0.5)), y0 = static_cast<int>(std::floor(centre.y + range.v0 * bin + 0.5));
+        const int x1 = static_cast<int>(std::ceil(centre.x + range.u1 * bin + 0.5)), y1 = static_cast<int>(std::ceil(centre.y + range.v1 * bin + 0.5));
+        return {(x0 - 0.5 - centre.x) / bin, (y0 - 0.5 - centre.y) / bin, 1 / bin, x1 - x0, y1 - y0};
+    };
+    int x0 = 0, y0 = 0;
+    SlopeGrid largest = under(e.m / 2, e.n / 2, x0, y0);
+    for (const int m : {0, e.m - 1}) {
+        for (const int n : {0, e.n - 1}) {
+            const SlopeGrid corner = under(m, n, x0, y0);
+            largest.i = std::max(largest.i, corner.i + 2), largest.j = std::max(largest.j, corner.j + 2);
+        }
+    }
+    const LensletLight light(scene, largest);
+    Strays strays(e.n);
+
+    share_out_rows(e.n, options, [&](int n) {
+        std::vector<double> cells;
+        for (int m = 0; m < e.m; ++m) {
+            if (array.is_dead(m, n)) continue;
+            int left = 0, top = 0;
+            const SlopeGrid grid = under(m, n, left, top);
+            cells.resize(static_cast<std::size_t>(grid.cells()));
+            light.collect(camera.place_of(m, n), grid, range, cells.data());
+            const double full = 1 / (grid.step * grid.step);
+            for (int l = 0; l < grid.j; ++l) {
+                for (int k = 0; k < grid.i; ++k) {
+                    const double value = cells[static_cast<std::size_t>(l * grid.i + k)];
+                    const int x = left + k, y = top + l;
+                    if (value > 0 && x >= 0 && x < picture.width_px && y >= 0 && y < picture.height_px) {
+                        strays.add(n, index(picture.width_px, x, y), static_cast<float>(value * full));
+                    }
+                }
+            }
+        }
+    });
+    strays.pour(picture.light);
+    return picture;
 }
 
 Result<Picture> render_telecentric(const Scene& scene, const RenderOptions& options) {

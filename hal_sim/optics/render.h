@@ -38,11 +38,17 @@ struct RenderOptions {
 
 Result<LightField> render(const Scene& scene, const RenderOptions& options = {});
 
-// What the scene's telecentric camera sees: 1 where all light comes from the panel. Row by row.
+// A picture of light, row by row.
 struct Picture {
     int width_px = 0, height_px = 0;
     std::vector<float> light;
 };
+
+// What the scene's sensor sees behind its lenslet array: 1 for a pixel filled by the source. render() is what a perfect decode of
+// that gives: the light of the same lenslets, wherever they are, in bins centred on each.
+Result<Picture> render_raw(const Scene& scene, const RenderOptions& options = {});
+
+// What the scene's telecentric camera sees: 1 where all light comes from the panel.
 Result<Picture> render_telecentric(const Scene& scene, const RenderOptions& options = {});
 
 Truth truth_of(const Scene& scene);

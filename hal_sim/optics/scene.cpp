@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "hal_sim/optics/solid.h"
+#include "hal_sim/optics/array_geometry.h"
+#include "hal_sim/optics/shapes.h"
 
 namespace hord::sim {
 namespace {
@@ -11,6 +12,7 @@ namespace {
 class Checker {
   public:
     void in(std::string table, std::size_t index = 0) { table_ = std::move(table), index_ = index; }
+    [[nodiscard]] std::string here() const { return table_; }
     void require(bool good, const char* key, std::string what, std::string cure) {
         if (!good) found.push_back({table_, index_, key, std::move(what), std::move(cure)});
     }
@@ -89,6 +91,50 @@ void check_part(Checker& c, const Vial& vial) {
     }
 }
 
+void check_shape(Checker& c, const Shape& shape) {
+    const std::string here = c.here();
+    for (const double x : {shape.position_mm.x, shape.position_mm.y, shape.position_mm.z}) c.within("position_mm", x, -kLargest, kLargest);
+    for (const double x : {shape.rotation_rad.x, shape.rotation_rad.y, shape.rotation_rad.z}) c.within("rotation_rad", x, -1e3, 1e3);
+    using Kind = Shape::Kind;
+    if (is_operation(shape.kind)) {
+        c.require(shape.of.size() >= (shape.kind == Kind::difference ? 2 : 1), "kind", "has too few shapes to work on", "add [[" + here + ".of]]");
+        for (std::size_t k = 0; k < shape.of.size(); ++k) {
+            c.in(here + ".of[" + std::to_string(k) + "]");
+            check_shape(c, shape.of[k]);
+        }
+        return c.in(here);
+    }
+    c.require(shape.of.empty(), "of", "belongs to union, intersection and difference", "remove it, or name one of them as kind");
+    if (shape.kind == Kind::sphere || shape.kind == Kind::cylinder || shape.kind == Kind::cone) c.within("radius_mm", shape.radius_mm, kThinnest, kLargest);
+    if (shape.kind == Kind::cylinder) c.within("half_height_mm", shape.half_height_mm, kThinnest, kLargest);
+    if (shape.kind == Kind::cone) c.within("height_mm", shape.height_mm, kThinnest, kLargest);
+    if (shape.kind == Kind::block) {
+        for (const double x : {shape.half_size_mm.x, shape.half_size_mm.y, shape.half_size_mm.z}) c.within("half_size_mm", x, kThinnest, kLargest);
+    }
+    if (shape.kind == Kind::asphere) {
+        const double r = shape.radius_of_curvature_mm, a = shape.aperture_radius_mm;
+        c.require(std::abs(r) >= kThinnest && std::abs(r) <= 1e6, "radius_of_curvature_mm", Checker::number(r) + " is out of range", "use 1e-06 to 1e6, of either sign");
+        const bool sizes = c.within("aperture_radius_mm", a, kThinnest, kLargest) & c.within("conic", shape.conic, -1e3, 1e3);
+        c.require(!sizes || (1 + shape.conic) * a * a < 0.9999 * r * r, "aperture_radius_mm", "is larger than the conic", "use a smaller one");
+        c.require(shape.coefficients.size() <= 8, "coefficients", "are more than 8", "use fewer");
+    }
+}
+void check_part(Checker& c, const SolidPart& part) {
+    c.within("refractive_index", part.refractive_index, 1, 4);
+    c.in("part.shape");
+    const std::size_t before = c.found.size();
+    check_shape(c, part.shape);
+    if (c.found.size() > before) return;
+    const int surfaces = surfaces_of(part.shape);
+    constexpr int kMost = 32;
+    c.require(surfaces <= kMost, "kind", "has " + std::to_string(surfaces) + " faces", "use at most " + std::to_string(kMost));
+    const Bounds bounds = bounds_of(part.shape);
+    const Vec3 size = bounds.high - bounds.low;
+    c.require(size.x < kNever && size.y < kNever && size.z < kNever, "kind", "reaches to infinity",
+              "intersect it with a block or a cylinder");
+    c.require(size.x > 0 && size.y > 0 && size.z > 0, "kind", "is empty: its shapes do not meet", "move them together");
+}
+
 // Half width of the part across the light; 0 without one.
 double reach_of(const Part& part) {
     if (const auto* lens = std::get_if<DoubleConvexLens>(&part)) return lens->aperture_radius_mm;
@@ -97,6 +143,10 @@ double reach_of(const Part& part) {
     if (const auto* lens = std::get_if<CylinderLens>(&part)) return std::max(lens->half_width_mm, lens->half_length_mm);
     if (const auto* plate = std::get_if<Plate>(&part)) return plate->half_size_mm;
     if (const auto* vial = std::get_if<Vial>(&part)) return std::max(vial->outer_radius_mm, vial->half_height_mm);
+    if (const auto* solid = std::get_if<SolidPart>(&part)) {
+        const Bounds b = bounds_of(solid->shape);
+        return std::max(std::max(std::abs(b.low.x), std::abs(b.high.x)), std::max(std::abs(b.low.y), std::abs(b.high.y)));
+    }
     return 0;
 }
 
@@ -173,9 +223,6 @@ void check_relay(Checker& c, const Scene& scene) {
                   "lets no light beyond the bins' range of " + Checker::number(half_range) + " mm, so there is no crosstalk to compute",
                   "drop effects.crosstalk, or open the stop");
     }
-    c.in("camera.array");
-    c.within("pitch_um", scene.camera.array.pitch_um, 0, 1e5);
-    c.within("focal_um", scene.camera.array.focal_um, 0, 1e6);
     for (std::size_t k = 0; k < scene.camera.dust.size(); ++k) {
         const Dust& dust = scene.camera.dust[k];
         c.in("dust", k);
@@ -183,6 +230,51 @@ void check_relay(Checker& c, const Scene& scene) {
         c.within("y_mm", dust.y_mm, -kLargest, kLargest);
         c.within("radius_mm", dust.radius_mm, kThinnest, kLargest);
         c.within("transmission", dust.transmission, 0, 1);
+    }
+}
+
+void check_array(Checker& c, const Scene& scene) {
+    const LensletArray& array = scene.camera.array;
+    const algo::Extents& e = scene.camera.extents;
+    c.in("camera.array");
+    c.within("pitch_um", array.pitch_um, 0, 1e5);
+    c.within("focal_um", array.focal_um, 0, 1e6);
+    const bool pitch = c.within("pitch_px", array.pitch_px, 0, 128);
+    if (pitch && array.pitch_px > 0) {
+        const double most = std::max(e.i, e.j);
+        c.require(array.pitch_px >= 0.5 * most, "pitch_px", "makes a bin of " + Checker::number(array.pitch_px / most) + " pixels: a lenslet too fine for its bins",
+                  "use at least " + Checker::number(0.5 * most));
+    }
+    c.within("rotation_rad", array.rotation_rad, -1e3, 1e3);
+    c.within("offset_px", array.offset_x_px, -1e4, 1e4);
+    c.within("offset_px", array.offset_y_px, -1e4, 1e4);
+    const bool tilts = c.within("tilt_rad", array.tilt_x_rad, -0.5, 0.5) & c.within("tilt_rad", array.tilt_y_rad, -0.5, 0.5);
+    c.require(!tilts || (array.tilt_x_rad == 0 && array.tilt_y_rad == 0) || (array.pitch_um > 0 && array.focal_um > 0), "tilt_rad",
+              "changes distances to the sensor that are not known", "name pitch_um and focal_um");
+    if (tilts && array.focal_um > 0) {
+        const double lift = array.pitch_um / array.focal_um * 0.5 * (e.m * std::abs(std::tan(array.tilt_y_rad)) + e.n * std::abs(std::tan(array.tilt_x_rad)));
+        c.require(lift <= 0.2, "tilt_rad", "changes the distance to the sensor by " + Checker::number(100 * lift) + " %", "tilt it by less than 20 % of focal_um at a corner");
+    }
+    c.within("distortion", array.distortion, -0.1, 0.1);
+    c.within("width_px", array.width_px, 0, 32768);
+    c.within("height_px", array.height_px, 0, 32768);
+    c.within("dead_share", array.dead_share, 0, 1);
+    for (std::size_t k = 0; k < array.dead.size(); ++k) {
+        c.in("camera.dead", k);
+        c.within("m", array.dead[k].m, 0, e.m - 1);
+        c.within("n", array.dead[k].n, 0, e.n - 1);
+    }
+    const MainLens& lens = scene.camera.main_lens;
+    c.in("camera.main_lens");
+    c.within("focal_mm", lens.focal_mm, 0, kLargest);
+    c.within("distance_mm", lens.distance_mm, 0, kLargest);
+    if (lens.focal_mm > 0) {
+        c.require(lens.distance_mm > lens.focal_mm, "distance_mm", "is not beyond the focal length: there is no image on the lenslets", "use more than focal_mm");
+        const Relay& relay = scene.camera.relay;
+        c.require(relay.stop_radius_mm == 0 && relay.lens1_radius_mm == 0 && relay.lens2_radius_mm == 0 && scene.camera.dust.empty(), "focal_mm",
+                  "replaces the 4f relay, whose stop, lenses and dust are named", "drop camera.main_lens, or those");
+    } else {
+        c.require(lens.distance_mm == 0, "focal_mm", "is missing", "name it beside distance_mm, or drop that");
     }
 }
 
@@ -216,12 +308,12 @@ void check_effects(Checker& c, const Scene& scene) {
 
 std::string SceneProblem::message() const {
     std::string where = table;
-    if (table == "defect" || table == "dust" || table == "light.collimator") where.append(" ").append(std::to_string(index + 1));
+    if (table == "defect" || table == "dust" || table == "light.collimator" || table == "camera.dead") where.append(" ").append(std::to_string(index + 1));
     return where.append(".").append(key).append(": ").append(what).append(": ").append(cure);
 }
 
 std::string_view name_of(const Part& part) {
-    constexpr std::string_view names[] = {"none", "double-convex", "wedge", "plano-convex", "cylinder-lens", "plate", "vial"};
+    constexpr std::string_view names[] = {"none", "double-convex", "wedge", "plano-convex", "cylinder-lens", "plate", "vial", "solid"};
     static_assert(std::size(names) == std::variant_size_v<Part>);
     return names[part.index()];
 }
@@ -254,6 +346,9 @@ std::vector<SceneProblem> problems(const Scene& scene) {
     c.within("x_mm", scene.pose.x_mm, -kLargest, kLargest);
     c.within("y_mm", scene.pose.y_mm, -kLargest, kLargest);
     c.within("rotation_rad", scene.pose.rotation_rad, -1e3, 1e3);
+    c.within("tilt_x_rad", scene.pose.tilt_x_rad, -1.5, 1.5);
+    c.within("tilt_y_rad", scene.pose.tilt_y_rad, -1.5, 1.5);
+    c.within("z_mm", scene.pose.z_mm, -kLargest, kLargest);
     const double reach = std::sqrt(2.0) * reach_of(scene.part);
     if (reach > 0 && scene.camera.extents.m > 0) {
         const double half_height = half_field * scene.camera.extents.n / scene.camera.extents.m;
@@ -263,6 +358,7 @@ std::vector<SceneProblem> problems(const Scene& scene) {
 
     check_light(c, scene);
     check_relay(c, scene);
+    check_array(c, scene);
     check_effects(c, scene);
 
     c.in("camera");
@@ -298,7 +394,9 @@ std::vector<SceneProblem> problems(const Scene& scene) {
     c.within("panel_distance_mm", scene.telecentric.panel_distance_mm, 1e-3, 1e4);
     c.within("rays_per_side", scene.telecentric.rays_per_side, 1, 64);
 
-    constexpr std::size_t kMostDefects = 16;  // Body::kMaxSurfaces, three a scratch
+    // A vial and 16 scratches take 4 + 16 * 3 of Body::kMaxSurfaces; a solid leaves as much room.
+    const auto* solid = std::get_if<SolidPart>(&scene.part);
+    const std::size_t kMostDefects = solid != nullptr && surfaces_of(solid->shape) > 16 ? 10 : 16;
     for (std::size_t k = 0; k < scene.defects.size(); ++k) {
         c.in("defect", k);
         std::visit([&](const auto& defect) { check_defect(c, defect); }, scene.defects[k]);

@@ -57,7 +57,31 @@ struct Vial {  // a tube along y, closed by its contents' ends
     double refractive_index = 1.5;
     double contents_index = 1.33;
 };
-using Part = std::variant<NoPart, DoubleConvexLens, Wedge, PlanoConvexLens, CylinderLens, Plate, Vial>;
+// A shape of the scene's own, or several of them put together. In its own frame; then turned about x, y, z, then moved.
+struct Shape {
+    enum class Kind : std::uint8_t {
+        union_of, intersection, difference,  // of the shapes in `of`; difference: of the first, without all others
+        sphere,                              // radius_mm about the origin
+        half_space,                          // z < 0
+        cylinder,                            // radius_mm about z, to half_height_mm either way
+        cone,                                // from its apex at the origin to radius_mm at z = height_mm
+        asphere,                             // z < s(r): curved towards +z where radius_of_curvature_mm is positive, flat at the vertex
+        block,                               // half_size_mm either way
+    };
+    Kind kind = Kind::sphere;
+    Vec3 position_mm, rotation_rad;
+    double radius_mm = 5, half_height_mm = 5, height_mm = 5;
+    Vec3 half_size_mm{5, 5, 5};
+    double radius_of_curvature_mm = 100, conic = 0;  // -1: a paraboloid
+    std::vector<double> coefficients;                // of r^4, r^6, ... in mm^-3, mm^-5, ...
+    double aperture_radius_mm = 10;                  // up to which the asphere is one; beyond, it goes on evenly
+    std::vector<Shape> of;
+};
+struct SolidPart {
+    Shape shape;
+    double refractive_index = 1.5;
+};
+using Part = std::variant<NoPart, DoubleConvexLens, Wedge, PlanoConvexLens, CylinderLens, Plate, Vial, SolidPart>;
 
 struct AirBubble {  // a sphere of index 1 inside the part
     Vec3 centre_mm;
@@ -106,6 +130,8 @@ struct Glass {
 struct Pose {
     double x_mm = 0, y_mm = 0;  // shift of the part on the measurement plane
     double rotation_rad = 0;    // about z
+    // Before that, in the part's own frame: tilted about x, then y, then moved along the light.
+    double tilt_x_rad = 0, tilt_y_rad = 0, z_mm = 0;
 };
 
 struct Collimator {
@@ -138,8 +164,27 @@ struct Dust {
     double transmission = 0;
 };
 
+// The lenslet array and where its lenslets are on the sensor (array_geometry.h). Aligned, a pixel a bin, unless it says otherwise.
 struct LensletArray {
     double pitch_um = 0, focal_um = 0;  // 0: not said; together with the relay they say field_mm and bin_pitch_rad
+    bool hexagonal = false;             // rows packed at sqrt(3)/2 of the pitch, every second one half a pitch to the right
+    double pitch_px = 0;                // 0: as many pixels as there are bins
+    double rotation_rad = 0;            // of the array on the sensor
+    double offset_x_px = 0, offset_y_px = 0;
+    double tilt_x_rad = 0, tilt_y_rad = 0;  // about the sensor's axes: pitches shrink, and distances to the sensor differ
+    double distortion = 0;              // k1: centres move out by k1 r^2, r = 1 at half the sensor's longer side
+    int width_px = 0, height_px = 0;    // of the sensor; 0: as large as the array
+    double dead_share = 0;              // of lenslets without light, drawn by the scene's seed
+    struct Lenslet {
+        int m = 0, n = 0;
+    };
+    std::vector<Lenslet> dead;          // and these
+};
+
+// A conventional plenoptic camera, to compare: one lens between part and lenslets in place of the relay (the paper's Fig. 1).
+struct MainLens {
+    double focal_mm = 0;     // 0: there is none, the camera is a 4f
+    double distance_mm = 0;  // from the measurement plane; beyond the focal length
 };
 
 struct Camera {
@@ -150,6 +195,7 @@ struct Camera {
     double full_bin_dn = 240;      // DN of a bin filled by the source, before noise
     Relay relay;
     LensletArray array;
+    MainLens main_lens;
     std::vector<Dust> dust;
 };
 

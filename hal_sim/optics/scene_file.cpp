@@ -1,4 +1,5 @@
 // Scenes as TOML files; the format is described in docs/scene.md.
+#include <algorithm>
 #include <array>
 #include <map>
 
@@ -67,6 +68,34 @@ void read(TomlTable& table, Vial& vial) {
     number(table, "refractive_index", vial.refractive_index);
     number(table, "contents_index", vial.contents_index);
 }
+
+using Tables = std::map<std::string, std::vector<TomlTable>, std::less<>>;
+
+// `path` names the shape's table, as problems() does.
+void read_shape(TomlTable& table, Shape& shape, const std::string& path, Tables& tables) {
+    static constexpr std::array<std::string_view, 9> kKinds{"union", "intersection", "difference", "sphere", "half-space", "cylinder", "cone", "asphere", "block"};
+    tables[path] = {table};
+    if (const auto kind = table.choice("kind", kKinds)) shape.kind = static_cast<Shape::Kind>(*kind);
+    else if (!table.has("kind")) table.problem("kind", "is missing", "name the kind of shape");
+    vector(table, "position_mm", shape.position_mm);
+    vector(table, "rotation_rad", shape.rotation_rad);
+    using Kind = Shape::Kind;
+    if (shape.kind == Kind::sphere || shape.kind == Kind::cylinder || shape.kind == Kind::cone) number(table, "radius_mm", shape.radius_mm);
+    if (shape.kind == Kind::cylinder) number(table, "half_height_mm", shape.half_height_mm);
+    if (shape.kind == Kind::cone) number(table, "height_mm", shape.height_mm);
+    if (shape.kind == Kind::block) vector(table, "half_size_mm", shape.half_size_mm);
+    if (shape.kind == Kind::asphere) {
+        number(table, "radius_of_curvature_mm", shape.radius_of_curvature_mm);
+        number(table, "conic", shape.conic);
+        table.numbers("coefficients", shape.coefficients, 0, 8);
+        number(table, "aperture_radius_mm", shape.aperture_radius_mm);
+    }
+    constexpr std::size_t kDeepest = 8;
+    if (static_cast<std::size_t>(std::count(path.begin(), path.end(), '[')) > kDeepest) return table.problem("of", "is nested too deeply", "use at most 8 levels");
+    std::vector<TomlTable> of = table.tables("of");
+    for (std::size_t k = 0; k < of.size(); ++k) read_shape(of[k], shape.of.emplace_back(), path + ".of[" + std::to_string(k) + "]", tables);
+}
+void read(TomlTable& table, SolidPart& part) { number(table, "refractive_index", part.refractive_index); }
 
 void read(TomlTable& table, AirBubble& d) {
     vector(table, "centre_mm", d.centre_mm);
@@ -175,6 +204,28 @@ void read_camera(TomlTable& table, TomlTable& relay, TomlTable& array, Camera& c
     }
 }
 
+void read_array(TomlTable& table, std::vector<TomlTable>& dead, LensletArray& array) {
+    static constexpr std::array<std::string_view, 2> kLattices{"square", "hexagonal"};
+    if (const auto lattice = table.choice("lattice", kLattices)) array.hexagonal = *lattice == 1;
+    number(table, "pitch_px", array.pitch_px);
+    number(table, "rotation_rad", array.rotation_rad);
+    pair(table, "offset_px", array.offset_x_px, array.offset_y_px);
+    pair(table, "tilt_rad", array.tilt_x_rad, array.tilt_y_rad);
+    number(table, "distortion", array.distortion);
+    constexpr std::int64_t kMost = 1'000'000;
+    table.integer("width_px", array.width_px, -kMost, kMost);
+    table.integer("height_px", array.height_px, -kMost, kMost);
+    number(table, "dead_share", array.dead_share);
+    for (TomlTable& lenslet : dead) {
+        LensletArray::Lenslet& at = array.dead.emplace_back();
+        for (const char* key : {"m", "n"}) {
+            if (!lenslet.has(key)) lenslet.problem(key, "is missing", "name m and n of the dead lenslet");
+        }
+        lenslet.integer("m", at.m, -kMost, kMost);
+        lenslet.integer("n", at.n, -kMost, kMost);
+    }
+}
+
 void read_dust(std::vector<TomlTable>& tables, std::vector<Dust>& dust) {
     static constexpr std::array<std::string_view, 4> kPlanes{"lens1", "stop", "lens2", "lenslets"};
     for (TomlTable& table : tables) {
@@ -210,18 +261,25 @@ Result<Scene> load_scene(const std::filesystem::path& file) {
     root.text("name", scene.name);
     root.integer("seed", scene.seed, 0, INT64_MAX);
 
-    std::map<std::string, std::vector<TomlTable>, std::less<>> tables;  // as problems() names them
+    Tables tables;  // as problems() names them
     const auto table = [&](std::string_view name) -> TomlTable& {
         auto& known = tables[std::string(name)];
         if (known.empty()) known.push_back(root.table(name));
         return known.front();
     };
     read_kind(table("part"), scene.part, false);
+    if (auto* solid = std::get_if<SolidPart>(&scene.part)) {
+        TomlTable shape = table("part").table("shape");
+        read_shape(shape, solid->shape, "part.shape", tables);
+    }
     number(table("part"), "abbe_number", scene.glass.abbe_number);
     number(table("part"), "absorption_per_mm", scene.glass.absorption_per_mm);
     number(table("pose"), "x_mm", scene.pose.x_mm);
     number(table("pose"), "y_mm", scene.pose.y_mm);
     number(table("pose"), "rotation_rad", scene.pose.rotation_rad);
+    number(table("pose"), "tilt_x_rad", scene.pose.tilt_x_rad);
+    number(table("pose"), "tilt_y_rad", scene.pose.tilt_y_rad);
+    number(table("pose"), "z_mm", scene.pose.z_mm);
     tables["defect"] = root.tables("defect");
     for (TomlTable& defect : tables["defect"]) read_kind(defect, scene.defects.emplace_back(), true);
     pair(table("motion"), "velocity_mm_s", scene.motion.velocity_x_mm_s, scene.motion.velocity_y_mm_s);
@@ -231,6 +289,12 @@ Result<Scene> load_scene(const std::filesystem::path& file) {
     TomlTable &camera = table("camera"), relay = camera.table("relay"), array = camera.table("array");
     read_camera(camera, relay, array, scene.camera);
     tables["camera.relay"] = {relay}, tables["camera.array"] = {array};
+    tables["camera.dead"] = camera.tables("dead");
+    read_array(array, tables["camera.dead"], scene.camera.array);
+    TomlTable lens = camera.table("main_lens");
+    number(lens, "focal_mm", scene.camera.main_lens.focal_mm);
+    number(lens, "distance_mm", scene.camera.main_lens.distance_mm);
+    tables["camera.main_lens"] = {lens};
     tables["dust"] = root.tables("dust");
     read_dust(tables["dust"], scene.camera.dust);
 

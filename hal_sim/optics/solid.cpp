@@ -40,6 +40,19 @@ void Body::fill_more(Solid defect, double index, double absorption) {
     absorbs = absorbs || absorption > 0;
 }
 
+void Body::move(const Rigid& by) {
+    for (Surface& surface : surfaces) surface.point = by(surface.point), surface.axis = by.turn(surface.axis);
+    for (Disc& disc : discs) disc.centre = by(disc.centre);
+    for (Feature& feature : features) feature.from = by(feature.from), feature.to = by(feature.to);
+    const Vec3 middle = by(0.5 * (low + high)), half = 0.5 * (high - low);
+    double flat = 0;  // discs turn back into the plane across the light
+    for (const Disc& disc : discs) flat = std::max(flat, disc.radius);
+    const Vec3 reach{std::abs(by.x.x) * half.x + std::abs(by.y.x) * half.y + std::abs(by.z.x) * half.z + flat,
+                     std::abs(by.x.y) * half.x + std::abs(by.y.y) * half.y + std::abs(by.z.y) * half.z + flat,
+                     std::abs(by.x.z) * half.x + std::abs(by.y.z) * half.y + std::abs(by.z.z) * half.z + flat};
+    low = middle - reach, high = middle + reach;
+}
+
 void Body::done() {
     size = length(high - low);
     for (const Surface& surface : surfaces) size = std::max(size, surface.radius);

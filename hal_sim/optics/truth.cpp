@@ -73,7 +73,8 @@ class Labels {
     void survey(int per_side) {
         const double pitch = camera_.pitch_mm() / per_side;
         const int margin = per_side * (2 + extents_.m / 16);  // light may come in from beyond the field
-        const int columns = extents_.m * per_side, rows = extents_.n * per_side;
+        const ArrayGeometry::Point reach = camera_.reach_mm();
+        const int columns = static_cast<int>(std::ceil(2 * reach.x / pitch - 1e-6)), rows = static_cast<int>(std::ceil(2 * reach.y / pitch - 1e-6));
         struct Ray { std::size_t lenslet; std::uint64_t path; };
         std::vector<Ray> through;
         std::vector<std::uint64_t> paths;
@@ -209,7 +210,7 @@ Truth truth_of(const Scene& scene) {
     if (!clean.empty) labels.survey(scene.camera.extents.m < 200 ? 4 : 2);
     else truth.labels.assign(scene.camera.extents.lenslets(), 0);
     for (const SceneDefect& defect : scene.defects) {
-        TruthDefect found = std::visit([&](const auto& d) { return labels.look_at(d); }, defect);
+        TruthDefect found = std::visit([&](const auto& d) { return labels.look_at(posed(d, scene.pose)); }, defect);
         found.kind = name_of(defect).data();
         if (found.area_lenslets > 0) truth.defects.push_back(found);
     }

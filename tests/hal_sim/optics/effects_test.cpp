@@ -254,7 +254,7 @@ TEST(Crosstalk, puts_light_beyond_a_lenslet_s_range_into_its_neighbour) {
     EXPECT_GT(h.sum, 1);
     std::vector<double> cells(27 * 27);
     const SlopeGrid wide = SlopeGrid::of(scene.camera.extents, 1);
-    LensletLight(scene, wide).collect(CameraGeometry(scene).place_of(3, 4), wide, cells.data());
+    LensletLight(scene, wide).collect(CameraGeometry(scene).place_of(3, 4), wide, wide.box(), cells.data());
     double u = 0, sum = 0;
     for (int k = 0; k < 27 * 27; ++k) sum += cells[static_cast<std::size_t>(k)], u += cells[static_cast<std::size_t>(k)] * (k % 27 - 13);
     EXPECT_GT(u / sum, 5);
