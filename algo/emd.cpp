@@ -4,7 +4,7 @@
 #include <array>
 #include <vector>
 
-#include "algo/lit_bins.h"
+#include "algo/residual.h"
 #include "algo/transport_simplex.h"
 
 namespace hord::algo {
@@ -12,124 +12,96 @@ namespace {
 
 std::size_t index(int k) { return static_cast<std::size_t>(k); }
 
-// Bins that have too much, or too little, over the common denominator.
-struct Side {
-    int count = 0;
-    std::array<double, kMostBins + 1> mass;  // one more: the loops below write before they decide
-    std::array<std::uint8_t, kMostBins + 1> bin;
-
-    // Which side becomes the rows: the one with fewer bins; of equals the one that comes first in bins, then in masses.
-    // So d(a,b) and d(b,a) are the same problem, and equal to the last bit.
-    [[nodiscard]] bool precedes(const Side& other) const {
-        if (count != other.count) return count < other.count;
-        const auto [mine, its] = std::mismatch(bin.begin(), bin.begin() + count, other.bin.begin());
-        if (mine != bin.begin() + count) return *mine < *its;
-        return std::lexicographical_compare(mass.begin(), mass.begin() + count, other.mass.begin(), other.mass.begin() + count);
-    }
-};
-
-// d = a * S_b - b * S_a, bin by bin; what both share is gone. No branches on the data: they would be guesses.
-void cancel(const Hord& a, const Hord& b, int bins, Side& more, Side& less) {
-    const std::uint16_t* const mass_a = a.mass;
-    const std::uint16_t* const mass_b = b.mass;
-    const std::int64_t sum_a = a.sum;
-    const std::int64_t sum_b = b.sum;
-    const LitBins lit(mass_a, mass_b, bins);
-    std::size_t n_more = 0, n_less = 0;
-    for (int w = 0; w < lit.words(); ++w) {
-        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
-            const int k = w * 64 + __builtin_ctzll(rest);
-            const std::int64_t d = mass_a[k] * sum_b - mass_b[k] * sum_a;
-            const auto mass = static_cast<double>(d);
-            more.mass[n_more] = mass;
-            more.bin[n_more] = static_cast<std::uint8_t>(k);
-            n_more += d > 0 ? 1U : 0U;
-            less.mass[n_less] = -mass;
-            less.bin[n_less] = static_cast<std::uint8_t>(k);
-            n_less += d < 0 ? 1U : 0U;
-        }
-    }
-    more.count = static_cast<int>(n_more);
-    less.count = static_cast<int>(n_less);
-}
-
-// Where shared mass may have to move, too: a * S_b against b * S_a.
-void keep(const Hord& h, std::int64_t other_sum, int bins, Side& side) {
-    const LitBins lit(h.mass, bins);
-    for (int w = 0; w < lit.words(); ++w) {
-        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
-            const int k = w * 64 + __builtin_ctzll(rest);
-            side.mass[index(side.count)] = static_cast<double>(h.mass[k] * other_sum);
-            side.bin[index(side.count)] = static_cast<std::uint8_t>(k);
-            ++side.count;
-        }
-    }
-}
-
 // Small problems of one shape, and where their answers go.
+template <class Mass>
 struct Bucket {
-    SmallBatch<kWide> batch;
+    SmallBatch<Mass> batch;
     std::array<double, kWide> mass;  // on either side
     std::array<double*, kWide> out;
+
+    void add(const ResidualSide& rows, const ResidualSide& cols, double on_either_side, double* answer) {
+        const int lane = batch.filled++;
+        for (int i = 0; i < rows.count; ++i) put(i, lane, rows, i);
+        for (int j = 0; j < cols.count; ++j) put(kFirstSmallColumn + j, lane, cols, j);
+        mass[index(lane)] = on_either_side;
+        out[index(lane)] = answer;
+    }
+    // The first lane's problem, where there is no other: what is computed of it is not looked at.
+    void fill_up() {
+        for (int node = 0; node < kSmallNodes; ++node) {
+            std::fill(batch.mass[node] + batch.filled, batch.mass[node] + kWide, batch.mass[node][0]);
+            std::fill(batch.bin[node] + batch.filled, batch.bin[node] + kWide, batch.bin[node][0]);
+        }
+    }
+
+  private:
+    void put(int node, int lane, const ResidualSide& side, int k) {
+        batch.mass[node][lane] = static_cast<Mass>(side.mass[index(k)]);
+        batch.bin[node][lane] = side.bin[index(k)];
+    }
 };
 
-template <int W>
-void put(SmallBatch<W>& batch, int lane, const Side& rows, const Side& cols) {
-    for (int i = 0; i < rows.count; ++i) {
-        batch.mass[i][lane] = rows.mass[index(i)];
-        batch.bin[i][lane] = rows.bin[index(i)];
+// One for every shape.
+template <class Mass>
+class Buckets {
+  public:
+    Buckets() : buckets_(index((kSmallSide + 1) * (kSmallSide + 1))) {
+        for (int rows = 2; rows <= kSmallSide; ++rows) {
+            for (int cols = rows; cols <= kSmallSide; ++cols) {
+                auto& batch = of(rows, cols).batch;
+                batch.rows = rows;
+                batch.cols = cols;
+            }
+        }
     }
-    for (int j = 0; j < cols.count; ++j) {
-        batch.mass[kSmallSide + j][lane] = cols.mass[index(j)];
-        batch.bin[kSmallSide + j][lane] = cols.bin[index(j)];
-    }
-}
+    Bucket<Mass>& of(int rows, int cols) { return buckets_[index(rows * (kSmallSide + 1) + cols)]; }
+    std::vector<Bucket<Mass>>& all() { return buckets_; }
+
+  private:
+    std::vector<Bucket<Mass>> buckets_;
+};
 
 }  // namespace
 
 struct EmdSolver::State {
     State(const GroundDistance& g, Isa isa)
         : ground(g), simplex(ground.row(0), ground.bins(), ground.largest(), isa),
-          costs{ground.row(0), ground.bins(), ground.largest() * TransportSimplex::kTolerance}, solve_wide(algo::solve_wide(isa)),
-          buckets(index((kSmallSide + 1) * (kSmallSide + 1))) {
-        for (int rows = 2; rows <= kSmallSide; ++rows) {
-            for (int cols = rows; cols <= kSmallSide; ++cols) {
-                auto& batch = bucket(rows, cols).batch;
-                batch.rows = rows;
-                batch.cols = cols;
-            }
-        }
-    }
+          costs{ground.row(0), ground.bins(), ground.largest() * TransportSimplex::kTolerance}, solve_light(solve_small(isa)),
+          solve_heavy(solve_small_heavy(isa)) {}
 
-    Bucket& bucket(int rows, int cols) { return buckets[index(rows * (kSmallSide + 1) + cols)]; }
     bool find_sides(const Hord& a, const Hord& b);
     double from_one() const;
-    double by_simplex(const double* supply, const double* demand, const std::uint8_t* row_bin, const std::uint8_t* col_bin, int r, int c);
-    double solve_alone();
-    void solve_bucket(Bucket& full);
+    double by_simplex(const Transport& problem, const TransportStep* start);
+    template <class Mass>
+    void submit_to(Bucket<Mass>& bucket, double mass, double* out, bool at_once);
+    void submit(const Hord& a, const Hord& b, double* out, bool at_once);
+    void finish();
+    template <class Mass>
+    void solve_bucket(Bucket<Mass>& full);
+    template <class Mass>
+    double improve(const SmallBatch<Mass>& batch, int lane);
 
     GroundDistance ground;
     TransportSimplex simplex;
     SmallCosts costs;
-    SolveWide solve_wide;
-    SmallBatch<1> alone;
-    std::vector<Bucket> buckets;
-    Side more, less;
-    const Side* fewer = nullptr;  // the two sides: rows
-    const Side* others = nullptr;  // and columns
+    SolveSmall solve_light;
+    SolveSmallHeavy solve_heavy;
+    Buckets<std::int32_t> light;
+    Buckets<double> heavy;
+    ResidualSide more, less;
+    const ResidualSide* fewer = nullptr;  // the two sides: rows
+    const ResidualSide* others = nullptr;  // and columns
     Work work;
 };
 
 // False: nothing has to move.
 bool EmdSolver::State::find_sides(const Hord& a, const Hord& b) {
     ++work.pairs;
-    more.count = less.count = 0;
     if (a.sum == 0 || b.sum == 0) return false;
     if (ground.is_metric()) {
-        cancel(a, b, ground.bins(), more, less);
+        find_residual(a, b, ground.bins(), more, less);
     } else {
-        keep(a, b.sum, ground.bins(), more);
-        keep(b, a.sum, ground.bins(), less);
+        keep_all(a, b, ground.bins(), more, less);
     }
     if (more.count == 0 || less.count == 0) return false;
     const bool swap = less.precedes(more);
@@ -146,46 +118,74 @@ double EmdSolver::State::from_one() const {
     return sum;
 }
 
-double EmdSolver::State::by_simplex(const double* supply, const double* demand, const std::uint8_t* row_bin, const std::uint8_t* col_bin,
-                                    int r, int c) {
-    const auto outcome = simplex.solve({r, c, supply, demand, row_bin, col_bin});
+double EmdSolver::State::by_simplex(const Transport& problem, const TransportStep* start) {
+    const auto outcome = simplex.solve(problem, start);
     ++work.simplex;
     work.pivots += static_cast<std::uint64_t>(outcome.pivots);
     work.unproven += outcome.proven ? 0U : 1U;
     return outcome.cost;
 }
 
-double EmdSolver::State::solve_alone() {
-    if (fewer->count == 1) return from_one();
-    if (others->count <= kSmallSide) {
-        ++work.small;
-        alone.rows = fewer->count;
-        alone.cols = others->count;
-        put(alone, 0, *fewer, *others);
-        solve_small(alone, costs);
-        if (alone.proven[0]) return alone.cost[0];
+// From the plan of a lane on.
+template <class Mass>
+double EmdSolver::State::improve(const SmallBatch<Mass>& batch, int lane) {
+    std::array<std::uint8_t, kSmallNodes> bin;
+    for (int node = 0; node < kSmallNodes; ++node) bin[index(node)] = static_cast<std::uint8_t>(batch.bin[node][lane]);
+    const auto node_of = [&](std::int32_t small) { return small < kFirstSmallColumn ? small : small - kFirstSmallColumn + batch.rows; };
+    std::array<TransportStep, kMostSmallSteps> steps;
+    for (int step = 0; step < batch.rows + batch.cols - 1; ++step) {
+        steps[index(step)] = {static_cast<double>(batch.flow[step][lane]), node_of(batch.child[step][lane]), node_of(batch.parent[step][lane])};
     }
-    return by_simplex(fewer->mass.data(), others->mass.data(), fewer->bin.data(), others->bin.data(), fewer->count, others->count);
+    return by_simplex({batch.rows, batch.cols, nullptr, nullptr, bin.data(), bin.data() + kFirstSmallColumn}, steps.data());
 }
 
-void EmdSolver::State::solve_bucket(Bucket& full) {
-    SmallBatch<kWide>& batch = full.batch;
+template <class Mass>
+void EmdSolver::State::solve_bucket(Bucket<Mass>& full) {
+    SmallBatch<Mass>& batch = full.batch;
     work.small += static_cast<std::uint64_t>(batch.filled);
-    solve_wide(batch, costs);
+    if (batch.filled < kWide) full.fill_up();
+    if constexpr (std::is_same_v<Mass, std::int32_t>) {
+        solve_light(batch, costs);
+    } else {
+        solve_heavy(batch, costs);
+    }
     for (int lane = 0; lane < batch.filled; ++lane) {
-        double cost = batch.cost[lane];
-        if (!batch.proven[lane]) {
-            std::array<double, 2 * kSmallSide> mass;
-            std::array<std::uint8_t, 2 * kSmallSide> bin;
-            for (std::size_t node = 0; node < mass.size(); ++node) {
-                mass[node] = batch.mass[node][lane];
-                bin[node] = static_cast<std::uint8_t>(batch.bin[node][lane]);
-            }
-            cost = by_simplex(mass.data(), mass.data() + kSmallSide, bin.data(), bin.data() + kSmallSide, batch.rows, batch.cols);
-        }
+        const double cost = batch.proven[lane] ? batch.cost[lane] : improve(batch, lane);
         *full.out[index(lane)] = cost / full.mass[index(lane)];
     }
     batch.filled = 0;
+}
+
+template <class Mass>
+void EmdSolver::State::submit_to(Bucket<Mass>& bucket, double mass, double* out, bool at_once) {
+    bucket.add(*fewer, *others, mass, out);
+    if (at_once || bucket.batch.filled == kWide) solve_bucket(bucket);
+}
+
+void EmdSolver::State::submit(const Hord& a, const Hord& b, double* out, bool at_once) {
+    if (!find_sides(a, b)) {
+        *out = 0;
+        return;
+    }
+    const double mass = static_cast<double>(a.sum) * static_cast<double>(b.sum);
+    const int rows = fewer->count, cols = others->count;
+    if (rows == 1) {
+        *out = from_one() / mass;
+    } else if (cols > kSmallSide) {
+        *out = by_simplex({rows, cols, fewer->mass.data(), others->mass.data(), fewer->bin.data(), others->bin.data()}, nullptr) / mass;
+    } else if (mass < kLightMass) {
+        submit_to(light.of(rows, cols), mass, out, at_once);
+    } else {
+        submit_to(heavy.of(rows, cols), mass, out, at_once);
+    }
+}
+
+void EmdSolver::State::finish() {
+    const auto solve_rest = [this](auto& bucket) {
+        if (bucket.batch.filled > 0) solve_bucket(bucket);
+    };
+    std::ranges::for_each(light.all(), solve_rest);
+    std::ranges::for_each(heavy.all(), solve_rest);
 }
 
 Result<EmdSolver> EmdSolver::create(const GroundDistance& ground, Isa isa) {
@@ -194,35 +194,13 @@ Result<EmdSolver> EmdSolver::create(const GroundDistance& ground, Isa isa) {
 }
 
 double EmdSolver::distance(const Hord& a, const Hord& b) {
-    State& s = *state_;
-    if (!s.find_sides(a, b)) return 0;
-    return s.solve_alone() / (static_cast<double>(a.sum) * static_cast<double>(b.sum));
+    double answer = 0;
+    state_->submit(a, b, &answer, true);
+    return answer;
 }
 
-void EmdSolver::submit(const Hord& a, const Hord& b, double* out) {
-    State& s = *state_;
-    if (!s.find_sides(a, b)) {
-        *out = 0;
-        return;
-    }
-    const double mass = static_cast<double>(a.sum) * static_cast<double>(b.sum);
-    if (s.fewer->count == 1 || s.others->count > kSmallSide) {
-        *out = s.solve_alone() / mass;
-        return;
-    }
-    Bucket& bucket = s.bucket(s.fewer->count, s.others->count);
-    const int lane = bucket.batch.filled++;
-    put(bucket.batch, lane, *s.fewer, *s.others);
-    bucket.mass[index(lane)] = mass;
-    bucket.out[index(lane)] = out;
-    if (bucket.batch.filled == kWide) s.solve_bucket(bucket);
-}
-
-void EmdSolver::finish() {
-    for (Bucket& bucket : state_->buckets) {
-        if (bucket.batch.filled > 0) state_->solve_bucket(bucket);
-    }
-}
+void EmdSolver::submit(const Hord& a, const Hord& b, double* out) { state_->submit(a, b, out, false); }
+void EmdSolver::finish() { state_->finish(); }
 
 const EmdSolver::Work& EmdSolver::work() const { return state_->work; }
 

@@ -3,147 +3,242 @@
 #include <bit>
 #include <limits>
 
-#include "algo/isa_targets.h"
+#include "algo/transport_lanes.h"
 
 namespace hord::algo {
 namespace {
 
-constexpr int kCells = kSmallSide * kSmallSide;
-constexpr std::uint32_t kCellBits = kCells - 1;
-constexpr int kMostSteps = 2 * kSmallSide - 1;
+constexpr int kCells = kSmallSide * kFirstSmallColumn;
+constexpr std::int32_t kCellBits = 0xFF;
+static_assert(kCells <= kCellBits + 1);
 constexpr float kClosed = std::numeric_limits<float>::infinity();
 
-float with_cell(float key, int cell) {
-    return std::bit_cast<float>((std::bit_cast<std::uint32_t>(key) & ~kCellBits) | static_cast<std::uint32_t>(cell));
-}
-
 // Always inlined, so that it is compiled for the instruction set of its caller.
-template <int Bytes, int W>
-HORD_ALWAYS_INLINE void solve(SmallBatch<W>& batch, const SmallCosts& costs) {
-    using Floats = Vector<float, W == 1 ? sizeof(float) : Bytes>;
-    using Doubles = Vector<double, W == 1 ? sizeof(double) : Bytes>;
-    constexpr int kFloats = sizeof(Floats) / sizeof(float);
-    constexpr int kDoubles = sizeof(Doubles) / sizeof(double);
-    const int rows = batch.rows;
-    const int cols = batch.cols;
-    const int steps = rows + cols - 1;
+template <int Bytes, class Mass>
+struct Batch {
+    using Floats = Lanes<float, kWide, Bytes>;
+    using Ints = Lanes<std::int32_t, kWide, Bytes>;
 
-    // Costs, and their means over rows and columns, weighted with mass.
-    double cost[kCells][W];
-    double mean[2 * kSmallSide][W] = {};
-    double total[W] = {};
-    for (int i = 0; i < rows; ++i) {
-        for (int l = 0; l < W; ++l) total[l] += batch.mass[i][l];
-        for (int j = 0; j < cols; ++j) {
-            double* c = cost[i * kSmallSide + j];
-            for (int l = 0; l < W; ++l) c[l] = costs.table[batch.bin[i][l] * costs.bins + batch.bin[kSmallSide + j][l]];
-            for (int l = 0; l < W; ++l) mean[i][l] += c[l] * batch.mass[kSmallSide + j][l];
-            for (int l = 0; l < W; ++l) mean[kSmallSide + j][l] += c[l] * batch.mass[i][l];
+    SmallBatch<Mass>& b;
+    const SmallCosts& costs;
+    const int rows;
+    const int cols;
+    double cost[kCells][kWide];
+    float key[kCells][kWide];
+
+    HORD_ALWAYS_INLINE Batch(SmallBatch<Mass>& batch, const SmallCosts& c) : b(batch), costs(c), rows(batch.rows), cols(batch.cols) {}
+
+    HORD_ALWAYS_INLINE static int cell(int row, int col) { return row * kFirstSmallColumn + col; }
+    HORD_ALWAYS_INLINE static int column(int j) { return kFirstSmallColumn + j; }
+
+    HORD_ALWAYS_INLINE void gather_costs() {
+        for (int i = 0; i < rows; ++i) {
+            for (int j = 0; j < cols; ++j) {
+                double* c = cost[cell(i, j)];
+                for (int l = 0; l < kWide; ++l) c[l] = costs.table[b.bin[i][l] * costs.bins + b.bin[column(j)][l]];
+            }
         }
     }
 
-    // The order in which cells are served.
-    float key[kCells][W];
-    float closed[2 * kSmallSide][W] = {};  // 0, or kClosed once a row or column is used up
-    if (rows == 2) {
+    HORD_ALWAYS_INLINE void set_key(int cell, Floats order) {
+        const Ints bits = (order.template bits_as<std::int32_t>() & Ints::all(~kCellBits)) | Ints::all(cell);
+        bits.template bits_as<float>().to(key[cell]);
+    }
+
+    // Two rows: how much of each column comes from the first.
+    HORD_ALWAYS_INLINE void knapsack() {
+        Mass left[kWide], taken[kSmallSide][kWide] = {};
+        for (int l = 0; l < kWide; ++l) left[l] = b.mass[0][l];
         for (int j = 0; j < cols; ++j) {
-            for (int l = 0; l < W; ++l) key[j][l] = with_cell(static_cast<float>(cost[j][l] - cost[kSmallSide + j][l]), j);
-            for (int l = 0; l < W; ++l) key[kSmallSide + j][l] = with_cell(std::numeric_limits<float>::max(), kSmallSide + j);
+            float gain[kWide];
+            for (int l = 0; l < kWide; ++l) gain[l] = static_cast<float>(cost[cell(0, j)][l] - cost[cell(1, j)][l]);
+            set_key(j, Floats::at(gain));
         }
-    } else {
-        for (int node = 0; node < 2 * kSmallSide; ++node) {
-            for (int l = 0; l < W; ++l) mean[node][l] /= total[l];
+        for (int step = 0; step < cols; ++step) {
+            Floats least = Floats::at(key[0]);
+            for (int j = 1; j < cols; ++j) least = lower(least, Floats::at(key[j]));
+            float best[kWide];
+            least.to(best);
+            for (int j = 0; j < cols; ++j) {
+                for (int l = 0; l < kWide; ++l) {
+                    const bool here = key[j][l] == best[l];
+                    const Mass share = lower(left[l], b.mass[column(j)][l]);
+                    taken[j][l] = here ? share : taken[j][l];
+                    left[l] -= here ? share : Mass{0};
+                    key[j][l] = here ? kClosed : key[j][l];
+                }
+            }
+        }
+        double sum[kWide] = {};
+        for (int j = 0; j < cols; ++j) {
+            for (int l = 0; l < kWide; ++l) {
+                sum[l] += static_cast<double>(taken[j][l]) * cost[cell(0, j)][l] +
+                          static_cast<double>(b.mass[column(j)][l] - taken[j][l]) * cost[cell(1, j)][l];
+            }
+        }
+        for (int l = 0; l < kWide; ++l) b.cost[l] = sum[l];
+        for (int l = 0; l < kWide; ++l) b.proven[l] = true;
+    }
+
+    // The order in which cells are served: c_ij - R_i - K_j.
+    HORD_ALWAYS_INLINE void order_cells() {
+        float share[kSmallNodes][kWide];
+        float mean[kSmallNodes][kWide];
+        double total[kWide] = {};
+        for (int i = 0; i < rows; ++i) {
+            for (int l = 0; l < kWide; ++l) total[l] += static_cast<double>(b.mass[i][l]);
+        }
+        for (int l = 0; l < kWide; ++l) total[l] = 1 / total[l];
+        const auto prepare = [&](int node) __attribute__((always_inline)) {
+            for (int l = 0; l < kWide; ++l) share[node][l] = static_cast<float>(static_cast<double>(b.mass[node][l]) * total[l]);
+            Floats::all(0).to(mean[node]);
+        };
+        for (int i = 0; i < rows; ++i) prepare(i);
+        for (int j = 0; j < cols; ++j) prepare(column(j));
+        for (int i = 0; i < rows; ++i) {
+            Floats mean_row = Floats::all(0);
+            const Floats share_row = Floats::at(share[i]);
+            for (int j = 0; j < cols; ++j) {
+                float rough[kWide];
+                for (int l = 0; l < kWide; ++l) rough[l] = static_cast<float>(cost[cell(i, j)][l]);
+                const Floats c = Floats::at(rough);
+                c.to(key[cell(i, j)]);
+                mean_row = mean_row + c * Floats::at(share[column(j)]);
+                (Floats::at(mean[column(j)]) + c * share_row).to(mean[column(j)]);
+            }
+            mean_row.to(mean[i]);
         }
         for (int i = 0; i < rows; ++i) {
-            for (int j = 0; j < cols; ++j) {
-                const int cell = i * kSmallSide + j;
-                for (int l = 0; l < W; ++l) {
-                    key[cell][l] = with_cell(static_cast<float>(cost[cell][l] - mean[i][l] - mean[kSmallSide + j][l]), cell);
+            const Floats mean_row = Floats::at(mean[i]);
+            for (int j = 0; j < cols; ++j) set_key(cell(i, j), Floats::at(key[cell(i, j)]) - mean_row - Floats::at(mean[column(j)]));
+        }
+    }
+
+    // The cell of least key whose row and column are open, of every lane.
+    HORD_ALWAYS_INLINE Ints best_cells(const float (*closed)[kWide]) const {
+        Floats in_all = Floats::all(kClosed);
+        for (int i = 0; i < rows; ++i) {
+            Floats in_row = Floats::all(kClosed);
+            for (int j = 0; j < cols; ++j) in_row = lower(in_row, Floats::at(key[cell(i, j)]) + Floats::at(closed[column(j)]));
+            in_all = lower(in_all, in_row + Floats::at(closed[i]));
+        }
+        return in_all.template bits_as<std::int32_t>() & Ints::all(kCellBits);
+    }
+
+    // The plan: every step uses up one row or one column (of a tie the column, unless it is the last), which then hangs from the other.
+    HORD_ALWAYS_INLINE void serve(std::int32_t (*served)[kWide]) {
+        float closed[kSmallNodes][kWide];  // 0, or kClosed once it is used up
+        Mass left[kSmallNodes][kWide];
+        const auto open = [&](int node) __attribute__((always_inline)) {
+            Floats::all(0).to(closed[node]);
+            for (int l = 0; l < kWide; ++l) left[node][l] = b.mass[node][l];
+        };
+        for (int i = 0; i < rows; ++i) open(i);
+        for (int j = 0; j < cols; ++j) open(column(j));
+        std::int32_t open_cols[kWide];
+        Ints::all(cols).to(open_cols);
+        const int steps = rows + cols - 1;
+        for (int step = 0; step < steps; ++step) {
+            best_cells(closed).to(served[step]);
+            if constexpr (sizeof(Mass) == sizeof(std::int32_t)) {
+                serve_lanes(step, Ints::at(served[step]), left, closed, open_cols);
+            } else {
+                for (int l = 0; l < kWide; ++l) {
+                    // No branches: they would be guesses.
+                    const std::int32_t row = served[step][l] / kFirstSmallColumn;
+                    const std::int32_t col = column(served[step][l] % kFirstSmallColumn);
+                    const Mass in_row = left[row][l], in_col = left[col][l];
+                    const Mass moved = lower(in_row, in_col);
+                    const std::int32_t row_closes = -((in_row < in_col ? 1 : 0) | (open_cols[l] == 1 ? 1 : 0));
+                    const std::int32_t swap = (row ^ col) & row_closes;
+                    open_cols[l] -= 1 + row_closes;
+                    left[row][l] = in_row - moved;
+                    left[col][l] = in_col - moved;
+                    b.flow[step][l] = moved;
+                    b.child[step][l] = col ^ swap;
+                    b.parent[step][l] = row ^ swap;
+                    closed[col ^ swap][l] = kClosed;
                 }
             }
         }
     }
 
-    // The plan: every step closes one row or one column, which then hangs from the other in the tree.
-    double left[2 * kSmallSide][W];
-    for (int i = 0; i < rows; ++i) {
-        for (int l = 0; l < W; ++l) left[i][l] = batch.mass[i][l];
-    }
-    for (int j = kSmallSide; j < kSmallSide + cols; ++j) {
-        for (int l = 0; l < W; ++l) left[j][l] = batch.mass[j][l];
-    }
-    double work[W] = {};
-    std::uint32_t degenerate[W] = {};
-    std::uint32_t served[kMostSteps][W];
-    std::uint32_t child[kMostSteps][W];
-    std::uint32_t parent[kMostSteps][W];
-    for (int step = 0; step < steps; ++step) {
-        float least[W];
-        for (int l = 0; l < W; l += kFloats) {
-            Floats in_all = Floats{} + kClosed;
-            for (int i = 0; i < rows; ++i) {
-                Floats in_row = Floats{} + kClosed;
-                for (int j = 0; j < cols; ++j) {
-                    in_row = lower<Floats>(in_row, load<Floats>(&key[i * kSmallSide + j][l]) + load<Floats>(&closed[kSmallSide + j][l]));
-                }
-                in_all = lower<Floats>(in_all, in_row + load<Floats>(&closed[i][l]));
-            }
-            store(in_all, &least[l]);
-        }
-        // No branches: they would be guesses.
-        const std::uint32_t not_last = step != steps - 1 ? 1 : 0;
-        for (int l = 0; l < W; ++l) {
-            const auto cell = std::bit_cast<std::uint32_t>(least[l]) & kCellBits;
-            const auto row = cell / kSmallSide;
-            const auto col = kSmallSide + cell % kSmallSide;
-            const double in_row = left[row][l];
-            const double in_col = left[col][l];
-            const double moved = lower(in_row, in_col);
-            const std::uint32_t row_closes = in_row < in_col;
-            const std::uint32_t col_closes = in_col < in_row;
-            const std::uint32_t which = (row ^ col) & (0U - row_closes);
-            degenerate[l] |= (row_closes ^ col_closes ^ 1U) & not_last;
-            work[l] += moved * cost[cell][l];
-            left[row][l] = in_row - moved;
-            left[col][l] = in_col - moved;
-            served[step][l] = cell;
-            child[step][l] = col ^ which;
-            parent[step][l] = row ^ which;
-            closed[col ^ which][l] = kClosed;
-        }
-    }
-    for (int l = 0; l < W; ++l) batch.cost[l] = work[l];
-    if (rows == 2) {
-        for (int l = 0; l < W; ++l) batch.proven[l] = true;
-        return;
+    HORD_ALWAYS_INLINE void serve_lanes(int step, Ints cells, std::int32_t (*left)[kWide], float (*closed)[kWide], std::int32_t* open_cols) {
+        const Ints row = cells >> 4;
+        const Ints col = (cells & Ints::all(kFirstSmallColumn - 1)) + Ints::all(kFirstSmallColumn);
+        Ints in_row = Ints::all(0), in_col = Ints::all(0);
+        for (int i = 0; i < rows; ++i) in_row = in_row | (row.equals(Ints::all(i)) & Ints::at(left[i]));
+        for (int j = 0; j < cols; ++j) in_col = in_col | (col.equals(Ints::all(column(j))) & Ints::at(left[column(j)]));
+        const Ints moved = lower(in_row, in_col);
+        const Ints closes_row = in_col.above(in_row) | Ints::at(open_cols).equals(Ints::all(1));
+        const Ints child = choose(closes_row, row, col);
+        (Ints::at(open_cols) - Ints::all(1) - closes_row).to(open_cols);
+        child.to(b.child[step]);
+        choose(closes_row, col, row).to(b.parent[step]);
+        moved.to(b.flow[step]);
+        const Ints shut = Floats::all(kClosed).template bits_as<std::int32_t>();
+        const auto use_up = [&](int node, const Ints& its_side) __attribute__((always_inline)) {
+            (Ints::at(left[node]) - (its_side.equals(Ints::all(node)) & moved)).to(left[node]);
+            const Ints was = Floats::at(closed[node]).template bits_as<std::int32_t>();
+            (was | (child.equals(Ints::all(node)) & shut)).template bits_as<float>().to(closed[node]);
+        };
+        for (int i = 0; i < rows; ++i) use_up(i, row);
+        for (int j = 0; j < cols; ++j) use_up(column(j), col);
     }
 
-    // The proof: duals from the last node to close backwards, and no cell below zero.
-    double dual[2 * kSmallSide][W];
-    for (int l = 0; l < W; ++l) dual[parent[steps - 1][l]][l] = 0;
-    for (int step = steps - 1; step >= 0; --step) {
-        for (int l = 0; l < W; ++l) dual[child[step][l]][l] = cost[served[step][l]][l] - dual[parent[step][l]][l];
-    }
-    double least[W];
-    for (int l = 0; l < W; l += kDoubles) {
-        Doubles in_all = {};
-        for (int i = 0; i < rows; ++i) {
-            const auto u = load<Doubles>(&dual[i][l]);
-            for (int j = 0; j < cols; ++j) {
-                in_all = lower<Doubles>(in_all, load<Doubles>(&cost[i * kSmallSide + j][l]) - u - load<Doubles>(&dual[kSmallSide + j][l]));
-            }
+    // The proof: duals from the last node to close backwards, and no cell below zero. The cost is that of the duals.
+    HORD_ALWAYS_INLINE void prove(const std::int32_t (*served)[kWide]) {
+        double dual[kSmallNodes][kWide];
+        const int steps = rows + cols - 1;
+        for (int l = 0; l < kWide; ++l) dual[b.parent[steps - 1][l]][l] = 0;
+        for (int step = steps - 1; step >= 0; --step) {
+            for (int l = 0; l < kWide; ++l) dual[b.child[step][l]][l] = cost[served[step][l]][l] - dual[b.parent[step][l]][l];
         }
-        store(in_all, &least[l]);
+        double least[kWide] = {};
+        double sum[kWide] = {};
+        for (int i = 0; i < rows; ++i) {
+            for (int j = 0; j < cols; ++j) {
+                const double* c = cost[cell(i, j)];
+                for (int l = 0; l < kWide; ++l) least[l] = lower(least[l], c[l] - dual[i][l] - dual[column(j)][l]);
+            }
+            for (int l = 0; l < kWide; ++l) sum[l] += static_cast<double>(b.mass[i][l]) * dual[i][l];
+        }
+        for (int j = 0; j < cols; ++j) {
+            for (int l = 0; l < kWide; ++l) sum[l] += static_cast<double>(b.mass[column(j)][l]) * dual[column(j)][l];
+        }
+        for (int l = 0; l < kWide; ++l) b.cost[l] = sum[l];
+        for (int l = 0; l < kWide; ++l) b.proven[l] = least[l] >= -costs.tolerance;
     }
-    for (int l = 0; l < W; ++l) batch.proven[l] = degenerate[l] == 0 && least[l] >= -costs.tolerance;
+
+    HORD_ALWAYS_INLINE void solve() {
+        gather_costs();
+        if (rows == 2) return knapsack();
+        std::int32_t served[kMostSmallSteps][kWide];
+        order_cells();
+        serve(served);
+        prove(served);
+    }
+};
+
+template <int Bytes, class Mass>
+HORD_ALWAYS_INLINE void solve_batch(SmallBatch<Mass>& batch, const SmallCosts& costs) {
+    Batch<Bytes, Mass>(batch, costs).solve();
+}
+template <int Bytes>
+HORD_ALWAYS_INLINE void solve_ints(SmallBatch<std::int32_t>& batch, const SmallCosts& costs) {
+    solve_batch<Bytes>(batch, costs);
+}
+template <int Bytes>
+HORD_ALWAYS_INLINE void solve_doubles(SmallBatch<double>& batch, const SmallCosts& costs) {
+    solve_batch<Bytes>(batch, costs);
 }
 
-HORD_FOR_EACH_ISA(solve_for, void, solve, (SmallBatch<kWide>& batch, const SmallCosts& costs), (batch, costs))
+HORD_FOR_EACH_ISA(ints_for, void, solve_ints, (SmallBatch<std::int32_t>& batch, const SmallCosts& costs), (batch, costs))
+HORD_FOR_EACH_ISA(doubles_for, void, solve_doubles, (SmallBatch<double>& batch, const SmallCosts& costs), (batch, costs))
 
 }  // namespace
 
-void solve_small(SmallBatch<1>& batch, const SmallCosts& costs) { solve<0>(batch, costs); }
-
-SolveWide solve_wide(Isa isa) { return solve_for(isa); }
+SolveSmall solve_small(Isa isa) { return ints_for(isa); }
+SolveSmallHeavy solve_small_heavy(Isa isa) { return doubles_for(isa); }
 
 }  // namespace hord::algo

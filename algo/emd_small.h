@@ -1,15 +1,15 @@
-// Small transport problems, W side by side: what most pairs of neighbouring lenslets come down to.
+// Small transport problems, side by side: what most pairs of neighbouring lenslets come down to.
 //
-// All problems of a batch have the same number of rows and columns, so that they take the same steps: lanes of a
-// vector compute costs, keys and the dual check; the bookkeeping of a step is a few scalar operations a lane.
+// All problems of a batch have the same number of rows and columns, so that they take the same steps, a lane each.
 //
 //   two rows    a fractional knapsack: the columns that gain most from the first row take from it until it is used up. Exact.
 //   more rows   the plan that least reduced costs give (as in transport_simplex.h), and its duals; where a cell could still
-//               lower the cost, or the tree is degenerate, the problem is left to the simplex: `proven` is false.
+//               lower the cost, `proven` is false: the simplex goes on from the steps of this plan.
 //
-// Formats, ranges and error bound are those of emd.h. Keys that only choose an order are floats, whose 6 low bits are
-// replaced by the cell's number. Every width W and every instruction set does the same operations in the same order
-// for each problem: one result, to the last bit.
+// Formats, ranges and error bound are those of emd.h. Masses are std::int32_t where those on either side add up to less
+// than 2^31 (8-bit frames of 9x9 bins do), else doubles: the same integers, and the same results. Keys that only choose an
+// order are floats, whose 8 low bits are replaced by the cell's number. Every instruction set does the same operations in the same
+// order for each problem: one result, to the last bit, whichever problems are its neighbours.
 #pragma once
 
 #include <cstdint>
@@ -18,30 +18,36 @@
 
 namespace hord::algo {
 
-constexpr int kSmallSide = 8;  // most rows and columns
+constexpr int kSmallSide = 12;  // most rows and columns
+constexpr int kWide = 16;       // problems side by side
 
-template <int W>
+// Nodes: rows from 0, columns from kFirstSmallColumn. A cell's number is row * kFirstSmallColumn + column.
+constexpr int kFirstSmallColumn = 16;
+constexpr int kSmallNodes = kFirstSmallColumn + kSmallSide;
+constexpr int kMostSmallSteps = 2 * kSmallSide - 1;
+
+template <class Mass>
 struct SmallBatch {
-    static constexpr int kWidth = W;
-    int rows = 0, cols = 0;   // 2 <= rows <= cols <= kSmallSide
-    int filled = 0;           // lanes in use
-    double mass[2 * kSmallSide][W] = {};  // rows first, columns from kSmallSide on
-    std::uint16_t bin[2 * kSmallSide][W] = {};
-    double cost[W] = {};      // out: mass times cost of the plan
-    bool proven[W] = {};      // out: it is optimal
+    int rows = 0, cols = 0;  // 2 <= rows <= cols <= kSmallSide
+    int filled = 0;          // lanes in use; the others' masses must be positive, too
+    Mass mass[kSmallNodes][kWide];
+    std::uint16_t bin[kSmallNodes][kWide];
+    double cost[kWide];  // out: mass times cost of the plan
+    bool proven[kWide];  // out: it is optimal
+    // Out, where it is not: the plan, a step a row or column that is used up (TransportStep).
+    std::int32_t child[kMostSmallSteps][kWide], parent[kMostSmallSteps][kWide];
+    Mass flow[kMostSmallSteps][kWide];
 };
 
 struct SmallCosts {
     const double* table = nullptr;  // bins x bins
     int bins = 0;
-    double tolerance = 0;           // a reduced cost below -tolerance disproves a plan
+    double tolerance = 0;  // a reduced cost below -tolerance disproves a plan
 };
 
-constexpr int kWide = 16;
-void solve_small(SmallBatch<1>& batch, const SmallCosts& costs);
-
-// The same for many, as compiled for an instruction set.
-using SolveWide = void (*)(SmallBatch<kWide>& batch, const SmallCosts& costs);
-SolveWide solve_wide(Isa isa);
+using SolveSmall = void (*)(SmallBatch<std::int32_t>& batch, const SmallCosts& costs);
+using SolveSmallHeavy = void (*)(SmallBatch<double>& batch, const SmallCosts& costs);
+SolveSmall solve_small(Isa isa);
+SolveSmallHeavy solve_small_heavy(Isa isa);
 
 }  // namespace hord::algo

@@ -14,6 +14,6 @@ bool has(Isa isa) {
     return isa == Isa::portable;
 }
 
-Isa best_isa() { return has(Isa::avx512) ? Isa::avx512 : has(Isa::avx2) ? Isa::avx2 : Isa::portable; }
+Isa best_isa() { return has(Isa::avx2) ? Isa::avx2 : Isa::portable; }
 
 }  // namespace hord::algo

@@ -9,6 +9,8 @@ namespace hord::algo {
 enum class Isa : std::uint8_t { portable, avx2, avx512 };  // portable: SSE2 on x86-64, NEON on arm64
 
 bool has(Isa isa);
+// The fastest as measured (docs/results/features.md): AVX2 where there is AVX2. AVX-512 is 1.1 to 1.2 times slower here: most of the work is scalar
+// bookkeeping between short vectors.
 Isa best_isa();
 
 }  // namespace hord::algo

@@ -2,277 +2,412 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <limits>
+#include <vector>
+
+#include "algo/transport_lanes.h"
+#include "algo/transport_tree.h"
 
 namespace hord::algo {
 namespace {
 
-constexpr int kRoot = -1;
-constexpr int kUnknown = -2;
-constexpr double kClosed = std::numeric_limits<double>::infinity();
+using Outcome = TransportSimplex::Outcome;
 
-std::size_t index(int k) { return static_cast<std::size_t>(k); }
+constexpr int kLanes = 16;       // floats and int32
+constexpr int kExactLanes = 8;   // doubles
+constexpr int kPivotsANode = 200;
+constexpr int kPivotsBetweenDuals = 64;
+constexpr int kRowsAtOnce = 16;  // priced before the best of them enter
+constexpr float kNeverChosen = 1e30F;  // the cost of padding
+constexpr std::int32_t kOpen = std::numeric_limits<std::int32_t>::min();
+constexpr std::int32_t kClosed = std::numeric_limits<std::int32_t>::max();
+constexpr float kKeyUnits = 16000;  // the largest cost, as a key
+constexpr float kWorthIt = 0.2F;  // of the best reduced cost of a block: what may enter with it
+constexpr double kCoarse = 0x1p-18;  // of the largest cost: what single precision may get wrong
 
-int padded(int count) { return (count + kScanLanes - 1) / kScanLanes * kScanLanes; }
+constexpr int padded(int count, int lanes) { return (count + lanes - 1) / lanes * lanes; }
+std::size_t size(int count) { return static_cast<std::size_t>(count); }
+
+}  // namespace
+
+// Rows and columns of costs are padded to whole vectors. Nodes: rows, then columns.
+struct TransportWorkspace {
+    TransportWorkspace(const double* costs, int most_bins, double largest_cost)
+        : bins(most_bins), tolerance(largest_cost * TransportSimplex::kTolerance),
+          coarse(static_cast<float>(largest_cost * kCoarse)),
+          key_scale(largest_cost > 0 ? kKeyUnits / static_cast<float>(largest_cost) : 0) {
+        const int side = padded(bins, kLanes);
+        cost.resize(size(bins * (bins + 1)), static_cast<double>(kNeverChosen));
+        for (int i = 0; i < bins; ++i) std::copy_n(costs + static_cast<std::ptrdiff_t>(i) * bins, bins, cost.begin() + i * (bins + 1));
+        rough_cost.assign(cost.begin(), cost.end());
+        cell.resize(size(side * side));
+        key.resize(size(side * side));
+        for (auto* values : {&mean_row, &mean_col, &demand}) values->resize(size(side));
+        for (auto* values : {&left_row, &left_col}) values->resize(size(side));
+        for (auto* marks : {&shut_col, &best_of_row, &col_bin}) marks->resize(size(side));
+        dual.resize(size(2 * side));
+        rough_dual.resize(size(2 * side));
+        path.resize(size(2 * side));
+        steps.resize(size(2 * side));
+        nodes1.resize(64);
+        nodes2.resize(128);
+        nodes4.resize(256);
+        nodes8.resize(512);
+    }
+
+    template <int Words>
+    TreeNode<Words>* tree() {
+        if constexpr (Words == 1) return nodes1.data();
+        if constexpr (Words == 2) return nodes2.data();
+        if constexpr (Words == 4) return nodes4.data();
+        if constexpr (Words == 8) return nodes8.data();
+    }
+
+    int bins;
+    double tolerance;
+    float coarse;
+    float key_scale;
+    std::vector<double> cost;  // bins x (bins + 1): padding is bin number `bins`
+    std::vector<float> rough_cost;  // the same, rounded
+
+    std::vector<float> cell;  // costs, rows x stride
+    std::vector<double> dual;  // u of rows; minus v of columns: on the tree c = u - dual of the column
+    std::vector<float> rough_dual;  // the same, rounded
+    std::vector<int> path;
+    std::vector<TransportStep> steps;
+    std::vector<std::int32_t> col_bin;
+
+    // For the start.
+    std::vector<std::int32_t> key;  // rows x stride
+    std::vector<std::int32_t> best_of_row, shut_col;
+    std::vector<float> mean_row, mean_col, demand;
+    std::vector<double> left_row, left_col;
+
+    std::vector<TreeNode<1>> nodes1;
+    std::vector<TreeNode<2>> nodes2;
+    std::vector<TreeNode<4>> nodes4;
+    std::vector<TreeNode<8>> nodes8;
+};
+
+namespace {
+
+// One problem, for one instruction set. All inlined into the function that is compiled for it.
+template <int Bytes>
+struct Problem {
+    using Floats = Lanes<float, kLanes, Bytes>;
+    using Keys = Lanes<std::int32_t, kLanes, Bytes>;
+
+    TransportWorkspace& w;
+    const Transport& p;
+    const int stride;
+
+    HORD_ALWAYS_INLINE Problem(TransportWorkspace& workspace, const Transport& problem)
+        : w(workspace), p(problem), stride(padded(problem.cols, kLanes)) {}
+
+    HORD_ALWAYS_INLINE int column(int j) const { return p.rows + j; }  // its node
+    HORD_ALWAYS_INLINE const double* exact_costs_of(int row) const { return w.cost.data() + static_cast<std::ptrdiff_t>(p.row_bin[row]) * (w.bins + 1); }
+    HORD_ALWAYS_INLINE double exact_cost(int row, int col) const { return exact_costs_of(row)[p.col_bin[col]]; }
+    HORD_ALWAYS_INLINE float* costs_of(int row) const { return w.cell.data() + static_cast<std::ptrdiff_t>(row) * stride; }
+    HORD_ALWAYS_INLINE std::int32_t* keys_of(int row) const { return w.key.data() + static_cast<std::ptrdiff_t>(row) * stride; }
+
+    HORD_ALWAYS_INLINE void gather_costs() {
+        std::int32_t* const bin = w.col_bin.data();
+        for (int j = 0; j < p.cols; ++j) bin[j] = p.col_bin[j];
+        for (int j = p.cols; j < stride; ++j) bin[j] = w.bins;
+        for (int i = 0; i < p.rows; ++i) {
+            const float* from = w.rough_cost.data() + static_cast<std::ptrdiff_t>(p.row_bin[i]) * (w.bins + 1);
+            float* to = costs_of(i);
+            for (int j = 0; j < stride; j += kLanes) {
+                for (int l = 0; l < kLanes; ++l) to[j + l] = from[bin[j + l]];
+            }
+        }
+    }
+
+    // The key that says when each cell is served: c_ij - R_i - K_j.
+    HORD_ALWAYS_INLINE void order_cells() {
+        double total = 0;
+        for (int i = 0; i < p.rows; ++i) total += p.supply[i];
+        const double share = 1 / total;
+        float* const demand = w.demand.data();
+        float* const mean_col = w.mean_col.data();
+        for (int j = 0; j < p.cols; ++j) demand[j] = static_cast<float>(p.demand[j] * share);
+        for (int j = p.cols; j < stride; ++j) demand[j] = 0;
+        for (int j = 0; j < stride; j += kLanes) Floats::all(0).to(mean_col + j);
+        for (int i = 0; i < p.rows; ++i) {
+            const auto weight = static_cast<float>(p.supply[i] * share);
+            const float* costs = costs_of(i);
+            Floats sum = Floats::all(0);
+            for (int j = 0; j < stride; j += kLanes) {
+                const Floats c = Floats::at(costs + j);
+                sum = sum + c * Floats::at(demand + j);
+                (Floats::at(mean_col + j) + c * Floats::all(weight)).to(mean_col + j);
+            }
+            w.mean_row[size(i)] = sum.sum();
+        }
+        for (int i = 0; i < p.rows; ++i) {
+            const float* costs = costs_of(i);
+            std::int32_t* keys = keys_of(i);
+            const float mean_row = w.mean_row[size(i)];
+            for (int j = 0; j < stride; j += kLanes) {
+                const Floats order = (Floats::at(costs + j) - Floats::all(mean_row) - Floats::at(mean_col + j)) * Floats::all(w.key_scale);
+                const Keys cell = Keys::numbers() + Keys::all(i << 8 | j);
+                (order.template converted<std::int32_t>() << 16 | cell).to(keys + j);
+            }
+        }
+    }
+
+    HORD_ALWAYS_INLINE std::int32_t best_in(int row) const {
+        const std::int32_t* keys = keys_of(row);
+        Keys best = Keys::all(kClosed);
+        for (int j = 0; j < stride; j += kLanes) best = lower(best, higher(Keys::at(keys + j), Keys::at(w.shut_col.data() + j)));
+        return best.least();
+    }
+
+    HORD_ALWAYS_INLINE std::int32_t best_of_rows() const {
+        Keys best = Keys::at(w.best_of_row.data());
+        for (int i = kLanes; i < p.rows; i += kLanes) best = lower(best, Keys::at(w.best_of_row.data() + i));
+        return best.least();
+    }
+
+    // The row with the cell of least key serves its columns in the order of their keys until it is used up; then the next row.
+    // Each time the row or the column that is used up is closed.
+    HORD_ALWAYS_INLINE void find_start(TransportStep* steps) {
+        order_cells();
+        for (int j = 0; j < stride; j += kLanes) Keys::all(kOpen).to(w.shut_col.data() + j);
+        for (int j = p.cols; j < stride; ++j) w.shut_col[size(j)] = kClosed;
+        for (int i = 0; i < p.rows; ++i) w.best_of_row[size(i)] = best_in(i);
+        for (int i = p.rows; i < padded(p.rows, kLanes); ++i) w.best_of_row[size(i)] = kClosed;
+        for (int i = 0; i < p.rows; ++i) w.left_row[size(i)] = p.supply[i];
+        for (int j = 0; j < p.cols; ++j) w.left_col[size(j)] = p.demand[j];
+        const int last = p.rows + p.cols - 2;
+        int open_cols = p.cols;
+        std::int32_t best = best_of_rows();
+        for (int step = 0;; ++step) {
+            if (w.shut_col[size(best & 0xFF)] != kOpen) best = best_in(best >> 8 & 0xFF);  // that column has closed since
+            const int i = best >> 8 & 0xFF;
+            const int j = best & 0xFF;
+            // No branches: they would be guesses.
+            const double left_row = w.left_row[size(i)];
+            const double left_col = w.left_col[size(j)];
+            const int row_used_up = (left_row < left_col ? 1 : 0) | (open_cols == 1 ? 1 : 0);
+            const double flow = lower(left_row, left_col);  // the last column has what all rows have left
+            w.left_row[size(i)] = left_row - flow;
+            w.left_col[size(j)] = left_col - flow;
+            w.best_of_row[size(i)] = best ^ ((best ^ kClosed) & -row_used_up);
+            w.shut_col[size(j)] = kClosed ^ (-row_used_up & (kClosed ^ kOpen));
+            open_cols -= 1 - row_used_up;
+            const int swap = (i ^ column(j)) & -row_used_up;
+            steps[step] = {flow, column(j) ^ swap, i ^ swap};
+            if (step == last) return;
+            if (row_used_up != 0) best = best_of_rows();
+        }
+    }
+
+    // What is used up hangs from the other.
+    template <int Words>
+    HORD_ALWAYS_INLINE void plant(TreeNode<Words>* tree, const TransportStep* steps) {
+        const int last = p.rows + p.cols - 2;
+        for (int node = 0; node < p.rows + p.cols; ++node) tree[node].below = NodeSet<Words>::only(node);
+        for (int step = 0; step <= last; ++step) {
+            const TransportStep& s = steps[step];
+            TreeNode<Words>& child = tree[s.child];
+            child.parent = s.parent;
+            child.flow = s.flow;
+            tree[s.parent].below.add(child.below);
+        }
+        const int root = steps[last].parent;
+        tree[root].parent = kNoParent;
+        tree[root].flow = 0;
+
+        double* const dual = w.dual.data();
+        dual[root] = 0;
+        for (int step = last; step >= 0; --step) {
+            const TransportStep& s = steps[step];
+            dual[s.child] = dual[s.parent] + rise(s.child, s.parent);
+        }
+    }
+
+    // From a node's dual variable to that of the node below it: the cost of the arc, up to a row, down to a column.
+    HORD_ALWAYS_INLINE double rise(int node, int parent) const {
+        const int is_column = node >= p.rows ? 1 : 0;
+        const int swap = (node ^ parent) & -is_column;
+        return exact_cost(node ^ swap, (parent ^ swap) - p.rows) * (1 - 2 * is_column);
+    }
+
+    // Dual variables from the tree alone: every node after its parent.
+    template <int Words>
+    HORD_ALWAYS_INLINE void compute_duals(const TreeNode<Words>* tree) {
+        double* const dual = w.dual.data();
+        int* const waiting = w.path.data();
+        NodeSet<Words> known{};
+        for (int node = 0; node < p.rows + p.cols; ++node) {
+            int depth = 0;
+            for (int at = node; at != kNoParent && !known.has(at); at = tree[at].parent) waiting[depth++] = at;
+            while (depth > 0) {
+                const int next = waiting[--depth];
+                const int parent = tree[next].parent;
+                dual[next] = parent == kNoParent ? 0.0 : dual[parent] + rise(next, parent);
+                known.add(NodeSet<Words>::only(next));
+            }
+        }
+    }
+
+    HORD_ALWAYS_INLINE double reduced_cost(int row, int col) const {
+        const double* const dual = w.dual.data();
+        return exact_cost(row, col) + dual[column(col)] - dual[row];
+    }
+
+    // The least reduced cost of every lane over a block of rows, in single precision; the 16 low bits are its row and column.
+    HORD_ALWAYS_INLINE void price(int first, int last, float* least_of_lane) const {
+        for (int node = 0; node < p.rows + p.cols; ++node) w.rough_dual[size(node)] = static_cast<float>(w.dual[size(node)]);
+        const float* const dual = w.rough_dual.data();
+        const Keys no_tag = Keys::all(~0xFFFF);
+        const Keys next_row = Keys::all(1 << 8);
+        Floats best = Floats::all(0);
+        for (int j = 0; j < stride; j += kLanes) {
+            const Floats minus_v = Floats::at(dual + p.rows + j);
+            Keys tag = Keys::numbers() + Keys::all(first << 8 | j);
+            const float* costs = costs_of(first) + j;
+            for (int i = first; i < last; ++i, costs += stride) {
+                const Floats reduced = Floats::at(costs) + minus_v - Floats::all(dual[i]);
+                const Keys tagged = (reduced.template bits_as<std::int32_t>() & no_tag) | tag;
+                tag = tag + next_row;
+                best = lower(best, tagged.template bits_as<float>());
+            }
+        }
+        best.to(least_of_lane);
+    }
+
+    // The first cell whose reduced cost, in double precision, is below -tolerance. False: there is none.
+    HORD_ALWAYS_INLINE bool price_exactly(int& row, int& col) const {
+        using Doubles = Lanes<double, kExactLanes, Bytes>;
+        const double* const dual = w.dual.data();
+        const std::int32_t* const bin = w.col_bin.data();
+        for (int i = 0; i < p.rows; ++i) {
+            const double* from = exact_costs_of(i);
+            Doubles best = Doubles::all(0);
+            for (int j = 0; j < p.cols; j += kExactLanes) {
+                double costs[kExactLanes];
+                for (int l = 0; l < kExactLanes; ++l) costs[l] = from[bin[j + l]];
+                best = lower(best, Doubles::at(costs) + Doubles::at(dual + p.rows + j) - Doubles::all(dual[i]));
+            }
+            if (best.least() < -w.tolerance) {
+                row = i;
+                for (col = 0; reduced_cost(row, col) >= -w.tolerance;) ++col;
+                return true;
+            }
+        }
+        return false;
+    }
+
+    template <int Words>
+    HORD_ALWAYS_INLINE void enter(TreeNode<Words>* tree, int row, int col, double reduced) {
+        const Moved<Words> moved = pivot(tree, row, column(col), w.path.data());
+        double* const dual = w.dual.data();
+        const double step = reduced * (moved.with_column ? -1 : 1);
+        for (int word = 0; word < Words; ++word) {
+            for (std::uint64_t rest = moved.nodes.word[word]; rest != 0; rest &= rest - 1) {
+                dual[word * 64 + __builtin_ctzll(rest)] += step;
+            }
+        }
+    }
+
+    template <int Words>
+    HORD_ALWAYS_INLINE double plan_cost(const TreeNode<Words>* tree) const {
+        double sum = 0;
+        for (int node = 0; node < p.rows + p.cols; ++node) {
+            const int parent = tree[node].parent;
+            if (parent != kNoParent) sum += tree[node].flow * std::abs(rise(node, parent));
+        }
+        return sum;
+    }
+
+    template <int Words>
+    HORD_ALWAYS_INLINE Outcome improve(const TransportStep* steps) {
+        TreeNode<Words>* const tree = w.tree<Words>();
+        plant(tree, steps);
+        Outcome outcome;
+        const int most_pivots = kPivotsANode * (p.rows + p.cols);
+        int since_duals = 0;
+        int first = 0, rows_without = 0;
+        for (;;) {
+            // In single precision, as long as that finds something; every cell that enters is checked in double precision.
+            while (rows_without < p.rows && outcome.pivots < most_pivots) {
+                const int last = first + kRowsAtOnce < p.rows ? first + kRowsAtOnce : p.rows;
+                float least[kLanes];
+                price(first, last, least);
+                rows_without += last - first;
+                first = last == p.rows ? 0 : last;
+                float best = least[0];
+                for (const float candidate : least) best = lower(best, candidate);
+                const float good = lower(best * kWorthIt, -w.coarse);
+                std::int32_t candidates[kLanes];
+                int count = 0;
+                for (const float candidate : least) {
+                    candidates[count] = __builtin_bit_cast(std::int32_t, candidate);
+                    count += candidate <= good ? 1 : 0;
+                }
+                for (int k = 0; k < count; ++k) {
+                    const std::int32_t tag = candidates[k];
+                    const int row = tag >> 8 & 0xFF, col = tag & 0xFF;
+                    const double reduced = reduced_cost(row, col);
+                    if (reduced >= -w.tolerance || reduced > static_cast<double>(good)) continue;
+                    enter(tree, row, col, reduced);
+                    ++outcome.pivots;
+                    ++since_duals;
+                    rows_without = 0;
+                }
+            }
+            if (outcome.pivots >= most_pivots) {
+                outcome.proven = false;
+                break;
+            }
+            if (since_duals > kPivotsBetweenDuals) {  // what the pivots added up to in rounding is taken out before the last check
+                compute_duals(tree);
+                since_duals = 0;
+            }
+            int row = 0, col = 0;
+            if (!price_exactly(row, col)) break;
+            enter(tree, row, col, reduced_cost(row, col));
+            ++outcome.pivots;
+            ++since_duals;
+            rows_without = 0;
+        }
+        outcome.cost = plan_cost(tree);
+        return outcome;
+    }
+
+    HORD_ALWAYS_INLINE Outcome solve(const TransportStep* start) {
+        gather_costs();
+        if (start == nullptr) {
+            find_start(w.steps.data());
+            start = w.steps.data();
+        }
+        const int nodes = p.rows + p.cols;
+        if (nodes <= 64) return improve<1>(start);
+        if (nodes <= 128) return improve<2>(start);
+        if (nodes <= 256) return improve<4>(start);
+        return improve<8>(start);
+    }
+};
+
+template <int Bytes>
+HORD_ALWAYS_INLINE Outcome solve_body(TransportWorkspace& workspace, const Transport& problem, const TransportStep* start) {
+    return Problem<Bytes>(workspace, problem).solve(start);
+}
+
+HORD_FOR_EACH_ISA(solve_for, Outcome, solve_body, (TransportWorkspace& workspace, const Transport& problem, const TransportStep* start),
+                  (workspace, problem, start))
 
 }  // namespace
 
 TransportSimplex::TransportSimplex(const double* cost, int bins, double largest_cost, Isa isa)
-    : table_(cost), bins_(bins), tolerance_(largest_cost * kTolerance), scan_(transport_scans(isa)) {
-    const auto side = index(padded(bins));
-    const auto nodes = 2 * side;
-    for (auto* cells : {&cell_, &key_}) cells->resize(side * side);
-    for (auto* values : {&u_, &v_, &best_of_row_, &shut_row_, &shut_col_, &demand_, &left_row_, &left_col_, &mean_col_}) values->resize(side);
-    flow_.resize(nodes);
-    for (auto* list : {&parent_, &hung_in_order_, &pending_}) list->resize(nodes);
-    below_.resize((nodes + 1) * (nodes / kWordBits + 1));  // one more: a copy of the subtree that moves
-}
+    : workspace_(std::make_unique<TransportWorkspace>(cost, bins, largest_cost)), solve_(solve_for(isa)) {}
+TransportSimplex::~TransportSimplex() = default;
+TransportSimplex::TransportSimplex(TransportSimplex&&) noexcept = default;
+TransportSimplex& TransportSimplex::operator=(TransportSimplex&&) noexcept = default;
 
-TransportSimplex::Outcome TransportSimplex::solve(const Transport& problem) {
-    rows_ = problem.rows;
-    cols_ = problem.cols;
-    nodes_ = rows_ + cols_;
-    words_ = nodes_ / kWordBits + 1;
-    stride_ = padded(cols_);
-    order_cells(problem);
-    start(problem);
-
-    Outcome outcome;
-    int since_duals = 0;
-    int row = 0, col = 0;
-    for (;;) {
-        if (price(row, col)) {
-            if (outcome.pivots == kPivotsANode * nodes_) {
-                outcome.proven = false;
-                break;
-            }
-            pivot(row, col);
-            ++outcome.pivots;
-            ++since_duals;
-        } else if (since_duals > kPivotsBetweenDuals) {  // what the pivots added up to in rounding is taken out before the last check
-            compute_duals();
-            since_duals = 0;
-        } else {
-            break;
-        }
-    }
-    outcome.cost = plan_cost();
-    return outcome;
-}
-
-// Costs of the problem's cells, and the key that says when each is served: c_ij - R_i - K_j.
-void TransportSimplex::order_cells(const Transport& problem) {
-    double total = 0;
-    for (int i = 0; i < rows_; ++i) total += problem.supply[i];
-    std::copy_n(problem.demand, cols_, demand_.begin());
-    std::fill(demand_.begin() + cols_, demand_.begin() + stride_, 0.0);
-    std::fill_n(mean_col_.begin(), stride_, 0.0);
-    for (int i = 0; i < rows_; ++i) {
-        u_[index(i)] = scan_.gather(table_ + static_cast<std::ptrdiff_t>(problem.row_bin[i]) * bins_, problem.col_bin, cols_, stride_,
-                                    demand_.data(), problem.supply[i] / total, &cell(i, 0), mean_col_.data()) / total;
-    }
-    for (int i = 0; i < rows_; ++i) {
-        scan_.keys(&cell(i, 0), mean_col_.data(), u_[index(i)], i, stride_, key_.data() + static_cast<std::ptrdiff_t>(i * stride_));
-    }
-}
-
-// Builds a plan and its tree: the open cell of least key takes all it can, and its row or its column, whichever is used up,
-// is closed and hangs from the other. Where both are used up the column is closed: the row stays open with nothing
-// left and closes later below some column, so that arcs which carry nothing point to the root.
-void TransportSimplex::start(const Transport& problem) {
-    std::copy_n(problem.supply, rows_, left_row_.begin());
-    std::copy_n(problem.demand, cols_, left_col_.begin());
-    for (int node = 0; node < nodes_; ++node) {
-        std::fill_n(below(node), words_, Word{0});
-        below(node)[node / kWordBits] |= Word{1} << (node % kWordBits);
-    }
-    std::fill(shut_col_.begin(), shut_col_.begin() + cols_, 0.0);
-    std::fill(shut_col_.begin() + cols_, shut_col_.begin() + stride_, kClosed);
-    std::fill(shut_row_.begin(), shut_row_.begin() + padded(rows_), 0.0);
-    std::fill(best_of_row_.begin(), best_of_row_.begin() + padded(rows_), kClosed);
-    const auto best_in = [&](int i) {
-        return scan_.least(key_.data() + static_cast<std::ptrdiff_t>(i * stride_), shut_col_.data(), stride_);
-    };
-    for (int i = 0; i < rows_; ++i) best_of_row_[index(i)] = best_in(i);
-
-    hung_ = 0;
-    int open_rows = rows_, open_cols = cols_;
-    while (open_rows + open_cols > 2) {
-        const auto bits = std::bit_cast<std::uint64_t>(scan_.least(best_of_row_.data(), shut_row_.data(), padded(rows_)));
-        const auto i = static_cast<int>(bits >> 8 & 0xFF);
-        const auto j = static_cast<int>(bits & 0xFF);
-        if (shut_col_[index(j)] != 0) {  // its best column has closed since
-            best_of_row_[index(i)] = best_in(i);
-            continue;
-        }
-        double& left_row = left_row_[index(i)];
-        double& left_col = left_col_[index(j)];
-        if (open_rows == 1 || (open_cols > 1 && left_col <= left_row)) {
-            hang(rows_ + j, i, left_col);
-            left_row -= left_col;
-            shut_col_[index(j)] = kClosed;
-            --open_cols;
-        } else {
-            hang(i, rows_ + j, left_row);
-            left_col -= left_row;
-            shut_row_[index(i)] = kClosed;
-            --open_rows;
-        }
-    }
-    const auto last_row = static_cast<int>(std::find(shut_row_.begin(), shut_row_.end(), 0.0) - shut_row_.begin());
-    const auto last_col = static_cast<int>(std::find(shut_col_.begin(), shut_col_.end(), 0.0) - shut_col_.begin());
-    const int root = rows_ + last_col;
-    hang(last_row, root, left_row_[index(last_row)]);
-    parent_[index(root)] = kRoot;
-    flow_[index(root)] = 0;
-
-    std::fill_n(v_.begin(), stride_, 0.0);
-    while (hung_ > 0) {
-        const int node = hung_in_order_[index(--hung_)];
-        const int parent = parent_[index(node)];
-        if (node < rows_) {
-            u_[index(node)] = cell(node, parent - rows_) - v_[index(parent - rows_)];
-        } else {
-            v_[index(node - rows_)] = cell(parent, node - rows_) - u_[index(parent)];
-        }
-    }
-    next_row_ = 0;
-}
-
-void TransportSimplex::hang(int child, int parent, double flow) {
-    parent_[index(child)] = parent;
-    flow_[index(child)] = flow;
-    hung_in_order_[index(hung_++)] = child;
-    for (int w = 0; w < words_; ++w) below(parent)[w] |= below(child)[w];
-}
-
-double TransportSimplex::arc_cost(int node) const {
-    const int parent = parent_[index(node)];
-    const int row = std::min(node, parent);
-    const int col = std::max(node, parent) - rows_;
-    return cell_[index(row * stride_ + col)];
-}
-
-// From the tree alone: every node after its parent.
-void TransportSimplex::compute_duals() {
-    std::vector<int>& pending = pending_;
-    const auto dual = [&](int node) -> double& { return node < rows_ ? u_[index(node)] : v_[index(node - rows_)]; };
-    Word* known = below(nodes_);
-    std::fill_n(known, words_, Word{0});
-    const auto is_known = [&](int node) { return ((known[node / kWordBits] >> (node % kWordBits)) & 1U) != 0; };
-    for (int node = 0; node < nodes_; ++node) {
-        int depth = 0;
-        int at = node;
-        for (; at != kRoot && !is_known(at); at = parent_[index(at)]) pending[index(depth++)] = at;
-        while (depth > 0) {
-            const int next = pending[index(--depth)];
-            const int parent = parent_[index(next)];
-            dual(next) = parent == kRoot ? 0.0 : arc_cost(next) - dual(parent);
-            known[next / kWordBits] |= Word{1} << (next % kWordBits);
-        }
-    }
-    std::fill(v_.begin() + cols_, v_.begin() + stride_, 0.0);
-}
-
-// A cell that lowers the cost: the best in the next block of rows that holds one.
-bool TransportSimplex::price(int& enter_row, int& enter_col) {
-    for (int seen = 0; seen < rows_;) {
-        const int first = next_row_;
-        const int last = std::min(first + kRowsAtOnce, rows_);
-        seen += last - first;
-        next_row_ = last == rows_ ? 0 : last;
-        const double least = scan_.least_reduced(cell_.data(), u_.data(), v_.data(), first, last, stride_, &enter_row);
-        if (least < -tolerance_) {
-            const double* costs = &cell(enter_row, 0);
-            const double u = u_[index(enter_row)];
-            enter_col = 0;
-            while (costs[enter_col] - v_[index(enter_col)] - u != least) ++enter_col;
-            return true;
-        }
-    }
-    return false;
-}
-
-void TransportSimplex::pivot(int enter_row, int enter_col) {
-    const int p = enter_row;
-    const int q = rows_ + enter_col;
-    const double reduced = cell(enter_row, enter_col) - u_[index(enter_row)] - v_[index(enter_col)];
-
-    int apex = p;
-    while (!is_below(q, apex)) apex = parent_[index(apex)];
-
-    // Mass circulates apex -> ... -> p -> q -> ... -> apex. An arc it runs against gives way: those of rows on p's side, of
-    // columns on q's side. The last of the blocking ones leaves.
-    double moved = std::numeric_limits<double>::infinity();
-    int leave = kUnknown;
-    bool on_q_side = false;
-    for (int x = p; x != apex; x = parent_[index(x)]) {
-        if (x < rows_ && flow_[index(x)] < moved) {
-            moved = flow_[index(x)];
-            leave = x;
-        }
-    }
-    for (int x = q; x != apex; x = parent_[index(x)]) {
-        if (x >= rows_ && flow_[index(x)] <= moved) {
-            moved = flow_[index(x)];
-            leave = x;
-            on_q_side = true;
-        }
-    }
-    for (int x = p; x != apex; x = parent_[index(x)]) flow_[index(x)] += x < rows_ ? -moved : moved;
-    for (int x = q; x != apex; x = parent_[index(x)]) flow_[index(x)] += x >= rows_ ? -moved : moved;
-
-    Word* subtree = below(nodes_);
-    std::copy_n(below(leave), words_, subtree);
-    const int stem = on_q_side ? q : p;
-    const int hook = on_q_side ? p : q;
-    for (int x = parent_[index(leave)]; x != apex; x = parent_[index(x)]) {
-        for (int w = 0; w < words_; ++w) below(x)[w] &= ~subtree[w];
-    }
-    for (int x = hook; x != apex; x = parent_[index(x)]) {
-        for (int w = 0; w < words_; ++w) below(x)[w] |= subtree[w];
-    }
-
-    // Turn the arcs from the stem up to the leaving one around.
-    int child = hook;
-    double carried = moved;
-    Word previous[8] = {};  // what was below the node before, along the stem
-    static_assert(sizeof(previous) * 8 >= 2 * 232 + 1);
-    for (int x = stem;;) {
-        const int above = parent_[index(x)];
-        const double its_flow = flow_[index(x)];
-        parent_[index(x)] = child;
-        flow_[index(x)] = carried;
-        for (int w = 0; w < words_; ++w) {
-            const Word was = below(x)[w];
-            below(x)[w] = subtree[w] & ~previous[w];
-            previous[w] = was;
-        }
-        if (x == leave) break;
-        carried = its_flow;
-        child = x;
-        x = above;
-    }
-
-    const double step = on_q_side ? -reduced : reduced;
-    for (int w = 0; w < words_; ++w) {
-        for (Word rest = subtree[w]; rest != 0; rest &= rest - 1) {
-            const int node = w * kWordBits + __builtin_ctzll(rest);
-            if (node < rows_) {
-                u_[index(node)] += step;
-            } else {
-                v_[index(node - rows_)] -= step;
-            }
-        }
-    }
-}
-
-double TransportSimplex::plan_cost() const {
-    double sum = 0;
-    for (int node = 0; node < nodes_; ++node) {
-        if (parent_[index(node)] != kRoot && flow_[index(node)] != 0) sum += flow_[index(node)] * arc_cost(node);
-    }
-    return sum;
-}
+Outcome TransportSimplex::solve(const Transport& problem, const TransportStep* start) { return solve_(*workspace_, problem, start); }
 
 }  // namespace hord::algo

@@ -1,0 +1,101 @@
+// A fixed number of lanes, in as many vectors as the instruction set needs, folded in a fixed order: every instruction set
+// gives the same bits. For kernels' .cpp files only.
+#pragma once
+
+#include <array>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+
+#include "algo/isa_targets.h"
+
+namespace hord::algo {
+
+template <class T, int Count, int Bytes, class Parts = std::make_index_sequence<Count * sizeof(T) / Bytes>>
+struct Lanes;
+
+// Count of T, held in vectors of Bytes.
+template <class T, int Count, int Bytes, std::size_t... I>
+struct Lanes<T, Count, Bytes, std::index_sequence<I...>> {
+    static constexpr int kEach = Bytes / static_cast<int>(sizeof(T));
+    static_assert(kEach * sizeof...(I) == Count);
+    using V = Vector<T, Bytes>;
+    V part[sizeof...(I)];
+
+    HORD_ALWAYS_INLINE static Lanes all(T value) {
+        V v{};
+        v[0] = value;
+        v = __builtin_shuffle(v, Vector<std::conditional_t<sizeof(T) == 4, std::int32_t, std::int64_t>, Bytes>{});  // one broadcast; V{} + value is an insertion a lane in GCC 12
+        return {{(static_cast<void>(I), v)...}};
+    }
+    // 0, 1, 2, ...
+    HORD_ALWAYS_INLINE static Lanes numbers() {
+        static constexpr std::array<T, Count> kNumbers = [] {
+            std::array<T, Count> n{};
+            for (std::size_t l = 0; l < Count; ++l) n[l] = static_cast<T>(l);
+            return n;
+        }();
+        return at(kNumbers.data());
+    }
+    HORD_ALWAYS_INLINE static Lanes at(const T* from) { return {{load<V>(from + I * kEach)...}}; }
+    HORD_ALWAYS_INLINE void to(T* here) const { (store(part[I], here + I * kEach), ...); }
+
+    HORD_ALWAYS_INLINE Lanes operator+(const Lanes& b) const { return {{(part[I] + b.part[I])...}}; }
+    HORD_ALWAYS_INLINE Lanes operator-(const Lanes& b) const { return {{(part[I] - b.part[I])...}}; }
+    HORD_ALWAYS_INLINE Lanes operator*(const Lanes& b) const { return {{(part[I] * b.part[I])...}}; }
+    HORD_ALWAYS_INLINE Lanes operator&(const Lanes& b) const { return {{(part[I] & b.part[I])...}}; }
+    HORD_ALWAYS_INLINE Lanes operator|(const Lanes& b) const { return {{(part[I] | b.part[I])...}}; }
+    HORD_ALWAYS_INLINE Lanes operator>>(int bits) const { return {{(part[I] >> bits)...}}; }
+    // All bits where it is true, else none.
+    HORD_ALWAYS_INLINE Lanes equals(const Lanes& b) const { return {{(part[I] == b.part[I])...}}; }
+    HORD_ALWAYS_INLINE Lanes above(const Lanes& b) const { return {{(part[I] > b.part[I])...}}; }
+    HORD_ALWAYS_INLINE friend Lanes choose(const Lanes& bits, const Lanes& yes, const Lanes& no) {
+        return {{((bits.part[I] & yes.part[I]) | (~bits.part[I] & no.part[I]))...}};
+    }
+    HORD_ALWAYS_INLINE Lanes operator<<(int bits) const { return {{(part[I] << bits)...}}; }
+    HORD_ALWAYS_INLINE friend Lanes lower(const Lanes& a, const Lanes& b) { return {{(b.part[I] < a.part[I] ? b.part[I] : a.part[I])...}}; }
+    HORD_ALWAYS_INLINE friend Lanes higher(const Lanes& a, const Lanes& b) { return {{(a.part[I] < b.part[I] ? b.part[I] : a.part[I])...}}; }
+
+    // The same bits, or the same values towards zero, as another type.
+    template <class To>
+    HORD_ALWAYS_INLINE Lanes<To, Count, Bytes> bits_as() const {
+        return {{__builtin_bit_cast(Vector<To, Bytes>, part[I])...}};
+    }
+    template <class To>
+    HORD_ALWAYS_INLINE Lanes<To, Count, Bytes> converted() const {
+        return {{__builtin_convertvector(part[I], Vector<To, Bytes>)...}};
+    }
+
+    HORD_ALWAYS_INLINE T least() const {
+        V v = part[0];
+        ((v = part[I] < v ? part[I] : v), ...);
+        return fold<kEach / 2>(v);
+    }
+    // In an order that is the same for every width: halves are added until one is left.
+    HORD_ALWAYS_INLINE T sum() const {
+        T lane[Count];
+        to(lane);
+        for (int half = Count / 2; half > 0; half /= 2) {
+            for (int l = 0; l < half; ++l) lane[l] += lane[l + half];
+        }
+        return lane[0];
+    }
+
+  private:
+    template <int Distance, std::size_t... L>
+    HORD_ALWAYS_INLINE static V rotated(V v, std::index_sequence<L...>) {
+        return __builtin_shufflevector(v, v, static_cast<int>((L + Distance) % kEach)...);
+    }
+    template <int Distance>
+    HORD_ALWAYS_INLINE static T fold(V v) {
+        if constexpr (Distance == 0) {
+            return v[0];
+        } else {
+            const V other = rotated<Distance>(v, std::make_index_sequence<kEach>{});
+            return fold<Distance / 2>(other < v ? other : v);
+        }
+    }
+};
+
+}  // namespace hord::algo
