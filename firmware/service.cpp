@@ -15,6 +15,7 @@
 #include "firmware/operations.h"
 #include "firmware/recipe_folder.h"
 #include "firmware/registers_image.h"
+#include "firmware/drift_watch.h"
 #include "firmware/self_check.h"
 
 namespace hord::firmware {
@@ -60,6 +61,8 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     std::unique_ptr<SdEventLoop> loop;
     std::unique_ptr<Recorder> recorder;
     std::unique_ptr<Backends> backends;
+    std::unique_ptr<DriftWatch> drift;  // fed by the inspector's threads
+    CalibrationReport calibration;
     std::unique_ptr<Inspector> inspector;
     std::unique_ptr<Station> station;
     std::optional<Operations> operations;
@@ -106,6 +109,17 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     void on_inspection(std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection) override {
         if (recorder) recorder->on_inspection(part, frame, inspection);
         if (watchers.inspection) watchers.inspection(part, frame, inspection);
+        if (drift && drift->add(frame)) loop->post([this] { on_drift(); });
+    }
+    // Noticed, or gone again.
+    void on_drift() {
+        const DriftWatch::View view = drift->view();
+        if (view.noticed && watchers.trouble) {
+            watchers.trouble({ErrorCode::invalid_argument, fmt::format("the lenslet grid has moved by {:.2f} px since the start", view.drift->largest_bins),
+                              "let the optics settle in temperature, check that the sensor is fastened, then calibrate and start again"});
+        }
+        calibration.drift_px = view.drift->largest_bins;
+        registers->publish(calibration);
     }
     void on_recipe(const NumberedRecipe& recipe) {
         registers->publish(RecipeInUse{recipe.number, crc32_of(recipe), ShortText(recipe.recipe.name)});
@@ -179,7 +193,9 @@ Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
     auto made = make_threaded_inspector(*loop, settings);
     if (!made) return tl::unexpected(made.error());
     inspector = std::move(*made);
-    CalibrationReport calibration;
+    auto watch = DriftWatch::create(*extents, algo::light_levels(recipe.recipe, format.bits));
+    if (!watch) return tl::unexpected(watch.error());
+    drift = std::move(*watch);
     calibration.lenslets_m = static_cast<std::uint16_t>(extents->m);
     calibration.lenslets_n = static_cast<std::uint16_t>(extents->n);
     registers->publish(calibration);
@@ -258,6 +274,8 @@ void Service::Parts::publish_health_again() {
     health.processor_celsius = processor_celsius();
     health.disk_free_percent = disk_free_percent(config.state_folder);
     registers->publish(health);
+    if (const auto moved = drift->view().drift) calibration.drift_px = moved->largest_bins;
+    registers->publish(calibration);
     loop->call_after(kHealthEvery, [this] { publish_health_again(); });
 }
 

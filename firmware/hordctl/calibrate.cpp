@@ -11,9 +11,11 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "calib/better.h"
 #include "calib/calibrate_grid.h"
 #include "calib/grid_toml.h"
 #include "drivers/frame_file.h"
+#include "firmware/hordctl/calibrate_pictures.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/progress.h"
 
@@ -23,8 +25,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct CalibrateArguments {
-    std::string white, dark, flat, tilts, out, centres, camera = "unnamed";
-    bool json = false;
+    std::string white, dark, flat, tilts, out, centres, pictures, camera = "unnamed";
+    bool json = false, force = false;
 };
 
 Json to_json(const calib::DirectionFit& fit) {
@@ -115,6 +117,16 @@ Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& fo
     return fit;
 }
 
+// A worse calibration is not installed over a better one, nor over a file that is none.
+Result<void> may_replace(const std::string& out, const calib::GridFile& fresh) {
+    if (!std::filesystem::exists(out)) return {};
+    const auto held = calib::read_grid(out);
+    if (!held) return fail(held.error().code, held.error().what + ": it is not overwritten", "give another --out, or --force");
+    const auto fine = calib::not_worse(fresh, *held);
+    if (!fine) return fail(fine.error().code, out + ": not overwritten: " + fine.error().what, fine.error().cure);
+    return {};
+}
+
 Exit run_calibrate(const CalibrateArguments& arguments) {
     Frames frames;
     auto white = drivers::read_frame(arguments.white);
@@ -148,6 +160,12 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
     const calib::GridStamp stamp{arguments.camera, fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(now)), arguments.white, arguments.dark};
     calib::GridFile file = calib::file_of(*found, stamp);
     if (directions) calib::add_directions(file, *directions);
+    if (!arguments.pictures.empty()) {
+        if (auto done = write_calibration_pictures(arguments.pictures, frames.white.view(), *found); !done) return complain(done.error());
+    }
+    if (!arguments.force) {
+        if (auto fine = may_replace(arguments.out, file); !fine) return complain(fine.error());
+    }
     if (auto done = calib::write_grid(arguments.out, file); !done) return complain(done.error());
     if (!arguments.centres.empty()) {
         if (auto done = calib::write_centres(arguments.centres, *found); !done) return complain(done.error());
@@ -185,12 +203,14 @@ void add_calibrate(CLI::App& program, Exit& status) {
     command->add_option("--tilts", arguments->tilts, "Folder with captures of collimated light at known directions (tilts or wedges), listed in its tilts.toml");
     command->add_option("--out", arguments->out, "Calibration file to write (TOML)")->required();
     command->add_option("--centres", arguments->centres, "Lenslet centres to write (CSV: m,n,x_px,y_px; pixel (0,0) is the centre of the top-left one)");
+    command->add_option("--pictures", arguments->pictures, "Folder for residuals.png, centres.png and models.png");
+    command->add_flag("--force", arguments->force, "Overwrite --out even by a worse calibration");
     command->add_option("--camera", arguments->camera, "Identity of the camera, kept in the file")->capture_default_str();
     command->add_flag("--json", arguments->json, "Print one JSON object");
     command->footer(
         "tilts.toml: empty = \"empty.png\" (collimated, no part, no tilt), dark and flat if any, and for each capture\n"
         "  [[tilt]] with frame = \"1.png\" and x_rad, y_rad (or x_deg, y_deg).\n"
-        "Exit status: 0 written, 2 no lattice or unreadable input.\nExample: hordctl calibrate white.png --dark dark.png --tilts tilts --out grid.toml");
+        "Exit status: 0 written, 2 no lattice, unreadable input, or worse than what --out holds.\nExample: hordctl calibrate white.png --dark dark.png --tilts tilts --out grid.toml");
     command->callback([arguments, &status] { status = run_calibrate(*arguments); });
 }
 

@@ -88,5 +88,20 @@ int main(int count, char** arguments) {
                              "sh_hex_mmt_f9_ref", "sh_sq_yuuto", "sh_bad_mmt_mmirs_blank", "sh_bad_mmt_mmirs_bogus"}) {
         real_row(folder, name);
     }
+    std::printf(
+        "\n## What tests hold\n\n"
+        "| promise | limit | test |\n|---|---|---|\n"
+        "| 95 %% intervals cover the truth, 240 runs of 8 parameters | 93 to 97 %% | `GridFit.ninety_five_percent_intervals_cover_the_truth` |\n"
+        "| a capture left out of the direction map is predicted | 0.02 px | `DirectionFit.*`, `TiltFrames.*` |\n"
+        "| EMD gradient of a decoded, rotated, distorted, hexagonal array against the ideal aligned one | 0.05 bin RMS | `DecodeFeatures.*` |\n"
+        "| the same of a square array | 0.02 bin RMS | `DecodeFeatures.so_does_a_square_one_and_one_with_photon_noise` |\n"
+        "| decoded frames have the same bits everywhere | exact | `Resample.the_same_bits_on_every_machine`, `RegridBits.*` |\n"
+        "| drift of 0.1 px is measured within 50 parts | 0.01 px | `Drift.*` |\n"
+        "| a worse calibration does not replace a better one | | `Better.*`, `Calibrate.a_worse_calibration_is_not_installed_over_a_better_one` |\n"
+        "| no white frame: refused | 1.1 %% of a pitch | `CalibrateGrid.a_frame_with_a_part_in_the_light_is_no_white_frame` |\n"
+        "| extremes: 3x3, one row, a dark quarter, 30 %% dead or wrong, saturated, a bubble, 45 degrees, integer pitch, wrong hint, collinear tilts, "
+        "rank deficiency, other starts | | `CalibrateGrid.*`, `GridFit.*`, `DirectionFit.*` |\n\n"
+        "Speed against peers in the same run: `bench_calib` (thresholding and connected components), `bench_decode` (the macro-pixel path), both part of "
+        "`./dev bench`.\n");
     return 0;
 }

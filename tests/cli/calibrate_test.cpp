@@ -20,6 +20,18 @@ std::filesystem::path photographs() {
     return std::filesystem::is_directory(data) ? data : std::filesystem::path();
 }
 
+// A 16-bit PGM.
+void write_pgm(const std::string& path, const algo::Frame& frame) {
+    std::ofstream out(path, std::ios::binary);
+    out << "P5\n" << frame.width_px() << ' ' << frame.height_px() << "\n65535\n";
+    for (int y = 0; y < frame.height_px(); ++y) {
+        for (int x = 0; x < frame.width_px(); ++x) {
+            const std::uint32_t sample = frame.view().sample(x, y);
+            out.put(static_cast<char>(sample >> 8U)).put(static_cast<char>(sample & 0xFFU));
+        }
+    }
+}
+
 TEST(Calibrate, a_real_sensor_is_calibrated_and_its_object_frame_decoded) {
     const auto data = photographs();
     if (data.empty()) GTEST_SKIP() << "no real input: set HORD_DATA, or put it at ../shared/data";
@@ -68,16 +80,29 @@ TEST(Calibrate, inspect_refuses_a_grid_file_that_is_missing_or_was_edited) {
     }
 }
 
-// A 16-bit PGM.
-void write_pgm(const std::string& path, const algo::Frame& frame) {
-    std::ofstream out(path, std::ios::binary);
-    out << "P5\n" << frame.width_px() << ' ' << frame.height_px() << "\n65535\n";
-    for (int y = 0; y < frame.height_px(); ++y) {
-        for (int x = 0; x < frame.width_px(); ++x) {
-            const std::uint32_t sample = frame.view().sample(x, y);
-            out.put(static_cast<char>(sample >> 8U)).put(static_cast<char>(sample & 0xFFU));
-        }
-    }
+TEST(Calibrate, a_worse_calibration_is_not_installed_over_a_better_one) {
+    const TemporaryFolder folder;
+    calib::test::White white{.width_px = 300, .height_px = 300, .pitch_px = 20, .rotation_deg = 1};
+    write_pgm(folder / "good.pgm", calib::test::draw(white).frame);
+    white.electrons_per_dn = 0.005;  // a hundred electrons a pixel
+    write_pgm(folder / "noisy.pgm", calib::test::draw(white).frame);
+    const std::string grid = folder / "grid.toml";
+    const Said first = run("hordctl", {"calibrate", folder / "good.pgm", "--out", grid, "--pictures", folder / "pictures"});
+    ASSERT_EQ(first.status, 0) << first.err;
+    for (const char* name : {"residuals.png", "centres.png", "models.png"}) EXPECT_TRUE(std::filesystem::exists(std::filesystem::path(folder / "pictures") / name)) << name;
+    const auto read = [&] {
+        std::ifstream in(grid);
+        return std::string(std::istreambuf_iterator<char>(in), {});
+    };
+    const std::string before = read();
+    const Said second = run("hordctl", {"calibrate", folder / "noisy.pgm", "--out", grid});
+    EXPECT_EQ(second.status, 2);
+    EXPECT_THAT(second.err, HasSubstr("better"));
+    EXPECT_EQ(read(), before);
+    EXPECT_EQ(run("hordctl", {"calibrate", folder / "noisy.pgm", "--out", grid, "--force"}).status, 0);
+    EXPECT_NE(read(), before);
+    std::ofstream(folder / "notes.toml") << "mine\n";
+    EXPECT_EQ(run("hordctl", {"calibrate", folder / "good.pgm", "--out", folder / "notes.toml"}).status, 2);
 }
 
 TEST(Calibrate, captures_at_known_tilts_give_radians) {
