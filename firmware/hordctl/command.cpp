@@ -70,14 +70,19 @@ Exit self_test(const RemoteOptions& options) {
 }  // namespace
 
 void add_remote_options(CLI::App& command, RemoteOptions& options) {
-    command.add_option("--modbus", options.modbus, "The station's register server, HOST[:PORT]")->capture_default_str();
+    options.given = command.add_option("--modbus", options.modbus,
+                                       "The station's register server, HOST[:PORT]; without it this machine's, at 502 or 1502");
     command.add_option("--timeout", options.timeout_ms, "Longest wait for an answer, ms")->check(CLI::Range(1, 60000))->capture_default_str();
 }
 
 Result<modbus::Client> connect(const RemoteOptions& options) {
+    const std::chrono::milliseconds timeout(options.timeout_ms);
+    if (options.given == nullptr || options.given->count() == 0) {
+        if (auto service = modbus::Client::connect({"127.0.0.1", 502}, timeout)) return service;
+    }
     auto endpoint = modbus::parse_endpoint(options.modbus);
     if (!endpoint) return tl::unexpected(endpoint.error());
-    return modbus::Client::connect(*endpoint, std::chrono::milliseconds(options.timeout_ms));
+    return modbus::Client::connect(*endpoint, timeout);
 }
 
 Exit send_command(const RemoteOptions& options, CommandCode code, std::uint32_t argument, std::uint32_t argument2) {

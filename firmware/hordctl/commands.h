@@ -22,6 +22,7 @@ void add_inspect(CLI::App& program, Exit& status);
 void add_render(CLI::App& program, Exit& status);
 void add_run(CLI::App& program, Exit& status);
 void add_status(CLI::App& program, Exit& status);
+void add_watch(CLI::App& program, Exit& status);
 void add_calibrate(CLI::App& program, Exit& status);
 void add_soak(CLI::App& program, Exit& status);
 void add_experiment(CLI::App& program, Exit& status);

@@ -28,6 +28,7 @@ int main(int argc, char** argv) {
         add_render(program, status);
         add_run(program, status);
         add_status(program, status);
+        add_watch(program, status);
         add_calibrate(program, status);
         add_soak(program, status);
         add_experiment(program, status);

@@ -1,11 +1,10 @@
 // hordctl status: what a running station says of itself, over Modbus, local or remote.
-#include <chrono>
-
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "firmware/faults.h"
 #include "firmware/hordctl/commands.h"
-#include "firmware/modbus/client.h"
+#include "firmware/hordctl/remote.h"
 #include "firmware/registers.h"
 
 namespace hord::firmware {
@@ -14,12 +13,11 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct StatusOptions {
-    std::string modbus = "127.0.0.1:1502";
-    int timeout_ms = 1000;
+    RemoteOptions remote;
     bool json = false;
 };
 
-constexpr BlockId kShown[] = {BlockId::ident, BlockId::status, BlockId::counters, BlockId::last};
+constexpr BlockId kShown[] = {BlockId::ident, BlockId::status, BlockId::counters, BlockId::last, BlockId::plc, BlockId::recipe, BlockId::health, BlockId::calibration};
 
 Json to_json(const std::vector<Reading>& readings) {
     Json block;
@@ -37,11 +35,10 @@ Json to_json(const std::vector<Reading>& readings) {
 }
 
 Exit run_status(const StatusOptions& options) {
-    auto endpoint = modbus::parse_endpoint(options.modbus);
-    if (!endpoint) return complain(endpoint.error());
-    auto client = modbus::Client::connect(*endpoint, std::chrono::milliseconds(options.timeout_ms));
+    auto client = connect(options.remote);
     if (!client) return complain(client.error());
     Json json;
+    std::uint32_t active = 0;
     for (const BlockId id : kShown) {
         const auto readings = client->read_block(id);
         if (!readings) return complain(readings.error());
@@ -53,9 +50,13 @@ Exit run_status(const StatusOptions& options) {
         fmt::print("{}\n", name);
         for (const Reading& reading : *readings) {
             fmt::print("  {:<24} {} {}\n", reading.what->name, reading.text, reading.text == "-" ? "" : reading.what->unit);
+            if (reading.what->name == "faults_active" && reading.number) active = static_cast<std::uint32_t>(*reading.number);
         }
     }
     if (options.json) fmt::print("{}\n", json.dump());
+    for (const FaultText& fault : fault_texts()) {
+        if (!options.json && (active & fault.bit) != 0) fmt::print("FAULT {}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);
+    }
     return Exit::good;
 }
 
@@ -64,8 +65,7 @@ Exit run_status(const StatusOptions& options) {
 void add_status(CLI::App& program, Exit& status) {
     auto* command = program.add_subcommand("status", "What a running station says of itself, over Modbus");
     auto options = std::make_shared<StatusOptions>();
-    command->add_option("--modbus", options->modbus, "The station's register server, HOST[:PORT]")->capture_default_str();
-    command->add_option("--timeout", options->timeout_ms, "Longest wait for an answer, ms")->check(CLI::Range(1, 60000))->capture_default_str();
+    add_remote_options(*command, options->remote);
     command->add_flag("--json", options->json, "Print one JSON object");
     command->footer("Example: hordctl status --modbus 192.168.1.20:502");
     command->callback([options, &status] { status = run_status(*options); });

@@ -200,8 +200,19 @@ TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
     EXPECT_EQ(plc.read(1024 + 20, 1)[0], 7);
     EXPECT_TRUE(plc.write(8103, {0, 2}));
     EXPECT_FALSE(plc.write(8103, {0, 1}));  // never backwards
-    EXPECT_EQ(plc.command(6), 0);
+    // As a person sees and commands it.
+    const std::string address = "127.0.0.1:" + port_of(station.so_far());
+    const Said watched = run("hordctl", {"watch", "--modbus", address, "--count", "2", "--every", "20"});
+    EXPECT_EQ(watched.status, 0) << watched.err;
+    EXPECT_EQ(std::count(watched.out.begin(), watched.out.end(), '\n'), 2);
+    EXPECT_THAT(watched.out, HasSubstr("ContinuousExecution parts/min "));
+    EXPECT_THAT(watched.out, HasSubstr("faults none"));
+    const Said refused = run("hordctl", {"command", "arm", "--modbus", address});
+    EXPECT_EQ(refused.status, 2);
+    EXPECT_THAT(refused.err, HasSubstr("not_in_this_state"));
+    EXPECT_EQ(run("hordctl", {"command", "stop", "--modbus", address}).status, 0);
     ASSERT_TRUE(plc.state_is(6));
+    EXPECT_THAT(run("hordctl", {"selftest", "--modbus", address}).out, HasSubstr("self-test passed"));
     EXPECT_EQ(plc.read32(115) & 0x10U, 0U);  // every rejection was confirmed
     EXPECT_EQ(station.stop(SIGINT).status, 0);
 }

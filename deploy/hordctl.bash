@@ -1,0 +1,20 @@
+# bash completion for hordctl: asks the program itself for its commands and options, so that it is never out of date.
+
+_hordctl() {
+    local current=${COMP_WORDS[COMP_CWORD]} k command=()
+    for ((k = 1; k < COMP_CWORD; ++k)); do
+        [[ ${COMP_WORDS[k]} == -* ]] && break
+        "${COMP_WORDS[0]}" "${command[@]}" "${COMP_WORDS[k]}" --help >/dev/null 2>&1 || break
+        command+=("${COMP_WORDS[k]}")
+    done
+    local help words
+    help=$("${COMP_WORDS[0]}" "${command[@]}" --help 2>/dev/null)
+    if [[ $current == -* ]]; then
+        words=$(grep -oE '(^|[ ,])--?[a-z][a-z0-9-]*' <<<"$help" | tr -d ' ,')
+    else
+        words=$(sed -n '/^Subcommands:/,$p' <<<"$help" | sed -n 's/^  \([a-z][a-z-]*\).*/\1/p')
+    fi
+    mapfile -t COMPREPLY < <(compgen -W "$words" -- "$current")
+    [[ ${#COMPREPLY[@]} -gt 0 || $current == -* ]] || mapfile -t COMPREPLY < <(compgen -f -- "$current")
+}
+complete -o filenames -F _hordctl hordctl

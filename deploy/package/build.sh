@@ -1,0 +1,32 @@
+#!/bin/bash
+# The Debian package: build.sh [amd64|arm64] [VERSION]. Leaves build/package/hord-station_VERSION_ARCH.deb and has lintian read it.
+# arm64 is cross-built: run it where the arm64 libraries are (deploy/package/arm64.sh makes such a root).
+set -euo pipefail
+cd "$(dirname "$(readlink -f "$0")")/../.."
+arch=${1:-amd64} out=build/package
+version=${2:-$(sed -n 's/^project(hord-station VERSION \([0-9.]*\).*/\1/p' CMakeLists.txt)}
+export SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || date +%s)}
+
+mkdir -p "$out/made"
+{
+    printf 'hord-station (%s) unstable; urgency=medium\n\n  * See /usr/share/doc/hord-station/plc.md and the journal of the repository.\n\n' "$version"
+    printf ' -- HORD station maintainers <hord-station@example.org>  %s\n' "$(date -u -R -d "@$SOURCE_DATE_EPOCH")"
+} | gzip -9n >"$out/made/changelog.gz"
+
+options=()
+tree=build/release  # what is tested is what is packaged
+if [ "$arch" = arm64 ]; then
+    [ -d "$out/made/man" ] || { echo "build the amd64 package first: the man pages come from its programs" >&2; exit 2; }
+    tree=$out/tree-arm64
+    options+=(-B "$tree" -DHORD_TESTS=OFF -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=aarch64 -DCMAKE_C_COMPILER=aarch64-linux-gnu-gcc
+        -DCMAKE_CXX_COMPILER=aarch64-linux-gnu-g++ -DCMAKE_LIBRARY_ARCHITECTURE=aarch64-linux-gnu -DCMAKE_STRIP=/usr/bin/aarch64-linux-gnu-strip
+        -DCMAKE_FIND_ROOT_PATH=/usr/aarch64-linux-gnu -DPKG_CONFIG_EXECUTABLE=/usr/bin/aarch64-linux-gnu-pkg-config)
+fi
+cmake --preset release "${options[@]}" >"$out/configure-$arch.log" || { cat "$out/configure-$arch.log" >&2; exit 1; }
+cmake --build "$tree" --target hordd hordctl -j "$(nproc)"
+[ "$arch" = arm64 ] || deploy/package/man.sh "$tree/bin" "$out/made/man" "$version"
+cpack --config "$tree/CPackConfig.cmake" -B "$out/cpack" -D "CPACK_PACKAGE_VERSION=$version" >"$out/cpack-$arch.log" || { cat "$out/cpack-$arch.log" >&2; exit 1; }
+deb=$out/hord-station_${version}_$arch.deb
+mv "$out/cpack/$(basename "$deb")" "$deb"
+lintian --fail-on error "$deb"
+echo "$deb"

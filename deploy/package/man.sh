@@ -1,0 +1,28 @@
+#!/bin/bash
+# Man pages from what the programs say of themselves: man.sh BINDIR OUTDIR VERSION. The pages are the same on every architecture.
+set -euo pipefail
+bin=$1 out=$2 version=$3
+
+# Roff takes a backslash, a leading dot or a leading quote for its own.
+roff() { sed -e 's/\\/\\e/g' -e "s/^\([.']\)/\\\\\&\1/" -e 's/-/\\-/g'; }
+
+page() {  # page PROGRAM SECTION ONE-LINE
+    local program=$1 section=$2 about=$3 sub
+    mkdir -p "$out/man$section"
+    {
+        printf '.TH %s %s "" "hord-station %s" "HORD station"\n' "${program^^}" "$section" "$version"
+        printf '.SH NAME\n%s \\- %s\n.SH SYNOPSIS\n.B %s\n[OPTIONS]\n.SH DESCRIPTION\n.nf\n' "$program" "$about" "$program"
+        "$bin/$program" --help | roff
+        printf '.fi\n'
+        "$bin/$program" --help | sed -n '/^Subcommands:/,/^$/p' | sed -n 's/^  \([a-z][a-z-]*\).*/\1/p' | while read -r sub; do
+            printf '.SH "%s %s"\n.nf\n' "${program^^}" "${sub^^}"
+            "$bin/$program" "$sub" --help | roff
+            printf '.fi\n'
+        done
+        printf '.SH FILES\n.nf\n/etc/hord/hordd.toml  configuration, every key with its default\n/etc/hord/recipes/  recipes\n'
+        printf '/usr/share/doc/hord\\-station/plc.md  for the PLC programmer\n.fi\n.SH "SEE ALSO"\n.BR hordd (8),\n.BR hordctl (1)\n'
+    } | gzip -9n >"$out/man$section/$program.$section.gz"
+}
+
+page hordd 8 "inspection station for transparent parts, as a service"
+page hordctl 1 "inspect, render, run, watch and command an inspection station"

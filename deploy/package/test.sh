@@ -1,0 +1,74 @@
+#!/bin/bash
+# Installs, starts, upgrades, removes and purges the package in a fresh root: test.sh OLD.deb NEW.deb (needs root and mmdebstrap).
+# There is no booted systemd in it: the service is started by hand as the user and with the folders that its unit names.
+set -euo pipefail
+old=$(readlink -f "$1") new=$(readlink -f "$2") suite=${3:-bookworm}
+root=$(mktemp -d "${TMPDIR:-/tmp}/hord-package.XXXXXX")
+pid=
+clean_up() {
+    [ -z "$pid" ] || kill "$pid" 2>/dev/null || true
+    umount -l "$root/proc" 2>/dev/null || true
+    rm -rf --one-file-system "$root"
+}
+trap clean_up EXIT
+step() { printf '== %s\n' "$*"; }
+die() { printf 'package test: %s\n' "$*" >&2; exit 1; }
+in_root() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root DEBIAN_FRONTEND=noninteractive "$@"; }
+
+step "a fresh $suite root"
+mmdebstrap --quiet --variant=apt --include=systemd,init-system-helpers "$suite" "$root"
+mount -t proc proc "$root/proc"
+cp "$old" "$root/old.deb"
+cp "$new" "$root/new.deb"
+
+step "install"
+in_root apt-get -qq -y --no-install-recommends install /old.deb >/dev/null
+in_root hordctl --version
+in_root hordd --check
+in_root getent passwd hord | grep -q /var/lib/hord || die "the user hord was not made"
+in_root systemctl is-enabled hordd.service hordd.socket | grep -vx enabled && die "not enabled at boot" || true
+in_root bash -c '. /usr/share/bash-completion/completions/hordctl; COMP_WORDS=(hordctl rec); COMP_CWORD=1; _hordctl; [ "${COMPREPLY[*]}" = recipe ]' || die "bash completion"
+for page in man8/hordd.8 man1/hordctl.1; do [ -s "$root/usr/share/man/$page.gz" ] || die "no man page $page"; done
+
+step "start with the simulated cell, as its unit would"
+chroot "$root" install -d -o hord -g hord -m 0750 /var/lib/hord /var/cache/hord
+serve() {
+    chroot --userspec=hord:hord "$root" env -i PATH=/usr/bin STATE_DIRECTORY=/var/lib/hord CACHE_DIRECTORY=/var/cache/hord /usr/bin/hordd >"$root/log" 2>&1 &
+    pid=$!
+    for _ in $(seq 600); do
+        if grep -q 'registers at' "$root/log"; then return; fi
+        kill -0 "$pid" 2>/dev/null || break
+        sleep 0.5
+    done
+    cat "$root/log" >&2
+    die "the service did not start"
+}
+serve
+in_root hordctl status --modbus 127.0.0.1:1502 >/dev/null || die "no answer from the register server"
+in_root hordctl command stop --modbus 127.0.0.1:1502 || in_root hordctl command reset --modbus 127.0.0.1:1502
+kill -TERM "$pid" && wait "$pid" || die "the service did not stop with status 0"
+pid=
+
+step "upgrade: state and edited configuration stay"
+echo '# edited here' >>"$root/etc/hord/hordd.toml"
+echo 'kept' >"$root/var/lib/hord/state"
+in_root apt-get -qq -y install /new.deb >/dev/null
+[ "$(in_root dpkg-query -W -f '${Version}' hord-station)" != "$(dpkg-deb -f "$old" Version)" ] || die "not upgraded"
+grep -q '# edited here' "$root/etc/hord/hordd.toml" || die "the edited configuration was lost"
+grep -q kept "$root/var/lib/hord/state" || die "the state was lost"
+serve
+kill -TERM "$pid" && wait "$pid" || die "the upgraded service did not stop with status 0"
+pid=
+
+step "remove: programs go, configuration and state stay"
+in_root apt-get -qq -y remove hord-station >/dev/null
+[ ! -e "$root/usr/bin/hordd" ] || die "hordd is still there"
+[ -e "$root/etc/hord/hordd.toml" ] || die "remove took the configuration"
+[ -e "$root/var/lib/hord/state" ] || die "remove took the state"
+
+step "purge: nothing is left"
+in_root apt-get -qq -y purge hord-station >/dev/null
+left=$(find "$root"/etc "$root"/usr "$root"/lib "$root"/var -xdev \( -path '*/var/log/*' -o -path '*/var/cache/apt/*' -o -path '*/var/lib/dpkg/*' -o -path '*/var/lib/apt/*' \) -prune -o -iname '*hord*' -print)
+[ -z "$left" ] || die "left behind: $left"
+! in_root getent passwd hord >/dev/null || die "the user hord is still there"
+step "passed"
