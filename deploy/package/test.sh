@@ -22,6 +22,7 @@ cp "$old" "$root/old.deb"
 cp "$new" "$root/new.deb"
 
 step "install"
+in_root apt-get -qq update
 in_root apt-get -qq -y --no-install-recommends install /old.deb >/dev/null
 in_root hordctl --version
 in_root hordd --check
