@@ -7,7 +7,7 @@ namespace hord::firmware {
 using sim::Fault;
 
 void Invariants::violation(const std::string& what, std::uint64_t number) {
-    ++violations_;
+    if (violations_++ == 0) newest_at_violation_ = newest_;
     if (texts_.size() < 10) texts_.push_back("part " + std::to_string(number) + ": " + what);
 }
 

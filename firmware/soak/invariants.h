@@ -38,6 +38,7 @@ class Invariants {
     void end(const Core& core, hal::Duration longest_light, hal::Duration limit);
 
     [[nodiscard]] std::uint64_t violations() const { return violations_; }
+    [[nodiscard]] std::uint64_t parts_to_violation() const { return newest_at_violation_; }  // that had come by the first one
     [[nodiscard]] const std::vector<std::string>& first_violations() const { return texts_; }
     [[nodiscard]] std::uint64_t results() const { return results_; }
     [[nodiscard]] std::uint64_t passed_bad() const { return passed_bad_; }  // detection's misses, where it is not perfect
@@ -72,7 +73,7 @@ class Invariants {
     std::array<Judgement, kMemory> judgements_{};
     std::uint64_t newest_ = 0;
     hal::TimePoint last_stop_ = hal::TimePoint::min();
-    std::uint64_t results_ = 0, violations_ = 0, passed_bad_ = 0, fingerprint_ = 0xCBF29CE484222325U;
+    std::uint64_t results_ = 0, violations_ = 0, passed_bad_ = 0, newest_at_violation_ = 0, fingerprint_ = 0xCBF29CE484222325U;
     std::array<std::uint64_t, 3> excused_{};  // by Excuse
     std::array<std::uint64_t, 32> reasons_{};
     std::vector<std::string> texts_;

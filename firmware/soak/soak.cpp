@@ -45,10 +45,11 @@ std::string text_of(const std::vector<FaultRule>& plan) {
 void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::string& label, std::set<std::pair<int, int>>& pairs) {
     const Invariants& seen = line.invariants();
     const auto violation = [&](const std::string& text) {
-        ++report.violations;
+        if (report.violations++ == 0) report.parts_to_violation = report.parts + line.cell().world().totals().arrived;
         if (report.first_violations.size() < 20) report.first_violations.push_back(label + ": " + text);
     };
     report.results += seen.results();
+    if (report.violations == 0 && seen.violations() > 0) report.parts_to_violation = report.parts + seen.parts_to_violation();
     report.violations += seen.violations();
     for (const std::string& text : seen.first_violations()) {
         if (report.first_violations.size() < 20) report.first_violations.push_back(label + ": " + text);
@@ -96,6 +97,7 @@ Result<SoakReport> soak(const SoakOptions& options) {
         add_episode(report, **made, over, label, pairs);
         ++report.episodes;
         report.parts += parts;
+        if (options.until_violation && report.violations > 0) break;
         if (options.progress) options.progress(std::min(1.0, static_cast<double>(report.parts) / static_cast<double>(options.parts)));
     }
     report.pairs = pairs.size();

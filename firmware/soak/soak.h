@@ -19,6 +19,7 @@ struct SoakOptions {
     std::uint64_t parts = 100'000;
     std::uint64_t seed = 1;
     std::uint64_t parts_an_episode = 5'000;
+    bool until_violation = false;              // ends with the first episode that breaks a promise
     std::uint64_t first_episode = 0;           // to run one episode again: its number, and parts = parts_an_episode
     std::vector<sim::FaultRule> faults;        // the same in every episode; none: each draws its own
     std::function<void(double done)> progress;  // 0..1; may be empty
@@ -28,6 +29,7 @@ struct SoakReport {
     std::uint64_t parts = 0, episodes = 0, results = 0;
     std::uint64_t violations = 0;
     std::vector<std::string> first_violations;  // each names seed, episode and plan
+    std::uint64_t parts_to_violation = 0;       // that had come when the first promise was broken; 0: none was
     std::uint64_t line_stops = 0, resets = 0, excused = 0;
     std::uint64_t virtual_s = 0;
     std::array<std::uint64_t, 32> reasons{};              // by PartReason

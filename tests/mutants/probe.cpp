@@ -1,0 +1,41 @@
+// Runs the soak until a promise is broken, and says how many parts that took.
+//
+//     mutant-NAME [--expect-violation] [--parts N] [--seed N]
+//
+// Exit status: 0 as expected, 1 not, 2 it could not run.
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+
+#include "firmware/soak/soak.h"
+
+int main(int count, char** arguments) {
+    bool expected = false;
+    hord::firmware::SoakOptions options;
+    options.parts = 100'000;
+    options.parts_an_episode = 500;
+    options.until_violation = true;
+    for (int k = 1; k < count; ++k) {
+        if (std::strcmp(arguments[k], "--expect-violation") == 0) {
+            expected = true;
+        } else if (std::strcmp(arguments[k], "--parts") == 0 && k + 1 < count) {
+            options.parts = std::strtoull(arguments[++k], nullptr, 10);
+        } else if (std::strcmp(arguments[k], "--seed") == 0 && k + 1 < count) {
+            options.seed = std::strtoull(arguments[++k], nullptr, 10);
+        } else {
+            std::fprintf(stderr, "%s: unknown argument %s\n", arguments[0], arguments[k]);
+            return 2;
+        }
+    }
+    const auto report = hord::firmware::soak(options);
+    if (!report) {
+        std::fprintf(stderr, "%s\n", report.error().message().c_str());
+        return 2;
+    }
+    if (report->violations == 0) {
+        std::printf("%llu parts, no promise broken\n", static_cast<unsigned long long>(report->parts));
+    } else {
+        std::printf("%llu parts: %s\n", static_cast<unsigned long long>(report->parts_to_violation), report->first_violations.front().c_str());
+    }
+    return (report->violations > 0) == expected ? 0 : 1;
+}
