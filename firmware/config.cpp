@@ -54,6 +54,8 @@ void read_line(TomlTable line, CoreConfig& core) {
     line.integer("exposure_counts", core.exposure_counts, 0, 1'000'000'000);
     ms(line, "min_gap_ms", core.min_gap, 0.1, 60'000);
     line.integer("min_gap_counts", core.min_gap_counts, 1, 1'000'000'000);
+    ms(line, "max_part_ms", core.max_part, 0, 60'000);
+    line.integer("max_part_counts", core.max_part_counts, 0, 1'000'000'000);
     line.integer("max_parts", core.max_parts, 1, kLineCapacity);
 }
 

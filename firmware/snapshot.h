@@ -85,6 +85,7 @@ enum FaultBit : std::uint32_t {
 struct Counters {
     std::uint32_t seen = 0, inspected = 0, pass = 0, reject = 0, unfit = 0, missed = 0;
     std::uint32_t reject_commanded = 0, reject_confirmed = 0, reject_failed = 0, reject_late = 0;
+    bool operator==(const Counters&) const = default;
 };
 
 // No defect, no recipe: the registers show "not available".

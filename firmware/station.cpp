@@ -129,6 +129,8 @@ void Station::plc_lost() {
 
 void Station::plc_back() { take(PlcBack{}); }
 
+void Station::line_unknown() { take(LineUnknown{}); }
+
 // Events that come while a step is carried out wait for its end, so that every step sees the state the last one left.
 Answer Station::take(const Event& event) {
     if (stepping_) {
@@ -161,6 +163,7 @@ Answer Station::step(const Event& event) {
     const Answer answer = core_.step(event, cell_.loop.now(), actions_);
     for (const Action& action : actions_) std::visit([this](const auto& a) { carry_out(a); }, action);
     if (observer_ != nullptr && core_.state() != before) observer_->on_state(before, core_.state());
+    if (observer_ != nullptr) observer_->on_step(before, event);
     return answer;
 }
 

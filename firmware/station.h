@@ -35,6 +35,7 @@ class StationObserver {
     virtual ~StationObserver() = default;
     virtual void on_result(const PartResult& result) = 0;  // a part's story is complete: passed, or its rejection is known
     virtual void on_state(State /*from*/, State /*to*/) {}
+    virtual void on_step(State /*before*/, const Event& /*event*/) {}  // every step of the core, carried out
     virtual void on_trouble(const Error& /*error*/) {}     // a device failed or refused: to be logged, once, with its cure
 };
 
@@ -70,6 +71,10 @@ class Station {
     static constexpr std::uint32_t kTestPart = 0xFFFFFFFF;  // its number, where inspections are observed
     [[nodiscard]] bool test_possible() const;  // Initialized or Ready, every device up, nothing on the line, no test under way
     void test_flash(Duration patience, std::function<void(const FlashTest&)> done);
+
+    // Nobody knows what is on the line (the process before this one ended with parts on it): line stop, until a person has
+    // looked and resets. Before run().
+    void line_unknown();
 
     [[nodiscard]] Snapshot snapshot() const { return core_.snapshot(); }
     [[nodiscard]] const Core& core() const { return core_; }

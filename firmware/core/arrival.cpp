@@ -33,7 +33,25 @@ void Core::on(const hal::PartEdge& edge) {
     last_edge_at_ = edge.at;
     leaves_seen_ = leaves_seen_ || !arrives;
     if (edge.counts) on(hal::EncoderReading{edge.at, *edge.counts});
+    if (!arrives) look_for_touching_parts(edge.at, edge.counts ? *edge.counts : conveyor_.counts_at(edge.at));
+    covered_ = arrives && certain;
     if (arrives) arrive(edge, certain);
+}
+
+// The part sensor is covered for longer than any part is: another one hides behind the newest. It has no place that is
+// known, so it cannot be rejected: the line is stopped.
+void Core::look_for_touching_parts(TimePoint at, std::int64_t counts) {
+    if (!covered_ || !leaves_seen_) return;
+    const bool by_counts = config_.by_encoder;
+    const bool too_long = by_counts ? config_.max_part_counts > 0 && counts - last_arrival_counts_ > config_.max_part_counts
+                                    : config_.max_part > Duration::zero() && at - last_arrival_ > config_.max_part;
+    if (!too_long) return;
+    covered_ = false;
+    ++counters_.missed;
+    trouble_ |= kFaultPartSensor;
+    fault(kFaultPartSensor);
+    if (line_.size() > 0) decide(line_[line_.size() - 1], PartVerdict::unfit, PartReason::parts_too_close);
+    stop_the_line();
 }
 
 void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
@@ -123,6 +141,7 @@ TimePoint Core::expose_when_due(Part& part) {
 void Core::on(const hal::EncoderReading& reading) {
     conveyor_.read(reading.at, reading.counts);
     if (!config_.by_encoder) return;
+    if (reading.at > last_edge_at_) look_for_touching_parts(reading.at, reading.counts);
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
         if (part.exposed && !part.place_good && part.phase == Part::Phase::waiting && reading.at >= part.exposure_start) {
@@ -142,6 +161,7 @@ void Core::on(const hal::EncoderReading& reading) {
 // confirmed from now on. Commands still go out by time, until the reset: the line may not have obeyed.
 void Core::lose_permit() {
     if (config_.by_encoder) return;
+    covered_ = false;  // the belt stands: how long a part covers the sensor says nothing
     bool any = false;
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];

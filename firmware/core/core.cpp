@@ -138,6 +138,7 @@ void Core::on(const DeviceUp& event) {
         last_edge_ = 0;
         last_kind_ = hal::PartEdge::Kind::leaves;
         last_edge_at_ = TimePoint::min();
+        covered_ = false;
         conveyor_.forget();
     }
     if (event.device == Device::sensor) frames_seen_ = false;

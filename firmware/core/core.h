@@ -46,6 +46,9 @@ class Core {
     [[nodiscard]] State state() const { return state_; }
     [[nodiscard]] bool all_devices_up() const { return up_ == (1U << kDevices) - 1U; }
     [[nodiscard]] Snapshot snapshot() const;
+    [[nodiscard]] bool line_stop() const { return line_stop_; }
+    [[nodiscard]] bool run_permit() const { return run_permit_; }
+    [[nodiscard]] const Counters& counters() const { return counters_; }
     [[nodiscard]] const CoreConfig& config() const { return config_; }
     [[nodiscard]] const Line& line() const { return line_; }
 
@@ -58,6 +61,7 @@ class Core {
     void on(const PlcLost&);
     void on(const PlcBack&) { plc_lost_ = false; }
     [[nodiscard]] bool without_plc(PlcPolicy policy) const { return plc_lost_ && config_.plc_policy == policy; }
+    void on(const LineUnknown&) { stop_the_line(); }
     bool go(Cause cause);
     void entered(State from, Cause cause);
     void flush(PartReason reason);
@@ -74,6 +78,7 @@ class Core {
     void on(const hal::EncoderReading& reading);
     [[nodiscard]] bool continues(const hal::PartEdge& edge);
     void arrive(const hal::PartEdge& edge, bool identity_certain);
+    void look_for_touching_parts(TimePoint at, std::int64_t counts);
     [[nodiscard]] bool comes_too_close(TimePoint at, std::int64_t counts);
     [[nodiscard]] TimePoint expose_when_due(Part& part);
     void lose_permit();
@@ -135,6 +140,7 @@ class Core {
     std::uint32_t last_edge_ = 0;    // sequence; 0: none since the part sensor came up
     hal::PartEdge::Kind last_kind_ = hal::PartEdge::Kind::leaves;
     bool leaves_seen_ = false;
+    bool covered_ = false;           // the newest part is at the part sensor still
     bool frames_seen_ = false;
     std::uint32_t last_frame_ = 0;
 

@@ -34,6 +34,9 @@ struct CoreConfig {
     Duration min_gap = milliseconds(20);       // edges closer than this: parts_too_close
     std::int64_t min_gap_counts = 200;         // the same in counts, with encoder, in addition
 
+    Duration max_part = Duration::zero();       // the part sensor is covered for longer: parts touch, one is unseen; 0: not checked
+    std::int64_t max_part_counts = 0;           // the same in counts, with encoder, instead
+
     // Exposure and light. Several parts may be between part sensor and camera.
     Duration exposure_delay = milliseconds(5);  // edge to the start of the exposure, without encoder
     std::int64_t exposure_counts = 50;          // the same in counts, with encoder

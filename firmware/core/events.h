@@ -68,10 +68,12 @@ struct RejectRefused {
 // The PLC's heartbeat has stopped, or is back: CoreConfig::plc_policy.
 struct PlcLost {};
 struct PlcBack {};
+// Parts may be on the line that this core has never seen.
+struct LineUnknown {};
 // Time has passed: Core::next_wake() is due.
 struct Tick {};
 
 using Event = std::variant<Tick, Command, hal::PartEdge, hal::EncoderReading, FrameArrived, hal::StrobeReport, Judged,
-                           hal::RejectReport, DeviceUp, DeviceLost, TriggerRefused, StrobeRefused, InspectRefused, RejectRefused, PlcLost, PlcBack>;
+                           hal::RejectReport, DeviceUp, DeviceLost, TriggerRefused, StrobeRefused, InspectRefused, RejectRefused, PlcLost, PlcBack, LineUnknown>;
 
 }  // namespace hord::firmware

@@ -30,6 +30,10 @@ void Core::settle() {
             next_wake_ = std::min(next_wake_, silent_at);
         }
     }
+    if (covered_ && !config_.by_encoder && config_.max_part > Duration::zero()) {
+        look_for_touching_parts(now_, 0);
+        if (covered_) next_wake_ = std::min(next_wake_, last_arrival_ + config_.max_part + Duration(1));
+    }
     if (state_ == State::initialized && now_ < ejector_rests_at_) next_wake_ = std::min(next_wake_, ejector_rests_at_);
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         if (actions_->room() < 8) {  // the rest in the next step, at once

@@ -1,6 +1,8 @@
 // hordctl soak: many parts in virtual time, with faults, every promise checked.
 #include <algorithm>
 #include <memory>
+#include <optional>
+#include <string>
 
 #include <fmt/format.h>
 
@@ -12,23 +14,41 @@ namespace hord::firmware {
 namespace {
 
 struct SoakArguments {
-    std::uint64_t parts = 100'000, seed = 1, episode_parts = 5'000, first_episode = 0;
+    std::uint64_t parts = 100'000, seed = 1, episode_parts = 5'000;
+    std::optional<std::uint64_t> episode;
+    std::string line = "timed", faults;
+    bool coverage = false;
 };
 
+Exit show(const SoakReport& report, bool coverage) {
+    fmt::print("{}", describe(report));
+    if (coverage) fmt::print("{}", describe(report.coverage));
+    return report.good() ? Exit::good : Exit::rejected;
+}
+
+Exit run_one_episode(const SoakArguments& arguments) {
+    EpisodePlan plan{*arguments.episode, arguments.parts, arguments.line == "timed" ? LineProfile::timed : LineProfile::encoder, {}};
+    auto faults = faults_of(arguments.faults);
+    if (!faults) return complain(faults.error());
+    plan.faults = std::move(*faults);
+    SoakReport report;
+    if (auto done = run_episode(plan, report); !done) return complain(done.error());
+    return show(report, arguments.coverage);
+}
+
 Exit run_soak(const SoakArguments& arguments) {
+    if (arguments.episode) return run_one_episode(arguments);
     SoakOptions options;
     options.parts = arguments.parts;
     options.seed = arguments.seed;
     options.parts_an_episode = std::min(arguments.episode_parts, arguments.parts);
-    options.first_episode = arguments.first_episode;
     auto progress = std::make_unique<Progress>("soak");
     options.progress = [&](double done) { progress->show(done); };
     fmt::print(stderr, "seed {}, {} parts\n", arguments.seed, arguments.parts);
     const auto report = soak(options);
     progress.reset();
     if (!report) return complain(report.error());
-    fmt::print("{}", describe(*report));
-    return report->good() ? Exit::good : Exit::rejected;
+    return show(*report, arguments.coverage);
 }
 
 }  // namespace
@@ -41,7 +61,10 @@ void add_soak(CLI::App& program, Exit& status) {
     command->add_option("--episode-parts", arguments->episode_parts, "Parts an episode; each draws its own line and faults")
         ->check(CLI::PositiveNumber)
         ->capture_default_str();
-    command->add_option("--first-episode", arguments->first_episode, "Start with this episode (to run a failing one again)")->capture_default_str();
+    command->add_option("--episode", arguments->episode, "Run one episode of this seed, as a violation prints it, with --parts, --line and --faults");
+    command->add_option("--line", arguments->line, "Of the episode: followed by time or by an encoder")->check(CLI::IsMember({"timed", "encoder"}));
+    command->add_option("--faults", arguments->faults, "Of the episode: NAME@FIRST-LAST:PROBABILITY+TIME, several with commas");
+    command->add_flag("--coverage", arguments->coverage, "Show which states met which events, and which faults met");
     command->footer("Exit status: 0 every promise kept, 1 a violation or a planned fault that never fired, 2 usage.\n"
                     "Example: hordctl soak --parts 1000000 --seed 1");
     command->callback([arguments, &status] { status = run_soak(*arguments); });

@@ -1,3 +1,4 @@
+// What truly happens: parts, faults, light and ejector, and whether a part may leave or be ejected.
 #include "firmware/soak/invariants.h"
 
 #include <algorithm>
@@ -6,23 +7,33 @@ namespace hord::firmware {
 
 using sim::Fault;
 
-void Invariants::violation(const std::string& what, std::uint64_t number) {
+namespace {
+
+constexpr std::array<std::string_view, kPromises> kNames{
+    "one-verdict", "no-bad-part-passes", "own-data", "own-rejection", "unconfirmed-stops", "light-limits", "counters-agree",
+    "lawful-states", "true-reasons", "undisturbed-parts", "ready-again", "bounded", "one-story", "commands-once"};
+
+// The encoder may lose so much while a part is on its way, and it is still exposed and ejected.
+constexpr double kSlipBorne_mm = 4;
+
+// What a fault disturbs, it disturbs for its amount and so much longer: frames are awaited, rejections confirmed.
+constexpr Duration kAftermath = milliseconds(1000);
+
+}  // namespace
+
+std::string_view name_of(Promise promise) { return kNames[static_cast<std::size_t>(promise)]; }
+
+void Invariants::broken(Promise promise, const std::string& what, std::uint64_t part) {
     if (violations_++ == 0) newest_at_violation_ = newest_;
-    if (texts_.size() < 10) texts_.push_back("part " + std::to_string(number) + ": " + what);
+    if (texts_.size() >= 10) return;
+    texts_.push_back(std::string(name_of(promise)) + ": " + (part != 0 ? "part " + std::to_string(part) + " " : "") + what);
 }
 
-// A fault invisible to any station excuses at most one part of a kind each time it fires.
-void Invariants::excuse(Excuse kind, std::initializer_list<Fault> faults, const std::string& what, std::uint64_t number) {
-    std::uint64_t fired = 0;
-    for (const Fault fault : faults) fired += faults_.fired(fault);
-    if (++excused_[static_cast<std::size_t>(kind)] > fired) violation(what, number);
-}
+// -- parts -----------------------------------------------------------------------------------------------------------
 
 void Invariants::part_arrives(const sim::PartRecord& part) {
     Known& known = parts_[part.number % kMemory];
-    if (known.number != 0 && !(known.gone && known.has_result)) {
-        if (!known.gone) violation("is still on the line 1024 parts later", known.number);
-    }
+    if (known.number != 0) forget(known);
     known = Known{};
     known.number = part.number;
     known.bad = part.bad;
@@ -30,24 +41,10 @@ void Invariants::part_arrives(const sim::PartRecord& part) {
     newest_ = part.number;
 }
 
-void Invariants::part_is_gone(const sim::PartRecord& part, bool line_may_run) {
-    Known& known = parts_[part.number % kMemory];
-    if (known.number != part.number) return violation("left before it came", part.number);
-    known.gone = true;
-    known.ejected = part.fate == sim::PartRecord::Fate::ejected;
-    known.stood_still = !line_may_run;
-    if (known.has_result) return settle(known);
-    // No verdict yet. Its rejection may still be in doubt; but a part nobody knows of must have stopped the line.
-    const bool stopped = last_stop_.time_since_epoch().count() >= known.arrived_ns;
-    const bool awaited = !stopped && known.ejected;  // commanded, the report is on its way
-    if (!stopped && !awaited) {
-        excuse(Excuse::unseen, {Fault::edge_missed, Fault::ejector_stuck, Fault::reject_lost, Fault::reject_late, Fault::reject_unacknowledged,
-                Fault::rejector_down, Fault::encoder_slip}, "left without a verdict, and the line ran on", part.number);
-    }
-}
-
-void Invariants::frame_inspected(std::uint32_t station_part, std::uint64_t judged_by) {
-    judgements_[station_part % kMemory] = {station_part, judged_by};
+// Its story must be over.
+void Invariants::forget(const Known& known) {
+    if (!known.gone) broken(Promise::bounded, "is still on the line " + std::to_string(kMemory) + " parts later", known.number);
+    if (known.delivered && !known.has_result && !known.process_ended) broken(Promise::one_verdict, "was seen and got no verdict", known.number);
 }
 
 Invariants::Known* Invariants::arrived_at(std::int64_t ns) {
@@ -59,63 +56,172 @@ Invariants::Known* Invariants::arrived_at(std::int64_t ns) {
     return nullptr;
 }
 
-void Invariants::result(const PartResult& r, const Core& core, hal::TimePoint now) {
-    ++results_;
-    ++reasons_[static_cast<std::size_t>(r.reason) % reasons_.size()];
-    for (const std::uint64_t value : {std::uint64_t{r.part}, static_cast<std::uint64_t>(r.arrived_ns), std::uint64_t{static_cast<unsigned>(r.verdict)},
-                                      std::uint64_t{static_cast<unsigned>(r.reason)}, std::uint64_t{static_cast<unsigned>(r.reject)},
-                                      std::uint64_t{r.latency_us}}) {
-        fingerprint_ = (fingerprint_ ^ value) * 0x100000001B3U;
+Invariants::Known* Invariants::known_as(std::uint32_t station_part) {
+    const Line& line = core_->line();
+    for (std::uint32_t k = line.size(); k-- > 0;) {
+        if (line[k].number() == station_part) return arrived_at(line[k].arrived.time_since_epoch().count());
     }
-    if (r.sequence != results_) violation("results are not numbered one by one", r.part);
-    const bool unconfirmed = r.reject == RejectState::failed || r.reject == RejectState::late;
-    if (core.snapshot().line_stop) last_stop_ = now;
-    if (unconfirmed && last_stop_.time_since_epoch().count() < r.arrived_ns) violation("its rejection is unconfirmed and the line runs", r.part);
-    if ((r.verdict == PartVerdict::pass) != (r.reject == RejectState::not_needed)) violation("verdict and rejection disagree", r.part);
+    return nullptr;
+}
 
-    const Counters& c = core.snapshot().counters;
-    std::uint32_t waiting = 0, decided = 0, commanded = 0;
-    for (std::uint32_t k = 0; k < core.line().size(); ++k) {
-        const Part::Phase phase = core.line()[k].phase;
-        waiting += phase == Part::Phase::waiting ? 1U : 0U;
-        decided += phase == Part::Phase::decided ? 1U : 0U;
-        commanded += phase == Part::Phase::commanded ? 1U : 0U;
+void Invariants::part_is_gone(const sim::PartRecord& part) {
+    Known& known = parts_[part.number % kMemory];
+    if (known.number != part.number) return broken(Promise::bounded, "left before it came", part.number);
+    known.gone = true;
+    switch (part.fate) {
+        case sim::PartRecord::Fate::ejected: check_ejected(known); break;
+        case sim::PartRecord::Fate::left: check_exit(known); break;
+        case sim::PartRecord::Fate::removed: known.taken_by_hand = true; break;
+        case sim::PartRecord::Fate::on_line: break;
     }
-    if (c.seen != c.pass + c.reject + c.unfit + waiting || c.reject + c.unfit != c.reject_commanded + decided ||
-        c.reject_commanded != c.reject_confirmed + c.reject_failed + c.reject_late + commanded) {
-        violation("the counters disagree", r.part);
-    }
+}
 
-    Known* known = arrived_at(r.arrived_ns);
-    if (known == nullptr) return;  // a ghost edge: no part was there
-    if (known->has_result) return violation("has two verdicts", known->number);
-    known->has_result = true;
-    known->result = r;
-    if (r.verdict == PartVerdict::pass) {
-        const Judgement& judgement = judgements_[r.part % kMemory];
-        if (judgement.part != r.part || judgement.judged_by != known->number) {
-            violation("passed by the frame of part " + std::to_string(judgement.judged_by), known->number);
+// The one rule that all this is about: what leaves the line was passed.
+void Invariants::check_exit(Known& known) {
+    if (known.has_result && known.result.verdict == PartVerdict::pass) return;
+    if (known.invisible || known.stuck || known.slipped_mm > kSlipBorne_mm) {
+        ++excused_;
+        return;
+    }
+    // A process that does not run can stop no line: the next one must, before the belt moves on.
+    if (core_ == nullptr || any_fired_within(std::uint64_t{1} << static_cast<unsigned>(Fault::process_stalled), milliseconds(300))) {
+        left_in_outage_at_ = clock_.now().time_since_epoch().count();
+        return;
+    }
+    broken(Promise::no_bad_part_passes, known.has_result ? "left, and was not passed (" + std::string(name_of(known.result.reason)) + ")"
+                                                          : "left without a verdict", known.number);
+}
+
+void Invariants::check_ejected(Known& known) {
+    known.ejected = true;
+    if (known.commanded || !known.delivered || known.process_ended) return;
+    if (belt_stands()) return;  // it came to rest before the ejector while a pulse was under way: a good part lost
+    if (by_itself(clock_.now()) || known.slipped_mm > kSlipBorne_mm) {
+        ++excused_;
+        return;
+    }
+    broken(Promise::own_rejection, "was ejected, and nobody told the ejector to", known.number);
+}
+
+bool Invariants::by_itself(TimePoint at) const {
+    return std::any_of(own_accord_.begin(), own_accord_.end(), [&](const Pulse& p) {
+        return at + milliseconds(1) >= p.from && at <= p.until + milliseconds(1);
+    });
+}
+
+// -- faults ----------------------------------------------------------------------------------------------------------
+
+void Invariants::fault(Fault fault, Duration amount) {
+    const TimePoint now = clock_.now();
+    last_fired_[static_cast<std::size_t>(fault)] = now;
+    faults_until_ = std::max(faults_until_, now + amount + kAftermath);
+    disturbed_until_ = std::max(disturbed_until_, faults_until_);
+    told_not_ready_ = false;
+    switch (fault) {
+        case Fault::edge_missed: parts_[newest_ % kMemory].invisible = true; break;
+        case Fault::encoder_slip:
+            for (Known& known : parts_) {
+                if (known.number != newest_ && !known.gone) {
+                    known.slipped_mm += 1e-9 * static_cast<double>(amount.count()) * cell_.world().nominal_speed_mm_s();
+                }
+            }
+            break;
+        case Fault::ejector_stuck:
+            if (Known* known = known_as(rejecting_.part)) known->stuck = true;
+            break;
+        case Fault::reject_late: {
+            const TimePoint from = std::max(rejecting_.start, now) + amount;
+            own_accord_[next_own_accord_++ % own_accord_.size()] = {from, from + rejecting_.width};
+            break;
         }
-        if (known->bad && perfect_) violation("bad, and passed", known->number);
-        if (known->bad && !perfect_) ++passed_bad_;
-    }
-    if (known->gone) settle(*known);
-}
-
-void Invariants::settle(Known& part) {
-    const bool passed = part.result.verdict == PartVerdict::pass;
-    if (part.ejected && passed) {
-        if (part.stood_still) return;
-        excuse(Excuse::ejected, {Fault::reject_late, Fault::reject_twice, Fault::encoder_slip}, "passed, and ejected", part.number);
-    }
-    if (!part.ejected && !passed && part.result.reject == RejectState::confirmed) {
-        excuse(Excuse::not_ejected, {Fault::ejector_stuck, Fault::encoder_slip}, "its rejection is confirmed, and it left", part.number);
+        case Fault::reject_twice: {
+            const TimePoint from = rejecting_.start + rejecting_.width + amount;
+            own_accord_[next_own_accord_++ % own_accord_.size()] = {from, from + rejecting_.width};
+            break;
+        }
+        default: break;
     }
 }
 
-void Invariants::end(const Core& core, hal::Duration longest_light, hal::Duration limit) {
-    if (core.snapshot().counters.seen != results_ + core.line().size()) violation("parts seen and results disagree", core.snapshot().counters.seen);
-    if (longest_light > limit) violation("a light was on longer than its limit", 0);
+bool Invariants::any_fired_within(std::uint64_t faults, Duration window) const {
+    const TimePoint now = clock_.now();
+    for (std::size_t k = 0; k < sim::kFaults; ++k) {
+        if ((faults >> k & 1U) != 0 && last_fired_[k] != TimePoint::min() && now - last_fired_[k] <= window) return true;
+    }
+    return false;
+}
+
+// -- processes -------------------------------------------------------------------------------------------------------
+
+void Invariants::process_starts(const Core& core, const CoreConfig& config) {
+    core_ = &core;
+    rules_.core = config;
+    told_ = counted_ = {};
+    counted_results_ = 0;
+    told_inspected_ = results_in_process_ = 0;
+    data_.fill({});
+}
+
+void Invariants::process_ends() {
+    core_ = nullptr;
+    part_sensor_up_ = false;
+    for (Known& known : parts_) known.process_ended = known.process_ended || !known.has_result;
+}
+
+// -- the gates -------------------------------------------------------------------------------------------------------
+
+void Invariants::edge_delivered(const hal::PartEdge& edge) {
+    if (Known* known = arrived_at(edge.at.time_since_epoch().count())) known->delivered = true;
+}
+
+Invariants::OwnData& Invariants::data_of(std::uint32_t station_part) {
+    OwnData& data = data_[station_part % kMemory];
+    if (data.part != station_part) data = {};
+    data.part = station_part;
+    return data;
+}
+
+void Invariants::lit(const hal::StrobePulse& pulse) {
+    const hal::StrobeLimits limits = cell_.strobe().limits();
+    if (pulse.width > limits.max_on) broken(Promise::light_limits, "a light is on longer than its limit");
+    if (ever_lit_ && pulse.start < light_until_ + limits.min_rest) broken(Promise::light_limits, "a light did not rest");
+    light_until_ = pulse.start + pulse.width;
+    ever_lit_ = true;
+    data_of(pulse.exposure).pulse = pulse;
+}
+
+void Invariants::strobe_reported(const hal::StrobeReport& report) {
+    OwnData& data = data_of(report.exposure);
+    const Duration off = report.start > data.pulse.start ? report.start - data.pulse.start : data.pulse.start - report.start;
+    const Duration wide = report.width > data.pulse.width ? report.width - data.pulse.width : data.pulse.width - report.width;
+    data.lit_right = report.lit && off <= rules_.core.strobe_window && wide <= rules_.core.strobe_window;
+}
+
+void Invariants::submitted(std::uint32_t station_part, const hal::FrameInfo& frame, std::uint64_t true_part) {
+    OwnData& data = data_of(station_part);
+    if (data.submitted) broken(Promise::own_data, "two frames were inspected for station part " + std::to_string(station_part));
+    data.submitted = true;
+    data.true_part = true_part;
+    const TimePoint asked = data.pulse.start - rules_.core.strobe_delay;
+    const Duration off = frame.exposure_start > asked ? frame.exposure_start - asked : asked - frame.exposure_start;
+    data.frame_right = !frame.corrupt && frame.bytes_used >= core_->config().frame_bytes && off <= rules_.core.frame_window;
+}
+
+void Invariants::judged(const Judged& judged) {
+    data_of(judged.part).judged_good = !judged.failed && judged.verdict == algo::Verdict::pass;
+}
+
+void Invariants::rejecting(const hal::RejectCommand& command) {
+    rejecting_ = command;
+    Known* known = known_as(command.part);
+    if (known == nullptr) return;
+    if (known->commanded) broken(Promise::own_rejection, "is commanded to be rejected twice", known->number);
+    if (known->has_result && known->result.verdict == PartVerdict::pass) broken(Promise::own_rejection, "was passed, and is rejected", known->number);
+}
+
+void Invariants::rejecting_done(bool accepted) {
+    Known* known = known_as(rejecting_.part);
+    if (known != nullptr && accepted) known->commanded = true;
 }
 
 }  // namespace hord::firmware

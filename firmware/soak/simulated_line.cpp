@@ -2,9 +2,18 @@
 
 #include <utility>
 
+#include "hal_sim/cell/random.h"
+
 namespace hord::firmware {
 
 using namespace std::chrono_literals;
+using sim::Fault;
+
+namespace {
+
+constexpr std::uint64_t kMomentStream = 0xD1E5;
+
+}  // namespace
 
 LineOptions timed_line(std::uint64_t seed, std::uint64_t parts) {
     LineOptions line;
@@ -16,6 +25,7 @@ LineOptions timed_line(std::uint64_t seed, std::uint64_t parts) {
     cell.rejector.permit_moves_belt = true;
     cell.part_sensor.latency = 200us;
     cell.strobe.report = {20us, 50us};
+    cell.strobe.limits.min_rest = 61ms;  // a little more than min_gap leaves: the light says no to some parts that are close
     cell.sensor.readout = {3ms, 2ms};
     cell.rejector.write = {300us, 2ms};
 
@@ -26,6 +36,7 @@ LineOptions timed_line(std::uint64_t seed, std::uint64_t parts) {
     core.transport = cell.ejector_delay();
     core.frame_timeout = 50ms;
     core.min_gap = 60ms;      // 30 mm: more than the camera and the ejector can confuse
+    core.max_part = 60ms;     // a part is 20 mm long
     core.frame_window = 2ms;
     return line;
 }
@@ -41,24 +52,35 @@ LineOptions encoder_line(std::uint64_t seed, std::uint64_t parts) {
     line.core.exposure_counts = counts(line.cell.geometry.camera_mm);
     line.core.transport_counts = counts(line.cell.geometry.ejector_mm);
     line.core.min_gap_counts = counts(30);
+    line.core.max_part_counts = counts(30);
     return line;
 }
 
-// Sees every frame on its way to the inspector, and knows which part is truly in it.
-class SimulatedLine::Witness final : public Inspector {
+// Sees every frame on its way to the inspector, and every judgement on its way back.
+class SimulatedLine::Witness final : public Inspector, Inspector::Listener {
   public:
     Witness(std::unique_ptr<Inspector> inner, SimulatedLine& line) : inner_(std::move(inner)), line_(line) {}
 
   private:
-    void do_start(Listener& listener) override { inner_->start(listener); }
+    void do_start(Inspector::Listener& listener) override {
+        listener_ = &listener;
+        inner_->start(*this);
+    }
     Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) override {
-        line_.invariants_->frame_inspected(part, line_.cell_->sensor().true_part_of(frame.info().sequence));
+        const hal::FrameInfo info = frame.info();
+        const bool wanted = line_.alive();
+        if (wanted) line_.invariants_->submitted(part, info, line_.cell_->sensor().true_part_of(info.sequence));
         return inner_->submit(part, std::move(frame));
     }
     void do_stop() override { inner_->stop(); }
+    void on_judged(const Judged& judged) override {
+        if (line_.alive()) line_.invariants_->judged(judged);
+        listener_->on_judged(judged);
+    }
 
     std::unique_ptr<Inspector> inner_;
     SimulatedLine& line_;
+    Inspector::Listener* listener_ = nullptr;
 };
 
 Result<std::unique_ptr<SimulatedLine>> SimulatedLine::make(const LineOptions& options) {
@@ -67,37 +89,93 @@ Result<std::unique_ptr<SimulatedLine>> SimulatedLine::make(const LineOptions& op
     return line;
 }
 
-SimulatedLine::~SimulatedLine() = default;
+SimulatedLine::~SimulatedLine() {
+    if (alive()) process_->gates->cut();
+}
 
 Result<void> SimulatedLine::assemble() {
     if (const auto wrong = problems(options_.core); !wrong.empty()) return fail(ErrorCode::invalid_argument, wrong.front());
     auto cell = sim::SimulatedCell::make(loop_, options_.frames != nullptr ? *options_.frames : tokens_, options_.cell);
     if (!cell) return tl::unexpected(cell.error());
     cell_ = std::move(*cell);
-    invariants_ = std::make_unique<Invariants>(cell_->faults(), options_.frames == nullptr);
+    invariants_ = std::make_unique<Invariants>(Invariants::Rules{options_.frames == nullptr, options_.core, 64}, *cell_, loop_);
+    cell_->faults().watch([this](Fault fault, Duration amount) { invariants_->fault(fault, amount); });
     cell_->watch({.part_edge =
                       [this](const sim::PartRecord& part, bool arrives, hal::TimePoint) {
-                          if (arrives) invariants_->part_arrives(part);
+                          if (arrives) part_comes(part);
                       },
-                  .part_gone =
-                      [this](const sim::PartRecord& part) { invariants_->part_is_gone(part, cell_->rejector().run_permit()); },
+                  .part_gone = [this](const sim::PartRecord& part) { invariants_->part_is_gone(part); },
                   .ejector = {}});
+    return start_process(false);
+}
+
+// -- processes: born, killed, buried -----------------------------------------------------------------------------------
+
+Result<void> SimulatedLine::start_process(bool line_unknown) {
     std::unique_ptr<Inspector> judging;
     if (options_.inspector) {
         auto made = options_.inspector(loop_);
         if (!made) return tl::unexpected(made.error());
         judging = std::move(*made);
     } else {
-        judging = make_stand_in_inspector(loop_, options_.queue,
-                                          [this](std::uint32_t part, const hal::FrameLease& frame) { return judge(part, frame); });
+        judging = make_stand_in_inspector(loop_, options_.queue, [this](std::uint32_t, const hal::FrameLease& frame) { return judge(frame); });
     }
-    inspector_ = std::make_unique<Witness>(std::move(judging), *this);
-    station_ = std::make_unique<Station>(
-        options_.core, Cell{loop_, cell_->part_sensor(), cell_->strobe(), cell_->sensor(), cell_->rejector(), *inspector_}, this);
+    ++processes_;
+    process_.reset();
+    Process& process = process_.emplace();
+    process.gates = std::make_unique<Gates>(*cell_, *invariants_);
+    process.inspector = std::make_unique<Witness>(std::move(judging), *this);
+    Gates& gates = *process.gates;
+    process.station = std::make_unique<Station>(
+        options_.core, Cell{loop_, gates.part_sensor(), gates.strobe(), gates.sensor(), gates.rejector(), *process.inspector}, this);
+    invariants_->process_starts(process.station->core(), options_.core);
+    if (line_unknown) process.station->line_unknown();
+    process.station->run();
     return {};
 }
 
-StandInAnswer SimulatedLine::judge(std::uint32_t part, const hal::FrameLease& frame) {
+// Nothing that it does reaches anybody from now on. Its remains are buried when nobody is inside it any more.
+void SimulatedLine::process_dies(Duration down_for, bool line_unknown) {
+    if (!alive()) return;
+    process_->alive = false;
+    process_->gates->cut();
+    invariants_->process_ends();
+    was_stopped_ = false;
+    loop_.call_after({}, [this] {
+        process_->station.reset();
+        process_->inspector.reset();
+    });
+    loop_.call_after(options_.module_watchdog, [this] { process_->gates->close_rejector(); });
+    loop_.call_after(std::max(down_for, 2 * options_.module_watchdog), [this, line_unknown] { (void)start_process(line_unknown); });
+}
+
+// As somebody who changes the configuration does: halt, and start again. What a clean end leaves behind says whether parts
+// are on the line.
+void SimulatedLine::restart_in_order() {
+    if (!alive()) return;
+    (void)process_->station->command(Command::halt);
+    const bool empty = process_->station->core().line().size() == 0 && !snapshot().line_stop;
+    options_.core.reject_pulse = processes_ % 2 == 1 ? milliseconds(14) : milliseconds(15);
+    options_.core.frame_timeout = processes_ % 2 == 1 ? milliseconds(55) : milliseconds(50);
+    process_dies(milliseconds(200), !empty);
+}
+
+// -- what happens as parts come ----------------------------------------------------------------------------------------
+
+void SimulatedLine::part_comes(const sim::PartRecord& part) {
+    invariants_->part_arrives(part);
+    sim::FaultPlan& faults = cell_->faults();
+    if (const auto amount = faults.fires(Fault::process_stalled)) loop_.stall(*amount);
+    if (const auto amount = faults.fires(Fault::process_crash)) {
+        const std::uint64_t moment = sim::random_bits(options_.cell.seed, kMomentStream, drawn_++);
+        const auto dies = [this, down_for = *amount] { process_dies(down_for, true); };
+        if (moment % 2 == 0 && alive()) process_->gates->after_calls(static_cast<int>(moment / 2 % 6), dies);  // in the middle of a step
+        else loop_.call_after(Duration(static_cast<Duration::rep>(moment % 100'000'000)), dies);
+    }
+    if (faults.fires(Fault::restart_ordered)) loop_.call_after({}, [this] { restart_in_order(); });
+}
+
+StandInAnswer SimulatedLine::judge(const hal::FrameLease& frame) {
     StandInAnswer answer;
     const auto token = sim::TokenFrames::read(frame.view());
     if (!token) {
@@ -108,54 +186,63 @@ StandInAnswer SimulatedLine::judge(std::uint32_t part, const hal::FrameLease& fr
         answer.judged.verdict = token->bad ? algo::Verdict::reject : algo::Verdict::pass;
         answer.judged.reason = token->bad ? algo::Reason::deflection : algo::Reason::none;
     }
-    const bool slow = part >= options_.slow_first && part <= options_.slow_last;
-    slow_inspections_ += slow ? 1U : 0U;
-    answer.after = slow ? options_.slow_inspection : options_.inspection;
+    answer.judged.failed = cell_->faults().fires(Fault::inspector_failed).has_value();
+    answer.after = options_.inspection + cell_->faults().fires(Fault::inspector_slow).value_or(Duration::zero());
     return answer;
 }
 
 bool SimulatedLine::run() {
-    station_->run();
     const auto& cell = options_.cell;
     const double belt_mm = static_cast<double>(cell.schedule.parts) * cell.schedule.pitch_mm + cell.geometry.exit_mm;
     const hal::TimePoint limit = loop_.now() + 20 * cell.travel(belt_mm) + 60s;
-    const bool over = loop_.run_until([this] { return cell_->finished() && station_->core().line().size() == 0; }, limit);
+    const bool over = loop_.run_until([this] { return cell_->finished() && alive() && process_->station->core().line().size() == 0; }, limit);
     loop_.run_for(2s);  // a last reset
-    invariants_->end(station_->core(), cell_->strobe().longest_on(), cell.strobe.limits.max_on);
+    invariants_->end();
     return over;
 }
 
-// The person looks at a station that has stopped, takes parts off where line stop says so, and resets it.
+// -- the person --------------------------------------------------------------------------------------------------------
+
+void SimulatedLine::person_comes() {
+    if (!std::exchange(person_is_coming_, true)) loop_.call_after(options_.reset_after, [this] { look_after_the_line(); });
+}
+
+// Looks at a station that has stopped, takes the parts off where line stop says so, and resets it.
 void SimulatedLine::look_after_the_line() {
     person_is_coming_ = false;
-    const State state = station_->snapshot().state;
+    if (!alive()) return;
+    const State state = process_->station->core().state();
     if (state != State::error && state != State::initialized) return;
     watch_line_stop();
     ++resets_;
-    (void)station_->command(Command::reset);
-    if (!executing(station_->snapshot().state) && !std::exchange(person_is_coming_, true)) {
-        loop_.call_after(options_.reset_after, [this] { look_after_the_line(); });
-    }
+    if (snapshot().line_stop) cell_->world().take_off([](const sim::PartRecord&) { return true; });
+    (void)process_->station->command(Command::reset);
+    if (alive() && !executing(process_->station->core().state())) person_comes();
 }
 
 void SimulatedLine::watch_line_stop() {
-    const bool stopped = station_->snapshot().line_stop;
-    if (stopped) invariants_->line_is_stopped(loop_.now());
+    const bool stopped = process_->station->core().line_stop();
     if (stopped && !was_stopped_) ++line_stops_;
     was_stopped_ = stopped;
 }
 
 void SimulatedLine::on_result(const PartResult& result) {
-    watch_line_stop();
-    invariants_->result(result, station_->core(), loop_.now());
+    if (!alive()) return;
+    invariants_->result(result);
     if (keep_) kept_.push_back(result);
 }
 
 void SimulatedLine::on_state(State, State to) {
-    if (to == State::continuous_execution) cell_->start();
+    if (!alive()) return;
+    if (to == State::continuous_execution && !std::exchange(line_started_, true)) cell_->start();
     watch_line_stop();
-    if (to != State::error) return;
-    if (!std::exchange(person_is_coming_, true)) loop_.call_after(options_.reset_after, [this] { look_after_the_line(); });
+    if (to == State::error) person_comes();
+}
+
+void SimulatedLine::on_step(State before, const Event& event) {
+    if (!alive()) return;
+    coverage_.stepped(before, event);
+    invariants_->stepped(before);
 }
 
 }  // namespace hord::firmware

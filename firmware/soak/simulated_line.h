@@ -1,10 +1,16 @@
 // A whole line in virtual time: the real station, the simulated cell, a person who resets, and the omniscient observer.
+//
+// The station's process may die at any point and is started again, as systemd does it; then it does not know what is on the
+// line. The person who resets after line stop takes every part off the belt.
 #pragma once
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
+#include "firmware/soak/coverage.h"
+#include "firmware/soak/gates.h"
 #include "firmware/soak/invariants.h"
 #include "firmware/station.h"
 #include "hal_sim/cell/cell.h"
@@ -16,13 +22,12 @@ struct LineOptions {
     CoreConfig core;
     sim::CellOptions cell;
 
-    // The stand-in inspector judges by the token in the frame, after this time; parts in [slow_first, slow_last] take longer.
+    // The stand-in inspector judges by the token in the frame, after this time.
     Duration inspection = milliseconds(20);
-    Duration slow_inspection = milliseconds(1000);
-    std::uint32_t slow_first = 0, slow_last = 0;
     int queue = 4;
 
-    Duration reset_after = milliseconds(500);  // a person resets the station so long after an error
+    Duration reset_after = milliseconds(500);    // a person resets the station so long after an error
+    Duration module_watchdog = milliseconds(50);  // after the process died the rejector's module drops permit and outputs
 
     // In place of tokens and stand-in: a frame source, and an inspector for its frames. The source outlives the line.
     sim::FrameSource* frames = nullptr;
@@ -42,39 +47,53 @@ class SimulatedLine final : public StationObserver {
     // Until every part is gone and the line is empty; false when that takes longer than twenty times the belt's time.
     bool run();
 
-    [[nodiscard]] const Invariants& invariants() const { return *invariants_; }
-    [[nodiscard]] Snapshot snapshot() const { return station_->snapshot(); }
+    [[nodiscard]] Invariants& invariants() { return *invariants_; }
+    [[nodiscard]] const Coverage& coverage() const { return coverage_; }
+    [[nodiscard]] Snapshot snapshot() const { return process_ ? process_->station->snapshot() : Snapshot{}; }
     [[nodiscard]] sim::SimulatedCell& cell() { return *cell_; }
     [[nodiscard]] sim::VirtualTime& loop() { return loop_; }
-    [[nodiscard]] Station& station() { return *station_; }
+    [[nodiscard]] Station& station() { return *process_->station; }  // while a process runs
     [[nodiscard]] std::uint64_t resets() const { return resets_; }
     [[nodiscard]] std::uint64_t line_stops() const { return line_stops_; }
-    [[nodiscard]] std::uint32_t slow_inspections() const { return slow_inspections_; }
+    [[nodiscard]] std::uint64_t processes() const { return processes_; }
     [[nodiscard]] const std::vector<PartResult>& kept() const { return kept_; }
     void keep_results(bool keep) { keep_ = keep; }
 
   private:
     class Witness;
+    struct Process {  // what dies together; destroyed in reverse order
+        std::unique_ptr<Gates> gates;
+        std::unique_ptr<Inspector> inspector;
+        std::unique_ptr<Station> station;
+        bool alive = true;  // false: cut off, to be buried
+    };
     explicit SimulatedLine(const LineOptions& options) : options_(options) {}
     Result<void> assemble();
-    StandInAnswer judge(std::uint32_t part, const hal::FrameLease& frame);
+    Result<void> start_process(bool line_unknown);
+    void process_dies(Duration down_for, bool line_unknown);
+    void restart_in_order();
+    void part_comes(const sim::PartRecord& part);
+    [[nodiscard]] StandInAnswer judge(const hal::FrameLease& frame);
+    void person_comes();
     void look_after_the_line();
     void watch_line_stop();
     void on_result(const PartResult& result) override;
     void on_state(State from, State to) override;
+    void on_step(State before, const Event& event) override;
+    [[nodiscard]] bool alive() const { return process_ && process_->alive; }
 
     LineOptions options_;
     sim::VirtualTime loop_;
-    sim::TokenFrames tokens_{{27, 27, 8}};
+    sim::TokenFrames tokens_{{5, 5, 8}};
+    Coverage coverage_;
     std::unique_ptr<sim::SimulatedCell> cell_;
     std::unique_ptr<Invariants> invariants_;
-    std::unique_ptr<Inspector> inspector_;
-    std::unique_ptr<Station> station_;
+    std::optional<Process> process_;
+    bool line_started_ = false;
     bool person_is_coming_ = false;
     bool was_stopped_ = false;
     bool keep_ = false;
-    std::uint64_t resets_ = 0, line_stops_ = 0;
-    std::uint32_t slow_inspections_ = 0;
+    std::uint64_t resets_ = 0, line_stops_ = 0, processes_ = 0, drawn_ = 0;
     std::vector<PartResult> kept_;
 };
 

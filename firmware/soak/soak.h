@@ -11,7 +11,9 @@
 #include <vector>
 
 #include "algo/result.h"
-#include "hal_sim/cell/faults.h"
+#include "firmware/soak/coverage.h"
+#include "firmware/soak/plan.h"
+#include "firmware/soak/simulated_line.h"
 
 namespace hord::firmware {
 
@@ -20,28 +22,33 @@ struct SoakOptions {
     std::uint64_t seed = 1;
     std::uint64_t parts_an_episode = 5'000;
     bool until_violation = false;              // ends with the first episode that breaks a promise
-    std::uint64_t first_episode = 0;           // to run one episode again: its number, and parts = parts_an_episode
-    std::vector<sim::FaultRule> faults;        // the same in every episode; none: each draws its own
     std::function<void(double done)> progress;  // 0..1; may be empty
 };
 
 struct SoakReport {
     std::uint64_t parts = 0, episodes = 0, results = 0;
     std::uint64_t violations = 0;
-    std::vector<std::string> first_violations;  // each names seed, episode and plan
+    std::vector<std::string> first_violations;  // each with the command that shows it again
     std::uint64_t parts_to_violation = 0;       // that had come when the first promise was broken; 0: none was
     std::uint64_t line_stops = 0, resets = 0, excused = 0;
     std::uint64_t virtual_s = 0;
     std::array<std::uint64_t, 32> reasons{};              // by PartReason
     std::array<std::uint64_t, sim::kFaults> planned{};    // episodes whose plan names the fault
     std::array<std::uint64_t, sim::kFaults> fired{};      // times
-    std::uint64_t pairs = 0;                              // of faults that fired in one episode, different ones
+    std::uint64_t undisturbed = 0;                        // parts that came with nothing wrong, and were held to that
+    std::uint64_t processes = 0;                          // more than episodes: those that died
+    Coverage coverage;
     std::vector<std::string> never_fired;                 // planned in an episode and not seen there
     std::uint64_t fingerprint = 0;                        // of every result: equal for equal options
 
     // No violation, no episode that did not end, no planned fault that never fired.
     [[nodiscard]] bool good() const { return violations == 0 && never_fired.empty(); }
 };
+
+// One episode, added to the report. The same plan gives the same bits.
+LineOptions line_of(const EpisodePlan& plan);
+std::string command_of(const EpisodePlan& plan);
+Result<void> run_episode(const EpisodePlan& plan, SoakReport& report);
 
 // Fails with invalid_argument when the options are impossible.
 Result<SoakReport> soak(const SoakOptions& options);

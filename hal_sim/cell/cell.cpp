@@ -62,7 +62,7 @@ Result<std::unique_ptr<SimulatedCell>> SimulatedCell::make(hal::EventLoop& loop,
 
 SimulatedCell::SimulatedCell(hal::EventLoop& loop, FrameSource& frames, const CellOptions& options)
     : faults_(options.seed, options.faults),
-      world_(loop, options.conveyor, options.schedule, options.geometry, options.seed),
+      world_(loop, faults_, options.conveyor, options.schedule, options.geometry, options.seed),
       part_sensor_(loop, world_, faults_, options.part_sensor),
       strobe_(loop, faults_, options.strobe, options.seed),
       sensor_(loop, world_, strobe_, frames, faults_, options.sensor, options.seed),
@@ -71,7 +71,7 @@ SimulatedCell::SimulatedCell(hal::EventLoop& loop, FrameSource& frames, const Ce
         .part_edge =
             [this](const PartRecord& part, bool arrives, hal::TimePoint at) {
                 if (watchers_.part_edge) watchers_.part_edge(part, arrives, at);
-                part_sensor_.part_edge(arrives, at);
+                if (arrives ? !part.touches_ahead : !part.touched_behind) part_sensor_.part_edge(arrives, at);
             },
         .part_gone =
             [this](const PartRecord& part) {

@@ -34,6 +34,7 @@ constexpr std::array<Row, kFaults> kRows = {{
     {"edge-missed", 0ns},
     {"edge-ghost", 10ms},
     {"encoder-slip", 1ms},
+    {"encoder-silent", 300ms},
     {"part-sensor-lost", 100ms},
     {"reject-lost", 0ns},
     {"reject-unacknowledged", 0ns},
@@ -41,6 +42,16 @@ constexpr std::array<Row, kFaults> kRows = {{
     {"reject-twice", 20ms},
     {"ejector-stuck", 0ns},
     {"rejector-down", 100ms},
+    {"part-close", 0ns},
+    {"part-touching", 0ns},
+    {"part-missing", 0ns},
+    {"part-removed", 150ms},
+    {"belt-stop", 300ms},
+    {"inspector-slow", 1000ms},
+    {"inspector-failed", 0ns},
+    {"process-stalled", 120ms},
+    {"process-crash", 400ms},
+    {"restart-ordered", 0ns},
 }};
 
 }  // namespace
@@ -68,17 +79,20 @@ void FaultPlan::fire_next(Fault fault, hal::Duration amount) {
 std::optional<hal::Duration> FaultPlan::fires(Fault fault) {
     Track& track = tracks_[index(fault)];
     const std::uint64_t opportunity = track.opportunities++;
-    if (track.next) {
-        ++track.fired;
-        return std::exchange(track.next, std::nullopt);
-    }
+    if (track.next) return fire(track, fault, *std::exchange(track.next, std::nullopt));
+    if (track.rules.empty()) return std::nullopt;
     for (const FaultRule& rule : track.rules) {
         if (opportunity < rule.first || opportunity > rule.last) continue;
         if (random_unit(seed_, 0xFA00U + index(fault), opportunity) >= rule.probability) continue;
-        ++track.fired;
-        return rule.amount;
+        return fire(track, fault, rule.amount);
     }
     return std::nullopt;
+}
+
+std::optional<hal::Duration> FaultPlan::fire(Track& track, Fault fault, hal::Duration amount) {
+    ++track.fired;
+    if (watcher_) watcher_(fault, amount);
+    return amount;
 }
 
 std::vector<Fault> FaultPlan::never_fired() const {

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string_view>
 #include <vector>
@@ -33,6 +34,7 @@ enum class Fault : std::uint8_t {
     edge_missed,           // each arrival        not delivered, without a trace
     edge_ghost,            // each arrival        an arrival `amount` later (10 ms) with no part
     encoder_slip,          // each arrival        the encoder loses `amount`'s worth of nominal motion (1 ms)
+    encoder_silent,        // each arrival        no reading and no count with an edge for `amount` (300 ms)
     part_sensor_lost,      // each arrival        the device goes; start() fails for `amount` (100 ms)
     reject_lost,           // each command        never acts, never acknowledged
     reject_unacknowledged, // each command        acts, never acknowledged
@@ -40,8 +42,18 @@ enum class Fault : std::uint8_t {
     reject_twice,          // each command        acts again `amount` after the first pulse ends (20 ms)
     ejector_stuck,         // each command        acknowledged, the valve does not move
     rejector_down,         // each command        the link goes for `amount` (100 ms), the command with it
+    part_close,            // each part           its front is a tenth of a part's length behind the end of the one ahead
+    part_touching,         // each part           its front touches the one ahead: no edge between the two
+    part_missing,          // each part           its place on the belt is empty
+    part_removed,          // each arrival        taken off the belt by hand `amount` after its arrival (150 ms)
+    belt_stop,             // each arrival        the belt stands for `amount` (300 ms), whatever the permit says
+    inspector_slow,        // each inspection     takes `amount` longer (1 s)
+    inspector_failed,      // each inspection     answers that it could not
+    process_stalled,       // each arrival        the process does not get to run for `amount` (120 ms)
+    process_crash,         // each arrival        the process dies a moment later and is started again after `amount` (400 ms)
+    restart_ordered,       // each arrival        the station is halted, and started again with its configuration read anew
 };
-inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::rejector_down) + 1;
+inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::restart_ordered) + 1;
 
 std::string_view name_of(Fault fault);                          // "frame-drop"
 std::optional<Fault> fault_named(std::string_view name);
@@ -62,6 +74,9 @@ class FaultPlan {
     // Depends on seed, fault and number of the opportunity only, so that removing a rule leaves the others as they were.
     std::optional<hal::Duration> fires(Fault fault);
 
+    // Told of every fault at the moment it fires.
+    void watch(std::function<void(Fault, hal::Duration amount)> watcher) { watcher_ = std::move(watcher); }
+
     // The next opportunity fires, once, whatever the rules say. amount 0: the fault's own.
     void fire_next(Fault fault, hal::Duration amount = {});
 
@@ -77,8 +92,11 @@ class FaultPlan {
         std::optional<hal::Duration> next;
         std::uint64_t opportunities = 0, fired = 0;
     };
+    std::optional<hal::Duration> fire(Track& track, Fault fault, hal::Duration amount);
+
     std::uint64_t seed_;
     std::array<Track, kFaults> tracks_;
+    std::function<void(Fault, hal::Duration)> watcher_;
 };
 
 }  // namespace hord::sim

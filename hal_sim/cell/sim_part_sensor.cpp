@@ -34,6 +34,7 @@ std::int64_t SimPartSensor::counts_at(TimePoint at) {
 void SimPartSensor::read_encoder() {
     encoder_timer_ = loop_.call_after(options_.encoder_every, [this] { read_encoder(); });
     const TimePoint now = loop_.now();
+    if (now < silent_until_) return;
     listener_->on_encoder({now, counts_at(now)});
 }
 
@@ -56,6 +57,7 @@ void SimPartSensor::part_edge(bool arrives, TimePoint at) {
     if (const auto amount = faults_.fires(Fault::encoder_slip)) {
         slipped_mm_ += 1e-9 * static_cast<double>(amount->count()) * world_.nominal_speed_mm_s();
     }
+    if (const auto amount = faults_.fires(Fault::encoder_silent)) silent_until_ = loop_.now() + *amount;
     const bool missed = faults_.fires(Fault::edge_missed).has_value(), lost = faults_.fires(Fault::edge_lost).has_value();
     const auto bounces_for = faults_.fires(Fault::edge_bounce), ghost_after = faults_.fires(Fault::edge_ghost);
     swallow_departure_ = missed;
@@ -80,7 +82,7 @@ void SimPartSensor::deliver(std::size_t slot) {
     pending_[slot].used = false;
     hal::PartEdge edge = pending_[slot].edge;
     edge.sequence = ++sequence_;
-    if (options_.encoder_counts_per_mm > 0) edge.counts = counts_at(edge.at);
+    if (options_.encoder_counts_per_mm > 0 && loop_.now() >= silent_until_) edge.counts = counts_at(edge.at);
     listener_->on_edge(edge);
 }
 

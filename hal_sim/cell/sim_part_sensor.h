@@ -49,7 +49,7 @@ class SimPartSensor final : public hal::PartSensor {
     std::uint32_t sequence_ = 0;
     double slipped_mm_ = 0;
     bool swallow_departure_ = false;
-    hal::TimePoint back_at_{};
+    hal::TimePoint back_at_{}, silent_until_{};
     hal::EventLoop::TimerId encoder_timer_{}, lost_timer_{};
 };
 

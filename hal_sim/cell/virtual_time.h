@@ -36,6 +36,9 @@ class VirtualTime final : public hal::EventLoop {
     // Runs until no timer is left; false when timers due after `limit` remain (a periodic timer never ends).
     bool run_until_idle(hal::TimePoint limit);
 
+    // The process does not get to run for so long: what falls due meanwhile comes late. Loop thread, inside a callback too.
+    void stall(hal::Duration amount) { now_ += amount; }
+
     // Runs the next callback only; false when there is none.
     bool run_one();
 

@@ -18,13 +18,16 @@ constexpr hal::Duration kMemory = std::chrono::seconds(2);
 
 }  // namespace
 
-World::World(hal::EventLoop& loop, const ConveyorOptions& conveyor, const ScheduleOptions& schedule,
+World::World(hal::EventLoop& loop, FaultPlan& faults, const ConveyorOptions& conveyor, const ScheduleOptions& schedule,
              const GeometryOptions& geometry, std::uint64_t seed)
-    : loop_(loop), conveyor_options_(conveyor), schedule_(schedule), geometry_(geometry), seed_(seed) {
+    : loop_(loop), faults_(faults), conveyor_options_(conveyor), schedule_(schedule), geometry_(geometry), seed_(seed) {
     for (const PartKind& kind : schedule_.kinds) share_sum_ += kind.share;
 }
 
-World::~World() { loop_.cancel(timer_); }
+World::~World() {
+    loop_.cancel(timer_);
+    for (const auto timer : meddling_) loop_.cancel(timer);
+}
 
 void World::start() {
     if (conveyor_) return;
@@ -40,6 +43,14 @@ void World::draw_part() {
     part.number = drawn_ + 1;
     const double jitter = drawn_ == 0 ? 0 : schedule_.pitch_jitter * random_sign(seed_, kPitchStream, drawn_);
     part.front_mm = last_front_mm_ + schedule_.pitch_mm * (1 + jitter);
+    const bool close = faults_.fires(Fault::part_close).has_value(), missing = faults_.fires(Fault::part_missing).has_value();
+    if (missing) part.front_mm += schedule_.pitch_mm;
+    if (faults_.fires(Fault::part_touching) && drawn_ > 0) {
+        part.touches_ahead = line_.back().touched_behind = true;
+        part.front_mm = line_.back().front_mm + schedule_.part_length_mm;
+    } else if (close && drawn_ > 0) {
+        part.front_mm = line_.back().front_mm + 1.1 * schedule_.part_length_mm;
+    }
     double lot = random_unit(seed_, kKindStream, drawn_) * share_sum_;
     while (part.kind + 1 < schedule_.kinds.size() && lot >= schedule_.kinds[part.kind].share) lot -= schedule_.kinds[part.kind++].share;
     part.bad = schedule_.kinds[part.kind].bad;
@@ -77,6 +88,8 @@ void World::act() {
         ++totals_.arrived;
         draw_part();
         edge = with_index(next_arrival_ - 1);
+        const PartRecord* ahead = next_arrival_ >= 2 ? with_index(next_arrival_ - 2) : nullptr;
+        edge->touches_ahead = edge->touches_ahead && ahead != nullptr && ahead->fate == PartRecord::Fate::on_line;
     } else if (what == Next::departure) {
         edge = with_index(next_departure_++);
     } else {
@@ -91,18 +104,50 @@ void World::act() {
         conveyor_->forget_before(at - kMemory);
     }
     plan();
-    if (edge != nullptr && watchers_.part_edge) watchers_.part_edge(*edge, what == Next::arrival, at);
+    if (edge == nullptr) return;
+    const PartRecord seen = *edge;  // what follows may move the line
+    if (watchers_.part_edge) watchers_.part_edge(seen, what == Next::arrival, at);
+    if (what == Next::arrival) meddle(seen);
+}
+
+void World::meddle(const PartRecord& arrived) {
+    if (const auto after = faults_.fires(Fault::part_removed)) {
+        meddling_.push_back(loop_.call_after(*after, [this, number = arrived.number] {
+            take_off([number](const PartRecord& part) { return part.number == number; });
+        }));
+    }
+    if (const auto stands_for = faults_.fires(Fault::belt_stop)) {
+        ++stopped_;
+        move();
+        meddling_.push_back(loop_.call_after(*stands_for, [this] {
+            --stopped_;
+            move();
+        }));
+    }
+}
+
+void World::take_off(const std::function<bool(const PartRecord&)>& takes) {
+    for (std::uint64_t index = std::max(next_exit_, first_index_); index < next_arrival_; ++index) {
+        PartRecord& part = *with_index(index);
+        if (part.fate == PartRecord::Fate::on_line && takes(part)) settle(part, PartRecord::Fate::removed, loop_.now());
+    }
 }
 
 void World::halt() {
-    if (!conveyor_ || conveyor_->halted()) return;
-    conveyor_->halt(loop_.now());
-    plan();
+    may_move_ = false;
+    move();
 }
 
 void World::resume() {
-    if (!conveyor_ || !conveyor_->halted()) return;
-    conveyor_->resume(loop_.now());
+    may_move_ = true;
+    move();
+}
+
+void World::move() {
+    const bool stands = !may_move_ || stopped_ > 0;
+    if (!conveyor_ || conveyor_->halted() == stands) return;
+    if (stands) conveyor_->halt(loop_.now());
+    else conveyor_->resume(loop_.now());
     plan();
 }
 
@@ -110,7 +155,8 @@ void World::settle(PartRecord& part, PartRecord::Fate fate, TimePoint at) {
     part.fate = fate;
     part.gone = at;
     const bool ejected = fate == PartRecord::Fate::ejected;
-    ++(ejected ? (part.bad ? totals_.ejected_bad : totals_.ejected_good) : (part.bad ? totals_.left_bad : totals_.left_good));
+    if (fate == PartRecord::Fate::removed) ++totals_.removed;
+    else ++(ejected ? (part.bad ? totals_.ejected_bad : totals_.ejected_good) : (part.bad ? totals_.left_bad : totals_.left_good));
     if (watchers_.part_gone) watchers_.part_gone(part);
 }
 
@@ -148,7 +194,7 @@ World::InView World::in_view(TimePoint at) {
     for (PartRecord& part : line_) {
         const double offset = centre - part.front_mm;
         if (offset < -geometry_.camera_reach_mm) break;
-        if (part.fate == PartRecord::Fate::ejected && part.gone <= at) continue;
+        if ((part.fate == PartRecord::Fate::ejected || part.fate == PartRecord::Fate::removed) && part.gone <= at) continue;
         if (offset > geometry_.camera_reach_mm) continue;
         if (best.part == nullptr || std::abs(offset) < std::abs(best.offset_mm)) best = {&part, offset};
     }

@@ -14,6 +14,7 @@
 
 #include "drivers/hal/event_loop.h"
 #include "hal_sim/cell/conveyor.h"
+#include "hal_sim/cell/faults.h"
 
 namespace hord::sim {
 
@@ -42,19 +43,20 @@ struct GeometryOptions {
 
 // What truly became of a part.
 struct PartRecord {
-    enum class Fate : std::uint8_t { on_line, ejected, left };
+    enum class Fate : std::uint8_t { on_line, ejected, left, removed };  // removed: taken off by hand
     std::uint64_t number = 0;      // from 1, in the order of arrival
     std::size_t kind = 0;          // index into ScheduleOptions::kinds
     bool bad = false;
+    bool touches_ahead = false, touched_behind = false;  // no edge between the two
     double front_mm = 0;           // belt position at which its front crosses the sensor
     hal::TimePoint arrived;        // when it did: equals PartEdge::at unless a fault meddled
     std::uint32_t exposures = 0;   // frames taken of it
     Fate fate = Fate::on_line;
-    hal::TimePoint gone;           // ejected or left
+    hal::TimePoint gone;           // ejected, left or removed
 };
 
 struct WorldTotals {
-    std::uint64_t arrived = 0, ejected_good = 0, ejected_bad = 0, left_good = 0, left_bad = 0;
+    std::uint64_t arrived = 0, ejected_good = 0, ejected_bad = 0, left_good = 0, left_bad = 0, removed = 0;
     std::uint64_t ejector_pulses = 0, empty_pulses = 0;  // empty: no part was there
 };
 
@@ -67,7 +69,7 @@ class World {
         std::function<void(bool open, hal::TimePoint at)> ejector;                           // the valve moved
     };
 
-    World(hal::EventLoop& loop, const ConveyorOptions& conveyor, const ScheduleOptions& schedule,
+    World(hal::EventLoop& loop, FaultPlan& faults, const ConveyorOptions& conveyor, const ScheduleOptions& schedule,
           const GeometryOptions& geometry, std::uint64_t seed);
     ~World();
     World(const World&) = delete;
@@ -81,6 +83,11 @@ class World {
     // Line stop and go.
     void halt();
     void resume();
+
+    [[nodiscard]] bool stands() const { return !conveyor_ || conveyor_->halted(); }
+
+    // A person takes parts off the belt: those for which `takes` says so, of all that are between part sensor and exit.
+    void take_off(const std::function<bool(const PartRecord&)>& takes);
 
     // The ejector's valve opens or closes. Whatever is before it in between is ejected. `at` may lie a little in the past.
     void set_ejector(bool open, hal::TimePoint at);
@@ -106,17 +113,22 @@ class World {
     void act();
     void eject_between(hal::TimePoint from, hal::TimePoint until);
     void settle(PartRecord& part, PartRecord::Fate fate, hal::TimePoint at);
+    void meddle(const PartRecord& arrived);
+    void move();  // or stand: the permit and belt_stop agree on it
     PartRecord* with_index(std::uint64_t index) {
         return index < first_index_ || index >= first_index_ + line_.size() ? nullptr : &line_[index - first_index_];
     }
 
     hal::EventLoop& loop_;
+    FaultPlan& faults_;
     ConveyorOptions conveyor_options_;
     ScheduleOptions schedule_;
     GeometryOptions geometry_;
     std::uint64_t seed_;
     Watchers watchers_;
     std::optional<Conveyor> conveyor_;
+    bool may_move_ = true;           // the permit's say
+    std::uint32_t stopped_ = 0;      // belt_stop faults under way
 
     // Parts in order; line_[0] has index first_index_. All three cursors are indices.
     std::deque<PartRecord> line_;
@@ -126,6 +138,7 @@ class World {
     double last_front_mm_ = 0;
     double share_sum_ = 0;
 
+    std::vector<hal::EventLoop::TimerId> meddling_;
     hal::EventLoop::TimerId timer_{};
     enum class Next : std::uint8_t { nothing, arrival, departure, exit };
     Next next_ = Next::nothing;

@@ -1,0 +1,37 @@
+// What goes wrong in an episode: data, drawn from a seed, and as text that can be given back.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "algo/result.h"
+#include "hal_sim/cell/faults.h"
+
+namespace hord::firmware {
+
+enum class LineProfile : std::uint8_t { timed, encoder };
+std::string_view name_of(LineProfile profile);
+
+struct EpisodePlan {
+    std::uint64_t seed = 1;
+    std::uint64_t parts = 5'000;
+    LineProfile line = LineProfile::timed;
+    std::vector<sim::FaultRule> faults;
+};
+
+// One to three faults. Each fires surely once, early in the episode and near the others, and then now and then until nine
+// tenths of it; in the last tenth the line must find back.
+EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts);
+// The same with these faults.
+EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector<sim::Fault>& faults);
+
+// Faults that cannot happen on a line of this profile: without an encoder none can slip, and nothing tells of a belt that
+// stops by itself (such a line must be wired to stop by its permit only).
+bool possible(sim::Fault fault, LineProfile line);
+
+// "frame-drop@5", "frame-late@6-900:0.01+200ms": opportunities, probability, amount; several with commas.
+std::string text_of(const std::vector<sim::FaultRule>& faults);
+Result<std::vector<sim::FaultRule>> faults_of(std::string_view text);
+
+}  // namespace hord::firmware
