@@ -28,6 +28,7 @@ void Core::on(const hal::PartEdge& edge) {
     if (edge.sequence == last_edge_ && edge.at == last_edge_at_ && last_edge_ != 0) return;  // the same edge, told twice
     const bool arrives = edge.kind == hal::PartEdge::Kind::arrives;
     const bool certain = continues(edge);
+    if (!arrives && last_edge_ == 0 && certain) part_was_there();
     last_edge_ = edge.sequence;
     last_kind_ = edge.kind;
     last_edge_at_ = edge.at;
@@ -36,6 +37,14 @@ void Core::on(const hal::PartEdge& edge) {
     if (!arrives) look_for_touching_parts(edge.at, edge.counts ? *edge.counts : conveyor_.counts_at(edge.at));
     covered_ = arrives && certain;
     if (arrives) arrive(edge, certain);
+}
+
+// The first edge is one that leaves: a part was at the part sensor when it came up, and nobody knows it.
+void Core::part_was_there() {
+    ++counters_.missed;
+    trouble_ |= kFaultPartSensor;
+    fault(kFaultPartSensor);
+    stop_the_line();
 }
 
 // The part sensor is covered for longer than any part is: another one hides behind the newest. It has no place that is

@@ -78,6 +78,7 @@ class Core {
     void on(const hal::EncoderReading& reading);
     [[nodiscard]] bool continues(const hal::PartEdge& edge);
     void arrive(const hal::PartEdge& edge, bool identity_certain);
+    void part_was_there();
     void look_for_touching_parts(TimePoint at, std::int64_t counts);
     [[nodiscard]] bool comes_too_close(TimePoint at, std::int64_t counts);
     [[nodiscard]] TimePoint expose_when_due(Part& part);

@@ -30,7 +30,7 @@ void Core::settle() {
             next_wake_ = std::min(next_wake_, silent_at);
         }
     }
-    if (covered_ && !config_.by_encoder && config_.max_part > Duration::zero()) {
+    if (covered_ && leaves_seen_ && !config_.by_encoder && config_.max_part > Duration::zero()) {
         look_for_touching_parts(now_, 0);
         if (covered_) next_wake_ = std::min(next_wake_, last_arrival_ + config_.max_part + Duration(1));
     }

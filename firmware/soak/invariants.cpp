@@ -84,7 +84,7 @@ void Invariants::check_exit(Known& known) {
         return;
     }
     // A process that does not run can stop no line: the next one must, before the belt moves on.
-    if (core_ == nullptr || any_fired_within(std::uint64_t{1} << static_cast<unsigned>(Fault::process_stalled), milliseconds(300))) {
+    if (core_ == nullptr || clock_.now() <= stalled_until_ + milliseconds(20)) {
         left_in_outage_at_ = clock_.now().time_since_epoch().count();
         return;
     }
@@ -118,6 +118,7 @@ void Invariants::fault(Fault fault, Duration amount) {
     disturbed_until_ = std::max(disturbed_until_, faults_until_);
     told_not_ready_ = false;
     switch (fault) {
+        case Fault::process_stalled: stalled_until_ = std::max(stalled_until_, now + amount); break;
         case Fault::edge_missed: parts_[newest_ % kMemory].invisible = true; break;
         case Fault::encoder_slip:
             for (Known& known : parts_) {

@@ -41,6 +41,10 @@ class Invariants {
     // After the last fault's effect has ended, and after a person's reset, the line runs again within this.
     static constexpr Duration kReadyWithin = milliseconds(5000);
 
+    // The station takes fewer steps than this at one moment.
+    static constexpr int kMostStepsAtOnce = 5000;
+    [[nodiscard]] bool time_stands_still() const { return steps_at_once_ > kMostStepsAtOnce; }
+
     struct Rules {
         bool perfect_detection = true;  // a passed bad part is the control's fault, not the inspection's
         CoreConfig core;
@@ -142,6 +146,9 @@ class Invariants {
     }();
     TimePoint faults_until_{};      // the effects of those that fired last until then
     TimePoint disturbed_until_{};   // that, and stops and resets
+    TimePoint stepped_at_{};
+    int steps_at_once_ = 0;
+    TimePoint stalled_until_{};     // the process does not run
     bool told_not_ready_ = false;
     TimePoint last_line_stop_ = TimePoint::min();
     std::int64_t left_in_outage_at_ = -1;  // a part left while no process could stop the line

@@ -22,13 +22,14 @@ struct Behind {
 };
 constexpr std::array kBehind{
     Behind{PartReason::verdict_late, any_of(Fault::inspector_slow, Fault::process_stalled, Fault::frame_late, Fault::encoder_silent, Fault::encoder_slip, Fault::belt_stop, Fault::part_sensor_lost, Fault::rejector_down)},
-    Behind{PartReason::frame_lost, any_of(Fault::frame_drop, Fault::frame_late, Fault::sensor_lost, Fault::inspector_slow, Fault::process_stalled, Fault::process_crash)},
+    Behind{PartReason::frame_lost, any_of(Fault::frame_drop, Fault::frame_stale, Fault::frame_late, Fault::sensor_lost, Fault::inspector_slow, Fault::process_stalled, Fault::process_crash)},
     Behind{PartReason::frame_stale, any_of(Fault::frame_stale, Fault::frame_late, Fault::process_stalled, Fault::sensor_lost)},
-    Behind{PartReason::frame_duplicate, any_of(Fault::frame_duplicate)},
+    Behind{PartReason::frame_duplicate, any_of(Fault::frame_duplicate, Fault::frame_late)},
     Behind{PartReason::frame_short, any_of(Fault::frame_short)},
     Behind{PartReason::frame_corrupt, any_of(Fault::frame_corrupt)},
     Behind{PartReason::strobe_failed, any_of(Fault::strobe_refused, Fault::strobe_late, Fault::strobe_lost, Fault::process_stalled, Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::encoder_slip, Fault::encoder_silent, Fault::belt_stop, Fault::part_sensor_lost, Fault::sensor_lost)},
     Behind{PartReason::inspector_failed, any_of(Fault::inspector_failed, Fault::inspector_slow)},
+    Behind{PartReason::plc_lost, any_of(Fault::plc_silent, Fault::process_stalled, Fault::process_crash, Fault::restart_ordered)},
     Behind{PartReason::too_dark, any_of(Fault::frame_dark, Fault::strobe_dead, Fault::strobe_weak, Fault::strobe_late, Fault::frame_stale, Fault::strobe_lost)},
     Behind{PartReason::saturated, any_of(Fault::frame_saturated, Fault::frame_stale)},
 };
@@ -61,6 +62,9 @@ void Invariants::stepped(State before) {
     if (now.parts_on_line > rules_.most_on_line) broken(Promise::bounded, std::to_string(now.parts_on_line) + " parts are on the line");
 
     const TimePoint time = clock_.now();
+    steps_at_once_ = time == stepped_at_ ? steps_at_once_ + 1 : 0;
+    stepped_at_ = time;
+    if (steps_at_once_ == kMostStepsAtOnce) broken(Promise::bounded, "the station steps and steps, and time stands still");
     if (now.line_stop) {
         last_line_stop_ = time;
         left_in_outage_at_ = -1;

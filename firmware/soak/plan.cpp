@@ -23,7 +23,7 @@ std::uint64_t opportunities(Fault fault, std::uint64_t parts) {
 // How often a fault may strike: what stops the line for a second or kills the process would else leave no line to test.
 bool rare(Fault fault) {
     return fault == Fault::sensor_lost || fault == Fault::strobe_lost || fault == Fault::part_sensor_lost || fault == Fault::encoder_silent ||
-           fault == Fault::process_crash || fault == Fault::restart_ordered || fault == Fault::rejector_down;
+           fault == Fault::process_crash || fault == Fault::plc_silent || fault == Fault::plc_commands || fault == Fault::restart_ordered || fault == Fault::rejector_down;
 }
 
 // Amounts besides the fault's own, each from harmless to fatal. Zero: the fault's own.
@@ -46,6 +46,7 @@ hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
         case Fault::sensor_lost:
         case Fault::strobe_lost:
         case Fault::part_sensor_lost: return one_of({100ms, 700ms});
+        case Fault::plc_silent: return one_of({600ms, 1300ms, 3000ms});
         case Fault::process_crash: return one_of({150ms, 400ms, 2000ms});
         default: return {};
     }

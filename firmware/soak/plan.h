@@ -16,7 +16,7 @@ std::string_view name_of(LineProfile profile);
 struct EpisodePlan {
     std::uint64_t seed = 1;
     std::uint64_t parts = 5'000;
-    LineProfile line = LineProfile::timed;
+    LineProfile line = LineProfile::timed;  // and from the seed: what the station does when the PLC is lost
     std::vector<sim::FaultRule> faults;
 };
 

@@ -106,7 +106,19 @@ Result<void> SimulatedLine::assemble() {
                       },
                   .part_gone = [this](const sim::PartRecord& part) { invariants_->part_is_gone(part); },
                   .ejector = {}});
+    plc_.emplace(loop_, *invariants_, options_.cell.seed);
+    plc_->clear_with([this] { take_parts_off(); });
+    loop_.call_after(PlcSide::kEvery, [this] { plc_cycle(); });
     return start_process(false);
+}
+
+void SimulatedLine::plc_cycle() {
+    loop_.call_after(PlcSide::kEvery, [this] { plc_cycle(); });
+    plc_->cycle();
+}
+
+void SimulatedLine::take_parts_off() {
+    cell_->world().take_off([](const sim::PartRecord&) { return true; });
 }
 
 // -- processes: born, killed, buried -----------------------------------------------------------------------------------
@@ -128,6 +140,9 @@ Result<void> SimulatedLine::start_process(bool line_unknown) {
     Gates& gates = *process.gates;
     process.station = std::make_unique<Station>(
         options_.core, Cell{loop_, gates.part_sensor(), gates.strobe(), gates.sensor(), gates.rejector(), *process.inspector}, this);
+    process.doors = std::make_unique<Doors>(loop_, options_.core, static_cast<std::uint32_t>(0x10001U + processes_));
+    process.doors->open(*process.station, *process.inspector);
+    plc_->connect(process.doors.get());
     invariants_->process_starts(process.station->core(), options_.core);
     if (line_unknown) process.station->line_unknown();
     process.station->run();
@@ -139,9 +154,11 @@ void SimulatedLine::process_dies(Duration down_for, bool line_unknown) {
     if (!alive()) return;
     process_->alive = false;
     process_->gates->cut();
+    plc_->connect(nullptr);
     invariants_->process_ends();
     was_stopped_ = false;
     loop_.call_after({}, [this] {
+        process_->doors.reset();
         process_->station.reset();
         process_->inspector.reset();
     });
@@ -173,6 +190,11 @@ void SimulatedLine::part_comes(const sim::PartRecord& part) {
         else loop_.call_after(Duration(static_cast<Duration::rep>(moment % 100'000'000)), dies);
     }
     if (faults.fires(Fault::restart_ordered)) loop_.call_after({}, [this] { restart_in_order(); });
+    if (const auto amount = faults.fires(Fault::plc_silent)) plc_->be_silent(*amount);
+    if (faults.fires(Fault::plc_repeats)) loop_.call_after({}, [this] { plc_->repeat_a_command(); });
+    if (faults.fires(Fault::plc_commands)) loop_.call_after({}, [this] { plc_->command_something(); });
+    if (faults.fires(Fault::plc_nonsense)) loop_.call_after({}, [this] { plc_->write_nonsense(); });
+    if (faults.fires(Fault::scada_floods)) plc_->read_everything();
 }
 
 StandInAnswer SimulatedLine::judge(const hal::FrameLease& frame) {
@@ -195,7 +217,8 @@ bool SimulatedLine::run() {
     const auto& cell = options_.cell;
     const double belt_mm = static_cast<double>(cell.schedule.parts) * cell.schedule.pitch_mm + cell.geometry.exit_mm;
     const hal::TimePoint limit = loop_.now() + 20 * cell.travel(belt_mm) + 60s;
-    const bool over = loop_.run_until([this] { return cell_->finished() && alive() && process_->station->core().line().size() == 0; }, limit);
+    const bool over = loop_.run_until([this] { return invariants_->time_stands_still() || (cell_->finished() && alive() && process_->station->core().line().size() == 0); }, limit);
+    if (invariants_->time_stands_still()) return false;
     loop_.run_for(2s);  // a last reset
     invariants_->end();
     return over;
@@ -215,7 +238,7 @@ void SimulatedLine::look_after_the_line() {
     if (state != State::error && state != State::initialized) return;
     watch_line_stop();
     ++resets_;
-    if (snapshot().line_stop) cell_->world().take_off([](const sim::PartRecord&) { return true; });
+    if (process_->station->core().line_stop()) take_parts_off();
     (void)process_->station->command(Command::reset);
     if (alive() && !executing(process_->station->core().state())) person_comes();
 }
@@ -229,11 +252,22 @@ void SimulatedLine::watch_line_stop() {
 void SimulatedLine::on_result(const PartResult& result) {
     if (!alive()) return;
     invariants_->result(result);
+    plc_->told(result);
+    process_->doors->take(result);
+    publish_soon();
     if (keep_) kept_.push_back(result);
+}
+
+// When the core has finished its step, as the service does it.
+void SimulatedLine::publish_soon() {
+    loop_.post([this, process = processes_] {
+        if (alive() && process == processes_) process_->doors->publish();
+    });
 }
 
 void SimulatedLine::on_state(State, State to) {
     if (!alive()) return;
+    publish_soon();
     if (to == State::continuous_execution && !std::exchange(line_started_, true)) cell_->start();
     watch_line_stop();
     if (to == State::error) person_comes();

@@ -12,6 +12,7 @@
 #include "firmware/soak/coverage.h"
 #include "firmware/soak/gates.h"
 #include "firmware/soak/invariants.h"
+#include "firmware/soak/plc_side.h"
 #include "firmware/station.h"
 #include "hal_sim/cell/cell.h"
 #include "hal_sim/cell/virtual_time.h"
@@ -65,6 +66,7 @@ class SimulatedLine final : public StationObserver {
         std::unique_ptr<Gates> gates;
         std::unique_ptr<Inspector> inspector;
         std::unique_ptr<Station> station;
+        std::unique_ptr<Doors> doors;
         bool alive = true;  // false: cut off, to be buried
     };
     explicit SimulatedLine(const LineOptions& options) : options_(options) {}
@@ -72,6 +74,9 @@ class SimulatedLine final : public StationObserver {
     Result<void> start_process(bool line_unknown);
     void process_dies(Duration down_for, bool line_unknown);
     void restart_in_order();
+    void plc_cycle();
+    void take_parts_off();
+    void publish_soon();
     void part_comes(const sim::PartRecord& part);
     [[nodiscard]] StandInAnswer judge(const hal::FrameLease& frame);
     void person_comes();
@@ -88,6 +93,7 @@ class SimulatedLine final : public StationObserver {
     Coverage coverage_;
     std::unique_ptr<sim::SimulatedCell> cell_;
     std::unique_ptr<Invariants> invariants_;
+    std::optional<PlcSide> plc_;
     std::optional<Process> process_;
     bool line_started_ = false;
     bool person_is_coming_ = false;

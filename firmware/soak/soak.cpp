@@ -53,6 +53,7 @@ void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::
 LineOptions line_of(const EpisodePlan& plan) {
     LineOptions line = plan.line == LineProfile::timed ? timed_line(plan.seed, plan.parts) : encoder_line(plan.seed, plan.parts);
     line.cell.faults = plan.faults;
+    line.core.plc_policy = static_cast<PlcPolicy>(sim::random_bits(plan.seed, kEpisodeStream, 0) % 3);
     return line;
 }
 

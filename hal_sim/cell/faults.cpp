@@ -52,6 +52,11 @@ constexpr std::array<Row, kFaults> kRows = {{
     {"process-stalled", 120ms},
     {"process-crash", 400ms},
     {"restart-ordered", 0ns},
+    {"plc-silent", 3000ms},
+    {"plc-repeats", 0ns},
+    {"plc-commands", 0ns},
+    {"plc-nonsense", 0ns},
+    {"scada-floods", 0ns},
 }};
 
 }  // namespace

@@ -52,8 +52,13 @@ enum class Fault : std::uint8_t {
     process_stalled,       // each arrival        the process does not get to run for `amount` (120 ms)
     process_crash,         // each arrival        the process dies a moment later and is started again after `amount` (400 ms)
     restart_ordered,       // each arrival        the station is halted, and started again with its configuration read anew
+    plc_silent,            // each arrival        the PLC neither beats nor asks for `amount` (3 s)
+    plc_repeats,           // each arrival        an answer is lost: the PLC sends its next command four times
+    plc_commands,          // each arrival        the PLC commands something, whatever the state
+    plc_nonsense,          // each arrival        writes of random registers, half a command, one for another boot
+    scada_floods,          // each arrival        twenty reads of random registers
 };
-inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::restart_ordered) + 1;
+inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::scada_floods) + 1;
 
 std::string_view name_of(Fault fault);                          // "frame-drop"
 std::optional<Fault> fault_named(std::string_view name);

@@ -92,6 +92,7 @@ void World::act() {
         edge->touches_ahead = edge->touches_ahead && ahead != nullptr && ahead->fate == PartRecord::Fate::on_line;
     } else if (what == Next::departure) {
         edge = with_index(next_departure_++);
+        if (edge->fate == PartRecord::Fate::removed) edge = nullptr;  // it left when it was taken off
     } else {
         PartRecord& part = *with_index(next_exit_++);
         if (part.fate == PartRecord::Fate::on_line && ejector_open_since_) eject_between(*ejector_open_since_, at);
@@ -129,7 +130,10 @@ void World::meddle(const PartRecord& arrived) {
 void World::take_off(const std::function<bool(const PartRecord&)>& takes) {
     for (std::uint64_t index = std::max(next_exit_, first_index_); index < next_arrival_; ++index) {
         PartRecord& part = *with_index(index);
-        if (part.fate == PartRecord::Fate::on_line && takes(part)) settle(part, PartRecord::Fate::removed, loop_.now());
+        if (part.fate != PartRecord::Fate::on_line || !takes(part)) continue;
+        settle(part, PartRecord::Fate::removed, loop_.now());
+        const PartRecord taken = part;
+        if (index >= next_departure_ && watchers_.part_edge) watchers_.part_edge(taken, false, loop_.now());
     }
 }
 
