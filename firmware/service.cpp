@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "firmware/line_mark.h"
 #include "firmware/modbus/server.h"
 #include "firmware/modbus/server_rtu.h"
 #include "firmware/operations.h"
@@ -71,6 +72,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     std::unique_ptr<modbus::Server> server, read_only_server;
     std::unique_ptr<modbus::ServerRtu> serial_server;
 
+    LineMark line_mark{{}};
     std::vector<PartResult> unpublished;
     HealthReport health;
     hal::TimePoint opened_at{};
@@ -100,7 +102,10 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     }
     void on_state(State from, State to) override {
         loop->post([this] { publish(); });
-        if (to == State::continuous_execution || to == State::single_execution) backends->start_line();
+        if (to == State::continuous_execution || to == State::single_execution) {
+            if (!line_mark.left_behind()) line_mark.raise();
+            backends->start_line();
+        }
         if (watchers.state) watchers.state(from, to);
     }
     void on_trouble(const Error& error) override {
@@ -351,12 +356,17 @@ Result<std::unique_ptr<Service>> Service::open(const Config& config, const Simul
 
 Result<void> Service::run() {
     parts_->loop->call_after(kLineWaits, [this] { parts_->backends->start_line(); });
+    parts_->line_mark = LineMark(parts_->config.state_folder);
+    if (parts_->line_mark.left_behind()) parts_->station->line_unknown();
     if (parts_->config.autostart) {
         parts_->station->run();
     } else {
         parts_->station->request(Command::initialise);
     }
-    return parts_->loop->run();
+    auto done = parts_->loop->run();
+    const Core& core = parts_->station->core();
+    if (core.line().size() == 0 && !core.line_stop()) parts_->line_mark.clear();
+    return done;
 }
 
 void Service::stop() { parts_->loop->request_stop(); }

@@ -8,6 +8,7 @@
 
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/progress.h"
+#include "firmware/soak/shrink.h"
 #include "firmware/soak/soak.h"
 
 namespace hord::firmware {
@@ -17,12 +18,19 @@ struct SoakArguments {
     std::uint64_t parts = 100'000, seed = 1, episode_parts = 5'000;
     std::optional<std::uint64_t> episode;
     std::string line = "timed", faults;
-    bool coverage = false;
+    bool coverage = false, shrink = false;
+    double pipeline_share = 0;
+    std::string profile = "random";
 };
 
-Exit show(const SoakReport& report, bool coverage) {
+Exit show(const SoakReport& report, const SoakArguments& arguments) {
     fmt::print("{}", describe(report));
-    if (coverage) fmt::print("{}", describe(report.coverage));
+    if (arguments.coverage) fmt::print("{}", describe(report.coverage));
+    if (arguments.shrink && report.first_broken) {
+        const auto shrunk = shrink(*report.first_broken, try_episode);
+        if (!shrunk) return complain(shrunk.error());
+        fmt::print("smallest episode that still breaks {} ({} tried):\n    {}\n", shrunk->promise, shrunk->runs, command_of(shrunk->plan));
+    }
     return report.good() ? Exit::good : Exit::rejected;
 }
 
@@ -33,7 +41,7 @@ Exit run_one_episode(const SoakArguments& arguments) {
     plan.faults = std::move(*faults);
     SoakReport report;
     if (auto done = run_episode(plan, report); !done) return complain(done.error());
-    return show(report, arguments.coverage);
+    return show(report, arguments);
 }
 
 Exit run_soak(const SoakArguments& arguments) {
@@ -41,6 +49,8 @@ Exit run_soak(const SoakArguments& arguments) {
     SoakOptions options;
     options.parts = arguments.parts;
     options.seed = arguments.seed;
+    options.pipeline_share = arguments.pipeline_share;
+    options.all_pairs = arguments.profile == "nightly";
     options.parts_an_episode = std::min(arguments.episode_parts, arguments.parts);
     auto progress = std::make_unique<Progress>("soak");
     options.progress = [&](double done) { progress->show(done); };
@@ -48,7 +58,7 @@ Exit run_soak(const SoakArguments& arguments) {
     const auto report = soak(options);
     progress.reset();
     if (!report) return complain(report.error());
-    return show(*report, arguments.coverage);
+    return show(*report, arguments);
 }
 
 }  // namespace
@@ -65,6 +75,11 @@ void add_soak(CLI::App& program, Exit& status) {
     command->add_option("--line", arguments->line, "Of the episode: followed by time or by an encoder")->check(CLI::IsMember({"timed", "encoder"}));
     command->add_option("--faults", arguments->faults, "Of the episode: NAME@FIRST-LAST:PROBABILITY+TIME, several with commas");
     command->add_flag("--coverage", arguments->coverage, "Show which states met which events, and which faults met");
+    command->add_option("--pipeline-share", arguments->pipeline_share, "Share of the episodes that are judged by the real pipeline")->check(CLI::Range(0.0, 1.0));
+    command->add_option("--profile", arguments->profile, "nightly: first an episode for each pair of faults; then --parts in all")
+        ->check(CLI::IsMember({"random", "nightly"}))
+        ->capture_default_str();
+    command->add_flag("--shrink", arguments->shrink, "When a promise is broken: find the smallest episode that still breaks it");
     command->footer("Exit status: 0 every promise kept, 1 a violation or a planned fault that never fired, 2 usage.\n"
                     "Example: hordctl soak --parts 1000000 --seed 1");
     command->callback([arguments, &status] { status = run_soak(*arguments); });

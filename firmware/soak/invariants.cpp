@@ -37,6 +37,7 @@ void Invariants::part_arrives(const sim::PartRecord& part) {
     known = Known{};
     known.number = part.number;
     known.bad = part.bad;
+    known.front_mm = part.front_mm;
     known.arrived_ns = part.arrived.time_since_epoch().count();
     newest_ = part.number;
 }

@@ -96,6 +96,7 @@ class Invariants {
     struct Known {
         std::uint64_t number = 0;
         std::int64_t arrived_ns = 0;
+        double front_mm = 0;          // belt position at which it came
         double slipped_mm = 0;        // the encoder has lost so much since it came
         bool bad = false;
         bool invisible = false;       // its edge was lost without a trace

@@ -29,6 +29,8 @@ constexpr std::array kBehind{
     Behind{PartReason::frame_corrupt, any_of(Fault::frame_corrupt)},
     Behind{PartReason::strobe_failed, any_of(Fault::strobe_refused, Fault::strobe_late, Fault::strobe_lost, Fault::process_stalled, Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::encoder_slip, Fault::encoder_silent, Fault::belt_stop, Fault::part_sensor_lost, Fault::sensor_lost)},
     Behind{PartReason::inspector_failed, any_of(Fault::inspector_failed, Fault::inspector_slow)},
+    Behind{PartReason::edge_lost, any_of(Fault::edge_lost, Fault::edge_missed, Fault::edge_bounce, Fault::edge_ghost, Fault::process_stalled, Fault::encoder_silent, Fault::encoder_slip, Fault::belt_stop, Fault::part_touching)},
+    Behind{PartReason::parts_too_close, any_of(Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::part_touching, Fault::encoder_slip, Fault::belt_stop, Fault::process_stalled, Fault::edge_missed, Fault::part_sensor_lost, Fault::encoder_silent, Fault::restart_ordered, Fault::process_crash, Fault::plc_commands)},
     Behind{PartReason::plc_lost, any_of(Fault::plc_silent, Fault::process_stalled, Fault::process_crash, Fault::restart_ordered)},
     Behind{PartReason::too_dark, any_of(Fault::frame_dark, Fault::strobe_dead, Fault::strobe_weak, Fault::strobe_late, Fault::frame_stale, Fault::strobe_lost)},
     Behind{PartReason::saturated, any_of(Fault::frame_saturated, Fault::frame_stale)},
@@ -119,10 +121,6 @@ void Invariants::result(const PartResult& r) {
     if (known->has_result) broken(Promise::one_verdict, "has two verdicts", known->number);
     known->has_result = true;
     known->result = r;
-    if (r.reject == RejectState::confirmed && !known->ejected && !known->stuck && !known->taken_by_hand && known->slipped_mm == 0 && !known->gone &&
-        !belt_stands() && !any_fired_within(any_of(Fault::belt_stop, Fault::process_stalled, Fault::encoder_silent), milliseconds(2000))) {
-        broken(Promise::own_rejection, "is confirmed to be ejected, and is on the line", known->number);
-    }
     check_undisturbed(r, *known);
 }
 
@@ -138,6 +136,11 @@ void Invariants::check_passed(const PartResult& r, Known* known) {
     const CoreConfig& core = rules_.core;
     const std::int64_t now_ns = (clock_.now() - TimePoint{}).count();
     if (!core.by_encoder && now_ns > known->arrived_ns + (core.transport - core.reject_early - core.reject_lead).count()) {
+        broken(Promise::own_data, "was passed after its verdict was due", known->number);
+    }
+    const double left_mm = known->front_mm + cell_.world().geometry().ejector_mm - cell_.world().belt_mm(clock_.now());
+    const double lead_mm = cell_.world().nominal_speed_mm_s() * 1e-9 * static_cast<double>((core.reject_early + core.reject_lead).count());
+    if (core.by_encoder && left_mm + known->slipped_mm < 0.9 * lead_mm - 1 && !belt_stands()) {
         broken(Promise::own_data, "was passed after its verdict was due", known->number);
     }
     if (known->gone && !known->taken_by_hand) broken(Promise::own_data, "was passed when it was gone already", known->number);

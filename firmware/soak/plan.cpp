@@ -41,7 +41,7 @@ hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
         case Fault::reject_twice: return one_of({20ms, 60ms});
         case Fault::part_removed: return one_of({40ms, 150ms, 300ms, 700ms});
         case Fault::belt_stop: return one_of({30ms, 300ms, 1500ms});
-        case Fault::inspector_slow: return one_of({200ms, 450ms, 1000ms});
+        case Fault::inspector_slow: return one_of({140ms, 148ms, 154ms, 160ms, 168ms, 450ms, 1000ms});  // the verdict is due after 150 ms or so
         case Fault::process_stalled: return one_of({10ms, 40ms, 120ms, 400ms});
         case Fault::sensor_lost:
         case Fault::strobe_lost:
@@ -63,7 +63,7 @@ bool possible(Fault fault, LineProfile line) {
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts) {
     std::vector<Fault> faults;
     std::uint64_t n = 1000;
-    const std::uint64_t count = 1 + sim::random_bits(seed, kPlanStream, n++) % 3;
+    const std::uint64_t count = 1 + sim::random_bits(seed, kPlanStream, n++) % 4;
     while (faults.size() < count) {
         const auto fault = static_cast<Fault>(sim::random_bits(seed, kPlanStream, n++) % sim::kFaults);
         if (std::find(faults.begin(), faults.end(), fault) == faults.end()) faults.push_back(fault);
@@ -79,7 +79,7 @@ EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector
     for (const Fault fault : faults) {
         const std::uint64_t all = opportunities(fault, parts);
         const std::uint64_t first = std::min(all / 4, together * all / parts + draw() % 3);
-        constexpr double kRates[] = {0.001, 0.005, 0.02};
+        constexpr double kRates[] = {0.002, 0.01, 0.03};
         const double rate = rare(fault) ? 0.002 : kRates[draw() % 3];
         plan.faults.push_back({fault, 1, first, first, draw_amount(fault, draw())});
         plan.faults.push_back({fault, rate, first + 1, all, draw_amount(fault, draw())});

@@ -20,7 +20,7 @@ struct EpisodePlan {
     std::vector<sim::FaultRule> faults;
 };
 
-// One to three faults. Each fires surely once, early in the episode and near the others, and then now and then until nine
+// One to four faults. Each fires surely once, early in the episode and near the others, and then now and then until nine
 // tenths of it; in the last tenth the line must find back.
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts);
 // The same with these faults.

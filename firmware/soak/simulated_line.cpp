@@ -25,7 +25,7 @@ LineOptions timed_line(std::uint64_t seed, std::uint64_t parts) {
     cell.rejector.permit_moves_belt = true;
     cell.part_sensor.latency = 200us;
     cell.strobe.report = {20us, 50us};
-    cell.strobe.limits.min_rest = 61ms;  // a little more than min_gap leaves: the light says no to some parts that are close
+    cell.strobe.limits.min_rest = 64ms;  // a little more than min_gap leaves: the light says no to some parts that are close
     cell.sensor.readout = {3ms, 2ms};
     cell.rejector.write = {300us, 2ms};
 

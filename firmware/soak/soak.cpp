@@ -1,8 +1,10 @@
 #include "firmware/soak/soak.h"
 
 #include <algorithm>
+#include <cstdio>
 #include <utility>
 
+#include "firmware/soak/pipeline_pool.h"
 #include "hal_sim/cell/random.h"
 
 namespace hord::firmware {
@@ -11,6 +13,8 @@ namespace {
 using sim::Fault;
 
 constexpr std::uint64_t kEpisodeStream = 0xE915;
+constexpr std::uint64_t kPairStream = 0x9A12;
+constexpr std::uint64_t kPairParts = 400;
 
 void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::string& label) {
     const Invariants& seen = line.invariants();
@@ -34,6 +38,7 @@ void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::
     for (std::size_t k = 0; k < report.reasons.size(); ++k) report.reasons[k] += seen.of(static_cast<PartReason>(k));
     report.coverage.merge(line.coverage());
     report.undisturbed += seen.undisturbed();
+    report.passed_bad += seen.passed_bad();
     report.processes += line.processes();
     const sim::FaultPlan& faults = line.cell().faults();
     for (std::size_t a = 0; a < sim::kFaults; ++a) {
@@ -62,11 +67,17 @@ std::string command_of(const EpisodePlan& plan) {
            std::string(name_of(plan.line)) + (plan.faults.empty() ? "" : " --faults " + text_of(plan.faults));
 }
 
-Result<void> run_episode(const EpisodePlan& plan, SoakReport& report) {
-    auto made = SimulatedLine::make(line_of(plan));
+Result<void> run_episode(const EpisodePlan& plan, SoakReport& report, const PipelinePool* pool) {
+    LineOptions line = line_of(plan);
+    if (pool != nullptr) {
+        pool->equip(line);
+        report.pipeline_parts += plan.parts;
+    }
+    auto made = SimulatedLine::make(line);
     if (!made) return tl::unexpected(made.error());
     const bool over = (*made)->run();
     add_episode(report, **made, over, command_of(plan));
+    if (report.violations > 0 && !report.first_broken) report.first_broken = plan;
     ++report.episodes;
     report.parts += plan.parts;
     return {};
@@ -77,23 +88,44 @@ Result<SoakReport> soak(const SoakOptions& options) {
         return fail(ErrorCode::invalid_argument, "a soak of " + std::to_string(options.parts) + " parts, " +
                     std::to_string(options.parts_an_episode) + " an episode", "use at least 1 part, and 200 an episode");
     }
+    std::unique_ptr<PipelinePool> pool;
+    if (options.pipeline_share > 0) {
+        auto made = PipelinePool::make();
+        if (!made) return tl::unexpected(made.error());
+        pool = std::move(*made);
+    }
     SoakReport report;
-    for (std::uint64_t episode = 0; report.parts < options.parts; ++episode) {
+    const auto ends = [&] { return options.until_violation && report.violations > 0; };
+    if (options.all_pairs) {
+        for (std::size_t a = 0; a < sim::kFaults && !ends(); ++a) {
+            for (std::size_t b = 0; b < a; ++b) {
+                const std::vector<Fault> pair{static_cast<Fault>(a), static_cast<Fault>(b)};
+                const std::uint64_t seed = sim::random_bits(options.seed, kPairStream, a * sim::kFaults + b);
+                if (auto done = run_episode(draw_plan(seed, kPairParts, pair), report); !done) return tl::unexpected(done.error());
+            }
+            if (options.progress) options.progress(static_cast<double>(a) / sim::kFaults);
+        }
+    }
+    for (std::uint64_t episode = 0; report.parts < options.parts && !ends(); ++episode) {
         const std::uint64_t seed = sim::random_bits(options.seed, kEpisodeStream, episode);
-        const EpisodePlan plan = draw_plan(seed, options.parts_an_episode);
-        if (auto done = run_episode(plan, report); !done) return tl::unexpected(done.error());
-        if (options.until_violation && report.violations > 0) break;
+        const bool real = sim::random_unit(seed, kEpisodeStream, 1) < options.pipeline_share;
+        if (auto done = run_episode(draw_plan(seed, options.parts_an_episode), report, real ? pool.get() : nullptr); !done) return tl::unexpected(done.error());
         if (options.progress) options.progress(std::min(1.0, static_cast<double>(report.parts) / static_cast<double>(options.parts)));
     }
     return report;
 }
 
 std::string describe(const SoakReport& r) {
+    const auto hex = [](std::uint64_t value) {
+        std::array<char, 17> digits{};
+        std::snprintf(digits.data(), digits.size(), "%016llx", static_cast<unsigned long long>(value));
+        return std::string(digits.data());
+    };
     const auto line = [](const std::string& name, std::uint64_t value) { return name + std::string(28 - std::min<std::size_t>(27, name.size()), ' ') + std::to_string(value) + "\n"; };
     std::string text = line("parts", r.parts) + line("episodes", r.episodes) + line("results", r.results) +
                        line("hours of production", r.virtual_s / 3600) + line("line stops", r.line_stops) + line("resets", r.resets) +
-                       line("excused (invisible faults)", r.excused) + line("parts with nothing wrong", r.undisturbed) + line("processes", r.processes) + line("fault pairs", r.coverage.pairs()) + line("violations", r.violations);
-    text += "faults fired\n";
+                       line("excused (invisible faults)", r.excused) + line("parts with nothing wrong", r.undisturbed) + line("processes", r.processes) + line("fault pairs", r.coverage.pairs()) + line("judged by the real pipeline", r.pipeline_parts) + line("of these, bad and passed", r.passed_bad) + line("violations", r.violations);
+    text += "fingerprint                 " + hex(r.fingerprint) + "\nfaults fired\n";
     for (std::size_t k = 0; k < sim::kFaults; ++k) {
         if (r.planned[k] > 0) text += line("  " + std::string(sim::name_of(static_cast<Fault>(k))), r.fired[k]);
     }

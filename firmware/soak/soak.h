@@ -7,6 +7,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,10 +18,14 @@
 
 namespace hord::firmware {
 
+class PipelinePool;
+
 struct SoakOptions {
     std::uint64_t parts = 100'000;
     std::uint64_t seed = 1;
     std::uint64_t parts_an_episode = 5'000;
+    double pipeline_share = 0;                 // of the episodes: judged by the real pipeline on rendered frames
+    bool all_pairs = false;                    // first an episode for each pair of faults that can meet
     bool until_violation = false;              // ends with the first episode that breaks a promise
     std::function<void(double done)> progress;  // 0..1; may be empty
 };
@@ -29,12 +34,14 @@ struct SoakReport {
     std::uint64_t parts = 0, episodes = 0, results = 0;
     std::uint64_t violations = 0;
     std::vector<std::string> first_violations;  // each with the command that shows it again
+    std::optional<EpisodePlan> first_broken;    // the first episode that broke one: what to shrink
     std::uint64_t parts_to_violation = 0;       // that had come when the first promise was broken; 0: none was
     std::uint64_t line_stops = 0, resets = 0, excused = 0;
     std::uint64_t virtual_s = 0;
     std::array<std::uint64_t, 32> reasons{};              // by PartReason
     std::array<std::uint64_t, sim::kFaults> planned{};    // episodes whose plan names the fault
     std::array<std::uint64_t, sim::kFaults> fired{};      // times
+    std::uint64_t pipeline_parts = 0, passed_bad = 0;     // judged by the real pipeline; bad ones that it passed
     std::uint64_t undisturbed = 0;                        // parts that came with nothing wrong, and were held to that
     std::uint64_t processes = 0;                          // more than episodes: those that died
     Coverage coverage;
@@ -48,7 +55,7 @@ struct SoakReport {
 // One episode, added to the report. The same plan gives the same bits.
 LineOptions line_of(const EpisodePlan& plan);
 std::string command_of(const EpisodePlan& plan);
-Result<void> run_episode(const EpisodePlan& plan, SoakReport& report);
+Result<void> run_episode(const EpisodePlan& plan, SoakReport& report, const PipelinePool* pool = nullptr);
 
 // Fails with invalid_argument when the options are impossible.
 Result<SoakReport> soak(const SoakOptions& options);

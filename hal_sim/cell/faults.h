@@ -42,7 +42,7 @@ enum class Fault : std::uint8_t {
     reject_twice,          // each command        acts again `amount` after the first pulse ends (20 ms)
     ejector_stuck,         // each command        acknowledged, the valve does not move
     rejector_down,         // each command        the link goes for `amount` (100 ms), the command with it
-    part_close,            // each part           its front is a tenth of a part's length behind the end of the one ahead
+    part_close,            // each part           its front is a tenth to six tenths of its length behind the end of the one ahead
     part_touching,         // each part           its front touches the one ahead: no edge between the two
     part_missing,          // each part           its place on the belt is empty
     part_removed,          // each arrival        taken off the belt by hand `amount` after its arrival (150 ms)

@@ -12,6 +12,7 @@ using hal::TimePoint;
 
 constexpr std::uint64_t kPitchStream = 0x9175;
 constexpr std::uint64_t kKindStream = 0x6B1D;
+constexpr std::uint64_t kGapStream = 0x6A9;
 
 // A part gone is kept for this long: a valve's edge or a frame may still be reported with a time in the past.
 constexpr hal::Duration kMemory = std::chrono::seconds(2);
@@ -49,7 +50,7 @@ void World::draw_part() {
         part.touches_ahead = line_.back().touched_behind = true;
         part.front_mm = line_.back().front_mm + schedule_.part_length_mm;
     } else if (close && drawn_ > 0) {
-        part.front_mm = line_.back().front_mm + 1.1 * schedule_.part_length_mm;
+        part.front_mm = line_.back().front_mm + (1.1 + 0.5 * random_unit(seed_, kGapStream, drawn_)) * schedule_.part_length_mm;
     }
     double lot = random_unit(seed_, kKindStream, drawn_) * share_sum_;
     while (part.kind + 1 < schedule_.kinds.size() && lot >= schedule_.kinds[part.kind].share) lot -= schedule_.kinds[part.kind++].share;

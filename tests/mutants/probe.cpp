@@ -1,16 +1,17 @@
 // Runs the soak until a promise is broken, and says how many parts that took.
 //
-//     mutant-NAME [--expect-violation] [--parts N] [--seed N]
+//     mutant-NAME [--expect-violation] [--shrink] [--parts N] [--seed N]
 //
 // Exit status: 0 as expected, 1 not, 2 it could not run.
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 
+#include "firmware/soak/shrink.h"
 #include "firmware/soak/soak.h"
 
 int main(int count, char** arguments) {
-    bool expected = false;
+    bool expected = false, shrinks = false;
     hord::firmware::SoakOptions options;
     options.parts = 100'000;
     options.parts_an_episode = 500;
@@ -18,6 +19,8 @@ int main(int count, char** arguments) {
     for (int k = 1; k < count; ++k) {
         if (std::strcmp(arguments[k], "--expect-violation") == 0) {
             expected = true;
+        } else if (std::strcmp(arguments[k], "--shrink") == 0) {
+            shrinks = true;
         } else if (std::strcmp(arguments[k], "--parts") == 0 && k + 1 < count) {
             options.parts = std::strtoull(arguments[++k], nullptr, 10);
         } else if (std::strcmp(arguments[k], "--seed") == 0 && k + 1 < count) {
@@ -36,6 +39,11 @@ int main(int count, char** arguments) {
         std::printf("%llu parts, no promise broken\n", static_cast<unsigned long long>(report->parts));
     } else {
         std::printf("%llu parts: %s\n", static_cast<unsigned long long>(report->parts_to_violation), report->first_violations.front().c_str());
+    }
+    if (shrinks && report->first_broken) {
+        const auto shrunk = hord::firmware::shrink(*report->first_broken, hord::firmware::try_episode);
+        if (!shrunk || shrunk->plan.parts > report->first_broken->parts) return 1;
+        std::printf("shrunk in %llu runs: %s\n", static_cast<unsigned long long>(shrunk->runs), hord::firmware::command_of(shrunk->plan).c_str());
     }
     return (report->violations > 0) == expected ? 0 : 1;
 }

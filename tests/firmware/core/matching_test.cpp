@@ -1,0 +1,254 @@
+// Exposure, light, frame and judgement of a part, as literal stories: what happens when, to the millisecond.
+#include "tests/firmware/core/running.h"
+
+namespace hord::firmware {
+namespace {
+
+using algo::Reason;
+using algo::Verdict;
+
+TEST_F(Running, a_good_part_is_exposed_judged_and_let_go) {
+    const TimePoint edge = rig.now;
+    const auto part = rig.part_arrives();
+    ASSERT_EQ(rig.exposures.size(), 1U);
+    ASSERT_EQ(rig.pulses.size(), 1U);
+    EXPECT_EQ(rig.exposures[0].start, edge + milliseconds(5));
+    EXPECT_EQ(rig.exposures[0].length, microseconds(500));
+    EXPECT_EQ(rig.pulses[0].start, edge + microseconds(5100));
+    EXPECT_EQ(rig.pulses[0].width, microseconds(200));
+    rig.advance(milliseconds(10));
+    rig.light_comes(part);
+    rig.frame_comes(part);
+    ASSERT_EQ(rig.inspections.size(), 1U);
+    EXPECT_EQ(rig.inspections[0].part, part);
+    rig.advance(milliseconds(20));
+    rig.judged(part, Verdict::pass);
+    EXPECT_EQ(rig.only_result().verdict, PartVerdict::pass);
+    EXPECT_EQ(rig.only_result().reject, RejectState::not_needed);
+    EXPECT_EQ(rig.only_result().latency_us, 30'000U);
+    EXPECT_EQ(rig.shot().parts_on_line, 1U);
+    rig.advance(milliseconds(500));
+    EXPECT_EQ(rig.shot().parts_on_line, 0U);
+    EXPECT_TRUE(rig.rejects.empty());
+    EXPECT_EQ(rig.core.state(), State::continuous_execution);
+}
+
+TEST_F(Running, a_bad_part_is_ejected_when_it_is_there) {
+    const TimePoint edge = rig.now;
+    const auto part = rig.part_is_seen();
+    rig.judged(part, Verdict::reject, Reason::deflection);
+    EXPECT_TRUE(rig.rejects.empty());
+    rig.now = edge + kDeadline - milliseconds(1);
+    rig.send(Tick{});
+    EXPECT_TRUE(rig.rejects.empty());
+    rig.advance(milliseconds(1));
+    ASSERT_EQ(rig.rejects.size(), 1U);
+    EXPECT_EQ(rig.rejects[0].part, part);
+    EXPECT_EQ(rig.rejects[0].start, edge + kPulseStart);
+    EXPECT_EQ(rig.rejects[0].width, milliseconds(15));
+    rig.advance(milliseconds(21));
+    rig.confirmed(part);
+    EXPECT_EQ(rig.only_result().reason, PartReason::deflection);
+    EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
+    EXPECT_EQ(rig.only_result().reject_latency_us, 176'000U);
+    EXPECT_EQ(rig.only_result().defects, 2);
+    EXPECT_FALSE(rig.shot().line_stop);
+}
+
+TEST_F(Running, a_verdict_that_comes_at_the_deadline_is_late) {
+    const TimePoint edge = rig.now;
+    const auto part = rig.part_is_seen();
+    rig.now = edge + kDeadline;  // the judgement is carried in before the tick
+    rig.judged(part, Verdict::pass);
+    ASSERT_EQ(rig.rejects.size(), 1U);
+    rig.confirmed(part);
+    EXPECT_EQ(rig.only_result().reason, PartReason::verdict_late);
+    EXPECT_EQ(rig.shot().counters.pass, 0U);
+    EXPECT_NE(rig.shot().faults_latched & kFaultOverrun, 0U);
+}
+
+TEST_F(Running, a_verdict_just_before_the_deadline_counts) {
+    const TimePoint edge = rig.now;
+    const auto part = rig.part_is_seen();
+    rig.now = edge + kDeadline - Duration(1);
+    rig.judged(part, Verdict::pass);
+    EXPECT_EQ(rig.only_result().verdict, PartVerdict::pass);
+}
+
+TEST_F(Running, a_verdict_after_the_deadline_changes_nothing) {
+    const auto part = rig.part_is_seen();
+    rig.advance(milliseconds(150));
+    rig.judged(part, Verdict::pass);
+    rig.confirmed(part);
+    EXPECT_EQ(rig.only_result().reason, PartReason::verdict_late);
+    EXPECT_EQ(rig.shot().counters.pass, 0U);
+}
+
+TEST_F(Running, a_second_judgement_of_the_same_part_is_ignored) {
+    const auto part = rig.part_is_seen();
+    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.judged(part, Verdict::pass);
+    rig.advance(milliseconds(150));
+    rig.confirmed(part);
+    EXPECT_EQ(rig.only_result().verdict, PartVerdict::reject);
+}
+
+TEST_F(Running, without_a_frame_the_part_is_rejected) {
+    const auto part = rig.part_arrives();
+    rig.light_comes(part);
+    expect_fail_safe(part, PartReason::frame_lost);
+    EXPECT_EQ(rig.shot().counters.inspected, 0U);
+}
+
+TEST_F(Running, without_a_strobe_report_a_good_judgement_does_not_count) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.frame_comes(part);
+    rig.judged(part, Verdict::pass);
+    EXPECT_TRUE(rig.results.empty());
+    expect_fail_safe(part, PartReason::strobe_failed);
+}
+
+TEST_F(Running, light_and_judgement_may_come_in_any_order) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.frame_comes(part);
+    rig.judged(part, Verdict::pass);
+    rig.light_comes(part);
+    EXPECT_EQ(rig.only_result().verdict, PartVerdict::pass);
+}
+
+TEST_F(Running, light_at_the_wrong_time_or_of_the_wrong_length_does_not_count) {
+    struct Wrong {
+        bool lit;
+        Duration shift, width;
+    };
+    for (const Wrong& wrong : {Wrong{false, {}, microseconds(200)}, Wrong{true, microseconds(101), microseconds(200)},
+                               Wrong{true, microseconds(-101), microseconds(200)}, Wrong{true, {}, microseconds(99)},
+                               Wrong{true, {}, microseconds(301)}}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        const auto part = one.part_arrives();
+        one.advance(milliseconds(10));
+        one.frame_comes(part);
+        one.judged(part, Verdict::pass);
+        one.send(hal::StrobeReport{part, wrong.lit, one.exposure_of(part).start + microseconds(100) + wrong.shift, wrong.width});
+        one.advance(milliseconds(150));
+        one.confirmed(part);
+        EXPECT_EQ(one.only_result().reason, PartReason::strobe_failed);
+    }
+}
+
+TEST_F(Running, a_stale_frame_is_nobodys_and_the_own_frame_still_counts) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.light_comes(part);
+    rig.frame_comes_at(rig.exposure_of(part).start - milliseconds(3));
+    EXPECT_EQ(rig.released.size(), 1U);
+    EXPECT_TRUE(rig.inspections.empty());
+    rig.frame_comes(part);
+    ASSERT_EQ(rig.inspections.size(), 1U);
+    EXPECT_EQ(rig.inspections[0].frame, 2U);
+}
+
+TEST_F(Running, a_stale_frame_alone_is_the_reason) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.light_comes(part);
+    rig.frame_comes_at(rig.exposure_of(part).start - milliseconds(100));
+    expect_fail_safe(part, PartReason::frame_stale);
+}
+
+TEST_F(Running, the_same_frame_again_is_a_duplicate_not_the_next_parts_frame) {
+    const auto first = rig.part_is_seen();
+    rig.judged(first, Verdict::pass);
+    rig.advance(milliseconds(90));
+    const auto second = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.light_comes(second);
+    // The device repeats its frame under a fresh time stamp, but with the old count.
+    rig.send(FrameArrived{9, {rig.frame_sequence, rig.exposure_of(second).start, 1000, false}});
+    EXPECT_EQ(rig.released, std::vector<FrameHandle>{9});
+    rig.results.clear();
+    expect_fail_safe(second, PartReason::frame_duplicate);
+}
+
+TEST_F(Running, short_and_corrupt_frames_reject_at_once) {
+    for (const bool corrupt : {false, true}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        const auto part = one.part_arrives();
+        one.advance(milliseconds(10));
+        one.send(FrameArrived{1, {1, one.exposure_of(part).start, corrupt ? 1000U : 999U, corrupt}});
+        EXPECT_EQ(one.released.size(), 1U);
+        EXPECT_EQ(one.shot().counters.unfit, 1U);
+        one.advance(milliseconds(150));
+        one.confirmed(part);
+        EXPECT_EQ(one.only_result().reason, corrupt ? PartReason::frame_corrupt : PartReason::frame_short);
+    }
+}
+
+TEST_F(Running, a_frame_that_comes_after_its_parts_time_is_not_the_next_parts) {
+    const auto first = rig.part_arrives();
+    rig.advance(milliseconds(60));  // its frame is given up after 55.5 ms
+    const auto second = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.light_comes(second);
+    rig.frame_comes(first);
+    EXPECT_EQ(rig.released.size(), 1U);
+    EXPECT_TRUE(rig.inspections.empty());
+    rig.frame_comes(second);
+    ASSERT_EQ(rig.inspections.size(), 1U);
+    EXPECT_EQ(rig.inspections[0].part, second);
+}
+
+TEST_F(Running, a_frame_from_the_device_that_refused_its_trigger_is_not_awaited) {
+    const auto part = rig.part_arrives();
+    rig.send(TriggerRefused{part});
+    EXPECT_EQ(rig.shot().counters.unfit, 1U);
+    expect_fail_safe(part, PartReason::frame_lost);
+}
+
+TEST_F(Running, a_refused_strobe_rejects) {
+    const auto part = rig.part_arrives();
+    rig.send(StrobeRefused{part});
+    expect_fail_safe(part, PartReason::strobe_failed);
+}
+
+TEST_F(Running, a_full_or_failing_inspector_rejects) {
+    const auto first = rig.part_is_seen();
+    rig.send(InspectRefused{first});
+    rig.advance(milliseconds(90));
+    const auto second = rig.part_is_seen();
+    rig.send(Judged{second, true, Verdict::pass, Reason::none, 0, 0});
+    expect_fail_safe(first, PartReason::inspector_failed);
+    expect_fail_safe(second, PartReason::inspector_failed);
+}
+
+TEST_F(Running, the_same_trouble_part_after_part_is_an_error) {
+    for (int k = 0; k < 5; ++k) {
+        EXPECT_EQ(rig.core.state(), State::continuous_execution) << k;
+        const auto part = rig.part_is_seen();
+        rig.judged(part, Verdict::unfit, Reason::too_dark);
+        rig.advance(milliseconds(150));
+        rig.confirmed(part);
+    }
+    EXPECT_EQ(rig.core.state(), State::error);
+    EXPECT_EQ(rig.shot().first_fault, 9);  // kFaultLightLevel is bit 8
+    EXPECT_FALSE(rig.shot().run_permit);
+}
+
+TEST_F(Running, one_good_judgement_clears_passing_trouble) {
+    auto part = rig.part_is_seen();
+    rig.judged(part, Verdict::unfit, Reason::too_dark);
+    EXPECT_EQ(rig.shot().faults_active, std::uint32_t{kFaultLightLevel});
+    rig.advance(milliseconds(150));
+    rig.confirmed(part);
+    part = rig.part_is_seen();
+    rig.judged(part, Verdict::pass);
+    EXPECT_EQ(rig.shot().faults_active, 0U);
+    EXPECT_EQ(rig.shot().faults_latched, std::uint32_t{kFaultLightLevel});
+}
+
+}  // namespace
+}  // namespace hord::firmware

@@ -1,0 +1,178 @@
+// At the ejector: confirmations, lost places and line stop, as literal stories.
+#include "tests/firmware/core/running.h"
+
+namespace hord::firmware {
+namespace {
+
+using algo::Reason;
+using algo::Verdict;
+
+TEST_F(Running, an_unconfirmed_rejection_stops_the_line) {
+    using Outcome = hal::RejectReport::Outcome;
+    struct Story {
+        const char* what;
+        int report;  // Outcome, or -1: none, or -2: refused
+        RejectState state;
+    };
+    for (const Story& story : {Story{"silent", -1, RejectState::failed}, Story{"refused", -2, RejectState::failed},
+                               Story{"failed", static_cast<int>(Outcome::failed), RejectState::failed},
+                               Story{"late", static_cast<int>(Outcome::late), RejectState::late}}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        const auto part = one.part_is_seen();
+        one.judged(part, Verdict::reject, Reason::absorption);
+        one.advance(milliseconds(150));
+        ASSERT_TRUE(one.rejected(part));
+        EXPECT_FALSE(one.shot().line_stop) << story.what;
+        if (story.report == -2) one.send(RejectRefused{part});
+        if (story.report >= 0) one.send(hal::RejectReport{part, static_cast<Outcome>(story.report), one.now});
+        one.advance(milliseconds(200));
+        EXPECT_TRUE(one.shot().line_stop) << story.what;
+        EXPECT_EQ(one.core.state(), State::error) << story.what;
+        EXPECT_EQ(one.permits, std::vector<bool>{false}) << story.what;
+        EXPECT_EQ(one.only_result().reject, story.state) << story.what;
+        EXPECT_NE(one.shot().faults_active & kFaultRejectUnconfirmed, 0U) << story.what;
+        one.send(Command::reset);
+        EXPECT_FALSE(one.shot().line_stop) << story.what;
+    }
+}
+
+TEST_F(Running, a_confirmation_after_the_pulse_is_late) {
+    const TimePoint edge = rig.now;
+    const auto part = rig.part_is_seen();
+    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.now = edge + kPulseEnd + Duration(1);
+    rig.send(Tick{});  // the loop was held up: the command itself is too late
+    EXPECT_FALSE(rig.rejected(part));
+    EXPECT_EQ(rig.only_result().reject, RejectState::late);
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
+TEST_F(Running, a_command_after_the_part_is_at_the_ejector_is_given_and_counted_late) {
+    const TimePoint edge = rig.now;
+    const auto part = rig.part_is_seen();
+    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.now = edge + milliseconds(181);
+    rig.send(Tick{});
+    EXPECT_TRUE(rig.rejected(part));
+    rig.confirmed(part);
+    EXPECT_EQ(rig.only_result().reject, RejectState::late);
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
+TEST_F(Running, with_the_rejector_down_bad_parts_stop_the_line) {
+    const auto part = rig.part_is_seen();
+    rig.send(DeviceLost{Device::rejector});
+    EXPECT_EQ(rig.core.state(), State::error);
+    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.advance(milliseconds(150));
+    EXPECT_FALSE(rig.rejected(part));
+    EXPECT_EQ(rig.only_result().reject, RejectState::failed);
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
+// The permit dropped with the link: the line may have stopped, and nobody can say that the pulse met the part.
+TEST_F(Running, a_rejector_that_is_back_before_the_deadline_is_commanded_and_not_trusted) {
+    const auto part = rig.part_is_seen();
+    rig.send(DeviceLost{Device::rejector});
+    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.send(DeviceUp{Device::rejector});
+    rig.advance(milliseconds(150));
+    EXPECT_TRUE(rig.rejected(part));
+    rig.confirmed(part);
+    EXPECT_EQ(rig.only_result().reject, RejectState::failed);
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
+// Without an encoder nobody knows where parts come to rest once the line stops.
+TEST_F(Running, an_error_stops_the_line_and_no_rejection_counts_from_then_on) {
+    const auto first = rig.part_is_seen();
+    rig.judged(first, Verdict::reject, Reason::slope);
+    rig.advance(milliseconds(50));
+    const auto second = rig.part_is_seen();
+    rig.judged(second, Verdict::pass);
+    rig.send(DeviceLost{Device::strobe});
+    EXPECT_EQ(rig.permits, std::vector<bool>{false});
+    EXPECT_TRUE(rig.shot().line_stop);
+    ASSERT_TRUE(rig.advance_until_rejected(first));  // the line may not have obeyed
+    rig.confirmed(first);
+    EXPECT_TRUE(rig.shot().line_stop);
+    EXPECT_EQ(rig.shot().counters.reject_failed, 1U);
+    EXPECT_EQ(rig.shot().counters.pass, 1U);
+}
+
+TEST_F(Running, a_reset_ends_the_story_of_parts_whose_place_was_lost) {
+    const auto part = rig.part_is_seen();
+    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.send(DeviceLost{Device::strobe});
+    rig.send(Command::reset);
+    EXPECT_EQ(rig.only_result().reject, RejectState::failed);
+    EXPECT_FALSE(rig.shot().line_stop);
+    rig.advance(milliseconds(500));
+    EXPECT_FALSE(rig.rejected(part)) << "its pulse would hit another part of the line that runs again";
+}
+
+TEST_F(Running, arming_waits_until_the_ejector_rests) {
+    const auto part = rig.part_is_seen();
+    rig.judged(part, Verdict::reject, Reason::slope);
+    ASSERT_TRUE(rig.advance_until_rejected(part));
+    rig.send(DeviceLost{Device::strobe});
+    rig.send(DeviceUp{Device::strobe});
+    rig.send(Command::reset);
+    EXPECT_EQ(rig.send(Command::arm), Answer::pulse_under_way);
+    rig.advance(milliseconds(35));  // lead and pulse
+    EXPECT_EQ(rig.send(Command::arm), Answer::done);
+}
+
+TEST_F(Running, a_part_before_the_camera_when_the_line_stops_is_not_judged_by_what_stands_there_later) {
+    CoreConfig config = quick_line();
+    config.exposure_delay = milliseconds(40);
+    CoreRig far(config);
+    far.bring_to(State::continuous_execution);
+    far.part_arrives();
+    far.advance(milliseconds(20));
+    far.send(DeviceLost{Device::rejector});
+    far.advance(milliseconds(100));
+    EXPECT_TRUE(far.exposures.empty());
+    EXPECT_EQ(far.shot().counters.unfit, 1U);
+}
+
+TEST(NotRunning, parts_that_come_while_the_line_stops_are_commanded_and_keep_the_line_stopped) {
+    CoreRig rig;
+    rig.bring_to(State::error);
+    const auto part = rig.part_arrives();
+    ASSERT_TRUE(rig.advance_until_rejected(part));
+    rig.confirmed(part);
+    EXPECT_EQ(rig.only_result().reason, PartReason::station_not_running);
+    EXPECT_EQ(rig.only_result().reject, RejectState::failed);
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
+TEST(NotRunning, parts_are_rejected_and_counted_where_the_rejector_is_up) {
+    for (const State state : {State::initialized, State::ready}) {
+        CoreRig rig;
+        rig.bring_to(state);
+        const auto part = rig.part_arrives();
+        EXPECT_TRUE(rig.exposures.empty());
+        rig.advance(milliseconds(156));
+        ASSERT_TRUE(rig.rejected(part)) << name_of(state);
+        rig.confirmed(part);
+        EXPECT_EQ(rig.only_result().reason, PartReason::station_not_running);
+        EXPECT_EQ(rig.shot().counters.reject_confirmed, 1U);
+        EXPECT_FALSE(rig.shot().line_stop);
+    }
+}
+
+TEST(NotRunning, without_a_rejector_they_stop_the_line) {
+    CoreRig rig;
+    rig.send(Command::initialise);
+    rig.send(DeviceUp{Device::part_sensor});
+    rig.part_arrives();
+    rig.advance(milliseconds(156));
+    EXPECT_EQ(rig.only_result().reject, RejectState::failed);
+    EXPECT_TRUE(rig.shot().line_stop);
+    EXPECT_EQ(rig.core.state(), State::error);
+}
+
+}  // namespace
+}  // namespace hord::firmware
