@@ -28,7 +28,7 @@ void Core::on(const hal::PartEdge& edge) {
     if (edge.sequence == last_edge_ && edge.at == last_edge_at_ && last_edge_ != 0) return;  // the same edge, told twice
     const bool arrives = edge.kind == hal::PartEdge::Kind::arrives;
     const bool certain = continues(edge);
-    if (!arrives && last_edge_ == 0 && certain) part_was_there();
+    if (!arrives && last_edge_ == 0 && certain && started_) part_was_there();
     last_edge_ = edge.sequence;
     last_kind_ = edge.kind;
     last_edge_at_ = edge.at;

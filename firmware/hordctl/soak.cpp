@@ -19,7 +19,6 @@ struct SoakArguments {
     std::optional<std::uint64_t> episode;
     std::string line = "timed", faults;
     bool coverage = false, shrink = false;
-    double pipeline_share = 0;
     std::string profile = "random";
 };
 
@@ -49,7 +48,6 @@ Exit run_soak(const SoakArguments& arguments) {
     SoakOptions options;
     options.parts = arguments.parts;
     options.seed = arguments.seed;
-    options.pipeline_share = arguments.pipeline_share;
     options.all_pairs = arguments.profile == "nightly";
     options.parts_an_episode = std::min(arguments.episode_parts, arguments.parts);
     auto progress = std::make_unique<Progress>("soak");
@@ -75,7 +73,6 @@ void add_soak(CLI::App& program, Exit& status) {
     command->add_option("--line", arguments->line, "Of the episode: followed by time or by an encoder")->check(CLI::IsMember({"timed", "encoder"}));
     command->add_option("--faults", arguments->faults, "Of the episode: NAME@FIRST-LAST:PROBABILITY+TIME, several with commas");
     command->add_flag("--coverage", arguments->coverage, "Show which states met which events, and which faults met");
-    command->add_option("--pipeline-share", arguments->pipeline_share, "Share of the episodes that are judged by the real pipeline")->check(CLI::Range(0.0, 1.0));
     command->add_option("--profile", arguments->profile, "nightly: first an episode for each pair of faults; then --parts in all")
         ->check(CLI::IsMember({"random", "nightly"}))
         ->capture_default_str();

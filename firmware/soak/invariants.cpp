@@ -39,6 +39,13 @@ void Invariants::part_arrives(const sim::PartRecord& part) {
     known.bad = part.bad;
     known.front_mm = part.front_mm;
     known.arrived_ns = part.arrived.time_since_epoch().count();
+    // So close behind the one ahead that it may be rejected, or its light may not have rested.
+    const Known& ahead = parts_[newest_ % kMemory];
+    const Duration near = std::max(rules_.core.min_gap, cell_.strobe().limits().min_rest + rules_.core.strobe) + milliseconds(2);
+    if (newest_ != 0 && part.front_mm - ahead.front_mm < 1e-9 * static_cast<double>(near.count()) * cell_.world().nominal_speed_mm_s() * 1.05) {
+        last_close_ = clock_.now();
+        disturbed_until_ = std::max(disturbed_until_, last_close_ + kAftermath);
+    }
     newest_ = part.number;
 }
 

@@ -147,6 +147,7 @@ class Invariants {
     }();
     TimePoint faults_until_{};      // the effects of those that fired last until then
     TimePoint disturbed_until_{};   // that, and stops and resets
+    TimePoint last_close_ = TimePoint::min();  // parts followed each other closely
     TimePoint stepped_at_{};
     int steps_at_once_ = 0;
     TimePoint stalled_until_{};     // the process does not run

@@ -150,6 +150,8 @@ void Invariants::check_passed(const PartResult& r, Known* known) {
 }
 
 void Invariants::check_reason(const PartResult& r) {
+    const bool close = last_close_ != TimePoint::min() && clock_.now() - last_close_ <= kCauseWindow;
+    if (close && (r.reason == PartReason::parts_too_close || r.reason == PartReason::strobe_failed)) return;
     for (const Behind& cause : kBehind) {
         if (cause.reason == r.reason && rules_.perfect_detection && !any_fired_within(cause.faults, kCauseWindow)) {
             broken(Promise::true_reasons, "is unfit (" + std::string(name_of(r.reason)) + "), and nothing of the kind happened", r.part);

@@ -4,7 +4,6 @@
 #include <cstdio>
 #include <utility>
 
-#include "firmware/soak/pipeline_pool.h"
 #include "hal_sim/cell/random.h"
 
 namespace hord::firmware {
@@ -38,7 +37,6 @@ void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::
     for (std::size_t k = 0; k < report.reasons.size(); ++k) report.reasons[k] += seen.of(static_cast<PartReason>(k));
     report.coverage.merge(line.coverage());
     report.undisturbed += seen.undisturbed();
-    report.passed_bad += seen.passed_bad();
     report.processes += line.processes();
     const sim::FaultPlan& faults = line.cell().faults();
     for (std::size_t a = 0; a < sim::kFaults; ++a) {
@@ -67,13 +65,8 @@ std::string command_of(const EpisodePlan& plan) {
            std::string(name_of(plan.line)) + (plan.faults.empty() ? "" : " --faults " + text_of(plan.faults));
 }
 
-Result<void> run_episode(const EpisodePlan& plan, SoakReport& report, const PipelinePool* pool) {
-    LineOptions line = line_of(plan);
-    if (pool != nullptr) {
-        pool->equip(line);
-        report.pipeline_parts += plan.parts;
-    }
-    auto made = SimulatedLine::make(line);
+Result<void> run_episode(const EpisodePlan& plan, SoakReport& report) {
+    auto made = SimulatedLine::make(line_of(plan));
     if (!made) return tl::unexpected(made.error());
     const bool over = (*made)->run();
     add_episode(report, **made, over, command_of(plan));
@@ -87,12 +80,6 @@ Result<SoakReport> soak(const SoakOptions& options) {
     if (options.parts == 0 || options.parts_an_episode < 200) {
         return fail(ErrorCode::invalid_argument, "a soak of " + std::to_string(options.parts) + " parts, " +
                     std::to_string(options.parts_an_episode) + " an episode", "use at least 1 part, and 200 an episode");
-    }
-    std::unique_ptr<PipelinePool> pool;
-    if (options.pipeline_share > 0) {
-        auto made = PipelinePool::make();
-        if (!made) return tl::unexpected(made.error());
-        pool = std::move(*made);
     }
     SoakReport report;
     const auto ends = [&] { return options.until_violation && report.violations > 0; };
@@ -108,8 +95,7 @@ Result<SoakReport> soak(const SoakOptions& options) {
     }
     for (std::uint64_t episode = 0; report.parts < options.parts && !ends(); ++episode) {
         const std::uint64_t seed = sim::random_bits(options.seed, kEpisodeStream, episode);
-        const bool real = sim::random_unit(seed, kEpisodeStream, 1) < options.pipeline_share;
-        if (auto done = run_episode(draw_plan(seed, options.parts_an_episode), report, real ? pool.get() : nullptr); !done) return tl::unexpected(done.error());
+        if (auto done = run_episode(draw_plan(seed, options.parts_an_episode), report); !done) return tl::unexpected(done.error());
         if (options.progress) options.progress(std::min(1.0, static_cast<double>(report.parts) / static_cast<double>(options.parts)));
     }
     return report;
@@ -124,7 +110,7 @@ std::string describe(const SoakReport& r) {
     const auto line = [](const std::string& name, std::uint64_t value) { return name + std::string(28 - std::min<std::size_t>(27, name.size()), ' ') + std::to_string(value) + "\n"; };
     std::string text = line("parts", r.parts) + line("episodes", r.episodes) + line("results", r.results) +
                        line("hours of production", r.virtual_s / 3600) + line("line stops", r.line_stops) + line("resets", r.resets) +
-                       line("excused (invisible faults)", r.excused) + line("parts with nothing wrong", r.undisturbed) + line("processes", r.processes) + line("fault pairs", r.coverage.pairs()) + line("judged by the real pipeline", r.pipeline_parts) + line("of these, bad and passed", r.passed_bad) + line("violations", r.violations);
+                       line("excused (invisible faults)", r.excused) + line("parts with nothing wrong", r.undisturbed) + line("processes", r.processes) + line("fault pairs", r.coverage.pairs()) + line("violations", r.violations);
     text += "fingerprint                 " + hex(r.fingerprint) + "\nfaults fired\n";
     for (std::size_t k = 0; k < sim::kFaults; ++k) {
         if (r.planned[k] > 0) text += line("  " + std::string(sim::name_of(static_cast<Fault>(k))), r.fired[k]);

@@ -18,13 +18,10 @@
 
 namespace hord::firmware {
 
-class PipelinePool;
-
 struct SoakOptions {
     std::uint64_t parts = 100'000;
     std::uint64_t seed = 1;
     std::uint64_t parts_an_episode = 5'000;
-    double pipeline_share = 0;                 // of the episodes: judged by the real pipeline on rendered frames
     bool all_pairs = false;                    // first an episode for each pair of faults that can meet
     bool until_violation = false;              // ends with the first episode that breaks a promise
     std::function<void(double done)> progress;  // 0..1; may be empty
@@ -41,7 +38,6 @@ struct SoakReport {
     std::array<std::uint64_t, 32> reasons{};              // by PartReason
     std::array<std::uint64_t, sim::kFaults> planned{};    // episodes whose plan names the fault
     std::array<std::uint64_t, sim::kFaults> fired{};      // times
-    std::uint64_t pipeline_parts = 0, passed_bad = 0;     // judged by the real pipeline; bad ones that it passed
     std::uint64_t undisturbed = 0;                        // parts that came with nothing wrong, and were held to that
     std::uint64_t processes = 0;                          // more than episodes: those that died
     Coverage coverage;
@@ -55,7 +51,7 @@ struct SoakReport {
 // One episode, added to the report. The same plan gives the same bits.
 LineOptions line_of(const EpisodePlan& plan);
 std::string command_of(const EpisodePlan& plan);
-Result<void> run_episode(const EpisodePlan& plan, SoakReport& report, const PipelinePool* pool = nullptr);
+Result<void> run_episode(const EpisodePlan& plan, SoakReport& report);
 
 // Fails with invalid_argument when the options are impossible.
 Result<SoakReport> soak(const SoakOptions& options);

@@ -36,7 +36,7 @@ int main(int count, char** arguments) {
         return 2;
     }
     if (report->violations == 0) {
-        std::printf("%llu parts, no promise broken\n", static_cast<unsigned long long>(report->parts));
+        std::printf("%llu parts, no promise broken, fingerprint %016llx\n", static_cast<unsigned long long>(report->parts), static_cast<unsigned long long>(report->fingerprint));
     } else {
         std::printf("%llu parts: %s\n", static_cast<unsigned long long>(report->parts_to_violation), report->first_violations.front().c_str());
     }

@@ -210,7 +210,7 @@ TEST(LineUnknown, stops_the_line_until_a_reset) {
     rig.send(LineUnknown{});
     EXPECT_EQ(rig.core.state(), State::error);
     EXPECT_TRUE(rig.shot().line_stop);
-    EXPECT_EQ(rig.command(Command::reset), Answer::done);
+    EXPECT_EQ(rig.send(Command::reset), Answer::done);
     EXPECT_FALSE(rig.shot().line_stop);
     EXPECT_EQ(rig.core.state(), State::initialized);
     EXPECT_EQ(rig.starts.size(), 4U);
