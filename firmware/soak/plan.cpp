@@ -41,7 +41,7 @@ hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
         case Fault::reject_twice: return one_of({20ms, 60ms});
         case Fault::part_removed: return one_of({40ms, 150ms, 300ms, 700ms});
         case Fault::belt_stop: return one_of({30ms, 300ms, 1500ms});
-        case Fault::inspector_slow: return one_of({140ms, 148ms, 154ms, 160ms, 168ms, 450ms, 1000ms});  // the verdict is due after 150 ms or so
+        case Fault::inspector_slow: return one_of({300ms, 530ms, 552ms, 556ms, 560ms, 564ms, 568ms, 1000ms});  // the verdict is due 550 ms later
         case Fault::process_stalled: return one_of({10ms, 40ms, 120ms, 400ms});
         case Fault::sensor_lost:
         case Fault::strobe_lost:
