@@ -35,7 +35,7 @@ constexpr std::array kBehind{
     Behind{PartReason::too_dark, any_of(Fault::frame_dark, Fault::strobe_dead, Fault::strobe_weak, Fault::strobe_late, Fault::frame_stale, Fault::strobe_lost)},
     Behind{PartReason::saturated, any_of(Fault::frame_saturated, Fault::frame_stale)},
 };
-constexpr Duration kCauseWindow = milliseconds(4000);
+constexpr Duration kCauseWindow = milliseconds(6000);  // the longest silence of a PLC, and a part's way
 
 }  // namespace
 
