@@ -14,9 +14,9 @@ namespace hord::firmware {
 
 std::span<const Experiment> experiments() {
     static constexpr Experiment kExperiments[] = {
-        {"paper", "The paper's figure: which of its claims hold, and for which light and bubbles", "about two minutes on two cores", run_paper},
-        {"tradeoff", "Speed against accuracy: every feature over light, bins, slopes, strides and frames", "about fifteen minutes on two cores", run_tradeoff},
-        {"ablation", "What each physical effect does to detection, and what it costs", "about ten minutes on two cores", run_ablation},
+        {"paper", "The paper's figure: which of its claims hold, and for which light and bubbles", "about one minute on two cores", run_paper},
+        {"tradeoff", "Speed against accuracy: every feature over light, bins, slopes, strides and frames", "about six minutes on two cores", run_tradeoff},
+        {"ablation", "What each physical effect does to detection, and what it costs", "about two minutes on two cores", run_ablation},
         {"stability", "Do the features keep their promises at the extremes? A table of case, expected, got, verdict", "about half a minute", run_stability},
     };
     return kExperiments;
