@@ -3,11 +3,7 @@
 namespace hord::algo {
 
 Deflection mean_deflection(std::uint32_t sum, std::int32_t moment_x, std::int32_t moment_y) {
-    constexpr int kReciprocalBits = 52;
-    constexpr int kDropped = kReciprocalBits + 1 - DeflectionQ::kFractionBits;  // 1: from half bins to bins
-    const std::int64_t reciprocal = (std::int64_t{1} << kReciprocalBits) / sum;
-    return {DeflectionQ::from_raw(shift_right_rounded(moment_x * reciprocal, kDropped)),
-            DeflectionQ::from_raw(shift_right_rounded(moment_y * reciprocal, kDropped))};
+    return {DeflectionQ::from_raw(quotient_q24(moment_x, sum)), DeflectionQ::from_raw(quotient_q24(moment_y, sum))};
 }
 
 void mean_deflections(const HordRow& row, std::span<Deflection> out) {

@@ -123,7 +123,7 @@ double Distance::State::evaluate(const Hord& a, const Hord& b) {
     }
 }
 
-Result<Distance> Distance::create(Feature feature, int bins_i, int bins_j, const Options& options) {
+Result<Distance> Distance::create(Feature feature, int bins_i, int bins_j, const Options& options, Isa isa) {
     if (!is_distance(feature)) {
         return fail(ErrorCode::invalid_argument, std::string(name_of(feature)) + " is not a distance between two HORDs",
                     "use one of emd, emd-l1, emd-sq, centroid, marginal, sliced, bhattacharyya, hellinger, chi2");
@@ -140,7 +140,7 @@ Result<Distance> Distance::create(Feature feature, int bins_i, int bins_j, const
     state->bins = ground->bins();
     state->directions.assign(ground->directions().begin(), ground->directions().end());
     if (feature <= Feature::emd_sq) {
-        auto emd = EmdSolver::create(*ground);
+        auto emd = EmdSolver::create(*ground, isa);
         if (!emd) return tl::unexpected(emd.error());
         state->emd.emplace(std::move(*emd));
     }

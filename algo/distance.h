@@ -24,6 +24,7 @@
 #include "algo/feature.h"
 #include "algo/ground.h"
 #include "algo/hord.h"
+#include "algo/isa.h"
 #include "algo/result.h"
 
 namespace hord::algo {
@@ -39,7 +40,8 @@ class Distance {
     };
 
     // Fails with invalid_argument when the feature is not a distance, or as GroundDistance does.
-    static Result<Distance> create(Feature feature, int bins_i, int bins_j, const Options& options);
+    // `isa`: as for EmdSolver::create.
+    static Result<Distance> create(Feature feature, int bins_i, int bins_j, const Options& options, Isa isa = best_isa());
     static Result<Distance> create(Feature feature, int bins_i, int bins_j) { return create(feature, bins_i, bins_j, Options{}); }
 
     // 0 when either HORD is dark (sum 0); callers mask those.

@@ -1,13 +1,13 @@
 #include "algo/feature_map.h"
 
 #include <algorithm>
-#include <optional>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "algo/bands.h"
 #include "algo/gradient.h"
-#include "algo/jacobian.h"
+#include "algo/plane_feature.h"
 #include "algo/row_window.h"
 
 namespace hord::algo {
@@ -17,24 +17,28 @@ namespace {
 // the solver finds many small problems alike.
 constexpr int kBandRows = 16;
 
+// A worker has one or the other: most of what is cheap goes by planes, the rest pair by pair.
 struct Worker {
-    Worker(const Extents& e, bool jacobian, std::optional<Distance> d)
-        : window(e, jacobian), reference(e), distance(std::move(d)), asked(static_cast<std::size_t>(kBandRows * e.m)) {}
-    RowWindow window;
-    HordRow reference;
-    std::optional<Distance> distance;
-    std::vector<EmdGradient> asked;  // of a band's lenslets; against a reference x alone is used
-    std::uint64_t at_limit = 0;
-};
+    Worker(const Extents& e, Distance d) : by_pairs(std::make_unique<ByPairs>(e, std::move(d))) {}
+    Worker(const Extents& e, Feature feature, Isa isa) : by_planes(std::make_unique<PlaneFeature>(e, feature, isa)) {}
 
-float value_of(Feature feature, const Jacobian& jacobian) {
-    switch (feature) {
-        case Feature::jacobian_spectral: return singular_norms(jacobian).spectral.to_float_rounded();
-        case Feature::jacobian_nuclear: return singular_norms(jacobian).nuclear.to_float_rounded();
-        case Feature::anisotropy: return singular_norms(jacobian).anisotropy.to_float_rounded();
-        default: return frobenius_norm(jacobian).to_float_rounded();
-    }
-}
+    struct ByPairs {
+        ByPairs(const Extents& e, Distance d) : window(e), reference(e), distance(std::move(d)), asked(static_cast<std::size_t>(kBandRows * e.m)) {}
+        RowWindow window;
+        HordRow reference;
+        Distance distance;
+        std::vector<EmdGradient> asked;  // of a band's lenslets; against a reference x alone is used
+        std::uint64_t at_limit = 0;
+
+        void submit(const Hord& a, const Hord& b, double* out, std::uint8_t& flags) {
+            const std::uint64_t before = distance.saturated();
+            distance.submit(a, b, out);
+            if (distance.saturated() != before) flags |= kAtLimit;
+        }
+    };
+    std::unique_ptr<ByPairs> by_pairs;
+    std::unique_ptr<PlaneFeature> by_planes;
+};
 
 }  // namespace
 
@@ -52,35 +56,31 @@ struct FeatureMapper::State {
 
     template <class Band>
     FeatureMap in_bands(Band compute);
-    void submit(Worker& worker, const Hord& a, const Hord& b, double* out, std::uint8_t& flags);
-    void finish(Worker& worker, int first, int last);
-    void neighbours_band(Worker& worker, const FrameView& frame, int first, int last);
+    void finish(Worker::ByPairs& worker, int first, int last);
+    void neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last);
     template <class ReferenceRow>
-    void reference_band(Worker& worker, const FrameView& frame, ReferenceRow reference_row, int first, int last);
+    void reference_band(Worker::ByPairs& worker, const FrameView& frame, ReferenceRow reference_row, int first, int last);
     [[nodiscard]] Result<void> check_reference() const;
 };
 
 // Shares the rows out; the result does not depend on how.
 template <class Band>
 FeatureMap FeatureMapper::State::in_bands(Band compute) {
-    for (Worker& worker : workers) worker.at_limit = 0;
-    crew->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
-        compute(workers[static_cast<std::size_t>(worker)], band * kBandRows, std::min((band + 1) * kBandRows, extents.n));
+    for (Worker& worker : workers) {
+        if (worker.by_pairs) worker.by_pairs->at_limit = 0;
+    }
+    const int rows = crew->threads() == 1 && workers[0].by_planes ? extents.n : kBandRows;
+    crew->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
+        compute(workers[static_cast<std::size_t>(worker)], band * rows, std::min((band + 1) * rows, extents.n));
     });
     FeatureMap map{values, mask, 0};
-    for (const Worker& worker : workers) map.at_limit += worker.at_limit;
+    for (const Worker& worker : workers) map.at_limit += worker.by_pairs ? worker.by_pairs->at_limit : 0;
     return map;
 }
 
-void FeatureMapper::State::submit(Worker& worker, const Hord& a, const Hord& b, double* out, std::uint8_t& flags) {
-    const std::uint64_t before = worker.distance->saturated();
-    worker.distance->submit(a, b, out);
-    if (worker.distance->saturated() != before) flags |= kAtLimit;
-}
-
 // Writes the values of rows first .. last-1, which have been asked for.
-void FeatureMapper::State::finish(Worker& worker, int first, int last) {
-    worker.distance->finish();
+void FeatureMapper::State::finish(Worker::ByPairs& worker, int first, int last) {
+    worker.distance.finish();
     const std::size_t from = at(0, first), count = at(0, last) - from;
     for (std::size_t k = 0; k < count; ++k) {
         values[from + k] = static_cast<float>(worker.asked[k].norm());
@@ -88,40 +88,30 @@ void FeatureMapper::State::finish(Worker& worker, int first, int last) {
     }
 }
 
-void FeatureMapper::State::neighbours_band(Worker& worker, const FrameView& frame, int first, int last) {
+void FeatureMapper::State::neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last) {
     RowWindow& window = worker.window;
     window.stream(frame, levels, first, last, [&](int n) {
         for (int m = 0; m < extents.m; ++m) {
             const auto near = window.neighbours(m, n);
             const std::size_t k = at(m, n);
+            EmdGradient& gradient = worker.asked[k - at(0, first)];
+            gradient = {};
             std::uint8_t flags = near.mask;
-            const bool has_value = (near.mask & kNoGradient) == 0;
-            if (worker.distance) {
-                EmdGradient& gradient = worker.asked[k - at(0, first)];
-                gradient = {};
-                if (has_value) {
-                    gradient.weight_x = near.across.weight();
-                    gradient.weight_y = near.down.weight();
-                    submit(worker, window.row(n).hord(near.left), window.row(n).hord(near.right), &gradient.x, flags);
-                    submit(worker, window.row(near.above).hord(m), window.row(near.below).hord(m), &gradient.y, flags);
-                }
-            } else {
-                Jacobian jacobian;
-                if (has_value) {
-                    jacobian = jacobian_of(near.across, window.deflection(near.left, n), window.deflection(near.right, n), near.down,
-                                           window.deflection(m, near.above), window.deflection(m, near.below));
-                }
-                values[k] = value_of(feature, jacobian);
+            if ((near.mask & kNoGradient) == 0) {
+                gradient.weight_x = near.across.weight();
+                gradient.weight_y = near.down.weight();
+                worker.submit(window.row(n).hord(near.left), window.row(n).hord(near.right), &gradient.x, flags);
+                worker.submit(window.row(near.above).hord(m), window.row(near.below).hord(m), &gradient.y, flags);
             }
             mask[k] = flags;
         }
     });
-    if (worker.distance) finish(worker, first, last);
+    finish(worker, first, last);
 }
 
 // reference_row(n) returns a function that gives the reference's HORD in column m.
 template <class ReferenceRow>
-void FeatureMapper::State::reference_band(Worker& worker, const FrameView& frame, ReferenceRow reference_row, int first, int last) {
+void FeatureMapper::State::reference_band(Worker::ByPairs& worker, const FrameView& frame, ReferenceRow reference_row, int first, int last) {
     for (int n = first; n < last; ++n) {
         const HordRow& row = worker.window.decode(frame, levels, n);
         const auto reference = reference_row(n);
@@ -132,7 +122,7 @@ void FeatureMapper::State::reference_band(Worker& worker, const FrameView& frame
             std::uint8_t flags = row.mask()[static_cast<std::size_t>(m)];
             const Hord wanted = reference(m);
             if (wanted.sum == 0) flags |= kBorder;
-            if ((flags & kNoGradient) == 0) submit(worker, row.hord(m), wanted, &difference.x, flags);
+            if ((flags & kNoGradient) == 0) worker.submit(row.hord(m), wanted, &difference.x, flags);
             mask[k] = flags;
         }
     }
@@ -150,6 +140,7 @@ Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, co
     if (feature == Feature::transmission) {
         return fail(ErrorCode::invalid_argument, "transmission compares a lenslet with the whole part", "take it from an inspection");
     }
+    if (!has(options.isa)) return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
     auto crew = BandCrew::create(options.threads);
     if (!crew) return tl::unexpected(crew.error());
     auto state = std::make_unique<State>();
@@ -158,14 +149,15 @@ Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, co
     state->levels = levels;
     state->feature = feature;
     state->crew = std::move(*crew);
+    const bool by_planes = PlaneFeature::covers(feature) && (options.distance.directions.empty() || !is_distance(feature));
     for (int worker = 0; worker < options.threads; ++worker) {
-        std::optional<Distance> distance;
-        if (is_distance(feature)) {
-            auto made = Distance::create(feature, extents.i, extents.j, options.distance);
-            if (!made) return tl::unexpected(made.error());
-            distance.emplace(std::move(*made));
+        if (by_planes) {
+            state->workers.emplace_back(extents, feature, options.isa);
+            continue;
         }
-        state->workers.emplace_back(extents, !is_distance(feature), std::move(distance));
+        auto distance = Distance::create(feature, extents.i, extents.j, options.distance, options.isa);
+        if (!distance) return tl::unexpected(distance.error());
+        state->workers.emplace_back(extents, std::move(*distance));
     }
     state->values.resize(extents.lenslets());
     state->mask.resize(extents.lenslets());
@@ -175,7 +167,13 @@ Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, co
 Result<FeatureMap> FeatureMapper::over_neighbours(const FrameView& frame) {
     State& s = *state_;
     if (auto fine = check_frame(frame, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
-    return s.in_bands([&](Worker& worker, int first, int last) { s.neighbours_band(worker, frame, first, last); });
+    return s.in_bands([&](Worker& worker, int first, int last) {
+        if (worker.by_planes) {
+            worker.by_planes->over_neighbours(frame, s.levels, first, last, s.values.data(), s.mask.data());
+        } else {
+            s.neighbours_band(*worker.by_pairs, frame, first, last);
+        }
+    });
 }
 
 Result<FeatureMap> FeatureMapper::against(const FrameView& frame, const FrameView& reference) {
@@ -185,11 +183,13 @@ Result<FeatureMap> FeatureMapper::against(const FrameView& frame, const FrameVie
     }
     if (auto fine = s.check_reference(); !fine) return tl::unexpected(fine.error());
     return s.in_bands([&](Worker& worker, int first, int last) {
+        if (worker.by_planes) return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
         const auto decoded = [&](int n) {
-            decode_row(reference, s.extents, s.levels, n, worker.reference);
-            return [&row = worker.reference](int m) { return row.has_hord(m) ? row.hord(m) : Hord{}; };
+            HordRow& row = worker.by_pairs->reference;
+            decode_row(reference, s.extents, s.levels, n, row);
+            return [&row](int m) { return row.has_hord(m) ? row.hord(m) : Hord{}; };
         };
-        s.reference_band(worker, frame, decoded, first, last);
+        s.reference_band(*worker.by_pairs, frame, decoded, first, last);
     });
 }
 
@@ -201,8 +201,9 @@ Result<FeatureMap> FeatureMapper::against(const FrameView& frame, std::span<cons
         return fail(ErrorCode::invalid_argument, std::to_string(reference.size()) + " reference HORDs", "give one a lenslet: " + std::to_string(s.extents.lenslets()));
     }
     return s.in_bands([&](Worker& worker, int first, int last) {
+        if (worker.by_planes) return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
         const auto given = [&](int n) { return [row = reference.subspan(s.at(0, n))](int m) { return row[static_cast<std::size_t>(m)]; }; };
-        s.reference_band(worker, frame, given, first, last);
+        s.reference_band(*worker.by_pairs, frame, given, first, last);
     });
 }
 

@@ -5,8 +5,10 @@
 //   against a reference the distance between the frame's HORD and the reference's at the same place; no border
 //
 // Rows are streamed through three rows of HORDs a thread; nothing is allocated after create(). Values do not depend on the
-// number of threads, to the bit. They are floats of the doubles that algo/distance.h defines: never NaN, never infinite, 0 where
-// `mask` says there is no value; its bit kAtLimit flags values that are a limit instead of a distance.
+// number of threads nor on the instruction set, to the bit. They are never NaN, never infinite, 0 where `mask` says there is no value;
+// its bit kAtLimit flags values that are a limit instead of a distance. emd, emd-l1, emd-sq, sliced and bhattacharyya are floats of the
+// doubles that algo/distance.h defines, and so is every distance on a direction map; the others, 6e-5 at most from those, are
+// made sixteen lenslets at a time (algo/plane_feature.h).
 // Transmission compares a lenslet with the whole part: that is the Pipeline's.
 #pragma once
 
@@ -34,6 +36,7 @@ class FeatureMapper {
     struct Options {
         Distance::Options distance = {};  // ground distance: direction map, threshold
         int threads = 1;                  // the calling one included
+        Isa isa = best_isa();             // the widest instruction set to use; the values are the same to the last bit
     };
 
     // Fails with invalid_argument when the feature compares nothing (transmission), or the extents, bits, number of threads or

@@ -19,8 +19,7 @@ Jacobian jacobian_of(const Stencil& across, const Deflection& left, const Deflec
 }
 
 SlopeQ frobenius_norm(const Jacobian& jacobian) {
-    const std::uint64_t sum = squared(jacobian.x_by_m.raw()) + squared(jacobian.x_by_n.raw()) + squared(jacobian.y_by_m.raw()) + squared(jacobian.y_by_n.raw());
-    return SlopeQ::from_raw(static_cast<std::int64_t>(square_root_floored(sum)));
+    return SlopeQ::from_raw(frobenius_raw(jacobian.x_by_m.raw(), jacobian.x_by_n.raw(), jacobian.y_by_m.raw(), jacobian.y_by_n.raw()));
 }
 
 SingularNorms singular_norms(const Jacobian& jacobian) {

@@ -7,8 +7,8 @@
 //
 // Halving is exact (the point moves: Q7.24 becomes Q6.25). A deflection is at most 7, a weighted difference at most
 // 2 * 14 < 128, an entry at most 14 and wrong by less than 2^-23 where the deflections are by 2^-24. Norms are Q6.25: a
-// raw entry is below 2^29, the sum of four squares below 2^60, its root below 2^30; the root is floored, so the Frobenius
-// norm is within 2 * 2^-23 + 2^-25 < 2^-12 of exact (tests/algo/jacobian_test.cpp).
+// raw entry is below 2^29, exact in a double; the sum of four squares below 2^60, each operation rounded by 2^-53 of itself; its root is
+// below 2^30 and truncated, so the Frobenius norm is within 2 * 2^-23 + 2^-25 + 2^-45 < 2^-12 of exact (tests/algo/jacobian_test.cpp).
 //
 // Frobenius alone cannot tell one strong direction from two moderate ones; the singular values s1 >= s2 can. With
 //
@@ -22,6 +22,8 @@
 //   anisotropy  (s1 - s2) / (s1 + s2) = min / max    0 (no direction) to 1 (one direction only); 0 for a zero Jacobian. Q0.24,
 //               rounded; its error is that of p and q over max(p, q): it means something only where the slope does.
 #pragma once
+
+#include <cmath>
 
 #include "algo/deflection.h"
 #include "algo/stencil.h"
@@ -38,7 +40,11 @@ struct Jacobian {
 Jacobian jacobian_of(const Stencil& across, const Deflection& left, const Deflection& right, const Stencil& down, const Deflection& above,
                      const Deflection& below);
 
-// sqrt of the sum of the squared entries (Eq. 14).
+// sqrt of the sum of the squared entries (Eq. 14); of their raw values, written so that a compiler can do many at once.
+inline std::int32_t frobenius_raw(std::int32_t x_m, std::int32_t x_n, std::int32_t y_m, std::int32_t y_n) {
+    const double a = x_m, b = x_n, c = y_m, d = y_n;
+    return static_cast<std::int32_t>(std::sqrt((a * a + b * b) + (c * c + d * d)));
+}
 SlopeQ frobenius_norm(const Jacobian& jacobian);
 
 using ShareQ = Q<1, 24>;

@@ -1,0 +1,74 @@
+// The features that need little arithmetic, at the speed at which a frame can be read: chi2, hellinger, marginal, centroid, and the
+// Jacobian's. Sixteen lenslets are worked on at once (algo/plane_row.h); the bins' directions are one pitch apart.
+//
+// Numbers. centroid and the Jacobian's are made of mean deflections (algo/deflection.h, algo/jacobian.h): centroid from their exact
+// differences, in double: within 2^-21 bin and 2^-24 of itself of exact. The others are floats of the shares (each within 2^-22 of itself), whose differences
+// and sums round by 2^-24 a step, 225 steps at most:
+//   hellinger  of roots: |error| < 2^-22 * sqrt(2) + 225 * 2^-24 of itself < 2e-5   (contract: 1e-4)
+//   chi2       a term (h-g)^2 / (h+g) is off by at most 2 * 2^-22 * (h+g) + its own rounding: in all below 2e-5   (contract: 1e-4)
+//   marginal   of cumulative sums, exact before they are scaled: below 28 * 2^-22 + rounding: 2e-5 bin
+// A gradient's norm adds two such errors, twice each beside a hole: below 6e-5. Where the same lanes are computed one by one (beside
+// lenslets without a HORD) the order is the same: a value does not depend on how it was computed.
+//
+// Test: tests/algo/plane_feature_test.cpp, against the definitions in double.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "algo/deflection.h"
+#include "algo/feature.h"
+#include "algo/plane_row.h"
+
+namespace hord::algo {
+
+class PlaneFeature {
+  public:
+    static bool covers(Feature feature);
+
+    // A feature that is covered.
+    PlaneFeature(const Extents& extents, Feature feature, Isa isa);
+
+    // Rows first .. last-1 of a whole field's map; algo/feature_map.h says what is in it. No allocation.
+    void over_neighbours(const FrameView& frame, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask);
+    void against(const FrameView& frame, const FrameView& reference, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask);
+    void against(const FrameView& frame, std::span<const Hord> reference, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask);
+
+    // Raw mean deflections around lenslets 0, 1, ...; values come out for lenslets that have all four neighbours.
+    struct MeanRows {
+        const std::int32_t *x_left, *x_right, *x_above, *x_below, *y_left, *y_right, *y_above, *y_below;
+    };
+
+  private:
+    void load(const FrameView& frame, const LightLevels& levels, int n);
+    [[nodiscard]] PlaneRow& row(int n) { return rows_[static_cast<std::size_t>(n % 3)]; }
+    // Mean deflections of a row, raw.
+    struct Means {
+        std::vector<std::int32_t> x, y;
+    };
+    [[nodiscard]] Deflection deflection(int m, int n) const {
+        const Means& means = means_[static_cast<std::size_t>(n % 3)];
+        return {DeflectionQ::from_raw(means.x[static_cast<std::size_t>(m)]), DeflectionQ::from_raw(means.y[static_cast<std::size_t>(m)])};
+    }
+    void compare_with_reference(float* values, std::uint8_t* mask);
+    void slopes_row(int n, float* values, const std::uint8_t* mask);
+    void compare_row(int n, float* values, std::uint8_t* mask);
+    [[nodiscard]] bool surrounded(int n, int block) const;
+    void compare_planes(int n, int block, float* values, const std::uint8_t* mask);
+    [[nodiscard]] float squared_alone(const PlaneRow& a, int m_a, const PlaneRow& b, int m_b) const;
+    [[nodiscard]] float by_deflections(int m, int n) const;
+
+    Extents extents_;
+    Feature feature_;
+    std::vector<PlaneRow> rows_;  // three; row n in place n % 3
+    std::array<Means, 3> means_;  // empty unless the feature is made of them
+    std::size_t stride_ = 0;      // from a plane to the next
+    int along_x_ = 0;             // planes of the marginal along x
+    void (*divide_)(const std::int32_t* moment, const std::uint32_t* sum, int count, std::int32_t* mean);
+    void (*slopes_)(const MeanRows& rows, bool centroid, int count, float* values);
+    // Squared distances of sixteen lenslets of a from sixteen of b, over the lit planes.
+    void (*add_up_)(const float* a, const float* b, std::size_t stride, const PlaneRow::Lit& lit, int along_x, float* squared);
+};
+
+}  // namespace hord::algo
