@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "algo/emd.h"
+#include "algo/fixed.h"
 #include "algo/lit_bins.h"
 #include "algo/projection.h"
 
@@ -19,8 +20,10 @@ constexpr double kSliceDirections[kSlices][2] = {{1, 0},   {kC1, kS1},  {kC2, kC
                                                  {0, 1},   {-kS1, kC1}, {-kC2, kC2}, {-kC1, kS1}};
 constexpr double kSliceScale = 0.19509032201612825;
 
+// Products of a mass (below 2^16) and a sum (below 2^24), exact.
 template <class Visit>
 void for_each_lit(const Hord& a, const Hord& b, int bins, Visit visit) {
+    expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
     const LitBins lit(a.mass, b.mass, bins);
     for (int w = 0; w < lit.words(); ++w) {
         for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {

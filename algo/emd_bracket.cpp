@@ -5,6 +5,8 @@
 #include <limits>
 #include <numeric>
 
+#include "algo/fixed.h"
+
 namespace hord::algo {
 namespace {
 
@@ -32,6 +34,7 @@ EmdBounds::EmdBounds(const GroundDistance& ground)
 
 Bracket EmdBounds::operator()(const Hord& a, const Hord& b) {
     if (a.sum == 0 || b.sum == 0) return {};
+    expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
     const LitBins lit(a.mass, b.mass, ground_.bins());
     difference_.count = 0;
     for (int w = 0; w < lit.words(); ++w) {

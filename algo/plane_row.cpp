@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <limits>
 
+#include "algo/fixed.h"
 #include "algo/isa_targets.h"
 
 namespace hord::algo {
@@ -270,6 +272,10 @@ void PlaneRow::decode_samples(const FrameView& frame, const LightLevels& levels,
 void PlaneRow::store_block(int block) {
     const auto m = static_cast<std::size_t>(block * kLanes);
     Block& work = *work_;
+    for (int l = 0; l < kLanes; ++l) {
+        expect_no_overflow(work.sum[l] >= 0 && static_cast<std::uint32_t>(work.sum[l]) < kSumLimit);
+        expect_no_overflow(std::abs(work.moment_x[l]) <= 14 * work.sum[l] && std::abs(work.moment_y[l]) <= 14 * work.sum[l]);
+    }
     std::copy_n(work.mask, kLanes, mask_.begin() + static_cast<std::ptrdiff_t>(m));
     std::copy_n(work.sum, kLanes, sums_.begin() + static_cast<std::ptrdiff_t>(m));
     std::copy_n(work.moment_x, kLanes, moments_x_.begin() + static_cast<std::ptrdiff_t>(m));

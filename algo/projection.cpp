@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algo/fixed.h"
+
 namespace hord::algo {
 
 Projection::Projection(std::span<const Direction> directions, double x, double y) : place_of_bin_(directions.size()) {
@@ -28,6 +30,7 @@ double Projection::distance(const Difference& d) const {
     double passed = 0;
     for (std::size_t p = 0; p < gap_.size(); ++p) {
         passed += mass[p];
+        expect_no_overflow(std::abs(passed) < 0x1p49);
         sum += std::abs(passed) * gap_[p];
     }
     return sum;

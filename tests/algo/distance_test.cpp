@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "algo/emd_bracket.h"
 #include "histograms.h"
 
 namespace hord::algo {
@@ -138,6 +139,21 @@ TEST(Distance, is_symmetric_zero_for_equals_and_dark_ones_and_finite_at_the_limi
         EXPECT_GT(extreme, 0.5);
     }
 }
+
+#ifdef HORD_CHECKED
+// A sum that cannot be: more than 15x15 bins of 16 bits hold.
+TEST(DistanceDeathTest, traps_a_sum_beyond_its_range_in_the_checked_build) {
+    const Histogram a(81, 65535);
+    for (std::size_t k = 0; k <= static_cast<std::size_t>(Feature::chi2); ++k) {
+        const auto feature = static_cast<Feature>(k);
+        if (feature <= Feature::emd_sq) continue;  // the solver's own
+        auto distance = Distance::create(feature, 9, 9);
+        EXPECT_DEATH((void)(*distance)(Hord{a.data(), 1U << 24}, hord_of(a)), "") << name_of(feature);
+    }
+    EmdBounds bounds(*GroundDistance::between_bins(9, 9));
+    EXPECT_DEATH((void)bounds(Hord{a.data(), 1U << 24}, hord_of(a)), "");
+}
+#endif
 
 TEST(Distance, refuses_what_is_not_one) {
     EXPECT_FALSE(Distance::create(Feature::transmission, 9, 9));

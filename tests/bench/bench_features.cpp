@@ -1,0 +1,177 @@
+// How fast whole maps are, as a ratio to summing the frame's bytes in the same run (./dev bench).
+//
+// Work: frame_555_9x9.png (from $HORD_DATA/bench or ../shared/data/bench; dark threshold 3 DN), from samples to one value a lenslet:
+// decoding is part of it. `bytes summed` is the fastest sum we know (SAD instructions on x86-64): it is bound by memory. Repetitions of all
+// benchmarks are interleaved; the tables are made of medians of CPU time, so that other load on the machine meets all of them alike. Two
+// threads against one is a ratio of elapsed times, and needs a machine with two idle cores: there the quietest repetition counts.
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <limits>
+#include <map>
+#include <string>
+#include <vector>
+
+#include <benchmark/benchmark.h>
+#include <opencv2/imgcodecs.hpp>
+
+#if defined(__SSE2__)
+#include <emmintrin.h>
+#endif
+
+#include "algo/emd_decide.h"
+#include "algo/feature_map.h"
+
+namespace hord::bench {
+namespace {
+
+using algo::Feature;
+using algo::FeatureMapper;
+using algo::Isa;
+
+constexpr int kBins = 9;
+constexpr algo::LightLevels kLevels{3, 16, 255};
+
+std::filesystem::path data_dir() {
+    const char* given = std::getenv("HORD_DATA");
+    return given != nullptr ? std::filesystem::path(given) : std::filesystem::path(HORD_SOURCE_DIR) / "../shared/data";
+}
+
+const cv::Mat& image() {
+    static const cv::Mat loaded = cv::imread((data_dir() / "bench/frame_555_9x9.png").string(), cv::IMREAD_UNCHANGED);
+    return loaded;
+}
+
+algo::FrameView frame() {
+    return {reinterpret_cast<const std::byte*>(image().data), image().cols, image().rows, static_cast<std::ptrdiff_t>(image().step), 8};
+}
+
+algo::Extents extents() { return {image().cols / kBins, image().rows / kBins, kBins, kBins}; }
+
+std::uint64_t sum_of_bytes(const std::uint8_t* from, std::size_t count) {
+    std::uint64_t sum = 0;
+    std::size_t k = 0;
+#if defined(__SSE2__)
+    __m128i sums[4] = {};
+    const auto* vectors = reinterpret_cast<const __m128i*>(from);
+    for (; k + 64 <= count; k += 64, vectors += 4) {
+        for (int v = 0; v < 4; ++v) sums[v] = _mm_add_epi64(sums[v], _mm_sad_epu8(_mm_loadu_si128(vectors + v), _mm_setzero_si128()));
+    }
+    for (const __m128i& s : sums) sum += static_cast<std::uint64_t>(_mm_cvtsi128_si64(s)) + static_cast<std::uint64_t>(_mm_cvtsi128_si64(_mm_srli_si128(s, 8)));
+#endif
+    for (; k < count; ++k) sum += from[k];
+    return sum;
+}
+
+void bytes_summed(benchmark::State& state) {
+    for (auto _ : state) benchmark::DoNotOptimize(sum_of_bytes(image().data, image().total()));
+}
+
+void feature_map(benchmark::State& state, Feature feature, Isa isa, int threads) {
+    auto mapper = FeatureMapper::create(extents(), 8, kLevels, feature, {.threads = threads, .isa = isa});
+    if (!mapper) return state.SkipWithError(mapper.error().message().c_str());
+    for (auto _ : state) benchmark::DoNotOptimize(mapper->over_neighbours(frame())->values.data());
+}
+
+void decisions(benchmark::State& state, float limit) {
+    auto decide = algo::EmdDecisions::create(extents(), 8, kLevels, *algo::GroundDistance::between_bins(kBins, kBins));
+    double solved = 0;
+    for (auto _ : state) {
+        const auto map = decide->decide(frame(), limit);
+        solved = static_cast<double>(map->solved) / static_cast<double>(map->pairs);
+    }
+    state.counters["solved"] = solved;
+}
+
+class Collected : public benchmark::ConsoleReporter {
+  public:
+    void ReportRuns(const std::vector<Run>& runs) override {
+        for (const Run& run : runs) {
+            if (run.run_type == Run::RT_Iteration) {
+                const std::string name = run.run_name.function_name;
+                cpu_ms[name].push_back(run.GetAdjustedCPUTime());
+                real_ms[name].push_back(run.GetAdjustedRealTime());
+                if (const auto found = run.counters.find("solved"); found != run.counters.end()) solved[name] = found->second.value;
+            }
+        }
+        ConsoleReporter::ReportRuns(runs);
+    }
+    [[nodiscard]] double median(const std::string& name) const {
+        std::vector<double> all = cpu_ms.at(name);
+        std::sort(all.begin(), all.end());
+        return all[all.size() / 2];
+    }
+    [[nodiscard]] double quietest(const std::string& name) const { return *std::min_element(real_ms.at(name).begin(), real_ms.at(name).end()); }
+    std::map<std::string, std::vector<double>> cpu_ms, real_ms;
+    std::map<std::string, double> solved;
+};
+
+const Feature kCheap[] = {Feature::chi2, Feature::hellinger, Feature::marginal, Feature::centroid, Feature::jacobian_frobenius};
+const float kLimits[] = {0.5F, 1.0F, 2.0F};
+
+std::string map_name(Feature feature, const char* how) { return std::string(algo::name_of(feature)) + "/" + how; }
+
+void print_tables(const Collected& seen) {
+    const double sum = seen.median("bytes summed");
+    std::printf("\nWhole maps of the frame, samples to values: CPU time, median, one thread. Bytes summed: %.2f ms\n\n", sum);
+    std::printf("| feature | here, ms | of the sum | AVX2, ms | of the sum | portable, ms | of the sum |\n|---|---|---|---|---|---|---|\n");
+    for (const Feature f : kCheap) {
+        std::printf("| %s |", std::string(algo::name_of(f)).c_str());
+        for (const char* how : {"here", "avx2", "portable"}) {
+            const double ms = seen.median(map_name(f, how));
+            std::printf(" %.1f | %.1fx |", ms, ms / sum);
+        }
+        std::printf("\n");
+    }
+    std::printf("\nTwo threads against one: elapsed time, the quietest repetition\n\n| feature | one, ms | two, ms | ratio |\n|---|---|---|---|\n");
+    for (const Feature f : {Feature::emd, Feature::chi2, Feature::jacobian_frobenius}) {
+        const double one = seen.quietest(map_name(f, "here")), two = seen.quietest(map_name(f, "two threads"));
+        std::printf("| %s | %.1f | %.1f | %.2fx |\n", std::string(algo::name_of(f)).c_str(), one, two, one / two);
+    }
+    const double exact = seen.median(map_name(Feature::emd, "here"));
+    std::printf("\nDeciding the EMD gradient (CPU time, median, one thread); the exact map takes %.0f ms, decoding included\n\n"
+                "| limit, bins | ms | of the exact map | distances solved |\n|---|---|---|---|\n",
+                exact);
+    for (const float limit : kLimits) {
+        const std::string name = "decide/" + std::to_string(limit);
+        std::printf("| %.1f | %.0f | %.2fx | %.1f %% |\n", static_cast<double>(limit), seen.median(name), seen.median(name) / exact, 100 * seen.solved.at(name));
+    }
+}
+
+}  // namespace
+}  // namespace hord::bench
+
+int main(int argc, char** argv) {
+    using namespace hord::bench;
+    if (image().empty()) {
+        std::printf("no bench/frame_555_9x9.png below %s: set HORD_DATA\n", data_dir().c_str());
+        return 0;
+    }
+    const auto add = [](const std::string& name, auto run) {
+        return benchmark::RegisterBenchmark(name.c_str(), run)->Unit(benchmark::kMillisecond)->Repetitions(9)->MinTime(0.05)->MeasureProcessCPUTime();
+    };
+    add("bytes summed", bytes_summed);
+    for (const Feature f : kCheap) {
+        add(map_name(f, "here"), [f](benchmark::State& s) { feature_map(s, f, hord::algo::best_isa(), 1); });
+        add(map_name(f, "avx2"), [f](benchmark::State& s) { feature_map(s, f, hord::algo::has(Isa::avx2) ? Isa::avx2 : Isa::portable, 1); });
+        add(map_name(f, "portable"), [f](benchmark::State& s) { feature_map(s, f, Isa::portable, 1); });
+    }
+    add(map_name(Feature::emd, "here"), [](benchmark::State& s) { feature_map(s, Feature::emd, hord::algo::best_isa(), 1); });
+    for (const Feature f : {Feature::emd, Feature::chi2, Feature::jacobian_frobenius}) {
+        add(map_name(f, "two threads"), [f](benchmark::State& s) { feature_map(s, f, hord::algo::best_isa(), 2); });
+    }
+    for (const float limit : kLimits) add("decide/" + std::to_string(limit), [limit](benchmark::State& s) { decisions(s, limit); });
+    std::vector<char*> arguments(argv, argv + argc);
+    std::string interleave = "--benchmark_enable_random_interleaving=true";
+    arguments.push_back(interleave.data());
+    int count = static_cast<int>(arguments.size());
+    benchmark::Initialize(&count, arguments.data());
+    Collected seen;
+    benchmark::RunSpecifiedBenchmarks(&seen);
+    try {
+        print_tables(seen);
+    } catch (const std::out_of_range&) {
+        std::printf("\n(no table: --benchmark_filter left some benchmarks out)\n");
+    }
+}

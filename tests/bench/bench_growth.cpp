@@ -1,0 +1,122 @@
+// How the cost of a map grows: with the number of lenslets, of bins, of lit bins, and with the read noise that gets past the dark
+// threshold. Usage: bench_growth OUT  writes OUT/growth.csv, and prints the table. tests/bench/growth.gp plots it.
+//
+// Frames: a spot of light in every lenslet that moves smoothly over the field, at 8 bits and up to 250 DN, dark threshold 3 DN; 64x64
+// lenslets are drawn and repeated. CPU time of one thread, the fastest of five runs, with decoding.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <ctime>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "algo/feature_map.h"
+
+namespace {
+
+using namespace hord::algo;
+
+constexpr int kTile = 64;  // lenslets a side that are drawn
+constexpr Feature kFeatures[] = {Feature::emd, Feature::chi2, Feature::jacobian_frobenius};
+
+struct Scene {
+    int lenslets = 256, bins = 9;
+    double radius = 0.62;  // of the spot, bins
+    double noise_dn = 0.6;
+};
+
+Frame drawn(const Scene& s) {
+    std::mt19937_64 random(20261121);
+    std::normal_distribution<double> noise(0, 1);
+    const int tile_px = kTile * s.bins;
+    std::vector<std::uint8_t> tile(static_cast<std::size_t>(tile_px) * static_cast<std::size_t>(tile_px));
+    for (int y = 0; y < tile_px; ++y) {
+        for (int x = 0; x < tile_px; ++x) {
+            const int m = x / s.bins, n = y / s.bins;
+            const double middle = (s.bins - 1) / 2.0, swing = 0.3 * s.bins, turn = 2 * std::acos(-1.0) / kTile;
+            const double dx = x % s.bins - middle - swing * std::sin(turn * m), dy = y % s.bins - middle - swing * std::cos(turn * n);
+            const double dn = 250 * std::exp(-(dx * dx + dy * dy) / (2 * s.radius * s.radius)) + s.noise_dn * noise(random);
+            tile[static_cast<std::size_t>(y) * static_cast<std::size_t>(tile_px) + static_cast<std::size_t>(x)] =
+                static_cast<std::uint8_t>(std::clamp(std::lround(dn), 0L, 254L));
+        }
+    }
+    const int side_px = s.lenslets * s.bins;
+    Frame frame(side_px, side_px, 8);
+    for (int y = 0; y < side_px; ++y) {
+        for (int x = 0; x < side_px; ++x) {
+            frame.set(x, y, tile[static_cast<std::size_t>(y % tile_px) * static_cast<std::size_t>(tile_px) + static_cast<std::size_t>(x % tile_px)]);
+        }
+    }
+    return frame;
+}
+
+double lit_bins(const Frame& frame, const Extents& e) {
+    std::size_t lit = 0;
+    for (const std::byte b : frame.bytes()) lit += static_cast<int>(b) > 3 ? 1U : 0U;
+    return static_cast<double>(lit) / static_cast<double>(e.lenslets());
+}
+
+double cpu_ns() {
+    timespec now{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return static_cast<double>(now.tv_sec) * 1e9 + static_cast<double>(now.tv_nsec);
+}
+
+void measure(const char* series, const std::string& what, const Scene& scene, std::ofstream& csv) {
+    const Extents e{scene.lenslets, scene.lenslets, scene.bins, scene.bins};
+    const Frame frame = drawn(scene);
+    const double lit = lit_bins(frame, e);
+    csv << series << ',' << scene.lenslets << ',' << scene.bins << ',' << lit << ',' << scene.noise_dn;
+    std::printf("| %s | %s | %.1f |", series, what.c_str(), lit);
+    for (const Feature feature : kFeatures) {
+        auto mapper = FeatureMapper::create(e, 8, {3, 16, 255}, feature);
+        double best = std::numeric_limits<double>::infinity();
+        for (int run = 0; run < 5; ++run) {
+            const double start = cpu_ns();
+            if (!mapper->over_neighbours(frame.view())) return;
+            best = std::min(best, cpu_ns() - start);
+            if (best > 2e9) break;  // slow enough to be measured once
+        }
+        const double ns = best / static_cast<double>(e.lenslets());
+        csv << ',' << ns;
+        std::printf(" %.1f |", ns);
+    }
+    csv << '\n';
+    std::printf("\n");
+    std::fflush(stdout);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    if (argc != 2) {
+        std::fprintf(stderr, "usage: bench_growth OUT\n");
+        return 2;
+    }
+    std::error_code error;
+    std::filesystem::create_directories(argv[1], error);
+    std::ofstream csv(std::filesystem::path(argv[1]) / "growth.csv");
+    csv << "series,lenslets_a_side,bins_a_side,lit_bins,noise_dn";
+    std::printf("| grows | to | lit bins a lenslet |");
+    for (const Feature f : kFeatures) {
+        csv << ',' << name_of(f) << "_ns_a_lenslet";
+        std::printf(" %s, ns a lenslet |", std::string(name_of(f)).c_str());
+    }
+    csv << '\n';
+    std::printf("\n|---|---|---|---|---|---|\n");
+    for (const int side : {64, 128, 256, 512, 1024, 2048}) measure("lenslets", std::to_string(side) + "x" + std::to_string(side), {.lenslets = side}, csv);
+    for (int bins = 3; bins <= 15; ++bins) measure("bins", std::to_string(bins) + "x" + std::to_string(bins), {.lenslets = 128, .bins = bins}, csv);
+    for (const double radius : {0.15, 0.3, 0.45, 0.62, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 6.0}) {
+        measure("lit bins", "spot " + std::to_string(radius).substr(0, 4), {.lenslets = 128, .radius = radius}, csv);
+    }
+    for (const double noise : {0.0, 0.3, 0.6, 0.9, 1.2, 1.6, 2.0}) {
+        measure("noise", std::to_string(noise).substr(0, 3) + " DN", {.lenslets = 128, .noise_dn = noise}, csv);
+    }
+    if (csv.flush()) return 0;
+    std::fprintf(stderr, "bench_growth: %s cannot be written: give a folder that may be written to\n", argv[1]);
+    return 2;
+}
