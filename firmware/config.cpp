@@ -184,6 +184,24 @@ void read_inspection(TomlTable inspection, InspectionConfig& value, const std::f
     inspection.integer("queue", value.queue, 1, 256);
 }
 
+void read_store(TomlTable store, StoreConfig& value, const std::filesystem::path& folder) {
+    store.boolean("enabled", value.enabled);
+    std::string where;
+    store.text("folder", where);
+    if (!where.empty()) value.folder = folder / where;
+    store.integer("keep_days", value.keep_days, 0, 36'500);
+    store.integer("keep_mb", value.keep_mb, 0, 10'000'000);
+    store.integer("frames_mb", value.frames_mb, 0, 100'000'000);
+    store.integer("free_mb", value.free_mb, 0, 100'000'000);
+    store.integer("frames_before", value.frames_before, 0, 64);
+    store.integer("frames_after", value.frames_after, 0, 64);
+    store.integer("sample_every", value.sample_every, 0, 1'000'000'000);
+    store.integer("frame_buffers", value.frame_buffers, 1, 1024);
+    if (value.frames_before >= value.frame_buffers) {
+        store.problem("frames_before", "is more than there are buffers for", "raise store.frame_buffers");
+    }
+}
+
 Result<Config> read(TomlTable root, std::string_view name, const std::filesystem::path& folder, TomlProblems& found) {
     Config config;
     TomlTable station = root.table("station");
@@ -203,6 +221,7 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
     read_serial(root.table("serial"), config.serial);
     read_plc(root.table("plc"), config.plc, config.core);
     read_inspection(root.table("inspection"), config.inspection, folder);
+    read_store(root.table("store"), config.store, folder);
     root.refuse_unknown_keys();
     for (const std::string& problem : problems(config.core)) found.add(std::string(name) + ": " + problem);
     if (!found.empty()) return found.as_error();
@@ -221,7 +240,9 @@ Result<Config> load_config(const std::filesystem::path& file) {
     TomlProblems found;
     TomlTable root = TomlTable::parse_file(file, found);
     if (!found.empty()) return found.as_error();
-    return read(std::move(root), file.string(), file.parent_path(), found);
+    auto config = read(std::move(root), file.string(), file.parent_path(), found);
+    if (config) config->file = file;
+    return config;
 }
 
 Result<Config> parse_config(std::string_view text, std::string_view name, const std::filesystem::path& folder) {

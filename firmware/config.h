@@ -77,6 +77,21 @@ struct InspectionConfig {
     int queue = 8;                 // frames that may wait for a thread
 };
 
+// [store]: what outlives a run (docs/store.md). Sizes in megabytes of 10^6 bytes.
+struct StoreConfig {
+    bool enabled = true;
+    std::filesystem::path folder;  // empty: "store" in the state folder; nothing is kept where there is none either
+    int keep_days = 400;           // results and commands; 0: no limit
+    int keep_mb = 4000;            // the same; 0: no limit
+    int frames_mb = 4000;          // frames of rejects and samples; 0: none are kept
+    int free_mb = 1000;            // frames leave so much of the disk free
+    int frames_before = 2, frames_after = 2;  // parts around one that did not pass
+    std::uint32_t sample_every = 1000;        // parts; 0: no samples
+    int frame_buffers = 24;        // frames that may wait for the disk, in memory
+
+    bool operator==(const StoreConfig&) const = default;
+};
+
 struct Config {
     std::string name = "hord";
     CoreConfig core;  // [line], [timing] and the rejector's times
@@ -89,6 +104,8 @@ struct Config {
     std::filesystem::path state_folder;  // what outlives a run; empty: nothing does. Not a key: the service's $STATE_DIRECTORY
     bool autostart = true;  // arms and starts by itself as soon as every device is up; false: somebody commands it
     InspectionConfig inspection;
+    StoreConfig store;
+    std::filesystem::path file;  // that it was read from; empty: none
 };
 
 // Fails with invalid_argument; every problem of the file at once, a line each with line number and cure.

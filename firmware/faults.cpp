@@ -23,6 +23,10 @@ constexpr FaultText kTexts[] = {
      "check the collimator and the optics for dirt, then timing.strobe_us and timing.exposure_us"},
     {kFaultPlc, "plc-lost", "the PLC's heartbeat stopped; the station does what plc.policy says",
      "check the PLC and its network; the heartbeat must change several times within plc.timeout_ms"},
+    {kFaultStore, "store", "results cannot be stored now; they wait in memory, and the line goes on",
+     "see the log for the reason: free the disk, make it writable, or move a damaged file away"},
+    {kFaultPictures, "pictures", "frames that should have been kept were dropped; verdicts and results are not concerned",
+     "see the log for the reason: free the disk, use a faster one, or keep fewer frames ([store])"},
 };
 
 }  // namespace

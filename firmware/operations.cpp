@@ -211,8 +211,14 @@ CommandOutcome Operations::self_test(const Who& who, const CommandRequest& reque
 
 // -- the PLC itself -----------------------------------------------------------------------------------------------
 
-void Operations::on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) {
-    if (works_->recorder != nullptr) works_->recorder->on_acknowledged(who_is(origin), sequence);
+modbus::Exception Operations::on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) {
+    const Taken taken = works_->recorder != nullptr ? works_->recorder->on_acknowledged(who_is(origin), sequence) : Taken::yes;
+    switch (taken) {
+        case Taken::yes: return modbus::Exception::none;
+        case Taken::not_yet: return modbus::Exception::busy;
+        case Taken::cannot: break;
+    }
+    return modbus::Exception::device_failure;
 }
 
 void Operations::on_plc_lost(PlcPolicy policy) {

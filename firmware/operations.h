@@ -51,7 +51,7 @@ class Operations final : public PlcHandler {
 
     CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
     CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) override;
-    void on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) override;
+    modbus::Exception on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) override;
     void on_plc_lost(PlcPolicy policy) override;
     void on_plc_back() override;
 

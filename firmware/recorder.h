@@ -27,6 +27,13 @@ struct Change {
     std::string before, after;  // a recipe: the text of its file; a command: the state, and what it came to
 };
 
+// Whether a PLC may count results as taken: only when they would outlive a loss of power.
+enum class Taken : std::uint8_t {
+    yes,
+    not_yet,  // in a moment: it is to ask again
+    cannot,   // they cannot be stored now
+};
+
 class Recorder {
   public:
     virtual ~Recorder() = default;
@@ -34,8 +41,8 @@ class Recorder {
     // Every result once, in order, before a PLC can read it.
     virtual void on_result(const PartResult& result) = 0;
 
-    // Results up to `sequence` are the PLC's now; before the PLC's write is answered.
-    virtual void on_acknowledged(const Who& who, std::uint32_t sequence) = 0;
+    // A PLC wants to take the results up to `sequence`. `yes`: they are the PLC's now; else nothing has happened.
+    virtual Taken on_acknowledged(const Who& who, std::uint32_t sequence) = 0;
 
     // After it has happened, whatever came of it.
     virtual void on_change(const Change& change) = 0;

@@ -181,8 +181,9 @@ Exception PlcDesk::take_plc(const modbus::Origin& origin, const StationNow& now,
         if (!std::exchange(acknowledges_, true)) {  // what the ring lost before nobody had asked for
             counted_until_ = now.newest_sequence > kRingSlots ? now.newest_sequence - kRingSlots : 0;
         }
-        const bool news = taken != std::exchange(acknowledged_, taken);
-        if (news) handler_.on_acknowledged(origin, taken);
+        if (taken == acknowledged_) return Exception::none;
+        if (const auto refused = handler_.on_acknowledged(origin, taken); refused != Exception::none) return refused;
+        acknowledged_ = taken;
     }
     return Exception::none;
 }

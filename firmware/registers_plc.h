@@ -36,8 +36,9 @@ class PlcHandler {
     virtual CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) = 0;
     // commit_recipe with the right checksum, while the station does not execute.
     virtual CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) = 0;
-    // Results up to `sequence` are the PLC's now.
-    virtual void on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) = 0;
+    // The PLC wants to take the results up to `sequence`; they are its own once the answer is none. busy: in a moment, ask
+    // again; device_failure: they cannot be kept now.
+    virtual modbus::Exception on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) = 0;
     virtual void on_plc_lost(PlcPolicy policy) = 0;
     virtual void on_plc_back() = 0;
 };
@@ -59,7 +60,9 @@ class PlcDesk {
     PlcDesk(const hal::Clock& clock, PlcHandler& handler, PlcOptions options);
 
     // Writes whole rows that the map calls writable, or nothing: 02 for any other register, 03 for half a
-    // value, a value that means "not available", or one that cannot be; 06 while a command is executing.
+    // value, a value that means "not available", or one that cannot be; 06 while a command is executing. An
+    // acknowledgement is refused with 06 until what it takes is stored, with 04 while it cannot be; a heartbeat in
+    // the same write has counted.
     modbus::Exception write(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
                             std::span<const std::uint16_t> values);
 

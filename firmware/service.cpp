@@ -15,6 +15,7 @@
 #include "firmware/modbus/server_rtu.h"
 #include "firmware/operations.h"
 #include "firmware/recipe_folder.h"
+#include "firmware/recording.h"
 #include "firmware/registers_image.h"
 #include "firmware/drift_watch.h"
 #include "firmware/self_check.h"
@@ -60,7 +61,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     Doors doors;
     ServiceWatchers watchers;
     std::unique_ptr<SdEventLoop> loop;
-    std::unique_ptr<Recorder> recorder;
+    std::unique_ptr<store::StationRecorder> recorder;
     std::unique_ptr<Backends> backends;
     std::unique_ptr<DriftWatch> drift;  // fed by the inspector's threads
     CalibrationReport calibration;
@@ -77,6 +78,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     HealthReport health;
     hal::TimePoint opened_at{};
     std::uint32_t configured_recipe = 0;  // CRC-32
+    std::uint32_t boot_id = 0;
 
     // Every result once, in order: several may be complete between two calls.
     void publish() {
@@ -141,6 +143,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
 // The ports: the cheapest thing that can be wrong. Nobody is answered before the loop runs.
 Result<void> Service::Parts::open_doors() {
     const StationIdentity identity = identity_of(config);
+    boot_id = identity.boot_id;
     operations.emplace(*loop);
     desk.emplace(*loop, *operations, PlcOptions{config.core.plc_policy, config.plc.timeout, identity.boot_id});
     registers.emplace(identity, &*desk);
@@ -204,6 +207,14 @@ Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
     calibration.lenslets_m = static_cast<std::uint16_t>(extents->m);
     calibration.lenslets_n = static_cast<std::uint16_t>(extents->n);
     registers->publish(calibration);
+
+    RecordingWatchers recording;
+    recording.trouble = [this](const Error& error) { on_trouble(error); };
+    recording.faults = [this](std::uint32_t faults) {
+        station->outside_faults(faults);
+        publish();
+    };
+    recorder = make_recorder(*loop, config, {HORD_VERSION, boot_id, *extents, recipe.recipe.name, format_recipe(recipe)}, recording);
     return {};
 }
 

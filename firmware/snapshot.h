@@ -80,6 +80,8 @@ enum FaultBit : std::uint32_t {
     kFaultConfiguration = 1U << 7,
     kFaultLightLevel = 1U << 8,
     kFaultPlc = 1U << 9,                // the PLC's heartbeat stopped, and the policy is not "none"
+    kFaultStore = 1U << 10,             // results cannot be stored now; they wait in memory
+    kFaultPictures = 1U << 11,          // frames that should have been kept were dropped
 };
 
 struct Counters {

@@ -131,6 +131,8 @@ void Station::plc_back() { take(PlcBack{}); }
 
 void Station::line_unknown() { take(LineUnknown{}); }
 
+void Station::outside_faults(std::uint32_t active) { take(OutsideFaults{active}); }
+
 // Events that come while a step is carried out wait for its end, so that every step sees the state the last one left.
 Answer Station::take(const Event& event) {
     if (stepping_) {

@@ -60,6 +60,9 @@ class Station {
     void plc_lost();
     void plc_back();
 
+    // kFaultStore and kFaultPictures, as they are now.
+    void outside_faults(std::uint32_t active);
+
     // One flash and one frame of the empty line, judged like a part's and then forgotten. Only while test_possible();
     // `done` comes once, on the loop's thread, after `patience` at the latest.
     struct FlashTest {

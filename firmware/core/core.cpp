@@ -128,7 +128,7 @@ void Core::reset_faults() {
     failures_in_a_row_ = 0;
     faults_latched_ = 0;
     first_fault_ = 0;
-    if (started_ || plc_lost_) fault(active_faults());
+    if (started_ || plc_lost_ || outside_ != 0) fault(active_faults());
 }
 
 void Core::on(const DeviceUp& event) {
@@ -172,12 +172,17 @@ void Core::on(const PlcLost&) {
     if (without_plc(PlcPolicy::reject_all)) flush(PartReason::plc_lost);
 }
 
+void Core::on(const OutsideFaults& event) {
+    outside_ = event.active & (kFaultStore | kFaultPictures);
+    fault(outside_);
+}
+
 bool Core::accepting() const {
     return executing(state_) && !draining_ && !(state_ == State::single_execution && single_taken_);
 }
 
 std::uint32_t Core::active_faults() const {
-    std::uint32_t active = trouble_ | (line_stop_ ? std::uint32_t{kFaultRejectUnconfirmed} : 0U);
+    std::uint32_t active = trouble_ | (line_stop_ ? std::uint32_t{kFaultRejectUnconfirmed} : 0U) | outside_;
     if (plc_lost_ && config_.plc_policy != PlcPolicy::none) active |= kFaultPlc;
     for (int d = 0; started_ && d < kDevices; ++d) {
         if (!up(static_cast<Device>(d))) active |= fault_of(static_cast<Device>(d));

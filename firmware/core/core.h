@@ -60,6 +60,7 @@ class Core {
     void on(const DeviceLost& event);
     void on(const PlcLost&);
     void on(const PlcBack&) { plc_lost_ = false; }
+    void on(const OutsideFaults& event);
     [[nodiscard]] bool without_plc(PlcPolicy policy) const { return plc_lost_ && config_.plc_policy == policy; }
     void on(const LineUnknown&) { stop_the_line(); }
     bool go(Cause cause);
@@ -125,6 +126,7 @@ class Core {
     bool draining_ = false;
     bool single_taken_ = false;
     bool plc_lost_ = false;
+    std::uint32_t outside_ = 0;      // FaultBits of OutsideFaults
     std::uint32_t trouble_ = 0;      // FaultBits besides devices that are down
     std::uint32_t faults_latched_ = 0;
     std::uint16_t first_fault_ = 0;

@@ -70,10 +70,15 @@ struct PlcLost {};
 struct PlcBack {};
 // Parts may be on the line that this core has never seen.
 struct LineUnknown {};
+// Troubles that the core cannot see itself and that change no verdict: kFaultStore, kFaultPictures. Those present now.
+struct OutsideFaults {
+    std::uint32_t active = 0;
+};
 // Time has passed: Core::next_wake() is due.
 struct Tick {};
 
 using Event = std::variant<Tick, Command, hal::PartEdge, hal::EncoderReading, FrameArrived, hal::StrobeReport, Judged,
-                           hal::RejectReport, DeviceUp, DeviceLost, TriggerRefused, StrobeRefused, InspectRefused, RejectRefused, PlcLost, PlcBack, LineUnknown>;
+                           hal::RejectReport, DeviceUp, DeviceLost, TriggerRefused, StrobeRefused, InspectRefused, RejectRefused, PlcLost, PlcBack,
+                           LineUnknown, OutsideFaults>;
 
 }  // namespace hord::firmware

@@ -29,6 +29,11 @@ void add_experiment(CLI::App& program, Exit& status);
 void add_registers(CLI::App& program, Exit& status);
 void add_recipe(CLI::App& program, Exit& status);
 void add_command(CLI::App& program, Exit& status);  // command and selftest
+void add_results(CLI::App& program, Exit& status);
+void add_replay(CLI::App& program, Exit& status);  // and merge
+
+// Where the service keeps what outlives it.
+constexpr const char* kDefaultStore = "/var/lib/hord/store";
 
 // Prints `error` as one line (more, when there are several problems) on stderr. Returns bad_input.
 Exit complain(const Error& error);

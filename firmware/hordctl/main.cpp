@@ -35,6 +35,8 @@ int main(int argc, char** argv) {
         add_registers(program, status);
         add_recipe(program, status);
         add_command(program, status);
+        add_results(program, status);
+        add_replay(program, status);
         program.parse(argc, argv);
     } catch (const CLI::Success& asked) {  // --help, --version
         return program.exit(asked);

@@ -21,7 +21,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct RunOptions {
-    std::string config, modbus, out;
+    std::string config, modbus, out, store;
     bool simulate = false, json = false;
     std::uint64_t parts = 0, seed = 1;
     double rate = 10, good = 0.7;
@@ -74,6 +74,7 @@ class Run {
             if (!listen) return complain(listen.error());
             config.modbus = *listen;
         }
+        if (!options_.store.empty()) config.store.folder = options_.store;
         gallery_.set_bins(config.inspection.bins_i, config.inspection.bins_j);
         auto service = open(config);
         if (!service) return complain(service.error());
@@ -232,6 +233,7 @@ void add_run(CLI::App& program, Exit& status) {
         ->check(CLI::Range(1, 1000))
         ->capture_default_str();
     command->add_option("--out", options->out, "Folder for a picture of one part of each kind");
+    command->add_option("--store", options->store, "Folder to keep results and frames in (docs/store.md); without it, what the configuration says");
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
     command->footer("Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended in an error.\n"
                     "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");

@@ -16,7 +16,7 @@ tl::unexpected<Error> Database::failed(int code) const {
     const std::string detail = handle_ != nullptr ? sqlite3_errmsg(handle_) : sqlite3_errstr(code);
     switch (code & 0xFF) {
         case SQLITE_FULL:
-            return fail(ErrorCode::io, name + " cannot grow: the disk is full", "free space on its disk, or lower store.keep_mb and store.pictures_mb");
+            return fail(ErrorCode::io, name + " cannot grow: the disk is full", "free space on its disk, or lower store.keep_mb and store.frames_mb");
         case SQLITE_READONLY:
         case SQLITE_PERM:
             return fail(ErrorCode::io, name + " cannot be written (" + detail + ")", "give the station's user the right to write its folder, and see that its disk is not mounted read-only");

@@ -46,11 +46,15 @@ std::string_view name_of(RejectState state) {
     return "unknown";
 }
 
+std::string to_json(const algo::Defect& d) {
+    return fmt::format("{{\"m\":{},\"n\":{},\"area\":{},\"peak\":{},\"kind\":\"{}\"}}", d.m, d.n, d.area, d.peak, algo::name_of(d.kind));
+}
+
 std::string to_json(std::span<const algo::Defect> defects) {
     std::string json = "[";
     for (const algo::Defect& d : defects.first(std::min(defects.size(), kDefectsKept))) {
-        json += fmt::format("{}{{\"m\":{},\"n\":{},\"area\":{},\"peak\":{},\"kind\":\"{}\"}}", json.size() > 1 ? "," : "", d.m, d.n, d.area, d.peak,
-                            algo::name_of(d.kind));
+        if (json.size() > 1) json += ',';
+        json += to_json(d);
     }
     return json + "]";
 }

@@ -17,7 +17,9 @@ constexpr std::size_t kDefectsKept = 64;
 std::string_view name_of(PartVerdict verdict);
 std::string_view name_of(RejectState state);
 
-// [{"m":12.5,"n":3,"area":4,"peak":1.25,"kind":"scratch"}], numbers such that they read back to the bit.
+// {"m":12.5,...}, numbers such that they read back to the bit.
+std::string to_json(const algo::Defect& defect);
+// As a list, of those that are kept: [{"m":12.5,"n":3,"area":4,"peak":1.25,"kind":"scratch"}]
 std::string to_json(std::span<const algo::Defect> defects);
 
 // What a start row says in `after`: {"boot":1234,"software":"0.1.0"}

@@ -228,7 +228,7 @@ class Obedient : public PlcHandler {
         return {};
     }
     CommandOutcome on_recipe(const Origin&, const CommandRequest&, const StagedRecipe&) override { return {}; }
-    void on_acknowledged(const Origin&, std::uint32_t) override {}
+    modbus::Exception on_acknowledged(const Origin&, std::uint32_t) override { return modbus::Exception::none; }
     void on_plc_lost(PlcPolicy) override {}
     void on_plc_back() override {}
 };

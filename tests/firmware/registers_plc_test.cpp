@@ -45,8 +45,10 @@ class Station : public PlcHandler {
         recipes.push_back(staged);
         return answer;
     }
-    void on_acknowledged(const modbus::Origin&, std::uint32_t sequence) override {
-        acknowledged.push_back(sequence);
+    Exception taken = Exception::none;
+    Exception on_acknowledged(const modbus::Origin&, std::uint32_t sequence) override {
+        if (taken == Exception::none) acknowledged.push_back(sequence);
+        return taken;
     }
     void on_plc_lost(PlcPolicy) override { ++lost; }
     void on_plc_back() override { ++back; }
@@ -225,6 +227,21 @@ TEST_F(PlcSide, results_are_acknowledged_forwards_and_only_when_they_exist) {
     ASSERT_EQ(write(8102, {9, 0, 10}), Exception::none) << "together with the heartbeat";
     EXPECT_THAT(station.acknowledged, ElementsAre(4, 10));
     EXPECT_EQ(read32(8109), 0U);
+}
+
+TEST_F(PlcSide, results_that_are_not_stored_yet_are_not_taken_and_the_heartbeat_counts_all_the_same) {
+    publish_results(1, 10);
+    ASSERT_EQ(write(8102, {8, 0, 4}), Exception::none);
+    for (const Exception refusal : {Exception::busy, Exception::device_failure}) {
+        station.taken = refusal;
+        EXPECT_EQ(write(8102, {static_cast<std::uint16_t>(refusal), 0, 10}), refusal);
+        EXPECT_EQ(read32(8103), 4U);
+        EXPECT_EQ(read(8102, 1)[0], static_cast<std::uint16_t>(refusal));
+    }
+    station.taken = Exception::none;
+    EXPECT_EQ(write(8103, {0, 10}), Exception::none);
+    EXPECT_EQ(read32(8103), 10U);
+    EXPECT_THAT(station.acknowledged, ElementsAre(4, 10));
 }
 
 TEST_F(PlcSide, results_lost_before_they_were_acknowledged_are_counted_and_shown) {

@@ -22,7 +22,11 @@ struct Notes final : Recorder {
     std::vector<Change> changes;
     std::vector<std::uint32_t> acknowledged;
     void on_result(const PartResult&) override {}
-    void on_acknowledged(const Who&, std::uint32_t sequence) override { acknowledged.push_back(sequence); }
+    Taken answer = Taken::yes;
+    Taken on_acknowledged(const Who&, std::uint32_t sequence) override {
+        if (answer == Taken::yes) acknowledged.push_back(sequence);
+        return answer;
+    }
     void on_change(const Change& change) override { changes.push_back(change); }
     void on_inspection(std::uint32_t, const algo::FrameView&, const algo::Inspection&) override {}
 };
@@ -241,7 +245,12 @@ TEST_F(PlcCommands, a_result_says_where_the_worst_defect_is_and_which_recipe_jud
     rejector.listener->on_reject({1, hal::RejectReport::Outcome::confirmed, loop.now()});
     publish();
     EXPECT_THAT(read(220, 3), ElementsAre(17, 42, 0));
+    notes.answer = Taken::not_yet;
+    EXPECT_EQ(write(8103, {0, 1}), Exception::busy);
+    notes.answer = Taken::cannot;
+    EXPECT_EQ(write(8103, {0, 1}), Exception::device_failure);
     EXPECT_EQ(notes.acknowledged.size(), 0U);
+    notes.answer = Taken::yes;
     EXPECT_EQ(write(8103, {0, 1}), Exception::none);
     EXPECT_THAT(notes.acknowledged, ElementsAre(1U));
 }
@@ -299,6 +308,27 @@ TEST_F(PlcCommands, switch_to_a_recipe_by_number_and_by_its_checksum) {
     EXPECT_EQ(command(CommandCode::use_recipe, 7, crc), CommandError::none);
     EXPECT_EQ(operations.recipe().recipe.name, "seven");
     EXPECT_EQ(read(8203, 1)[0], 750);  // and is what is staged now
+}
+
+// -- outside faults -----------------------------------------------------------------------------------------------
+
+TEST_F(PlcCommands, a_store_that_fails_is_a_fault_and_the_station_goes_on_judging) {
+    open();
+    running();
+    station->outside_faults(kFaultStore);
+    publish();
+    EXPECT_EQ(state(), State::continuous_execution);
+    EXPECT_EQ(read32(113), std::uint32_t{kFaultStore});
+    EXPECT_EQ(read(117, 1)[0], 11);
+    part();
+    light_and_frame();
+    loop.run_for(std::chrono::seconds(1));
+    publish();
+    EXPECT_EQ(read32(146), 1U);  // passed
+    station->outside_faults(0);
+    publish();
+    EXPECT_EQ(read32(113), 0U);
+    EXPECT_EQ(read32(115), std::uint32_t{kFaultStore});  // until a reset
 }
 
 // -- heartbeat ----------------------------------------------------------------------------------------------------
