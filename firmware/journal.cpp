@@ -16,7 +16,7 @@
 namespace hord::firmware {
 namespace {
 
-constexpr std::size_t kHappenings = 9, kFaults = 10;
+constexpr std::size_t kHappenings = 9, kFaults = 12;
 
 // An id, once released, keeps its meaning for ever. In the order of Happening, then of FaultBit; the faults' texts are faults.h's.
 constexpr std::array<Entry, kHappenings> kHappeningEntries{{
@@ -64,6 +64,8 @@ constexpr std::array<FaultId, kFaults> kFaultIds{{
     {"a930d55d954540f3ae889fe46f2c7a8c", 3},  // configuration
     {"43f2f1936e854f08b5927b0fe339d309", 3},  // light-level
     {"990d3cd8381d422f850c86bd84e0164b", 3},  // plc-lost
+    {"c20f0dab7307416d98d1afa216472950", 3},  // store
+    {"6ae3785aa68348aebc18209a00138d38", 4},  // pictures
 }};
 
 std::string capital(std::string_view text) {

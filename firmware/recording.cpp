@@ -94,10 +94,13 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
     };
     auto recorder = std::make_unique<store::StationRecorder>(loop, utc_now, open, std::move(options),
                                                              store::StoreQueue::Listener{raise(faults, kFaultStore), clear(faults, kFaultStore)}, std::move(frames));
-    using What = store::ChangeRecord::What;
-    recorder->in_use(What::configuration, config.file.empty() ? "defaults" : config.file.string(), text_of(config.file));
-    recorder->in_use(What::recipe, recorded.recipe_name, recorded.recipe);
+    note_configuration(*recorder, config);
+    recorder->in_use(store::ChangeRecord::What::recipe, recorded.recipe_name, recorded.recipe);
     return recorder;
+}
+
+void note_configuration(store::StationRecorder& recorder, const Config& config) {
+    recorder.in_use(store::ChangeRecord::What::configuration, config.file.empty() ? "defaults" : config.file.string(), text_of(config.file));
 }
 
 }  // namespace hord::firmware

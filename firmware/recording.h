@@ -32,4 +32,7 @@ std::filesystem::path store_folder(const Config& config);
 // fault, told to `watchers`, and tried again every second. `loop` outlives the recorder.
 std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, const Config& config, const Recorded& recorded, const RecordingWatchers& watchers);
 
+// Enters the text of the configuration's file where it is not the one that is known.
+void note_configuration(store::StationRecorder& recorder, const Config& config);
+
 }  // namespace hord::firmware

@@ -349,6 +349,8 @@ Result<std::vector<std::string>> Service::Parts::reload(const Config& next) {
     restart(next.inspection.bins_i != config.inspection.bins_i || next.inspection.bins_j != config.inspection.bins_j ||
                 next.inspection.threads != config.inspection.threads || next.inspection.queue != config.inspection.queue,
             "[inspection] macro, threads or queue");
+    restart(next.store != config.store, "[store]");
+    if (recorder) note_configuration(*recorder, next);
     return waiting;
 }
 

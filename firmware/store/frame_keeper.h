@@ -34,8 +34,8 @@ namespace hord::firmware::store {
 std::string digest_of_maps(const algo::Inspection& inspection);
 
 struct FrameKeeperOptions {
-    algo::Extents extents;
-    std::string station, software;
+    algo::Extents extents = {};
+    std::string station = {}, software = {};
     std::uint32_t boot = 0;
     int before = 2, after = 2;        // parts around one that did not pass
     std::uint32_t sample_every = 0;   // parts; 0: no samples

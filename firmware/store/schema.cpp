@@ -10,12 +10,12 @@ constexpr std::int64_t kApplicationId = 0x484F5244;  // "HORD": file(1) and chec
 constexpr std::array<std::string_view, 17> kResultColumns{
     "number", "v",            "run",     "entry",      "time_us",           "sequence", "part",   "verdict",    "reason",
     "score",  "defect_count", "defects", "latency_us", "reject_latency_us", "reject",   "recipe", "calibration"};
-constexpr std::array<int, 1> kResultCounts{17};
+constexpr std::array<int, kSchemaVersion> kResultCounts{17, 17};
 constexpr std::array<std::string_view, 10> kCommandColumns{"number", "v", "run", "entry", "time_us", "peer", "token", "name", "before", "after"};
-constexpr std::array<int, 1> kCommandCounts{10};
+constexpr std::array<int, kSchemaVersion> kCommandCounts{10, 10};
 constexpr std::array<std::string_view, 11> kChangeColumns{"number", "v",    "run",   "entry", "time_us", "what",
                                                            "peer",   "token", "name", "before", "after"};
-constexpr std::array<int, 1> kChangeCounts{11};
+constexpr std::array<int, kSchemaVersion> kChangeCounts{11, 11};
 
 // Version 1. Never edited: what comes later is a step of its own in migrate_schema().
 constexpr const char* kVersion1 = R"(
@@ -37,6 +37,9 @@ CREATE INDEX changes_by_what ON changes (what, number);
 CREATE TABLE heads (chain TEXT PRIMARY KEY, number INTEGER NOT NULL, hash BLOB NOT NULL) WITHOUT ROWID;
 CREATE TABLE acknowledged (run INTEGER PRIMARY KEY, sequence INTEGER NOT NULL, time_us INTEGER NOT NULL, peer TEXT NOT NULL);
 )";
+
+// Version 2: parts that did not pass are found without reading those that did.
+constexpr const char* kVersion2 = "CREATE INDEX results_not_passed ON results (verdict, number) WHERE verdict <> 'pass'";
 
 }  // namespace
 
@@ -90,6 +93,9 @@ Result<void> create_schema(Database& database, const std::string& id) {
 Result<int> migrate_schema(Database& database) {
     const auto version = database.get_integer("PRAGMA user_version");
     if (!version) return tl::unexpected(version.error());
+    if (*version < 2) {
+        if (auto done = database.execute(kVersion2); !done) return tl::unexpected(done.error());
+    }
     if (auto done = database.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion)); !done) return tl::unexpected(done.error());
     return static_cast<int>(*version);
 }

@@ -22,7 +22,7 @@
 
 namespace hord::firmware::store {
 
-constexpr int kSchemaVersion = 1;
+constexpr int kSchemaVersion = 2;
 
 struct ChainTable {
     std::string_view name;

@@ -20,7 +20,7 @@
 namespace hord::firmware::store {
 
 struct StationRecorderOptions {
-    StartRecord start;            // the run; its time is filled in
+    StartRecord start = {};       // the run; its time is filled in
     StoreQueueOptions queue = {};
     std::uint32_t ignored_part = 0xFFFFFFFF;  // of the station's own tests: nothing of it is kept
 };
