@@ -122,6 +122,8 @@ void Station::run() {
     }
 }
 
+void Station::outside_faults(std::uint32_t active) { take(OutsideFaults{active}); }
+
 void Station::plc_lost() {
     if (core_.config().plc_policy == PlcPolicy::stop) wants_to_run_ = false;
     take(PlcLost{});
@@ -130,8 +132,6 @@ void Station::plc_lost() {
 void Station::plc_back() { take(PlcBack{}); }
 
 void Station::line_unknown() { take(LineUnknown{}); }
-
-void Station::outside_faults(std::uint32_t active) { take(OutsideFaults{active}); }
 
 // Events that come while a step is carried out wait for its end, so that every step sees the state the last one left.
 Answer Station::take(const Event& event) {

@@ -16,7 +16,7 @@ constexpr std::array<std::string_view, kEventKinds> kNames{
     "part-sensor-up", "strobe-up", "sensor-up", "rejector-up", "part-sensor-lost", "strobe-lost", "sensor-lost", "rejector-lost",
     "part-arrives", "part-leaves",
     "tick", "encoder", "frame", "strobe-report", "judged", "reject-report", "trigger-refused", "strobe-refused", "inspect-refused",
-    "reject-refused", "plc-lost", "plc-back", "line-unknown"};
+    "reject-refused", "plc-lost", "plc-back", "line-unknown", "outside-faults"};
 
 struct KindOf {
     std::size_t operator()(const Command& c) const { return static_cast<std::size_t>(c); }
@@ -36,6 +36,7 @@ struct KindOf {
     std::size_t operator()(const PlcLost&) const { return kOthers + 10; }
     std::size_t operator()(const PlcBack&) const { return kOthers + 11; }
     std::size_t operator()(const LineUnknown&) const { return kOthers + 12; }
+    std::size_t operator()(const OutsideFaults&) const { return kOthers + 13; }
 };
 
 std::string padded(std::string_view text, std::size_t width) {

@@ -38,7 +38,9 @@ class Doors {
         explicit Counting(hal::EventLoop& loop) : operations(loop) {}
         CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
         CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) override;
-        void on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) override { operations.on_acknowledged(origin, sequence); }
+        modbus::Exception on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) override {
+            return operations.on_acknowledged(origin, sequence);
+        }
         void on_plc_lost(PlcPolicy policy) override { operations.on_plc_lost(policy); }
         void on_plc_back() override { operations.on_plc_back(); }
         [[nodiscard]] int executed(std::uint32_t token) const;

@@ -24,8 +24,9 @@ class Handler : public PlcHandler {
                 0};
     }
     CommandOutcome on_recipe(const modbus::Origin&, const CommandRequest&, const StagedRecipe&) override { return {}; }
-    void on_acknowledged(const modbus::Origin&, std::uint32_t sequence) override {
+    modbus::Exception on_acknowledged(const modbus::Origin&, std::uint32_t sequence) override {
         if (sequence > 300) std::abort();
+        return sequence % 7 == 0 ? modbus::Exception::busy : modbus::Exception::none;
     }
     void on_plc_lost(PlcPolicy) override {}
     void on_plc_back() override {}

@@ -98,6 +98,7 @@ TEST(States, events_change_the_state_only_where_a_device_is_lost_or_a_part_was_a
         {"reject refused", RejectRefused{1}},
         {"PLC lost", PlcLost{}},
         {"PLC back", PlcBack{}},
+        {"outside faults", OutsideFaults{kFaultStore}},
     };
     for (const State state : kStates) {
         for (const auto& [name, event] : events) {
