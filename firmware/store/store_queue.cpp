@@ -134,6 +134,8 @@ bool StoreQueue::write_one_batch(std::unique_lock<std::mutex>& lock) {
     }
     for (const Entry& entry : batch) {
         if (const auto* result = std::get_if<ResultRecord>(&entry.record)) durable_ = result->result.sequence;
+        const auto* change = std::get_if<ChangeRecord>(&entry.record);
+        if (change != nullptr && change->what == ChangeRecord::What::lost) durable_ = std::max(durable_, reported_to_);
     }
     if (std::exchange(failing_, false)) {
         last_error_.clear();
@@ -184,6 +186,7 @@ void StoreQueue::report_losses() {
     lost.after = fmt::format("{{\"records\":{},\"from_sequence\":{},\"to_sequence\":{}}}", lost_ - lost_reported_, lost_from_, lost_to_);
     waiting_.push_back({++counted_, std::move(lost)});
     lost_reported_ = lost_;
+    reported_to_ = std::max(reported_to_, lost_to_);
     lost_from_ = lost_to_ = 0;
 }
 

@@ -97,6 +97,7 @@ class StoreQueue {
     std::size_t in_flight_ = 0;
     std::uint64_t lost_ = 0, lost_reported_ = 0;
     std::uint32_t lost_from_ = 0, lost_to_ = 0;  // sequences that the next report names
+    std::uint32_t reported_to_ = 0;              // and the last one of the report that waits
     std::uint32_t durable_ = 0;
     bool failing_ = false, urgent_ = false, ending_ = false;
     std::thread thread_;
