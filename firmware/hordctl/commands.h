@@ -27,6 +27,7 @@ void add_calibrate(CLI::App& program, Exit& status);
 void add_soak(CLI::App& program, Exit& status);
 void add_experiment(CLI::App& program, Exit& status);
 void add_registers(CLI::App& program, Exit& status);
+void add_scene(CLI::App& program, Exit& status);
 void add_recipe(CLI::App& program, Exit& status);
 void add_command(CLI::App& program, Exit& status);  // command and selftest
 void add_results(CLI::App& program, Exit& status);

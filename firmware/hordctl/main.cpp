@@ -33,6 +33,7 @@ int main(int argc, char** argv) {
         add_soak(program, status);
         add_experiment(program, status);
         add_registers(program, status);
+        add_scene(program, status);
         add_recipe(program, status);
         add_command(program, status);
         add_results(program, status);

@@ -8,6 +8,8 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgcodecs.hpp>
 
+#include "algo/feature_map.h"
+#include "algo/recipe.h"
 #include "hal_sim/optics/render.h"
 
 namespace hord::sim {
@@ -144,6 +146,49 @@ TEST_P(AgainstPovRay, the_conventional_picture_agrees) {
         const bool has_bubble = std::string(GetParam().first) == "bubble", has_cut = std::string(GetParam().first) == "cut";
         // The wide panel shows the bubble and not the cut; the narrow one shows both.
         EXPECT_EQ(darkest < 0.7, has_bubble || (has_cut && fresnel)) << name << " darkest " << darkest;
+    }
+}
+
+// Pearson's correlation of two maps where both have values.
+double correlation(const std::vector<double>& a, const std::vector<double>& b) {
+    const auto n = static_cast<double>(a.size());
+    double ma = 0, mb = 0, ab = 0, aa = 0, bb = 0;
+    for (std::size_t k = 0; k < a.size(); ++k) ma += a[k] / n, mb += b[k] / n;
+    for (std::size_t k = 0; k < a.size(); ++k) ab += (a[k] - ma) * (b[k] - mb), aa += (a[k] - ma) * (a[k] - ma), bb += (b[k] - mb) * (b[k] - mb);
+    return ab / std::sqrt(aa * bb);
+}
+
+TEST_P(AgainstPovRay, the_feature_maps_correlate_off_the_rims) {
+    const std::string name = GetParam().first;
+    if (name == "empty" || name == "wedge") GTEST_SKIP() << "no gradient in scene " << name << ": nothing to correlate";
+    const algo::Frame ours = expose(*render(scene_), scene_, 1);
+    const algo::FrameView theirs{reinterpret_cast<const std::byte*>(raw_.data), raw_.cols, raw_.rows, static_cast<std::ptrdiff_t>(raw_.step), 8};
+    for (const algo::Feature feature : {algo::Feature::emd, algo::Feature::jacobian_frobenius}) {
+        auto mapper = algo::FeatureMapper::create({kSide, kSide, kBins, kBins}, 8, algo::light_levels({}, 8), feature);
+        ASSERT_TRUE(mapper) << mapper.error().message();
+        std::vector<float> values[2];
+        std::vector<std::uint8_t> masks[2];
+        for (const int k : {0, 1}) {
+            const auto map = mapper->over_neighbours(k == 0 ? ours.view() : theirs);
+            ASSERT_TRUE(map) << map.error().message();
+            values[k].assign(map->values.begin(), map->values.end());
+            masks[k].assign(map->mask.begin(), map->mask.end());
+        }
+        std::vector<double> a, b;
+        for (int n = 1; n + 1 < kSide; ++n) {
+            for (int m = 1; m + 1 < kSide; ++m) {
+                const auto border = [&](int x, int y) {
+                    const int label = label_.at<std::uint8_t>(y, x);
+                    return label == kBorder || label == kDefectInBorder;
+                };
+                if (border(m, n) || border(m - 1, n) || border(m + 1, n) || border(m, n - 1) || border(m, n + 1)) continue;
+                const auto k = static_cast<std::size_t>(n * kSide + m);
+                if (((masks[0][k] | masks[1][k]) & algo::kNoGradient) != 0) continue;
+                a.push_back(values[0][k]), b.push_back(values[1][k]);
+            }
+        }
+        EXPECT_GT(a.size(), 5000U);
+        EXPECT_GT(correlation(a, b), 0.98) << algo::name_of(feature);
     }
 }
 

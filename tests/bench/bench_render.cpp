@@ -1,0 +1,105 @@
+// How fast the simulated cell traces, against POV-Ray on the same scene in the same run (./dev bench).
+//
+// Scene: the double-convex lens of hal_sim/scenes/lens.toml before a collimated source of 0.61 bins at infinity, no Fresnel losses.
+//   rays     999x999 parallel rays of one direction: POV-Ray through an orthographic camera without antialiasing, less the time of 9x9
+//            rays (start, parse); here trace(), one call a ray.
+//   frames   555x555 lenslets x 9x9 bins. POV-Ray's time is what 16 rays a bin take at its speed.
+// All times are CPU times of one thread, rounds are interleaved and medians printed: other load on the machine meets both alike.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include <sys/resource.h>
+
+#include "hal_sim/optics/render.h"
+#include "hal_sim/optics/trace.h"
+
+namespace {
+
+using namespace hord::sim;
+using Clock = std::chrono::steady_clock;
+
+constexpr int kSide = 999, kRounds = 3;
+
+// CPU time of this process, or of those that it has started and waited for.
+double cpu_seconds(int whose) {
+    rusage used{};
+    getrusage(whose, &used);
+    return static_cast<double>(used.ru_utime.tv_sec) + 1e-6 * static_cast<double>(used.ru_utime.tv_usec);
+}
+double median(std::vector<double> of) {
+    std::sort(of.begin(), of.end());
+    return of[of.size() / 2];
+}
+
+// x right, y down, z towards the camera; POV-Ray's own y is up. Source: the part of the sky within the source's radius.
+const char* const kPovScene = R"(#version 3.7;
+global_settings { assumed_gamma 1 max_trace_level 16 }
+#declare R = 190; #declare A = 10; #declare H = 2 + R - sqrt(R*R - A*A);
+camera { orthographic location <0,0,1000> direction <0,0,-1> right 24*x up 24*y }
+sky_sphere { pigment { function { select(x*x + y*y - 0.00915*0.00915, 1, 0) } color_map { [0 rgb 0] [1 rgb 1] } } }
+intersection { sphere { <0,0,H-R>, R } sphere { <0,0,R-H>, R } cylinder { <0,0,-3>, <0,0,3>, A }
+  pigment { rgbt 1 } finish { ambient 0 diffuse 0 reflection 0 } interior { ior 1.5 } }
+)";
+
+double pov_seconds(const std::filesystem::path& scene, int side) {
+    const std::string command = "povray +I" + scene.string() + " -F +W" + std::to_string(side) + " +H" + std::to_string(side) + " -A -D -GA +WT1 >/dev/null 2>&1";
+    const double start = cpu_seconds(RUSAGE_CHILDREN);
+    const int status = std::system(command.c_str());
+    return status == 0 ? cpu_seconds(RUSAGE_CHILDREN) - start : -1;
+}
+
+double trace_seconds(const Body& body) {
+    const double start = cpu_seconds(RUSAGE_SELF);
+    double lit = 0;
+    for (int y = 0; y < kSide; ++y) {
+        for (int x = 0; x < kSide; ++x) {
+            const Arrival out = trace(body, {(x - 499) * 24.0 / kSide, (y - 499) * 24.0 / kSide, 0, 0});
+            lit += out.u * out.u + out.v * out.v < 0.00915 * 0.00915 ? out.weight : 0;
+        }
+    }
+    const double seconds = cpu_seconds(RUSAGE_SELF) - start;
+    if (lit == 0) std::printf("no light\n");
+    return seconds;
+}
+
+}  // namespace
+
+int main() {
+    Scene scene;
+    scene.part = DoubleConvexLens{};
+    const Body body = body_of(scene, true);
+    const auto folder = std::filesystem::temp_directory_path() / ("hord_bench_render_" + std::to_string(Clock::now().time_since_epoch().count()));
+    std::filesystem::create_directory(folder);
+    std::ofstream(folder / "lens.pov") << kPovScene;
+
+    std::vector<double> here, peer, start;
+    for (int round = 0; round < kRounds; ++round) {
+        here.push_back(trace_seconds(body));
+        start.push_back(pov_seconds(folder / "lens.pov", 9));
+        peer.push_back(pov_seconds(folder / "lens.pov", kSide));
+    }
+    Scene large = scene;
+    large.camera.extents = {555, 555, 9, 9};
+    const double begin = cpu_seconds(RUSAGE_SELF);
+    const auto field = render(large, {1, {}});
+    const double frame = cpu_seconds(RUSAGE_SELF) - begin;
+    std::filesystem::remove_all(folder);
+    if (!field) return 1;
+
+    const double rays = static_cast<double>(kSide) * kSide, bins = 555.0 * 555 * 81;
+    std::printf("\nOne thread: %.2f million rays a second here", rays / median(here) * 1e-6);
+    const double pov = median(peer) - median(start);
+    if (median(start) <= 0 || pov <= 0) {
+        std::printf("; POV-Ray cannot be run: apt-get install povray\n");
+    } else {
+        std::printf(", POV-Ray %.2f: %.1fx\n", rays / pov * 1e-6, pov / median(here));
+    }
+    std::printf("555x555 x 9x9 bins: %.1f s of CPU time; 16 rays a bin in that time are %.1f million a second\n", frame, bins * 16 / frame * 1e-6);
+    if (median(start) > 0 && pov > 0) std::printf("POV-Ray at 16 rays a bin, at its speed above: %.0f s: %.0fx\n", bins * 16 * pov / rays, bins * 16 * pov / rays / frame);
+}
