@@ -45,7 +45,8 @@ struct Batch {
         bits.template bits_as<float>().to(key[cell]);
     }
 
-    // Two rows: how much of each column comes from the first.
+    // Two rows: how much of each column comes from the first. Keys order columns roughly: the plan is proven where no column that the first
+    // row serves gains less by it than one that the second serves.
     HORD_ALWAYS_INLINE void knapsack() {
         Mass left[kWide], taken[kSmallSide][kWide] = {};
         for (int l = 0; l < kWide; ++l) left[l] = b.mass[0][l];
@@ -70,14 +71,23 @@ struct Batch {
             }
         }
         double sum[kWide] = {};
+        double most_served[kWide], least_left[kWide];  // cost by the first row, less that by the second
+        for (int l = 0; l < kWide; ++l) most_served[l] = -std::numeric_limits<double>::infinity();
+        for (int l = 0; l < kWide; ++l) least_left[l] = std::numeric_limits<double>::infinity();
         for (int j = 0; j < cols; ++j) {
+            for (int l = 0; l < kWide; ++l) {
+                const double by_first = cost[cell(0, j)][l] - cost[cell(1, j)][l];
+                const bool serves = taken[j][l] > 0, leaves = taken[j][l] < b.mass[column(j)][l];
+                most_served[l] = serves && most_served[l] < by_first ? by_first : most_served[l];
+                least_left[l] = leaves && by_first < least_left[l] ? by_first : least_left[l];
+            }
             for (int l = 0; l < kWide; ++l) {
                 sum[l] += static_cast<double>(taken[j][l]) * cost[cell(0, j)][l] +
                           static_cast<double>(b.mass[column(j)][l] - taken[j][l]) * cost[cell(1, j)][l];
             }
         }
         for (int l = 0; l < kWide; ++l) b.cost[l] = sum[l];
-        for (int l = 0; l < kWide; ++l) b.proven[l] = true;
+        for (int l = 0; l < kWide; ++l) b.proven[l] = most_served[l] - least_left[l] <= costs.tolerance;
     }
 
     // The order in which cells are served: c_ij - R_i - K_j.
@@ -212,7 +222,21 @@ struct Batch {
 
     HORD_ALWAYS_INLINE void solve() {
         gather_costs();
-        if (rows == 2) return knapsack();
+        if (rows > 2) return by_least_cost();
+        knapsack();
+        // What it did not prove is planned like the others, so that the simplex has steps to go on from; what it proved stays.
+        double proven_cost[kWide];
+        bool proven[kWide], all = true;
+        for (int l = 0; l < kWide; ++l) proven_cost[l] = b.cost[l];
+        for (int l = 0; l < kWide; ++l) proven[l] = b.proven[l];
+        for (int l = 0; l < b.filled; ++l) all = all && proven[l];
+        if (all) return;
+        by_least_cost();
+        for (int l = 0; l < kWide; ++l) b.cost[l] = proven[l] ? proven_cost[l] : b.cost[l];
+        for (int l = 0; l < kWide; ++l) b.proven[l] = proven[l] || b.proven[l];
+    }
+
+    HORD_ALWAYS_INLINE void by_least_cost() {
         std::int32_t served[kMostSmallSteps][kWide];
         order_cells();
         serve(served);

@@ -2,7 +2,8 @@
 //
 // All problems of a batch have the same number of rows and columns, so that they take the same steps, a lane each.
 //
-//   two rows    a fractional knapsack: the columns that gain most from the first row take from it until it is used up. Exact.
+//   two rows    a fractional knapsack: the columns that gain most from the first row take from it until it is used up. Keys order
+//               columns roughly; where that is not enough to prove the plan, as with more rows.
 //   more rows   the plan that least reduced costs give (as in transport_simplex.h), and its duals; where a cell could still
 //               lower the cost, `proven` is false: the simplex goes on from the steps of this plan.
 //

@@ -84,12 +84,18 @@ void direction_maps(const StabilityOptions& options, StabilityTable& table) {
     const std::vector<Direction> same(25, Direction{3, -4});
     auto pairs_apart = drawn(4);
     for (std::size_t k = 1; k < pairs_apart.size(); k += 2) pairs_apart[k] = pairs_apart[k - 1];
+    auto one_far = drawn(1);
+    one_far[12] = {GroundDistance::kLargestDirection, -GroundDistance::kLargestDirection};
+    std::vector<Direction> nearly_regular(25);  // costs that differ by less than a float tells apart
+    for (std::size_t k = 0; k < 25; ++k) nearly_regular[k] = {static_cast<double>(k % 5) + 1e-6 * unit(random), static_cast<double>(k / 5) + 1e-6 * unit(random)};
     struct Kind {
         std::string name;
         std::vector<Direction> map;
     };
     const Kind kinds[] = {{"all directions coincide", same},
                           {"every direction twice", pairs_apart},
+                          {"a millionth of a bin from regular", nearly_regular},
+                          {"one direction 1e6 bins away", one_far},
                           {"directions up to 1e6 bins", drawn(GroundDistance::kLargestDirection)},
                           {"directions within 1e-12 bins", drawn(1e-12)}};
     for (const Kind& kind : kinds) {

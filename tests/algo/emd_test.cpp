@@ -173,6 +173,31 @@ TEST(Emd, agrees_with_lemon_on_direction_maps) {
     }
 }
 
+// A calibrated map is nearly regular: many costs are nearly equal, and no float tells them apart. Two bins against some, alone and side by side.
+TEST(Emd, agrees_with_lemon_where_costs_are_nearly_equal) {
+    Random random(15);
+    std::uniform_real_distribution<double> unit(-1.0, 1.0);
+    for (const double away : {1e-3, 1e-5, 1e-6, 1e-8}) {
+        std::vector<Direction> directions;
+        for (int k = 0; k < 81; ++k) directions.push_back({k % 9 + away * unit(random), k / 9 + away * unit(random)});
+        for (const GroundNorm norm : {GroundNorm::euclidean, GroundNorm::squared_euclidean}) {
+            const auto ground = *GroundDistance::between_directions(9, 9, directions, norm);
+            auto solver = EmdSolver::create(ground);
+            std::vector<Histogram> h;
+            for (int n = 0; n < 600; ++n) h.push_back(scattered(random, 81, n % 2 == 0 ? 2 : 7, 255));
+            std::vector<double> out(h.size());
+            for (std::size_t n = 1; n < h.size(); ++n) solver->submit(hord_of(h[n - 1]), hord_of(h[n]), &out[n]);
+            solver->finish();
+            for (std::size_t n = 1; n < h.size(); ++n) {
+                const double right = lemon_distance(h[n - 1], h[n], ground), slack = kContract * std::max(1.0, ground.largest() / 20);
+                ASSERT_NEAR(solver->distance(hord_of(h[n - 1]), hord_of(h[n])), right, slack);
+                ASSERT_NEAR(out[n], right, slack);
+            }
+            EXPECT_EQ(solver->work().unproven, 0U);
+        }
+    }
+}
+
 // -- one answer ---------------------------------------------------------------------------------------------------------
 
 // Alone or side by side, on whatever instruction set this processor has: the same bits.
