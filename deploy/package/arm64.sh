@@ -12,9 +12,9 @@ if [ ! -e "$root/etc/debian_version" ]; then
     include=$(IFS=,; echo "${tools[*]},${headers[*]},$(printf '%s:arm64,' "${libraries[@]}")")
     mmdebstrap --quiet --variant=apt --architectures=amd64,arm64 --include="${include%,}" "$suite" "$root"
 fi
-mkdir -p "$root/work"
-mount --bind "$PWD" "$root/work"
+mkdir -p "$root/hord-station"
+mount --bind "$PWD" "$root/hord-station"
 mount -t proc proc "$root/proc"
-trap 'umount -l "$root/work" "$root/proc"' EXIT
-chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root git config --global --add safe.directory /work
-chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root /work/deploy/package/build.sh arm64
+trap 'umount -l "$root/hord-station" "$root/proc"' EXIT
+chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root git config --global --add safe.directory /hord-station
+chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root /hord-station/deploy/package/build.sh arm64
