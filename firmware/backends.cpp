@@ -89,12 +89,13 @@ class ChosenBackends final : public Backends {
     void start_line() override {
         if (!std::exchange(line_started_, true)) cell_->start();
     }
-    bool line_is_over() const override { return cell_->finished(); }
 
-    void watch_fates(std::function<void(const Fate&)> watcher) override {
+    void watch_line(std::function<void(const Fate&)> fate, std::function<void()> over) override {
         sim::World::Watchers watchers;
-        watchers.part_gone = [this, watcher = std::move(watcher)](const sim::PartRecord& part) {
-            watcher({part.arrived, recorded_ ? std::string() : cell_->world().schedule().kinds[part.kind].name, part.fate == sim::PartRecord::Fate::ejected});
+        watchers.over = std::move(over);
+        watchers.part_gone = [this, fate = std::move(fate)](const sim::PartRecord& part) {
+            if (!fate) return;
+            fate({part.arrived, recorded_ ? std::string() : cell_->world().schedule().kinds[part.kind].name, part.fate == sim::PartRecord::Fate::ejected});
         };
         cell_->watch(std::move(watchers));
     }

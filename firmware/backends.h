@@ -54,10 +54,8 @@ class Backends {
         std::string kind;        // "good", "bubble", ...; empty where nobody knows (recorded frames)
         bool ejected = false;
     };
-    virtual void watch_fates(std::function<void(const Fate&)> watcher) = 0;
-
-    // The simulated line has brought all its parts. A real line never ends.
-    [[nodiscard]] virtual bool line_is_over() const = 0;
+    // `over`: the simulated line has brought its last part, which has left. A real line never ends.
+    virtual void watch_line(std::function<void(const Fate&)> fate, std::function<void()> over) = 0;
 };
 
 }  // namespace hord::firmware

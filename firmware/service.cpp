@@ -253,7 +253,7 @@ Result<void> Service::Parts::open(const SimulationOptions& simulation) {
     auto devices = Backends::open(*loop, config, simulation);
     if (!devices) return tl::unexpected(devices.error());
     backends = std::move(*devices);
-    if (watchers.fate) backends->watch_fates(watchers.fate);
+    backends->watch_line(watchers.fate, watchers.line_over);
 
     auto recipe = first_recipe();
     if (!recipe) return tl::unexpected(recipe.error());

@@ -25,6 +25,7 @@ struct ServiceWatchers {
     std::function<void()> reload;                          // SIGHUP; without it the signal is not touched
     std::function<void(const Error&)> trouble;             // to be logged, once, with its cure
     std::function<void(const Backends::Fate&)> fate;       // simulated line: what truly became of a part
+    std::function<void()> line_over;                       // simulated line: all parts came and left; their results may still come
     std::function<void(std::uint32_t part, const algo::FrameView&, const algo::Inspection&)> inspection;
 };
 

@@ -108,6 +108,7 @@ class Run {
         ServiceWatchers watchers;
         watchers.result = [this](const PartResult& result) { on_result(result); };
         watchers.fate = [this](const Backends::Fate& fate) { on_fate(fate); };
+        watchers.line_over = [this] { on_line_over(); };
         watchers.state = [this](State from, State to) { say(fmt::format("{} to {}", name_of(from), name_of(to))); };
         watchers.trouble = [this](const Error& error) { say(error.message()); };
         if (!options_.out.empty()) {
@@ -134,15 +135,16 @@ class Run {
         const std::int64_t arrived = fate.arrived.time_since_epoch().count();
         fates_[arrived] = fate;
         settle(arrived);
-        // The line counts this part as gone only after it has told everybody.
-        service_->loop().post([this] { end_if_over(); });
     }
-
-    void end_if_over() {
-        if (!service_->backends().line_is_over()) return;
-        if (fates_.empty() && results_.empty()) return end();
+    void on_line_over() {
+        line_over_ = true;
         // Parts that the station never saw have a fate and no result: after a while nobody waits for one.
         service_->loop().call_after(milliseconds(2000), [this] { end(); });
+        end_if_settled();
+    }
+
+    void end_if_settled() {
+        if (line_over_ && fates_.empty() && results_.empty()) end();
     }
 
     void settle(std::int64_t arrived) {
@@ -158,7 +160,7 @@ class Run {
         }
         results_.erase(result);
         fates_.erase(fate);
-        end_if_over();
+        end_if_settled();
     }
 
     // Reads the counters as a PLC would, over the network, while the station still runs; then stops it.
@@ -211,7 +213,7 @@ class Run {
     bool seen_any_ = false;
     std::int64_t first_arrival_ns_ = 0;
     hal::TimePoint last_seen_{};
-    bool ending_ = false;
+    bool line_over_ = false, ending_ = false;
     std::optional<Snapshot> last_snapshot_;
     std::thread reader_;
     Result<std::vector<Reading>> counters_ = tl::unexpected(Error{});

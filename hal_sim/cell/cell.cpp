@@ -82,6 +82,10 @@ SimulatedCell::SimulatedCell(hal::EventLoop& loop, FrameSource& frames, const Ce
             [this](bool open, hal::TimePoint at) {
                 if (watchers_.ejector) watchers_.ejector(open, at);
             },
+        .over =
+            [this] {
+                if (watchers_.over) watchers_.over();
+            },
     });
 }
 

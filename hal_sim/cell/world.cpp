@@ -106,10 +106,12 @@ void World::act() {
         conveyor_->forget_before(at - kMemory);
     }
     plan();
-    if (edge == nullptr) return;
-    const PartRecord seen = *edge;  // what follows may move the line
-    if (watchers_.part_edge) watchers_.part_edge(seen, what == Next::arrival, at);
-    if (what == Next::arrival) meddle(seen);
+    if (edge != nullptr) {
+        const PartRecord seen = *edge;  // what follows may move the line
+        if (watchers_.part_edge) watchers_.part_edge(seen, what == Next::arrival, at);
+        if (what == Next::arrival) meddle(seen);
+    }
+    if (what != Next::arrival && finished() && watchers_.over) watchers_.over();
 }
 
 void World::meddle(const PartRecord& arrived) {

@@ -64,9 +64,10 @@ class World {
   public:
     // What looks at the world: called on the loop's thread, any may be empty.
     struct Watchers {
-        std::function<void(const PartRecord&, bool arrives, hal::TimePoint at)> part_edge;  // front, then back edge
-        std::function<void(const PartRecord&)> part_gone;                                    // its fate is decided
-        std::function<void(bool open, hal::TimePoint at)> ejector;                           // the valve moved
+        std::function<void(const PartRecord&, bool arrives, hal::TimePoint at)> part_edge{};  // front, then back edge
+        std::function<void(const PartRecord&)> part_gone{};                                    // its fate is decided
+        std::function<void(bool open, hal::TimePoint at)> ejector{};                           // the valve moved
+        std::function<void()> over{};                                                          // finished(): nothing more will come
     };
 
     World(hal::EventLoop& loop, FaultPlan& faults, const ConveyorOptions& conveyor, const ScheduleOptions& schedule,

@@ -74,6 +74,25 @@ TEST_F(Cell, without_faults_every_frame_shows_its_own_part_and_just_the_bad_ones
     EXPECT_THAT(station.rejects, Each(testing::Field(&hal::RejectReport::outcome, hal::RejectReport::Outcome::confirmed)));
 }
 
+TEST_F(Cell, is_over_once_the_last_part_is_past_the_exit_also_if_that_part_was_ejected) {
+    options_.schedule.parts = 2;
+    options_.schedule.kinds = {{"bubble", true, 1}};
+    int gone = 0, over = 0;
+    auto made = SimulatedCell::make(loop_, frames_, options_);
+    ASSERT_TRUE(made) << made.error().message();
+    cell_ = std::move(*made);
+    cell_->watch({.part_gone = [&](const PartRecord& part) { gone += part.fate == PartRecord::Fate::ejected ? 1 : 0; },
+                  .over = [&] {
+                      ++over;
+                      EXPECT_TRUE(cell_->finished());
+                      EXPECT_EQ(gone, 2);
+                  }});
+    station_.emplace(*cell_, options_);
+    cell_->start();
+    loop_.run_for(1h);
+    EXPECT_EQ(over, 1);
+}
+
 TEST_F(Cell, edges_have_the_true_time_and_the_records_name_it) {
     const auto& station = run();
     ASSERT_EQ(station.edges.size(), 80U);
