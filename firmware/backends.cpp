@@ -89,6 +89,7 @@ class ChosenBackends final : public Backends {
     void start_line() override {
         if (!std::exchange(line_started_, true)) cell_->start();
     }
+    void feed_line(bool on) override { cell_->world().feed(on); }
 
     void watch_line(std::function<void(const Fate&)> fate, std::function<void()> over) override {
         sim::World::Watchers watchers;
@@ -146,9 +147,12 @@ class ChosenBackends final : public Backends {
             module_ = std::move(*module);
             options.host = "127.0.0.1";
             options.port = module_->port();
-            // The coil moves the simulated ejector: what the module was really told is what happens to the part.
-            module_->on_coil([this, &loop, coil = options.ejector_coil, acts_at = !options.energise_to_pass](int moved, bool on, hal::TimePoint at) {
-                if (moved == coil) loop.post([this, open = on == acts_at, at] { cell_->world().set_ejector(open, at); });
+            // The coils move the simulated ejector and the belt: what the module was really told is what happens to the part. The belt
+            // stops when the run permit falls, as a PLC stops it; before the station first gave one, parts come unasked.
+            module_->on_coil([this, &loop, ejector = options.ejector_coil, permit = options.permit_coil,
+                              acts_at = !options.energise_to_pass](int moved, bool on, hal::TimePoint at) {
+                if (moved == ejector) loop.post([this, open = on == acts_at, at] { cell_->world().set_ejector(open, at); });
+                if (moved == permit) loop.post([this, on] { on ? cell_->world().resume() : cell_->world().halt(); });
             });
         }
         modbus_ = std::make_unique<drivers::ModbusRejector>(loop, options);

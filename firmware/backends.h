@@ -47,6 +47,8 @@ class Backends {
 
     // Simulated line: the belt moves from now on; harmless when it moves, and on a real line.
     virtual void start_line() = 0;
+    // Simulated line: parts are put on it, or no more, as a PLC does while the station executes.
+    virtual void feed_line(bool on) = 0;
 
     // What truly became of a part of the simulated line; told on the loop's thread.
     struct Fate {

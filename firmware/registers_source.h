@@ -99,7 +99,7 @@ enum class CommandError : std::uint16_t {
     not_supported = 8,
     failed = 9,
     plc_lost = 10,       // start: the PLC's heartbeat is missing
-    not_yet = 11,        // arm: the ejector is still acting
+    not_yet = 11,        // arm: the ejector is still acting; self_test: or parts are on the line
     no_such_recipe = 12, // use_recipe: no usable file has this number
 };
 

@@ -107,6 +107,9 @@ struct Service::Parts final : StationObserver, InspectionObserver {
         if (to == State::continuous_execution || to == State::single_execution) {
             if (!line_mark.left_behind()) line_mark.raise();
             backends->start_line();
+            backends->feed_line(true);
+        } else if (executing(from)) {
+            backends->feed_line(false);
         }
         if (watchers.state) watchers.state(from, to);
     }

@@ -41,7 +41,7 @@ const char* cure_of(CommandError error) {
         case CommandError::not_in_this_state: return "see its state: hordctl status";
         case CommandError::device_down: return "see the active faults: hordctl status";
         case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC, or change plc.policy";
-        case CommandError::not_yet: return "the ejector is still acting: try again in a moment";
+        case CommandError::not_yet: return "parts are still on the line, or the ejector is still acting: stop the feed and try again in a moment";
         case CommandError::no_such_recipe: return "see the station's recipes: hordctl recipe list";
         case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
         case CommandError::bad_argument: return "see the station's journal for what is wrong with it";

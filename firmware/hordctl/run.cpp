@@ -81,6 +81,7 @@ class Run {
         service_ = std::move(*service);
         fmt::print(stderr, "registers at {}\n", service_->registers_address());
         progress_ = std::make_unique<Progress>("parts", options_.parts == 0);
+        if (options_.parts > 0) look_whether_it_stands(0);
         const auto ran = service_->run();
         progress_.reset();
         if (reader_.joinable()) reader_.join();
@@ -147,6 +148,14 @@ class Run {
         if (line_over_ && fates_.empty() && results_.empty()) end();
     }
 
+    // A line that the station has stopped brings no more parts: a run of so many parts ends there.
+    void look_whether_it_stands(int seconds_stopped) {
+        const Snapshot now = service_->snapshot();
+        const int stopped = now.line_stop || now.state == State::error ? seconds_stopped + 1 : 0;
+        if (stopped > kWaitsForReset) return end();
+        service_->loop().call_after(milliseconds(1000), [this, stopped] { look_whether_it_stands(stopped); });
+    }
+
     void settle(std::int64_t arrived) {
         const auto result = results_.find(arrived);
         const auto fate = fates_.find(arrived);
@@ -201,6 +210,8 @@ class Run {
         }
         return last.line_stop || last.state == State::error ? Exit::unfit : Exit::good;
     }
+
+    static constexpr int kWaitsForReset = 5;  // seconds
 
     const RunOptions& options_;
     std::unique_ptr<Service> service_;

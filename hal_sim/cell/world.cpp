@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "hal_sim/cell/random.h"
 
@@ -75,7 +76,7 @@ void World::plan() {
     };
     consider(Next::exit, next_exit_, geometry_.exit_mm);
     consider(Next::departure, next_departure_, schedule_.part_length_mm);
-    consider(Next::arrival, next_arrival_, 0);
+    if (!unfed_since_mm_) consider(Next::arrival, next_arrival_, 0);
     if (next_ != Next::nothing) timer_ = loop_.call_at(next_at_, [this] { act(); });
 }
 
@@ -148,6 +149,23 @@ void World::halt() {
 void World::resume() {
     may_move_ = true;
     move();
+}
+
+void World::feed(bool on) {
+    if (!conveyor_ || on == !unfed_since_mm_) return;
+    const double at_mm = conveyor_->position_mm(loop_.now());
+    PartRecord* const next = with_index(next_arrival_);
+    if (!on) {
+        unfed_since_mm_ = at_mm;
+        PartRecord* const ahead = next_arrival_ == 0 ? nullptr : with_index(next_arrival_ - 1);
+        if (next != nullptr) next->touches_ahead = false;
+        if (ahead != nullptr) ahead->touched_behind = false;
+    } else {
+        const double stood = at_mm - *std::exchange(unfed_since_mm_, std::nullopt);
+        if (next != nullptr) next->front_mm += stood;
+        last_front_mm_ += stood;
+    }
+    plan();
 }
 
 void World::move() {

@@ -85,6 +85,10 @@ class World {
     void halt();
     void resume();
 
+    // Whether parts are put on the belt. Those that have not yet reached the part sensor when this ends come after it begins
+    // again, as far apart as they were.
+    void feed(bool on);
+
     [[nodiscard]] bool stands() const { return !conveyor_ || conveyor_->halted(); }
 
     // A person takes parts off the belt: those for which `takes` says so, of all that are between part sensor and exit.
@@ -129,6 +133,7 @@ class World {
     Watchers watchers_;
     std::optional<Conveyor> conveyor_;
     bool may_move_ = true;           // the permit's say
+    std::optional<double> unfed_since_mm_;
     std::uint32_t stopped_ = 0;      // belt_stop faults under way
 
     // Parts in order; line_[0] has index first_index_. All three cursors are indices.

@@ -93,6 +93,29 @@ TEST_F(Cell, is_over_once_the_last_part_is_past_the_exit_also_if_that_part_was_e
     EXPECT_EQ(over, 1);
 }
 
+TEST_F(Cell, without_feed_no_part_comes_and_afterwards_they_come_as_far_apart_as_before) {
+    options_.schedule.parts = 3;
+    std::vector<double> fronts_mm;
+    auto made = SimulatedCell::make(loop_, frames_, options_);
+    ASSERT_TRUE(made) << made.error().message();
+    cell_ = std::move(*made);
+    cell_->watch({.part_edge = [&](const PartRecord& part, bool arrives, hal::TimePoint) {
+        if (arrives) fronts_mm.push_back(part.front_mm);
+        if (part.number == 1 && !arrives) cell_->world().feed(false);
+    }});
+    station_.emplace(*cell_, options_);
+    cell_->start();
+    loop_.run_for(1h);
+    ASSERT_EQ(fronts_mm.size(), 1U);
+    cell_->world().feed(true);
+    cell_->world().feed(true);
+    loop_.run_for(1h);
+    ASSERT_EQ(fronts_mm.size(), 3U);
+    EXPECT_TRUE(cell_->finished());
+    EXPECT_GT(fronts_mm[1] - fronts_mm[0], options_.schedule.pitch_mm * 1000);
+    EXPECT_NEAR(fronts_mm[2] - fronts_mm[1], options_.schedule.pitch_mm, 1e-6);
+}
+
 TEST_F(Cell, edges_have_the_true_time_and_the_records_name_it) {
     const auto& station = run();
     ASSERT_EQ(station.edges.size(), 80U);
