@@ -4,8 +4,11 @@
 
 #include <fmt/format.h>
 
+#include "drivers/gpio_part_sensor.h"
+#include "drivers/gpio_strobe.h"
 #include "drivers/modbus_rejector.h"
 #include "drivers/recorded_frames.h"
+#include "drivers/v4l2_sensor.h"
 #include "firmware/event_loop_sd.h"
 #include "hal_sim/cell/cell.h"
 #include "hal_sim/cell/rendered_frames.h"
@@ -58,6 +61,44 @@ drivers::ModbusRejectorOptions rejector_options(const ModbusRejector& wanted) {
     return options;
 }
 
+drivers::GpioLine gpio_line(const GpioLineName& name) {
+    return {name.chip, name.line, name.active_low, static_cast<drivers::GpioLine::Bias>(name.bias)};
+}
+
+std::vector<drivers::GpioStrobeChannel> strobe_channels(const StrobeConfig& wanted) {
+    std::vector<drivers::GpioStrobeChannel> channels;
+    for (const StrobeChannel& channel : wanted.gpio) {
+        channels.push_back({gpio_line(channel.line), {channel.max_on, channel.min_rest, channel.max_duty}});
+    }
+    return channels;
+}
+
+drivers::GpioPartSensorOptions part_sensor_options(const GpioPartSensorLine& wanted) {
+    drivers::GpioPartSensorOptions options;
+    options.line = gpio_line(wanted.line);
+    options.debounce = wanted.debounce;
+    if (wanted.encoder) options.encoder = gpio_line(*wanted.encoder);
+    options.encoder_every = wanted.encoder_every;
+    return options;
+}
+
+drivers::V4l2SensorOptions video_options(const VideoSensor& wanted) {
+    drivers::V4l2SensorOptions options;
+    options.device = wanted.device;
+    options.width_px = wanted.width_px;
+    options.height_px = wanted.height_px;
+    options.bits = wanted.bits;
+    options.buffers = wanted.buffers;
+    options.controls = wanted.controls;
+    return options;
+}
+
+// Whether anything of the line is simulated: then there is a simulated cell, and parts come by themselves.
+bool needs_cell(const Config& config) {
+    return std::holds_alternative<SimulatedPartSensor>(config.part_sensor) || config.strobe.gpio.empty() ||
+           std::holds_alternative<SimulatedSensor>(config.sensor) || std::holds_alternative<SimulatedRejector>(config.rejector);
+}
+
 // Waits for the rejector's link, whose first writes are the safe state.
 struct SafeState final : hal::Rejector::Listener {
     explicit SafeState(SdEventLoop& l) : loop(l) {}
@@ -76,27 +117,34 @@ class ChosenBackends final : public Backends {
   public:
     static Result<std::unique_ptr<Backends>> make(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
         auto made = std::unique_ptr<ChosenBackends>(new ChosenBackends);
+        if (auto done = made->open_lights(loop, config); !done) return tl::unexpected(done.error());
         if (auto done = made->open_sensor(loop, config, simulation); !done) return tl::unexpected(done.error());
         if (auto done = made->open_rejector(loop, config, simulation); !done) return tl::unexpected(done.error());
         return made;
     }
 
-    hal::PartSensor& part_sensor() override { return cell_->part_sensor(); }
-    hal::Strobe& strobe() override { return cell_->strobe(); }
-    hal::Sensor& sensor() override { return recorded_ ? static_cast<hal::Sensor&>(*recorded_) : cell_->sensor(); }
+    hal::PartSensor& part_sensor() override { return gpio_part_sensor_ ? static_cast<hal::PartSensor&>(*gpio_part_sensor_) : cell_->part_sensor(); }
+    hal::Strobe& strobe() override { return gpio_strobe_ ? static_cast<hal::Strobe&>(*gpio_strobe_) : cell_->strobe(); }
+    hal::Sensor& sensor() override {
+        if (video_) return *video_;
+        return recorded_ ? static_cast<hal::Sensor&>(*recorded_) : cell_->sensor();
+    }
     hal::Rejector& rejector() override { return modbus_ ? static_cast<hal::Rejector&>(*modbus_) : cell_->rejector(); }
 
     void start_line() override {
-        if (!std::exchange(line_started_, true)) cell_->start();
+        if (cell_ && !std::exchange(line_started_, true)) cell_->start();
     }
-    void feed_line(bool on) override { cell_->world().feed(on); }
+    void feed_line(bool on) override {
+        if (cell_) cell_->world().feed(on);
+    }
 
     void watch_line(std::function<void(const Fate&)> fate, std::function<void()> over) override {
+        if (!cell_) return;
         sim::World::Watchers watchers;
         watchers.over = std::move(over);
         watchers.part_gone = [this, fate = std::move(fate)](const sim::PartRecord& part) {
             if (!fate) return;
-            fate({part.arrived, recorded_ ? std::string() : cell_->world().schedule().kinds[part.kind].name, part.fate == sim::PartRecord::Fate::ejected});
+            fate({part.arrived, rendered_ == nullptr ? std::string() : cell_->world().schedule().kinds[part.kind].name, part.fate == sim::PartRecord::Fate::ejected});
         };
         cell_->watch(std::move(watchers));
     }
@@ -104,7 +152,22 @@ class ChosenBackends final : public Backends {
   private:
     ChosenBackends() = default;
 
-    // Sensor, and with it the simulated cell that brings parts to it.
+    // Lights first: they are off from here on.
+    Result<void> open_lights(hal::EventLoop& loop, const Config& config) {
+        if (!config.strobe.gpio.empty()) {
+            auto strobe = drivers::GpioStrobe::open(loop, strobe_channels(config.strobe));
+            if (!strobe) return tl::unexpected(strobe.error());
+            gpio_strobe_ = std::move(*strobe);
+        }
+        if (const auto* line = std::get_if<GpioPartSensorLine>(&config.part_sensor)) {
+            auto part_sensor = drivers::GpioPartSensor::open(loop, part_sensor_options(*line));
+            if (!part_sensor) return tl::unexpected(part_sensor.error());
+            gpio_part_sensor_ = std::move(*part_sensor);
+        }
+        return {};
+    }
+
+    // Sensor, and with it the simulated cell for whatever is simulated.
     Result<void> open_sensor(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
         sim::CellOptions options = cell_options(config, simulation);
         sim::FrameSource* source = &tokens_;
@@ -113,6 +176,10 @@ class ChosenBackends final : public Backends {
             if (!recorded) return tl::unexpected(recorded.error());
             recorded_ = std::move(*recorded);
             options.schedule.parts = recorded_->count();
+        } else if (const auto* video = std::get_if<VideoSensor>(&config.sensor)) {
+            auto opened = drivers::V4l2Sensor::open(loop, video_options(*video));
+            if (!opened) return tl::unexpected(opened.error());
+            video_ = std::move(*opened);
         } else {
             sim::ProductionOptions production;
             production.clean = clean_part(config);
@@ -131,6 +198,7 @@ class ChosenBackends final : public Backends {
             options.schedule.kinds = std::move(drawn->kinds);
             source = rendered_.get();
         }
+        if (!needs_cell(config)) return {};
         auto cell = sim::SimulatedCell::make(loop, *source, options);
         if (!cell) return tl::unexpected(cell.error());
         cell_ = std::move(*cell);
@@ -151,6 +219,7 @@ class ChosenBackends final : public Backends {
             // stops when the run permit falls, as a PLC stops it; before the station first gave one, parts come unasked.
             module_->on_coil([this, &loop, ejector = options.ejector_coil, permit = options.permit_coil,
                               acts_at = !options.energise_to_pass](int moved, bool on, hal::TimePoint at) {
+                if (!cell_) return;
                 if (moved == ejector) loop.post([this, open = on == acts_at, at] { cell_->world().set_ejector(open, at); });
                 if (moved == permit) loop.post([this, on] { on ? cell_->world().resume() : cell_->world().halt(); });
             });
@@ -164,8 +233,11 @@ class ChosenBackends final : public Backends {
     std::unique_ptr<sim::RenderedFrames> rendered_;
     std::unique_ptr<sim::SimulatedCell> cell_;
     std::unique_ptr<drivers::RecordedFrames> recorded_;
+    std::unique_ptr<drivers::V4l2Sensor> video_;
+    std::unique_ptr<drivers::GpioPartSensor> gpio_part_sensor_;
     std::unique_ptr<sim::CoilModule> module_;
     std::unique_ptr<drivers::ModbusRejector> modbus_;
+    std::unique_ptr<drivers::GpioStrobe> gpio_strobe_;
     bool line_started_ = false;
 };
 
@@ -176,8 +248,14 @@ Result<std::unique_ptr<Backends>> Backends::open(hal::EventLoop& loop, const Con
 }
 
 Result<void> Backends::make_safe(const Config& config, Duration patience) {
+    Result<void> lights;
+    if (!config.strobe.gpio.empty()) {
+        std::vector<drivers::GpioLine> lines;
+        for (const StrobeChannel& channel : config.strobe.gpio) lines.push_back(gpio_line(channel.line));
+        if (const auto taken = drivers::request_outputs(lines); !taken) lights = tl::unexpected(taken.error());  // off, and let go of
+    }
     const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
-    if (configured == nullptr) return {};
+    if (configured == nullptr) return lights;
     auto loop = SdEventLoop::open();
     if (!loop) return tl::unexpected(loop.error());
     SafeState safe(**loop);
@@ -191,7 +269,7 @@ Result<void> Backends::make_safe(const Config& config, Duration patience) {
         return fail(ErrorCode::timeout, "the rejector was not brought to its safe state: " + safe.why.what,
                     "stop the line by hand; wire its run permit so that a module without link drops it");
     }
-    return {};
+    return lights;
 }
 
 }  // namespace hord::firmware

@@ -36,8 +36,9 @@ class Backends {
     static Result<std::unique_ptr<Backends>> open(hal::EventLoop& loop, const Config& config, const SimulationOptions& options);
     virtual ~Backends() = default;
 
-    // Brings the configured rejector to its safe state (ejector at rest, no run permit) and lets go of it: for after a
-    // service that died. Blocks for at most `patience`. Fails with timeout (its module does not answer).
+    // Turns the configured lights off, brings the configured rejector to its safe state (ejector at rest, no run permit) and
+    // lets go of them: for after a service that died. Blocks for at most `patience`. Fails with timeout (its module does not
+    // answer), and as taking the lights' lines does.
     static Result<void> make_safe(const Config& config, Duration patience);
 
     [[nodiscard]] virtual hal::PartSensor& part_sensor() = 0;

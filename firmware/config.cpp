@@ -69,11 +69,45 @@ void read_timing(TomlTable timing, CoreConfig& core) {
     ms(timing, "frame_timeout_ms", core.frame_timeout, 1, 60'000);
 }
 
+// A GPIO line in `table`, as keys "chip", "line", "active_low" and, for an input, "bias".
+GpioLineName gpio_line(TomlTable& table, bool input) {
+    constexpr std::array<std::string_view, 4> biases{"as-is", "disabled", "pull-up", "pull-down"};
+    GpioLineName line;
+    table.text("chip", line.chip);
+    table.text("line", line.line);
+    table.boolean("active_low", line.active_low);
+    if (input) {
+        if (const auto bias = table.choice("bias", biases)) line.bias = static_cast<GpioLineName::Bias>(*bias);
+    }
+    return line;
+}
+void check_gpio_line(TomlTable& table, const GpioLineName& line) {
+    if (line.chip.empty()) table.problem("chip", "is missing", "name the GPIO chip by its label, as gpiodetect prints it");
+    if (line.line.empty()) table.problem("line", "is missing", "name the line, or give its offset as \"6\"; see gpioinfo");
+}
+
 void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::path& folder) {
-    constexpr std::array<std::string_view, 2> kinds{"simulated", "frames"};
+    constexpr std::array<std::string_view, 3> kinds{"simulated", "frames", "v4l2"};
     const auto kind = sensor.choice("backend", kinds);
     std::string frames;
     sensor.text("folder", frames);
+    VideoSensor video;
+    sensor.text("device", video.device);
+    sensor.integer("width_px", video.width_px, 0, 65'535);
+    sensor.integer("height_px", video.height_px, 0, 65'535);
+    sensor.integer("bits", video.bits, 8, 16);
+    sensor.integer("buffers", video.buffers, 2, 32);
+    if (video.bits != 8 && video.bits != 10 && video.bits != 12 && video.bits != 16) {
+        sensor.problem("bits", "is no depth that a video device has", "use 8, 10, 12 or 16");
+    }
+    for (TomlTable& control : sensor.tables("control")) {
+        auto& [name, setting] = video.controls.emplace_back();
+        control.text("name", name);
+        control.integer("value", setting, INT32_MIN, INT32_MAX);
+        if (name.empty()) control.problem("name", "is missing", "name the control as v4l2-ctl --list-ctrls describes it");
+        if (!control.has("value")) control.problem("value", "is missing", "say what the control is set to");
+    }
+    if (kind == 2) value = video;
     if (kind != 1) return;
     if (frames.empty()) sensor.problem("folder", "is missing", "name the folder of the recorded frames");
     value = RecordedFrames{folder / frames};
@@ -101,10 +135,51 @@ void read_rejector(TomlTable rejector, RejectorConfig& value, CoreConfig& core) 
     if (kind == 1) value = modbus;
 }
 
+// The limits of one channel, against what the station will ask of it.
+void check_light(TomlTable& table, const CoreConfig& core, Duration max_on, Duration min_rest, double max_duty) {
+    if (core.strobe > max_on) {
+        table.problem("max_on_us", "is shorter than timing.strobe_us", "shorten the pulse; the limit protects the LED");
+    }
+    const Duration least = core.min_gap - core.strobe;
+    if (least < min_rest) {
+        table.problem("min_rest_ms", "is longer than parts that follow at line.min_gap_ms leave", "raise line.min_gap_ms or shorten the pulse");
+    }
+    if (static_cast<double>(core.strobe.count()) > max_duty * static_cast<double>(core.min_gap.count())) {
+        table.problem("max_duty", "is exceeded by parts that follow at line.min_gap_ms", "raise line.min_gap_ms or shorten the pulse");
+    }
+}
+
 void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
-    constexpr std::array<std::string_view, 1> kinds{"simulated"};
-    (void)strobe.choice("backend", kinds);
+    constexpr std::array<std::string_view, 2> kinds{"simulated", "gpio"};
+    const auto kind = strobe.choice("backend", kinds);
     strobe.integer("channels", value.channels, 1, 32);
+    us(strobe, "max_on_us", value.max_on, 1, 1'000'000);
+    ms(strobe, "min_rest_ms", value.min_rest, 0, 60'000);
+    strobe.number("max_duty", value.max_duty, 0.0001, 1);
+    std::vector<TomlTable> channels = strobe.tables("channel");
+    std::vector<StrobeChannel> gpio;
+    for (TomlTable& table : channels) {
+        StrobeChannel& channel = gpio.emplace_back(StrobeChannel{gpio_line(table, false), value.max_on, value.min_rest, value.max_duty});
+        us(table, "max_on_us", channel.max_on, 1, 1'000'000);
+        ms(table, "min_rest_ms", channel.min_rest, 0, 60'000);
+        table.number("max_duty", channel.max_duty, 0.0001, 1);
+        if (kind != 1) continue;
+        check_gpio_line(table, channel.line);
+        for (std::size_t k = 0; k + 1 < gpio.size(); ++k) {
+            if (gpio[k].line.chip == channel.line.chip && gpio[k].line.line == channel.line.line) {
+                table.problem("line", "lights another channel, too", "give each channel a line of its own");
+            }
+        }
+    }
+    if (kind == 1) {
+        if (gpio.empty() || gpio.size() > 32) strobe.problem("channel", "must be there 1 to 32 times", "describe every collimator in a [[strobe.channel]]");
+        const int described = static_cast<int>(gpio.size());
+        if (strobe.has("channels") && value.channels != described) {
+            strobe.problem("channels", "differs from the number of [[strobe.channel]]", "leave it out: they are counted");
+        }
+        value.channels = std::max(1, described);
+        value.gpio = std::move(gpio);
+    }
     std::vector<double> lit{0};
     strobe.numbers("lit", lit, 1, 32);
     core.strobe_channels = 0;
@@ -115,14 +190,34 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
         }
         core.strobe_channels |= 1U << static_cast<unsigned>(channel);
     }
-    us(strobe, "max_on_us", value.max_on, 1, 1'000'000);
-    ms(strobe, "min_rest_ms", value.min_rest, 0, 60'000);
-    if (core.strobe > value.max_on) {
-        strobe.problem("max_on_us", "is shorter than timing.strobe_us", "shorten the pulse; the limit protects the LED");
+    if (value.gpio.empty()) return check_light(strobe, core, value.max_on, value.min_rest, value.max_duty);
+    for (std::size_t k = 0; k < value.gpio.size(); ++k) {
+        const StrobeChannel& channel = value.gpio[k];
+        if (((core.strobe_channels >> k) & 1U) != 0) check_light(channels[k], core, channel.max_on, channel.min_rest, channel.max_duty);
     }
-    if (core.min_gap - core.strobe < value.min_rest) {
-        strobe.problem("min_rest_ms", "is longer than parts that follow at line.min_gap_ms leave", "raise line.min_gap_ms or shorten the pulse");
+}
+
+void read_part_sensor(TomlTable sensor, PartSensorConfig& value, const CoreConfig& core) {
+    constexpr std::array<std::string_view, 2> kinds{"simulated", "gpio"};
+    const auto kind = sensor.choice("backend", kinds);
+    GpioPartSensorLine gpio;
+    gpio.line = gpio_line(sensor, true);
+    us(sensor, "debounce_us", gpio.debounce, 0, 100'000);
+    const bool has_encoder = sensor.has("encoder");
+    TomlTable encoder = sensor.table("encoder");
+    const GpioLineName encoder_line = gpio_line(encoder, true);
+    ms(encoder, "every_ms", gpio.encoder_every, 1, 1000);
+    if (has_encoder) gpio.encoder = encoder_line;
+    if (kind != 1) return;
+    check_gpio_line(sensor, gpio.line);
+    if (has_encoder) check_gpio_line(encoder, encoder_line);
+    if (core.by_encoder && !has_encoder) {
+        sensor.problem("encoder", "is missing, and line.tracking is \"encoder\"", "describe it in [part_sensor.encoder], or track by time");
     }
+    if (!core.by_encoder && core.exposure_delay <= gpio.debounce) {
+        sensor.problem("debounce_us", "ends after the exposure has begun", "shorten it, or raise line.exposure_delay_ms");
+    }
+    value = gpio;
 }
 
 // Who may write, then who may only read; addresses and networks.
@@ -214,9 +309,7 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
     read_sensor(root.table("sensor"), config.sensor, folder);
     read_rejector(root.table("rejector"), config.rejector, config.core);
     read_strobe(root.table("strobe"), config.strobe, config.core);
-    TomlTable part_sensor = root.table("part_sensor");
-    constexpr std::array<std::string_view, 1> kinds{"simulated"};
-    (void)part_sensor.choice("backend", kinds);
+    read_part_sensor(root.table("part_sensor"), config.part_sensor, config.core);
     read_modbus(root.table("modbus"), config.modbus);
     read_serial(root.table("serial"), config.serial);
     read_plc(root.table("plc"), config.plc, config.core);

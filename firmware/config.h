@@ -16,7 +16,17 @@
 
 namespace hord::firmware {
 
-// [sensor] backend = "simulated" | "frames"
+// A line of the kernel's GPIO character device.
+struct GpioLineName {
+    enum class Bias : std::uint8_t { as_is, disabled, pull_up, pull_down };
+    std::string chip;  // label, name or path
+    std::string line;  // name, or offset in digits
+    bool active_low = false;
+    Bias bias = Bias::as_is;  // of an input
+    bool operator==(const GpioLineName&) const = default;
+};
+
+// [sensor] backend = "simulated" | "frames" | "v4l2"
 struct SimulatedSensor {
     bool operator==(const SimulatedSensor&) const = default;
 };
@@ -24,7 +34,15 @@ struct RecordedFrames {
     std::filesystem::path folder;  // every image in it, in the order of their names
     bool operator==(const RecordedFrames&) const = default;
 };
-using SensorConfig = std::variant<SimulatedSensor, RecordedFrames>;
+struct VideoSensor {
+    std::string device = "/dev/video0";
+    int width_px = 0, height_px = 0;  // 0: as the device is set
+    int bits = 8;                     // 8, 10, 12 or 16
+    int buffers = 4;
+    std::vector<std::pair<std::string, std::int64_t>> controls;  // by name
+    bool operator==(const VideoSensor&) const = default;
+};
+using SensorConfig = std::variant<SimulatedSensor, RecordedFrames, VideoSensor>;
 
 // [rejector] backend = "simulated" | "modbus"
 struct SimulatedRejector {
@@ -42,13 +60,34 @@ struct ModbusRejector {
 };
 using RejectorConfig = std::variant<SimulatedRejector, ModbusRejector>;
 
-// [strobe] and [part_sensor] know the simulated backend alone today.
+// [strobe] backend = "simulated" | "gpio"
+struct StrobeChannel {
+    GpioLineName line;
+    Duration max_on, min_rest;
+    double max_duty = 0;
+    bool operator==(const StrobeChannel&) const = default;
+};
 struct StrobeConfig {
     int channels = 1;
-    Duration max_on = milliseconds(2);
+    Duration max_on = milliseconds(2);  // limits of every channel that has none of its own
     Duration min_rest = milliseconds(5);
+    double max_duty = 0.2;
+    std::vector<StrobeChannel> gpio;  // [[strobe.channel]]; empty: simulated
     bool operator==(const StrobeConfig&) const = default;
 };
+
+// [part_sensor] backend = "simulated" | "gpio"
+struct SimulatedPartSensor {
+    bool operator==(const SimulatedPartSensor&) const = default;
+};
+struct GpioPartSensorLine {
+    GpioLineName line;
+    Duration debounce = microseconds(200);
+    std::optional<GpioLineName> encoder;
+    Duration encoder_every = milliseconds(5);
+    bool operator==(const GpioPartSensorLine&) const = default;
+};
+using PartSensorConfig = std::variant<SimulatedPartSensor, GpioPartSensorLine>;
 
 // [modbus]: the register server that the PLC reads and writes.
 struct ModbusServer {
@@ -97,6 +136,7 @@ struct Config {
     CoreConfig core;  // [line], [timing] and the rejector's times
     SensorConfig sensor;
     StrobeConfig strobe;
+    PartSensorConfig part_sensor;
     RejectorConfig rejector;
     ModbusServer modbus;
     SerialLine serial;

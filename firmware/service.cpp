@@ -346,6 +346,7 @@ Result<std::vector<std::string>> Service::Parts::reload(const Config& next) {
     restart(next.core.plc_policy != config.core.plc_policy, "plc.policy");
     restart(next.sensor != config.sensor, "[sensor]");
     restart(next.strobe != config.strobe, "[strobe]");
+    restart(next.part_sensor != config.part_sensor, "[part_sensor]");
     restart(next.rejector != config.rejector, "[rejector]");
     restart(!same_doors(next.modbus, config.modbus), "[modbus] addresses, ports or connections");
     restart(next.serial != config.serial, "[serial]");

@@ -52,8 +52,8 @@ TEST(Config, the_documented_file_is_the_defaults) {
                        b.exposure, b.strobe_delay, b.strobe, b.strobe_channels, b.strobe_window, b.frame_window, b.frame_timeout));
     EXPECT_EQ(std::tie(a.reject_lead, a.reject_early, a.reject_pulse, a.confirm_timeout, a.max_failures_in_a_row, a.heartbeat),
               std::tie(b.reject_lead, b.reject_early, b.reject_pulse, b.confirm_timeout, b.max_failures_in_a_row, b.heartbeat));
-    EXPECT_EQ(std::tie(file->strobe.channels, file->strobe.max_on, file->strobe.min_rest),
-              std::tie(defaults.strobe.channels, defaults.strobe.max_on, defaults.strobe.min_rest));
+    EXPECT_EQ(file->strobe, defaults.strobe);
+    EXPECT_EQ(file->part_sensor, defaults.part_sensor);
     EXPECT_EQ(std::tie(file->modbus.host, file->modbus.port, file->modbus.read_only_port, file->modbus.max_connections),
               std::tie(defaults.modbus.host, defaults.modbus.port, defaults.modbus.read_only_port, defaults.modbus.max_connections));
     ASSERT_EQ(file->modbus.access.size(), defaults.modbus.access.size());
@@ -76,7 +76,7 @@ TEST(Config, the_documented_keys_of_other_backends_are_known_and_at_their_defaul
         text.replace(at, from.size(), to);
     };
     replace("backend = \"simulated\"          # \"simulated\", or \"modbus\"", "backend = \"modbus\" #");
-    replace("backend = \"simulated\"          # \"simulated\", or \"frames\"", "backend = \"frames\" #");
+    replace("backend = \"simulated\"          # \"simulated\", \"frames\"", "backend = \"frames\" #");
     replace("# folder =", "folder =");
     replace("# recipe =", "recipe =");
     const auto config = parse(text);
@@ -89,6 +89,99 @@ TEST(Config, the_documented_keys_of_other_backends_are_known_and_at_their_defaul
                        modbus.response_timeout),
               std::tie(defaults.host, defaults.port, defaults.unit, defaults.reject_coil, defaults.run_permit_coil,
                        defaults.energise_to_pass, defaults.response_timeout));
+}
+
+// Every commented line of [sensor], [strobe] and [part_sensor], uncommented, is what the drivers would be told.
+TEST(Config, the_documented_keys_of_real_devices_are_known_and_at_their_defaults) {
+    std::string text = text_of(kDeploy / "hordd.toml");
+    const auto begin = text.find("[sensor]"), end = text.find("[rejector]");
+    ASSERT_NE(begin, std::string::npos);
+    ASSERT_NE(end, std::string::npos);
+    std::istringstream lines(text.substr(begin, end - begin));
+    std::string part;
+    for (std::string line, table; std::getline(lines, line);) {
+        if (line.starts_with("# folder")) continue;
+        if (line.starts_with("# ")) line.erase(0, 2);
+        if (line.starts_with("[")) table = line.substr(0, line.find(']'));
+        if (line.starts_with("channels =")) continue;
+        if (table == "[part_sensor" && line.starts_with("chip =")) line = "chip = \"label\"";
+        if (table == "[part_sensor" && line.starts_with("line =")) line = "line = \"6\"";
+        if (line.starts_with("backend =")) line = table == "[sensor" ? "backend = \"v4l2\"" : "backend = \"gpio\"";
+        part += line + "\n";
+    }
+    const auto config = parse(part);
+    ASSERT_TRUE(config) << config.error().what;
+    VideoSensor video;
+    video.controls = {{"Exposure", 100}};
+    EXPECT_EQ(config->sensor, SensorConfig(video));
+    const StrobeConfig defaults;
+    ASSERT_EQ(config->strobe.gpio.size(), 1U);
+    EXPECT_EQ(config->strobe.gpio[0],
+              (StrobeChannel{{"pinctrl-bcm2711", "GPIO17", false, {}}, defaults.max_on, defaults.min_rest, defaults.max_duty}));
+    GpioPartSensorLine barrier;
+    barrier.line = {"label", "6", false, {}};
+    barrier.encoder = {"pinctrl-bcm2711", "GPIO18", false, {}};
+    EXPECT_EQ(config->part_sensor, PartSensorConfig(barrier));
+}
+
+TEST(Config, real_devices_are_told_everything_that_is_wrong_with_them_at_once) {
+    const std::string all = problems_of(R"(
+[sensor]
+backend = "v4l2"
+bits = 9
+[[sensor.control]]
+name = "Exposure"
+[strobe]
+backend = "gpio"
+channels = 3
+[[strobe.channel]]
+chip = "soc"
+line = "A"
+max_on_us = 100
+[[strobe.channel]]
+chip = "soc"
+line = "A"
+duty = 0.1
+[part_sensor]
+backend = "gpio"
+line = "BARRIER"
+debounce_us = 20000
+[line]
+tracking = "time"
+)");
+    for (const char* what : {"sensor.bits: is no depth", "value: is missing", "strobe.channels: differs", "the limit protects the LED", "lights another channel",
+                             "duty: is not a known key", "part_sensor.chip: is missing", "debounce_us: ends after the exposure has begun"}) {
+        EXPECT_THAT(all, HasSubstr(what));
+    }
+    EXPECT_THAT(problems_of("[strobe]\nbackend = \"gpio\"\n"), HasSubstr("describe every collimator"));
+    EXPECT_THAT(problems_of("[strobe]\nmax_duty = 0.005\n"), HasSubstr("is exceeded by parts that follow at line.min_gap_ms"));
+    EXPECT_THAT(problems_of("[line]\ntracking = \"encoder\"\n[part_sensor]\nbackend = \"gpio\"\nchip = \"soc\"\nline = \"6\"\n"),
+                HasSubstr("describe it in [part_sensor.encoder]"));
+}
+
+TEST(Config, every_collimator_has_limits_of_its_own_or_the_common_ones) {
+    const auto config = parse(R"(
+[strobe]
+backend = "gpio"
+lit = [0, 1]
+min_rest_ms = 3
+max_duty = 0.3
+[[strobe.channel]]
+chip = "soc"
+line = "A"
+[[strobe.channel]]
+chip = "/dev/gpiochip3"
+line = "4"
+active_low = true
+max_on_us = 400
+min_rest_ms = 9
+max_duty = 0.1
+)");
+    ASSERT_TRUE(config) << config.error().what;
+    EXPECT_EQ(config->strobe.channels, 2);
+    EXPECT_EQ(config->core.strobe_channels, 0b11U);
+    EXPECT_EQ(config->strobe.gpio[0], (StrobeChannel{{"soc", "A", false, {}}, milliseconds(2), milliseconds(3), 0.3}));
+    EXPECT_EQ(config->strobe.gpio[1], (StrobeChannel{{"/dev/gpiochip3", "4", true, {}}, microseconds(400), milliseconds(9), 0.1}));
 }
 
 TEST(Config, every_key_reaches_its_field) {
