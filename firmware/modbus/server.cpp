@@ -14,6 +14,7 @@
 #include <netdb.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
+#include <sys/epoll.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -24,6 +25,7 @@ using namespace std::chrono_literals;
 
 constexpr int kBacklog = 1024;
 constexpr int kAcceptsPerTurn = 8;
+constexpr int kServedPerTurn = 32;  // connections; then the loop's other work has its turn
 constexpr std::uint64_t kEstablished = 8;  // requests after which a client is a regular one
 constexpr auto kEstablishedIdle = 10s;     // and how long it may be silent and stay one
 constexpr auto kPauseWithoutDescriptors = 100ms;
@@ -118,7 +120,6 @@ struct Server::Impl {
         Fd fd;
         std::string peer;
         bool may_write = false;
-        hal::EventLoop::WatchId watch = hal::EventLoop::WatchId::none;
         FramerTcp framer;
         std::array<std::uint8_t, kOutputSize> output;
         std::size_t filled = 0, sent = 0;  // output[sent, filled) has not left yet
@@ -131,24 +132,37 @@ struct Server::Impl {
     ServerOptions options;
     Fd listener;
     hal::EventLoop::WatchId listener_watch = hal::EventLoop::WatchId::none;
+    Fd ready;  // an epoll of all connections, so that the loop is asked once for all that have something, not once for each
+    hal::EventLoop::WatchId ready_watch = hal::EventLoop::WatchId::none;
     hal::EventLoop::TimerId pause = hal::EventLoop::TimerId::none;
     std::vector<std::unique_ptr<Connection>> connections;
-    std::vector<std::unique_ptr<Connection>> closed;  // kept until no callback of theirs is running
+    std::vector<std::unique_ptr<Connection>> closed;  // kept until the turn that closed them is over
     ServerStatistics statistics;
 
     Impl(hal::EventLoop& l, RegisterModel& m, ServerOptions o, Fd fd)
-        : loop(l), model(m), options(std::move(o)), listener(std::move(fd)) {
+        : loop(l), model(m), options(std::move(o)), listener(std::move(fd)), ready(::epoll_create1(EPOLL_CLOEXEC)) {
         connections.reserve(options.max_connections);
     }
     ~Impl() {
         loop.unwatch(listener_watch);
+        loop.unwatch(ready_watch);
         loop.cancel(pause);
-        for (const auto& connection : connections) loop.unwatch(connection->watch);
     }
     Impl(const Impl&) = delete;
     Impl& operator=(const Impl&) = delete;
 
     Result<void> start() {
+        if (ready.get() < 0) {
+            return fail(ErrorCode::io, fmt::format("the Modbus server cannot watch its connections: {}", std::strerror(errno)),
+                        "raise the limit of open files (ulimit -n)");
+        }
+        auto watch = loop.watch(ready.get(), hal::EventLoop::Readiness::readable, [this] { on_ready(); });
+        if (!watch) return tl::unexpected(watch.error());
+        ready_watch = *watch;
+        return listen();
+    }
+
+    Result<void> listen() {
         auto watch =
             loop.watch(listener.get(), hal::EventLoop::Readiness::readable, [this] { on_newcomers(); });
         if (!watch) return tl::unexpected(watch.error());
@@ -200,7 +214,7 @@ struct Server::Impl {
         connection->last_used = loop.now();
         Connection& c = *connection;
         connections.push_back(std::move(connection));
-        wait_for(c, hal::EventLoop::Readiness::readable);
+        wait_for(c, EPOLL_CTL_ADD, EPOLLIN);
     }
 
     void evict() {
@@ -222,7 +236,7 @@ struct Server::Impl {
         loop.unwatch(std::exchange(listener_watch, hal::EventLoop::WatchId::none));
         pause = loop.call_after(kPauseWithoutDescriptors, [this] {
             pause = hal::EventLoop::TimerId::none;
-            if (!start()) make_room_for_descriptors();
+            if (!listen()) make_room_for_descriptors();
         });
     }
 
@@ -242,19 +256,27 @@ struct Server::Impl {
 
     // -- one connection ------------------------------------------------------------------------------------
 
-    void wait_for(Connection& c, hal::EventLoop::Readiness what) {
-        if (c.watch != hal::EventLoop::WatchId::none)
-            loop.unwatch(std::exchange(c.watch, hal::EventLoop::WatchId::none));
-        auto watch = what == hal::EventLoop::Readiness::readable
-                         ? loop.watch(c.fd.get(), what, [this, &c] { on_readable(c); })
-                         : loop.watch(c.fd.get(), what, [this, &c] { on_writable(c); });
-        if (!watch) return close(c);
-        c.watch = *watch;
+    void on_ready() {
+        closed.clear();
+        std::array<epoll_event, kServedPerTurn> events;
+        const int count = ::epoll_wait(ready.get(), events.data(), kServedPerTurn, 0);
+        for (int k = 0; k < count; ++k) {
+            Connection& c = *static_cast<Connection*>(events[static_cast<std::size_t>(k)].data.ptr);
+            if (c.fd.get() < 0) continue;  // closed in this turn
+            if (c.sent < c.filled) on_writable(c);
+            else on_readable(c);
+        }
+    }
+
+    void wait_for(Connection& c, int operation, std::uint32_t what) {
+        epoll_event wanted{};
+        wanted.events = what;
+        wanted.data.ptr = &c;
+        if (::epoll_ctl(ready.get(), operation, c.fd.get(), &wanted) != 0) close(c);
     }
 
     void close(Connection& c) {
-        loop.unwatch(std::exchange(c.watch, hal::EventLoop::WatchId::none));
-        c.fd.reset();
+        c.fd.reset();  // and with it its place in the epoll
         const auto at = std::find_if(connections.begin(), connections.end(),
                                      [&](const auto& p) { return p.get() == &c; });
         closed.push_back(std::move(*at));
@@ -262,7 +284,6 @@ struct Server::Impl {
     }
 
     void on_readable(Connection& c) {
-        closed.clear();
         std::array<std::uint8_t, kInputSize> input;
         const ssize_t count = ::recv(c.fd.get(), input.data(), input.size(), MSG_DONTWAIT);
         if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR)) return;
@@ -274,13 +295,12 @@ struct Server::Impl {
             return close(c);
         }
         if (!send_replies(c)) return close(c);
-        if (c.sent < c.filled) wait_for(c, hal::EventLoop::Readiness::writable);
+        if (c.sent < c.filled) wait_for(c, EPOLL_CTL_MOD, EPOLLOUT);
     }
 
     void on_writable(Connection& c) {
-        closed.clear();
         if (!send_replies(c)) return close(c);
-        if (c.sent == c.filled) wait_for(c, hal::EventLoop::Readiness::readable);
+        if (c.sent == c.filled) wait_for(c, EPOLL_CTL_MOD, EPOLLIN);
     }
 
     void answer(Connection& c, const Request& request) {

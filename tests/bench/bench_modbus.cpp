@@ -281,25 +281,51 @@ std::vector<Attack> attacks() {
     };
 }
 
-void compare(Clock::duration time) {
-    cpu_set_t all, one;
-    ::sched_getaffinity(0, sizeof all, &all);
-    CPU_ZERO(&one);
-    CPU_SET(static_cast<std::size_t>(::sched_getcpu()), &one);
-    ::sched_setaffinity(0, sizeof one, &one);  // threads made from now on inherit it
-    fmt::print("| server | clients | requests a second, one core for server and clients |\n|---|---|---|\n");
-    double theirs = 0, ours = 0;
-    for (int round = 0; round < 3; ++round) {  // in turn: both see the same machine
+// This thread, and those that it makes from now on.
+void run_on(const std::vector<std::size_t>& cores) {
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    for (const std::size_t core : cores) CPU_SET(core, &set);
+    ::sched_setaffinity(0, sizeof set, &set);
+}
+
+// A row: the server on one core, its clients on another, or all on the same.
+void compare(const char* what, std::size_t server_core, std::size_t client_core, Clock::duration time) {
+    constexpr int kRounds = 5;
+    std::vector<double> theirs, ours, ratios;
+    for (int round = 0; round < kRounds; ++round) {  // in turn: both see the same machine
         {
+            run_on({server_core});
             const Theirs server;
-            theirs = std::max(theirs, requests_a_second(server.port(), 1, time));
+            run_on({client_core});
+            theirs.push_back(requests_a_second(server.port(), 1, time));
         }
+        run_on({server_core});
         const Ours server;
-        ours = std::max(ours, requests_a_second(server.port(), 32, time));
+        run_on({client_core});
+        ours.push_back(requests_a_second(server.port(), 32, time));
+        ratios.push_back(ours.back() / theirs.back());
     }
-    fmt::print("| libmodbus {}.{}.{} | 1 | {:.0f} |\n| this station's | 32 | {:.0f} ({:.2f}x) |\n\nBest of three rounds each, in turn.\n\n",
-               LIBMODBUS_VERSION_MAJOR, LIBMODBUS_VERSION_MINOR, LIBMODBUS_VERSION_MICRO, theirs, ours, ours / theirs);
-    ::sched_setaffinity(0, sizeof all, &all);
+    const auto median = [](std::vector<double>& values) {
+        std::sort(values.begin(), values.end());
+        return values[values.size() / 2];
+    };
+    fmt::print("| {} | {:.0f} | {:.0f} | {:.2f}x |\n", what, median(theirs), median(ours), median(ratios));
+}
+
+void compare(Clock::duration time) {
+    cpu_set_t all;
+    ::sched_getaffinity(0, sizeof all, &all);
+    std::vector<std::size_t> cores;
+    for (std::size_t core = 0; core < CPU_SETSIZE; ++core) {
+        if (CPU_ISSET(core, &all)) cores.push_back(core);
+    }
+    fmt::print("| the server has | libmodbus {}.{}.{}, one client, requests a second | this station's, 32 clients | ratio |\n|---|---|---|---|\n", LIBMODBUS_VERSION_MAJOR,
+               LIBMODBUS_VERSION_MINOR, LIBMODBUS_VERSION_MICRO);
+    if (cores.size() > 1) compare("a core of its own", cores[0], cores[1], time);
+    compare("a core that its clients share", cores[0], cores[0], time);
+    fmt::print("\nMedians of five rounds, in turn.\n\n");
+    run_on(cores);
 }
 
 void under_attack(Clock::duration time) {
