@@ -4,6 +4,7 @@
 #include <array>
 #include <vector>
 
+#include "algo/fixed.h"
 #include "algo/residual.h"
 #include "algo/transport_simplex.h"
 
@@ -11,6 +12,12 @@ namespace hord::algo {
 namespace {
 
 std::size_t index(int k) { return static_cast<std::size_t>(k); }
+
+double total(const ResidualSide& side) {
+    double sum = 0;
+    for (int k = 0; k < side.count; ++k) sum += side.mass[index(k)];
+    return sum;
+}
 
 // Small problems of one shape, and where their answers go.
 template <class Mass>
@@ -97,12 +104,14 @@ struct EmdSolver::State {
 // False: nothing has to move.
 bool EmdSolver::State::find_sides(const Hord& a, const Hord& b) {
     ++work.pairs;
+    expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
     if (a.sum == 0 || b.sum == 0) return false;
     if (ground.is_metric()) {
         find_residual(a, b, ground.bins(), more, less);
     } else {
         keep_all(a, b, ground.bins(), more, less);
     }
+    expect_no_overflow(total(more) == total(less) && total(more) <= static_cast<double>(a.sum) * static_cast<double>(b.sum));
     if (more.count == 0 || less.count == 0) return false;
     const bool swap = less.precedes(more);
     fewer = swap ? &less : &more;
