@@ -9,6 +9,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <toml++/toml.h>
 
 namespace hord::firmware {
 namespace {
@@ -186,6 +187,39 @@ TEST(Registers, every_format_is_known_by_its_name) {
         EXPECT_THAT(format_registers(*map_format_of(name)), HasSubstr("reject_confirmed"));
     }
     EXPECT_FALSE(map_format_of("xml"));
+}
+
+TEST(Registers, telegraf_is_told_each_number_with_its_address_and_type) {
+    const toml::table all = toml::parse(format_registers(MapFormat::telegraf));
+    const auto* requests = all.at_path("inputs.modbus[0].request").as_array();
+    ASSERT_NE(requests, nullptr);
+    std::size_t told = 0;
+    for (const Block& block : register_blocks()) {
+        if (block.id == BlockId::ident || block.registers.empty()) continue;
+        std::string measurement = "hord_" + std::string(block.name);
+        for (char& c : measurement) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+        const toml::table* request = nullptr;
+        for (const auto& candidate : *requests) {
+            if (candidate.at_path("measurement").value<std::string>() == measurement) request = candidate.as_table();
+        }
+        ASSERT_NE(request, nullptr) << measurement;
+        EXPECT_EQ(request->at_path("register").value<std::string>(), "holding");
+        for (const Register& row : block.registers) {
+            if (row.type == RegisterType::text) continue;
+            ++told;
+            const toml::table* field = nullptr;
+            for (const auto& candidate : *request->at_path("fields").as_array()) {
+                if (candidate.at_path("address").value<int>() == int{row.address}) field = candidate.as_table();
+            }
+            ASSERT_NE(field, nullptr) << row.name;
+            EXPECT_EQ(field->at_path("name").value<std::string>(), std::string(row.name));
+            EXPECT_EQ(field->at_path("scale").value_or(1.0), row.scale) << row.name;
+            const std::string type = field->at_path("type").value_or<std::string>("");
+            EXPECT_TRUE(type.ends_with(row.words == 2 ? "32" : "16")) << row.name << ' ' << type;
+            EXPECT_EQ(type.starts_with("INT"), row.type == RegisterType::s16 || row.type == RegisterType::s32) << row.name;
+        }
+    }
+    EXPECT_GT(told, 60U);
 }
 
 }  // namespace
