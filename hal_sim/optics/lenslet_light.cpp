@@ -182,9 +182,7 @@ class LensletLight::Gathering {
     void collect(const Cell& cell, const std::vector<const Feature*>& near);
 
   private:
-    [[nodiscard]] Arrival trace_back(double x, double y, double u, double v) const {
-        return trace(body_, camera_.to_part(x - pass_.shift_x, y - pass_.shift_y, u, v), nullptr, pass_.ghost);
-    }
+    [[nodiscard]] CameraRay ray_at(double x, double y, double u, double v) const { return camera_.to_part(x - pass_.shift_x, y - pass_.shift_y, u, v); }
     [[nodiscard]] Samples sample(const Cell& cell) const;
     void keep_near(const Cell& cell, const std::vector<const Feature*>& before, std::vector<const Feature*>& near) const;
     [[nodiscard]] SlopeBox shrink(const Cell& cell, const Samples& samples) const;
@@ -228,19 +226,22 @@ void LensletLight::collect(int m, int n, double* bins) const {
 }
 
 Samples LensletLight::Gathering::sample(const Cell& cell) const {
+    double u[kCorners + 1], v[kCorners + 1];
+    CameraRay rays[kCorners + 1];
+    for (int k = 0; k < kCorners; ++k) {
+        u[k] = cell.u() + kSigns[k][2] * cell.hu(), v[k] = cell.v() + kSigns[k][3] * cell.hv();
+        rays[k] = ray_at(cell.x + kSigns[k][0] * cell.hx, cell.y + kSigns[k][1] * cell.hy, u[k], v[k]);
+    }
+    u[kCorners] = cell.u(), v[kCorners] = cell.v();
+    rays[kCorners] = ray_at(cell.x, cell.y, u[kCorners], v[kCorners]);
+    Arrival arrivals[kCorners + 1];
+    trace_many(body_, rays, arrivals, pass_.ghost);
     Samples out;
     for (int k = 0; k <= kCorners; ++k) {
-        double x = cell.x, y = cell.y, u = cell.u(), v = cell.v();
-        if (k < kCorners) {
-            x += kSigns[k][0] * cell.hx;
-            y += kSigns[k][1] * cell.hy;
-            u += kSigns[k][2] * cell.hu();
-            v += kSigns[k][3] * cell.hv();
-        }
-        const Arrival arrival = trace_back(x, y, u, v);
+        const Arrival& arrival = arrivals[k];
         camera_.to_camera(arrival.u, arrival.v, out.s[k], out.t[k]);
-        out.du[k] = out.s[k] - u;
-        out.dv[k] = out.t[k] - v;
+        out.du[k] = out.s[k] - u[k];
+        out.dv[k] = out.t[k] - v[k];
         out.weight[k] = arrival.weight;
         out.path[k] = arrival.weight > 0 ? arrival.path : 0;
         out.one_path = out.one_path && out.path[k] == out.path[0];
@@ -252,7 +253,7 @@ Samples LensletLight::Gathering::sample(const Cell& cell) const {
 void LensletLight::Gathering::keep_near(const Cell& cell, const std::vector<const Feature*>& before, std::vector<const Feature*>& near) const {
     if (before.empty()) return;
     Way way;
-    trace(clean_, camera_.to_part(cell.x - pass_.shift_x, cell.y - pass_.shift_y, cell.u(), cell.v()), &way, pass_.ghost);
+    trace(clean_, ray_at(cell.x, cell.y, cell.u(), cell.v()), &way, pass_.ghost);
     const double across = std::hypot(cell.hx, cell.hy), aslant = std::hypot(cell.hu(), cell.hv()) * bin_rad_;
     // Glass moves a ray's foot on the measurement plane by its slope, too.
     const double foot = (1 - 1 / body_.part_index()) * std::max(std::abs(body_.low.z), std::abs(body_.high.z));
@@ -413,22 +414,35 @@ void LensletLight::Gathering::add_sampled(const Cell& cell, double rays_per_bin)
     const int count = std::max(kFewestRays, static_cast<int>(rays_per_bin * importance_ * cell.share() * cell.box.area()));
     double at[kAxes];
     shifted_start(cell, at);
-    for (int k = 0; k < count; ++k) {
-        for (int a = 0; a < kAxes; ++a) {
-            at[a] += kStep[a];
-            if (at[a] >= 1) at[a] -= 1;
+    constexpr int kBatch = 128;
+    CameraRay rays[kBatch];
+    Arrival arrivals[kBatch];
+    struct {
+        double u, v, passes;
+    } seen[kBatch];
+    for (int done = 0; done < count; done += kBatch) {
+        std::size_t batch = 0;
+        for (int k = done; k < std::min(count, done + kBatch); ++k) {
+            for (int a = 0; a < kAxes; ++a) {
+                at[a] += kStep[a];
+                if (at[a] >= 1) at[a] -= 1;
+            }
+            const double u = cell.box.u0 + at[2] * (cell.box.u1 - cell.box.u0), v = cell.box.v0 + at[3] * (cell.box.v1 - cell.box.v0);
+            const double x = cell.x + (2 * at[0] - 1) * cell.hx, y = cell.y + (2 * at[1] - 1) * cell.hy;
+            const double passes = obstacles_.empty() ? 1 : obstacles_.transmission(x, y, u, v);
+            if (passes == 0) continue;
+            seen[batch] = {u, v, passes};
+            rays[batch++] = ray_at(x, y, u, v);
         }
-        const double u = cell.box.u0 + at[2] * (cell.box.u1 - cell.box.u0), v = cell.box.v0 + at[3] * (cell.box.v1 - cell.box.v0);
-        const double x = cell.x + (2 * at[0] - 1) * cell.hx, y = cell.y + (2 * at[1] - 1) * cell.hy;
-        const double passes = obstacles_.empty() ? 1 : obstacles_.transmission(x, y, u, v);
-        if (passes == 0) continue;
-        const Arrival arrival = trace_back(x, y, u, v);
-        if (!(arrival.weight > 0)) continue;
-        double s = 0, t = 0;
-        camera_.to_camera(arrival.u, arrival.v, s, t);
-        s -= pass_.s, t -= pass_.t;
-        if (s * s + t * t >= pass_.radius * pass_.radius) continue;
-        cells_[grid_.row(v) * grid_.i + grid_.column(u)] += passes * arrival.weight * weight / count;
+        trace_many(body_, {rays, batch}, arrivals, pass_.ghost);
+        for (std::size_t k = 0; k < batch; ++k) {
+            if (!(arrivals[k].weight > 0)) continue;
+            double s = 0, t = 0;
+            camera_.to_camera(arrivals[k].u, arrivals[k].v, s, t);
+            s -= pass_.s, t -= pass_.t;
+            if (s * s + t * t >= pass_.radius * pass_.radius) continue;
+            cells_[grid_.row(seen[k].v) * grid_.i + grid_.column(seen[k].u)] += seen[k].passes * arrivals[k].weight * weight / count;
+        }
     }
 }
 

@@ -29,6 +29,8 @@ inline Refraction refract(const Vec3& direction, const Vec3& normal, double inde
     return {(1.5 - 0.5 * dot(out, out)) * out, false, cosine, cos_out};  // one Newton step back to unit length
 }
 
+inline Vec3 mirrored(const Vec3& direction, const Vec3& normal) { return unit(direction - (2 * dot(direction, normal)) * normal); }
+
 // Share of unpolarised light that passes; 1 minus this is reflected. (Born and Wolf, section 1.5.2.)
 inline double fresnel_transmission(const Refraction& at, double index_before, double index_after) {
     if (at.reflected) return 0;

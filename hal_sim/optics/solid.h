@@ -55,6 +55,7 @@ struct Body {
 
     bool fresnel = false;  // light is lost by reflection
     bool absorbs = false;  // and within some medium
+    [[nodiscard]] bool has_losses() const { return fresnel || absorbs; }
 
     // Adds a surface and gives its number; -1 when there are kMaxSurfaces already.
     int add(const Surface& surface);

@@ -4,15 +4,10 @@
 
 #include "hal_sim/optics/exact_math.h"
 #include "hal_sim/optics/refraction.h"
+#include "hal_sim/optics/walk.h"
 
 namespace hord::sim {
 namespace {
-
-constexpr int kMaxCrossings = 16;
-constexpr double kLeast = 1e-12;  // of the light: what is left of less is lost
-constexpr double kClose = 1e-6;  // of the body's size: larger than any crossing_error() here
-
-std::uint64_t mix(std::uint64_t path, std::uint64_t step) { return (path ^ (step + 1)) * 0x9E3779B97F4A7C15ULL + (path >> 29); }
 
 // Distance along the ray to where it has left the box for good; negative when it never meets it.
 double leaves_box(const Body& body, const Ray& ray) {
@@ -22,7 +17,7 @@ double leaves_box(const Body& body, const Ray& ray) {
             if (o < low || o > high) out = -1;
             return;
         }
-        const double a = (low - o) / d, b = (high - o) / d;
+        const double per = 1 / d, a = (low - o) * per, b = (high - o) * per;
         in = std::max(in, std::min(a, b));
         out = std::min(out, std::max(a, b));
     };
@@ -42,48 +37,34 @@ void pass_discs(const Body& body, const Ray& ray, double to, double& weight, std
         const double y = ray.origin.y + t * ray.direction.y - disc.centre.y;
         if (x * x + y * y >= disc.radius * disc.radius) continue;
         weight *= disc.transmission;
-        path = mix(path, 1000 + k);
+        path = mix(path, met_disc(k));
     }
 }
 
-// Follows the ray until it has left the body for good; false when it is lost on the way. `kLosses`: light may be lost at faces or
-// in glass, or be a ghost; what no scene names is not even asked for.
+void note(Way* way, const Vec3& point, bool in_part) {
+    if (!way || way->count == Way::kMaxPoints) return;
+    way->points[way->count] = point;
+    way->in_part[way->count++] = in_part;
+}
+
+// `kLosses`: light may be lost at faces or in glass, or be a ghost; what no scene names is not even asked for.
 template <bool kLosses>
-bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way* way, [[maybe_unused]] Ghost ghost = {}) {
-    double leaves = leaves_box(body, ray);
-    if (way) *way = Way{};
-    const auto note = [&](const Vec3& point, bool in_part) {
-        if (!way || way->count == Way::kMaxPoints) return;
-        way->points[way->count] = point;
-        way->in_part[way->count++] = in_part;
-    };
-    note(ray.origin, false);
-    if (leaves < 0) {
-        if (ghost.is_one()) return false;
-        note(ray.origin + (2 * (body.high.z - body.low.z)) * ray.direction, false);
-        return true;
-    }
-
-    std::uint64_t state = 0, standing_on = 0;
+bool follow(const Body& body, Walk& walk, Way* way, [[maybe_unused]] Ghost ghost) {
+    Ray& ray = walk.ray;
     const std::size_t count = body.surfaces.size();
-    for (std::size_t s = 0; s < count; ++s) state |= std::uint64_t{is_inside(body.surfaces[s], ray.origin)} << s;
-    std::uint8_t medium = body.medium(state);
-    if (medium != 0) leaves = kNever;
-
-    [[maybe_unused]] int faces = 0;  // met, between media of different index
     double next[Body::kMaxSurfaces];
-    for (int step = 0;; ++step) {
+    for (;; ++walk.step) {
         std::size_t first = 0;
         double t = kNever;
         for (std::size_t s = 0; s < count; ++s) {
-            next[s] = next_crossing(body.surfaces[s], ray, ((state >> s) & 1U) != 0, ((standing_on >> s) & 1U) != 0);
+            next[s] = next_crossing(body.surfaces[s], ray, ((walk.state >> s) & 1U) != 0, ((walk.standing_on >> s) & 1U) != 0);
             if (next[s] < t) t = next[s], first = s;
         }
-        if (t > leaves) {
-            if (kLosses && faces <= ghost.second) return false;
+        if (t > walk.leaves) {
+            if (kLosses && walk.faces <= ghost.second) return false;
             break;
         }
-        if (step == kMaxCrossings) return false;
+        if (walk.step == kMaxCrossings || !(t < kNever)) return false;  // inside for ever: only by rounding
         // Faces that coincide, within the bounds on both, are crossed as one.
         std::uint64_t crossed = std::uint64_t{1} << first;
         for (std::size_t s = 0; s < count; ++s) {
@@ -91,83 +72,91 @@ bool follow(const Body& body, Ray& ray, double& weight, std::uint64_t& path, Way
             const double errors = crossing_error(body.surfaces[s], ray, next[s]) + crossing_error(body.surfaces[first], ray, t);
             if (next[s] - t <= errors) crossed |= std::uint64_t{1} << s;
         }
-        if (!body.discs.empty()) pass_discs(body, ray, t, weight, path);
+        if (!body.discs.empty()) pass_discs(body, ray, t, walk.weight, walk.path);
 
-        const std::uint8_t beyond = body.medium(state ^ crossed);
-        const double index_before = body.index(medium), index_after = body.index(beyond);
+        const std::uint8_t beyond = body.medium(walk.state ^ crossed);
+        const double index_before = body.index(walk.medium), index_after = body.index(beyond);
         const Foot foot = foot_of(body.surfaces[first], ray.origin + t * ray.direction);
         ray.origin = foot.point;
-        standing_on = crossed;
-        note(ray.origin, medium != 0);
+        walk.standing_on = crossed;
+        note(way, ray.origin, walk.medium != 0);
         bool through = true;
         if constexpr (kLosses) {
-            if (body.absorbs && body.absorption(medium) > 0) weight *= exact::exp(-body.absorption(medium) * t);
-            if (weight < kLeast) return false;
+            if (body.absorbs && body.absorption(walk.medium) > 0) walk.weight *= exact::exp(-body.absorption(walk.medium) * t);
+            if (walk.weight < kLeast) return false;
         }
         if (index_before != index_after) {
             Refraction bent = refract(ray.direction, foot.normal, index_before, index_after);
             if constexpr (kLosses) {
                 const double passes = body.fresnel ? fresnel_transmission(bent, index_before, index_after) : 1;
-                const int face = faces++;
+                const int face = walk.faces++;
                 if (face == ghost.first || face == ghost.second) {
                     if (bent.reflected) return false;  // all of it: the way of another ray
-                    weight *= 1 - passes;
-                    bent.direction = unit(ray.direction - (2 * dot(ray.direction, foot.normal)) * foot.normal);
+                    walk.weight *= 1 - passes;
+                    bent.direction = mirrored(ray.direction, foot.normal);
                     bent.reflected = true;
                 } else if (!bent.reflected) {
-                    weight *= passes;
+                    walk.weight *= passes;
                 }
             }
             ray.direction = bent.direction;
-            path = mix(path, 2 * first + (bent.reflected ? 1 : 0));
+            walk.path = mix(walk.path, met_surface(first, bent.reflected));
             through = !bent.reflected;
         }
         if (through) {
-            state ^= crossed;
-            const bool out = medium != 0 && beyond == 0;
-            medium = beyond;
+            walk.state ^= crossed;
+            const bool out = walk.medium != 0 && beyond == 0;
+            walk.medium = beyond;
             if (out && body.convex) {
-                if (kLosses && faces <= ghost.second) return false;
-                leaves = 0;
+                if (kLosses && walk.faces <= ghost.second) return false;
+                walk.leaves = 0;
                 break;
             }
         }
-        leaves = medium == 0 ? leaves_box(body, ray) : kNever;
+        walk.leaves = walk.medium == 0 ? leaves_box(body, ray) : kNever;
     }
-    if (!body.discs.empty()) pass_discs(body, ray, kNever, weight, path);
-    if (way) note(ray.origin + (leaves > 0 && leaves < kNever ? leaves : body.size) * ray.direction, false);
+    if (!body.discs.empty()) pass_discs(body, ray, kNever, walk.weight, walk.path);
+    note(way, ray.origin + (walk.leaves > 0 && walk.leaves < kNever ? walk.leaves : body.size) * ray.direction, false);
     return true;
+}
+
+// From outside the box on: false when the ray is lost on the way.
+bool pass(const Body& body, Walk& walk, Way* way, Ghost ghost) {
+    const Ray& ray = walk.ray;
+    if (way) *way = Way{};
+    note(way, ray.origin, false);
+    walk.leaves = leaves_box(body, ray);
+    if (walk.leaves < 0) {
+        if (ghost.is_one() && body.has_losses()) return false;
+        note(way, ray.origin + (2 * (body.high.z - body.low.z)) * ray.direction, false);
+        return true;
+    }
+    for (std::size_t s = 0; s < body.surfaces.size(); ++s) walk.state |= std::uint64_t{is_inside(body.surfaces[s], ray.origin)} << s;
+    walk.medium = body.medium(walk.state);
+    if (walk.medium != 0) walk.leaves = kNever;
+    return go_on(body, walk, way, ghost);
 }
 
 }  // namespace
 
+bool go_on(const Body& body, Walk& walk, Way* way, Ghost ghost) {
+    return body.has_losses() ? follow<true>(body, walk, way, ghost) : follow<false>(body, walk, way, {});
+}
+
 Arrival trace(const Body& body, const CameraRay& from, Way* way, Ghost ghost) {
-    Arrival arrival{from.u, from.v, from.x, from.y, 1, kFreePath};
     const double start = body.high.z;
-    Ray ray{{from.x + from.u * start, from.y + from.v * start, start}, unit({-from.u, -from.v, -1})};
-    const bool goes = body.fresnel || body.absorbs ? follow<true>(body, ray, arrival.weight, arrival.path, way, ghost)
-                                                   : follow<false>(body, ray, arrival.weight, arrival.path, way);
-    if (!goes || ray.direction.z >= 0) return {};
-    if (arrival.path != kFreePath) {
-        arrival.u = ray.direction.x / ray.direction.z;
-        arrival.v = ray.direction.y / ray.direction.z;
-        arrival.x = ray.origin.x - arrival.u * ray.origin.z;
-        arrival.y = ray.origin.y - arrival.v * ray.origin.z;
-    }
-    return arrival;
+    Walk walk;
+    walk.ray = {{from.x + from.u * start, from.y + from.v * start, start}, unit({-from.u, -from.v, -1})};
+    return pass(body, walk, way, ghost) ? arrival_of(walk, from) : Arrival{};
 }
 
 Landing shine(const Body& body, double x, double y, Way* way) {
-    Landing landing{x, y, 0, 0, 1, kFreePath};
-    Ray ray{{x, y, body.low.z}, {0, 0, 1}};
-    const bool goes = body.fresnel || body.absorbs ? follow<true>(body, ray, landing.weight, landing.path, way)
-                                                   : follow<false>(body, ray, landing.weight, landing.path, way);
-    if (!goes || ray.direction.z <= 0) return {};
-    landing.u = ray.direction.x / ray.direction.z;
-    landing.v = ray.direction.y / ray.direction.z;
-    landing.x = ray.origin.x - landing.u * ray.origin.z;
-    landing.y = ray.origin.y - landing.v * ray.origin.z;
-    return landing;
+    Walk walk;
+    walk.ray = {{x, y, body.low.z}, {0, 0, 1}};
+    const Vec3 &o = walk.ray.origin, &d = walk.ray.direction;
+    if (!pass(body, walk, way, {}) || d.z <= 0) return {};
+    const double u = d.x / d.z, v = d.y / d.z;
+    return {o.x - u * o.z, o.y - v * o.z, u, v, walk.weight, walk.path};
 }
 
 }  // namespace hord::sim

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 
+#include "algo/isa.h"
 #include "hal_sim/optics/solid.h"
 
 namespace hord::sim {
@@ -39,6 +41,10 @@ struct Ghost {
 
 // A ray that is reflected totally goes on, up to 16 crossings; then, or when it turns back, it is lost.
 Arrival trace(const Body& body, const CameraRay& ray, Way* way = nullptr, Ghost ghost = {});
+
+// arrivals[k] = trace(body, rays[k], nullptr, ghost), to the bit, and several times faster: rays of one way are traced side by side.
+void trace_many(const Body& body, std::span<const CameraRay> rays, Arrival* arrivals, Ghost ghost = {});
+void trace_many(const Body& body, std::span<const CameraRay> rays, Arrival* arrivals, Ghost ghost, algo::Isa isa);
 
 // The same with the light: from the source, with slope 0, towards (x, y) of the measurement plane; where on that plane the
 // camera sees it come from, and with which slope. `path` as in Arrival, but not comparable to trace()'s.

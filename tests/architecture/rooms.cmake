@@ -4,7 +4,7 @@
 set(algo "algo/")
 set(common "algo/result\\.h|common/")
 set(drivers "algo/(frame|result|light_field)\\.h|drivers/")
-set(hal_sim "common/|algo/(frame|result|light_field|grid_file)\\.h|drivers/hal/|hal_sim/")
+set(hal_sim "common/|algo/(frame|result|light_field|grid_file|isa|isa_targets)\\.h|drivers/hal/|hal_sim/")
 set(calib "common/|algo/|calib/")
 set(firmware "common/|algo/|drivers/|hal_sim/|calib/|firmware/")
 
