@@ -269,6 +269,9 @@ void read_plc(TomlTable plc, PlcConfig& value, CoreConfig& core) {
 
 void read_inspection(TomlTable inspection, InspectionConfig& value, const std::filesystem::path& folder) {
     macro(inspection, "macro", value.bins_i, value.bins_j);
+    std::string grid;
+    inspection.text("grid", grid);
+    if (!grid.empty()) value.grid = folder / grid;
     std::string recipe;
     inspection.text("recipe", recipe);
     if (!recipe.empty()) value.recipe = folder / recipe;

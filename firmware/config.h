@@ -110,6 +110,7 @@ struct PlcConfig {
 
 struct InspectionConfig {
     int bins_i = 9, bins_j = 9;    // bins of a macro-pixel
+    std::filesystem::path grid;     // calibration file that raw frames are decoded with; empty: frames are macro-pixels
     std::filesystem::path recipe;   // empty: the defaults of algo/recipe.h
     std::filesystem::path recipes;  // folder of those that can be switched to by number; empty: none
     int threads = 1;               // parts inspected at the same time

@@ -27,6 +27,8 @@ constexpr FaultText kTexts[] = {
      "see the log for the reason: free the disk, make it writable, or move a damaged file away"},
     {kFaultPictures, "pictures", "frames that should have been kept were dropped; verdicts and results are not concerned",
      "see the log for the reason: free the disk, use a faster one, or keep fewer frames ([store])"},
+    {kFaultGridDrift, "grid-drift", "the lenslet grid has moved by a tenth of a pixel; verdicts do not suffer yet, and parts are judged as before",
+     "let the optics settle in temperature, check that the sensor is fastened; if it stays, calibrate (hordctl calibrate) and restart"},
 };
 
 }  // namespace

@@ -15,6 +15,7 @@
 #include <sys/mman.h>
 #include <systemd/sd-daemon.h>
 
+#include "calib/grid_toml.h"
 #include "firmware/faults.h"
 #include "firmware/journal.h"
 #include "firmware/service.h"
@@ -197,7 +198,7 @@ int main(int argc, char** argv) {
     program.set_version_flag("--version", "hordd " HORD_VERSION);
     program.add_option("--config", options.config, "Configuration (TOML)")->capture_default_str();
     program.add_option("--realtime", options.realtime, "Run the timing thread under SCHED_FIFO with this priority; 0: not")->check(CLI::Range(0, 99))->capture_default_str();
-    program.add_flag("--check", options.check, "Only read the configuration and its recipe, and say what is wrong with them");
+    program.add_flag("--check", options.check, "Only read the configuration, its recipe and its calibration, and say what is wrong with them");
     program.add_flag("--safe", options.safe, "Only bring the rejector to its safe state, no run permit: for after a service that died");
     program.add_flag("--catalog", options.catalog, "Only print the journal's catalogue: every message id, what it means and what to do");
     program.footer("Exit status: 0 stopped as asked, 2 a device or a port cannot be used, or usage, 78 the configuration cannot be used.\n"
@@ -224,6 +225,10 @@ int main(int argc, char** argv) {
         if (!config->inspection.recipe.empty()) {
             const auto recipe = load_numbered_recipe(config->inspection.recipe);
             if (!recipe) return complain(Happening::configuration_refused, recipe.error(), kBadConfiguration);
+        }
+        if (!config->inspection.grid.empty()) {
+            const auto grid = calib::read_grid(config->inspection.grid);
+            if (!grid) return complain(Happening::configuration_refused, grid.error(), kBadConfiguration);
         }
         fmt::print("{} can be used\n", options.config);
         return 0;

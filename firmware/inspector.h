@@ -9,6 +9,7 @@
 #include <memory>
 #include <vector>
 
+#include "algo/grid_decoder.h"
 #include "algo/pipeline.h"
 #include "algo/result.h"
 #include "drivers/hal/event_loop.h"
@@ -17,8 +18,8 @@
 
 namespace hord::firmware {
 
-// Sees every inspection as it is made, with its frame and maps, nothing copied. Called on the thread that inspects (with
-// several threads: on each, at the same time); everything borrowed is valid during the call only.
+// Sees every inspection as it is made, with its macro-pixel frame (the raw one, decoded) and maps, nothing copied. Called on the thread
+// that inspects (with several threads: on each, at the same time); everything borrowed is valid during the call only.
 class InspectionObserver {
   public:
     virtual ~InspectionObserver() = default;
@@ -72,6 +73,7 @@ class Inspector {
 struct InspectorSettings {
     algo::Extents extents;
     int bits = 8;
+    std::shared_ptr<const algo::GridDecoder> decoder = nullptr;  // of raw frames, of these extents; none: frames are macro-pixels
     algo::Recipe recipe;
     std::uint16_t recipe_number = kNoNumber;  // comes back in every Judged
     int threads = 1;  // each with a pipeline of its own

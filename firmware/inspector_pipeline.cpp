@@ -1,6 +1,7 @@
 // The pipeline as an inspector: one a thread, or one in virtual time.
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <vector>
 
 #include "firmware/inspector.h"
@@ -10,10 +11,23 @@ namespace {
 
 std::uint16_t to_register(float lenslets) { return static_cast<std::uint16_t>(std::clamp(std::lround(lenslets), 0L, 0xFFFEL)); }
 
-Judged judge_with(algo::Pipeline& pipeline, std::uint32_t part, const hal::FrameLease& frame, const InspectorSettings& settings) {
+// What one thread judges with; nothing is allocated a frame.
+struct Bench {
+    algo::Pipeline pipeline;
+    std::optional<algo::GridDecoder> decoder;  // of raw frames
+    algo::Frame decoded;
+};
+
+Judged judge_with(Bench& bench, std::uint32_t part, const hal::FrameLease& frame, const InspectorSettings& settings) {
     Judged judged;
     judged.part = part;
-    auto inspection = pipeline.inspect(frame.view(), settings.now);
+    judged.failed = true;
+    algo::FrameView seen = frame.view();
+    if (bench.decoder) {
+        if (!bench.decoder->decode(seen, bench.decoded)) return judged;
+        seen = bench.decoded.view();
+    }
+    auto inspection = bench.pipeline.inspect(seen, settings.now);
     judged.failed = !inspection.has_value();
     if (judged.failed) return judged;
     judged.verdict = inspection->verdict;
@@ -25,25 +39,28 @@ Judged judge_with(algo::Pipeline& pipeline, std::uint32_t part, const hal::Frame
         judged.position_m = to_register(inspection->defects.front().m);
         judged.position_n = to_register(inspection->defects.front().n);
     }
-    if (settings.observer != nullptr) settings.observer->on_inspection(part, frame.view(), *inspection);
+    if (settings.observer != nullptr) settings.observer->on_inspection(part, seen, *inspection);
     return judged;
 }
 
 // std::function wants what can be copied; a Pipeline cannot.
-Result<std::shared_ptr<algo::Pipeline>> make_pipeline(const InspectorSettings& settings) {
+Result<std::shared_ptr<Bench>> make_bench(const InspectorSettings& settings) {
     auto pipeline = algo::Pipeline::create(settings.extents, settings.bits, settings.recipe);
     if (!pipeline) return tl::unexpected(pipeline.error());
-    return std::make_shared<algo::Pipeline>(std::move(*pipeline));
+    auto bench = std::make_shared<Bench>(Bench{std::move(*pipeline), std::nullopt, {}});
+    if (settings.decoder) {
+        bench->decoder = *settings.decoder;
+        bench->decoded = bench->decoder->frame(settings.bits);
+    }
+    return bench;
 }
 
 Result<std::vector<Judge>> make_judges(const InspectorSettings& settings) {
     std::vector<Judge> judges;
     for (int k = 0; k < std::max(settings.threads, 1); ++k) {
-        auto pipeline = make_pipeline(settings);
-        if (!pipeline) return tl::unexpected(pipeline.error());
-        judges.emplace_back([pipeline = *pipeline, settings](std::uint32_t part, const hal::FrameLease& frame) {
-            return judge_with(*pipeline, part, frame, settings);
-        });
+        auto bench = make_bench(settings);
+        if (!bench) return tl::unexpected(bench.error());
+        judges.emplace_back([bench = *bench, settings](std::uint32_t part, const hal::FrameLease& frame) { return judge_with(*bench, part, frame, settings); });
     }
     return judges;
 }
@@ -68,15 +85,15 @@ Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop,
 
 Result<std::unique_ptr<Inspector>> make_inline_inspector(hal::EventLoop& loop, const InspectorSettings& settings,
                                                          hal::Duration modelled) {
-    auto pipeline = make_pipeline(settings);
-    if (!pipeline) return tl::unexpected(pipeline.error());
+    auto bench = make_bench(settings);
+    if (!bench) return tl::unexpected(bench.error());
     const int threads = std::max(settings.threads, 1);
     // When each of the modelled threads is free again.
     std::vector<hal::TimePoint> free_at(static_cast<std::size_t>(threads));
-    auto judge = [pipeline = *pipeline, settings, modelled, free_at, &loop](std::uint32_t part, const hal::FrameLease& frame) mutable {
+    auto judge = [bench = *bench, settings, modelled, free_at, &loop](std::uint32_t part, const hal::FrameLease& frame) mutable {
         auto& thread = *std::min_element(free_at.begin(), free_at.end());
         thread = std::max(thread, loop.now()) + modelled;
-        return StandInAnswer{judge_with(*pipeline, part, frame, settings), thread - loop.now()};
+        return StandInAnswer{judge_with(*bench, part, frame, settings), thread - loop.now()};
     };
     return make_stand_in_inspector(loop, settings.queue + threads, std::move(judge));
 }

@@ -16,7 +16,7 @@
 namespace hord::firmware {
 namespace {
 
-constexpr std::size_t kHappenings = 9, kFaults = 12;
+constexpr std::size_t kHappenings = 9, kFaults = 13;
 
 // An id, once released, keeps its meaning for ever. In the order of Happening, then of FaultBit; the faults' texts are faults.h's.
 constexpr std::array<Entry, kHappenings> kHappeningEntries{{
@@ -66,6 +66,7 @@ constexpr std::array<FaultId, kFaults> kFaultIds{{
     {"990d3cd8381d422f850c86bd84e0164b", 3},  // plc-lost
     {"c20f0dab7307416d98d1afa216472950", 3},  // store
     {"6ae3785aa68348aebc18209a00138d38", 4},  // pictures
+    {"8b733f2f7bba4320b76d5504078a192f", 4},  // grid-drift
 }};
 
 std::string capital(std::string_view text) {

@@ -181,7 +181,7 @@ inline constexpr Register kCalibration[] = {
         8506, Type::u16, "residual", "px", "root mean square of the fit",
         [](const Source& s) { return maybe(s.extras.calibration.residual_px); }, {}, 0.001),
     number(
-        8507, Type::s16, "drift", "px", "of the grid since the calibration",
+        8507, Type::s16, "drift", "px", "of the grid since the calibration; of macro-pixel frames: since the first parts",
         [](const Source& s) { return maybe(s.extras.calibration.drift_px); }, {}, 0.001),
     number(8508, Type::u16, "lenslets_m", "lenslets", "columns",
            [](const Source& s) { return maybe(s.extras.calibration.lenslets_m); }),

@@ -4,12 +4,15 @@
 #include <fstream>
 #include <optional>
 #include <algorithm>
+#include <cmath>
 #include <csignal>
 #include <random>
 #include <vector>
 
 #include <fmt/format.h>
 
+#include "firmware/calibration_in_use.h"
+#include "firmware/drift_watch.h"
 #include "firmware/line_mark.h"
 #include "firmware/modbus/server.h"
 #include "firmware/modbus/server_rtu.h"
@@ -17,7 +20,6 @@
 #include "firmware/recipe_folder.h"
 #include "firmware/recording.h"
 #include "firmware/registers_image.h"
-#include "firmware/drift_watch.h"
 #include "firmware/self_check.h"
 
 namespace hord::firmware {
@@ -27,6 +29,7 @@ namespace {
 constexpr Duration kPublishEvery = milliseconds(50);
 constexpr Duration kHealthEvery = milliseconds(1000);
 constexpr const char* kRecipeInUse = "recipe-in-use.toml";
+constexpr const char* kCalibrationInUse = "calibration-in-use.toml";
 constexpr const char* kProcessorMillidegrees = "/sys/class/thermal/thermal_zone0/temp";
 
 StationIdentity identity_of(const Config& config) {
@@ -65,6 +68,8 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     std::unique_ptr<Backends> backends;
     std::unique_ptr<DriftWatch> drift;  // fed by the inspector's threads
     CalibrationReport calibration;
+    std::optional<CalibrationInUse> grid;  // none: frames are macro-pixels
+    std::uint32_t store_faults = 0, drift_fault = 0;
     std::unique_ptr<Inspector> inspector;
     std::unique_ptr<Station> station;
     std::optional<Operations> operations;
@@ -125,10 +130,21 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     void on_drift() {
         const DriftWatch::View view = drift->view();
         if (view.noticed && watchers.trouble) {
-            watchers.trouble({ErrorCode::invalid_argument, fmt::format("the lenslet grid has moved by {:.2f} px since the start", view.drift->largest_bins),
-                              "let the optics settle in temperature, check that the sensor is fastened, then calibrate and start again"});
+            watchers.trouble({ErrorCode::invalid_argument,
+                              fmt::format("the lenslet grid has moved by {:.2f} px since {}", *view.largest_px, view.since_calibration ? "the calibration" : "the first parts"),
+                              "let the optics settle in temperature, check that the sensor is fastened; if it stays, calibrate (hordctl calibrate) and restart"});
         }
-        calibration.drift_px = view.drift->largest_bins;
+        drift_fault = view.noticed ? std::uint32_t{kFaultGridDrift} : 0U;
+        publish_calibration();
+        tell_faults();
+    }
+    void tell_faults() {
+        station->outside_faults(store_faults | drift_fault);
+        publish();
+    }
+    void publish_calibration() {
+        calibration.drift_px = drift->view().largest_px;
+        if (grid) calibration.age_s = grid->age_s();
         registers->publish(calibration);
     }
     void on_recipe(const NumberedRecipe& recipe) {
@@ -138,6 +154,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     Result<void> open(const SimulationOptions& simulation);
     Result<void> open_doors();
     Result<NumberedRecipe> first_recipe();
+    Result<algo::Extents> open_grid(const hal::SensorFormat& format);
     Result<void> open_inspector(const NumberedRecipe& recipe);
     void connect(NumberedRecipe recipe);
     Result<std::vector<std::string>> reload(const Config& next);
@@ -189,12 +206,27 @@ Result<NumberedRecipe> Service::Parts::first_recipe() {
     return recipe;
 }
 
+// The light field's size: that of macro-pixel frames, or what the calibration makes of raw ones.
+Result<algo::Extents> Service::Parts::open_grid(const hal::SensorFormat& format) {
+    const InspectionConfig& wanted = config.inspection;
+    if (wanted.grid.empty()) return algo::extents_of_frame(format.width_px, format.height_px, wanted.bins_i, wanted.bins_j);
+    const auto kept = config.state_folder.empty() ? std::filesystem::path() : config.state_folder / kCalibrationInUse;
+    auto used = use_calibration(wanted.grid, kept, format, wanted.bins_i, wanted.bins_j);
+    if (!used) return tl::unexpected(used.error());
+    grid = std::move(*used);
+    const calib::GridStatistics& s = grid->file.statistics;
+    calibration.id = grid->crc32;
+    calibration.residual_px = std::sqrt(0.5 * (s.rms_x_px * s.rms_x_px + s.rms_y_px * s.rms_y_px));
+    return grid->decoder->extents();
+}
+
 Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
     const hal::SensorFormat format = backends->sensor().format();
-    auto extents = algo::extents_of_frame(format.width_px, format.height_px, config.inspection.bins_i, config.inspection.bins_j);
+    auto extents = open_grid(format);
     if (!extents) return tl::unexpected(extents.error());
     InspectorSettings settings;
     settings.extents = *extents;
+    if (grid) settings.decoder = grid->decoder;
     settings.bits = format.bits;
     settings.threads = config.inspection.threads;
     settings.queue = config.inspection.queue;
@@ -204,18 +236,19 @@ Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
     auto made = make_threaded_inspector(*loop, settings);
     if (!made) return tl::unexpected(made.error());
     inspector = std::move(*made);
-    auto watch = DriftWatch::create(*extents, algo::light_levels(recipe.recipe, format.bits));
+    auto watch = DriftWatch::create(*extents, algo::light_levels(recipe.recipe, format.bits), grid ? algo::DriftZero::calibration : algo::DriftZero::first_parts,
+                                    grid ? grid->decoder->bin_px() : 1);
     if (!watch) return tl::unexpected(watch.error());
     drift = std::move(*watch);
     calibration.lenslets_m = static_cast<std::uint16_t>(extents->m);
     calibration.lenslets_n = static_cast<std::uint16_t>(extents->n);
-    registers->publish(calibration);
+    publish_calibration();
 
     RecordingWatchers recording;
     recording.trouble = [this](const Error& error) { on_trouble(error); };
     recording.faults = [this](std::uint32_t faults) {
-        station->outside_faults(faults);
-        publish();
+        store_faults = faults;
+        tell_faults();
     };
     recorder = make_recorder(*loop, config, {HORD_VERSION, boot_id, *extents, recipe.recipe.name, format_recipe(recipe)}, recording);
     return {};
@@ -293,8 +326,7 @@ void Service::Parts::publish_health_again() {
     health.processor_celsius = processor_celsius();
     health.disk_free_percent = disk_free_percent(config.state_folder);
     registers->publish(health);
-    if (const auto moved = drift->view().drift) calibration.drift_px = moved->largest_bins;
-    registers->publish(calibration);
+    publish_calibration();
     loop->call_after(kHealthEvery, [this] { publish_health_again(); });
 }
 
@@ -353,6 +385,7 @@ Result<std::vector<std::string>> Service::Parts::reload(const Config& next) {
     restart(next.inspection.bins_i != config.inspection.bins_i || next.inspection.bins_j != config.inspection.bins_j ||
                 next.inspection.threads != config.inspection.threads || next.inspection.queue != config.inspection.queue,
             "[inspection] macro, threads or queue");
+    restart(next.inspection.grid != config.inspection.grid, "inspection.grid");
     restart(next.store != config.store, "[store]");
     if (recorder) note_configuration(*recorder, next);
     return waiting;

@@ -82,6 +82,7 @@ enum FaultBit : std::uint32_t {
     kFaultPlc = 1U << 9,                // the PLC's heartbeat stopped, and the policy is not "none"
     kFaultStore = 1U << 10,             // results cannot be stored now; they wait in memory
     kFaultPictures = 1U << 11,          // frames that should have been kept were dropped
+    kFaultGridDrift = 1U << 12,         // the lenslet grid has moved; verdicts do not suffer yet
 };
 
 struct Counters {

@@ -60,7 +60,7 @@ class Station {
     void plc_lost();
     void plc_back();
 
-    // kFaultStore and kFaultPictures, as they are now.
+    // kFaultStore, kFaultPictures and kFaultGridDrift, as they are now.
     void outside_faults(std::uint32_t active);
 
     // One flash and one frame of the empty line, judged like a part's and then forgotten. Only while test_possible();

@@ -173,7 +173,7 @@ void Core::on(const PlcLost&) {
 }
 
 void Core::on(const OutsideFaults& event) {
-    outside_ = event.active & (kFaultStore | kFaultPictures);
+    outside_ = event.active & (kFaultStore | kFaultPictures | kFaultGridDrift);
     fault(outside_);
 }
 

@@ -3,7 +3,6 @@
 #include <chrono>
 #include <cmath>
 #include <fstream>
-#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -13,9 +12,8 @@
 #include <nlohmann/json.hpp>
 
 #include "algo/feature_map.h"
+#include "algo/grid_decoder.h"
 #include "algo/pipeline.h"
-#include "algo/regrid.h"
-#include "algo/resample.h"
 #include "calib/grid_toml.h"
 #include "drivers/frame_file.h"
 #include "firmware/hordctl/commands.h"
@@ -184,19 +182,10 @@ class Inspector {
         if (!options_.grid.empty()) {
             auto grid = calib::read_grid(options_.grid);
             if (!grid) return tl::unexpected(grid.error());
-            const algo::BinLayout layout = grid->directions ? algo::layout_of(grid->grid, *grid->directions, macro_.first, macro_.second)
-                                                            : algo::even_layout(grid->grid, macro_.first, macro_.second);
-            bin_rad_ = std::sqrt(layout.step_i_rad * layout.step_j_rad);
-            // Neighbours of a staggered lattice are not to the right and below: it is put on a square one.
-            if (grid->grid.stagger == algo::Stagger::none) {
-                auto resampler = algo::Resampler::create(grid->grid, layout);
-                if (!resampler) return tl::unexpected(resampler.error());
-                decode_ = [decoder = std::make_shared<algo::Resampler>(std::move(*resampler))](const algo::FrameView& raw) { return decoder->decode(raw); };
-            } else {
-                auto regridder = algo::Regridder::create(grid->grid, layout);
-                if (!regridder) return tl::unexpected(regridder.error());
-                decode_ = [decoder = std::make_shared<algo::Regridder>(std::move(*regridder))](const algo::FrameView& raw) { return decoder->decode(raw); };
-            }
+            auto decoder = algo::GridDecoder::create(grid->grid, grid->directions, macro_.first, macro_.second);
+            if (!decoder) return fail(decoder.error().code, options_.grid + ": " + decoder.error().what, decoder.error().cure);
+            bin_rad_ = decoder->bin_rad();
+            decoder_ = std::move(*decoder);
         }
         if (!options_.recipe.empty()) {
             auto recipe = load_recipe(options_.recipe);
@@ -251,8 +240,8 @@ class Inspector {
     // A frame as macro-pixels: decoded, if there is a grid.
     Result<algo::Frame> read(const std::string& file) {
         auto frame = drivers::read_frame(file, {.bits = options_.bits});
-        if (!frame || !decode_) return frame;
-        auto decoded = decode_(frame->view());
+        if (!frame || !decoder_) return frame;
+        auto decoded = decoder_->decode(frame->view());
         if (!decoded) return fail(decoded.error().code, file + ": " + decoded.error().what, decoded.error().cure);
         return decoded;
     }
@@ -301,7 +290,7 @@ class Inspector {
     double bin_rad_ = 0;  // one bin pitch; 0: not known
     algo::Recipe recipe_;
     algo::Frame reference_;
-    std::function<Result<algo::Frame>(const algo::FrameView&)> decode_;  // of raw frames; none: frames are macro-pixels
+    std::optional<algo::GridDecoder> decoder_;  // of raw frames; none: frames are macro-pixels
     std::optional<algo::Pipeline> pipeline_;
     std::optional<algo::FeatureMapper> mapper_;
     std::vector<std::uint8_t> mask_;

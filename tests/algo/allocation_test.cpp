@@ -12,6 +12,7 @@
 #include "algo/emd_bracket.h"
 #include "algo/emd_decide.h"
 #include "algo/feature_map.h"
+#include "algo/grid_decoder.h"
 #include "algo/recipe.h"
 
 namespace {
@@ -151,6 +152,23 @@ TEST(Workspace, of_every_map_is_below_16_mib_at_paper_size) {
     const auto ground = *GroundDistance::between_bins(9, 9);
     expect_small("decisions", lenslets * 2, [&] { return EmdDecisions::create(e, 16, levels(16), ground, 2); });
     expect_small("anytime", lenslets * (2 * sizeof(float) + 1), [&] { return AnytimeEmdMap::create(e, 16, levels(16), ground, 2); });
+}
+
+TEST(Allocation, decoding_a_raw_frame_into_one_that_is_there) {
+    LensletGrid grid;
+    grid.columns = grid.rows = 40;
+    grid.width_px = grid.height_px = 400;
+    grid.origin_u = grid.origin_v = 19.5;
+    for (const double turn : {0.0, 0.8}) {  // read as it is, and onto an upright lattice
+        grid.parameters = {199.5, 199.5, 14, turn};
+        for (const int bits : {8, 12}) {
+            auto decoder = GridDecoder::create(grid, std::nullopt, 9, 9);
+            ASSERT_TRUE(decoder);
+            Frame decoded = decoder->frame(bits);
+            const Frame raw(400, 400, bits);
+            EXPECT_EQ(allocated_by([&] { ASSERT_TRUE(decoder->decode(raw.view(), decoded)); }), 0U);
+        }
+    }
 }
 
 }  // namespace

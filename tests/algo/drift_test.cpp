@@ -23,6 +23,9 @@ class Line {
   public:
     Frame part(const Moved& moved) {
         const double lens_m = 18 + 3 * uniform(), lens_n = 15 + 3 * uniform(), strength = 0.1 + 0.03 * uniform(), radius = 8 + uniform();
+        return lens(moved, lens_m, lens_n, strength, radius);
+    }
+    Frame lens(const Moved& moved, double lens_m, double lens_n, double strength, double radius) {
         Frame frame(kExtents.width_px(), kExtents.height_px(), 8);
         for (int n = 0; n < kExtents.n; ++n) {
             for (int m = 0; m < kExtents.m; ++m) {
@@ -110,6 +113,48 @@ TEST(Drift, dark_frames_do_not_count) {
     for (int k = 0; k < 60; ++k) EXPECT_FALSE(estimator.add(dark.view()));
     EXPECT_TRUE(estimator.add(line.part({}).view()));
     EXPECT_LT(estimator.latest()->largest_bins, 0.03);
+}
+
+// -- against the calibration ------------------------------------------------------------------------------------------------
+
+DriftEstimator calibrated() { return std::move(*DriftEstimator::create(kExtents, kLevels, DriftZero::calibration)); }
+
+TEST(DriftSinceCalibration, is_measured_from_the_first_window_on_whatever_had_moved_before) {
+    for (const Moved moved : {Moved{}, Moved{0.1, 0, 0, 0}, Moved{0.06, -0.08, 0, 0}, Moved{0, 0, 5e-4, 0}, Moved{0, 0, 0, -5e-4}}) {
+        Line line;
+        DriftEstimator estimator = calibrated();
+        for (int k = 0; k < 24; ++k) EXPECT_FALSE(estimator.add(line.part(moved).view()));
+        ASSERT_TRUE(estimator.add(line.part(moved).view()));
+        const Drift& drift = *estimator.latest();
+        EXPECT_TRUE(drift.since_calibration);
+        EXPECT_NEAR(drift.shift_x_bins, moved.x, 0.01);
+        EXPECT_NEAR(drift.shift_y_bins, moved.y, 0.01);
+        EXPECT_NEAR(drift.turn_rad, moved.turn, 5e-5);
+        EXPECT_NEAR(drift.growth, moved.growth, 5e-5);
+    }
+}
+
+// A lens deflects as a grid that has grown: light that every part deflects alike is not free light.
+TEST(DriftSinceCalibration, identical_parts_are_not_taken_for_it) {
+    Line line;
+    DriftEstimator estimator = calibrated();
+    for (int k = 0; k < 50; ++k) estimator.add(line.lens({0.1, 0, 0, 0}, 17.5, 14.5, 0.02, 14).view());
+    ASSERT_TRUE(estimator.latest());
+    EXPECT_TRUE(estimator.latest()->since_calibration);
+    EXPECT_NEAR(estimator.latest()->shift_x_bins, 0.1, 0.01);
+    EXPECT_NEAR(estimator.latest()->shift_y_bins, 0, 0.01);
+    EXPECT_NEAR(estimator.latest()->growth, 0, 1e-4);
+}
+
+TEST(DriftSinceCalibration, parts_that_fill_the_field_are_compared_with_the_first_of_them) {
+    Line line;
+    DriftEstimator estimator = calibrated();
+    for (int k = 0; k < 25; ++k) estimator.add(line.lens({}, 17.5, 14.5, 0.1, 60).view());
+    EXPECT_FALSE(estimator.latest());
+    for (int k = 0; k < 25; ++k) estimator.add(line.lens({0.1, 0, 0, 0}, 17.5, 14.5, 0.1, 60).view());
+    ASSERT_TRUE(estimator.latest());
+    EXPECT_FALSE(estimator.latest()->since_calibration);
+    EXPECT_NEAR(estimator.latest()->shift_x_bins, 0.1, 0.01);
 }
 
 }  // namespace
