@@ -28,6 +28,7 @@ class RawFrames : public ::testing::Test {
         const std::string lens = "[part]\nkind = \"double-convex\"\nradius_of_curvature_mm = 500\naperture_radius_mm = 8\n";
         render("lens", 0.9, lens, 0.4);
         render("moved", 0.9, lens, 0.55);
+        render("dim", 3.9, "", 0.4, 0.1);
         render("bubble", 0.9, lens + "[[defect]]\nkind = \"bubble\"\ncentre_mm = [1, 1, 0]\nradius_mm = 0.9\n", 0.4);
         const Said said = run("hordctl", {"calibrate", *rendered / "white.png", "--out", grid()});
         ASSERT_EQ(said.status, 0) << said.err;
@@ -37,12 +38,12 @@ class RawFrames : public ::testing::Test {
         delete rendered;
         rendered = nullptr;
     }
-    static void render(const std::string& name, double source_radius_bins, const std::string& part, double offset_x_px) {
+    static void render(const std::string& name, double source_radius_bins, const std::string& part, double offset_x_px, double electrons_per_dn = 40) {
         std::ofstream(*rendered / (name + ".toml"))
             << part << "[light]\nsource_radius_bins = " << source_radius_bins
             << "\n[camera]\nm = 47\nn = 54\nfull_bin_dn = 230\n[camera.array]\nlattice = \"hexagonal\"\npitch_px = 14.3\nrotation_rad = 0.05\n"
                "distortion = 0.004\nwidth_px = 620\nheight_px = 600\noffset_px = ["
-            << offset_x_px << ", -0.7]\n[noise]\nelectrons_per_dn = 40\nread_e = 2\n";
+            << offset_x_px << ", -0.7]\n[noise]\nelectrons_per_dn = " << electrons_per_dn << "\nread_e = 2\n";
         const Said said = run("hordctl", {"render", *rendered / (name + ".toml"), "--out", *rendered / (name + ".macro.png"), "--raw", *rendered / (name + ".png")});
         ASSERT_EQ(said.status, 0) << said.err;
     }
@@ -141,7 +142,7 @@ TEST_F(RawFrames, are_not_decoded_with_a_worse_calibration_than_before) {
         EXPECT_EQ(service.stop(SIGTERM).status, 0);
     }
     EXPECT_TRUE(std::filesystem::exists(folder / "state/calibration-in-use.toml"));
-    // A calibration from a frame of a twentieth of the light.
+    // A calibration from a frame of few electrons.
     const Said dim = run("hordctl", {"calibrate", *rendered / "dim.png", "--out", folder / "worse.toml"});
     ASSERT_EQ(dim.status, 0) << dim.err;
     const Said said = run("/usr/bin/env", start(folder / "worse.toml"));
