@@ -111,8 +111,7 @@ class Daemon {
     ServiceWatchers watchers() {
         ServiceWatchers all;
         all.state = [this](State from, State to) {
-            tell(entry_of(Happening::state), fmt::format("{} to {}", name_of(from), name_of(to)),
-                 std::array{Field{"HORD_STATE", std::string(name_of(to))}, Field{"HORD_FROM", std::string(name_of(from))}});
+            story_.state(from, to, service_ ? service_->snapshot().faults_active : 0);
             if (service_) service_->loop().post([this] { say_status(); });
         };
         all.recipe = [](const NumberedRecipe& recipe) {
@@ -148,26 +147,12 @@ class Daemon {
     }
     void say_status() {
         const Snapshot now = service_->snapshot();
-        tell_faults(now.faults_active);
+        story_.faults(now.faults_active);
         const Counters& c = now.counters;
         const std::string status = fmt::format("{}{}, {} parts: {} pass, {} reject, {} unfit; faults: {}", name_of(now.state),
                                                now.line_stop ? ", LINE STOP" : "", c.seen, c.pass, c.reject, c.unfit, names_of_faults(now.faults_active));
         if (status != std::exchange(status_, status)) sd_notifyf(0, "STATUS=%s", status.c_str());
     }
-    void tell_faults(std::uint32_t active) {
-        for (const FaultText& fault : fault_texts()) {
-            const bool is = (active & fault.bit) != 0, was = (told_faults_ & fault.bit) != 0;
-            if (is == was) continue;
-            const std::array field{Field{"HORD_FAULT", std::string(fault.name)}};
-            if (is) {
-                tell(entry_of(fault.bit), fmt::format("fault {}: {}: {}", fault.name, fault.meaning, fault.cure), field);
-            } else {
-                tell(entry_of(Happening::fault_cleared), fmt::format("fault {} is over", fault.name), field);
-            }
-        }
-        told_faults_ = active;
-    }
-
     void reload() {
         timespec now{};
         ::clock_gettime(CLOCK_MONOTONIC, &now);
@@ -187,7 +172,7 @@ class Daemon {
     const Options& options_;
     std::unique_ptr<Service> service_;
     std::string status_;
-    std::uint32_t told_faults_ = 0;
+    JournalStory story_{[](const Entry& entry, std::string_view message, std::span<const Field> fields) { tell(entry, message, fields); }};
 };
 
 }  // namespace

@@ -88,6 +88,8 @@ Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop,
 // The same with any way of judging, one a thread.
 using Judge = std::function<Judged(std::uint32_t part, const hal::FrameLease& frame)>;
 using Judges = std::function<Result<std::vector<Judge>>(const algo::Recipe& recipe, std::uint16_t number)>;
+// The pipeline as one. Fails with what Pipeline::create says.
+Result<Judge> make_pipeline_judge(const InspectorSettings& settings);
 // `remake` makes them for another recipe; without it use() is unsupported.
 std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges, Judges remake = nullptr);
 

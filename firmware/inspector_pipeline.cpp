@@ -58,14 +58,20 @@ Result<std::shared_ptr<Bench>> make_bench(const InspectorSettings& settings) {
 Result<std::vector<Judge>> make_judges(const InspectorSettings& settings) {
     std::vector<Judge> judges;
     for (int k = 0; k < std::max(settings.threads, 1); ++k) {
-        auto bench = make_bench(settings);
-        if (!bench) return tl::unexpected(bench.error());
-        judges.emplace_back([bench = *bench, settings](std::uint32_t part, const hal::FrameLease& frame) { return judge_with(*bench, part, frame, settings); });
+        auto judge = make_pipeline_judge(settings);
+        if (!judge) return tl::unexpected(judge.error());
+        judges.push_back(std::move(*judge));
     }
     return judges;
 }
 
 }  // namespace
+
+Result<Judge> make_pipeline_judge(const InspectorSettings& settings) {
+    auto bench = make_bench(settings);
+    if (!bench) return tl::unexpected(bench.error());
+    return [bench = *bench, settings](std::uint32_t part, const hal::FrameLease& frame) { return judge_with(*bench, part, frame, settings); };
+}
 
 Result<void> Inspector::do_use(const algo::Recipe&, std::uint16_t) {
     return fail(ErrorCode::unsupported, "this inspector knows no recipes", "use the pipeline");

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstdio>
 #include <cstdlib>
+#include <utility>
 
 #include <fmt/format.h>
 #include <sys/stat.h>
@@ -134,6 +135,27 @@ void tell(const Entry& entry, std::string_view message, std::span<const Field> f
     std::vector<iovec> parts;
     for (std::string& line : lines) parts.push_back({line.data(), line.size()});
     ::sd_journal_sendv(parts.data(), static_cast<int>(parts.size()));
+}
+
+void JournalStory::state(State from, State to, std::uint32_t active) {
+    faults(active);
+    tell_(entry_of(Happening::state), fmt::format("{} to {}", name_of(from), name_of(to)),
+          std::array{Field{"HORD_STATE", std::string(name_of(to))}, Field{"HORD_FROM", std::string(name_of(from))}});
+}
+
+void JournalStory::faults(std::uint32_t active) {
+    const std::uint32_t before = std::exchange(told_, active);
+    if (active == before) return;
+    for (const FaultText& fault : fault_texts()) {
+        const bool is = (active & fault.bit) != 0, was = (before & fault.bit) != 0;
+        if (is == was) continue;
+        const std::array field{Field{"HORD_FAULT", std::string(fault.name)}};
+        if (is) {
+            tell_(entry_of(fault.bit), fmt::format("fault {}: {}: {}", fault.name, fault.meaning, fault.cure), field);
+        } else {
+            tell_(entry_of(Happening::fault_cleared), fmt::format("fault {} is over", fault.name), field);
+        }
+    }
 }
 
 }  // namespace hord::firmware

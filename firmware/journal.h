@@ -2,6 +2,7 @@
 // filter by. `journalctl -x` shows the catalogue's entry of the id: what it means and what to do.
 #pragma once
 
+#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -49,5 +50,20 @@ std::vector<std::string> journal_fields(const Entry& entry, std::string_view mes
 
 // To the journal when this process's stderr leads there, else to stderr as one line.
 void tell(const Entry& entry, std::string_view message, std::span<const Field> fields = {});
+
+// What a station goes through, entry by entry: where its state machine went, and each fault when it comes and when it is over.
+class JournalStory {
+  public:
+    using Tell = std::function<void(const Entry& entry, std::string_view message, std::span<const Field> fields)>;
+    explicit JournalStory(Tell to) : tell_(std::move(to)) {}
+
+    // `active`: FaultBits as they are then. They are told first, so that Error stands behind its cause.
+    void state(State from, State to, std::uint32_t active);
+    void faults(std::uint32_t active);  // those that have come or gone since
+
+  private:
+    Tell tell_;
+    std::uint32_t told_ = 0;
+};
 
 }  // namespace hord::firmware

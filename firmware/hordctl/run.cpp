@@ -21,11 +21,11 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct RunOptions {
-    std::string config, modbus, out, store;
+    std::string config, modbus, out, store, vitals;
     bool simulate = false, json = false;
     std::uint64_t parts = 0, seed = 1;
     double rate = 10, good = 0.7;
-    int variety = 4;
+    int variety = 4, vitals_every_s = 10;
 };
 
 constexpr const char* kRejectStates[] = {"not-needed", "commanded", "confirmed", "failed", "late"};
@@ -82,6 +82,7 @@ class Run {
         fmt::print(stderr, "registers at {}\n", service_->registers_address());
         progress_ = std::make_unique<Progress>("parts", options_.parts == 0);
         if (options_.parts > 0) look_whether_it_stands(0);
+        if (!options_.vitals.empty()) service_->loop().post([this] { look_at_vitals(); });
         const auto ran = service_->run();
         progress_.reset();
         if (reader_.joinable()) reader_.join();
@@ -120,6 +121,12 @@ class Run {
         return Service::open(config, simulation, std::move(watchers));
     }
 
+    void look_at_vitals() {
+        const Duration every = milliseconds(1000) * options_.vitals_every_s;
+        service_->loop().call_after(every, [this] { look_at_vitals(); });
+        if (seen_any_) vitals_.sample(std::chrono::duration<double>(service_->loop().now().time_since_epoch() - Duration(first_arrival_ns_)).count());
+    }
+
     void say(const std::string& line) {
         progress_.reset();
         fmt::print(stderr, "hordctl: {}\n", line);
@@ -129,6 +136,7 @@ class Run {
     void on_result(const PartResult& result) {
         if (!std::exchange(seen_any_, true)) first_arrival_ns_ = result.arrived_ns;
         last_seen_ = service_->loop().now();
+        if (!options_.vitals.empty()) vitals_.add(result);
         results_[result.arrived_ns] = result;
         settle(result.arrived_ns);
     }
@@ -194,6 +202,10 @@ class Run {
         const Duration elapsed = last_seen_.time_since_epoch() - Duration(first_arrival_ns_);
         std::FILE* out = options_.json ? stderr : stdout;
         fmt::print(out, "\n{}", report_.parts() > 0 ? report_.text(elapsed) : std::string("no part came\n"));
+        if (!options_.vitals.empty()) {
+            fmt::print(out, "{}", vitals_.text());
+            if (auto written = vitals_.write(options_.vitals); !written) return complain(written.error());
+        }
         if (counters_) {
             fmt::print(out, "\ncounters, read over Modbus:");
             for (const Reading& reading : *counters_) fmt::print(out, " {} {}", reading.what->name, reading.text);
@@ -217,6 +229,7 @@ class Run {
     std::unique_ptr<Service> service_;
     std::unique_ptr<Progress> progress_;
     RunReport report_;
+    Vitals vitals_;
     Gallery gallery_;
     std::map<std::int64_t, PartResult> results_;  // by arrival, until their fate is known
     std::map<std::int64_t, Backends::Fate> fates_;
@@ -247,6 +260,8 @@ void add_run(CLI::App& program, Exit& status) {
         ->capture_default_str();
     command->add_option("--out", options->out, "Folder for a picture of one part of each kind");
     command->add_option("--store", options->store, "Folder to keep results and frames in (docs/store.md); without it, what the configuration says");
+    command->add_option("--vitals", options->vitals, "CSV file for latencies, memory, descriptors and processor time over the run; the report shows them, too");
+    command->add_option("--vitals-every", options->vitals_every_s, "Seconds a line of it")->check(CLI::Range(1, 3600))->capture_default_str();
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
     command->footer("Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended in an error.\n"
                     "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");

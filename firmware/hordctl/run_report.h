@@ -4,9 +4,9 @@
 #include <cstddef>
 #include <map>
 #include <string>
-#include <vector>
 
 #include "drivers/hal/clock.h"
+#include "firmware/hordctl/vitals.h"
 #include "firmware/snapshot.h"
 
 namespace hord::firmware {
@@ -17,7 +17,7 @@ class RunReport {
     // left the line through the ejector; only looked at where the kind is known.
     void add(const PartResult& result, const std::string& kind, bool ejected);
 
-    [[nodiscard]] std::size_t parts() const { return results_.size(); }
+    [[nodiscard]] std::size_t parts() const { return verdicts_.count(); }
 
     // Parts that were good and rejected, or defective and let through; 0 where the truth is not known.
     [[nodiscard]] std::size_t wrong() const { return wrong_; }
@@ -29,7 +29,7 @@ class RunReport {
     struct Row {
         std::size_t parts = 0, pass = 0, reject = 0, unfit = 0, ejected = 0;
     };
-    std::vector<PartResult> results_;
+    LatencyCounts verdicts_, rejects_;
     std::map<std::string, Row> rows_;
     std::map<PartReason, std::size_t> reasons_;
     std::size_t wrong_ = 0;

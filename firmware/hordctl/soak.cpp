@@ -18,7 +18,8 @@ struct SoakArguments {
     std::uint64_t parts = 100'000, seed = 1, episode_parts = 5'000;
     std::optional<std::uint64_t> episode;
     std::string line = "timed", faults;
-    bool coverage = false, shrink = false;
+    bool coverage = false, shrink = false, real = false;
+    int threads = 1;
     std::string profile = "random";
 };
 
@@ -34,7 +35,7 @@ Exit show(const SoakReport& report, const SoakArguments& arguments) {
 }
 
 Exit run_one_episode(const SoakArguments& arguments) {
-    EpisodePlan plan{*arguments.episode, arguments.parts, arguments.line == "timed" ? LineProfile::timed : LineProfile::encoder, {}};
+    EpisodePlan plan{*arguments.episode, arguments.parts, arguments.line == "timed" ? LineProfile::timed : LineProfile::encoder, arguments.real, {}};
     auto faults = faults_of(arguments.faults);
     if (!faults) return complain(faults.error());
     plan.faults = std::move(*faults);
@@ -50,6 +51,7 @@ Exit run_soak(const SoakArguments& arguments) {
     options.seed = arguments.seed;
     options.all_pairs = arguments.profile == "nightly";
     options.parts_an_episode = std::min(arguments.episode_parts, arguments.parts);
+    options.threads = arguments.threads;
     auto progress = std::make_unique<Progress>("soak");
     options.progress = [&](double done) { progress->show(done); };
     fmt::print(stderr, "seed {}, {} parts\n", arguments.seed, arguments.parts);
@@ -69,8 +71,12 @@ void add_soak(CLI::App& program, Exit& status) {
     command->add_option("--episode-parts", arguments->episode_parts, "Parts an episode; each draws its own line and faults")
         ->check(CLI::PositiveNumber)
         ->capture_default_str();
+    command->add_option("--threads", arguments->threads, "Episodes at the same time; the report is the same for every number")
+        ->check(CLI::Range(1, 256))
+        ->capture_default_str();
     command->add_option("--episode", arguments->episode, "Run one episode of this seed, as a violation prints it, with --parts, --line and --faults");
     command->add_option("--line", arguments->line, "Of the episode: followed by time or by an encoder")->check(CLI::IsMember({"timed", "encoder"}));
+    command->add_flag("--real", arguments->real, "Of the episode: rendered frames and the real pipeline");
     command->add_option("--faults", arguments->faults, "Of the episode: NAME@FIRST-LAST:PROBABILITY+TIME, several with commas");
     command->add_flag("--coverage", arguments->coverage, "Show which states met which events, and which faults met");
     command->add_option("--profile", arguments->profile, "nightly: first an episode for each pair of faults; then --parts in all")

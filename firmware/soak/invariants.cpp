@@ -19,6 +19,9 @@ constexpr double kSlipBorne_mm = 4;
 // What a fault disturbs, it disturbs for its amount and so much longer: frames are awaited, rejections confirmed.
 constexpr Duration kAftermath = milliseconds(1000);
 
+// Neither a verdict nor the line may care: parts that come meanwhile are held to what holds when nothing is wrong.
+bool harmless(Fault fault) { return fault >= Fault::scada_floods; }
+
 }  // namespace
 
 std::string_view name_of(Promise promise) { return kNames[static_cast<std::size_t>(promise)]; }
@@ -121,7 +124,9 @@ bool Invariants::by_itself(TimePoint at) const {
 
 void Invariants::fault(Fault fault, Duration amount) {
     const TimePoint now = clock_.now();
-    last_fired_[static_cast<std::size_t>(fault)] = now;
+    TimePoint& felt_until = felt_until_[static_cast<std::size_t>(fault)];
+    felt_until = std::max(felt_until, now + amount);
+    if (harmless(fault)) return;
     faults_until_ = std::max(faults_until_, now + amount + kAftermath);
     disturbed_until_ = std::max(disturbed_until_, faults_until_);
     told_not_ready_ = false;
@@ -152,10 +157,9 @@ void Invariants::fault(Fault fault, Duration amount) {
     }
 }
 
-bool Invariants::any_fired_within(std::uint64_t faults, Duration window) const {
-    const TimePoint now = clock_.now();
+bool Invariants::any_felt(std::uint64_t faults, TimePoint since) const {
     for (std::size_t k = 0; k < sim::kFaults; ++k) {
-        if ((faults >> k & 1U) != 0 && last_fired_[k] != TimePoint::min() && now - last_fired_[k] <= window) return true;
+        if ((faults >> k & 1U) != 0 && felt_until_[k] != TimePoint{} && felt_until_[k] >= since) return true;
     }
     return false;
 }

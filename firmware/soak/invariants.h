@@ -121,7 +121,7 @@ class Invariants {
     [[nodiscard]] OwnData& data_of(std::uint32_t station_part);
     [[nodiscard]] bool belt_stands() const { return cell_.world().stands(); }
     [[nodiscard]] bool by_itself(TimePoint at) const;  // a pulse that the ejector made by itself
-    [[nodiscard]] bool any_fired_within(std::uint64_t faults, Duration window) const;
+    [[nodiscard]] bool any_felt(std::uint64_t faults, TimePoint since) const;
     void forget(const Known& known);
     void check_exit(Known& known);
     void check_ejected(Known& known);
@@ -140,11 +140,7 @@ class Invariants {
     std::uint64_t newest_ = 0;
     bool part_sensor_up_ = false;
 
-    std::array<TimePoint, sim::kFaults> last_fired_ = [] {
-        std::array<TimePoint, sim::kFaults> never{};
-        never.fill(TimePoint::min());
-        return never;
-    }();
+    std::array<TimePoint, sim::kFaults> felt_until_{};  // by fault: it fired, and its amount is over then; zero: never
     TimePoint faults_until_{};      // the effects of those that fired last until then
     TimePoint disturbed_until_{};   // that, and stops and resets
     TimePoint last_close_ = TimePoint::min();  // parts followed each other closely

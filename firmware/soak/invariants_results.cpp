@@ -35,7 +35,9 @@ constexpr std::array kBehind{
     Behind{PartReason::too_dark, any_of(Fault::frame_dark, Fault::strobe_dead, Fault::strobe_weak, Fault::strobe_late, Fault::frame_stale, Fault::strobe_lost)},
     Behind{PartReason::saturated, any_of(Fault::frame_saturated, Fault::frame_stale)},
 };
-constexpr Duration kCauseWindow = milliseconds(6000);  // the longest silence of a PLC, and a part's way
+// What a fault does to a part shows while the part is on its way, 0.8 s from part sensor to ejector; a PLC's silence ends with its
+// next cycle. Counted from the end of the fault's effect to the moment of the verdict.
+constexpr Duration kCauseLag = milliseconds(1000);
 
 }  // namespace
 
@@ -127,7 +129,10 @@ void Invariants::result(const PartResult& r) {
 void Invariants::check_passed(const PartResult& r, Known* known) {
     const OwnData& data = data_of(r.part);
     if (known == nullptr) return broken(Promise::own_data, "station part " + std::to_string(r.part) + " was passed, and there is no such part");
-    if (!data.submitted || data.true_part != known->number) {
+    // A part that a person has taken off is followed to its exposure all the same, and a clear empty field is good in the eyes of a
+    // real inspection: then nothing was passed by.
+    const bool nothing_there = !rules_.perfect_detection && data.true_part == 0 && known->taken_by_hand;
+    if (!data.submitted || (data.true_part != known->number && !nothing_there)) {
         broken(Promise::own_data, "was passed by the frame of part " + std::to_string(data.true_part), known->number);
     }
     if (!data.frame_right) broken(Promise::own_data, "was passed by a frame that is stale, short or corrupt", known->number);
@@ -150,10 +155,11 @@ void Invariants::check_passed(const PartResult& r, Known* known) {
 }
 
 void Invariants::check_reason(const PartResult& r) {
-    const bool close = last_close_ != TimePoint::min() && clock_.now() - last_close_ <= kCauseWindow;
+    const TimePoint decided(Duration(r.arrived_ns) + microseconds(r.latency_us) + microseconds(1));
+    const bool close = last_close_ != TimePoint::min() && decided - last_close_ <= kCauseLag;
     if (close && (r.reason == PartReason::parts_too_close || r.reason == PartReason::strobe_failed)) return;
     for (const Behind& cause : kBehind) {
-        if (cause.reason == r.reason && rules_.perfect_detection && !any_fired_within(cause.faults, kCauseWindow)) {
+        if (cause.reason == r.reason && rules_.perfect_detection && !any_felt(cause.faults, decided - kCauseLag)) {
             broken(Promise::true_reasons, "is unfit (" + std::string(name_of(r.reason)) + "), and nothing of the kind happened", r.part);
         }
     }

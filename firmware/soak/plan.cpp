@@ -48,6 +48,11 @@ hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
         case Fault::part_sensor_lost: return one_of({100ms, 700ms});
         case Fault::plc_silent: return one_of({600ms, 1300ms, 3000ms});
         case Fault::process_crash: return one_of({150ms, 400ms, 2000ms});
+        case Fault::store_error:
+        case Fault::store_in_doubt: return one_of({50ms, 1000ms, 4000ms});
+        case Fault::store_slow: return one_of({200ms, 2000ms, 4000ms});  // some lose results: 24 may wait
+        case Fault::disk_full: return one_of({1000ms, 3000ms, 5000ms});
+        case Fault::clock_set: return one_of({2ms, 1000ms, 3600000ms});
         default: return {};
     }
 }
@@ -68,11 +73,13 @@ EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts) {
         const auto fault = static_cast<Fault>(sim::random_bits(seed, kPlanStream, n++) % sim::kFaults);
         if (std::find(faults.begin(), faults.end(), fault) == faults.end()) faults.push_back(fault);
     }
-    return draw_plan(seed, parts, faults);
+    EpisodePlan plan = draw_plan(seed, parts, faults);
+    plan.real = sim::random_bits(seed, kPlanStream, 999) % 50 == 0;
+    return plan;
 }
 
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector<Fault>& faults) {
-    EpisodePlan plan{seed, parts, seed % 2 == 0 ? LineProfile::timed : LineProfile::encoder, {}};
+    EpisodePlan plan{seed, parts, seed % 2 == 0 ? LineProfile::timed : LineProfile::encoder, false, {}};
     if (!std::all_of(faults.begin(), faults.end(), [&](Fault f) { return possible(f, plan.line); })) plan.line = LineProfile::encoder;
     auto draw = [&, n = std::uint64_t{0}]() mutable { return sim::random_bits(seed, kPlanStream, n++); };
     const std::uint64_t together = draw() % std::max<std::uint64_t>(parts / 10, 1);

@@ -16,12 +16,14 @@ std::string_view name_of(LineProfile profile);
 struct EpisodePlan {
     std::uint64_t seed = 1;
     std::uint64_t parts = 5'000;
-    LineProfile line = LineProfile::timed;  // and from the seed: what the station does when the PLC is lost
+    LineProfile line = LineProfile::timed;
+    bool real = false;                      // rendered frames and the real pipeline; else tokens and a stand-in
     std::vector<sim::FaultRule> faults;
+    // And from the seed: what the station does when the PLC is lost, and all that is random.
 };
 
 // One to four faults. Each fires surely once, early in the episode and near the others, and then now and then until nine
-// tenths of it; in the last tenth the line must find back.
+// tenths of it; in the last tenth the line must find back. One episode in fifty shows real parts.
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts);
 // The same with these faults.
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector<sim::Fault>& faults);

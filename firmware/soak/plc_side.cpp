@@ -33,9 +33,9 @@ Doors::Doors(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_
     : handler_(loop), desk_(loop, handler_, PlcOptions{config.plc_policy, PlcSide::kTimeout, boot_id}),
       registers_(StationIdentity{.boot_id = boot_id}, &desk_) {}
 
-void Doors::open(Station& station, Inspector& inspector) {
+void Doors::open(Station& station, Inspector& inspector, Recorder& recorder) {
     station_ = &station;
-    handler_.operations.begin({.station = station, .inspector = inspector, .desk = desk_, .publish = [this] { publish(); }}, {});
+    handler_.operations.begin({.station = station, .inspector = inspector, .desk = desk_, .recorder = &recorder, .publish = [this] { publish(); }}, {});
 }
 
 void Doors::publish() {
@@ -73,10 +73,11 @@ void PlcSide::cycle() {
     const Words ident = read(places().boot_id, 2);
     if (const std::uint32_t boot = double_word(ident, 0); boot != boot_id_) {
         boot_id_ = boot;
-        taken_ = 0;
+        read_ = asked_ = taken_ = 0;
     }
     if (write(places().beat, {++beat_}) != modbus::Exception::none) invariants_.broken(Promise::one_story, "a heartbeat was refused");
     check_status();
+    books_.check(doors_->station().snapshot());
     check_results();
     if (loop_.now() >= leave_alone_until_) bring_back();
 }
@@ -98,8 +99,8 @@ void PlcSide::check_status() {
 
 void PlcSide::check_results() {
     const std::uint32_t newest = double_word(read(places().newest, 2), 0);
-    if (newest > taken_ + kRingSlots) taken_ = newest - kRingSlots;
-    for (std::uint32_t sequence = taken_ + 1; sequence <= newest; ++sequence) {
+    if (newest > read_ + kRingSlots) read_ = newest - kRingSlots;
+    for (std::uint32_t sequence = read_ + 1; sequence <= newest; ++sequence) {
         const Words slot = read(address_of_result(sequence), kResultWords);
         const PartResult& r = told_[sequence % told_.size()];
         const bool same = r.sequence == sequence && double_word(slot, 0) == sequence && double_word(slot, 22) == sequence && double_word(slot, 2) == r.part &&
@@ -108,10 +109,14 @@ void PlcSide::check_results() {
                           slot[17] == static_cast<std::uint16_t>(r.reject) && double_word(slot, 13) == r.latency_us;
         if (!same) invariants_.broken(Promise::one_story, "the registers show another result than the station reported", r.part);
     }
-    if (newest <= taken_) return;
-    taken_ = newest;
-    if (write(static_cast<std::uint16_t>(places().beat + 1), {high(newest), low(newest)}) != modbus::Exception::none) {
-        invariants_.broken(Promise::one_story, "an acknowledgement of what can be read was refused");
+    read_ = std::max(read_, newest);
+    if (asked_ <= taken_) asked_ = read_;  // what was refused is asked for again first
+    if (asked_ == taken_) return;
+    switch (write(static_cast<std::uint16_t>(places().beat + 1), {high(asked_), low(asked_)})) {
+        case modbus::Exception::none: taken_ = asked_; return;
+        case modbus::Exception::busy:                    // not on the disk yet,
+        case modbus::Exception::device_failure: return;  // or it cannot be: the books know whether that is so
+        default: invariants_.broken(Promise::one_story, "an acknowledgement of what can be read was refused");
     }
 }
 
@@ -140,6 +145,7 @@ void PlcSide::command(CommandCode code, bool meant_for_this_boot) {
     for (int copies = 1 + std::exchange(repeats_, 0); copies > 0; --copies) {
         Doors* before = doors_;
         if (before == nullptr) return;
+        books_.command_comes();
         const auto answer = write(places().token, words);
         if (doors_ != before) return;  // the process died of it
         const int executed = doors_->executed(token), wanted = answer == modbus::Exception::none && to_this_boot ? 1 : 0;

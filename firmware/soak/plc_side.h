@@ -12,6 +12,7 @@
 
 #include "firmware/operations.h"
 #include "firmware/registers_image.h"
+#include "firmware/soak/books.h"
 #include "firmware/soak/invariants.h"
 #include "hal_sim/cell/random.h"
 
@@ -20,7 +21,7 @@ namespace hord::firmware {
 class Doors {
   public:
     Doors(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id);
-    void open(Station& station, Inspector& inspector);  // both outlive the doors
+    void open(Station& station, Inspector& inspector, Recorder& recorder);  // all outlive the doors
 
     void take(const PartResult& result) { unpublished_.push_back(result); }
     void publish();
@@ -63,7 +64,8 @@ class PlcSide {
     static constexpr Duration kEvery = milliseconds(250);    // the PLC's cycle
     static constexpr Duration kTimeout = milliseconds(1000);  // without a beat for so long it counts as lost
 
-    PlcSide(hal::EventLoop& loop, Invariants& invariants, std::uint64_t seed) : loop_(loop), invariants_(invariants), seed_(seed) {}
+    PlcSide(hal::EventLoop& loop, Invariants& invariants, Books& books, std::uint64_t seed)
+        : loop_(loop), invariants_(invariants), books_(books), seed_(seed) {}
 
     // Null while no process answers.
     void connect(Doors* doors) { doors_ = doors; }
@@ -92,13 +94,15 @@ class PlcSide {
 
     hal::EventLoop& loop_;
     Invariants& invariants_;
+    Books& books_;
     std::uint64_t seed_, drawn_ = 0;
     Doors* doors_ = nullptr;
     std::function<void()> take_parts_off_;
     hal::TimePoint silent_until_{}, leave_alone_until_{};
     int repeats_ = 0;
     std::uint16_t beat_ = 0;
-    std::uint32_t boot_id_ = 0, taken_ = 0, token_ = 0;
+    std::uint32_t boot_id_ = 0, token_ = 0;
+    std::uint32_t read_ = 0, asked_ = 0, taken_ = 0;  // results: looked at, to be acknowledged, acknowledged
     std::array<PartResult, kRingSlots> told_{};
 };
 

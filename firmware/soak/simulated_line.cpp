@@ -100,13 +100,14 @@ Result<void> SimulatedLine::assemble() {
     cell_ = std::move(*cell);
     invariants_ = std::make_unique<Invariants>(Invariants::Rules{options_.frames == nullptr, options_.core, 64}, *cell_, loop_);
     cell_->faults().watch([this](Fault fault, Duration amount) { invariants_->fault(fault, amount); });
+    books_.emplace(loop_, *invariants_);
     cell_->watch({.part_edge =
                       [this](const sim::PartRecord& part, bool arrives, hal::TimePoint) {
                           if (arrives) part_comes(part);
                       },
                   .part_gone = [this](const sim::PartRecord& part) { invariants_->part_is_gone(part); },
                   .ejector = {}});
-    plc_.emplace(loop_, *invariants_, options_.cell.seed);
+    plc_.emplace(loop_, *invariants_, *books_, options_.cell.seed);
     plc_->clear_with([this] { take_parts_off(); });
     loop_.call_after(PlcSide::kEvery, [this] { plc_cycle(); });
     return start_process(false);
@@ -124,14 +125,7 @@ void SimulatedLine::take_parts_off() {
 // -- processes: born, killed, buried -----------------------------------------------------------------------------------
 
 Result<void> SimulatedLine::start_process(bool line_unknown) {
-    std::unique_ptr<Inspector> judging;
-    if (options_.inspector) {
-        auto made = options_.inspector(loop_);
-        if (!made) return tl::unexpected(made.error());
-        judging = std::move(*made);
-    } else {
-        judging = make_stand_in_inspector(loop_, options_.queue, [this](std::uint32_t, const hal::FrameLease& frame) { return judge(frame); });
-    }
+    auto judging = make_stand_in_inspector(loop_, options_.queue, [this](std::uint32_t part, const hal::FrameLease& frame) { return judge(part, frame); });
     ++processes_;
     process_.reset();
     Process& process = process_.emplace();
@@ -140,8 +134,13 @@ Result<void> SimulatedLine::start_process(bool line_unknown) {
     Gates& gates = *process.gates;
     process.station = std::make_unique<Station>(
         options_.core, Cell{loop_, gates.part_sensor(), gates.strobe(), gates.sensor(), gates.rejector(), *process.inspector}, this);
-    process.doors = std::make_unique<Doors>(loop_, options_.core, static_cast<std::uint32_t>(0x10001U + processes_));
-    process.doors->open(*process.station, *process.inspector);
+    const auto boot = static_cast<std::uint32_t>(0x10001U + processes_);
+    books_->open(boot, *process.station, [this](std::uint32_t faults) {
+        process_->station->outside_faults(faults);
+        process_->doors->publish();
+    });
+    process.doors = std::make_unique<Doors>(loop_, options_.core, boot);
+    process.doors->open(*process.station, *process.inspector, *books_);
     plc_->connect(process.doors.get());
     invariants_->process_starts(process.station->core(), options_.core);
     if (line_unknown) process.station->line_unknown();
@@ -154,11 +153,13 @@ void SimulatedLine::process_dies(Duration down_for, bool line_unknown) {
     if (!alive()) return;
     process_->alive = false;
     process_->gates->cut();
+    books_->die();
     plc_->connect(nullptr);
     invariants_->process_ends();
     was_stopped_ = false;
     loop_.call_after({}, [this] {
         process_->doors.reset();
+        books_->bury();
         process_->station.reset();
         process_->inspector.reset();
     });
@@ -174,6 +175,7 @@ void SimulatedLine::restart_in_order() {
     const bool empty = process_->station->core().line().size() == 0 && !snapshot().line_stop;
     options_.core.reject_pulse = processes_ % 2 == 1 ? milliseconds(14) : milliseconds(15);
     options_.core.frame_timeout = processes_ % 2 == 1 ? milliseconds(55) : milliseconds(50);
+    books_->close();
     process_dies(milliseconds(200), !empty);
 }
 
@@ -195,22 +197,31 @@ void SimulatedLine::part_comes(const sim::PartRecord& part) {
     if (faults.fires(Fault::plc_commands)) loop_.call_after({}, [this] { plc_->command_something(); });
     if (faults.fires(Fault::plc_nonsense)) loop_.call_after({}, [this] { plc_->write_nonsense(); });
     if (faults.fires(Fault::scada_floods)) plc_->read_everything();
+    for (const Fault fault : {Fault::store_error, Fault::store_in_doubt, Fault::store_slow, Fault::disk_full, Fault::clock_set}) {
+        if (const auto amount = faults.fires(fault)) books_->strike(fault, *amount);
+    }
 }
 
-StandInAnswer SimulatedLine::judge(const hal::FrameLease& frame) {
+StandInAnswer SimulatedLine::judge(std::uint32_t part, const hal::FrameLease& frame) {
     StandInAnswer answer;
-    const auto token = sim::TokenFrames::read(frame.view());
-    if (!token) {
-        answer.judged.reason = frame.view().sample(0, 0) == 0 ? algo::Reason::too_dark : algo::Reason::saturated;
-    } else if (token->part == 0) {
-        answer.judged.reason = algo::Reason::nothing_to_see;
-    } else {
-        answer.judged.verdict = token->bad ? algo::Verdict::reject : algo::Verdict::pass;
-        answer.judged.reason = token->bad ? algo::Reason::deflection : algo::Reason::none;
-    }
-    answer.judged.failed = cell_->faults().fires(Fault::inspector_failed).has_value();
+    answer.judged = options_.judge ? options_.judge(part, frame) : judge_by_token(frame);
+    if (cell_->faults().fires(Fault::inspector_failed)) answer.judged.failed = true;
     answer.after = options_.inspection + cell_->faults().fires(Fault::inspector_slow).value_or(Duration::zero());
     return answer;
+}
+
+Judged SimulatedLine::judge_by_token(const hal::FrameLease& frame) const {
+    Judged judged;
+    const auto token = sim::TokenFrames::read(frame.view());
+    if (!token) {
+        judged.reason = frame.view().sample(0, 0) == 0 ? algo::Reason::too_dark : algo::Reason::saturated;
+    } else if (token->part == 0) {
+        judged.reason = algo::Reason::nothing_to_see;
+    } else {
+        judged.verdict = token->bad ? algo::Verdict::reject : algo::Verdict::pass;
+        judged.reason = token->bad ? algo::Reason::deflection : algo::Reason::none;
+    }
+    return judged;
 }
 
 bool SimulatedLine::run() {
@@ -219,7 +230,8 @@ bool SimulatedLine::run() {
     const hal::TimePoint limit = loop_.now() + 20 * cell.travel(belt_mm) + 60s;
     const bool over = loop_.run_until([this] { return invariants_->time_stands_still() || (cell_->finished() && alive() && process_->station->core().line().size() == 0); }, limit);
     if (invariants_->time_stands_still()) return false;
-    loop_.run_for(2s);  // a last reset
+    loop_.run_until(std::max(loop_.now() + 2s, books_->calm_from()));  // a last reset, and what waits for the disk
+    if (alive()) books_->end(snapshot());
     invariants_->end();
     return over;
 }
@@ -252,6 +264,7 @@ void SimulatedLine::watch_line_stop() {
 void SimulatedLine::on_result(const PartResult& result) {
     if (!alive()) return;
     invariants_->result(result);
+    books_->on_result(result);
     plc_->told(result);
     process_->doors->take(result);
     publish_soon();
@@ -265,8 +278,9 @@ void SimulatedLine::publish_soon() {
     });
 }
 
-void SimulatedLine::on_state(State, State to) {
+void SimulatedLine::on_state(State from, State to) {
     if (!alive()) return;
+    books_->state(from, to, snapshot().faults_active);
     publish_soon();
     if (to == State::continuous_execution && !std::exchange(line_started_, true)) cell_->start();
     watch_line_stop();

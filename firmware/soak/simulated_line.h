@@ -9,6 +9,7 @@
 #include <optional>
 #include <vector>
 
+#include "firmware/soak/books.h"
 #include "firmware/soak/coverage.h"
 #include "firmware/soak/gates.h"
 #include "firmware/soak/invariants.h"
@@ -30,9 +31,9 @@ struct LineOptions {
     Duration reset_after = milliseconds(500);    // a person resets the station so long after an error
     Duration module_watchdog = milliseconds(50);  // after the process died the rejector's module drops permit and outputs
 
-    // In place of tokens and stand-in: a frame source, and an inspector for its frames. The source outlives the line.
+    // In place of tokens: a frame source, which outlives the line, and what judges its frames. Its misses are its own.
     sim::FrameSource* frames = nullptr;
-    std::function<Result<std::unique_ptr<Inspector>>(hal::EventLoop&)> inspector;
+    Judge judge;
 };
 
 // A line of 10 parts a second on a belt of 500 mm/s, camera 100 mm and ejector 400 mm behind the part sensor. The belt stops
@@ -54,6 +55,7 @@ class SimulatedLine final : public StationObserver {
     [[nodiscard]] sim::SimulatedCell& cell() { return *cell_; }
     [[nodiscard]] sim::VirtualTime& loop() { return loop_; }
     [[nodiscard]] Station& station() { return *process_->station; }  // while a process runs
+    [[nodiscard]] const Books& books() const { return *books_; }
     [[nodiscard]] std::uint64_t resets() const { return resets_; }
     [[nodiscard]] std::uint64_t line_stops() const { return line_stops_; }
     [[nodiscard]] std::uint64_t processes() const { return processes_; }
@@ -78,7 +80,8 @@ class SimulatedLine final : public StationObserver {
     void take_parts_off();
     void publish_soon();
     void part_comes(const sim::PartRecord& part);
-    [[nodiscard]] StandInAnswer judge(const hal::FrameLease& frame);
+    [[nodiscard]] StandInAnswer judge(std::uint32_t part, const hal::FrameLease& frame);
+    [[nodiscard]] Judged judge_by_token(const hal::FrameLease& frame) const;
     void person_comes();
     void look_after_the_line();
     void watch_line_stop();
@@ -93,6 +96,7 @@ class SimulatedLine final : public StationObserver {
     Coverage coverage_;
     std::unique_ptr<sim::SimulatedCell> cell_;
     std::unique_ptr<Invariants> invariants_;
+    std::optional<Books> books_;
     std::optional<PlcSide> plc_;
     std::optional<Process> process_;
     bool line_started_ = false;

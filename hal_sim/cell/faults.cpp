@@ -57,6 +57,11 @@ constexpr std::array<Row, kFaults> kRows = {{
     {"plc-commands", 0ns},
     {"plc-nonsense", 0ns},
     {"scada-floods", 0ns},
+    {"store-error", 1s},
+    {"store-in-doubt", 1s},
+    {"store-slow", 2s},
+    {"disk-full", 3s},
+    {"clock-set", 1h},
 }};
 
 }  // namespace

@@ -57,8 +57,13 @@ enum class Fault : std::uint8_t {
     plc_commands,          // each arrival        the PLC commands something, whatever the state
     plc_nonsense,          // each arrival        writes of random registers, half a command, one for another boot
     scada_floods,          // each arrival        twenty reads of random registers
+    store_error,           // each arrival        the disk answers every write with an error for `amount` (1 s)
+    store_in_doubt,        // each arrival        it writes for `amount`, and says that it has not (1 s)
+    store_slow,            // each arrival        nothing gets written for `amount`, and no error says so (2 s)
+    disk_full,             // each arrival        no space for `amount` (3 s)
+    clock_set,             // each arrival        somebody sets the machine's wall clock forth or back by `amount` (1 h)
 };
-inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::scada_floods) + 1;
+inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::clock_set) + 1;
 
 std::string_view name_of(Fault fault);                          // "frame-drop"
 std::optional<Fault> fault_named(std::string_view name);

@@ -16,6 +16,7 @@ int main(int count, char** arguments) {
     options.parts = 100'000;
     options.parts_an_episode = 500;
     options.until_violation = true;
+    options.real_parts = false;
     for (int k = 1; k < count; ++k) {
         if (std::strcmp(arguments[k], "--expect-violation") == 0) {
             expected = true;

@@ -43,7 +43,7 @@ TEST(Shrink, finds_the_two_faults_that_must_meet_and_no_more) {
         if (plan.parts > 40 && fires(plan, Fault::frame_drop, 37) && fires(plan, Fault::edge_lost, 40)) return Breakage{"own-data", 41};
         return Breakage{};
     };
-    EpisodePlan plan{5, 5'000, LineProfile::timed, {}};
+    EpisodePlan plan{5, 5'000, LineProfile::timed, false, {}};
     for (const Fault fault : {Fault::strobe_dead, Fault::frame_drop, Fault::reject_lost, Fault::edge_lost, Fault::process_crash}) {
         plan.faults.push_back({fault, 0.02, 3, 4'500, {}});
     }
@@ -55,7 +55,7 @@ TEST(Shrink, finds_the_two_faults_that_must_meet_and_no_more) {
 }
 
 TEST(Shrink, refuses_an_episode_that_breaks_nothing) {
-    EXPECT_FALSE(shrink({5, 300, LineProfile::timed, {}}, try_episode));
+    EXPECT_FALSE(shrink({5, 300, LineProfile::timed, false, {}}, try_episode));
 }
 
 }  // namespace
