@@ -1,5 +1,6 @@
 #include "firmware/backends.h"
 
+#include <algorithm>
 #include <utility>
 
 #include <fmt/format.h>
@@ -23,6 +24,8 @@ sim::CellOptions cell_options(const Config& config, const SimulationOptions& sim
     const CoreConfig& core = config.core;
     sim::CellOptions options;
     options.seed = simulation.seed;
+    // Parts keep their distance: a faster line is a faster belt.
+    options.conveyor.speed_mm_s = std::max(options.conveyor.speed_mm_s, options.schedule.pitch_mm * simulation.parts_per_second);
     const double speed = options.conveyor.speed_mm_s;
     const auto travel_mm = [&](Duration time) { return speed * std::chrono::duration<double>(time).count(); };
     options.schedule.parts = simulation.parts;
@@ -32,6 +35,7 @@ sim::CellOptions cell_options(const Config& config, const SimulationOptions& sim
     options.geometry.ejector_mm = travel_mm(core.transport);
     options.geometry.exit_mm = options.geometry.ejector_mm + 100;
     if (core.by_encoder) options.part_sensor.encoder_counts_per_mm = static_cast<double>(core.transport_counts) / options.geometry.ejector_mm;
+    options.sensor.buffers = std::max(options.sensor.buffers, config.inspection.threads + config.inspection.queue + 2);  // exposing, and read out
     options.strobe.limits = {config.strobe.max_on, config.strobe.min_rest, config.strobe.channels};
     options.strobe.nominal_pulse = core.strobe;
     return options;
@@ -210,7 +214,7 @@ class ChosenBackends final : public Backends {
         if (configured == nullptr && !simulation.own_coil_module) return {};
         drivers::ModbusRejectorOptions options = rejector_options(configured != nullptr ? *configured : ModbusRejector{});
         if (simulation.own_coil_module) {
-            auto module = sim::CoilModule::open(loop, {});
+            auto module = sim::CoilModule::open(loop, {.realtime = simulation.realtime});
             if (!module) return tl::unexpected(module.error());
             module_ = std::move(*module);
             options.host = "127.0.0.1";

@@ -27,6 +27,7 @@ struct SimulationOptions {
     int variety = 4;                  // different parts of each kind; each is rendered once, at the start
     std::filesystem::path cache;      // folder where what was rendered is kept for the next start; empty: nowhere
     bool own_coil_module = false;     // a Modbus coil module on loopback, which moves the simulated ejector
+    int realtime = 0;                 // its real-time priority; 0: none
     std::function<void(double)> progress;  // of rendering the parts, 0..1
 };
 

@@ -1,23 +1,19 @@
 // hordd: the station as a service. Everything it does it does through Service; this file only speaks to systemd: readiness,
 // status and watchdog, sockets that it opened, reload, the journal, and the policy of the timing thread.
-#include <algorithm>
-#include <bit>
-#include <cerrno>
 #include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <string>
+#include <utility>
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <sched.h>
-#include <sys/mman.h>
 #include <systemd/sd-daemon.h>
 
 #include "calib/grid_toml.h"
 #include "firmware/faults.h"
 #include "firmware/journal.h"
+#include "firmware/realtime.h"
 #include "firmware/service.h"
 
 namespace {
@@ -53,22 +49,6 @@ int complain(Happening what, const Error& error, int status) {
     return status;
 }
 
-// The thread that runs the loop meets the line's times, and so does the rejector's, which it starts; threads that inspect leave
-// the policy again.
-void take_realtime_policy(int priority) {
-    sched_param param{};
-    param.sched_priority = priority;
-    if (::sched_setscheduler(0, SCHED_FIFO, &param) != 0) {
-        tell(entry_of(Happening::trouble),
-             fmt::format("real-time priority {} was refused: {}: set LimitRTPRIO= in the unit; times may be missed while the machine is busy", priority,
-                         std::strerror(errno)));
-    }
-    if (::mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0) {
-        tell(entry_of(Happening::trouble),
-             fmt::format("memory cannot be locked: {}: set LimitMEMLOCK=infinity in the unit; times may be missed while memory is short", std::strerror(errno)));
-    }
-}
-
 // Sockets of hordd.socket, by their names.
 Doors doors_from_systemd() {
     Doors doors;
@@ -97,7 +77,9 @@ class Daemon {
         auto opened = Service::open(*config, simulation, watchers(), doors_from_systemd());
         if (!opened) return complain(Happening::trouble, opened.error(), kCannotRun);
         service_ = std::move(*opened);
-        if (options_.realtime > 0) take_realtime_policy(options_.realtime);
+        if (options_.realtime > 0) {
+            for (const Error& refused : take_realtime_policy(options_.realtime)) tell(entry_of(Happening::trouble), refused.message());
+        }
         service_->loop().post([this] { begin(); });
         const auto ran = service_->run();
         sd_notify(0, "STOPPING=1\nSTATUS=halting");

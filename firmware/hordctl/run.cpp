@@ -13,6 +13,7 @@
 #include "firmware/hordctl/progress.h"
 #include "firmware/hordctl/run_report.h"
 #include "firmware/modbus/client.h"
+#include "firmware/realtime.h"
 #include "firmware/service.h"
 
 namespace hord::firmware {
@@ -25,7 +26,7 @@ struct RunOptions {
     bool simulate = false, json = false;
     std::uint64_t parts = 0, seed = 1;
     double rate = 10, good = 0.7;
-    int variety = 4, vitals_every_s = 10;
+    int variety = 4, vitals_every_s = 10, realtime = 0;
 };
 
 constexpr const char* kRejectStates[] = {"not-needed", "commanded", "confirmed", "failed", "late"};
@@ -83,6 +84,9 @@ class Run {
         progress_ = std::make_unique<Progress>("parts", options_.parts == 0);
         if (options_.parts > 0) look_whether_it_stands(0);
         if (!options_.vitals.empty()) service_->loop().post([this] { look_at_vitals(); });
+        if (options_.realtime > 0) {
+            for (const Error& refused : take_realtime_policy(options_.realtime)) say(refused.message());
+        }
         const auto ran = service_->run();
         progress_.reset();
         if (reader_.joinable()) reader_.join();
@@ -99,6 +103,7 @@ class Run {
         simulation.good_share = options_.good;
         simulation.variety = options_.variety;
         simulation.own_coil_module = options_.simulate;
+        simulation.realtime = options_.realtime;
         auto rendering = std::make_shared<std::unique_ptr<Progress>>(std::make_unique<Progress>("render parts"));
         simulation.progress = [rendering](double done) {
             if (*rendering) (*rendering)->show(done);
@@ -260,6 +265,9 @@ void add_run(CLI::App& program, Exit& status) {
         ->capture_default_str();
     command->add_option("--out", options->out, "Folder for a picture of one part of each kind");
     command->add_option("--store", options->store, "Folder to keep results and frames in (docs/store.md); without it, what the configuration says");
+    command->add_option("--realtime", options->realtime, "Run the timing thread under SCHED_FIFO with this priority, as the service does; 0: not")
+        ->check(CLI::Range(0, 99))
+        ->capture_default_str();
     command->add_option("--vitals", options->vitals, "CSV file for latencies, memory, descriptors and processor time over the run; the report shows them, too");
     command->add_option("--vitals-every", options->vitals_every_s, "Seconds a line of it")->check(CLI::Range(1, 3600))->capture_default_str();
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");

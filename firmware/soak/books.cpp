@@ -61,6 +61,7 @@ void Books::begin_run() {
     read_to_ = lost_in_run_ = 0;
     stored_counts_ = {};
     commands_.clear();
+    told_.clear();
     story_ = JournalStory([this](const Entry& entry, std::string_view, std::span<const Field> fields) { journal(entry, fields); });
     journal_state_ = name_of(State::preoperational);
     journal_faults_ = 0;
@@ -133,7 +134,7 @@ void Books::write() {
 
 void Books::on_result(const PartResult& result) {
     told_to_ = result.sequence;
-    told_[result.sequence % told_.size()] = {result, (result.arrived_ns + wall_offset_.count()) / 1000};
+    told_.push_back({result, (result.arrived_ns + wall_offset_.count()) / 1000});
     recorder_->on_result(result);
 }
 
@@ -181,14 +182,15 @@ void Books::read(const store::StartRecord& record) {
 
 void Books::read(const store::ResultRecord& record) {
     const PartResult& r = record.result;
-    const Told& told = told_[r.sequence % told_.size()];
-    if (r.sequence <= stored_to_) return wrong("is stored out of order", r.part);
+    if (r.sequence <= stored_to_ || r.sequence > told_to_) return wrong("is stored out of order", r.part);
     if (r.sequence != stored_to_ + 1) {
         if (missing_from_ != 0) wrong("results " + std::to_string(missing_from_) + " to " + std::to_string(missing_to_) + " are missing, and nothing says so");
         missing_from_ = stored_to_ + 1;
         missing_to_ = r.sequence - 1;
     }
-    stored_to_ = r.sequence;
+    stored_up_to(r.sequence - 1);
+    const Told told = told_.front();
+    stored_up_to(r.sequence);
     ++stored_;
     if (!same(r, told.result)) wrong("is stored otherwise than it was reported", r.part);
     if (std::abs(record.time_us - told.arrived_us) > 1) wrong("is stored with a time that no clock showed", r.part);
@@ -202,12 +204,16 @@ void Books::read(const store::ResultRecord& record) {
     stored_counts_.reject_late += r.reject == RejectState::late ? 1U : 0U;
 }
 
+void Books::stored_up_to(std::uint32_t sequence) {
+    for (; stored_to_ < sequence; ++stored_to_) told_.pop_front();
+}
+
 void Books::read(const store::ChangeRecord& record) {
     if (record.what != store::ChangeRecord::What::lost) return;
     const auto said = nlohmann::json::parse(record.after);
     const auto from = said["from_sequence"].get<std::uint32_t>(), to = said["to_sequence"].get<std::uint32_t>();
-    if (from == stored_to_ + 1) {
-        stored_to_ = to;
+    if (from == stored_to_ + 1 && to >= from && to <= told_to_) {
+        stored_up_to(to);
     } else if (from != missing_from_ || to != missing_to_) {
         wrong("the store says that results " + std::to_string(from) + " to " + std::to_string(to) + " are lost, missing are " +
               std::to_string(missing_from_) + " to " + std::to_string(missing_to_));

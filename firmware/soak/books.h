@@ -78,6 +78,7 @@ class Books final : public Recorder {
     void write();
     void read_new_entries();
     void read(const store::ResultRecord& record);
+    void stored_up_to(std::uint32_t sequence);
     void read(const store::ChangeRecord& record);
     void read(const store::CommandRecord& record);
     void read(const store::AcknowledgeRecord& record);
@@ -102,8 +103,8 @@ class Books final : public Recorder {
     std::uint64_t run_ = 0;
     hal::EventLoop::TimerId timer_ = hal::EventLoop::TimerId::none, look_ = hal::EventLoop::TimerId::none;
     int untold_ = 0;                   // the store's fault has changed, and the station does not know yet
-    std::array<Told, 512> told_{};
-    std::uint32_t told_to_ = 0, taken_ = 0;
+    std::deque<Told> told_;            // and neither stored nor said to be lost; the first is result stored_to_ + 1
+    std::uint32_t told_to_ = 0;
     std::uint64_t read_to_ = 0;        // the disk's entries by number
     std::uint32_t stored_to_ = 0;      // sequence
     std::uint32_t missing_from_ = 0, missing_to_ = 0;  // sequences that a later entry must account for

@@ -28,6 +28,7 @@ std::string_view name_of(Promise promise) { return kNames[static_cast<std::size_
 
 void Invariants::broken(Promise promise, const std::string& what, std::uint64_t part) {
     if (violations_++ == 0) newest_at_violation_ = newest_;
+    ++broken_[static_cast<std::size_t>(promise)];
     if (texts_.size() >= 10) return;
     texts_.push_back(std::string(name_of(promise)) + ": " + (part != 0 ? "part " + std::to_string(part) + " " : "") + what);
 }
@@ -42,6 +43,8 @@ void Invariants::part_arrives(const sim::PartRecord& part) {
     known.bad = part.bad;
     known.front_mm = part.front_mm;
     known.arrived_ns = part.arrived.time_since_epoch().count();
+    // It hides behind one whose edge was lost without a trace: the sensor is covered all the time, and says nothing of it.
+    known.invisible = part.touches_ahead && newest_ != 0 && parts_[newest_ % kMemory].invisible;
     // So close behind the one ahead that it may be rejected, or its light may not have rested.
     const Known& ahead = parts_[newest_ % kMemory];
     const Duration near = std::max(rules_.core.min_gap, cell_.strobe().limits().min_rest + rules_.core.strobe) + milliseconds(2);

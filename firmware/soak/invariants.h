@@ -83,6 +83,7 @@ class Invariants {
     void end();
 
     [[nodiscard]] std::uint64_t violations() const { return violations_; }
+    [[nodiscard]] std::uint64_t violations_of(Promise promise) const { return broken_[static_cast<std::size_t>(promise)]; }
     [[nodiscard]] const std::vector<std::string>& first_violations() const { return texts_; }
     [[nodiscard]] std::uint64_t parts_to_violation() const { return newest_at_violation_; }  // that had come by the first one
     [[nodiscard]] std::uint64_t results() const { return results_; }
@@ -166,6 +167,7 @@ class Invariants {
     std::uint64_t results_ = 0, violations_ = 0, passed_bad_ = 0, excused_ = 0, undisturbed_ = 0, newest_at_violation_ = 0;
     std::uint64_t fingerprint_ = 0xCBF29CE484222325U;
     std::array<std::uint64_t, 32> reasons_{};
+    std::array<std::uint64_t, kPromises> broken_{};
     std::vector<std::string> texts_;
 };
 

@@ -140,7 +140,8 @@ void PlcSide::command(CommandCode code, bool meant_for_this_boot) {
     if (doors_ == nullptr || boot_id_ == 0) return;  // it has not asked yet whom it speaks to
     const bool to_this_boot = meant_for_this_boot && double_word(read(places().boot_id, 2), 0) == boot_id_;
     const std::uint32_t token = ++token_;
-    const std::uint16_t boot = low(meant_for_this_boot ? boot_id_ : boot_id_ + 1);
+    const std::uint32_t other_boot = double_word(read(places().boot_id, 2), 0) ^ 0x5A5AU;  // whichever it remembers
+    const std::uint16_t boot = low(meant_for_this_boot ? boot_id_ : other_boot);
     const Words words{high(token), low(token), boot, static_cast<std::uint16_t>(code)};
     for (int copies = 1 + std::exchange(repeats_, 0); copies > 0; --copies) {
         Doors* before = doors_;

@@ -29,6 +29,7 @@ void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::
     report.results += seen.results();
     if (report.violations == 0 && seen.violations() > 0) report.parts_to_violation = report.parts + seen.parts_to_violation();
     report.violations += seen.violations();
+    for (std::size_t k = 0; k < kPromises; ++k) report.broken[k] += seen.violations_of(static_cast<Promise>(k));
     for (const std::string& text : seen.first_violations()) {
         if (report.first_violations.size() < kViolationsShown) report.first_violations.push_back(text + "\n    " + label);
     }
@@ -97,6 +98,7 @@ void SoakReport::add(const SoakReport& later) {
     episodes += later.episodes;
     results += later.results;
     violations += later.violations;
+    for (std::size_t k = 0; k < kPromises; ++k) broken[k] += later.broken[k];
     for (const std::string& text : later.first_violations) {
         if (first_violations.size() < kViolationsShown) first_violations.push_back(text);
     }
@@ -218,6 +220,9 @@ std::string describe(const SoakReport& r) {
                        line("excused (invisible faults)", r.excused) + line("parts with nothing wrong", r.undisturbed) +
                        line("parts seen through optics", r.real_parts) + line("bad ones the pipeline passed", r.passed_bad) + line("processes", r.processes) +
                        line("results on disks", r.stored) + line("results lost, and said so", r.lost) + line("fault pairs", r.coverage.pairs()) + line("violations", r.violations);
+    for (std::size_t k = 0; k < kPromises; ++k) {
+        if (r.broken[k] > 0) text += line("  " + std::string(name_of(static_cast<Promise>(k))), r.broken[k]);
+    }
     text += "fingerprint                 " + hex(r.fingerprint) + "\nfaults fired\n";
     for (std::size_t k = 0; k < sim::kFaults; ++k) {
         if (r.planned[k] > 0) text += line("  " + std::string(sim::name_of(static_cast<Fault>(k))), r.fired[k]);

@@ -32,6 +32,7 @@ struct SoakOptions {
 struct SoakReport {
     std::uint64_t parts = 0, episodes = 0, results = 0;
     std::uint64_t violations = 0;
+    std::array<std::uint64_t, kPromises> broken{};  // how often which promise was
     std::vector<std::string> first_violations;  // each with the command that shows it again
     std::optional<EpisodePlan> first_broken;    // the first episode that broke one: what to shrink
     std::uint64_t parts_to_violation = 0;       // that had come when the first promise was broken; 0: none was

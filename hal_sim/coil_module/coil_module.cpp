@@ -3,6 +3,7 @@
 #include <modbus/modbus.h>
 #include <netinet/in.h>
 #include <poll.h>
+#include <sched.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -33,11 +34,13 @@ struct CoilModule::Module {
     int listener = -1, wake = -1;
     std::vector<int> clients;  // module's thread; or anyone while it is off
     std::thread thread;
+    int realtime = 0;
     std::function<void(int, bool, hal::TimePoint)> on_coil;
 
     mutable std::mutex mutex;
     std::condition_variable woken;
     bool stopping = false;
+    static constexpr std::ptrdiff_t kHistory = 10'000;
     std::vector<Move> history;
     std::vector<bool> state;
     int accepted = 0, misbehaved = 0;
@@ -71,7 +74,12 @@ struct CoilModule::Module {
         getsockname(listener, reinterpret_cast<sockaddr*>(&address), &size);
         port = ntohs(address.sin_port);
         stopping = false;
-        thread = std::thread([this] { serve(); });
+        thread = std::thread([this] {
+            sched_param param{};
+            param.sched_priority = realtime;
+            if (realtime > 0) ::sched_setscheduler(0, SCHED_FIFO, &param);
+            serve();
+        });
         return {};
     }
 
@@ -133,6 +141,7 @@ struct CoilModule::Module {
             if (state[index] == on) return;
             state[index] = on;
             history.push_back({coil, on, at});
+            if (history.size() >= 2 * static_cast<std::size_t>(kHistory)) history.erase(history.begin(), history.begin() + kHistory);
         }
         if (on_coil) on_coil(coil, on, at);
     }
@@ -203,6 +212,7 @@ CoilModule::~CoilModule() = default;
 Result<std::unique_ptr<CoilModule>> CoilModule::open(const hal::Clock& clock, const CoilModuleOptions& options) {
     auto module = std::make_unique<Module>(clock, options.coils);
     module->port = options.port;
+    module->realtime = options.realtime;
     module->mapping = modbus_mapping_new(options.coils, 0, 0, 0);
     module->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (module->mapping == nullptr || module->wake < 0) {

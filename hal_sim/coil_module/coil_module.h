@@ -19,6 +19,9 @@ namespace hord::sim {
 struct CoilModuleOptions {
     int port = 0;    // 0: a free one, chosen by the kernel
     int coils = 16;
+    // SCHED_FIFO with this priority, as a module is a machine of its own, which answers in time however busy this one is; 0, or
+    // where it is refused: the caller's policy.
+    int realtime = 0;
 };
 
 // What happens to a request.
@@ -48,7 +51,7 @@ class CoilModule {
     // Any thread, all of them.
     [[nodiscard]] int port() const;
     [[nodiscard]] bool coil(int number) const;
-    [[nodiscard]] std::vector<Move> history() const;
+    [[nodiscard]] std::vector<Move> history() const;  // of the newest 10,000 or more
     [[nodiscard]] int connections() const;  // accepted since open()
 
     // The next `writes` write requests misbehave (-1: all); reading requests do so only with `reads`, too.
