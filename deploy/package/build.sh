@@ -20,7 +20,8 @@ if [ "$arch" = arm64 ]; then
     tree=$out/tree-arm64
     options+=(-B "$tree" -DHORD_TESTS=OFF -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=aarch64 -DCMAKE_C_COMPILER=aarch64-linux-gnu-gcc
         -DCMAKE_CXX_COMPILER=aarch64-linux-gnu-g++ -DCMAKE_LIBRARY_ARCHITECTURE=aarch64-linux-gnu -DCMAKE_STRIP=/usr/bin/aarch64-linux-gnu-strip
-        -DCMAKE_FIND_ROOT_PATH=/usr/aarch64-linux-gnu -DPKG_CONFIG_EXECUTABLE=/usr/bin/aarch64-linux-gnu-pkg-config)
+        -DCMAKE_FIND_ROOT_PATH=/usr/aarch64-linux-gnu)
+    export PKG_CONFIG_LIBDIR=/usr/lib/aarch64-linux-gnu/pkgconfig:/usr/share/pkgconfig
 fi
 cmake --preset release "${options[@]}" >"$out/configure-$arch.log" || { cat "$out/configure-$arch.log" >&2; exit 1; }
 cmake --build "$tree" --target hordd hordctl -j "$(nproc)"
