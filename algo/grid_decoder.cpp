@@ -18,6 +18,12 @@ LensletGrid part_of(const LensletGrid& grid, int first_m, int first_n, int colum
     part.origin_v -= first_n;
     part.columns = columns;
     part.rows = rows;
+    if (grid.shifts_px.empty()) return part;
+    part.shifts_px.clear();
+    for (int n = first_n; n < first_n + rows; ++n) {
+        const auto row = grid.shifts_px.begin() + static_cast<std::ptrdiff_t>(n) * grid.columns + first_m;
+        part.shifts_px.insert(part.shifts_px.end(), row, row + columns);
+    }
     return part;
 }
 

@@ -138,6 +138,14 @@ Result<void> check(const LensletGrid& grid) {
     if (grid.columns < 1 || grid.rows < 1 || grid.columns > 4096 || grid.rows > 4096 || grid.width_px < 1 || grid.height_px < 1) {
         return bad("a grid of " + std::to_string(grid.columns) + "x" + std::to_string(grid.rows) + " lenslets");
     }
+    if (!grid.shifts_px.empty()) {
+        if (grid.shifts_px.size() != static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows)) {
+            return bad("shifts of " + std::to_string(grid.shifts_px.size()) + " lenslets in a grid of " + std::to_string(grid.columns) + "x" + std::to_string(grid.rows));
+        }
+        for (const PixelPoint& shift : grid.shifts_px) {
+            if (!std::isfinite(shift.x_px) || !std::isfinite(shift.y_px)) return bad("a lenslet's shift that is not a number");
+        }
+    }
     if (!(grid.span > 0) || !(grid.radius_px > 0)) return bad("a grid whose scale is not positive");
     return {};
 }

@@ -62,13 +62,21 @@ struct LensletGrid {
 
     int width_px = 0, height_px = 0;  // of the raw frame
 
+    // Where single lenslets are not where the model has them: how far each is from there, row by row, columns x rows; empty: nowhere.
+    std::vector<PixelPoint> shifts_px;
+
     // Normalised lattice coordinates of lenslet (m, n).
     struct Uv {
         double u = 0, v = 0;
     };
     [[nodiscard]] Uv uv(int m, int n) const;
     [[nodiscard]] PixelPoint at(Uv where) const;
-    [[nodiscard]] PixelPoint centre_px(int m, int n) const { return at(uv(m, n)); }
+    [[nodiscard]] PixelPoint centre_px(int m, int n) const {
+        const PixelPoint model = at(uv(m, n));
+        if (shifts_px.empty() || m < 0 || n < 0 || m >= columns || n >= rows) return model;
+        const PixelPoint& shift = shifts_px[static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m)];
+        return {model.x_px + shift.x_px, model.y_px + shift.y_px};
+    }
 
     // The local step of one pitch along u and along v at (u, v), from central differences of half a pitch.
     struct Steps {

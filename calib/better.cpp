@@ -13,6 +13,12 @@ constexpr double kFewer = 0.01;
 // How much larger an RMS may be by chance, each being made of that many independent pairs.
 double chance(int fresh, int held) { return 1 + 2 * std::sqrt(0.25 / std::max(1, fresh) + 0.25 / std::max(1, held)); }
 
+// Of a lenslet's centre in another frame.
+double expected_error(const GridFile& file) {
+    const GridStatistics& s = file.statistics;
+    return file.grid.shifts_px.empty() ? std::hypot(s.cv_x_rms_px, s.cv_y_rms_px) : std::hypot(s.shifts.left_x_px, s.shifts.left_y_px);
+}
+
 double share_found(const GridStatistics& s) { return s.complete > 0 ? static_cast<double>(s.found - s.rejected) / s.complete : 0; }
 
 }  // namespace
@@ -26,8 +32,8 @@ Result<void> not_worse(const GridFile& fresh, const GridFile& held) {
     }
     const GridStatistics& a = fresh.statistics;
     const GridStatistics& b = held.statistics;
-    const double is = std::hypot(a.cv_x_rms_px, a.cv_y_rms_px);
-    const double was = std::hypot(b.cv_x_rms_px, b.cv_y_rms_px);
+    const double is = expected_error(fresh);
+    const double was = expected_error(held);
     if (is > chance(a.blocks, b.blocks) * was) {
         return worse(fmt::format("the calibration in its place is better: unseen lenslets are predicted to {:.4f} px by it, to {:.4f} px by this one", was, is),
                      "record a better white frame, or give --force");

@@ -22,6 +22,7 @@ constexpr double kLeastNeighbours = 0.5;   // of measured lenslets, measured, to
 // light, seen through a part, moves centres by tenths of a pixel.
 constexpr double kMostError = 0.5 / algo::kMaxBins / 3;
 constexpr double kGrowCentres = 900;
+constexpr std::size_t kSplitCentres = 1500;
 
 bool inside(const WhiteImage& image, PixelPoint p) {
     return p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < image.width_px() - 0.5 && p.y_px < image.height_px() - 0.5;
@@ -216,6 +217,9 @@ Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::
             if (image->any_saturated() && grown->finder.saturated_share(seen->centre_px) > 0) ++out.saturated;
         }
     }
+    // Some of them twice, by halves: whether single lenslets have places of their own is asked of these.
+    const std::size_t every = std::max<std::size_t>(1, out.observations.size() / kSplitCentres);
+    for (std::size_t k = 0; k < out.observations.size(); k += every) out.observations[k].split_px = grown->finder.split(out.observations[k].centre_px);
     report(0.7);
     count_from_zero(grid, out.observations, all);
     const double together = neighbours_found(grid, grown->finder, out.observations);

@@ -15,6 +15,7 @@ namespace {
 
 constexpr double kStep = 0.05;         // of radial tables, px
 constexpr double kRing = 0.6;          // width of the rings that the profile is made of, px
+constexpr double kSmoothRing = 0.8;    // of those that the weight is made of: smooth enough to be sampled by pixels, however sharp a lenslet's edge
 constexpr double kStiffness = 1e-5;    // of neighbouring rings, against what is seen
 constexpr double kRingStep = 0.5;      // between them, px
 constexpr double kTaper = 2.0;        // over which the weight falls to zero at the window's rim, px
@@ -76,7 +77,7 @@ struct Profile {
 // The radial tables of one weight: the shift weight w(r), the profile over its level at the rim, and the window.
 struct Weights {
     double radius = 0;
-    Table shift, profile, window;
+    Table shift, profile, window, steepness;
     Immunity immunity;
 };
 
@@ -90,17 +91,17 @@ Table window_table(double radius) {
 }
 
 struct Ring {
-    double value = 0, steepness = 0;  // and -d value / dr / r
+    double value = 0, steepness = 0;  // and -d value / dr / r, smoothed
 };
 // A Gaussian ring of radius `index` steps with its mirror image.
 Ring ring_at(Eigen::Index index, double r) {
     r = std::max(r, 0.25 * kStep);
     const double radius = static_cast<double>(index) * kRingStep;
-    const double near = (r - radius) / kRing;
-    const double far = (r + radius) / kRing;
-    const double one = std::exp(-0.5 * near * near);
-    const double two = std::exp(-0.5 * far * far);
-    return {one + two, (near * one + far * two) / (kRing * r)};
+    const auto gauss = [](double at) { return std::exp(-0.5 * at * at); };
+    const double near = (r - radius) / kSmoothRing;
+    const double far = (r + radius) / kSmoothRing;
+    const double share = kRing / kSmoothRing;  // of height: smoothing keeps the ring's area
+    return {gauss((r - radius) / kRing) + gauss((r + radius) / kRing), share * (near * gauss(near) + far * gauss(far)) / (kSmoothRing * r)};
 }
 
 // The most efficient weight for `profile` inside `radius`, less the parts that answer to gradients.
@@ -113,7 +114,8 @@ Weights design(const Profile& profile, double radius, bool against_gradients) {
     const double floor = value[std::min(count, value.size()) - 1];
     weights.profile.resize(count);
     weights.shift.resize(count);
-    Table steepness(count);
+    Table& steepness = weights.steepness;
+    steepness.resize(count);
     for (std::size_t k = 0; k < std::min(count, value.size()); ++k) {
         weights.profile[k] = value[k] - floor;
         steepness[k] = profile.steepness[k];
@@ -199,6 +201,7 @@ struct CentreFinder::Kernels {
     [[nodiscard]] Moments moments(algo::PixelPoint at) const;
     [[nodiscard]] bool complete(algo::PixelPoint at) const;
     [[nodiscard]] std::optional<Spot> measure(algo::PixelPoint at, double most_px) const;
+    [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
     void calibrate_gain(std::span<const algo::PixelPoint> centres);
     [[nodiscard]] Profile measure_profile(std::span<const Spot> spots, double reach) const;
 };
@@ -211,6 +214,7 @@ void CentreFinder::Kernels::sample(const Weights& from) {
     size = static_cast<Eigen::Index>((side * side + kLanes - 1) / kLanes * kLanes);
     light = Eigen::VectorXf::Zero(size);
     bank = Eigen::MatrixXf::Zero(size, static_cast<Eigen::Index>(4) * phases * phases);
+    Eigen::VectorXf shape = Eigen::VectorXf::Zero(size);
     for (int phase = 0; phase < phases * phases; ++phase) {
         const double fx = (phase % phases + 0.5) / phases - 0.5;
         const double fy = (phase / phases + 0.5) / phases - 0.5;  // NOLINT(bugprone-integer-division): the row of phases
@@ -229,6 +233,7 @@ void CentreFinder::Kernels::sample(const Weights& from) {
                 bank(at, first + 1) = static_cast<float>(w * dy);
                 bank(at, first + 3) = static_cast<float>(window);
                 bank(at, first + 2) = static_cast<float>(lookup(weights.profile, r) * window);
+                shape(at) = static_cast<float>(lookup(weights.profile, r));
                 share += window;
                 mean += lookup(weights.profile, r) * window;
             }
@@ -245,10 +250,11 @@ void CentreFinder::Kernels::sample(const Weights& from) {
         }
         bank.col(first + 2) /= static_cast<float>(own);
         own_match = std::sqrt(own / share);
-        // The moments answer 0 to a constant, exactly, on the pixel grid of this phase, too; what is taken away for that
-        // answers 0 to the profile.
+        // On the pixel grid of this phase, too, the moments answer 0 to a constant and to the profile itself.
         for (int axis = 0; axis < 2; ++axis) {
-            bank.col(first + axis) -= bank.col(first + axis).sum() * (bank.col(first + 3) - static_cast<float>(level) * bank.col(first + 2));
+            auto moment = bank.col(first + axis);
+            moment -= moment.sum() * (bank.col(first + 3) - static_cast<float>(level) * bank.col(first + 2));
+            moment -= moment.dot(shape) * bank.col(first + 2);
         }
     }
 }
@@ -294,12 +300,73 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
         // Done where the centre lies in the cell of the phase that it was measured with: what the gain is wrong by then
         // hardly counts.
         const bool settled = std::max(std::abs(dx), std::abs(dy)) < 0.6 / phases;
-        here = next;
+        // Between two cells that each point into the other, the centre is half way.
+        const double step = std::hypot(next.x_px - here.x_px, next.y_px - here.y_px);
+        here = k + 1 == kMostSteps && step < 2.0 / phases ? algo::PixelPoint{0.5 * (here.x_px + next.x_px), 0.5 * (here.y_px + next.y_px)} : next;
         const double away = std::hypot(here.x_px - at.x_px, here.y_px - at.y_px);
         if (away > most_px) return std::nullopt;
-        if (settled) return Spot{here, m.amplitude, m.match, away};
+        if (settled || (k + 1 == kMostSteps && step < 2.0 / phases)) return Spot{here, m.amplitude, m.match, away};
     }
     return std::nullopt;
+}
+
+// Of one half, with the weight itself (no table of phases): the light is a + b T + s . dT, and the moment of what is left after a and b
+// answers to the shift s alone.
+std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint centre) const {
+    if (!complete(centre)) return std::nullopt;
+    constexpr double kTurnX = 0.98006657784124163, kTurnY = 0.19866933079506122;  // sectors are turned by 0.2 rad: no pixel on their edges
+    struct Pixel {
+        double dx, dy, shape, window, light, weight, steepness;
+        bool second;
+    };
+    std::vector<Pixel> pixels;
+    pixels.reserve(static_cast<std::size_t>(side * side));
+    const auto cx = static_cast<int>(std::lround(centre.x_px)), cy = static_cast<int>(std::lround(centre.y_px));
+    double sum = 0, sum_t = 0, sum_tt = 0, sum_l = 0, sum_lt = 0;
+    for (int y = std::max(0, cy - half); y <= std::min(image->height_px() - 1, cy + half); ++y) {
+        for (int x = std::max(0, cx - half); x <= std::min(image->width_px() - 1, cx + half); ++x) {
+            Pixel p{};
+            p.dx = x - centre.x_px;
+            p.dy = y - centre.y_px;
+            const double r = std::sqrt(p.dx * p.dx + p.dy * p.dy);
+            p.window = lookup(weights.window, r);
+            if (p.window == 0) continue;
+            p.shape = lookup(weights.profile, r);
+            p.weight = lookup(weights.shift, r);
+            p.steepness = lookup(weights.steepness, r);
+            p.light = image->at(x, y);
+            const double u = kTurnX * p.dx + kTurnY * p.dy, v = kTurnX * p.dy - kTurnY * p.dx;
+            p.second = ((u > 0) != (v > 0)) != (std::abs(u) > std::abs(v));
+            sum += p.window;
+            sum_t += p.window * p.shape;
+            sum_tt += p.window * p.shape * p.shape;
+            sum_l += p.window * p.light;
+            sum_lt += p.window * p.light * p.shape;
+            pixels.push_back(p);
+        }
+    }
+    const double spread = sum * sum_tt - sum_t * sum_t;
+    if (!(spread > 0)) return std::nullopt;
+    const double b = (sum * sum_lt - sum_t * sum_l) / spread;
+    const double a = (sum_l - b * sum_t) / sum;
+    if (!(b > 0)) return std::nullopt;
+    algo::PixelPoint place[2];
+    for (const bool second : {false, true}) {
+        double mx = 0, my = 0, xx = 0, xy = 0, yy = 0;
+        for (const Pixel& p : pixels) {
+            if (p.second != second) continue;
+            const double left = p.weight * (p.light - a - b * p.shape), steep = p.weight * p.steepness * b;
+            mx += left * p.dx;
+            my += left * p.dy;
+            xx += steep * p.dx * p.dx;
+            xy += steep * p.dx * p.dy;
+            yy += steep * p.dy * p.dy;
+        }
+        const double determinant = xx * yy - xy * xy;
+        if (!(std::abs(determinant) > 1e-12 * xx * yy) || !(xx > 0)) return std::nullopt;
+        place[second ? 1 : 0] = {(yy * mx - xy * my) / determinant, (xx * my - xy * mx) / determinant};
+    }
+    return algo::PixelPoint{0.5 * (place[0].x_px - place[1].x_px), 0.5 * (place[0].y_px - place[1].y_px)};
 }
 
 // The answer of the moments to a shift, from moments one phase to both sides of known centres.
@@ -438,6 +505,7 @@ CentreFinder& CentreFinder::operator=(CentreFinder&&) noexcept = default;
 CentreFinder::~CentreFinder() = default;
 
 std::optional<Spot> CentreFinder::measure(algo::PixelPoint at, double most_px) const { return kernels_->measure(at, most_px); }
+std::optional<algo::PixelPoint> CentreFinder::split(algo::PixelPoint centre) const { return kernels_->split(centre); }
 bool CentreFinder::complete(algo::PixelPoint at) const { return kernels_->complete(at); }
 double CentreFinder::window_radius_px() const { return kernels_->weights.radius; }
 Immunity CentreFinder::immunity() const { return kernels_->weights.immunity; }

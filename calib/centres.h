@@ -42,6 +42,11 @@ class CentreFinder {
     // inside the frame, it holds no light, or it moved further than `most_px`.
     [[nodiscard]] std::optional<Spot> measure(algo::PixelPoint at, double most_px) const;
 
+    // What two halves of the lenslet's light say of its centre, each for itself: half of their difference, the first less the second.
+    // The halves are every second of eight sectors about the centre, so that each sees a shift along x and y alike and no pixel is in
+    // both: they share the lenslet's true place, and not their noise. None where it cannot be said.
+    [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
+
     // Whether the window of a lenslet at `at` lies wholly inside the frame.
     [[nodiscard]] bool complete(algo::PixelPoint at) const;
 

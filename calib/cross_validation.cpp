@@ -69,6 +69,7 @@ Validation leave_blocks_out(const Solved& solved, const Blocks& blocks) {
     }
     Validation validation;
     validation.squared.resize(count);
+    validation.off.resize(solved.residuals.size());
     double x = 0;
     double y = 0;
     for (std::size_t b = 0; b < count; ++b) {
@@ -82,6 +83,7 @@ Validation leave_blocks_out(const Solved& solved, const Blocks& blocks) {
             y += off(k + 1) * off(k + 1);
         }
         validation.squared[b] = off.squaredNorm();
+        validation.off.segment(rows.first, rows.count) = off;
     }
     validation.x_rms = std::sqrt(x / static_cast<double>(blocks.first.back()));
     validation.y_rms = std::sqrt(y / static_cast<double>(blocks.first.back()));

@@ -20,6 +20,7 @@ Blocks sort_into_blocks(std::vector<Point>& points);
 
 struct Validation {
     std::vector<double> squared;  // error a block, px^2
+    Eigen::VectorXd off;          // model less seen of every point, x, y, x, y ..., its block not having been fitted
     double x_rms = std::numeric_limits<double>::infinity(), y_rms = std::numeric_limits<double>::infinity();
 };
 

@@ -8,6 +8,7 @@
 #include "calib/cross_validation.h"
 #include "calib/grid_solver.h"
 #include "calib/ladder.h"
+#include "calib/lenslet_rung.h"
 
 namespace hord::calib {
 namespace {
@@ -124,12 +125,15 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
     if (auto done = finish(choice->grid, part_of(points, kFitCentres), fit); !done) return tl::unexpected(done.error());
     count_residuals(points, fit);
     fit.rejected = static_cast<int>(observations.size() - points.size());
-    const RungReport& winner = fit.ladder[choice->rung];
+    const RungReport winner = fit.ladder[choice->rung];
     fit.cv_x_rms_px = winner.cv_x_rms_px;
     fit.cv_y_rms_px = winner.cv_y_rms_px;
     fit.reason = fmt::format("{}: {}; cross-validated over {} blocks {:.4f} px in x, {:.4f} px in y", name_of(winner.rung), winner.verdict,
                              fit.blocks, fit.cv_x_rms_px, fit.cv_y_rms_px);
+    if (options.single_lenslets && !options.only) climb_to_single_lenslets(observations, fit);
     return fit;
 }
+
+std::string_view name_of(const RungReport& report) { return report.single_lenslets ? "single lenslets" : name_of(report.rung); }
 
 }  // namespace hord::calib

@@ -2,7 +2,8 @@
 //
 // A rung is chosen over the one below it when it predicts blocks of lenslets that it has not seen better: the paired
 // difference of squared errors over the blocks must be positive by two of its own standard errors. Neighbouring
-// residuals of real arrays are alike, so blocks are left out, not single lenslets.
+// residuals of real arrays are alike, so blocks are left out, not single lenslets. The last rung gives every lenslet its own
+// place (calib/lenslet_rung.h).
 #pragma once
 
 #include <optional>
@@ -20,17 +21,28 @@ struct Observation {
     int m = 0, n = 0;
     algo::PixelPoint centre_px;
     bool used = true;
+    std::optional<algo::PixelPoint> split_px = {};  // half the difference of what two halves of its light say (CentreFinder::split)
 };
 
 // One model of the ladder and why it was, or was not, taken.
 struct RungReport {
     algo::GridRung rung = algo::GridRung::similarity;
+    bool single_lenslets = false;         // the last rung: the one held, and each lenslet's own shift
     int parameters = 0;
     double rms_px = 0;                    // an axis, of the fit
     double cv_x_rms_px = 0, cv_y_rms_px = 0;  // of blocks left out; infinite where they cannot be predicted
     double gain_t = 0;                    // improvement over the rung held until then, in its standard errors
     bool chosen = false;
     std::string verdict;                  // one line for a person
+};
+
+[[nodiscard]] std::string_view name_of(const RungReport& report);
+
+// What the last rung found; all 0 where it was not taken.
+struct LensletShifts {
+    double rms_px = 0;         // of the lenslets' true shifts, an axis, as far as both halves of their light agree
+    double share = 0;          // of a measured residual that is taken for true
+    double left_x_px = 0, left_y_px = 0;  // how well another frame's centres would be predicted with them, rms
 };
 
 struct Unobservable {
@@ -48,7 +60,8 @@ struct GridFit {
     double noise_px = 0;                    // of one centre and axis, from the residuals
     double correlation_inflation = 1;       // of the covariance, because neighbouring residuals are alike
     double rms_x_px = 0, rms_y_px = 0, max_px = 0;
-    double cv_x_rms_px = 0, cv_y_rms_px = 0;
+    double cv_x_rms_px = 0, cv_y_rms_px = 0;  // of the model without single lenslets' shifts: blocks that it has not seen
+    LensletShifts shifts;
     int used = 0, rejected = 0;
     int blocks = 0;                         // of the cross-validation
 };
@@ -56,6 +69,7 @@ struct GridFit {
 struct FitOptions {
     std::optional<algo::GridRung> only;  // this rung, without a ladder
     algo::GridRung highest = algo::GridRung::quintic;
+    bool single_lenslets = true;  // may be taken
 };
 
 // Fits centres to `frame`, of which kind, stagger, parity, size and normalisation are taken; its parameters are a

@@ -16,6 +16,7 @@ namespace hord::calib {
 struct Point {
     algo::LensletGrid::Uv uv;
     algo::PixelPoint seen;
+    algo::PixelPoint split = {};  // Observation::split_px, where it is needed
 };
 
 struct Solved {

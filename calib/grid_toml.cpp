@@ -1,6 +1,7 @@
 #include "calib/grid_toml.h"
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <fstream>
 #include <iterator>
@@ -15,6 +16,8 @@ namespace {
 constexpr std::string_view kChecksumKey = "checksum = \"fnv1a64:";
 constexpr std::size_t kDigits = 16;
 constexpr double kAny = 1e12;
+constexpr double kShiftUnit = 0.001;  // px
+constexpr double kMostShift = 100'000;  // units
 
 std::uint64_t fnv1a(std::string_view bytes) {
     std::uint64_t hash = 14695981039346656037U;
@@ -84,6 +87,32 @@ void read_directions(common::TomlTable table, GridFile& file) {
     }
 }
 
+// A line a lattice row.
+std::string shifts_to_toml(const algo::LensletGrid& grid, double algo::PixelPoint::*axis) {
+    std::string out = "[";
+    for (std::size_t k = 0; k < grid.shifts_px.size(); ++k) {
+        out += k % static_cast<std::size_t>(grid.columns) == 0 ? "\n" : "";
+        out += fmt::format("{},", std::lround(grid.shifts_px[k].*axis / kShiftUnit));
+    }
+    return out + "\n]\n";
+}
+
+void read_shifts(common::TomlTable table, algo::LensletGrid& grid, LensletShifts& s) {
+    for (const auto& [key, value] :
+         {std::pair<const char*, double*>{"rms_px", &s.rms_px}, {"share", &s.share}, {"left_x_px", &s.left_x_px}, {"left_y_px", &s.left_y_px}}) {
+        table.number(key, *value, 0, 1e300);
+    }
+    const std::size_t count = static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows);
+    std::vector<double> x, y;
+    table.numbers("x", x, count, count);
+    table.numbers("y", y, count, count);
+    if (x.size() != count || y.size() != count) return table.problem("x", "does not shift every lenslet", "use an unchanged calibration file");
+    for (std::size_t k = 0; k < count; ++k) {
+        if (!(std::abs(x[k]) <= kMostShift && std::abs(y[k]) <= kMostShift)) return table.problem("x", "shifts a lenslet out of the frame", "use an unchanged calibration file");
+        grid.shifts_px.push_back({x[k] * kShiftUnit, y[k] * kShiftUnit});
+    }
+}
+
 Result<void> replace(const std::filesystem::path& path, std::string_view text) {
     const auto failed = [&] {
         return fail(ErrorCode::io, fmt::format("{}: cannot be written", path.string()), "check that the folder exists, may be written and is not full");
@@ -118,7 +147,7 @@ GridFile file_of(const GridCalibration& calibration, const GridStamp& stamp) {
     for (const Unobservable& parameter : fit.unobservable) file.fixed += (file.fixed.empty() ? "" : ",") + parameter.name;
     file.statistics = {calibration.complete, calibration.found, calibration.missing, calibration.rejected, calibration.saturated,
                        fit.blocks,           fit.rms_x_px,      fit.rms_y_px,        fit.max_px,           fit.cv_x_rms_px,
-                       fit.cv_y_rms_px,      fit.noise_px,      fit.correlation_inflation};
+                       fit.cv_y_rms_px,      fit.noise_px,      fit.correlation_inflation, fit.shifts};
     return file;
 }
 
@@ -133,7 +162,7 @@ std::string to_toml(const GridFile& file) {
     const GridStatistics& s = file.statistics;
     std::string body = fmt::format(
         "version = {}\n\n[camera]\nidentity = {}\nwidth_px = {}\nheight_px = {}\n\n[made]\ndate = {}\nwhite = {}\ndark = {}\n\n",
-        kGridFileVersion, toml_string(file.stamp.camera), grid.width_px, grid.height_px, toml_string(file.stamp.date), toml_string(file.stamp.white),
+        grid.shifts_px.empty() ? 1 : kGridFileVersion, toml_string(file.stamp.camera), grid.width_px, grid.height_px, toml_string(file.stamp.date), toml_string(file.stamp.white),
         toml_string(file.stamp.dark));
     body += fmt::format("[lattice]\nkind = \"{}\"\nstagger = \"{}\"\nparity = {}\ncolumns = {}\nrows = {}\norigin_u = {}\norigin_v = {}\nspan = {}\n\n",
                         name_of(grid.kind), name_of(grid.stagger), grid.parity, grid.columns, grid.rows, number(grid.origin_u),
@@ -146,6 +175,11 @@ std::string to_toml(const GridFile& file) {
         "max_px = {}\ncv_x_rms_px = {}\ncv_y_rms_px = {}\nnoise_px = {}\ncorrelation_inflation = {}\n",
         s.complete, s.found, s.missing, s.rejected, s.saturated, s.blocks, number(s.rms_x_px), number(s.rms_y_px), number(s.max_px),
         number(s.cv_x_rms_px), number(s.cv_y_rms_px), number(s.noise_px), number(s.correlation_inflation));
+    if (!grid.shifts_px.empty()) {
+        body += fmt::format("\n[lenslets]\nrms_px = {}\nshare = {}\nleft_x_px = {}\nleft_y_px = {}\nx = {}y = {}", number(s.shifts.rms_px), number(s.shifts.share),
+                            number(s.shifts.left_x_px), number(s.shifts.left_y_px), shifts_to_toml(grid, &algo::PixelPoint::x_px),
+                            shifts_to_toml(grid, &algo::PixelPoint::y_px));
+    }
     if (file.directions) body += directions_to_toml(*file.directions, file.direction_statistics);
     return fmt::format("{}{:016x}\"\n{}", kChecksumKey, fnv1a(body), body);
 }
@@ -165,8 +199,8 @@ Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
     root.text("checksum", checksum);
     int version = 0;
     root.integer("version", version, 0, 1'000'000);
-    if (problems.empty() && version != kGridFileVersion) {
-        return fail(ErrorCode::unsupported, fmt::format("{}: calibration file version {}, not {}", name, version, kGridFileVersion),
+    if (problems.empty() && (version < 1 || version > kGridFileVersion)) {
+        return fail(ErrorCode::unsupported, fmt::format("{}: calibration file version {}, not 1 to {}", name, version, kGridFileVersion),
                     "calibrate again with this program");
     }
     GridFile file;
@@ -211,6 +245,7 @@ Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
           {"correlation_inflation", &s.correlation_inflation}}) {
         residuals.number(key, *value, 0, 1e300);
     }
+    if (version >= 2 && root.has("lenslets")) read_shifts(root.table("lenslets"), grid, s.shifts);
     if (root.has("directions")) read_directions(root.table("directions"), file);
     root.refuse_unknown_keys();
     if (!problems.empty()) return problems.as_error();

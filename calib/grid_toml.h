@@ -1,7 +1,8 @@
 // The calibration file: a lenslet grid as TOML that a person can read, with where it comes from and how good it is.
 //
 // The first line is a checksum (FNV-1a, 64 bits) over every byte after it: a file edited by hand is refused, not
-// decoded with. `version` is 1; a file of another version is refused with that reason.
+// decoded with. `version` is 1, or 2 where single lenslets have shifts of their own (table [lenslets]: thousandths of a pixel, a line a
+// lattice row, where one was measured); a file of another version is refused with that reason.
 #pragma once
 
 #include <filesystem>
@@ -18,7 +19,7 @@
 
 namespace hord::calib {
 
-inline constexpr int kGridFileVersion = 1;
+inline constexpr int kGridFileVersion = 2;
 
 // What the frames cannot say; given by the caller, written as it is.
 struct GridStamp {
@@ -31,6 +32,7 @@ struct GridStatistics {
     int complete = 0, found = 0, missing = 0, rejected = 0, saturated = 0, blocks = 0;
     double rms_x_px = 0, rms_y_px = 0, max_px = 0, cv_x_rms_px = 0, cv_y_rms_px = 0;
     double noise_px = 0, correlation_inflation = 1;
+    LensletShifts shifts = {};  // all 0 where the grid has none
 };
 
 // How well the direction map is known; px.

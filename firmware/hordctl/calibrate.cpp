@@ -46,7 +46,7 @@ Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& 
     const calib::GridFit& fit = found.fit;
     Json ladder = Json::array(), unobservable = Json::array();
     for (const auto& rung : fit.ladder) {
-        ladder.push_back({{"model", name_of(rung.rung)}, {"cv_rms_x_px", rung.cv_x_rms_px}, {"cv_rms_y_px", rung.cv_y_rms_px}, {"verdict", rung.verdict}});
+        ladder.push_back({{"model", name_of(rung)}, {"cv_rms_x_px", rung.cv_x_rms_px}, {"cv_rms_y_px", rung.cv_y_rms_px}, {"verdict", rung.verdict}});
     }
     for (const auto& parameter : fit.unobservable) unobservable.push_back(parameter.name);
     Json json{{"white", arguments.white},
@@ -62,6 +62,7 @@ Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& 
             {"lenslets",
              {{"inside", found.inside}, {"complete", found.complete}, {"found", found.found}, {"missing", found.missing}, {"rejected", found.rejected}, {"saturated", found.saturated}}},
             {"residual_px", {{"rms_x", fit.rms_x_px}, {"rms_y", fit.rms_y_px}, {"max", fit.max_px}}},
+            {"single_lenslets_px", {{"rms", fit.shifts.rms_px}, {"share", fit.shifts.share}, {"left_x", fit.shifts.left_x_px}, {"left_y", fit.shifts.left_y_px}}},
             {"cross_validated_px", {{"rms_x", fit.cv_x_rms_px}, {"rms_y", fit.cv_y_rms_px}, {"blocks", fit.blocks}}}};
     if (directions) json["directions"] = to_json(*directions);
     return json;

@@ -48,7 +48,7 @@ cv::Mat draw_residuals(const calib::GridCalibration& found) {
     const int every = every_of(found.observations.size());
     std::vector<double> lengths;
     for (const auto& seen : found.observations) {
-        const auto at = grid.centre_px(seen.m, seen.n);
+        const auto at = grid.at(grid.uv(seen.m, seen.n));
         if (seen.used) lengths.push_back(std::hypot(seen.centre_px.x_px - at.x_px, seen.centre_px.y_px - at.y_px));
     }
     std::sort(lengths.begin(), lengths.end());
@@ -60,7 +60,7 @@ cv::Mat draw_residuals(const calib::GridCalibration& found) {
     cv::applyColorMap(ramp, colours, cv::COLORMAP_VIRIDIS);
     for (const auto& seen : found.observations) {
         if (seen.m % every != 0 || seen.n % every != 0) continue;
-        const auto at = grid.centre_px(seen.m, seen.n);
+        const auto at = grid.at(grid.uv(seen.m, seen.n));
         const cv::Point from = stage.at(at.x_px, at.y_px);
         if (!seen.used) {
             cv::drawMarker(image, from, kRejected, cv::MARKER_TILTED_CROSS, 7, 1, cv::LINE_AA);
@@ -138,7 +138,7 @@ cv::Mat draw_models(const calib::GridCalibration& found) {
         const auto& rung = ladder[k];
         const int y = kTop + kRow * static_cast<int>(k);
         const cv::Scalar ink = rung.chosen ? kGood : cv::Scalar(180, 140, 90);
-        text(image, fmt::format("{} ({})", name_of(rung.rung), rung.parameters), {kMargin, y + 20}, 0.5, rung.chosen ? kGood : kInk);
+        text(image, fmt::format("{} ({})", name_of(rung), rung.parameters), {kMargin, y + 20}, 0.5, rung.chosen ? kGood : kInk);
         text(image, rung.verdict, {kLeft + 4, y + 42}, 0.42);
         const double error = std::hypot(rung.cv_x_rms_px, rung.cv_y_rms_px);
         if (!std::isfinite(error) || !(error > 0)) continue;

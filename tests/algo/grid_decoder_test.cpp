@@ -84,6 +84,29 @@ TEST(GridDecoder, a_turned_or_hexagonal_lattice_is_read_onto_an_upright_one) {
     }
 }
 
+TEST(GridDecoder, single_lenslets_are_read_where_they_are) {
+    LensletGrid grid = lattice(0);
+    grid.columns = 22;  // one more on either side, outside
+    grid.origin_u += 1;
+    grid.shifts_px.assign(22 * 18, {});
+    grid.shifts_px[5 * 22 + 7] = {1, -2};
+    auto decoder = GridDecoder::create(grid, std::nullopt, 8, 8);
+    ASSERT_TRUE(decoder) << decoder.error().message();
+    LensletGrid moved = lattice(0);
+    moved.parameters[0] += 1;
+    moved.parameters[1] -= 2;
+    auto all_moved = GridDecoder::create(moved, std::nullopt, 8, 8);
+    auto none_moved = GridDecoder::create(lattice(0), std::nullopt, 8, 8);
+    const Frame raw = noise(320, 288, 8);
+    const Frame seen = *decoder->decode(raw.view()), wanted = *all_moved->decode(raw.view()), before = *none_moved->decode(raw.view());
+    for (int y = 0; y < seen.height_px(); ++y) {
+        for (int x = 0; x < seen.width_px(); ++x) {
+            const bool its_own = x / 8 == 6 && y / 8 == 5;
+            ASSERT_EQ(seen.view().sample(x, y), (its_own ? wanted : before).view().sample(x, y)) << x << "," << y;
+        }
+    }
+}
+
 TEST(GridDecoder, a_bin_is_known_in_pixels_and_with_a_direction_map_in_radians) {
     EXPECT_DOUBLE_EQ(GridDecoder::create(lattice(0), std::nullopt, 8, 8)->bin_px(), 2);
     EXPECT_EQ(GridDecoder::create(lattice(0), std::nullopt, 8, 8)->bin_rad(), 0);

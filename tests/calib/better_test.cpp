@@ -42,6 +42,15 @@ TEST(Better, a_worse_one_may_not_and_says_why) {
     EXPECT_THAT(not_worse(fresh, good()).error().message(), HasSubstr("501x400"));
 }
 
+TEST(Better, shifts_of_single_lenslets_are_not_lost) {
+    GridFile held = good();
+    held.grid.columns = held.grid.rows = 1;
+    held.grid.shifts_px = {{0.01, 0}};
+    held.statistics.shifts = {.rms_px = 0.01, .share = 0.99, .left_x_px = 0.001, .left_y_px = 0.001};
+    EXPECT_FALSE(not_worse(good(), held));
+    EXPECT_TRUE(not_worse(held, good()));
+}
+
 TEST(Better, a_direction_map_is_not_lost) {
     GridFile held = good();
     held.directions.emplace();

@@ -68,6 +68,71 @@ TEST(CalibrateGrid, vignetting_inside_the_lenslets_does_not_shift_the_grid) {
     expect_grid({.width_px = 800, .height_px = 800, .pitch_px = 20.3, .rotation_deg = 2, .vignetting = 0.2, .dead_share = 0.02}, 0.02, 0.05);
 }
 
+TEST(CalibrateGrid, sharp_edges_do_not_shift_centres_with_their_place_on_the_pixels) {
+    for (const double radius : {4.24, 3.03}) {  // nearly touching, and apart
+        SCOPED_TRACE(radius);
+        expect_grid({.width_px = 420, .height_px = 420, .pitch_px = 10.1, .rotation_deg = 2.9, .disc_radius_px = radius, .edge_px = 0.3, .subpixels = 6}, kGridRms, kGridMax);
+    }
+}
+
+// -- single lenslets ------------------------------------------------------------------------------------------------------------
+
+// An array whose lenslets are each a little away from where they should be: no smooth model knows of that.
+TEST(CalibrateGrid, misplaced_lenslets_get_places_of_their_own) {
+    for (const bool hexagonal : {false, true}) {
+        SCOPED_TRACE(hexagonal);
+        const White white{.width_px = 600, .height_px = 600, .hexagonal = hexagonal, .pitch_px = 17.3, .rotation_deg = 3, .k1 = 0.004, .misplaced_px = 0.05, .dead_share = 0.02};
+        const auto drawn = test::draw(white);
+        const auto calibration = calibrate_grid(drawn.frame.view());
+        ASSERT_TRUE(calibration) << calibration.error().message();
+        const GridFit& fit = calibration->fit;
+        ASSERT_FALSE(fit.grid.shifts_px.empty()) << fit.ladder.back().verdict;
+        EXPECT_TRUE(fit.ladder.back().single_lenslets);
+        EXPECT_TRUE(fit.ladder.back().chosen);
+        EXPECT_EQ(std::count_if(fit.ladder.begin(), fit.ladder.end(), [](const RungReport& r) { return r.chosen; }), 1);
+        EXPECT_THAT(fit.reason, HasSubstr("every lenslet's own shift"));
+        EXPECT_NEAR(fit.shifts.rms_px, white.misplaced_px, 0.1 * white.misplaced_px);
+        EXPECT_GT(fit.shifts.share, 0.98);
+        EXPECT_LT(fit.shifts.left_x_px, 0.2 * fit.cv_x_rms_px);
+        // The truth: lenslets that were measured are where they are said to be, to the noise of a centre and half a thousandth.
+        algo::LensletGrid smooth = fit.grid;
+        smooth.shifts_px.clear();
+        double with = 0, without = 0;
+        int measured = 0;
+        for (const Observation& seen : calibration->observations) {
+            if (!seen.used) continue;
+            const auto at = fit.grid.centre_px(seen.m, seen.n), model = smooth.centre_px(seen.m, seen.n);
+            const auto true_one = std::min_element(drawn.truth.begin(), drawn.truth.end(), [&](const test::TruePoint& a, const test::TruePoint& b) {
+                return std::hypot(a.x - model.x_px, a.y - model.y_px) < std::hypot(b.x - model.x_px, b.y - model.y_px);
+            });
+            with += std::pow(std::hypot(at.x_px - true_one->x, at.y_px - true_one->y), 2);
+            without += std::pow(std::hypot(model.x_px - true_one->x, model.y_px - true_one->y), 2);
+            ++measured;
+        }
+        EXPECT_LT(std::sqrt(with / measured), 0.005);
+        EXPECT_GT(std::sqrt(without / measured), 0.06);
+    }
+}
+
+TEST(CalibrateGrid, lenslets_in_their_places_get_none) {
+    const White white{.width_px = 600, .height_px = 600, .pitch_px = 17.3, .rotation_deg = 3, .k1 = 0.004, .dead_share = 0.02};
+    White few = white, sharp = white, gradient = white, whole = white, slightly = white;
+    few.electrons_per_dn = 0.02;  // 400 electrons a pixel: residuals of a fiftieth of a pixel, all of it noise
+    sharp.edge_px = 0.3;
+    sharp.subpixels = 4;
+    gradient.vignetting = 0.2;
+    whole.pitch_px = 18;
+    whole.rotation_deg = 0;
+    whole.k1 = 0;
+    slightly.misplaced_px = 0.004;  // true, and less than the decode's places are rounded by
+    for (const White& one : {white, few, sharp, gradient, whole, slightly}) {
+        const auto calibration = calibrate_grid(test::draw(one).frame.view());
+        ASSERT_TRUE(calibration) << calibration.error().message();
+        EXPECT_TRUE(calibration->fit.grid.shifts_px.empty()) << calibration->fit.reason;
+        EXPECT_THAT(calibration->fit.ladder.back().verdict, HasSubstr("not needed"));
+    }
+}
+
 TEST(CalibrateGrid, three_by_three_lenslets_are_enough) {
     expect_grid({.width_px = 90, .height_px = 90, .pitch_px = 28, .rotation_deg = 1}, 0.01, 0.03);
 }

@@ -38,6 +38,25 @@ TEST(GridToml, what_is_written_is_read_to_the_last_bit) {
     }
 }
 
+TEST(GridToml, shifts_of_single_lenslets_are_written_and_read_to_the_last_bit) {
+    GridFile file = example();
+    EXPECT_THAT(to_toml(file), HasSubstr("version = 1\n"));
+    for (int k = 0; k < file.grid.columns * file.grid.rows; ++k) file.grid.shifts_px.push_back({std::round(40 * std::sin(k)) * 0.001, -k * 0.001});
+    file.statistics.shifts = {0.03, 0.9, 0.004, 0.005};
+    const auto read = parse_grid(to_toml(file), "grid.toml");
+    ASSERT_TRUE(read) << read.error().message();
+    EXPECT_THAT(to_toml(file), HasSubstr("version = 2\n"));
+    EXPECT_EQ(to_toml(*read), to_toml(file));
+    for (int n = 0; n < file.grid.rows; ++n) {
+        for (int m = 0; m < file.grid.columns; ++m) {
+            EXPECT_EQ(read->grid.centre_px(m, n).x_px, file.grid.centre_px(m, n).x_px);
+            EXPECT_EQ(read->grid.centre_px(m, n).y_px, file.grid.centre_px(m, n).y_px);
+        }
+    }
+    file.grid.shifts_px.pop_back();
+    EXPECT_FALSE(parse_grid(to_toml(file), "grid.toml"));
+}
+
 TEST(GridToml, one_changed_digit_is_refused) {
     std::string text = to_toml(example());
     const auto at = text.find("columns = ") + 10;

@@ -42,6 +42,8 @@ struct White {
     double offset_x_px = 0.3, offset_y_px = -0.4;         // of a lenslet from the middle
     double disc_radius_px = 0;  // 0: 0.42 pitch; negative: a Gaussian spot of that sigma
     double edge_px = 0.8;       // blur of the disc's edge, sigma
+    int subpixels = 1;          // a side, that a pixel's light is the mean of: sharp edges need more than one
+    double misplaced_px = 0;    // of each lenslet alone, along x and along y, sigma
     double vignetting = 0;      // of light across a lenslet, from its middle to its rim, at the frame's corner; outwards brighter
     double peak_dn = 20000, background_dn = 200;
     double electrons_per_dn = 1, read_e = 3;
@@ -94,6 +96,10 @@ inline Drawn draw(const White& w) {
             x = middle_x + x * (1 + w.k1 * r2);
             y = middle_y + y * (1 + w.k1 * r2);
             const bool dead = random.uniform() < w.dead_share;
+            if (w.misplaced_px > 0) {
+                x += w.misplaced_px * random.normal();
+                y += w.misplaced_px * random.normal();
+            }
             if (x >= -0.5 && y >= -0.5 && x < w.width_px - 0.5 && y < w.height_px - 0.5) out.truth.push_back({x, y, dead});
             if (dead) continue;
             if (w.deflect) {
@@ -106,11 +112,15 @@ inline Drawn draw(const White& w) {
             const double gy = g * (y - middle_y);
             for (int py = std::max(0, static_cast<int>(std::ceil(y - reach))); py <= std::min<double>(w.height_px - 1, y + reach); ++py) {
                 for (int px = std::max(0, static_cast<int>(std::ceil(x - reach))); px <= std::min<double>(w.width_px - 1, x + reach); ++px) {
-                    const double dx = px - x;
-                    const double dy = py - y;
-                    const double r = std::sqrt(dx * dx + dy * dy);
-                    double value = radius > 0 ? 0.5 * std::erfc((r - radius) / (std::sqrt(2.0) * w.edge_px)) : std::exp(-0.5 * r * r / (radius * radius));
-                    if (radius > 0) value *= 1 + (gx * dx + gy * dy) / radius;
+                    double value = 0;
+                    for (int s = 0; s < w.subpixels * w.subpixels; ++s) {
+                        const double dx = px + (s % w.subpixels + 0.5) / w.subpixels - 0.5 - x;
+                        const double dy = py + (s / w.subpixels + 0.5) / w.subpixels - 0.5 - y;  // NOLINT(bugprone-integer-division): the row
+                        const double r = std::sqrt(dx * dx + dy * dy);
+                        double here = radius > 0 ? 0.5 * std::erfc((r - radius) / (std::sqrt(2.0) * w.edge_px)) : std::exp(-0.5 * r * r / (radius * radius));
+                        if (radius > 0) here *= 1 + (gx * dx + gy * dy) / radius;
+                        value += here / (w.subpixels * w.subpixels);
+                    }
                     light[static_cast<std::size_t>(py) * static_cast<std::size_t>(w.width_px) + static_cast<std::size_t>(px)] += static_cast<float>(value);
                 }
             }
