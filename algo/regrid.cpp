@@ -4,6 +4,8 @@
 #include <cmath>
 #include <optional>
 
+#include "algo/isa_targets.h"
+
 namespace hord::algo {
 namespace {
 
@@ -29,6 +31,30 @@ std::optional<LensletGrid::Uv> place_of(const LensletGrid& grid, PixelPoint want
 }
 
 int shifted(int index, int parity) { return static_cast<int>(static_cast<unsigned>(index + parity) & 1U); }
+
+}  // namespace
+
+namespace {
+
+// (sum of w * sample + 128) >> 8, of four lenslets.
+template <int>
+HORD_ALWAYS_INLINE void mixed(const Regridder::Four& f, int bins, std::uint16_t* to) {
+    const std::uint16_t *a = f.from[0], *b = f.from[1], *c = f.from[2], *d = f.from[3];
+    for (int k = 0; k < bins; ++k) to[k] = static_cast<std::uint16_t>((f.weight[0] * a[k] + f.weight[1] * b[k] + f.weight[2] * c[k] + f.weight[3] * d[k] + 128U) >> 8U);
+}
+// Of 8-bit samples, in 16 bits: at most 256 * 255 + 128 < 2^16. The last vector may reach beyond the bins: there is room.
+template <int>
+HORD_ALWAYS_INLINE void mixed_8bit(const Regridder::Four& f, int bins, std::uint16_t* to) {
+    typedef std::uint16_t Lanes __attribute__((vector_size(32)));
+    const auto w = [&f](int k) { return Lanes{} + static_cast<std::uint16_t>(f.weight[k]); };
+    const Lanes w0 = w(0), w1 = w(1), w2 = w(2), w3 = w(3);
+    for (int k = 0; k < bins; k += 16) {
+        const Lanes sum = w0 * load<Lanes>(f.from[0] + k) + w1 * load<Lanes>(f.from[1] + k) + w2 * load<Lanes>(f.from[2] + k) + w3 * load<Lanes>(f.from[3] + k);
+        store<Lanes>((sum + std::uint16_t{128}) >> 8, to + k);
+    }
+}
+HORD_FOR_EACH_ISA(mixed_for, void, mixed, (const Regridder::Four& f, int bins, std::uint16_t* to), (f, bins, to))
+HORD_FOR_EACH_ISA(mixed_8bit_for, void, mixed_8bit, (const Regridder::Four& f, int bins, std::uint16_t* to), (f, bins, to))
 
 }  // namespace
 
@@ -112,7 +138,10 @@ Result<Regridder> Regridder::create(const LensletGrid& grid, const BinLayout& la
     out.ring_rows_ = most_rows;
     out.ring_row_.assign(static_cast<std::size_t>(most_rows), -1);
     out.ring_.resize(static_cast<std::size_t>(most_rows) * static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(out.extents_.bins()));
-    out.mixed_.resize(static_cast<std::size_t>(out.extents_.bins()));
+    out.mixed_.resize(static_cast<std::size_t>(out.extents_.bins()) + kRoom);
+    out.ring_.resize(out.ring_.size() + kRoom);
+    out.mix_ = mixed_for(best_isa());
+    out.mix_8bit_ = mixed_8bit_for(best_isa());
     return out;
 }
 
@@ -120,7 +149,7 @@ void Regridder::begin_frame() { std::fill(ring_row_.begin(), ring_row_.end(), -1
 
 const std::uint16_t* Regridder::row(const FrameView& raw, int n) {
     const auto place = static_cast<std::size_t>(n % ring_rows_);
-    const std::size_t length = ring_.size() / static_cast<std::size_t>(ring_rows_);
+    const std::size_t length = (ring_.size() - kRoom) / static_cast<std::size_t>(ring_rows_);
     std::uint16_t* const samples = ring_.data() + place * length;
     if (ring_row_[place] != n) {
         resampler_.decode_row_by_lenslet(raw, n, {samples, length});
@@ -157,9 +186,9 @@ void Regridder::decode_row(const FrameView& raw, int n, std::span<std::uint16_t>
             const std::uint16_t* const c = from[2];
             const std::uint16_t* const d = from[3];
             std::uint16_t* const to = mixed_.data();
-            for (int k = 0; k < bins; ++k) {
-                to[k] = static_cast<std::uint16_t>((weight[0] * a[k] + weight[1] * b[k] + weight[2] * c[k] + weight[3] * d[k] + 128U) >> 8U);
-            }
+            const Four from_four{{a, b, c, d}, {weight[0], weight[1], weight[2], weight[3]}};
+            if (raw.bits > 8) mix_(from_four, bins, to);
+            else mix_8bit_(from_four, bins, to);
         }
         for (int j = 0; j < extents_.j; ++j) std::copy_n(mixed_.data() + j * extents_.i, extents_.i, out.data() + j * stride + m * extents_.i);
     }

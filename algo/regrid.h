@@ -37,8 +37,15 @@ class Regridder {
     // The whole frame, with the bit depth of `raw`. Fails with invalid_argument when the frame is not of the grid's size.
     Result<Frame> decode(const FrameView& raw);
 
-  private:
     static constexpr int kAround = 4;
+    // The lenslets around one place and their weights, Q0.8.
+    struct Four {
+        const std::uint16_t* from[kAround];
+        std::uint32_t weight[kAround];
+    };
+
+  private:
+    static constexpr std::size_t kRoom = 16;  // samples behind a buffer's end that whole vectors may touch
     struct Source {
         std::int16_t m[kAround], n[kAround];
         std::uint16_t weight[kAround];  // Q0.8; all 0: no light
@@ -55,7 +62,9 @@ class Regridder {
     std::vector<Source> sources_;
     int ring_rows_ = 0;
     std::vector<int> ring_row_;  // which lattice row a place of the ring holds; -1: none
-    std::vector<std::uint16_t> ring_, mixed_;
+    std::vector<std::uint16_t> ring_, mixed_;  // and kRoom
+    void (*mix_)(const Four&, int, std::uint16_t*) = nullptr;
+    void (*mix_8bit_)(const Four&, int, std::uint16_t*) = nullptr;
 };
 
 }  // namespace hord::algo

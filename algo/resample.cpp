@@ -88,6 +88,8 @@ Result<Resampler> Resampler::create(const LensletGrid& grid, const BinLayout& la
     if (regular && out.reach_x_ <= kWidestLenslet) {
         for (int i = 0; i < layout.bins_i; ++i) out.column_.push_back(at(out.offset_x_, i, 0));
         for (int j = 0; j < layout.bins_j; ++j) out.row_.push_back(at(out.offset_y_, 0, j));
+        out.decode_lanes_ = decode_lanes();
+        if (out.decode_lanes_ != nullptr) out.lanes_ = plan_lanes(out.column_, out.row_, out.weights_x_, out.taps_x_, out.taps_y_);
     }
     return out;
 }
@@ -151,13 +153,40 @@ void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::
     }
 }
 
+// The same by whole rows of bins (algo/resample_lanes.h); false where it cannot be. `room`: each line of `out` may be written 16 samples
+// long.
+bool Resampler::decode_8bit(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out, std::ptrdiff_t line_stride, bool room) const {
+    if (lanes_.phases.empty()) return false;
+    const std::int32_t at_x = place_x + column_.front(), at_y = place_y + row_.front();
+    const LanePlan::Phase& phase = lanes_.phases[static_cast<std::size_t>(at_x & (kPhases - 1))];
+    const int x = at_x >> kPhaseBits, y = at_y >> kPhaseBits, last_y = (place_y + row_.back()) >> kPhaseBits;
+    if (!phase.usable || x < 0 || y < 0 || x + phase.second + LanePlan::kWindow > width_px_ || last_y + taps_y_ > height_px_) return false;
+    const LanesOf8Bit lenslet{raw.data + y * raw.stride_bytes + x, raw.stride_bytes, at_y & (kPhases - 1), row_, weights_y_.data(), taps_x_, taps_y_};
+    if (room) {
+        decode_lanes_(lenslet, phase, out, line_stride);
+        return true;
+    }
+    std::uint16_t apart[kMaxBins * kLanes];
+    decode_lanes_(lenslet, phase, apart, kLanes);
+    for (int j = 0; j < extents_.j; ++j) std::copy_n(apart + j * kLanes, extents_.i, out + j * line_stride);
+    return true;
+}
+
 template <class Sample, class Sum>
 void Resampler::decode_lenslets(const FrameView& raw, int n, std::uint16_t* out, int line_stride, int lenslet_stride) const {
     for (int m = 0; m < extents_.m; ++m) {
         const auto lenslet = static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m);
         const std::int32_t place_x = place_x_[lenslet];
         const std::int32_t place_y = place_y_[lenslet];
-        std::uint16_t* to = out + static_cast<std::ptrdiff_t>(m) * lenslet_stride;
+        const std::ptrdiff_t from_start = static_cast<std::ptrdiff_t>(m) * lenslet_stride;
+        std::uint16_t* to = out + from_start;
+        if constexpr (sizeof(Sample) == 1) {
+            // What is written beyond the bins is written over by those that follow, where there are enough of them: in the same line, or,
+            // with whole lenslets one after the other, below.
+            const std::ptrdiff_t last_line = line_stride < lenslet_stride ? std::ptrdiff_t{extents_.j - 1} * line_stride : 0;
+            const bool room = from_start + last_line + kLanes <= std::ptrdiff_t{extents_.m} * lenslet_stride;
+            if (decode_8bit(raw, place_x, place_y, to, line_stride, room)) continue;
+        }
         if (!column_.empty()) {
             const int x = (place_x + column_.front()) >> kPhaseBits;
             const int y = (place_y + row_.front()) >> kPhaseBits;

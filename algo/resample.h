@@ -18,6 +18,7 @@
 #include "algo/frame.h"
 #include "algo/grid_file.h"
 #include "algo/light_field.h"
+#include "algo/resample_lanes.h"
 
 namespace hord::algo {
 
@@ -57,6 +58,9 @@ class Resampler {
     std::vector<std::int32_t> offset_x_, offset_y_;    // of every bin from it, 1/32 px
     std::vector<std::int32_t> column_, row_;           // the same where bins lie in rows and columns; else empty
     int reach_x_ = 0;                                  // pixels from the first bin's to behind the last one's
+    LanePlan lanes_;                                   // of 8-bit samples; empty: they go the general way
+    DecodeLanes decode_lanes_ = nullptr;
+    [[nodiscard]] bool decode_8bit(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out, std::ptrdiff_t line_stride, bool room) const;
 };
 
 }  // namespace hord::algo

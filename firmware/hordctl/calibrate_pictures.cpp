@@ -126,8 +126,8 @@ cv::Mat draw_models(const calib::GridCalibration& found) {
     // Whole decades around what there is.
     const double first = std::floor(std::log10(low) - 0.1), last = std::max(first + 1, std::ceil(std::log10(high)));
     const auto x_of = [&](double error) { return kLeft + static_cast<int>(std::lround(kBar * (std::log10(error) - first) / (last - first))); };
-    text(image, "Error on lenslets that a model has not seen, px (both axes together, rms over blocks left out)", {kMargin, 28});
-    text(image, found.fit.reason, {kMargin, 54}, 0.45);
+    text(image, "Error on lenslets that a model has not seen, px (both axes together, rms over blocks left out; single lenslets: of another frame)", {kMargin, 28});
+    text(image, found.fit.reason.substr(0, found.fit.reason.find(';')), {kMargin, 54}, 0.45);
     const int bottom = kTop + kRow * static_cast<int>(ladder.size());
     for (double decade = first; decade <= last; decade += 1) {
         const int x = x_of(std::pow(10, decade));

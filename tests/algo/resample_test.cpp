@@ -154,6 +154,38 @@ TEST(Resample, the_same_bits_on_every_machine) {
     EXPECT_EQ(hash, 2871495133730868134U);
 }
 
+// 8-bit samples go through whole rows of bins at once where the processor can; the same samples in a deeper frame go one by one.
+TEST(Resample, eight_bit_frames_have_the_bits_of_the_general_way) {
+    const Frame narrow = noise(300, 280, 8);
+    Frame deep(300, 280, 12);
+    for (int y = 0; y < 280; ++y) {
+        for (int x = 0; x < 300; ++x) deep.set(x, y, narrow.view().sample(x, y));
+    }
+    for (const double pitch : {4.6, 9.0, 9.4, 14.3, 16.1, 20.6}) {
+        for (const auto& [bins_i, bins_j] : {std::pair{9, 9}, {8, 7}, {5, 12}, {15, 15}, {3, 4}}) {
+            if (pitch / bins_i < 0.5 || pitch / bins_j < 0.5) continue;
+            SCOPED_TRACE(::testing::Message() << pitch << " px, " << bins_i << "x" << bins_j);
+            LensletGrid grid = upright(static_cast<int>(300 / pitch) + 2, static_cast<int>(280 / pitch) + 2, pitch, -3.3);  // beyond every rim
+            grid.width_px = 300;
+            grid.height_px = 280;
+            grid.parameters[3] = 0.02 * pitch;
+            const auto resampler = Resampler::create(grid, even_layout(grid, bins_i, bins_j));
+            ASSERT_TRUE(resampler) << resampler.error().message();
+            const Frame a = *resampler->decode(narrow.view()), b = *resampler->decode(deep.view());
+            for (int y = 0; y < a.height_px(); ++y) {
+                for (int x = 0; x < a.width_px(); ++x) ASSERT_EQ(a.view().sample(x, y), b.view().sample(x, y)) << x << "," << y;
+            }
+            const auto size = static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(bins_i * bins_j);
+            std::vector<std::uint16_t> one(size), two(size);
+            for (int n = 0; n < grid.rows; ++n) {
+                resampler->decode_row_by_lenslet(narrow.view(), n, one);
+                resampler->decode_row_by_lenslet(deep.view(), n, two);
+                ASSERT_EQ(one, two) << n;
+            }
+        }
+    }
+}
+
 TEST(Resample, what_cannot_be_decoded_is_refused) {
     const LensletGrid grid = upright(5, 5, 9, 4);
     EXPECT_FALSE(Resampler::create(grid, even_layout(grid, 2, 9)));
