@@ -114,13 +114,17 @@ TEST(DecodeFeatures, a_rotated_distorted_hexagonal_array_sees_what_the_ideal_one
     const Difference found = decode_and_compare(true, 20.6, {.pitch_px = 20.6, .scale = 30, .strength = 2}, false);
     EXPECT_GT(found.compared, 1000);
     EXPECT_GT(found.mean_emd, 0.2);  // there is something to see
-    RecordProperty("rms_bins", std::to_string(found.rms));
+    RecordProperty("hexagonal, bin RMS", test::text(found.rms));
     EXPECT_LT(found.rms, kFeatureRms);
 }
 
 TEST(DecodeFeatures, so_does_a_square_one_and_one_with_photon_noise) {
-    EXPECT_LT(decode_and_compare(false, 22.3, {.pitch_px = 22.3, .scale = 30, .strength = 2}, false).rms, kFeatureAim);
-    EXPECT_LT(decode_and_compare(true, 20.6, {.pitch_px = 20.6, .scale = 30, .strength = 2}, true).rms, kFeatureRms);
+    const double square = decode_and_compare(false, 22.3, {.pitch_px = 22.3, .scale = 30, .strength = 2}, false).rms;
+    const double noisy = decode_and_compare(true, 20.6, {.pitch_px = 20.6, .scale = 30, .strength = 2}, true).rms;
+    RecordProperty("square, bin RMS", test::text(square));
+    RecordProperty("hexagonal with photon noise, bin RMS", test::text(noisy));
+    EXPECT_LT(square, kFeatureAim);
+    EXPECT_LT(noisy, kFeatureRms);
 }
 
 }  // namespace

@@ -232,7 +232,7 @@ TEST(GridFit, ninety_five_percent_intervals_cover_the_truth) {
         }
     }
     const double coverage = static_cast<double>(inside) / all;
-    RecordProperty("coverage", std::to_string(coverage));
+    RecordProperty("coverage of 1920 intervals in 240 runs", test::text(coverage));
     EXPECT_GT(coverage, 0.93);
     EXPECT_LT(coverage, 0.97);
 }

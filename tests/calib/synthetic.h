@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstdio>
 #include <functional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -12,6 +14,13 @@
 #include "calib/calibrate_grid.h"
 
 namespace hord::calib::test {
+
+// For a test's RecordProperty: docs/results/calibration.md shows it.
+inline std::string text(double value) {
+    char digits[32];
+    std::snprintf(digits, sizeof digits, "%.4f", value);
+    return digits;
+}
 
 // A small generator with the same numbers on every machine.
 class Random {

@@ -160,6 +160,7 @@ TEST(DirectionFit, ninety_five_percent_intervals_of_the_rotation_cover_it) {
         ASSERT_TRUE(fit);
         if (std::abs(fit->stage_rotation_rad - camera.turn) < 2.02 * fit->stage_rotation_sigma) ++inside;  // Student, 38 degrees of freedom
     }
+    RecordProperty("coverage of the rotation", test::text(inside / 400.0));
     EXPECT_GT(inside, 368);
     EXPECT_LT(inside, 392);
 }
@@ -198,6 +199,7 @@ TEST_F(TiltFrames, captured_frames_give_the_map_to_a_fiftieth_of_a_pixel) {
     }
     const auto fit = fit_directions(*empty, tilts, grid->pitch_px);
     ASSERT_TRUE(fit) << fit.error().message();
+    RecordProperty("left out, px x and y", test::text(fit->left_out_x_px) + " and " + test::text(fit->left_out_y_px));
     EXPECT_LE(fit->left_out_x_px, kLeftOut) << fit->reason;
     EXPECT_LE(fit->left_out_y_px, kLeftOut) << fit->reason;
     EXPECT_LT(worst(camera, fit->map, 0.055), kLeftOut);
