@@ -114,6 +114,24 @@ TEST(RegridBits, are_the_same_on_every_machine) {
     EXPECT_EQ(hash, 3741898740600764857U);
 }
 
+// 8-bit samples are mixed in 16 bits, deeper ones in 32.
+TEST(RegridBits, of_eight_bit_frames_are_those_of_the_same_samples_in_a_deeper_frame) {
+    for (const Stagger stagger : {Stagger::none, Stagger::rows, Stagger::columns}) {
+        const LensletGrid grid = lattice(stagger);
+        auto regridder = Regridder::create(grid, even_layout(grid, 9, 7));
+        ASSERT_TRUE(regridder);
+        std::uint32_t state = 9;
+        std::vector<std::uint32_t> samples(400 * 380);
+        for (std::uint32_t& sample : samples) sample = (state = state * 1664525U + 1013904223U) >> 24U;
+        const auto light = [&](double x, double y) { return samples[static_cast<std::size_t>(y) * 400 + static_cast<std::size_t>(x)]; };
+        const auto narrow = regridder->decode(filled(400, 380, 8, light).view()), deep = regridder->decode(filled(400, 380, 12, light).view());
+        ASSERT_TRUE(narrow && deep);
+        for (int y = 0; y < narrow->height_px(); ++y) {
+            for (int x = 0; x < narrow->width_px(); ++x) ASSERT_EQ(narrow->view().sample(x, y), deep->view().sample(x, y)) << x << "," << y;
+        }
+    }
+}
+
 TEST(RegridBits, places_without_lenslets_have_no_light) {
     LensletGrid grid = lattice(Stagger::rows);
     grid.columns = 12;  // the right half of the frame has none
