@@ -1,4 +1,5 @@
-// A V4L2 device behind the sensor's contract, where there is one: HORD_V4L2_DEVICE names it (an 8-bit GREY source).
+// A V4L2 device behind the sensor's contract, where there is one: HORD_V4L2_DEVICE names it (an 8-bit GREY source), and
+// HORD_V4L2_LOSE is the command that makes it fail.
 #include <cstdlib>
 
 #include "drivers/v4l2_sensor.h"
@@ -17,6 +18,10 @@ class V4l2Harness final : public SensorHarness {
         sensor_ = std::move(*opened);
     }
     hal::Sensor& device() override { return *sensor_; }
+    bool lose() override {
+        const char* command = std::getenv("HORD_V4L2_LOSE");
+        return command != nullptr && std::system(command) == 0;
+    }
 
   private:
     std::unique_ptr<drivers::V4l2Sensor> sensor_;

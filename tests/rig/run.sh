@@ -1,0 +1,130 @@
+#!/bin/bash
+# The rig: a virtual machine with real device nodes, in which the package is installed and the station runs on its real drivers above
+# the simulated world (./dev rig; docs/hardware.md). run.sh PACKAGE.deb; needs root once, to make the machine's root.
+#   HORD_RIG_CACHE   what is made once is kept here          (~/.cache/hord-rig)
+#   HORD_RIG_ACCEL   kvm or tcg                               (kvm where it works)
+#   HORD_RIG_KILLS   how often the service is killed          (3)
+#   HORD_RIG_CUTS    how often the power is cut               (1)
+#   HORD_RIG_SEED    of the random moments and the parts      (1)
+set -euo pipefail
+cd "$(dirname "$(readlink -f "$0")")/../.."
+deb=$1 bin=build/release/bin out=build/rig
+cache=${HORD_RIG_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/hord-rig}
+kills=${HORD_RIG_KILLS:-3} cuts=${HORD_RIG_CUTS:-1} seed=${HORD_RIG_SEED:-1}
+die() { printf 'rig: %s\n' "$*" >&2; exit 2; }
+RANDOM=$seed
+
+mkdir -p "$out"
+printf 'the machine (kept in %s)\n' "$cache"
+# What the package and the tools need is part of the machine's root, so that installing takes no network.
+mapfile -t dependencies < <(dpkg-deb -f "$deb" Depends | tr ',' '\n' | sed 's/(.*//; s/|.*//; s/ //g' | sort -u)
+tests/rig/machine.sh "$cache" "${dependencies[@]}"
+
+# KVM may be there, let itself be opened, and not run anything (a virtual machine in another): only a kernel that speaks proves it.
+kvm_works() {
+    [ -r /dev/kvm ] && [ -w /dev/kvm ] || return 1
+    timeout 10 qemu-system-x86_64 -accel kvm -M q35 -cpu host -m 256 -nodefaults -display none -no-reboot -kernel "$cache/vmlinuz" \
+        -append "console=ttyS0 earlyprintk=ttyS0 panic=-1" -serial stdio </dev/null 2>/dev/null | grep -qam1 'Linux version'
+}
+accel=${HORD_RIG_ACCEL:-}
+[ -n "$accel" ] || { kvm_works && accel=kvm || accel=tcg; }
+
+# ---- what this run brings: the package, the tools, the frames
+
+printf 'frames\n'
+rm -rf "$out/payload" "$out/frames"
+mkdir -p "$out/frames"
+for scene in tests/rig/scenes/*.toml; do
+    "$bin/hordctl" render "$scene" --seed "$seed" --out "$out/frames/$(basename "$scene" .toml).png" >/dev/null 2>&1 || die "$scene cannot be rendered"
+done
+# What the station must say of each, by the same software in one process.
+"$bin/hordctl" inspect "$out"/frames/*.png --macro 9x9 --json >"$out/verdicts.json" || [ $? = 1 ]
+for frame in "$out"/frames/*.png; do
+    want=reject
+    case $(basename "$frame") in good* | empty*) want=pass ;; esac
+    grep -F "$(basename "$frame")" "$out/verdicts.json" | grep -q "\"verdict\": *\"$want\"" || die "$frame is not judged as $want in process: see $out/verdicts.json"
+done
+
+payload=$out/payload
+mkdir -p "$payload"/opt/rig "$payload"/etc/modprobe.d "$payload"/etc/systemd/system/{sysinit.target.wants,multi-user.target.wants} "$payload/var"
+cp -a "$cache/modules/." "$payload/"
+cp tests/rig/guest/{devices.sh,checks.sh,hordd.toml} "$payload/opt/rig/"
+cp tests/rig/guest/modprobe.conf "$payload/etc/modprobe.d/rig.conf"
+cp tests/rig/guest/*.service "$payload/etc/systemd/system/"
+ln -s ../rig-devices.service "$payload/etc/systemd/system/sysinit.target.wants/"
+ln -s ../rig-checks.service "$payload/etc/systemd/system/multi-user.target.wants/"
+while read -r unit; do ln -s /dev/null "$payload/etc/systemd/system/$unit"; done <tests/rig/guest/mask
+cp "$deb" "$payload/opt/rig/hord-station.deb"
+cp -r "$out/frames" "$payload/opt/rig/"
+for tool in test_contract hord_rig_world; do
+    cp "$bin/$tool" "$payload/opt/rig/"
+    strip --strip-debug "$payload/opt/rig/$tool"
+done
+touch "$payload/etc/.updated" "$payload/var/.updated"
+mksquashfs "$payload" "$out/payload.squashfs" -comp zstd -Xcompression-level 3 -noappend -quiet -no-progress -all-root
+rm -rf "$payload"
+rm -f "$out/disk.img"
+truncate -s 1G "$out/disk.img"
+mkfs.ext4 -q -F "$out/disk.img"
+
+# ---- the machine runs
+
+boot() {  # boot PHASE LOG [kernel argument...]: until it powers off, or its power is cut
+    local phase=$1 log=$2 qemu cut_at=
+    shift 2
+    local cpu=max,la57=off options=(-accel tcg,thread=multi,tb-size=256)
+    [ "$accel" = tcg ] || { cpu=host; options=(-accel kvm); }
+    timeout 900 qemu-system-x86_64 -name hord-rig -M q35 -cpu $cpu -smp 2 -m 768 "${options[@]}" -nodefaults -display none -no-reboot \
+        -kernel "$cache/vmlinuz" -initrd "$cache/initrd.img" \
+        -append "console=ttyS0 quiet loglevel=4 panic=-1 net.ifnames=0 mitigations=off random.trust_cpu=on systemd.show_status=false rig.phase=$phase rig.kills=$kills rig.seed=$seed $*" \
+        -chardev stdio,id=con,signal=off -device isa-serial,chardev=con \
+        -drive "file=$cache/base.squashfs,format=raw,if=none,id=d0,readonly=on" -device virtio-blk-pci,drive=d0 \
+        -drive "file=$out/payload.squashfs,format=raw,if=none,id=d1,readonly=on" -device virtio-blk-pci,drive=d1 \
+        -drive "file=$out/disk.img,format=raw,if=none,id=d2,cache=writeback" -device virtio-blk-pci,drive=d2 \
+        </dev/null >"$log" 2>&1 &
+    qemu=$!
+    while kill -0 $qemu 2>/dev/null; do
+        if [ -z "$cut_at" ] && grep -qa 'RIG CUT' "$log"; then cut_at=$(($(date +%s%N) / 1000000 + 1500 + RANDOM % 4000)); fi
+        if [ -n "$cut_at" ] && [ $(($(date +%s%N) / 1000000)) -ge $cut_at ]; then
+            pkill -KILL -P $qemu -x qemu-system-x86 || true  # the power, not the switch
+            break
+        fi
+        sleep 0.1
+    done
+    wait $qemu 2>/dev/null || true
+    if [ -n "$cut_at" ]; then printf 'RIG PASS power-was-cut 0\n' >>"$log"; fi
+    tr -d '\r' <"$log" | grep -a 'RIG ' | sed 's/^.*\(RIG [A-Z|#]\)/\1/' >"$log.rig"
+    grep -E '^RIG (PASS|FAIL|START|RESULT|  ?\||CUT|\|)' "$log.rig" | sed 's/^RIG //' || { tail -n 30 "$log"; die "the machine did not come up"; }
+}
+
+began=$(date +%s)
+rm -f "$out"/*.log "$out"/*.rig
+say_boot() { printf '\n== %s (%s)\n' "$1" "$accel"; }
+say_boot "first boot: contracts, package, line, faults"
+boot install "$out/1-install.log"
+kept() { sed -n 's/^RIG ACKNOWLEDGED \([0-9]*\) \([0-9]*\).*/\1.\2/p' "$1.rig" | tail -n 1; }
+last=$out/1-install.log
+for k in $(seq 2 "$cuts"); do
+    say_boot "power cut $k"
+    boot cut "$out/cut-$k.log" "rig.kept=$(kept "$last")"
+    last=$out/cut-$k.log
+done
+say_boot "boot after the power cut"
+boot boot "$out/9-boot.log" "rig.kept=$(kept "$last")"
+
+# ---- the summary: every check that was announced must have reported
+
+cat "$out"/*.rig >"$out/all.rig"
+announced=$(sed -n 's/^        check \([a-z0-9-]*\) .*/\1/p' tests/rig/guest/checks.sh | awk '!seen[$0]++')
+printf '\n%-46s %-6s %s\n' check outcome seconds
+failed=0
+for name in $announced; do
+    [ "$name" != fault-power-cut ] || name=power-was-cut
+    line=$(grep -E "^RIG (PASS|FAIL) $name " "$out/all.rig" | tail -n 1 || true)
+    outcome=$(cut -d' ' -f2 <<<"$line") ms=$(cut -d' ' -f4 <<<"$line")
+    ! grep -qE "^RIG FAIL $name " "$out/all.rig" || outcome=FAIL
+    [ "$outcome" = PASS ] || failed=$((failed + 1))
+    printf '%-46s %-6s %s\n' "$name" "${outcome:-MISSING}" "$(awk -v ms="${ms:-0}" 'BEGIN {printf "%.1f", ms / 1000}')"
+done
+printf '%s checks, %s failed or missing; %s s with %s; logs in %s\n' "$(wc -w <<<"$announced")" "$failed" $(($(date +%s) - began)) "$accel" "$out"
+[ "$failed" = 0 ]
