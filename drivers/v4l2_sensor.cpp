@@ -114,7 +114,7 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
     }
     v4l2_format format{};
     format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    if (request(stream->fd, VIDIOC_G_FMT, &format) != 0) return failed(device, "does not say its format", errno);
+    if (request(stream->fd, VIDIOC_G_FMT, &format) != 0) return failed(device, "does not say its format (is the camera on?)", errno);
     v4l2_pix_format& pixel = format.fmt.pix;
     const std::uint32_t width = options_.width_px > 0 ? static_cast<std::uint32_t>(options_.width_px) : pixel.width;
     const std::uint32_t height = options_.height_px > 0 ? static_cast<std::uint32_t>(options_.height_px) : pixel.height;
@@ -223,6 +223,7 @@ void V4l2Sensor::on_ready() {
         return lose("frames stopped", errno);
     }
     if (buffer.index >= stream->maps.size()) return lose("it named a buffer that does not exist", EIO);
+    if (!watch_again(stream->fd)) return lose("it cannot be waited for", EIO);
     // The kernel's monotonic time stamp is of the start or of the end of the exposure.
     const TimePoint stamp{std::chrono::seconds(buffer.timestamp.tv_sec) + std::chrono::microseconds(buffer.timestamp.tv_usec)};
     const bool of_start = (buffer.flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK) == V4L2_BUF_FLAG_TSTAMP_SRC_SOE;
@@ -244,6 +245,16 @@ void V4l2Sensor::on_ready() {
     const hal::FrameInfo info{.sequence = buffer.sequence - unasked_now_, .exposure_start = start, .bytes_used = buffer.bytesused,
                               .corrupt = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0};
     listener_->on_frame(hal::FrameLease(*this, slot, view, info));
+}
+
+// v4l2loopback (0.12) puts a waiter on its list only where nothing is readable: one that came while a frame waited is never
+// woken again. Anew after every frame, it is.
+bool V4l2Sensor::watch_again(int fd) {
+    loop_.unwatch(watch_);
+    auto watch = loop_.watch(fd, hal::EventLoop::Readiness::readable, [this] { on_ready(); });
+    if (!watch) return false;
+    watch_ = *watch;
+    return true;
 }
 
 void V4l2Sensor::do_give_back(std::uint32_t slot) noexcept {
@@ -270,7 +281,13 @@ void V4l2Sensor::do_stop() {
     const std::scoped_lock lock(loans_->mutex);
     const std::shared_ptr<Stream> stream = std::exchange(loans_->stream, nullptr);
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    (void)request(stream->fd, VIDIOC_STREAMOFF, &type);  // memory on loan stays mapped until its last lease dies
+    (void)request(stream->fd, VIDIOC_STREAMOFF, &type);
+    // Lets go of the device's queue, so that it can be started again while frames are on loan: their memory stays mapped until
+    // the last lease dies. A driver that cannot leave mapped buffers behind refuses; then a restart waits for the leases.
+    v4l2_requestbuffers none{};
+    none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    none.memory = V4L2_MEMORY_MMAP;
+    (void)request(stream->fd, VIDIOC_REQBUFS, &none);
 }
 
 }  // namespace hord::drivers

@@ -45,6 +45,7 @@ class V4l2Sensor final : public hal::Sensor {
     void do_give_back(std::uint32_t slot) noexcept override;
 
     void on_ready();
+    bool watch_again(int fd);
     void lose(const char* what, int error);
     Result<std::shared_ptr<Stream>> open_stream();
 

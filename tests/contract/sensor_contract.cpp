@@ -50,7 +50,7 @@ TEST_P(SensorContract, a_trigger_brings_one_whole_frame_of_the_format_exposed_no
     for (std::uint32_t k = 1; k <= 3; ++k) {
         const ExposureRequest asked = exposure(*h_, k);
         ASSERT_TRUE(h_->device().trigger(asked));
-        ASSERT_TRUE(h_->run_until([&] { return !ear.frames.empty(); }));
+        ASSERT_TRUE(h_->run_until([&] { return !ear.frames.empty(); })) << (ear.losses.empty() ? "not lost" : ear.losses[0].message());
         ASSERT_EQ(ear.frames.size(), 1U);
         const FrameLease frame = std::move(ear.frames[0]);
         ear.frames.clear();

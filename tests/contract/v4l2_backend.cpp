@@ -1,5 +1,6 @@
 // A V4L2 device behind the sensor's contract, where there is one: HORD_V4L2_DEVICE names it (an 8-bit GREY source), and
 // HORD_V4L2_LOSE is the command that makes it fail.
+#include <cstdio>
 #include <cstdlib>
 
 #include "drivers/v4l2_sensor.h"
@@ -16,6 +17,9 @@ class V4l2Harness final : public SensorHarness {
         auto opened = drivers::V4l2Sensor::open(loop(), options);
         EXPECT_TRUE(opened) << opened.error().message();
         sensor_ = std::move(*opened);
+    }
+    ~V4l2Harness() override {
+        if (testing::Test::HasFailure()) std::printf("frames that nobody had asked for: %llu\n", static_cast<unsigned long long>(sensor_->unasked()));
     }
     hal::Sensor& device() override { return *sensor_; }
     bool lose() override {

@@ -5,6 +5,7 @@
 #   HORD_RIG_ACCEL   kvm or tcg                               (kvm where it works)
 #   HORD_RIG_KILLS   how often the service is killed          (3)
 #   HORD_RIG_CUTS    how often the power is cut               (1)
+#   HORD_RIG_ONLY    a pattern: only checks of these names    (all)
 #   HORD_RIG_SEED    of the random moments and the parts      (1)
 set -euo pipefail
 cd "$(dirname "$(readlink -f "$0")")/../.."
@@ -51,6 +52,7 @@ cp -a "$cache/modules/." "$payload/"
 cp tests/rig/guest/{devices.sh,checks.sh,hordd.toml} "$payload/opt/rig/"
 cp tests/rig/guest/modprobe.conf "$payload/etc/modprobe.d/rig.conf"
 cp tests/rig/guest/*.service "$payload/etc/systemd/system/"
+install -D -m644 tests/rig/guest/slow.conf "$payload/etc/systemd/system/hordd.service.d/slow.conf"
 ln -s ../rig-devices.service "$payload/etc/systemd/system/sysinit.target.wants/"
 ln -s ../rig-checks.service "$payload/etc/systemd/system/multi-user.target.wants/"
 while read -r unit; do ln -s /dev/null "$payload/etc/systemd/system/$unit"; done <tests/rig/guest/mask
@@ -76,7 +78,7 @@ boot() {  # boot PHASE LOG [kernel argument...]: until it powers off, or its pow
     [ "$accel" = tcg ] || { cpu=host; options=(-accel kvm); }
     timeout 900 qemu-system-x86_64 -name hord-rig -M q35 -cpu $cpu -smp 2 -m 768 "${options[@]}" -nodefaults -display none -no-reboot \
         -kernel "$cache/vmlinuz" -initrd "$cache/initrd.img" \
-        -append "console=ttyS0 quiet loglevel=4 panic=-1 net.ifnames=0 mitigations=off random.trust_cpu=on systemd.show_status=false rig.phase=$phase rig.kills=$kills rig.seed=$seed $*" \
+        -append "console=ttyS0 quiet loglevel=4 panic=-1 net.ifnames=0 mitigations=off random.trust_cpu=on systemd.show_status=false rig.phase=$phase rig.kills=$kills rig.seed=$seed ${HORD_RIG_ONLY:+rig.only=$HORD_RIG_ONLY} $*" \
         -chardev stdio,id=con,signal=off -device isa-serial,chardev=con \
         -drive "file=$cache/base.squashfs,format=raw,if=none,id=d0,readonly=on" -device virtio-blk-pci,drive=d0 \
         -drive "file=$out/payload.squashfs,format=raw,if=none,id=d1,readonly=on" -device virtio-blk-pci,drive=d1 \

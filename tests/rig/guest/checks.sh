@@ -7,6 +7,7 @@ world=/opt/rig/hord_rig_world
 phase=$(sed -n 's/.*rig\.phase=\([a-z]*\).*/\1/p' /proc/cmdline)
 kills=$(sed -n 's/.*rig\.kills=\([0-9]*\).*/\1/p' /proc/cmdline)
 seed=$(sed -n 's/.*rig\.seed=\([0-9]*\).*/\1/p' /proc/cmdline)
+only=$(sed -n 's/.*rig\.only=\([^ ]*\).*/\1/p' /proc/cmdline)  # a pattern of names, to look into one
 RANDOM=${seed:-1}
 pass=0 fail=0
 say() { printf 'RIG %s\n' "$*"; }
@@ -15,6 +16,7 @@ now_ms() { awk '{print int($1 * 1000)}' /proc/uptime; }
 check() {  # check NAME COMMAND...: everything it prints is shown
     local name=$1 began out rc
     shift
+    [[ $name =~ ${only:-.} ]] || return 0
     began=$(now_ms)
     out=$("$@" 2>&1)
     rc=$?
@@ -61,7 +63,8 @@ contract_video_loopback() {
     return $rc
 }
 contract_video_vivid() {
-    v4l2-ctl -d /dev/video20 -v width=320,height=180,pixelformat=GREY -p 30 >/dev/null 2>&1
+    v4l2-ctl -d /dev/video20 -v width=320,height=180,pixelformat=GREY -p 5 >/dev/null 2>&1
+    v4l2-ctl -d /dev/video20 -c timestamp_source=1  # of the start of the frame: that of its end lies in the future
     HORD_V4L2_LOSE='v4l2-ctl -d /dev/video20 -c inject_fatal_streaming_error=1' HORD_V4L2_DEVICE=/dev/video20 contract 'V4l2/*'
 }
 
@@ -76,12 +79,14 @@ line_folder() { echo "/sys/devices/platform/$(cat $chip/dev_name)/$(cat $chip/ba
 
 install_package() {
     mkdir -p /etc/hord
+    start_world /tmp/install --parts 1000 || return 1  # the camera is on, the module answers
     cp /opt/rig/hordd.toml /etc/hord/hordd.toml  # kept: the package does not overwrite an edited configuration
     dpkg -i --force-confold /opt/rig/hord-station.deb || return 1
     cmp /opt/rig/hordd.toml /etc/hord/hordd.toml || return 1
-    wait_for 60 hordd_active || { systemctl status hordd --no-pager; journalctl -u hordd -o cat | tail -n 20; return 1; }
+    wait_for 120 hordd_active || { systemctl status hordd --no-pager; journalctl -u hordd -o cat | tail -n 20; return 1; }
     systemctl show -P StatusText hordd
     ls -l /dev/gpiochip0 /dev/video10
+    stop_world
 }
 
 security() {
@@ -99,9 +104,15 @@ start_world() {  # start_world LOG ARGUMENT...
     wait_for 60 grep -q ' ready' "$log" || { cat "$log"; return 1; }
 }
 
+stop_world() {
+    kill "$world_pid"
+    wait "$world_pid" 2>/dev/null
+    return 0
+}
+
 to_execution() {  # whatever it does now
     local k
-    for k in $(seq 200); do
+    for k in $(seq 240); do
         case "$(state)" in
             continuous_execution) return 0 ;;
             error) hordctl command reset ;;
@@ -116,7 +127,7 @@ to_execution() {  # whatever it does now
 
 whole_line() {
     start_world /tmp/line --parts 16 --seed "${seed:-1}" --faults '3=bounce,5=no-frame,7=short-frame,9=late-frame,11=twice,13=camera-gone' || return 1
-    to_execution || { kill $world_pid; return 1; }
+    to_execution || { stop_world; return 1; }
     wait $world_pid
     local rc=$?
     grep -E ' (gone|totals) ' /tmp/line | cut -d' ' -f2-
@@ -131,34 +142,42 @@ lights_in_limits() {
          END {printf "%d flashes, longest %.1f ms by the simulator'"'"'s side, 80 ms allowed\n", n, worst; exit !(n >= 10 && worst <= 80)}' /tmp/line && lamps_dark
 }
 
+camera_on() {
+    $world camera --video /dev/video10 --width 333 --height 333 --period 200 &
+    camera_pid=$!
+}
+
 line_busy() {
+    camera_on
     systemctl stop hordd || return 1
     gpioset -m signal rig-gpio 0=0 &
     local holder=$!
     sleep 0.5
     systemctl start --no-block hordd
-    wait_for 60 journal_says 'COLLIMATOR_A.*holds it' || { kill $holder; return 1; }
+    wait_for 120 journal_says 'COLLIMATOR_A.*holds it' || { kill $holder; return 1; }
     journalctl -u hordd -o cat | grep 'holds it' | tail -n 1
     kill $holder
     wait $holder 2>/dev/null
-    wait_for 60 hordd_active  # by itself
+    wait_for 120 hordd_active || return 1  # by itself
+    kill $camera_pid
 }
 
 chip_missing() {
+    camera_on
     systemctl stop hordd || return 1
     echo 0 >$chip/live
     systemctl start --no-block hordd
-    wait_for 60 journal_says 'there is no such chip' || return 1
+    wait_for 120 journal_says 'there is no such chip' || return 1
     journalctl -u hordd -o cat | grep 'there is no such chip' | tail -n 1
     echo 1 >$chip/live
-    wait_for 60 hordd_active
+    wait_for 120 hordd_active || return 1
+    kill $camera_pid
 }
 
 chip_goes() {
     start_world /tmp/goes --parts 1000 || return 1
     to_execution || return 1
-    kill $world_pid
-    wait $world_pid 2>/dev/null
+    stop_world
     start_world /tmp/goes --parts 1000 || return 1
     to_execution || return 1
     local began
@@ -167,8 +186,7 @@ chip_goes() {
     wait_for 30 not_executing || return 1
     echo "line stopped $(($(now_ms) - began)) ms after the chip went"
     hordctl status | grep -iE 'fault|state' | head -n 4
-    kill $world_pid
-    wait $world_pid 2>/dev/null
+    stop_world
     echo 1 >$chip/live
     start_world /tmp/back --parts 2 || return 1
     to_execution || return 1
@@ -182,7 +200,7 @@ killed() {
     local k pid at worst_light=0 worst_coil=0 light coil
     for k in $(seq "${kills:-3}"); do
         start_world /tmp/kill --parts 1000 --seed "$k" || return 1
-        to_execution || { kill $world_pid; return 1; }
+        to_execution || { stop_world; return 1; }
         sleep "$((1 + RANDOM % 3)).$((RANDOM % 10))$((RANDOM % 10))"
         pid=$(systemctl show -P MainPID hordd)
         at=$(cut -d' ' -f1 /proc/uptime)
@@ -196,9 +214,8 @@ killed() {
         [ -n "$coil" ] || { cat /tmp/kill | tail; return 1; }
         [ "${light:-0}" -le $worst_light ] || worst_light=$light
         [ "$coil" -le $worst_coil ] || worst_coil=$coil
-        kill $world_pid
-        wait $world_pid 2>/dev/null
-        wait_for 60 hordd_active || return 1
+        wait_for 120 hordd_active || return 1
+        stop_world
     done
     echo "${kills:-3} kills: dark within $worst_light ms, outputs safe within $worst_coil ms"
 }
@@ -220,7 +237,7 @@ until_power_cut() {
 
 boot_into_ready() {
     start_world /tmp/boot --parts 1000 || return 1
-    wait_for 60 hordd_active || { journalctl -u hordd -o cat | tail; return 1; }
+    wait_for 120 hordd_active || { journalctl -u hordd -o cat | tail; return 1; }
     local inactive active
     inactive=$(systemctl show -P InactiveExitTimestampMonotonic hordd)
     active=$(systemctl show -P ActiveEnterTimestampMonotonic hordd)
@@ -230,10 +247,10 @@ boot_into_ready() {
 
 # Parts were on the line when the power went: nobody knows where they are.
 line_stop_until_reset() {
-    wait_for 60 journal_says 'line_unknown\|LINE STOP\|line stop' || hordctl status
+    wait_for 120 journal_says 'line_unknown\|LINE STOP\|line stop' || hordctl status
     hordctl status | head -n 6
     to_execution || return 1
-    kill $world_pid
+    stop_world
 }
 
 store_is_whole() {
@@ -251,10 +268,12 @@ store_is_whole() {
 
 restart_time() {
     local k times=()
+    camera_on
     for k in 1 2 3; do
         systemctl restart hordd || return 1
         times+=($((($(systemctl show -P ActiveEnterTimestampMonotonic hordd) - $(systemctl show -P InactiveExitTimestampMonotonic hordd)) / 1000)))
     done
+    kill $camera_pid
     echo "start to ready, warm: ${times[*]} ms"
 }
 
