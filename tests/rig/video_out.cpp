@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstring>
 #include <stdexcept>
 #include <utility>
@@ -30,6 +31,9 @@ void VideoOut::open() {
         format.fmt.pix.height != static_cast<std::uint32_t>(height_) || format.fmt.pix.pixelformat != V4L2_PIX_FMT_GREY) {
         throw std::runtime_error(device_ + " takes no GREY frames of this size: " + std::strerror(errno));
     }
+    // Before its first frame the device has no format for those who read; a camera that is on has sent some.
+    const std::vector<std::byte> dark(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_));
+    send({dark.data(), width_, height_, width_, 8});
 }
 
 void VideoOut::close() {

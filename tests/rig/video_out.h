@@ -17,7 +17,7 @@ class VideoOut {
     VideoOut(const VideoOut&) = delete;
     VideoOut& operator=(const VideoOut&) = delete;
 
-    void open();
+    void open();  // and sends one dark frame
     void close();
     [[nodiscard]] bool is_open() const { return fd_ >= 0; }
     // One frame, or the first `bytes` of it; nothing while closed.

@@ -14,13 +14,12 @@ say() { printf 'RIG %s\n' "$*"; }
 now_ms() { awk '{print int($1 * 1000)}' /proc/uptime; }
 
 check() {  # check NAME COMMAND...: everything it prints is shown
-    local name=$1 began out rc
+    local name=$1 began rc
     shift
     [[ $name =~ ${only:-.} ]] || return 0
     began=$(now_ms)
-    out=$("$@" 2>&1)
-    rc=$?
-    [ -z "$out" ] || sed 's/^/RIG  | /' <<<"$out"
+    "$@" 2>&1 | sed -u 's/^/RIG  | /'
+    rc=${PIPESTATUS[0]}
     if [ $rc = 0 ]; then pass=$((pass + 1)); say PASS "$name" "$(($(now_ms) - began))"; else fail=$((fail + 1)); say FAIL "$name" "$(($(now_ms) - began))"; fi
 }
 
@@ -52,7 +51,7 @@ devices() {
 }
 
 contract_video_loopback() {
-    $world camera --video /dev/video11 &
+    $world camera --video /dev/video11 >/dev/null 2>&1 &
     local camera=$!
     sleep 1
     # How a device is lost is shown on the other one: this one never is.
@@ -143,14 +142,14 @@ lights_in_limits() {
 }
 
 camera_on() {
-    $world camera --video /dev/video10 --width 333 --height 333 --period 200 &
+    $world camera --video /dev/video10 --width 333 --height 333 --period 200 >/dev/null 2>&1 &
     camera_pid=$!
 }
 
 line_busy() {
     camera_on
     systemctl stop hordd || return 1
-    gpioset -m signal rig-gpio 0=0 &
+    gpioset -m signal rig-gpio 0=0 >/dev/null 2>&1 &
     local holder=$!
     sleep 0.5
     systemctl start --no-block hordd
