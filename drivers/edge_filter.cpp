@@ -6,8 +6,14 @@ namespace hord::drivers {
 
 void EdgeFilter::feed(const GpioEdge& raw, std::vector<Edge>& edges) {
     if (unrest_ && raw.at - unrest_->last >= debounce_) end_unrest(unrest_->active, edges);
-    if (!unrest_) unrest_ = Unrest{.first = raw.at, .last = raw.at};
+    if (!unrest_) {
+        unrest_.emplace();
+        unrest_->first = raw.at;
+    }
+    doubted_since_.reset();
     unrest_->last = raw.at;
+    unrest_->due = raw.at + debounce_;
+    unrest_->doubted = false;
     unrest_->active = raw.active;
     unrest_->lost += raw.lost;
     ++unrest_->edges;
@@ -15,13 +21,24 @@ void EdgeFilter::feed(const GpioEdge& raw, std::vector<Edge>& edges) {
 
 std::optional<hal::TimePoint> EdgeFilter::due() const {
     if (!unrest_) return std::nullopt;
-    return unrest_->last + debounce_;
+    return unrest_->due;
 }
 
 void EdgeFilter::settle(hal::TimePoint now, bool active, std::vector<Edge>& edges) {
     if (unrest_) {
-        if (now >= unrest_->last + debounce_) end_unrest(active, edges);
-    } else if (active != active_) {
+        if (now < unrest_->due) return;
+        if (active != unrest_->active && !unrest_->doubted) {
+            unrest_->doubted = true;
+            unrest_->due = now + kDoubt;
+            return;
+        }
+        end_unrest(active, edges);
+    } else if (active == active_) {
+        doubted_since_.reset();
+    } else if (!doubted_since_) {
+        doubted_since_ = now;
+    } else if (now - *doubted_since_ >= kDoubt) {
+        doubted_since_.reset();
         tell(active, now, 1, edges);
     }
 }

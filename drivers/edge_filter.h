@@ -34,8 +34,10 @@ class EdgeFilter {
     // When settle() is due; none: the line is still.
     [[nodiscard]] std::optional<hal::TimePoint> due() const;
 
-    // At `now`, `active` is the line's level, read after the last raw edge was fed. Ends an unrest that is due; on a line that
-    // is still, a level that no edge has told of is an edge that was lost.
+    // At `now`, `active` is the line's level, read after the last raw edge was fed. Ends an unrest that is due. A level that no edge
+    // has told of may be that of an edge that is still on its way: it is believed the second time, kDoubt later. On a line
+    // that is still it is an edge that was lost.
+    static constexpr hal::Duration kDoubt = std::chrono::milliseconds(20);
     void settle(hal::TimePoint now, bool active, std::vector<Edge>& edges);
 
     [[nodiscard]] bool restless() const { return unrest_ && unrest_->last - unrest_->first > patience_; }
@@ -45,6 +47,8 @@ class EdgeFilter {
   private:
     struct Unrest {
         hal::TimePoint first, last;
+        hal::TimePoint due;
+        bool doubted = false;
         std::uint32_t edges = 0;
         std::uint32_t lost = 0;
         bool active = false;  // after the last one
@@ -55,6 +59,7 @@ class EdgeFilter {
     hal::Duration debounce_, patience_;
     bool active_;
     std::optional<Unrest> unrest_;
+    std::optional<hal::TimePoint> doubted_since_;  // a still line's level
     std::uint32_t sequence_ = 0;
     std::uint32_t untold_ = 0;  // lost, not yet shown as a gap
     std::uint64_t bounces_ = 0, lost_ = 0;

@@ -12,6 +12,9 @@
 #include <cstring>
 #include <map>
 #include <mutex>
+#include <span>
+
+#include "drivers/packed_samples.h"
 
 namespace hord::drivers {
 namespace {
@@ -27,11 +30,19 @@ int request(int fd, unsigned long code, void* argument) {
     }
 }
 
+// What holds samples of so many bits; of two, the device is asked for the first first. Older kernels' headers have no Y12P.
 struct Depth {
     int bits;
     std::uint32_t fourcc;
+    std::size_t (*packed_bytes)(std::size_t width) = nullptr;
+    void (*unpack)(std::span<const std::byte> row, std::span<std::uint16_t> samples) = nullptr;
 };
-constexpr std::array<Depth, 4> kDepths = {{{8, V4L2_PIX_FMT_GREY}, {10, V4L2_PIX_FMT_Y10}, {12, V4L2_PIX_FMT_Y12}, {16, V4L2_PIX_FMT_Y16}}};
+constexpr std::array<Depth, 6> kDepths = {{{8, V4L2_PIX_FMT_GREY},
+                                           {10, V4L2_PIX_FMT_Y10},
+                                           {10, v4l2_fourcc('Y', '1', '0', 'P'), packed10_bytes, unpack10},
+                                           {12, V4L2_PIX_FMT_Y12},
+                                           {12, v4l2_fourcc('Y', '1', '2', 'P'), packed12_bytes, unpack12},
+                                           {16, V4L2_PIX_FMT_Y16}}};
 
 std::string fourcc_text(std::uint32_t f) {
     return {static_cast<char>(f & 0xFF), static_cast<char>((f >> 8) & 0xFF), static_cast<char>((f >> 16) & 0xFF), static_cast<char>((f >> 24) & 0x7F)};
@@ -61,10 +72,27 @@ tl::unexpected<Error> failed(const std::string& device, const char* what, int er
 struct V4l2Sensor::Stream {
     int fd = -1;
     std::vector<std::pair<void*, std::size_t>> maps;
+    Depth depth{};
+    std::vector<std::vector<std::uint16_t>> unpacked;  // of each buffer, where samples come packed
 
     ~Stream() {
         for (const auto& [data, size] : maps) munmap(data, size);
         if (fd >= 0) close(fd);  // also ends streaming and frees the buffers
+    }
+    // The device's own samples where it has them as the pipeline wants them, else unpacked; `bytes_used` follows.
+    algo::FrameView view_of(std::uint32_t index, const hal::SensorFormat& format, std::ptrdiff_t stride_bytes, std::size_t& bytes_used) {
+        const auto* data = static_cast<const std::byte*>(maps[index].first);
+        if (depth.unpack == nullptr) return {data, format.width_px, format.height_px, stride_bytes, format.bits};
+        const auto width = static_cast<std::size_t>(format.width_px), height = static_cast<std::size_t>(format.height_px);
+        const std::size_t row_bytes = depth.packed_bytes(width), stride = static_cast<std::size_t>(stride_bytes);
+        std::vector<std::uint16_t>& samples = unpacked[index];
+        std::size_t whole = 0;  // rows that are there
+        for (; whole < height && whole * stride + row_bytes <= bytes_used; ++whole) {
+            depth.unpack({data + whole * stride, row_bytes}, std::span(samples).subspan(whole * width, width));
+        }
+        bytes_used = whole * width * sizeof(std::uint16_t);
+        return {reinterpret_cast<const std::byte*>(samples.data()), format.width_px, format.height_px,
+                static_cast<std::ptrdiff_t>(width * sizeof(std::uint16_t)), format.bits};
     }
     int queue(std::uint32_t index) const {
         v4l2_buffer buffer{};
@@ -108,8 +136,7 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
     if (!is_video || (can & V4L2_CAP_VIDEO_CAPTURE) == 0 || (can & V4L2_CAP_STREAMING) == 0) {
         return fail(ErrorCode::unsupported, device + " is not a video device that streams frames", "name the sensor's /dev/video node");
     }
-    const auto depth = std::ranges::find(kDepths, options_.bits, &Depth::bits);
-    if (depth == kDepths.end()) {
+    if (std::ranges::find(kDepths, options_.bits, &Depth::bits) == kDepths.end()) {
         return fail(ErrorCode::unsupported, device + ": no format with " + std::to_string(options_.bits) + " bits is known", "use 8, 10, 12 or 16");
     }
     v4l2_format format{};
@@ -118,21 +145,30 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
     v4l2_pix_format& pixel = format.fmt.pix;
     const std::uint32_t width = options_.width_px > 0 ? static_cast<std::uint32_t>(options_.width_px) : pixel.width;
     const std::uint32_t height = options_.height_px > 0 ? static_cast<std::uint32_t>(options_.height_px) : pixel.height;
-    pixel.width = width;
-    pixel.height = height;
-    pixel.pixelformat = depth->fourcc;
-    pixel.field = V4L2_FIELD_NONE;
-    pixel.bytesperline = 0;
-    if (request(stream->fd, VIDIOC_S_FMT, &format) != 0) {
-        const int error = errno;
-        if (error == EBUSY) return failed(device, "its format cannot be set", error);
-        pixel.pixelformat = 0;  // refused outright
+    bool agreed = false;
+    for (const Depth& depth : kDepths) {
+        if (agreed || depth.bits != options_.bits) continue;
+        pixel.width = width;
+        pixel.height = height;
+        pixel.pixelformat = depth.fourcc;
+        pixel.field = V4L2_FIELD_NONE;
+        pixel.bytesperline = 0;
+        const bool accepted = request(stream->fd, VIDIOC_S_FMT, &format) == 0;
+        if (!accepted && errno == EBUSY) return failed(device, "its format cannot be set", EBUSY);
+        agreed = accepted && pixel.pixelformat == depth.fourcc && pixel.width == width && pixel.height == height;
+        stream->depth = depth;
     }
-    if (pixel.pixelformat != depth->fourcc || pixel.width != width || pixel.height != height) {
+    if (!agreed) {
+        std::string wanted;
+        for (const Depth& depth : kDepths) {
+            if (depth.bits == options_.bits) wanted += (wanted.empty() ? "" : " or ") + fourcc_text(depth.fourcc);
+        }
         return fail(ErrorCode::unsupported,
-                    device + " has no " + fourcc_text(depth->fourcc) + " frames of " + std::to_string(width) + "x" + std::to_string(height) +
-                        "; it has " + formats_of(stream->fd),
+                    device + " has no " + wanted + " frames of " + std::to_string(width) + "x" + std::to_string(height) + "; it has " + formats_of(stream->fd),
                     "set sensor.bits and the frame's size to what the device has (v4l2-ctl --list-formats-ext)");
+    }
+    if (stream->depth.unpack != nullptr && pixel.bytesperline < stream->depth.packed_bytes(width)) {
+        return fail(ErrorCode::io, device + ": a row is shorter than its samples", "look at the kernel's log");
     }
     for (const auto& [name, value] : options_.controls) {
         v4l2_queryctrl control{};
@@ -179,6 +215,10 @@ Result<void> V4l2Sensor::do_start(Listener& listener) {
             return fail(ErrorCode::io, options_.device + ": a buffer is smaller than a frame", "look at the kernel's log");
         }
         if (stream->queue(k) != 0) return failed(options_.device, "a buffer cannot be queued", errno);
+    }
+    if (stream->depth.unpack != nullptr) {
+        const auto samples = static_cast<std::size_t>(format_.width_px) * static_cast<std::size_t>(format_.height_px);
+        stream->unpacked.assign(stream->maps.size(), std::vector<std::uint16_t>(samples));
     }
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     if (request(stream->fd, VIDIOC_STREAMON, &type) != 0) return failed(options_.device, "does not stream", errno);
@@ -241,8 +281,9 @@ void V4l2Sensor::on_ready() {
         const std::scoped_lock lock(loans_->mutex);
         loans_->lent[slot] = stream;
     }
-    const algo::FrameView view{static_cast<const std::byte*>(stream->maps[buffer.index].first), format_.width_px, format_.height_px, stride_bytes_, format_.bits};
-    const hal::FrameInfo info{.sequence = buffer.sequence - unasked_now_, .exposure_start = start, .bytes_used = buffer.bytesused,
+    std::size_t bytes_used = buffer.bytesused;
+    const algo::FrameView view = stream->view_of(buffer.index, format_, stride_bytes_, bytes_used);
+    const hal::FrameInfo info{.sequence = buffer.sequence - unasked_now_, .exposure_start = start, .bytes_used = bytes_used,
                               .corrupt = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0};
     listener_->on_frame(hal::FrameLease(*this, slot, view, info));
 }

@@ -45,8 +45,8 @@ struct LineOptions {
     std::string chip, video, frames, faults;
     int port = 1503;
     std::uint64_t parts = 20, seed = 1;
-    double good_share = 0.6, speed_mm_s = 100, pitch_mm = 100, part_mm = 40, camera_mm = 35, ejector_mm = 300;
-    int light_ms = 40, readout_ms = 60, patience_s = 300;
+    double good_share = 0.6, speed_mm_s = 50, pitch_mm = 100, part_mm = 40, camera_mm = 35, ejector_mm = 300;
+    int light_ms = 80, readout_ms = 90, patience_s = 300;
 };
 
 class Line {
