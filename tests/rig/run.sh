@@ -46,6 +46,8 @@ for frame in "$out"/frames/*.png; do
     grep -F "$(basename "$frame")" "$out/verdicts.json" | grep -q "\"verdict\": *\"$want\"" || die "$frame is not judged as $want in process: see $out/verdicts.json"
 done
 
+for frame in "$out"/frames/*.png; do "$bin/hord_rig_frames" "$frame" "${frame%.png}.pgm"; done
+
 payload=$out/payload
 mkdir -p "$payload"/opt/rig "$payload"/etc/modprobe.d "$payload"/etc/systemd/system/{sysinit.target.wants,multi-user.target.wants} "$payload/var"
 cp -a "$cache/modules/." "$payload/"
@@ -54,10 +56,11 @@ cp tests/rig/guest/modprobe.conf "$payload/etc/modprobe.d/rig.conf"
 cp tests/rig/guest/*.service "$payload/etc/systemd/system/"
 install -D -m644 tests/rig/guest/slow.conf "$payload/etc/systemd/system/hordd.service.d/slow.conf"
 ln -s ../rig-devices.service "$payload/etc/systemd/system/sysinit.target.wants/"
-ln -s ../rig-checks.service "$payload/etc/systemd/system/multi-user.target.wants/"
+ln -s ../rig-checks.service ../rig-camera.service "$payload/etc/systemd/system/multi-user.target.wants/"
 while read -r unit; do ln -s /dev/null "$payload/etc/systemd/system/$unit"; done <tests/rig/guest/mask
 cp "$deb" "$payload/opt/rig/hord-station.deb"
-cp -r "$out/frames" "$payload/opt/rig/"
+mkdir "$payload/opt/rig/frames"
+cp "$out"/frames/*.pgm "$payload/opt/rig/frames/"
 for tool in test_contract hord_rig_world; do
     cp "$bin/$tool" "$payload/opt/rig/"
     strip --strip-debug "$payload/opt/rig/$tool"

@@ -9,6 +9,7 @@
 // What it says, a line each: seconds on the machine's monotonic clock, what, and details.
 #include <cstdio>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <optional>
 #include <set>
@@ -17,7 +18,7 @@
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
-#include "drivers/frame_file.h"
+#include "algo/frame.h"
 #include "firmware/event_loop_sd.h"
 #include "firmware/modbus/client.h"
 #include "hal_sim/cell/world.h"
@@ -36,6 +37,20 @@ void say(TimePoint at, const std::string& what) {
     std::fflush(stdout);
 }
 
+// 8-bit binary PGM without comments, as hord_rig_frames writes it: a decoder of pictures would take longer to load than all the rest.
+algo::Frame read_pgm(const std::filesystem::path& file) {
+    std::ifstream in(file, std::ios::binary);
+    std::string magic;
+    int width = 0, height = 0, full = 0;
+    in >> magic >> width >> height >> full;
+    in.get();
+    if (!in || magic != "P5" || full != 255 || width < 1 || height < 1) throw std::runtime_error(file.string() + " is no 8-bit PGM");
+    algo::Frame frame(width, height, 8);
+    in.read(reinterpret_cast<char*>(frame.bytes().data()), static_cast<std::streamsize>(frame.bytes().size()));
+    if (!in) throw std::runtime_error(file.string() + " is cut off");
+    return frame;
+}
+
 // ---- the line
 
 // What happens at one part. The outcome is stated: everything but `none` and `bounce` has the part rejected.
@@ -46,7 +61,7 @@ struct LineOptions {
     int port = 1503;
     std::uint64_t parts = 20, seed = 1;
     double good_share = 0.6, speed_mm_s = 50, pitch_mm = 100, part_mm = 40, camera_mm = 35, ejector_mm = 300;
-    int light_ms = 80, readout_ms = 90, patience_s = 300;
+    int light_ms = 200, readout_ms = 250, patience_s = 300;
 };
 
 class Line {
@@ -116,12 +131,9 @@ class Line {
     static std::map<std::string, algo::Frame> load(const std::string& folder) {
         std::map<std::string, algo::Frame> frames;
         for (const auto& entry : std::filesystem::directory_iterator(folder)) {
-            if (entry.path().extension() != ".png") continue;
-            auto frame = drivers::read_frame(entry.path());
-            if (!frame) throw std::runtime_error(frame.error().message());
-            frames.emplace(entry.path().stem().string(), std::move(*frame));
+            if (entry.path().extension() == ".pgm") frames.emplace(entry.path().stem().string(), read_pgm(entry.path()));
         }
-        if (!frames.contains("empty") || frames.size() < 3) throw std::runtime_error(folder + " needs empty.png, a good and a bad part");
+        if (!frames.contains("empty") || frames.size() < 3) throw std::runtime_error(folder + " needs empty.pgm, a good and a bad part");
         return frames;
     }
     void read_faults() {  // "3=bounce,7=no-frame"
@@ -285,7 +297,7 @@ int main(int argc, char** argv) {
     auto* belt = program.add_subcommand("line", "Parts on the belt");
     belt->add_option("--chip", line.chip, "The gpio-sim chip's folder in configfs")->required();
     belt->add_option("--video", line.video, "The v4l2loopback device")->required();
-    belt->add_option("--frames", line.frames, "Folder of empty.png, good*.png and bad parts")->required();
+    belt->add_option("--frames", line.frames, "Folder of empty.pgm, good*.pgm and bad parts")->required();
     belt->add_option("--port", line.port, "Of the Modbus module, on 127.0.0.1")->capture_default_str();
     belt->add_option("--parts", line.parts, "How many come")->capture_default_str();
     belt->add_option("--seed", line.seed)->capture_default_str();

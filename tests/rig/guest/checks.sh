@@ -69,8 +69,10 @@ contract_video_vivid() {
 
 # -- the installed station --------------------------------------------------------------------------------------
 
-state() { hordctl status --json 2>/dev/null | sed -n 's/.*"state": *"\([a-z_]*\)".*/\1/p' | head -n 1; }
-is_state() { [ "$(state)" = "$1" ]; }
+# As the service tells systemd: asking over Modbus means starting a program, which takes seconds on an emulated processor.
+state() { systemctl show -P StatusText hordd | cut -d, -f1; }
+executes() { [ "$(state)" = ContinuousExecution ]; }
+not_executing() { ! executes; }
 hordd_active() { [ "$(systemctl is-active hordd)" = active ]; }
 journal_says() { journalctl -u hordd -o cat | grep -q "$1"; }
 lamps_dark() { [ "$(cat "$(line_folder 0)/value")$(cat "$(line_folder 1)/value")" = 00 ]; }
@@ -109,36 +111,33 @@ stop_world() {
     return 0
 }
 
-to_execution() {  # whatever it does now
+# Whatever it does now, it executes afterwards: by itself, or once a person has reset it.
+to_execution() {
     local k
-    for k in $(seq 240); do
-        case "$(state)" in
-            continuous_execution) return 0 ;;
-            error) hordctl command reset ;;
-            '') ;;
-            *) [ $((k % 20)) != 0 ] || hordctl command reset || hordctl command start_continuous ;;
-        esac >/dev/null 2>&1
-        sleep 0.25
+    for k in 1 2 3 4; do
+        wait_for 10 executes >/dev/null && return 0
+        hordctl command reset 2>&1
+        wait_for 20 executes >/dev/null && return 0
+        hordctl command start_continuous 2>&1
     done
-    hordctl status
-    return 1
+    wait_for 30 executes || { systemctl show -P StatusText hordd; return 1; }
 }
 
 whole_line() {
-    start_world /tmp/line --parts 16 --seed "${seed:-1}" --faults '3=bounce,5=no-frame,7=short-frame,9=late-frame,11=twice,13=camera-gone' || return 1
+    start_world /tmp/line --parts 16 --seed "${seed:-1}" --patience 150 --faults '3=bounce,5=no-frame,7=short-frame,9=late-frame,11=twice,13=camera-gone' || return 1
     to_execution || { stop_world; return 1; }
     wait $world_pid
     local rc=$?
     grep -E ' (gone|totals) ' /tmp/line | cut -d' ' -f2-
     hordctl results --format csv --last 16 | cut -d, -f5-8,15-16 2>/dev/null
-    hordctl status | head -n 12
+    systemctl show -P StatusText hordd
     [ $rc = 0 ]
 }
 
 # Light and output while the line ran: never longer than the channel stands, dark and at rest afterwards.
 lights_in_limits() {
-    awk '$2 == "lamps" && $3 != 0 && !on {on = $1; n++} $2 == "lamps" && $3 == 0 && on {d = ($1 - on) * 1000; on = 0; if (d > worst) worst = d; if (off && 0) next; off = $1}
-         END {printf "%d flashes, longest %.1f ms by the simulator'"'"'s side, 160 ms allowed\n", n, worst; exit !(n >= 10 && worst <= 160)}' /tmp/line && lamps_dark
+    awk '$2 == "lamps" && $3 != 0 && !on {on = $1; n++} $2 == "lamps" && $3 == 0 && on {d = ($1 - on) * 1000; on = 0; if (d > worst) worst = d; }
+         END {printf "%d flashes, longest %.1f ms by the simulator'"'"'s side, 400 ms allowed\n", n, worst; exit !(n >= 10 && worst <= 400)}' /tmp/line && lamps_dark
 }
 
 camera_on() {
@@ -184,7 +183,7 @@ chip_goes() {
     echo 0 >$chip/live
     wait_for 30 not_executing || return 1
     echo "line stopped $(($(now_ms) - began)) ms after the chip went"
-    hordctl status | grep -iE 'fault|state' | head -n 4
+    systemctl show -P StatusText hordd
     stop_world
     echo 1 >$chip/live
     start_world /tmp/back --parts 2 || return 1
@@ -192,7 +191,6 @@ chip_goes() {
     wait $world_pid || { cat /tmp/back; return 1; }
     grep totals /tmp/back | cut -d' ' -f2-
 }
-not_executing() { local s; s=$(state); [ -n "$s" ] && [ "$s" != continuous_execution ]; }
 
 # SIGKILL at random moments: when were lights dark and coils at rest after it?
 killed() {
@@ -224,7 +222,7 @@ until_power_cut() {
     start_world /tmp/cut --parts 1000 || return 1
     to_execution || return 1
     $world plc >/tmp/plc 2>&1 &
-    wait_for 60 grep -q acknowledged /tmp/plc || { hordctl status; return 1; }
+    wait_for 60 grep -q acknowledged /tmp/plc || { systemctl show -P StatusText hordd; return 1; }
     say CUT "now, in the middle of it"
     while sleep 0.05; do
         tail -n 1 /tmp/plc >/tmp/plc.last
@@ -235,7 +233,6 @@ until_power_cut() {
 # -- after the power cut ----------------------------------------------------------------------------------------
 
 boot_into_ready() {
-    start_world /tmp/boot --parts 1000 || return 1
     wait_for 120 hordd_active || { journalctl -u hordd -o cat | tail; return 1; }
     local inactive active
     inactive=$(systemctl show -P InactiveExitTimestampMonotonic hordd)
@@ -244,10 +241,14 @@ boot_into_ready() {
     systemctl show -P StatusText hordd
 }
 
+line_stopped() { systemctl show -P StatusText hordd | grep -q 'LINE STOP'; }
+
 # Parts were on the line when the power went: nobody knows where they are.
 line_stop_until_reset() {
-    wait_for 120 journal_says 'line_unknown\|LINE STOP\|line stop' || hordctl status
-    hordctl status | head -n 6
+    wait_for 60 line_stopped || { systemctl show -P StatusText hordd; return 1; }
+    systemctl show -P StatusText hordd
+    systemctl stop rig-camera
+    start_world /tmp/again --parts 1000 || return 1
     to_execution || return 1
     stop_world
 }
