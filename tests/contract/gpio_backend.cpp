@@ -145,7 +145,7 @@ class ChipPartSensorHarness final : public PartSensorHarness {
     hal::PartSensor& device() override { return *sensor_; }
     void pass_part() override {
         // After the one before: a simulated line that is moved faster than its interrupt is answered loses edges.
-        const hal::TimePoint begin = std::max(now(), gone_ + 40ms);
+        const hal::TimePoint begin = std::max(now(), gone_ + 300ms);
         gone_ = begin + 140ms;
         loop().call_at(begin, [this] { chip_.drive("BARRIER", true); });
         for (int k = 1; k <= 6; ++k) {
