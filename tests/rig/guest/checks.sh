@@ -192,6 +192,8 @@ chip_goes() {
     grep totals /tmp/back | cut -d' ' -f2-
 }
 
+permit_down() { awk -v at="$2" '$2 == "coil" && $3 == 1 {down = $1 > at && $4 == 0} END {exit !down}' "$1"; }
+
 # SIGKILL at random moments: when were lights dark and coils at rest after it?
 killed() {
     local k pid at worst_light=0 worst_coil=0 light coil
@@ -202,8 +204,8 @@ killed() {
         pid=$(systemctl show -P MainPID hordd)
         at=$(cut -d' ' -f1 /proc/uptime)
         kill -KILL "$pid"
-        sleep 4
-        lamps_dark || { echo "a light is on after kill $k"; return 1; }
+        wait_for 2 lamps_dark || { echo "a light is on after kill $k"; return 1; }
+        wait_for 60 permit_down /tmp/kill "$at" || return 1
         # The last change to dark, and of a coil to 0, after the kill; 0 where nothing had to change.
         light=$(awk -v at="$at" '$2 == "lamps" {if ($1 < at) was = $3; else if (was != 0) {print int(($1 - at) * 1000); was = 0}}' /tmp/kill | head -n 1)
         coil=$(awk -v at="$at" '$2 == "coil" && $3 == 1 {if ($1 < at) was = $4; else if (was != 0) {print int(($1 - at) * 1000); was = 0}}' /tmp/kill | head -n 1)
