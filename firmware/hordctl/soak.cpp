@@ -79,7 +79,7 @@ void add_soak(CLI::App& program, Exit& status) {
     command->add_flag("--real", arguments->real, "Of the episode: rendered frames and the real pipeline");
     command->add_option("--faults", arguments->faults, "Of the episode: NAME@FIRST-LAST:PROBABILITY+TIME, several with commas");
     command->add_flag("--coverage", arguments->coverage, "Show which states met which events, and which faults met");
-    command->add_option("--profile", arguments->profile, "nightly: first an episode for each pair of faults; then --parts in all")
+    command->add_option("--profile", arguments->profile, "nightly: first an episode for each pair of faults, and walks through all states with each fault; then up to --parts in all")
         ->check(CLI::IsMember({"random", "nightly"}))
         ->capture_default_str();
     command->add_flag("--shrink", arguments->shrink, "When a promise is broken: find the smallest episode that still breaks it");

@@ -38,7 +38,7 @@ class Coverage {
     std::bitset<sim::kFaults * sim::kFaults> pairs_;
 };
 
-// Why a pair cannot come about; empty: it can, and the nightly profile must show it.
+// Why a pair does not come about; empty: it does, and the nightly profile must show it.
 [[nodiscard]] std::string_view unreachable(State state, std::size_t kind);
 [[nodiscard]] std::string_view unreachable(sim::Fault a, sim::Fault b);
 

@@ -20,7 +20,7 @@ constexpr double kSlipBorne_mm = 4;
 constexpr Duration kAftermath = milliseconds(1000);
 
 // Neither a verdict nor the line may care: parts that come meanwhile are held to what holds when nothing is wrong.
-bool harmless(Fault fault) { return fault >= Fault::scada_floods; }
+bool harmless(Fault fault) { return fault >= Fault::scada_floods && fault <= Fault::clock_set; }
 
 }  // namespace
 
@@ -133,15 +133,22 @@ void Invariants::fault(Fault fault, Duration amount) {
     faults_until_ = std::max(faults_until_, now + amount + kAftermath);
     disturbed_until_ = std::max(disturbed_until_, faults_until_);
     told_not_ready_ = false;
+    const auto mm_in = [&](Duration motion) { return 1e-9 * static_cast<double>(motion.count()) * cell_.world().nominal_speed_mm_s(); };
     switch (fault) {
         case Fault::process_stalled: stalled_until_ = std::max(stalled_until_, now + amount); break;
         case Fault::edge_missed: parts_[newest_ % kMemory].invisible = true; break;
         case Fault::encoder_slip:
             for (Known& known : parts_) {
-                if (known.number != newest_ && !known.gone) {
-                    known.slipped_mm += 1e-9 * static_cast<double>(amount.count()) * cell_.world().nominal_speed_mm_s();
-                }
+                if (known.number != newest_ && !known.gone) known.slipped_mm += mm_in(amount);
             }
+            slipped_at_ = now;
+            slipped_mm_ = mm_in(amount);
+            if (now < encoder_silent_until_) parts_[newest_ % kMemory].slipped_mm += slipped_mm_;
+            break;
+        case Fault::encoder_silent:
+            // The newest part's edge has no count of its own, then: its place is reckoned from before the slip.
+            if (slipped_at_ == now && now >= encoder_silent_until_) parts_[newest_ % kMemory].slipped_mm += slipped_mm_;
+            encoder_silent_until_ = std::max(encoder_silent_until_, now + amount);
             break;
         case Fault::ejector_stuck:
             if (Known* known = known_as(rejecting_.part)) known->stuck = true;

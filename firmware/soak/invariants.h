@@ -147,6 +147,8 @@ class Invariants {
     TimePoint last_close_ = TimePoint::min();  // parts followed each other closely
     TimePoint stepped_at_{};
     int steps_at_once_ = 0;
+    TimePoint slipped_at_{}, encoder_silent_until_{};
+    double slipped_mm_ = 0;         // by the last slip
     TimePoint stalled_until_{};     // the process does not run
     bool told_not_ready_ = false;
     TimePoint last_line_stop_ = TimePoint::min();

@@ -21,18 +21,18 @@ struct Behind {
     std::uint64_t faults;
 };
 constexpr std::array kBehind{
-    Behind{PartReason::verdict_late, any_of(Fault::inspector_slow, Fault::process_stalled, Fault::frame_late, Fault::encoder_silent, Fault::encoder_slip, Fault::belt_stop, Fault::part_sensor_lost, Fault::rejector_down)},
-    Behind{PartReason::frame_lost, any_of(Fault::frame_drop, Fault::frame_stale, Fault::frame_late, Fault::sensor_lost, Fault::inspector_slow, Fault::process_stalled, Fault::process_crash)},
-    Behind{PartReason::frame_stale, any_of(Fault::frame_stale, Fault::frame_late, Fault::process_stalled, Fault::sensor_lost)},
+    Behind{PartReason::verdict_late, any_of(Fault::inspector_slow, Fault::process_stalled, Fault::frame_late, Fault::encoder_silent, Fault::encoder_slip, Fault::belt_stop, Fault::part_sensor_lost, Fault::rejector_down, Fault::device_unplugged, Fault::inspector_hangs)},
+    Behind{PartReason::frame_lost, any_of(Fault::frame_drop, Fault::frame_stale, Fault::frame_late, Fault::sensor_lost, Fault::inspector_slow, Fault::process_stalled, Fault::process_crash, Fault::device_unplugged, Fault::inspector_hangs)},
+    Behind{PartReason::frame_stale, any_of(Fault::frame_stale, Fault::frame_late, Fault::process_stalled, Fault::sensor_lost, Fault::device_unplugged)},
     Behind{PartReason::frame_duplicate, any_of(Fault::frame_duplicate, Fault::frame_late)},
     Behind{PartReason::frame_short, any_of(Fault::frame_short)},
     Behind{PartReason::frame_corrupt, any_of(Fault::frame_corrupt)},
-    Behind{PartReason::strobe_failed, any_of(Fault::strobe_refused, Fault::strobe_late, Fault::strobe_lost, Fault::process_stalled, Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::encoder_slip, Fault::encoder_silent, Fault::belt_stop, Fault::part_sensor_lost, Fault::sensor_lost)},
-    Behind{PartReason::inspector_failed, any_of(Fault::inspector_failed, Fault::inspector_slow)},
+    Behind{PartReason::strobe_failed, any_of(Fault::strobe_refused, Fault::strobe_late, Fault::strobe_lost, Fault::process_stalled, Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::encoder_slip, Fault::encoder_silent, Fault::belt_stop, Fault::part_sensor_lost, Fault::sensor_lost, Fault::device_unplugged)},
+    Behind{PartReason::inspector_failed, any_of(Fault::inspector_failed, Fault::inspector_slow, Fault::inspector_hangs)},
     Behind{PartReason::edge_lost, any_of(Fault::edge_lost, Fault::edge_missed, Fault::edge_bounce, Fault::edge_ghost, Fault::process_stalled, Fault::encoder_silent, Fault::encoder_slip, Fault::belt_stop, Fault::part_touching)},
-    Behind{PartReason::parts_too_close, any_of(Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::part_touching, Fault::encoder_slip, Fault::belt_stop, Fault::process_stalled, Fault::edge_missed, Fault::part_sensor_lost, Fault::encoder_silent, Fault::restart_ordered, Fault::process_crash, Fault::plc_commands)},
-    Behind{PartReason::plc_lost, any_of(Fault::plc_silent, Fault::process_stalled, Fault::process_crash, Fault::restart_ordered)},
-    Behind{PartReason::too_dark, any_of(Fault::frame_dark, Fault::strobe_dead, Fault::strobe_weak, Fault::strobe_late, Fault::frame_stale, Fault::strobe_lost)},
+    Behind{PartReason::parts_too_close, any_of(Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::part_touching, Fault::encoder_slip, Fault::belt_stop, Fault::process_stalled, Fault::edge_missed, Fault::part_sensor_lost, Fault::encoder_silent, Fault::restart_ordered, Fault::process_crash, Fault::plc_commands, Fault::device_unplugged, Fault::plc_walks)},
+    Behind{PartReason::plc_lost, any_of(Fault::plc_silent, Fault::process_stalled, Fault::process_crash, Fault::restart_ordered, Fault::plc_walks)},
+    Behind{PartReason::too_dark, any_of(Fault::frame_dark, Fault::strobe_dead, Fault::strobe_weak, Fault::strobe_late, Fault::frame_stale, Fault::strobe_lost, Fault::device_unplugged)},
     Behind{PartReason::saturated, any_of(Fault::frame_saturated, Fault::frame_stale)},
 };
 // What a fault does to a part shows while the part is on its way, 0.8 s from part sensor to ejector; a PLC's silence ends with its

@@ -23,7 +23,7 @@ std::uint64_t opportunities(Fault fault, std::uint64_t parts) {
 // How often a fault may strike: what stops the line for a second or kills the process would else leave no line to test.
 bool rare(Fault fault) {
     return fault == Fault::sensor_lost || fault == Fault::strobe_lost || fault == Fault::part_sensor_lost || fault == Fault::encoder_silent ||
-           fault == Fault::process_crash || fault == Fault::plc_silent || fault == Fault::plc_commands || fault == Fault::restart_ordered || fault == Fault::rejector_down;
+           fault == Fault::inspector_hangs || fault == Fault::device_unplugged || fault == Fault::plc_walks || fault == Fault::process_crash || fault == Fault::plc_silent || fault == Fault::plc_commands || fault == Fault::restart_ordered || fault == Fault::rejector_down;
 }
 
 // Amounts besides the fault's own, each from harmless to fatal. Zero: the fault's own.
@@ -52,6 +52,9 @@ hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
         case Fault::store_in_doubt: return one_of({50ms, 1000ms, 4000ms});
         case Fault::store_slow: return one_of({200ms, 2000ms, 4000ms});  // some lose results: 24 may wait
         case Fault::disk_full: return one_of({1000ms, 3000ms, 5000ms});
+        case Fault::inspector_hangs: return one_of({400ms, 700ms, 1500ms});
+        case Fault::device_unplugged: return one_of({100ms, 300ms, 700ms});
+        case Fault::plc_walks: return one_of({400ms, 1500ms, 2500ms});
         case Fault::clock_set: return one_of({2ms, 1000ms, 3600000ms});
         default: return {};
     }

@@ -25,6 +25,29 @@ std::uint32_t double_word(const std::vector<std::uint16_t>& words, std::size_t k
 std::uint16_t high(std::uint32_t value) { return static_cast<std::uint16_t>(value >> 16U); }
 std::uint16_t low(std::uint32_t value) { return static_cast<std::uint16_t>(value); }
 
+// The first command of a shortest way from one state to another; none when it is there, or no command leads on.
+std::optional<CommandCode> first_command(State from, State to) {
+    if (from == to) return std::nullopt;
+    struct Reached {
+        State state;
+        CommandCode first;
+    };
+    std::vector<Reached> reached;
+    const auto go_on = [&](State at, std::optional<CommandCode> first) {
+        for (const Transition& t : kTransitions) {
+            const bool by_command = t.cause <= Cause::reset, known = t.to == from || std::any_of(reached.begin(), reached.end(), [&](const Reached& r) { return r.state == t.to; });
+            if (t.from == at && by_command && !known) reached.push_back({t.to, first.value_or(static_cast<CommandCode>(1 + static_cast<int>(t.cause)))});
+        }
+    };
+    go_on(from, std::nullopt);
+    for (std::size_t k = 0; k < reached.size(); ++k) {
+        if (reached[k].state == to) return reached[k].first;
+        const Reached next = reached[k];
+        go_on(next.state, next.first);
+    }
+    return std::nullopt;
+}
+
 }  // namespace
 
 // -- the station's half -------------------------------------------------------------------------------------------------
@@ -79,6 +102,7 @@ void PlcSide::cycle() {
     check_status();
     books_.check(doors_->station().snapshot());
     check_results();
+    if (loop_.now() < restless_until_) return try_anything();
     if (loop_.now() >= leave_alone_until_) bring_back();
 }
 
@@ -128,7 +152,8 @@ void PlcSide::bring_back() {
         case State::halted:
             if (now.line_stop) take_parts_off_();
             return command(CommandCode::reset);
-        case State::initialized: return command(CommandCode::arm);
+        case State::initialized:  // arm is refused while a device is down; reset looks for it again
+            return command(doors_->station().core().all_devices_up() ? CommandCode::arm : CommandCode::reset);
         case State::ready: return command(CommandCode::start_continuous);
         case State::error:  // a person's business
         case State::single_execution:
@@ -185,10 +210,31 @@ void PlcSide::repeat_a_command() {
 
 // Any command, in any state; half a second later it sees what it has done.
 void PlcSide::command_something() {
-    const auto code = static_cast<CommandCode>(1 + draw() % 9);
-    if (code == CommandCode::reset && doors_ != nullptr && doors_->station().snapshot().line_stop) take_parts_off_();
     leave_alone_until_ = loop_.now() + milliseconds(500);
+    try_anything();
+}
+
+void PlcSide::try_anything() { command_with_care(static_cast<CommandCode>(1 + draw() % 9)); }
+
+// Who resets after line stop takes the parts off first.
+void PlcSide::command_with_care(CommandCode code) {
+    if (code == CommandCode::reset && doors_ != nullptr && doors_->station().snapshot().line_stop) take_parts_off_();
     command(code);
+}
+
+// To any state that commands lead to. There it waits, or is silent for longer than the station bears, or cannot keep its fingers still.
+void PlcSide::walk(Duration amount) {
+    constexpr std::array kTargets{State::preoperational, State::halted, State::initialized, State::ready, State::single_execution};
+    const State target = kTargets[draw() % kTargets.size()];
+    const std::uint64_t mood = draw() % 3;
+    leave_alone_until_ = loop_.now() + amount;
+    for (int k = 0; k < 6 && doors_ != nullptr; ++k) {
+        const auto next = first_command(doors_->station().core().state(), target);
+        if (!next) break;
+        command_with_care(*next);
+    }
+    if (mood == 1) be_silent(amount);
+    if (mood == 2) restless_until_ = leave_alone_until_;
 }
 
 }  // namespace hord::firmware

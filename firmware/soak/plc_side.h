@@ -81,6 +81,7 @@ class PlcSide {
     void write_nonsense();
     void read_everything();
     void command_something();
+    void walk(Duration amount);
 
   private:
     using Words = std::vector<std::uint16_t>;
@@ -89,6 +90,8 @@ class PlcSide {
     modbus::Exception write(std::uint16_t address, const Words& words);
     void command(CommandCode code, bool meant_for_this_boot = true);
     void bring_back();
+    void try_anything();
+    void command_with_care(CommandCode code);
     void check_status();
     void check_results();
 
@@ -98,7 +101,7 @@ class PlcSide {
     std::uint64_t seed_, drawn_ = 0;
     Doors* doors_ = nullptr;
     std::function<void()> take_parts_off_;
-    hal::TimePoint silent_until_{}, leave_alone_until_{};
+    hal::TimePoint silent_until_{}, leave_alone_until_{}, restless_until_{};
     int repeats_ = 0;
     std::uint16_t beat_ = 0;
     std::uint32_t boot_id_ = 0, token_ = 0;

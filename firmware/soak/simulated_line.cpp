@@ -195,6 +195,8 @@ void SimulatedLine::part_comes(const sim::PartRecord& part) {
     if (const auto amount = faults.fires(Fault::plc_silent)) plc_->be_silent(*amount);
     if (faults.fires(Fault::plc_repeats)) loop_.call_after({}, [this] { plc_->repeat_a_command(); });
     if (faults.fires(Fault::plc_commands)) loop_.call_after({}, [this] { plc_->command_something(); });
+    if (const auto amount = faults.fires(Fault::plc_walks)) loop_.call_after({}, [this, stays = *amount] { plc_->walk(stays); });
+    if (const auto amount = faults.fires(Fault::device_unplugged)) unplug_something(*amount);
     if (faults.fires(Fault::plc_nonsense)) loop_.call_after({}, [this] { plc_->write_nonsense(); });
     if (faults.fires(Fault::scada_floods)) plc_->read_everything();
     for (const Fault fault : {Fault::store_error, Fault::store_in_doubt, Fault::store_slow, Fault::disk_full, Fault::clock_set}) {
@@ -202,11 +204,27 @@ void SimulatedLine::part_comes(const sim::PartRecord& part) {
     }
 }
 
+// At a moment of its own: also while it has nothing to do.
+void SimulatedLine::unplug_something(Duration amount) {
+    const std::uint64_t draw = sim::random_bits(options_.cell.seed, kMomentStream, drawn_++);
+    loop_.call_after(Duration(static_cast<Duration::rep>(draw % 1'500'000'000)), [this, amount, device = static_cast<Device>(draw >> 32U & 3U)] {
+        invariants_->fault(Fault::device_unplugged, amount);  // from now
+        switch (device) {
+            case Device::part_sensor: return cell_->unplug_part_sensor(amount);
+            case Device::strobe: return cell_->strobe().unplug(amount);
+            case Device::sensor: return cell_->sensor().unplug(amount);
+            case Device::rejector: return cell_->rejector().unplug(amount);
+        }
+    });
+}
+
 StandInAnswer SimulatedLine::judge(std::uint32_t part, const hal::FrameLease& frame) {
     StandInAnswer answer;
     answer.judged = options_.judge ? options_.judge(part, frame) : judge_by_token(frame);
     if (cell_->faults().fires(Fault::inspector_failed)) answer.judged.failed = true;
     answer.after = options_.inspection + cell_->faults().fires(Fault::inspector_slow).value_or(Duration::zero());
+    if (const auto amount = cell_->faults().fires(Fault::inspector_hangs)) hangs_until_ = std::max(hangs_until_, loop_.now() + *amount);
+    answer.after = std::max(answer.after, hangs_until_ - loop_.now());
     return answer;
 }
 

@@ -79,6 +79,7 @@ class SimulatedLine final : public StationObserver {
     void plc_cycle();
     void take_parts_off();
     void publish_soon();
+    void unplug_something(Duration amount);
     void part_comes(const sim::PartRecord& part);
     [[nodiscard]] StandInAnswer judge(std::uint32_t part, const hal::FrameLease& frame);
     [[nodiscard]] Judged judge_by_token(const hal::FrameLease& frame) const;
@@ -103,6 +104,7 @@ class SimulatedLine final : public StationObserver {
     bool person_is_coming_ = false;
     bool was_stopped_ = false;
     bool keep_ = false;
+    hal::TimePoint hangs_until_{};
     std::uint64_t resets_ = 0, line_stops_ = 0, processes_ = 0, drawn_ = 0;
     std::vector<PartResult> kept_;
 };

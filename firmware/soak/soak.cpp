@@ -18,6 +18,7 @@ using sim::Fault;
 constexpr std::uint64_t kEpisodeStream = 0xE915;
 constexpr std::uint64_t kPairStream = 0x9A12;
 constexpr std::uint64_t kPairParts = 400;
+constexpr std::size_t kWalks = 24;  // episodes for each fault
 constexpr std::size_t kViolationsShown = 20;
 
 void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::string& label) {
@@ -65,6 +66,7 @@ Result<LineOptions> line_of(const EpisodePlan& plan) {
     LineOptions line = plan.line == LineProfile::timed ? timed_line(plan.seed, plan.parts) : encoder_line(plan.seed, plan.parts);
     line.cell.faults = plan.faults;
     line.core.plc_policy = static_cast<PlcPolicy>(sim::random_bits(plan.seed, kEpisodeStream, 0) % 3);
+    if (sim::random_bits(plan.seed, kEpisodeStream, 1) % 2 == 0) line.cell.sensor.buffers = 2 * line.queue;  // who is full first, the sensor or the inspector
     if (plan.real) {
         if (auto shown = show_real_parts(line); !shown) return tl::unexpected(shown.error());
     }
@@ -124,12 +126,15 @@ void SoakReport::add(const SoakReport& later) {
 
 namespace {
 
-// The episodes of a soak by number: first the pairs of faults, then random ones.
+// The episodes of a soak by number: first the pairs of faults, and walks through the states with each fault, then random ones.
 class Plans {
   public:
     explicit Plans(const SoakOptions& options) : options_(options) {
         for (std::size_t a = 0; options.all_pairs && a < sim::kFaults; ++a) {
             for (std::size_t b = 0; b < a; ++b) pairs_.push_back({static_cast<Fault>(a), static_cast<Fault>(b)});
+        }
+        for (std::size_t k = 0; options.all_pairs && k < kWalks * sim::kFaults; ++k) {
+            pairs_.push_back({Fault::plc_walks, static_cast<Fault>(k % sim::kFaults)});
         }
         const std::uint64_t of_pairs = pairs_.size() * kPairParts, rest = options.parts > of_pairs ? options.parts - of_pairs : 0;
         count_ = pairs_.size() + (rest + options.parts_an_episode - 1) / options.parts_an_episode;
@@ -138,8 +143,12 @@ class Plans {
     [[nodiscard]] EpisodePlan operator[](std::uint64_t number) const {
         if (number < pairs_.size()) {
             const auto& pair = pairs_[number];
-            const std::uint64_t index = static_cast<std::uint64_t>(pair[0]) * sim::kFaults + static_cast<std::uint64_t>(pair[1]);
-            return draw_plan(sim::random_bits(options_.seed, kPairStream, index), kPairParts, pair);
+            EpisodePlan plan = draw_plan(sim::random_bits(options_.seed, kPairStream, number), kPairParts, pair);
+            const bool walks = number >= pairs_.size() - kWalks * sim::kFaults;
+            for (sim::FaultRule& rule : plan.faults) {
+                if (walks && rule.probability < 1) rule.probability = std::max(rule.probability, 0.03);
+            }
+            return plan;
         }
         EpisodePlan plan = draw_plan(sim::random_bits(options_.seed, kEpisodeStream, number - pairs_.size()), options_.parts_an_episode);
         plan.real = plan.real && options_.real_parts;

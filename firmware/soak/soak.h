@@ -22,7 +22,7 @@ struct SoakOptions {
     std::uint64_t parts = 100'000;
     std::uint64_t seed = 1;
     std::uint64_t parts_an_episode = 5'000;
-    bool all_pairs = false;                    // first an episode for each pair of faults that can meet
+    bool all_pairs = false;                    // first an episode for each pair of faults, and walks through all states with each fault
     bool until_violation = false;              // ends with the first episode that breaks a promise
     bool real_parts = true;                    // one episode in fifty shows rendered frames to the real pipeline; rendering takes some seconds
     int threads = 1;                           // episodes at the same time; the report is the same for every number

@@ -49,6 +49,7 @@ class SimulatedCell {
     [[nodiscard]] bool finished() const { return world_.finished(); }
 
     [[nodiscard]] hal::PartSensor& part_sensor() { return part_sensor_; }
+    void unplug_part_sensor(hal::Duration gone_for) { part_sensor_.unplug(gone_for); }
     [[nodiscard]] SimStrobe& strobe() { return strobe_; }
     [[nodiscard]] SimSensor& sensor() { return sensor_; }
     [[nodiscard]] SimRejector& rejector() { return rejector_; }  // or a real one that tells world().set_ejector()

@@ -62,6 +62,9 @@ constexpr std::array<Row, kFaults> kRows = {{
     {"store-slow", 2s},
     {"disk-full", 3s},
     {"clock-set", 1h},
+    {"inspector-hangs", 1500ms},
+    {"device-unplugged", 300ms},
+    {"plc-walks", 1500ms},
 }};
 
 }  // namespace

@@ -62,8 +62,11 @@ enum class Fault : std::uint8_t {
     store_slow,            // each arrival        nothing gets written for `amount`, and no error says so (2 s)
     disk_full,             // each arrival        no space for `amount` (3 s)
     clock_set,             // each arrival        somebody sets the machine's wall clock forth or back by `amount` (1 h)
+    inspector_hangs,       // each inspection     none is answered for `amount`, then all (1.5 s)
+    device_unplugged,      // each arrival        some device goes within 1.5 s, whatever it does then; start() fails for `amount` (300 ms)
+    plc_walks,             // each arrival        the PLC leads the station to some state, and leaves it there for `amount` (1.5 s)
 };
-inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::clock_set) + 1;
+inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::plc_walks) + 1;
 
 std::string_view name_of(Fault fault);                          // "frame-drop"
 std::optional<Fault> fault_named(std::string_view name);

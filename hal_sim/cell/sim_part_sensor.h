@@ -25,6 +25,11 @@ class SimPartSensor final : public hal::PartSensor {
     // From the world: a part's front (arrives) or back edge crosses the sensor.
     void part_edge(bool arrives, hal::TimePoint at);
 
+    // The device goes now, as if pulled out; start() fails for so long.
+    void unplug(hal::Duration gone_for) {
+        if (listener_ != nullptr) lose(gone_for);
+    }
+
   private:
     using Kind = hal::PartEdge::Kind;
     Result<void> do_start(Listener& listener) override;

@@ -28,6 +28,11 @@ class SimRejector final : public hal::Rejector {
 
     [[nodiscard]] bool run_permit() const { return permit_; }  // the coil as the module has it
 
+    // The link goes now, for so long.
+    void unplug(hal::Duration gone_for) {
+        if (up_) link_goes_down(gone_for);
+    }
+
   private:
     struct Job {  // a report that is owed
         hal::RejectReport report;

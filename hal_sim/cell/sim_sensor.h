@@ -34,6 +34,11 @@ class SimSensor final : public hal::Sensor {
         return seen.sequence == sequence ? seen.part : 0;
     }
 
+    // The device goes now, as if pulled out; start() fails for so long.
+    void unplug(hal::Duration gone_for) {
+        if (listener_ != nullptr) lose(gone_for);
+    }
+
   private:
     enum class State : std::uint8_t { free, exposing, reading, lent };
     struct Slot {

@@ -34,6 +34,11 @@ class SimStrobe final : public hal::Strobe {
     [[nodiscard]] hal::Duration longest_on() const { return longest_on_; }
     [[nodiscard]] std::uint64_t pulses() const { return pulses_; }
 
+    // The device goes now, as if pulled out; start() fails for so long.
+    void unplug(hal::Duration gone_for) {
+        if (listener_ != nullptr) lose(gone_for);
+    }
+
   private:
     struct Lit {
         hal::TimePoint from, until;
