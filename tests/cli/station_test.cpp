@@ -99,6 +99,30 @@ TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ej
     }
 }
 
+TEST(Run, vitals_are_written_and_stay_flat) {
+    const TemporaryFolder folder;
+    const Said said = run("hordctl", {"run", "--simulate", "--variety", "1", "--parts", "60", "--modbus", "127.0.0.1:0", "--vitals", folder / "v.csv", "--vitals-every", "1"},
+                          std::chrono::seconds(120));
+    EXPECT_THAT(said.out, HasSubstr("descriptors"));
+    std::ifstream file(folder / "v.csv");
+    std::string line;
+    ASSERT_TRUE(std::getline(file, line));
+    EXPECT_EQ(line, "until_s,parts,late,unfit,p50_ms,p99_ms,max_ms,memory_kb,descriptors,threads,processor");
+    std::vector<std::vector<double>> rows;
+    while (std::getline(file, line)) {
+        std::istringstream cells(line);
+        auto& row = rows.emplace_back();
+        for (std::string cell; std::getline(cells, cell, ',');) row.push_back(std::stod(cell));
+        ASSERT_EQ(row.size(), 11U) << line;
+    }
+    ASSERT_GE(rows.size(), 3U) << said.err;  // six seconds of parts, however slow the machine is
+    double parts = 0;
+    for (const auto& row : rows) parts += row[1];
+    EXPECT_LE(parts, 60);
+    EXPECT_EQ(rows.back()[8], rows[1][8]) << "descriptors";
+    EXPECT_LT(rows.back()[7], rows[1][7] + 8'000) << "kB of memory";
+}
+
 // The port that a running station said it listens at.
 std::string port_of(const Said& said) {
     const std::string mark = "registers at 127.0.0.1:";
