@@ -22,7 +22,8 @@ constexpr double kLeastNeighbours = 0.5;   // of measured lenslets, measured, to
 // light, seen through a part, moves centres by tenths of a pixel.
 constexpr double kMostError = 0.5 / algo::kMaxBins / 3;
 constexpr double kGrowCentres = 900;
-constexpr std::size_t kSplitCentres = 1500;
+constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
+constexpr double kSplitPixels = 400'000;  // of all of them: what it may cost
 
 bool inside(const WhiteImage& image, PixelPoint p) {
     return p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < image.width_px() - 0.5 && p.y_px < image.height_px() - 0.5;
@@ -218,7 +219,9 @@ Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::
         }
     }
     // Some of them twice, by halves: whether single lenslets have places of their own is asked of these.
-    const std::size_t every = std::max<std::size_t>(1, out.observations.size() / kSplitCentres);
+    const double window_px = std::numbers::pi * grown->finder.window_radius_px() * grown->finder.window_radius_px();
+    const std::size_t asked = std::clamp(static_cast<std::size_t>(kSplitPixels / window_px), kFewestSplit, kSplitCentres);
+    const std::size_t every = std::max<std::size_t>(1, out.observations.size() / asked);
     for (std::size_t k = 0; k < out.observations.size(); k += every) out.observations[k].split_px = grown->finder.split(out.observations[k].centre_px);
     report(0.7);
     count_from_zero(grid, out.observations, all);

@@ -55,6 +55,8 @@ def tests(program, which):
 print("# Lenslet-grid calibration, measured\n")
 print("Generated: `tests/calib/page.py BUILD/bin FOLDER > docs/results/calibration.md`; FOLDER holds `lenslet/` and `bench/`. Every number is of that run. Frames of\n"
       "known truth are drawn by tests/calib/synthetic.h, which shares nothing with the fitter.\n")
+model = next((line.split(": ")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")), "a machine")
+print(f"Made on {model}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.0f} at the start: other work on the machine makes CPU times longer.\n")
 print(run("calibration_table", data))
 print("## What tests hold\n\n| promise | test | measured |\n|---|---|---|")
 for promise, program, which in PROMISES:
