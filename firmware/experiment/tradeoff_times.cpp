@@ -9,12 +9,14 @@
 #include <numeric>
 #include <optional>
 
+#include "algo/emd.h"
 #include "algo/feature_map.h"
 #include "algo/mask.h"
 #include "algo/transmission.h"
 #include "firmware/experiment/scenes.h"
 #include "firmware/experiment/statistics.h"
 #include "firmware/experiment/tradeoff_scores.h"
+#include "firmware/experiment/transport_check.h"
 
 namespace hord::firmware {
 namespace {
@@ -114,6 +116,37 @@ class LightMeter {
     std::vector<float> out_;
 };
 
+// Entropic transport beside the exact distance, on the horizontal pairs of every 11th lenslet of every 11th row.
+Result<Json> sinkhorn_beside_emd(const Timed& timed, const algo::LightLevels& levels) {
+    constexpr int kEvery = 11, kMostRounds = 2000;
+    constexpr double kEpsilon = 0.05, kResidual = 1e-4;  // bin pitches; L1 of what the plan lacks
+    const algo::Extents& e = timed.extents;
+    const auto ground = algo::GroundDistance::between_bins(e.i, e.j);
+    if (!ground) return tl::unexpected(ground.error());
+    std::vector<double> errors;
+    double ms = 0, exact_ms = 0, rounds = 0;
+    auto solver = algo::EmdSolver::create(*ground);
+    if (!solver) return tl::unexpected(solver.error());
+    algo::HordRow row(e);
+    for (int n = kEvery; n + 1 < e.n; n += kEvery) {
+        algo::decode_row(timed.frame.view(), e, levels, n, row);
+        for (int m = kEvery; m + 1 < e.m; m += kEvery) {
+            if (!row.has_hord(m - 1) || !row.has_hord(m + 1)) continue;
+            const auto masses = [&](int at) { return Masses(row.hord(at).mass, row.hord(at).mass + e.bins()); };
+            const Masses a = masses(m - 1), b = masses(m + 1);
+            const double begin = processor_ms();
+            const Sinkhorn found = sinkhorn(a, b, *ground, kEpsilon, kResidual, kMostRounds);
+            const double middle = processor_ms();
+            const double exact = solver->distance(row.hord(m - 1), row.hord(m + 1));
+            exact_ms += processor_ms() - middle, ms += middle - begin, rounds += found.rounds;
+            errors.push_back(std::abs(found.cost - exact));
+        }
+    }
+    const auto pairs = static_cast<double>(std::max<std::size_t>(errors.size(), 1));
+    const double mean = std::accumulate(errors.begin(), errors.end(), 0.0) / pairs;
+    return Json{{"mean", mean}, {"p99", quantile(errors, 0.99)}, {"pairs", errors.size()}, {"pair_us", 1e3 * ms / pairs}, {"exact_us", 1e3 * exact_ms / pairs}, {"rounds", rounds / pairs}};
+}
+
 }  // namespace
 
 Result<Json> time_features(const TradeoffPoint& point, std::uint64_t seed, int threads, bool quick) {
@@ -172,6 +205,9 @@ Result<Json> approximations_of_emd(const TradeoffPoint& point, std::uint64_t see
         const double mean = std::accumulate(errors.begin(), errors.end(), 0.0) / static_cast<double>(std::max<std::size_t>(errors.size(), 1));
         found[std::string(name_of(feature))] = {{"mean", mean}, {"p99", quantile(errors, 0.99)}};
     }
+    auto entropic = sinkhorn_beside_emd(*timed, levels_at(point));
+    if (!entropic) return tl::unexpected(entropic.error());
+    found["sinkhorn"] = std::move(*entropic);
     return found;
 }
 

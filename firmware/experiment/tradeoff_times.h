@@ -14,7 +14,8 @@ namespace hord::firmware {
 Result<Json> time_features(const TradeoffPoint& point, std::uint64_t seed, int threads, bool quick);
 
 // How far the cheaper distances are from the exact one they stand for, on the same frame: mean and 99th percentile of |value - emd| over
-// judged lenslets, bin pitches; by name.
+// judged lenslets, bin pitches; by name. And "sinkhorn": entropic transport (transport_check.h, which no station uses) against the exact
+// distance of single pairs, with "pairs", "rounds", and "pair_us", "exact_us" of processor time a pair.
 Result<Json> approximations_of_emd(const TradeoffPoint& point, std::uint64_t seed, int threads);
 
 }  // namespace hord::firmware

@@ -30,7 +30,7 @@ struct FeatureChange {
 struct EffectNeed {
     sim::Effect effect;
     FeatureChange change;        // without it
-    double cost_ms = 0;          // time that it takes: of the frame with it, less of the frame without
+    double cost_ms = 0;          // processor time that it takes: of the frame with it, less of the frame without
     bool required = false;
 };
 

@@ -20,6 +20,8 @@ constexpr double kEven = 0.01;           // the same for the light's weight
 constexpr double kUniform = 1e-4;        // the same, for a cell whose box is wider than the light in it
 constexpr double kShift = 0.7;           // bins: a smooth cell over which the source moves further is halved
 constexpr double kFocus = 1.2;           // bins: half sides of a box of slopes in which edges are looked for
+constexpr int kMirrorRays = 1024;         // of a lenslet on a rim, for light reflected by a wall
+constexpr double kMirrorNear = 0.5;      // bins: this close to the source, they say that there is some
 
 // The additive recurrence of the root of x^5 = x + 1: evenly spread points in four dimensions (M. Roberts, "The unreasonable
 // effectiveness of quasirandom sequences", 2018).
@@ -113,6 +115,13 @@ void shifted_start(const Cell& cell, double (&at)[kAxes]) {
     }
 }
 
+void step(double (&at)[kAxes]) {
+    for (int a = 0; a < kAxes; ++a) {
+        at[a] += kStep[a];
+        if (at[a] >= 1) at[a] -= 1;
+    }
+}
+
 // As many places of the part as keep it from moving more than a quarter of a lenslet between them.
 int places_of(const Motion& motion, double pitch_mm) {
     const double way = std::hypot(motion.way_x_mm(), motion.way_y_mm());
@@ -175,13 +184,20 @@ LensletLight::LensletLight(const Scene& scene, const SlopeGrid& grid)
 // One pass over one lenslet.
 class LensletLight::Gathering {
   public:
-    Gathering(const LensletLight& in, const Pass& pass, const SlopeGrid& grid, double* cells)
+    Gathering(const LensletLight& in, const Pass& pass, const SlopeGrid& grid, const Cell& whole, double* cells)
         : camera_(in.camera_), obstacles_(in.obstacles_), body_(pass.optics->body), clean_(pass.optics->clean), pass_(pass),
-          bin_rad_(in.bin_rad_), importance_(pass.ghost.is_one() ? kGhostly : 1), grid_(grid), cells_(cells) {}
+          bin_rad_(in.bin_rad_), importance_(pass.ghost.is_one() ? kGhostly : 1), grid_(grid), whole_(whole), cells_(cells) {}
 
-    void collect(const Cell& cell, const std::vector<const Feature*>& near);
+    void collect(const std::vector<const Feature*>& near) { collect(whole_, near); }
 
   private:
+    struct Mirror {
+        std::uint64_t path;
+        SlopeBox lit;
+        int rays;
+    };
+    void collect(const Cell& cell, const std::vector<const Feature*>& near);
+    void look_for_mirrors(const Cell& whole);
     [[nodiscard]] CameraRay ray_at(double x, double y, double u, double v) const { return camera_.to_part(x - pass_.shift_x, y - pass_.shift_y, u, v); }
     [[nodiscard]] Samples sample(const Cell& cell) const;
     void keep_near(const Cell& cell, const std::vector<const Feature*>& before, std::vector<const Feature*>& near) const;
@@ -197,7 +213,10 @@ class LensletLight::Gathering {
     const Pass& pass_;
     double bin_rad_, importance_;
     const SlopeGrid& grid_;
+    const Cell& whole_;
     double* cells_;
+    bool looked_ = false;
+    std::vector<Mirror> mirrors_;
 };
 
 void LensletLight::collect(const CameraGeometry::Place& lenslet, const SlopeGrid& grid, const SlopeBox& range, double* cells) const {
@@ -210,12 +229,12 @@ void LensletLight::collect(const CameraGeometry::Place& lenslet, const SlopeGrid
         near.clear();
         for (const Feature& feature : pass.optics->body.features) near.push_back(&feature);
         if (!pass.optics->diffraction) {
-            Gathering(*this, pass, grid, cells).collect(whole, near);
+            Gathering(*this, pass, grid, whole, cells).collect(near);
             continue;
         }
         const SlopeGrid sharp = pass.optics->diffraction->fine(grid);
         if (k == 0 || passes_[k - 1].optics != pass.optics) fine.assign(static_cast<std::size_t>(sharp.cells()), 0.0);
-        Gathering(*this, pass, sharp, fine.data()).collect(whole, near);
+        Gathering(*this, pass, sharp, whole, fine.data()).collect(near);
         if (k + 1 == passes_.size() || passes_[k + 1].optics != pass.optics) pass.optics->diffraction->blur(grid, fine.data(), cells);
     }
 }
@@ -289,6 +308,11 @@ SlopeBox LensletLight::Gathering::shrink(const Cell& cell, const Samples& sample
     // Light that meets nothing may pass any edge; as seen, it comes from where the camera puts it.
     SlopeBox all = lit(-camera_.offset(cell.x + cell.hx) - 0.1, -camera_.offset(cell.x - cell.hx) + 0.1, -camera_.offset(cell.y + cell.hy) - 0.1,
                        -camera_.offset(cell.y - cell.hy) + 0.1);
+    const auto add = [&](const SlopeBox& box) {
+        if (box.is_empty()) return;
+        all = all.is_empty() ? box
+                             : SlopeBox{std::min(all.u0, box.u0), std::max(all.u1, box.u1), std::min(all.v0, box.v0), std::max(all.v1, box.v1)};
+    };
     for (int k = 0; k <= kCorners; ++k) {
         if (samples.path[k] == 0) continue;
         bool first = true;
@@ -302,12 +326,44 @@ SlopeBox LensletLight::Gathering::shrink(const Cell& cell, const Samples& sample
         }
         // Seen by a few rays only, a path may reach further than they say.
         const double mu = 0.3 + 0.5 * (u1 - u0), mv = 0.3 + 0.5 * (v1 - v0);
-        const SlopeBox box = lit(u0 - mu, u1 + mu, v0 - mv, v1 + mv);
-        if (box.is_empty()) continue;
-        all = all.is_empty() ? box
-                             : SlopeBox{std::min(all.u0, box.u0), std::max(all.u1, box.u1), std::min(all.v0, box.v0), std::max(all.v1, box.v1)};
+        add(lit(u0 - mu, u1 + mu, v0 - mv, v1 + mv));
+    }
+    for (const Mirror& mirror : mirrors_) {
+        add({std::max(cell.box.u0, mirror.lit.u0), std::min(cell.box.u1, mirror.lit.u1), std::max(cell.box.v0, mirror.lit.v0), std::min(cell.box.v1, mirror.lit.v1)});
     }
     return all;
+}
+
+// Next to a wall along the light, some is reflected by it: a way between the free light and the glass's, too narrow for nine rays, and
+// in slopes far from theirs, for a mirror turns with the slope that it is seen with. Once a lenslet, and not near defects, whose cells are
+// small anyway.
+void LensletLight::Gathering::look_for_mirrors(const Cell& whole) {
+    double u[kMirrorRays], v[kMirrorRays], at[kAxes];
+    CameraRay rays[kMirrorRays];
+    Arrival arrivals[kMirrorRays];
+    shifted_start(whole, at);
+    for (int k = 0; k < kMirrorRays; ++k) {
+        step(at);
+        u[k] = whole.box.u0 + at[2] * (whole.box.u1 - whole.box.u0), v[k] = whole.box.v0 + at[3] * (whole.box.v1 - whole.box.v0);
+        rays[k] = ray_at(whole.x + (2 * at[0] - 1) * whole.hx, whole.y + (2 * at[1] - 1) * whole.hy, u[k], v[k]);
+    }
+    trace_many(body_, rays, arrivals, pass_.ghost);
+    const double near = pass_.radius + kMirrorNear;
+    for (int k = 0; k < kMirrorRays; ++k) {
+        double s = 0, t = 0;
+        camera_.to_camera(arrivals[k].u, arrivals[k].v, s, t);
+        if (!(arrivals[k].weight > 0) || (arrivals[k].path & kMirrored) == 0 || std::hypot(s - pass_.s, t - pass_.t) > near) continue;
+        auto known = std::find_if(mirrors_.begin(), mirrors_.end(), [&](const Mirror& mirror) { return mirror.path == arrivals[k].path; });
+        if (known == mirrors_.end()) known = mirrors_.insert(known, {arrivals[k].path, {u[k], u[k], v[k], v[k]}, 0});
+        SlopeBox& lit = known->lit;
+        lit = {std::min(lit.u0, u[k]), std::max(lit.u1, u[k]), std::min(lit.v0, v[k]), std::max(lit.v1, v[k])};
+        ++known->rays;
+    }
+    for (Mirror& mirror : mirrors_) {
+        constexpr int kFew = 6;
+        const double more = mirror.rays < kFew ? near : 0.5 * near;
+        mirror.lit = {mirror.lit.u0 - more, mirror.lit.u1 + more, mirror.lit.v0 - more, mirror.lit.v1 + more};
+    }
 }
 
 void LensletLight::Gathering::collect(const Cell& cell, const std::vector<const Feature*>& near_before) {
@@ -334,6 +390,7 @@ void LensletLight::Gathering::collect(const Cell& cell, const std::vector<const 
     const Samples samples = sample(cell);
     // Rays of different paths in a wide box may have missed a third path between them: first find the lit slopes.
     if (!samples.one_path && std::max(cell.hu(), cell.hv()) > kFocus) return halve(cell, cell.hu() >= cell.hv() ? 2 : 3, near);
+    if (!samples.one_path && near.empty() && !looked_ && !pass_.ghost.is_one()) looked_ = true, look_for_mirrors(whole_);
     const SlopeBox lit = shrink(cell, samples);
     if (lit.is_empty()) return;
     const double transmission = obstacles_.empty() ? 1 : obstacles_.transmission(cell.x, cell.y, cell.hx, cell.hy, lit);
@@ -423,10 +480,7 @@ void LensletLight::Gathering::add_sampled(const Cell& cell, double rays_per_bin)
     for (int done = 0; done < count; done += kBatch) {
         std::size_t batch = 0;
         for (int k = done; k < std::min(count, done + kBatch); ++k) {
-            for (int a = 0; a < kAxes; ++a) {
-                at[a] += kStep[a];
-                if (at[a] >= 1) at[a] -= 1;
-            }
+            step(at);
             const double u = cell.box.u0 + at[2] * (cell.box.u1 - cell.box.u0), v = cell.box.v0 + at[3] * (cell.box.v1 - cell.box.v0);
             const double x = cell.x + (2 * at[0] - 1) * cell.hx, y = cell.y + (2 * at[1] - 1) * cell.hy;
             const double passes = obstacles_.empty() ? 1 : obstacles_.transmission(x, y, u, v);

@@ -68,8 +68,9 @@ void build(Body& body, const Wedge& wedge) {
     exact::sin_cos(wedge.tilt_y_rad, sy, cy);
     const double tx = sx / cx, ty = sy / cy;
     std::vector<Solid> sides;
-    sides.push_back(Solid::inside(add_plane(body, {0, 0, half}, {-tx, -ty, 1})));
-    sides.push_back(Solid::inside(add_plane(body, {0, 0, -half}, {0, 0, -1})));
+    const double camera = wedge.tilts_source_side ? 0 : 1, source = 1 - camera;
+    sides.push_back(Solid::inside(add_plane(body, {0, 0, half}, {-camera * tx, -camera * ty, 1})));
+    sides.push_back(Solid::inside(add_plane(body, {0, 0, -half}, {-source * tx, -source * ty, -1})));
     add_sides(body, sides, h, h);
     body.fill(Solid::all(std::move(sides)), wedge.refractive_index);
     body.convex = true;

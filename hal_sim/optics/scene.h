@@ -31,8 +31,9 @@ struct DoubleConvexLens {
 struct Wedge {
     double half_size_mm = 8;
     double centre_thickness_mm = 4;
-    double tilt_x_rad = 0, tilt_y_rad = 0;  // of the camera-side face; positive: thicker, and light bent, to the right / downwards
+    double tilt_x_rad = 0, tilt_y_rad = 0;  // of one face; positive: thicker, and light bent, to the right / downwards
     double refractive_index = 1.5;
+    bool tilts_source_side = false;  // the face towards the source; else the camera's
 };
 struct PlanoConvexLens {  // curved towards the camera
     double radius_of_curvature_mm = 100;

@@ -40,6 +40,8 @@ void read(TomlTable& table, Wedge& wedge) {
     number(table, "centre_thickness_mm", wedge.centre_thickness_mm);
     number(table, "tilt_x_rad", wedge.tilt_x_rad);
     number(table, "tilt_y_rad", wedge.tilt_y_rad);
+    static constexpr std::array<std::string_view, 2> kFaces{"camera", "source"};
+    if (const auto face = table.choice("tilted_face", kFaces)) wedge.tilts_source_side = *face == 1;
     number(table, "refractive_index", wedge.refractive_index);
 }
 

@@ -23,6 +23,7 @@ struct Arrival {
     std::uint64_t path = 0;  // which surfaces it met, in order: rays of one path vary smoothly; 0: none reaches the source
 };
 constexpr std::uint64_t kFreePath = 1;  // met nothing
+constexpr std::uint64_t kMirrored = std::uint64_t{1} << 63;  // this bit of a path: it was reflected somewhere
 
 // Where a ray goes, for who needs the way itself: corners, and whether the stretch up to each ran inside the part.
 struct Way {

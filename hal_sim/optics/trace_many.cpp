@@ -42,9 +42,7 @@ HORD_ALWAYS_INLINE D leaves_box_from_above(const Body& body, const Rays<D>& ray)
 }
 
 template <class V>
-HORD_ALWAYS_INLINE V mixed_of(const V& path, std::uint64_t step) { return (path ^ (step + 1)) * 0x9E3779B97F4A7C15ULL + (path >> 29); }
-template <class V>
-HORD_ALWAYS_INLINE Two<V> mixed(const Two<V>& path, std::uint64_t step) { return {mixed_of(path.a, step), mixed_of(path.b, step)}; }
+HORD_ALWAYS_INLINE Two<V> mixed(const Two<V>& path, std::uint64_t step) { return {mix(path.a, step), mix(path.b, step)}; }
 
 template <class D, class P>
 HORD_ALWAYS_INLINE void pass_discs(const Body& body, const Rays<D>& ray, const D& to, D& weight, P& path) {

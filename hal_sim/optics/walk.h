@@ -9,9 +9,13 @@ constexpr int kMaxCrossings = 16;
 constexpr double kLeast = 1e-12;  // of the light: what is left of less is lost
 constexpr double kClose = 1e-6;   // of the body's size: larger than any crossing_error() here
 
-constexpr std::uint64_t mix(std::uint64_t path, std::uint64_t step) { return (path ^ (step + 1)) * 0x9E3779B97F4A7C15ULL + (path >> 29); }
+// A path by what it meets, one after the other; of numbers or of lanes of them. Once set, kMirrored stays.
 constexpr std::uint64_t met_disc(std::size_t disc) { return 1000 + disc; }
-constexpr std::uint64_t met_surface(std::size_t surface, bool reflected) { return 2 * surface + (reflected ? 1 : 0); }
+constexpr std::uint64_t met_surface(std::size_t surface, bool reflected) { return 2 * surface + (reflected ? kMirrored | 1 : 0); }
+template <class Path>
+[[gnu::always_inline]] constexpr inline Path mix(const Path& path, std::uint64_t step) {
+    return (((path ^ (step + 1)) * 0x9E3779B97F4A7C15ULL + (path >> 29)) & ~kMirrored) | ((path | step) & kMirrored);
+}
 
 // Between two crossings.
 struct Walk {

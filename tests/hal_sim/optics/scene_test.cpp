@@ -2,6 +2,9 @@
 
 #include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <regex>
+#include <set>
 #include <string>
 
 #include <gmock/gmock.h>
@@ -74,6 +77,61 @@ read_e = 3
     EXPECT_THAT(what, HasSubstr(":13: camera.m: 2 is out of range: use 3 to 2048"));
     EXPECT_THAT(what, HasSubstr(":14: camera.bits: 20 is out of range: use 8 to 16"));
     EXPECT_THAT(what, HasSubstr(":16: noise.read_e: is in electrons and needs electrons_per_dn"));
+}
+
+TEST(SceneFile, unknown_keys_impossible_geometry_and_contradictions_come_together) {
+    const auto scene = read(R"([part]
+kind = "double-convex"
+radius_of_curvature_mm = -190
+colour = "blue"
+[pose]
+x_mm = 40
+[[defect]]
+kind = "absorber"
+opaque = true
+absorption_per_mm = 2
+[camera.array]
+pitch_px = 3
+[effects]
+ghosts = true
+)");
+    ASSERT_FALSE(scene);
+    const std::string what = scene.error().what;
+    EXPECT_THAT(what, HasSubstr(".toml:3: part.radius_of_curvature_mm: -190 is out of range: use 1e-06 to 10000"));
+    EXPECT_THAT(what, HasSubstr(".toml:4: part.colour: is not a known key"));
+    EXPECT_THAT(what, HasSubstr(".toml:6: pose.x_mm: "));
+    EXPECT_THAT(what, HasSubstr("outside the field"));
+    EXPECT_THAT(what, HasSubstr(".toml:10: defect[0].absorption_per_mm: contradicts opaque = true: name one of them"));
+    EXPECT_THAT(what, HasSubstr(".toml:12: camera.array.pitch_px: makes a bin of 0.333333 pixels: a lenslet too fine for its bins: use at least 4.5"));
+    EXPECT_THAT(what, HasSubstr(".toml:14: effects.ghosts: "));
+    EXPECT_THAT(what, HasSubstr("fresnel"));
+}
+
+std::string text_of(const std::filesystem::path& file) {
+    std::ifstream in(std::filesystem::path(HORD_SOURCE_DIR) / file);
+    return {std::istreambuf_iterator<char>(in), {}};
+}
+std::set<std::string> matches(const std::string& text, const char* pattern) {
+    const std::regex expression(pattern);
+    std::set<std::string> found;
+    for (auto it = std::sregex_iterator(text.begin(), text.end(), expression); it != std::sregex_iterator(); ++it) found.insert((*it)[1]);
+    return found;
+}
+
+// docs/scene.md names every key that is read, and none that is not.
+TEST(SceneFile, the_documented_keys_are_those_that_are_read) {
+    const std::string page = text_of("docs/scene.md"), parser = text_of("hal_sim/optics/scene_file.cpp");
+    const auto read_keys = matches(parser, R"re((?:number|vector|pair|integer|boolean|text|numbers|choice|table|tables|tables\w*)\((?:\w+, )?"(\w+)")re");
+    ASSERT_GT(read_keys.size(), 80U);
+    for (const std::string& key : read_keys) {
+        const bool named = page.find('`' + key + '`') != std::string::npos || page.find(key + "]") != std::string::npos || page.find('\n' + key + " = ") != std::string::npos;
+        EXPECT_TRUE(named) << key << " is read and not documented";
+    }
+    const auto documented = matches(page, R"re(`(\w+_(?:mm|um|nm|rad|px|us|ms|e|dn|bins|index|number|length|share|seed|per_mm|per_dn|per_s|mm_s|well_e|side|face|noise|difference|lens))`)re");
+    ASSERT_GT(documented.size(), 60U);
+    for (const std::string& key : documented) {
+        EXPECT_TRUE(parser.find('"' + key + '"') != std::string::npos) << key << " is documented and not read";
+    }
 }
 
 TEST(SceneFile, impossible_geometry_is_refused) {
