@@ -20,7 +20,8 @@ constexpr double kEven = 0.01;           // the same for the light's weight
 constexpr double kUniform = 1e-4;        // the same, for a cell whose box is wider than the light in it
 constexpr double kShift = 0.7;           // bins: a smooth cell over which the source moves further is halved
 constexpr double kFocus = 1.2;           // bins: half sides of a box of slopes in which edges are looked for
-constexpr int kMirrorRays = 1024;         // of a lenslet on a rim, for light reflected by a wall
+constexpr int kMirrorRays = 256;         // of a lenslet on a rim, for light reflected by a wall; so many times, where there is some
+constexpr int kMirrorBatches = 4;
 constexpr double kMirrorNear = 0.5;      // bins: this close to the source, they say that there is some
 
 // The additive recurrence of the root of x^5 = x + 1: evenly spread points in four dimensions (M. Roberts, "The unreasonable
@@ -342,22 +343,29 @@ void LensletLight::Gathering::look_for_mirrors(const Cell& whole) {
     CameraRay rays[kMirrorRays];
     Arrival arrivals[kMirrorRays];
     shifted_start(whole, at);
-    for (int k = 0; k < kMirrorRays; ++k) {
-        step(at);
-        u[k] = whole.box.u0 + at[2] * (whole.box.u1 - whole.box.u0), v[k] = whole.box.v0 + at[3] * (whole.box.v1 - whole.box.v0);
-        rays[k] = ray_at(whole.x + (2 * at[0] - 1) * whole.hx, whole.y + (2 * at[1] - 1) * whole.hy, u[k], v[k]);
-    }
-    trace_many(body_, rays, arrivals, pass_.ghost);
-    const double near = pass_.radius + kMirrorNear;
-    for (int k = 0; k < kMirrorRays; ++k) {
-        double s = 0, t = 0;
-        camera_.to_camera(arrivals[k].u, arrivals[k].v, s, t);
-        if (!(arrivals[k].weight > 0) || (arrivals[k].path & kMirrored) == 0 || std::hypot(s - pass_.s, t - pass_.t) > near) continue;
-        auto known = std::find_if(mirrors_.begin(), mirrors_.end(), [&](const Mirror& mirror) { return mirror.path == arrivals[k].path; });
-        if (known == mirrors_.end()) known = mirrors_.insert(known, {arrivals[k].path, {u[k], u[k], v[k], v[k]}, 0});
-        SlopeBox& lit = known->lit;
-        lit = {std::min(lit.u0, u[k]), std::max(lit.u1, u[k]), std::min(lit.v0, v[k]), std::max(lit.v1, v[k])};
-        ++known->rays;
+    const double near = pass_.radius + kMirrorNear, far = pass_.radius + 4 * kMirrorNear;
+    bool any = true;  // further off, where it takes fewer rays to see one
+    for (int batch = 0; batch < kMirrorBatches && any; ++batch) {
+        for (int k = 0; k < kMirrorRays; ++k) {
+            step(at);
+            u[k] = whole.box.u0 + at[2] * (whole.box.u1 - whole.box.u0), v[k] = whole.box.v0 + at[3] * (whole.box.v1 - whole.box.v0);
+            rays[k] = ray_at(whole.x + (2 * at[0] - 1) * whole.hx, whole.y + (2 * at[1] - 1) * whole.hy, u[k], v[k]);
+        }
+        trace_many(body_, rays, arrivals, pass_.ghost);
+        any = false;
+        for (int k = 0; k < kMirrorRays; ++k) {
+            if (!(arrivals[k].weight > 0) || (arrivals[k].path & kMirrored) == 0) continue;
+            double s = 0, t = 0;
+            camera_.to_camera(arrivals[k].u, arrivals[k].v, s, t);
+            const double off = std::hypot(s - pass_.s, t - pass_.t);
+            any = any || off < far;
+            if (off > near) continue;
+            auto known = std::find_if(mirrors_.begin(), mirrors_.end(), [&](const Mirror& mirror) { return mirror.path == arrivals[k].path; });
+            if (known == mirrors_.end()) known = mirrors_.insert(known, {arrivals[k].path, {u[k], u[k], v[k], v[k]}, 0});
+            SlopeBox& lit = known->lit;
+            lit = {std::min(lit.u0, u[k]), std::max(lit.u1, u[k]), std::min(lit.v0, v[k]), std::max(lit.v1, v[k])};
+            ++known->rays;
+        }
     }
     for (Mirror& mirror : mirrors_) {
         constexpr int kFew = 6;
