@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdlib>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@
 #include "algo/emd.h"
 #include "algo/gradient.h"
 #include "algo/jacobian.h"
+#include "algo/judge.h"
 #include "algo/rim.h"
 #include "algo/transmission.h"
 #include "algo/zones.h"
@@ -57,15 +59,17 @@ constexpr int kBandRows = 16;
 
 // What one thread works with: three rows of HORDs and their mean deflections, row n in place n % 3.
 struct Worker {
-    Worker(const Extents& e, EmdSolver emd_solver)
+    Worker(const Extents& e, EmdSolver emd_solver, const Reference* reference)
         : solver(std::move(emd_solver)), hords{HordRow(e), HordRow(e), HordRow(e)}, gradients(static_cast<std::size_t>(kBandRows * e.m)) {
         for (auto& row : deflections) row.resize(static_cast<std::size_t>(e.m));
+        if (reference != nullptr) comparer.emplace(*reference);
     }
     EmdSolver solver;
     std::array<HordRow, 3> hords;
     std::array<std::vector<Deflection>, 3> deflections;
     std::vector<EmdGradient> gradients;  // of the rows asked for, one after the other
     std::size_t asked = 0;
+    std::optional<Comparer> comparer;    // where there is a reference
 
     [[nodiscard]] HordRow& hords_of(int n) { return hords[static_cast<std::size_t>(n % 3)]; }
     [[nodiscard]] std::vector<Deflection>& deflections_of(int n) { return deflections[static_cast<std::size_t>(n % 3)]; }
@@ -82,6 +86,7 @@ struct Pipeline::Workspace {
           spectral(maps == MapSet::all ? e.lenslets() : 0), nuclear(spectral.size()), anisotropy(spectral.size()),
           rim(e, r.rim_margin < 0 ? default_rim_margin(e) : r.rim_margin), defect_finder(e, r) {
         paint_zones(recipe.zones, extents, zones);
+        if (recipe.reference) against.emplace(e, recipe);
     }
 
     Extents extents;
@@ -102,12 +107,23 @@ struct Pipeline::Workspace {
     RimFinder rim;
     DefectFinder defect_finder;
 
+    // What a reference needs.
+    struct AgainstReference {
+        AgainstReference(const Extents& e, const Recipe& r) : registrar(e), judge(e, r), differences(e.lenslets()), surprise(e.lenslets()) {}
+        Registrar registrar;
+        Judge judge;
+        std::vector<Difference> differences;
+        std::vector<float> surprise;
+    };
+    std::optional<AgainstReference> against;
+
     [[nodiscard]] std::size_t at(int m, int n) const { return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m); }
     void compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times);
     void compute_band(Worker& worker, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
     void compare_row(Worker& worker, int n);
     void finish_rows(Worker& worker, int last);
     [[nodiscard]] Reason unfit_reason() const;
+    Registered compare_with_reference(const FrameView& frame);
 };
 
 // The gradients of every row, and what the rest needs of the HORDs.
@@ -204,11 +220,30 @@ Reason Pipeline::Workspace::unfit_reason() const {
     return Reason::none;
 }
 
+// Where the part lies, and how every lenslet differs from the reference's there. The frame is decoded once more: the pose was not
+// known before.
+Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
+    const Reference& reference = *recipe.reference;
+    const Registered found = against->registrar.find(reference.maps(), deflections, sums, mask, static_cast<double>(reference.sensor.electrons_per_dn), reference.parts);
+    if (!found.found()) return found;
+    const PoseMap pose(found.pose, extents);
+    crew->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
+        Worker& w = workers[static_cast<std::size_t>(worker)];
+        for (int n = band * kBandRows; n < std::min((band + 1) * kBandRows, extents.n); ++n) {
+            HordRow& row = w.hords_of(n);
+            decode_row(frame, extents, levels, n, row);
+            w.comparer->compare_row(row, n, pose, found.light, std::span(against->differences).subspan(at(0, n), static_cast<std::size_t>(extents.m)));
+        }
+    });
+    return found;
+}
+
 Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe& recipe, int threads, MapSet maps) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
     std::vector<std::string> lines = problems(recipe, extents);
     for (std::string& line : problems_of(light_levels(recipe, bits), bits)) lines.push_back(std::move(line));
+    for (std::string& line : problems_of_reference(recipe, extents, bits)) lines.push_back(std::move(line));
     if (!lines.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(lines));
     auto ground = GroundDistance::between_bins(extents.i, extents.j);
     if (!ground) return tl::unexpected(ground.error());
@@ -218,7 +253,7 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
     for (int worker = 0; worker < threads; ++worker) {
         auto solver = EmdSolver::create(*ground);
         if (!solver) return tl::unexpected(solver.error());
-        workers.emplace_back(extents, std::move(*solver));
+        workers.emplace_back(extents, std::move(*solver), recipe.reference.get());
     }
     return Pipeline(std::make_unique<Workspace>(extents, bits, recipe, maps, std::move(*crew), std::move(workers)));
 }
@@ -243,7 +278,19 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     watch.lap(result.times.feature_ns);
 
     result.reason = w.unfit_reason();
-    if (result.reason == Reason::none) {
+    if (result.reason == Reason::none && w.against) {
+        result.registered = w.compare_with_reference(frame);
+        if (!result.registered.found()) result.reason = Reason::not_registered;
+        watch.lap(result.times.feature_ns);
+    }
+    if (result.reason == Reason::none && w.against) {
+        const FoundDefects found = w.against->judge.find({w.against->differences, w.emd, w.frobenius, w.mask}, result.registered.pose, w.against->surprise);
+        result.defects = found.defects;
+        result.reason = found.reason;
+        result.score = found.score;
+        result.surprise = w.against->surprise;
+        result.verdict = found.defects.empty() ? Verdict::pass : Verdict::reject;
+    } else if (result.reason == Reason::none) {
         auto found = w.defect_finder.find({w.emd, w.frobenius, w.transmission, w.mask});
         if (!found) return tl::unexpected(found.error());
         result.defects = found->defects;

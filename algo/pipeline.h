@@ -13,6 +13,7 @@
 #include "algo/light_field.h"
 #include "algo/mask.h"
 #include "algo/recipe.h"
+#include "algo/registration.h"
 #include "algo/verdict.h"
 
 namespace hord::algo {
@@ -40,6 +41,8 @@ struct Inspection {
     Map nuclear;                         //
     Map anisotropy;                      // 0..1: how much the Jacobian has one direction (algo/jacobian.h)
     std::span<const std::uint8_t> mask;  // MaskBit, one a lenslet
+    Map surprise;                        // with a reference: the worst score of a lenslet, in units of noise (algo/judge.h); else empty
+    Registered registered;               // and where the part lies
     StageTimes times;
 };
 

@@ -2,10 +2,13 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "algo/light_field.h"
+#include "algo/verdict.h"
 
 namespace hord::algo {
 
@@ -27,6 +30,20 @@ struct Zone {
 
     [[nodiscard]] bool contains(float m, float n) const;
 };
+
+// What is no reason to reject, though it is a defect: small ones of some kinds, not too many, somewhere on the part. A defect that exceeds
+// every tolerance it falls under is one too many.
+struct Tolerance {
+    std::uint32_t kinds = 0xFFFFFFFFU;  // bit 1 << DefectKind: those that it is about
+    std::optional<Zone> where;          // on the reference's part; none: everywhere
+    float largest_mm = 0;               // diameter of a disc of the same area; of scratches the length
+    float deepest_rad = 0;              // the largest change of direction; 0: any
+    std::uint32_t number = 1;           // as many of them
+
+    [[nodiscard]] bool is_about(DefectKind kind) const { return (kinds >> static_cast<unsigned>(kind) & 1U) != 0; }
+};
+
+struct Reference;  // algo/reference.h
 
 // Light levels at 8 bits; at b bits they are 2^(b-8) times as many DN, the same share of the full scale.
 // Dark: twelve times the rounding noise of 8 bits (0.29 DN) and five times a read noise of 0.6 DN, so dark bins stay empty.
@@ -70,6 +87,19 @@ struct Recipe {
     float min_lit_share = 0.05F;
 
     std::vector<Zone> zones;
+
+    // Of the measurement plane and of a bin; 0: not known. Needed where a tolerance is in mm or radians.
+    float lenslet_mm = 0;
+    float bin_rad = 0;
+
+    // Good parts to compare with (algo/judge.h); none: parts are judged by themselves alone. The scores are in units of noise:
+    // a lenslet at `reject_score` is a defect, it grows over neighbours down to `grow_score`, and weaker ones that lie together count
+    // when the root of their sum of squares reaches `cluster_score`.
+    std::shared_ptr<const Reference> reference;
+    float reject_score = 6.0F;
+    float grow_score = 3.5F;
+    float cluster_score = 9.0F;
+    std::vector<Tolerance> tolerances;
 };
 
 // The recipe's light levels at a bit depth, in DN.

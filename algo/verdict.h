@@ -18,6 +18,7 @@ enum class Reason : std::uint8_t {
     too_dark,        // unfit: too few lenslets with light
     saturated,       // unfit: too many saturated lenslets
     nothing_to_see,  // unfit: no lenslet is left to judge after masks and zones
+    not_registered,  // unfit: it does not lie where the reference's parts did, or does not look like them
 };
 
 enum class DefectKind : std::uint8_t { unknown, scattering, absorbing, surface, scratch };
@@ -29,6 +30,9 @@ struct Defect {
     std::uint32_t area = 0;  // lenslets
     float peak = 0;          // largest value of the feature that found it, in that feature's unit
     DefectKind kind = DefectKind::unknown;
+    float length = 0;        // lenslets: of a bar with the region's second moments; 0: not known
+    float width = 0;
+    float score = 0;         // over its limit; 0: not known
 };
 
 constexpr std::string_view name_of(Verdict v) {
@@ -36,7 +40,7 @@ constexpr std::string_view name_of(Verdict v) {
     return names[static_cast<unsigned>(v)];
 }
 constexpr std::string_view name_of(Reason r) {
-    constexpr std::string_view names[] = {"none", "deflection", "slope", "absorption", "too-dark", "saturated", "nothing-to-see"};
+    constexpr std::string_view names[] = {"none", "deflection", "slope", "absorption", "too-dark", "saturated", "nothing-to-see", "not-registered"};
     return names[static_cast<unsigned>(r)];
 }
 constexpr std::string_view name_of(DefectKind k) {

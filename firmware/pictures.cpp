@@ -57,7 +57,7 @@ void draw_scale(cv::Mat& sheet, const MapPicture& what, int top, int height) {
     write_text(sheet, what.unit, {left - 4, top - 8}, fitting(what.unit, kScaleWidth - 6, 0.36));
 }
 
-void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, int zoom) {
+void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, std::span<const std::string> labels, int zoom) {
     constexpr std::size_t kMost = 20;
     for (std::size_t k = 0; k < std::min(defects.size(), kMost); ++k) {
         const algo::Defect& defect = defects[k];
@@ -67,7 +67,14 @@ void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, int zoom)
         const int radius = std::max(8, static_cast<int>(radius_lenslets * zoom));
         cv::circle(map, centre, radius + 1, cv::Scalar(255, 255, 255), 3, cv::LINE_AA);
         cv::circle(map, centre, radius, cv::Scalar(40, 40, 230), 2, cv::LINE_AA);
-        write_text(map, std::to_string(k + 1), centre + cv::Point(radius + 3, 4), 0.45, cv::Scalar(40, 40, 230));
+        const std::string label = k < labels.size() ? fmt::format("{} {}", k + 1, labels[k]) : std::to_string(k + 1);
+        const int width = cv::getTextSize(label, cv::FONT_HERSHEY_SIMPLEX, 0.45, 1, nullptr).width;
+        const int right = centre.x + radius + 3, left = std::max(0, std::min(right, map.cols - width - 2));
+        const int below = left < right ? radius + 14 : 4;  // where it does not fit beside the circle
+        if (k < labels.size()) {  // on whatever colour
+            cv::putText(map, label, {left, centre.y + below}, cv::FONT_HERSHEY_SIMPLEX, 0.45, cv::Scalar(255, 255, 255), 3, cv::LINE_AA);
+        }
+        write_text(map, label, {left, centre.y + below}, 0.45, cv::Scalar(40, 40, 230));
     }
 }
 
@@ -90,7 +97,7 @@ MapPicture scale_to(std::string title, std::string unit, algo::Map map, std::spa
 }
 
 Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t> mask, const algo::Extents& extents,
-             std::span<const algo::Defect> defects) {
+             std::span<const algo::Defect> defects, std::span<const std::string> labels, const std::string& caption) {
     cv::Mat level(extents.n, extents.m, CV_8U);
     for (int n = 0; n < extents.n; ++n) {
         for (int m = 0; m < extents.m; ++m) {
@@ -115,9 +122,11 @@ Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t
     const int zoom = enlargement(std::max(extents.m, extents.n));
     cv::Mat map_picture;
     cv::resize(colours, map_picture, {}, zoom, zoom, cv::INTER_NEAREST);
-    draw_defects(map_picture, defects, zoom);
+    draw_defects(map_picture, defects, labels, zoom);
 
-    cv::Mat sheet(map_picture.rows + kTitleHeight, map_picture.cols + kScaleWidth, CV_8UC3, kPaper);
+    const int foot = caption.empty() ? 0 : kTitleHeight;
+    cv::Mat sheet(map_picture.rows + kTitleHeight + foot, map_picture.cols + kScaleWidth, CV_8UC3, kPaper);
+    if (foot > 0) write_text(sheet, caption, {4, sheet.rows - 8}, fitting(caption, sheet.cols - 8, 0.5));
     map_picture.copyTo(sheet(cv::Rect(0, kTitleHeight, map_picture.cols, map_picture.rows)));
     write_text(sheet, what.title, {4, 18}, fitting(what.title, map_picture.cols - 8, 0.5));
     draw_scale(sheet, what, kTitleHeight, map_picture.rows);

@@ -16,7 +16,8 @@ namespace hord::firmware {
 
 // What a pseudocolour picture shows. Colours run from `low` to `high` (viridis: dark blue to yellow); values outside
 // take the end colours. Lenslets without a valid value are grey, valid ones that are not judged (rim, outside the
-// inspection zones) keep their colour, dimmed. Defects are circled and numbered, the largest peak first.
+// inspection zones) keep their colour, dimmed. Defects are circled and numbered, the largest peak first; with `labels`, each
+// has its own words; `caption`, a sentence, goes below the map.
 struct MapPicture {
     std::string title;  // drawn above the map
     std::string unit;   // drawn at the scale
@@ -37,7 +38,7 @@ MapPicture scale_to(std::string title, std::string unit, algo::Map map, std::spa
 
 // `map` and `mask` hold one value a lenslet, m*n of `extents`. Small maps are enlarged by whole factors.
 Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t> mask, const algo::Extents& extents,
-             std::span<const algo::Defect> defects);
+             std::span<const algo::Defect> defects, std::span<const std::string> labels = {}, const std::string& caption = {});
 
 // The raw frame, as grey, reduced to about the size of a map's picture and stretched to its brightest pixel.
 Picture draw(const std::string& title, const algo::FrameView& frame, const algo::Extents& extents);

@@ -1,11 +1,13 @@
 #include "firmware/recipe_file.h"
 
 #include <array>
+#include <functional>
 
 #include <fmt/format.h>
 
 #include "common/crc32.h"
 #include "common/toml_fields.h"
+#include "firmware/reference_file.h"
 
 namespace hord::firmware {
 namespace {
@@ -15,8 +17,10 @@ using common::TomlTable;
 
 constexpr int kRecipeSchema = 1;
 constexpr double kFar = 100'000;  // lenslets; beyond any light field
+constexpr unsigned kDefectKinds = 5;
 
-algo::Zone read_zone(TomlTable& table) {
+// In the file's unit: lenslets, or mm (of a tolerance).
+algo::Zone read_zone(TomlTable& table, double smallest = 0.5) {
     constexpr std::array<std::string_view, 2> shapes{"circle", "polygon"};
     constexpr std::array<std::string_view, 2> uses{"inspect", "ignore"};
     algo::Zone zone;
@@ -25,7 +29,7 @@ algo::Zone read_zone(TomlTable& table) {
     if (const auto use = table.choice("use", uses)) zone.use = static_cast<algo::Zone::Use>(*use);
     std::vector<double> centre, corners;
     table.numbers("centre", centre, 2, 2);
-    table.number("radius", zone.radius, 0.5, kFar);
+    table.number("radius", zone.radius, smallest, kFar);
     table.numbers("corners", corners, 6, 2000);
     if (!shape) return zone;
     zone.shape = static_cast<algo::Zone::Shape>(*shape);
@@ -56,7 +60,36 @@ std::string in_quotes(std::string_view text) {
     return out + '"';
 }
 
-Result<NumberedRecipe> read(TomlTable root, TomlProblems& found) {
+// A zone in mm from the middle of the field, as lenslets; those of a recipe that does not know its lenslets stay as they are.
+void from_mm(algo::Zone& zone, float lenslet_mm, const std::function<algo::Point(algo::Point)>& place) {
+    zone.centre = place(zone.centre);
+    zone.radius /= lenslet_mm;
+    for (algo::Point& corner : zone.corners) corner = place(corner);
+}
+
+algo::Tolerance read_tolerance(TomlTable& table) {
+    algo::Tolerance t;
+    std::vector<std::string> kinds;
+    table.texts("kinds", kinds);
+    if (!kinds.empty()) t.kinds = 0;
+    for (const std::string& kind : kinds) {
+        bool known = false;
+        for (unsigned k = 0; k < kDefectKinds; ++k) {
+            if (name_of(static_cast<algo::DefectKind>(k)) != kind) continue;
+            t.kinds |= 1U << k;
+            known = true;
+        }
+        if (!known) table.problem("kinds", "has " + kind + ", which is none", "use scattering, absorbing, surface, scratch, unknown");
+    }
+    if (!table.has("largest_mm")) table.problem("largest_mm", "is missing", "say how large a defect may be");
+    table.number("largest_mm", t.largest_mm, 1e-6, 1e4);
+    table.number("deepest_rad", t.deepest_rad, 1e-9, 3);
+    table.integer("number", t.number, 1, 10'000);
+    if (table.has("shape")) t.where = read_zone(table, 1e-6);
+    return t;
+}
+
+Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::filesystem::path& folder) {
     NumberedRecipe numbered;
     algo::Recipe& recipe = numbered.recipe;
     int schema = kRecipeSchema;
@@ -82,6 +115,35 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found) {
     }
     root.integer("rim_margin", recipe.rim_margin, -1, 1000);
     for (TomlTable& zone : root.tables("zone")) recipe.zones.push_back(read_zone(zone));
+    TomlTable scale = root.table("scale");
+    scale.number("lenslet_mm", recipe.lenslet_mm, 1e-6, 1e3);
+    scale.number("bin_rad", recipe.bin_rad, 1e-9, 1);
+    TomlTable reference = root.table("reference");
+    std::string file;
+    reference.text("file", file);
+    reference.number("reject_score", recipe.reject_score, 1, 1000);
+    reference.number("grow_score", recipe.grow_score, 0.5, 1000);
+    reference.number("cluster_score", recipe.cluster_score, 1, 1000);
+    if (recipe.grow_score > recipe.reject_score) reference.problem("grow_score", "is above reject_score", "lower it");
+    if (!file.empty()) {
+        numbered.reference_file = std::filesystem::path(file).is_absolute() || folder.empty() ? std::filesystem::path(file) : folder / file;
+        auto learned = read_reference(numbered.reference_file);
+        if (learned) recipe.reference = std::move(*learned);
+        else reference.problem("file", "cannot be used: " + learned.error().what, learned.error().cure);
+    }
+    for (TomlTable& table : root.tables("tolerate")) {
+        algo::Tolerance tolerance = read_tolerance(table);
+        if (file.empty()) table.problem("largest_mm", "needs a reference to tell sizes and kinds", "name one in [reference] file");
+        if (recipe.lenslet_mm == 0) table.problem("largest_mm", "is in mm, and the size of a lenslet is not known", "give [scale] lenslet_mm");
+        if (tolerance.deepest_rad > 0 && recipe.bin_rad == 0) table.problem("deepest_rad", "is in radians, and the size of a bin is not known", "give [scale] bin_rad");
+        if (tolerance.where && recipe.lenslet_mm > 0 && recipe.reference) {
+            const algo::Extents& e = recipe.reference->extents;
+            from_mm(*tolerance.where, recipe.lenslet_mm, [&](algo::Point p) {
+                return algo::Point{p.m / recipe.lenslet_mm + 0.5F * static_cast<float>(e.m - 1), p.n / recipe.lenslet_mm + 0.5F * static_cast<float>(e.n - 1)};
+            });
+        }
+        recipe.tolerances.push_back(std::move(tolerance));
+    }
     root.refuse_unknown_keys();
     const std::string sum = fmt::format("{:08X}", crc32_of(numbered));
     if (found.empty() && !seal.empty() && seal != sum) {
@@ -97,6 +159,20 @@ Result<algo::Recipe> without_number(Result<NumberedRecipe> numbered) {
     return std::move(numbered->recipe);
 }
 
+// Shape and place, in units of `unit` lenslets from `origin`.
+std::string format_place(const algo::Zone& zone, float unit, algo::Point origin) {
+    const auto m = [&](float v) { return (v - origin.m) * unit; };
+    const auto n = [&](float v) { return (v - origin.n) * unit; };
+    if (zone.shape == algo::Zone::Shape::circle) {
+        return fmt::format("shape = \"circle\"\ncentre = [{}, {}]\nradius = {}\n", m(zone.centre.m), n(zone.centre.n), zone.radius * unit);
+    }
+    std::string text = "shape = \"polygon\"\ncorners = [";
+    for (std::size_t k = 0; k < zone.corners.size(); ++k) {
+        text += fmt::format("{}{}, {}", k == 0 ? "" : ", ", m(zone.corners[k].m), n(zone.corners[k].n));
+    }
+    return text + "]\n";
+}
+
 }  // namespace
 
 std::string format_recipe(const NumberedRecipe& numbered) {
@@ -109,15 +185,29 @@ std::string format_recipe(const NumberedRecipe& numbered) {
                         r.frobenius_limit_bins, r.transmission_limit, r.min_area);
     for (const algo::Zone& zone : r.zones) {
         text += fmt::format("\n[[zone]]\nuse = \"{}\"\n", zone.use == algo::Zone::Use::inspect ? "inspect" : "ignore");
-        if (zone.shape == algo::Zone::Shape::circle) {
-            text += fmt::format("shape = \"circle\"\ncentre = [{}, {}]\nradius = {}\n", zone.centre.m, zone.centre.n, zone.radius);
-            continue;
+        text += format_place(zone, 1, {});
+    }
+    // What a recipe without a reference does not have is not written: its checksum stays what it was.
+    if (r.lenslet_mm > 0 || r.bin_rad > 0) {
+        text += "\n[scale]\n";
+        if (r.lenslet_mm > 0) text += fmt::format("lenslet_mm = {}\n", r.lenslet_mm);
+        if (r.bin_rad > 0) text += fmt::format("bin_rad = {}\n", r.bin_rad);
+    }
+    if (!numbered.reference_file.empty()) {
+        text += fmt::format("\n[reference]\nfile = {}\nreject_score = {}\ngrow_score = {}\ncluster_score = {}\n", in_quotes(numbered.reference_file.string()),
+                            r.reject_score, r.grow_score, r.cluster_score);
+    }
+    for (const algo::Tolerance& t : r.tolerances) {
+        text += "\n[[tolerate]]\nkinds = [";
+        for (unsigned k = 0, named = 0; k < kDefectKinds; ++k) {
+            if (t.is_about(static_cast<algo::DefectKind>(k))) text += fmt::format("{}\"{}\"", named++ == 0 ? "" : ", ", name_of(static_cast<algo::DefectKind>(k)));
         }
-        text += "shape = \"polygon\"\ncorners = [";
-        for (std::size_t k = 0; k < zone.corners.size(); ++k) {
-            text += fmt::format("{}{}, {}", k == 0 ? "" : ", ", zone.corners[k].m, zone.corners[k].n);
+        text += fmt::format("]\nlargest_mm = {}\nnumber = {}\n", t.largest_mm, t.number);
+        if (t.deepest_rad > 0) text += fmt::format("deepest_rad = {}\n", t.deepest_rad);
+        if (t.where && r.reference) {
+            const algo::Extents& e = r.reference->extents;
+            text += format_place(*t.where, r.lenslet_mm, {0.5F * static_cast<float>(e.m - 1), 0.5F * static_cast<float>(e.n - 1)});
         }
-        text += "]\n";
     }
     return text;
 }
@@ -131,14 +221,14 @@ Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file) {
     TomlProblems found;
     TomlTable root = TomlTable::parse_file(file, found);
     if (!found.empty()) return found.as_error();
-    return read(std::move(root), found);
+    return read(std::move(root), found, std::filesystem::absolute(file).parent_path());
 }
 
 Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name) {
     TomlProblems found;
     TomlTable root = TomlTable::parse_text(text, name, found);
     if (!found.empty()) return found.as_error();
-    return read(std::move(root), found);
+    return read(std::move(root), found, {});
 }
 
 }  // namespace hord::firmware

@@ -16,6 +16,7 @@ struct NumberedRecipe {
     std::uint16_t number = 0;   // how a PLC calls it, 0 to 65534
     std::uint32_t version = 1;  // raised by whoever changes it
     algo::Recipe recipe = {};
+    std::filesystem::path reference_file = {};  // where recipe.reference comes from; empty: there is none
 };
 
 // Everything that it says, as the text of a recipe file; reading that gives the same recipe.

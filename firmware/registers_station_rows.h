@@ -42,6 +42,7 @@ inline constexpr NamedValue kReasons[] = {
     {4, "too-dark"},
     {5, "saturated"},
     {6, "nothing-to-see"},
+    {7, "not-registered"},
     {16, "verdict-late"},
     {17, "frame-lost"},
     {18, "frame-stale"},

@@ -11,6 +11,7 @@ std::string_view name_of(PartReason reason) {
         case PartReason::too_dark: return "too-dark";
         case PartReason::saturated: return "saturated";
         case PartReason::nothing_to_see: return "nothing-to-see";
+        case PartReason::not_registered: return "not-registered";
         case PartReason::verdict_late: return "verdict-late";
         case PartReason::frame_lost: return "frame-lost";
         case PartReason::frame_stale: return "frame-stale";

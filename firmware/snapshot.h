@@ -41,6 +41,7 @@ enum class PartReason : std::uint16_t {
     too_dark = 4,
     saturated = 5,
     nothing_to_see = 6,
+    not_registered = 7,
     // not judged: fail-safe
     verdict_late = 16,       // no verdict by the deadline
     frame_lost = 17,         // no frame came

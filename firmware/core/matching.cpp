@@ -15,6 +15,7 @@ PartReason reason_of(algo::Reason reason) {
         case algo::Reason::too_dark: return PartReason::too_dark;
         case algo::Reason::saturated: return PartReason::saturated;
         case algo::Reason::nothing_to_see: return PartReason::nothing_to_see;
+        case algo::Reason::not_registered: return PartReason::not_registered;
     }
     return PartReason::inspector_failed;
 }
@@ -183,7 +184,7 @@ void Core::count_trouble(PartReason reason) {
         fault(trouble);
         ++failures_in_a_row_;
         if (config_.max_failures_in_a_row != 0 && failures_in_a_row_ >= config_.max_failures_in_a_row) go(Cause::fault);
-    } else if (reason <= PartReason::nothing_to_see) {  // judged: everything on the way works
+    } else if (reason <= PartReason::not_registered) {  // judged: everything on the way works
         trouble_ &= ~std::uint32_t{kFaultOverrun | kFaultSensor | kFaultStrobe | kFaultInspector | kFaultLightLevel};
         failures_in_a_row_ = 0;
     }

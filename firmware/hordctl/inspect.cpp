@@ -12,13 +12,13 @@
 #include <nlohmann/json.hpp>
 
 #include "algo/feature_map.h"
-#include "algo/grid_decoder.h"
 #include "algo/pipeline.h"
-#include "calib/grid_toml.h"
-#include "drivers/frame_file.h"
+#include "firmware/explain.h"
 #include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/frame_reader.h"
 #include "firmware/pictures.h"
 #include "firmware/recipe_file.h"
+#include "firmware/reference_file.h"
 
 namespace hord::firmware {
 namespace {
@@ -81,13 +81,6 @@ std::string unit_for_people(algo::Feature feature) {
     return feature == algo::Feature::bhattacharyya ? "-ln of the overlap" : "0 to 1";
 }
 
-Result<std::pair<int, int>> parse_macro(const std::string& text) {
-    int i = 0, j = 0;
-    char rest = 0;
-    if (std::sscanf(text.c_str(), "%dx%d%c", &i, &j, &rest) == 2) return std::pair(i, j);
-    return fail(ErrorCode::invalid_argument, "--macro " + text + " is not a macro-pixel size", "write columns x rows of bins, as in 9x9");
-}
-
 struct Statistics {
     float p50 = 0, p99 = 0, max = 0;
     std::size_t valid = 0;
@@ -107,11 +100,24 @@ Statistics statistics_of(algo::Map map, std::span<const std::uint8_t> mask) {
 
 double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
 
-Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found, const FeatureView& feature, double bin_rad) {
+Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found, const FeatureView& feature, double bin_rad,
+             const algo::Recipe& recipe) {
     const Statistics s = statistics_of(feature.map, feature.mask);
     Json defects = Json::array();
     for (const algo::Defect& d : found.defects) {
-        defects.push_back({{"m", d.m}, {"n", d.n}, {"area", d.area}, {"peak", d.peak}, {"kind", name_of(d.kind)}});
+        Json defect{{"m", d.m}, {"n", d.n}, {"area", d.area}, {"peak", d.peak}, {"kind", name_of(d.kind)}};
+        if (recipe.reference) {
+            defect["score"] = d.score;
+            defect["length"] = d.length;
+            defect["width"] = d.width;
+        }
+        if (recipe.lenslet_mm > 0) {
+            const auto from_middle = [&](float at, int count) { return (at - 0.5F * static_cast<float>(count - 1)) * recipe.lenslet_mm; };
+            defect["x_mm"] = from_middle(d.m, extents.m);
+            defect["y_mm"] = from_middle(d.n, extents.n);
+            defect["area_mm2"] = static_cast<float>(d.area) * recipe.lenslet_mm * recipe.lenslet_mm;
+        }
+        defects.push_back(std::move(defect));
     }
     Json json{{"frame", frame},
             {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
@@ -126,6 +132,12 @@ Json to_json(const std::string& frame, const algo::Extents& extents, const algo:
               {"feature", milliseconds(found.times.feature_ns)},
               {"decide", milliseconds(found.times.decide_ns)},
               {"total", milliseconds(found.times.total_ns)}}}};
+    if (recipe.reference) {
+        json["explain"] = explain(found, recipe, extents);
+        if (found.registered.found()) {
+            json["pose"] = {{"x", found.registered.pose.x}, {"y", found.registered.pose.y}, {"turn_rad", found.registered.pose.turn_rad()}, {"light", found.registered.light}};
+        }
+    }
     if (bin_rad > 0 && (feature.unit == "bin pitches" || feature.unit == "bin pitches a lenslet")) {
         json["feature"]["bin_rad"] = bin_rad;
         json["feature"]["rad"] = {{"p50", s.p50 * bin_rad}, {"p99", s.p99 * bin_rad}, {"max", s.max * bin_rad}};
@@ -144,11 +156,14 @@ void print_for_people(const std::string& frame, const algo::Inspection& found) {
 }
 
 Result<void> write_results(const fs::path& out, const std::string& frame, const algo::Extents& extents, const algo::Inspection& found,
-                           const FeatureView& feature, const Json& json) {
+                           const FeatureView& feature, const Json& json, const algo::Recipe& recipe) {
     const std::string name = fs::path(frame).stem().string();
     const auto picture = scale_to(fmt::format("{}: {} ({})", name, feature.name, name_of(found.verdict)), feature.unit, feature.map, feature.mask, feature.limit);
+    const bool explained = recipe.reference != nullptr;
+    const auto labels = explained ? labels_of(found, recipe) : std::vector<std::string>{};
+    const std::string caption = explained ? explain(found, recipe, extents) : std::string{};
     if (auto done = write_float_tiff(out / fmt::format("{}.{}.tiff", name, feature.name), feature.map, extents); !done) return done;
-    if (auto done = write_png(out / fmt::format("{}.{}.png", name, feature.name), draw(picture, feature.map, feature.mask, extents, found.defects)); !done) {
+    if (auto done = write_png(out / fmt::format("{}.{}.png", name, feature.name), draw(picture, feature.map, feature.mask, extents, found.defects, labels, caption)); !done) {
         return done;
     }
     const fs::path file = out / (name + ".json");
@@ -156,6 +171,15 @@ Result<void> write_results(const fs::path& out, const std::string& frame, const 
     stream << json.dump(2) << '\n';
     if (!stream.flush()) return fail(ErrorCode::io, file.string() + " cannot be written", "check that the folder may be written to and has space");
     return {};
+}
+
+constexpr const char* kSurprise = "surprise";
+
+// Whether a file is one of hordctl learn's: it says so in its first bytes.
+bool is_reference(const std::string& file) {
+    std::ifstream stream(file, std::ios::binary);
+    char magic[7] = {};
+    return stream.read(magic, sizeof magic) && std::string_view(magic, sizeof magic) == "HORDREF";
 }
 
 std::int64_t steady_ns() {
@@ -167,33 +191,38 @@ class Inspector {
     explicit Inspector(const InspectOptions& options) : options_(options) {}
 
     Result<void> prepare() {
-        auto macro = parse_macro(options_.macro);
-        if (!macro) return tl::unexpected(macro.error());
-        macro_ = *macro;
+        auto reader = FrameReader::create(options_.macro, options_.grid, options_.bits);
+        if (!reader) return tl::unexpected(reader.error());
+        reader_ = std::move(*reader);
+        if (!options_.reference.empty() && is_reference(options_.reference)) {
+            auto learned = read_reference(options_.reference);
+            if (!learned) return tl::unexpected(learned.error());
+            learned_ = std::move(*learned);
+        }
         const auto choice = algo::feature_named(options_.feature);
-        if (!choice) return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " is not known", "use one of " + known_features());
-        choice_ = *choice;
+        if (!choice && options_.feature == kSurprise) {
+            if (!learned_) return fail(ErrorCode::invalid_argument, "the surprise is that of a learned reference", "give --reference REFERENCE (hordctl learn)");
+            surprise_ = true;
+        } else if (!choice) return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " is not known", "use one of " + known_features());
+        if (choice) choice_ = *choice;
         if (choice_.against_reference && options_.reference.empty()) {
             return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " needs something to compare with", "give --reference FRAME");
         }
-        if (!choice_.against_reference && !options_.reference.empty()) {
+        if (!choice_.against_reference && !options_.reference.empty() && !learned_) {
             return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " does not look at --reference", "ask for reference-" + options_.feature + ", or leave it out");
-        }
-        if (!options_.grid.empty()) {
-            auto grid = calib::read_grid(options_.grid);
-            if (!grid) return tl::unexpected(grid.error());
-            auto decoder = algo::GridDecoder::create(grid->grid, grid->directions, macro_.first, macro_.second);
-            if (!decoder) return fail(decoder.error().code, options_.grid + ": " + decoder.error().what, decoder.error().cure);
-            bin_rad_ = decoder->bin_rad();
-            decoder_ = std::move(*decoder);
         }
         if (!options_.recipe.empty()) {
             auto recipe = load_recipe(options_.recipe);
             if (!recipe) return tl::unexpected(recipe.error());
             recipe_ = std::move(*recipe);
         }
+        if (learned_) recipe_.reference = learned_;
+        if (learned_ && choice_.against_reference) {
+            return fail(ErrorCode::invalid_argument, options_.reference + " is a learned reference, and feature " + options_.feature + " compares with a frame",
+                        "give a frame, or leave --feature out");
+        }
         if (choice_.against_reference) {
-            auto reference = read(options_.reference);
+            auto reference = reader_.read(options_.reference);
             if (!reference) return tl::unexpected(reference.error());
             reference_ = std::move(*reference);
         }
@@ -212,10 +241,10 @@ class Inspector {
     }
 
     Result<algo::Verdict> inspect(const std::string& file) {
-        auto frame = read(file);
+        auto frame = reader_.read(file);
         if (!frame) return tl::unexpected(frame.error());
         const auto named = [&](const Error& error) { return Error{error.code, file + ": " + error.what, error.cure}; };
-        auto extents = algo::extents_of_frame(frame->width_px(), frame->height_px(), macro_.first, macro_.second);
+        auto extents = algo::extents_of_frame(frame->width_px(), frame->height_px(), reader_.bins().first, reader_.bins().second);
         if (!extents) return tl::unexpected(named(extents.error()));
         if (!pipeline_ || !(*extents == extents_) || frame->bits() != bits_) {
             if (auto made = set_up(*extents, frame->bits()); !made) return tl::unexpected(named(made.error()));
@@ -224,30 +253,22 @@ class Inspector {
         if (!found) return tl::unexpected(named(found.error()));
         auto feature = view(frame->view(), *found);
         if (!feature) return tl::unexpected(named(feature.error()));
-        const Json json = to_json(file, extents_, *found, *feature, bin_rad_);
+        const Json json = to_json(file, extents_, *found, *feature, reader_.bin_rad(), recipe_);
         if (options_.json) {
             fmt::print("{}\n", json.dump());
         } else {
             print_for_people(file, *found);
+            if (recipe_.reference) fmt::print("    {}\n", explain(*found, recipe_, extents_));
         }
         if (!options_.out.empty()) {
-            if (auto done = write_results(options_.out, file, extents_, *found, *feature, json); !done) return tl::unexpected(done.error());
+            if (auto done = write_results(options_.out, file, extents_, *found, *feature, json, recipe_); !done) return tl::unexpected(done.error());
         }
         return found->verdict;
     }
 
   private:
-    // A frame as macro-pixels: decoded, if there is a grid.
-    Result<algo::Frame> read(const std::string& file) {
-        auto frame = drivers::read_frame(file, {.bits = options_.bits});
-        if (!frame || !decoder_) return frame;
-        auto decoded = decoder_->decode(frame->view());
-        if (!decoded) return fail(decoded.error().code, file + ": " + decoded.error().what, decoded.error().cure);
-        return decoded;
-    }
-
     Result<void> set_up(const algo::Extents& extents, int bits) {
-        const InspectedMap* inspected = inspected_map(choice_);
+        const InspectedMap* inspected = surprise_ ? &kInspectedMaps[0] : inspected_map(choice_);
         const bool extra = inspected != nullptr && inspected->limit == nullptr;
         auto pipeline = algo::Pipeline::create(extents, bits, recipe_, 1, extra ? algo::MapSet::all : algo::MapSet::judged);
         if (!pipeline) return tl::unexpected(pipeline.error());
@@ -264,6 +285,18 @@ class Inspector {
 
     // The map of the feature asked for; its time counts as the feature's.
     Result<FeatureView> view(const algo::FrameView& frame, algo::Inspection& found) {
+        if (surprise_) {
+            FeatureView seen{kSurprise, "noises", found.surprise, found.mask, recipe_.reject_score};
+            if (found.surprise.empty()) {  // unfit: nothing was compared
+                nothing_.assign(found.mask.size(), 0.0F);
+                seen.map = nothing_;
+            }
+            // Compared are rims, too, and what has no neighbours.
+            mask_.resize(found.mask.size());
+            for (std::size_t k = 0; k < mask_.size(); ++k) mask_[k] = static_cast<std::uint8_t>(found.mask[k] & (algo::kSaturated | algo::kOutside));
+            seen.mask = mask_;
+            return seen;
+        }
         FeatureView result{algo::name_of(choice_), unit_for_people(choice_.feature), {}, found.mask, 0};
         if (const InspectedMap* inspected = inspected_map(choice_)) {
             result.map = found.*inspected->map;
@@ -285,12 +318,13 @@ class Inspector {
     }
 
     const InspectOptions& options_;
-    std::pair<int, int> macro_{9, 9};
+    FrameReader reader_;
+    std::shared_ptr<const algo::Reference> learned_;  // none: references are frames
+    bool surprise_ = false;                           // the map asked for
+    std::vector<float> nothing_;
     algo::FeatureChoice choice_;
-    double bin_rad_ = 0;  // one bin pitch; 0: not known
     algo::Recipe recipe_;
     algo::Frame reference_;
-    std::optional<algo::GridDecoder> decoder_;  // of raw frames; none: frames are macro-pixels
     std::optional<algo::Pipeline> pipeline_;
     std::optional<algo::FeatureMapper> mapper_;
     std::vector<std::uint8_t> mask_;
@@ -324,15 +358,19 @@ void add_inspect(CLI::App& program, Exit& status) {
     command->add_option("--macro", options->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")->capture_default_str();
     command->add_option("--grid", options->grid, "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
     command->add_option("--recipe", options->recipe, "Limits, masks and zones (TOML); without it the default recipe");
-    command->add_option("--feature", options->feature, "Feature whose map and statistics are written: " + known_features())->capture_default_str();
-    command->add_option("--reference", options->reference, "Frame of a good part at the same place, for the reference- features");
+    const auto* feature = command->add_option("--feature", options->feature, "Feature whose map and statistics are written: " + known_features())->capture_default_str();
+    command->add_option("--reference", options->reference, "What hordctl learn has learned: parts are judged against it, and --feature surprise shows where they differ. Or a frame of a good part at the same place, for the reference- features");
     command->add_option("--bits", options->bits, "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
         ->check(CLI::Range(8, 16));
     command->add_option("--out", options->out, "Folder for NAME.FEATURE.tiff, NAME.FEATURE.png and NAME.json");
     command->add_flag("--json", options->json, "Print one JSON object a frame");
     command->footer("Example: hordctl inspect frames/*.png --macro 9x9 --out maps --json\n"
-                    "         hordctl inspect part.png --feature reference-chi2 --reference good_part.png --out maps");
-    command->callback([options, &status] { status = run_inspect(*options); });
+                    "         hordctl inspect part.png --feature reference-chi2 --reference good_part.png --out maps\n"
+                    "         hordctl inspect part.png --reference lens.hordref --out maps");
+    command->callback([options, feature, &status] {
+        if (feature->count() == 0 && is_reference(options->reference)) options->feature = kSurprise;
+        status = run_inspect(*options);
+    });
 }
 
 }  // namespace hord::firmware

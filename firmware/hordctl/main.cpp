@@ -25,6 +25,7 @@ int main(int argc, char** argv) {
     Exit status = Exit::good;
     try {
         add_inspect(program, status);
+        add_learn(program, status);
         add_render(program, status);
         add_run(program, status);
         add_status(program, status);

@@ -109,7 +109,7 @@ void Invariants::result(const PartResult& r) {
         case RejectState::not_needed:
         case RejectState::commanded: break;
     }
-    told_inspected_ += r.reason <= PartReason::nothing_to_see ? 1U : 0U;
+    told_inspected_ += r.reason <= PartReason::not_registered ? 1U : 0U;
     const bool unconfirmed = r.reject == RejectState::failed || r.reject == RejectState::late;
     if (core_->line_stop()) last_line_stop_ = clock_.now();
     if (unconfirmed && (last_line_stop_ - TimePoint{}).count() < r.arrived_ns) {
@@ -192,7 +192,7 @@ void Invariants::check_counters() {
         if (p.phase != Part::Phase::decided && p.phase != Part::Phase::commanded) continue;
         (p.result.verdict == PartVerdict::reject ? here.reject : here.unfit) += 1;
         here.reject_commanded += p.phase == Part::Phase::commanded ? 1U : 0U;
-        inspected += p.result.reason <= PartReason::nothing_to_see ? 1U : 0U;
+        inspected += p.result.reason <= PartReason::not_registered ? 1U : 0U;
     }
     const bool agree = c.pass == told_.pass && c.reject == told_.reject + here.reject && c.unfit == told_.unfit + here.unfit &&
                        c.reject_confirmed == told_.reject_confirmed && c.reject_failed == told_.reject_failed && c.reject_late == told_.reject_late &&

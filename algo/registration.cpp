@@ -1,0 +1,233 @@
+#include "algo/registration.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "algo/mask.h"
+
+namespace hord::algo {
+namespace {
+
+constexpr int kSampledSide = 64;
+constexpr int kSteps = 30;
+constexpr double kSettled = 5e-3;                     // lenslets, at the field's rim
+constexpr double kShiftPrior = 1, kTurnPrior = 0.02;  // lenslets, radians
+constexpr double kLightFloor = 0.05, kDeflectionFloor = 0.03;  // of the typical light; bin pitches: what good parts differ by
+constexpr double kBendNoise = 0.3;                    // of the slope's change over a lenslet
+constexpr double kTail = 3;                           // noises
+constexpr double kNoiseRidge = 4;                     // priors count the reference's own noise so many times
+constexpr double kTurnShare = 0.05;                   // of the maps' changes, to be seen in a turn: else the part is round
+constexpr double kForeignLight = 0.25, kForeignBins = 0.4;
+
+double median(std::vector<double>& values, std::size_t count) {
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>((count - 1) / 2);
+    std::nth_element(values.begin(), middle, values.begin() + static_cast<std::ptrdiff_t>(count));
+    return *middle;
+}
+
+// Sums of a weighted least-squares problem in (shift x, shift y, turn).
+struct Normal {
+    std::array<std::array<double, 3>, 3> a{};
+    std::array<double, 3> b{};
+
+    void add(const std::array<double, 3>& slope, double residual, double weight) {
+        for (std::size_t r = 0; r < 3; ++r) {
+            for (std::size_t c = r; c < 3; ++c) a[r][c] += weight * slope[r] * slope[c];
+            b[r] += weight * slope[r] * residual;
+        }
+    }
+    // By Cholesky; the priors keep it positive.
+    [[nodiscard]] std::array<double, 3> solved() const {
+        std::array<std::array<double, 3>, 3> l{};
+        for (std::size_t r = 0; r < 3; ++r) {
+            for (std::size_t c = 0; c <= r; ++c) {
+                double sum = a[c][r];
+                for (std::size_t k = 0; k < c; ++k) sum -= l[r][k] * l[c][k];
+                l[r][c] = r == c ? std::sqrt(std::max(sum, 1e-12)) : sum / l[c][c];
+            }
+        }
+        std::array<double, 3> y{}, x{};
+        for (std::size_t r = 0; r < 3; ++r) {
+            double sum = b[r];
+            for (std::size_t k = 0; k < r; ++k) sum -= l[r][k] * y[k];
+            y[r] = sum / l[r][r];
+        }
+        for (std::size_t r = 3; r-- > 0;) {
+            double sum = y[r];
+            for (std::size_t k = r + 1; k < 3; ++k) sum -= l[k][r] * x[k];
+            x[r] = sum / l[r][r];
+        }
+        return x;
+    }
+};
+
+}  // namespace
+
+const char* explain(Registered::Outcome outcome) {
+    switch (outcome) {
+        case Registered::Outcome::found: return "it lies where the reference's parts do";
+        case Registered::Outcome::too_little: return "too little of it is seen to find where it lies";
+        case Registered::Outcome::too_far: return "it lies too far from where the reference's parts did, or is turned too much";
+        case Registered::Outcome::foreign: return "it does not look like the reference's parts";
+        case Registered::Outcome::unsettled: return "where it lies cannot be settled";
+    }
+    return "";
+}
+
+bool CubicReader::move_to(double m, double n) {
+    const double floor_m = std::floor(m), floor_n = std::floor(n);
+    const int first_m = static_cast<int>(floor_m) - 1, first_n = static_cast<int>(floor_n) - 1;
+    if (first_m < 0 || first_n < 0 || first_m + 3 >= extents_.m || first_n + 3 >= extents_.n) return false;
+    corner_ = static_cast<std::size_t>(first_n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(first_m);
+    wm_ = CubicWeights::at(m - floor_m), wn_ = CubicWeights::at(n - floor_n);
+    dm_ = CubicWeights::slope_at(m - floor_m), dn_ = CubicWeights::slope_at(n - floor_n);
+    return true;
+}
+
+bool CubicReader::has_any(std::uint8_t bits) const {
+    std::uint8_t all = 0;
+    for (std::size_t r = 0; r < 4; ++r) {
+        for (std::size_t c = 0; c < 4; ++c) all |= mask_[corner_ + r * static_cast<std::size_t>(extents_.m) + c];
+    }
+    return (all & bits) != 0;
+}
+
+MapAt CubicReader::read(std::span<const float> map) const {
+    MapAt at;
+    double along = 0, across = 0;
+    for (std::size_t r = 0; r < 4; ++r) {
+        const float* row = map.data() + corner_ + r * static_cast<std::size_t>(extents_.m);
+        double value = 0, by_m = 0;
+        along += (r == 1 || r == 2 ? 0.25 : 0.0) * static_cast<double>(row[0] - row[1] - row[2] + row[3]);
+        across += (r == 1 || r == 2 ? -0.25 : 0.25) * static_cast<double>(row[1] + row[2]);
+        for (std::size_t c = 0; c < 4; ++c) {
+            value += wm_.of[c] * static_cast<double>(row[c]);
+            by_m += dm_.of[c] * static_cast<double>(row[c]);
+        }
+        at.value += wn_.of[r] * value;
+        at.by_m += wn_.of[r] * by_m;
+        at.by_n += dn_.of[r] * value;
+    }
+    at.bend = std::max(std::abs(along), std::abs(across));
+    return at;
+}
+
+Registrar::Registrar(const Extents& extents) : extents_(extents) {
+    const int step = std::max(1, (std::max(extents.m, extents.n) + kSampledSide - 1) / kSampledSide);
+    for (int n = step / 2; n < extents.n; n += step) {
+        for (int m = step / 2; m < extents.m; m += step) sample_.push_back({static_cast<std::uint32_t>(n * extents.m + m), static_cast<double>(m), static_cast<double>(n)});
+    }
+    ratios_.resize(sample_.size());
+}
+
+Registered Registrar::find(const ReferenceMaps& reference, std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
+                           std::span<const std::uint8_t> mask, double electrons_per_dn, std::uint32_t parts) {
+    Registered found;
+    CubicReader reader(extents_, reference.mask);
+    const double middle_m = 0.5 * (extents_.m - 1), middle_n = 0.5 * (extents_.n - 1), reach = std::max(middle_m, middle_n);
+    const auto bins = [](DeflectionQ q) { return q.to_double_rounded(); };
+    double turn = 0;
+    bool round = false;  // decided at the first step
+    for (int step = 0;; ++step) {
+        found.pose.sine = turn;
+        const PoseMap map(found.pose, extents_);
+        // The light first: the parts' typical ones are to be equal.
+        std::size_t count = 0;
+        double typical = 0;
+        for (const Sampled& s : sample_) {
+            if ((mask[s.k] & kNoHord) != 0) continue;
+            const auto q = map.to_reference(s.m, s.n);
+            if (!reader.move_to(q.m, q.n) || reader.has_any(kOutside | kNoHord)) continue;
+            const double expected = reader.read(reference.light).value;
+            if (expected <= 0) continue;
+            ratios_[count++] = static_cast<double>(sums[s.k]) / expected;
+            typical += expected;
+        }
+        if (count < 16 || count * 50 < sample_.size()) {
+            found.outcome = Registered::Outcome::too_little;
+            return found;
+        }
+        typical /= static_cast<double>(count);
+        found.light = std::max(median(ratios_, count), 1e-6);
+        const double electrons = typical * found.light * electrons_per_dn;
+        const double light_noise = std::sqrt(1 / electrons + kLightFloor * kLightFloor);
+        const double deflection_noise = std::sqrt(0.3 / electrons + kDeflectionFloor * kDeflectionFloor);
+
+        Normal normal;
+        double compared = 0, foreign = 0;
+        // What the reference's own noise seems to say of shift and turn (its slopes have half of a lenslet's variance), and all that its
+        // maps say if every change of theirs were seen in a turn.
+        double noise_of_shift = 0, noise_of_turn = 0, all_of_turn = 0;
+        const double light_in = 0.5 / (electrons * parts * light_noise * light_noise), deflection_in = 0.15 / (electrons * parts * deflection_noise * deflection_noise);
+        const double cosine = std::sqrt(1 - turn * turn);
+        const auto add = [&](double part, const MapAt& at, double x, double y, double turned, double plain_noise, double own) {
+            const double bend = kBendNoise * at.bend, noise = std::sqrt(plain_noise * plain_noise + bend * bend);
+            // Of the reference at q by the pose: dq/dx = -R(-turn) e_x, dq/dturn = (y', -x') with (x', y') = q.
+            const std::array<double, 3> slope{(-at.by_m * cosine + at.by_n * turn) / noise, (-at.by_m * turn - at.by_n * cosine) / noise,
+                                              (at.by_m * y - at.by_n * x + turned) / noise};
+            const double r = (part - at.value) / noise, tail = r / kTail;
+            const double weight = 1 / (1 + tail * tail);
+            normal.add(slope, r, weight);
+            const double radius2 = x * x + y * y;
+            noise_of_shift += weight * own;
+            noise_of_turn += weight * own * radius2;
+            all_of_turn += weight * ((at.by_m * at.by_m + at.by_n * at.by_n) * radius2 + turned * turned) / (noise * noise);
+        };
+        for (const Sampled& s : sample_) {
+            if ((mask[s.k] & kSaturated) != 0) continue;
+            const auto q = map.to_reference(s.m, s.n);
+            if (!reader.move_to(q.m, q.n) || reader.has_any(kOutside | kSaturated)) continue;
+            const double x = q.m - middle_m, y = q.n - middle_n;
+            MapAt light = reader.read(reference.light);
+            light = {light.value / typical, light.by_m / typical, light.by_n / typical, light.bend / typical};
+            const double seen = static_cast<double>(sums[s.k]) / (found.light * typical);
+            add(seen, light, x, y, 0, light_noise, light_in);
+            compared += 1;
+            bool strange = std::abs(seen - light.value) > kForeignLight;
+            if ((mask[s.k] & kDark) == 0 && !reader.has_any(kDark)) {
+                const MapAt dx = reader.read(reference.x), dy = reader.read(reference.y);
+                const auto wanted = map.turned(dx.value, dy.value);
+                const Deflection& d = deflections[s.k];
+                // Turning the part turns its deflections, too.
+                const MapAt along_x{wanted.m, dx.by_m * cosine - dy.by_m * turn, dx.by_n * cosine - dy.by_n * turn, dx.bend};
+                const MapAt along_y{wanted.n, dy.by_m * cosine + dx.by_m * turn, dy.by_n * cosine + dx.by_n * turn, dy.bend};
+                add(bins(d.x), along_x, x, y, -wanted.n, deflection_noise, deflection_in);
+                add(bins(d.y), along_y, x, y, wanted.m, deflection_noise, deflection_in);
+                strange = strange || std::max(std::abs(bins(d.x) - wanted.m), std::abs(bins(d.y) - wanted.n)) > kForeignBins;
+            }
+            foreign += strange ? 1 : 0;
+        }
+        found.disagreeing = compared > 0 ? foreign / compared : 1;
+        const auto give = [&](std::size_t k, double prior, double at) {
+            normal.a[k][k] += prior;
+            normal.b[k] -= prior * at;
+        };
+        give(0, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * noise_of_shift, found.pose.x);
+        give(1, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * noise_of_shift, found.pose.y);
+        if (step == 0) round = normal.a[2][2] < kTurnShare * all_of_turn;
+        give(2, round ? 1e12 : 1 / (kTurnPrior * kTurnPrior) + kNoiseRidge * noise_of_turn, turn);
+        const auto by = normal.solved();
+        const double moved = std::max(std::abs(by[0]), std::abs(by[1])) + std::abs(by[2]) * reach;
+        if (moved < kSettled) break;
+        if (step == kSteps) {
+            if (moved < 0.1) break;  // it swings within a tenth of a lenslet, and the last steps were a quarter of that
+            found.outcome = found.disagreeing > kForeignShare ? Registered::Outcome::foreign : Registered::Outcome::unsettled;
+            return found;
+        }
+        // At most a lenslet a step; less and less where the weights make it swing.
+        const double shortened = std::min(step < 6 ? 1.0 : step < 12 ? 0.5 : 0.25, 1.0 / std::max(moved, 1e-9));
+        found.pose.x += shortened * by[0];
+        found.pose.y += shortened * by[1];
+        turn += shortened * by[2];
+        if (!(std::abs(found.pose.x) < 2 * kFarthestLenslets && std::abs(found.pose.y) < 2 * kFarthestLenslets && std::abs(turn) < 2 * kFarthestSine)) {
+            found.outcome = found.disagreeing > kForeignShare ? Registered::Outcome::foreign : Registered::Outcome::too_far;
+            return found;
+        }
+    }
+    const bool far = std::abs(found.pose.x) > kFarthestLenslets || std::abs(found.pose.y) > kFarthestLenslets || std::abs(turn) > kFarthestSine;
+    found.outcome = found.disagreeing > kForeignShare ? Registered::Outcome::foreign : far ? Registered::Outcome::too_far : Registered::Outcome::found;
+    return found;
+}
+
+}  // namespace hord::algo

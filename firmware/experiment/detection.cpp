@@ -1,0 +1,235 @@
+#include "firmware/experiment/detection.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <optional>
+#include <thread>
+
+#include <fmt/format.h>
+
+#include "firmware/experiment/detection_parts.h"
+
+namespace hord::firmware {
+namespace {
+
+constexpr int kChunk = 100;           // parts of a cell that is kept
+constexpr double kGoodShare = 3e-4;   // of good parts that the limits, fitted on the tuning parts, may reject
+constexpr double kLedLoss = 0.7;
+constexpr double kHazeRadius = 1.2, kSpeckRadius = 1;
+
+struct Sizes {
+    int learn, tune, good, flawed, slope_poses, slope_exposures, kinds;
+};
+constexpr Sizes kFull{32, 500, 2000, 2000, 250, 8, 500}, kQuick{12, 24, 30, 30, 8, 3, 10};
+
+// Where a figure's parts come from.
+struct Figure {
+    std::string name;
+    Flaw flaw = Flaw::none;
+    double size = 0, wobble = 1, led = 1;
+    int parts = 0;
+    Stream stream = Stream::test;
+    int poses = 0;  // so many are traced and exposed again and again; 0: every part is
+};
+
+class Production {
+  public:
+    Production(sim::Scene scene, std::shared_ptr<const algo::Reference> reference, double factor, std::uint64_t seed)
+        : scene_(std::move(scene)), recipe_(production_recipe()), seed_(seed) {
+        recipe_.reference = std::move(reference);
+        recipe_.reject_score *= static_cast<float>(factor);
+        recipe_.cluster_score *= static_cast<float>(factor);
+    }
+
+    // Parts first .. first+count-1 of a figure, shared out over threads; what comes out does not depend on how.
+    Result<Json> judge(const Figure& figure, int first, int count, int threads);
+
+  private:
+    Result<JudgedPart> judge_one(algo::Pipeline& pipeline, const Figure& figure, int number, std::optional<ProductionPart>& traced, int& traced_number);
+    sim::Scene scene_;
+    algo::Recipe recipe_;
+    std::uint64_t seed_;
+};
+
+Json to_json(const JudgedPart& p) { return {p.score, p.unfit ? 1 : 0, p.hit ? 1 : 0, p.kind, p.size, p.from_rim, p.defects}; }
+JudgedPart from_json(const Json& j) {
+    return {j[0].get<double>(), j[1].get<int>() != 0, j[2].get<int>() != 0, j[3].get<int>(), j[4].get<double>(), j[5].get<double>(), j[6].get<int>()};
+}
+
+Result<JudgedPart> Production::judge_one(algo::Pipeline& pipeline, const Figure& f, int number, std::optional<ProductionPart>& traced, int& traced_number) {
+    const int pose = f.poses > 0 ? number % f.poses : number;
+    const bool painted = f.flaw == Flaw::speck || f.flaw == Flaw::haze;
+    if (!traced || traced_number != pose) {
+        auto part = make_part(scene_, painted ? Flaw::none : f.flaw, f.size, f.wobble, seed_, f.stream, static_cast<std::uint32_t>(pose));
+        if (!part) return tl::unexpected(part.error());
+        traced = std::move(*part);
+        traced_number = pose;
+    }
+    ProductionPart part = *traced;
+    if (painted) add_flaw(part, f.flaw, f.size, seed_, f.stream, static_cast<std::uint32_t>(number));
+    const auto turn = static_cast<std::uint64_t>(number) + (static_cast<std::uint64_t>(f.stream) << 32U) + (static_cast<std::uint64_t>(f.flaw) << 56U) + (f.led < 1 ? 1ULL << 55U : 0ULL);
+    const auto found = pipeline.inspect(expose_part(part.light, scene_, seed_, turn, f.led).view());
+    if (!found) return tl::unexpected(found.error());
+    JudgedPart judged;
+    judged.unfit = found->verdict == algo::Verdict::unfit;
+    judged.score = judged.unfit ? 100 : static_cast<double>(found->score);
+    judged.defects = static_cast<int>(found->defects.size());
+    judged.size = part.flaw.size;
+    const algo::Extents& e = scene_.camera.extents;
+    judged.from_rim = 9.5 - std::hypot(part.flaw.m - 0.5 * (e.m - 1), part.flaw.n - 0.5 * (e.n - 1));
+    for (const algo::Defect& d : found->defects) {
+        if (std::hypot(static_cast<double>(d.m) - part.flaw.m, static_cast<double>(d.n) - part.flaw.n) > part.flaw.size + 2) continue;
+        judged.hit = f.flaw != Flaw::none;
+        judged.kind = static_cast<int>(d.kind);
+        break;
+    }
+    return judged;
+}
+
+Result<Json> Production::judge(const Figure& figure, int first, int count, int threads) {
+    std::vector<Result<JudgedPart>> judged(static_cast<std::size_t>(count));
+    const int crew = threads > 0 ? threads : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+    // Exposures of one pose follow one another on one thread.
+    std::vector<int> order;
+    for (int k = first; k < first + count; ++k) order.push_back(k);
+    if (figure.poses > 0) std::ranges::stable_sort(order, {}, [&](int k) { return k % figure.poses; });
+    std::atomic<std::size_t> next = 0;
+    std::optional<Error> refused;
+    const auto work = [&](algo::Pipeline& pipeline) {
+        std::optional<ProductionPart> traced;
+        int traced_number = -1;
+        for (std::size_t from = next.fetch_add(8); from < order.size(); from = next.fetch_add(8)) {
+            for (std::size_t k = from; k < std::min(order.size(), from + 8); ++k) {
+                judged[static_cast<std::size_t>(order[k] - first)] = judge_one(pipeline, figure, order[k], traced, traced_number);
+            }
+        }
+    };
+    std::vector<algo::Pipeline> pipelines;
+    for (int k = 0; k < crew; ++k) {
+        auto pipeline = algo::Pipeline::create(scene_.camera.extents, scene_.camera.bits, recipe_);
+        if (!pipeline) return tl::unexpected(pipeline.error());
+        pipelines.push_back(std::move(*pipeline));
+    }
+    {
+        std::vector<std::jthread> helpers;
+        for (std::size_t k = 1; k < pipelines.size(); ++k) helpers.emplace_back([&, k] { work(pipelines[k]); });
+        work(pipelines[0]);
+    }
+    Json all = Json::array();
+    for (const auto& one : judged) {
+        if (!one) return tl::unexpected(one.error());
+        all.push_back(to_json(*one));
+    }
+    return all;
+}
+
+// The limits' factor at which a share kGoodShare of good parts would be rejected, if their worst scores are Gumbel's (largest of many);
+// fitted to the tuning parts by moments, and never below the worst of them.
+double factor_for(const std::vector<JudgedPart>& tuning) {
+    double mean = 0, square = 0, worst = 0, count = 0;
+    for (const JudgedPart& p : tuning) {
+        if (p.unfit) continue;
+        mean += p.score, square += p.score * p.score, count += 1;
+        worst = std::max(worst, p.score);
+    }
+    mean /= count;
+    const double beta = std::sqrt(std::max(1e-12, square / count - mean * mean)) * std::sqrt(6.0) / std::numbers::pi;
+    return std::max(worst, mean - std::numbers::egamma * beta - beta * std::log(-std::log(1 - kGoodShare)));
+}
+
+class Run {
+  public:
+    Run(const ExperimentOptions& options, Cells& cells) : options_(options), cells_(cells), sizes_(options.quick ? kQuick : kFull) {}
+    Result<DetectionResults> run();
+
+  private:
+    Result<void> judge(Production& production, const Figure& figure);
+    Result<Json> judged_before(const std::string& key, const std::function<Result<Json>()>& compute) { return cells_.value(key, compute); }
+    void note(const std::string& what) { options_.progress(std::min(0.99, done_ / total_), what); }
+
+    const ExperimentOptions& options_;
+    Cells& cells_;
+    Sizes sizes_;
+    DetectionResults results_;
+    double done_ = 0, total_ = 1;
+};
+
+Result<void> Run::judge(Production& production, const Figure& figure) {
+    auto& all = results_.parts[figure.name];
+    for (int first = 0; first < figure.parts; first += kChunk) {
+        note(figure.name);
+        const int count = std::min(kChunk, figure.parts - first);
+        auto cell = cells_.value(fmt::format("{} {}", figure.name, first), [&] { return production.judge(figure, first, count, options_.threads); });
+        if (!cell) return tl::unexpected(cell.error());
+        for (const Json& one : *cell) all.push_back(from_json(one));
+        done_ += count;
+    }
+    return {};
+}
+
+Result<DetectionResults> Run::run() {
+    const Sizes& s = sizes_;
+    results_.seed = options_.seed;
+    results_.slopes = options_.quick ? std::vector<double>{0.15, 1.0} : std::vector<double>{0.05, 0.15, 0.3, 0.5, 0.75, 1.0, 1.5};
+    total_ = s.tune + 3.0 * s.good + 2.0 * s.flawed + 3.0 * s.kinds + 2.0 * static_cast<double>(results_.slopes.size()) * s.slope_poses * s.slope_exposures;
+
+    const sim::Scene round = round_part();
+    note("learning the round part");
+    auto reference = learn_production(round, s.learn, 1, options_.seed);
+    if (!reference) return tl::unexpected(reference.error());
+
+    Production tuning(round, *reference, 1, options_.seed);
+    if (auto done = judge(tuning, {.name = "tune", .parts = s.tune, .stream = Stream::tune}); !done) return tl::unexpected(done.error());
+    results_.factor = factor_for(results_.parts["tune"]);
+    results_.tuned_on = s.tune;
+
+    Production production(round, *reference, results_.factor, options_.seed);
+    const Figure figures[] = {
+        {.name = "still", .wobble = 0, .parts = s.good, .poses = 1},
+        {.name = "wobble", .parts = s.good},
+        {.name = "wobble, LED 70 %", .led = kLedLoss, .parts = s.good},
+        {.name = "bubble", .flaw = Flaw::bubble, .parts = s.flawed},
+        {.name = "speck", .flaw = Flaw::speck, .size = kSpeckRadius, .parts = s.flawed, .poses = std::max(1, s.flawed / 4)},
+        {.name = "haze", .flaw = Flaw::haze, .size = kHazeRadius, .parts = s.kinds},
+        {.name = "dimple", .flaw = Flaw::dimple, .size = 1.5, .parts = s.kinds},
+        {.name = "scratch", .flaw = Flaw::scratch, .size = 4, .parts = s.kinds},
+    };
+    for (const Figure& figure : figures) {
+        if (auto done = judge(production, figure); !done) return tl::unexpected(done.error());
+    }
+    for (const double slope : results_.slopes) {
+        const sim::Scene scene = strip(slope);
+        note(fmt::format("learning slope {:g}", slope));
+        auto learned = learn_production(scene, s.learn, 1, options_.seed);
+        if (!learned) return tl::unexpected(learned.error());
+        Production strips(scene, *learned, results_.factor, options_.seed);
+        const int parts = s.slope_poses * s.slope_exposures;
+        if (auto done = judge(strips, {.name = fmt::format("slope {:g} good", slope), .parts = parts, .poses = s.slope_poses}); !done) return tl::unexpected(done.error());
+        // Other poses than the good ones: the tuning stream's are not used for strips.
+        if (auto done = judge(strips, {.name = fmt::format("slope {:g} haze", slope), .flaw = Flaw::haze, .size = kHazeRadius, .parts = parts, .stream = Stream::tune, .poses = s.slope_poses}); !done) {
+            return tl::unexpected(done.error());
+        }
+    }
+    note("contrast on the paper's scenes");
+    auto contrast = cells_.value("contrast", [&] { return measure_contrast(options_); });
+    if (!contrast) return tl::unexpected(contrast.error());
+    results_.contrast = (*contrast)["scenes"];
+    results_.times = (*contrast)["times"];
+    options_.progress(1, "");
+    return std::move(results_);
+}
+
+}  // namespace
+
+Result<ExperimentReport> run_detection(const ExperimentOptions& options) {
+    auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
+    if (!cells) return tl::unexpected(cells.error());
+    auto results = Run(options, *cells).run();
+    if (!results) return tl::unexpected(results.error());
+    return report_detection(*results, options);
+}
+
+}  // namespace hord::firmware

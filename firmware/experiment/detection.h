@@ -1,0 +1,41 @@
+// Does judging against a reference keep its promises on simulated production? False rejects, probability of detection, kinds, contrast, time.
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "firmware/experiment/cells.h"
+#include "firmware/experiment/experiment.h"
+#include "firmware/experiment/statistics.h"
+
+namespace hord::firmware {
+
+Result<ExperimentReport> run_detection(const ExperimentOptions& options);
+
+// One part as it was judged: its score (1 and above rejects), whether a defect was found where the flaw is, the kind of it.
+struct JudgedPart {
+    double score = 0;
+    bool unfit = false, hit = false;
+    int kind = -1;           // algo::DefectKind; -1: nothing was found there
+    double size = 0;         // of its flaw
+    double from_rim = 0;     // lenslets
+    int defects = 0;
+};
+
+struct DetectionResults {
+    double factor = 1;       // on the recipe's default limits, from the tuning parts
+    int tuned_on = 0;
+    std::map<std::string, std::vector<JudgedPart>> parts;  // by figure
+    std::vector<double> slopes;
+    Json contrast, times;
+    std::uint64_t seed = 1;
+};
+
+// Contrast to noise on the paper's cut and bubble, and the time that judging against a reference takes (detection_contrast.cpp).
+Result<Json> measure_contrast(const ExperimentOptions& options);
+
+// The report, its tables and plots (detection_report.cpp).
+Result<ExperimentReport> report_detection(const DetectionResults& results, const ExperimentOptions& options);
+
+}  // namespace hord::firmware

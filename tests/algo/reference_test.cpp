@@ -1,0 +1,302 @@
+// Learning what good parts look like, finding where a part lies, and judging it against them.
+#include <array>
+#include <cmath>
+#include <memory>
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include "algo/compare.h"
+#include "algo/mask.h"
+#include "algo/pipeline.h"
+#include "algo/reference_learner.h"
+#include "frames.h"
+
+namespace hord::algo {
+namespace {
+
+using testing::drawn;
+using testing::noisy;
+using testing::Spot;
+
+constexpr Extents kField{41, 37, 9, 9};
+constexpr int kBits = 12;
+constexpr double kElectrons = 2000;  // a lenslet
+constexpr float kReadDn = 2;
+const LightLevels kLevels{6, 60, 4095};
+constexpr double kHalfM = 15, kHalfN = 12;  // of the elliptic part, lenslets
+
+// A part that bends light more along x than along y, in free light: nothing about it is round. One electron a DN.
+Frame part(const Pose& pose, const std::function<void(int, int, Spot&)>& defect = [](int, int, Spot&) {}) {
+    const PoseMap map(pose, kField);
+    const double full_bin = kElectrons / (1.22 * 1.22);
+    const auto inside = [&](int m, int n) {  // share of the lenslet, of 7x7 points
+        double share = 0;
+        for (int k = 0; k < 49; ++k) {
+            const auto q = map.to_reference(m + (k % 7 - 3) / 7.0, n + (k / 7 - 3) / 7.0);
+            share += std::hypot((q.m - 0.5 * (kField.m - 1)) / kHalfM, (q.n - 0.5 * (kField.n - 1)) / kHalfN) < 1 ? 1.0 / 49 : 0;
+        }
+        return share;
+    };
+    Frame frame = drawn(kField, kBits, full_bin, [&](int m, int n) {
+        const auto q = map.to_reference(m, n);
+        const auto bend = map.turned(0.15 * (q.m - 0.5 * (kField.m - 1)), 0.08 * (q.n - 0.5 * (kField.n - 1)));
+        Spot spot{bend.m, bend.n, 0.9};
+        defect(m, n, spot);
+        spot.light *= inside(m, n);
+        return spot;
+    });
+    const Frame beside = drawn(kField, kBits, full_bin, [&](int m, int n) { return Spot{0, 0, 1 - inside(m, n)}; });
+    for (int y = 0; y < frame.height_px(); ++y) {
+        for (int x = 0; x < frame.width_px(); ++x) frame.set(x, y, frame.view().sample(x, y) + beside.view().sample(x, y));
+    }
+    return frame;
+}
+Frame seen(const Frame& frame, std::uint64_t seed, double light = 1) { return noisy(frame, {1, 2, light}, seed, kBits); }
+
+Pose wobble(std::uint64_t seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> shift(-0.5, 0.5), turn(-0.0175, 0.0175);
+    const double x = shift(random), y = shift(random);
+    return {x, y, std::sin(turn(random))};
+}
+
+Result<Learned> learn(std::size_t count, const std::function<Frame(std::size_t)>& frame, std::optional<float> gain = 1.0F) {
+    LearnOptions options;
+    options.levels = kLevels;
+    options.electrons_per_dn = gain;
+    options.read_dn = kReadDn;
+    return learn_reference(kField, kBits, count, [&](std::size_t k) -> Result<Frame> { return frame(k); }, options);
+}
+
+// Of sixteen parts that lie a little differently each.
+const Learned& learned() {
+    static const Learned all = [] {
+        std::vector<Frame> frames;
+        for (std::uint64_t k = 0; k < 16; ++k) frames.push_back(seen(part(wobble(k)), k));
+        return learn(frames.size(), [&](std::size_t k) { return frames[k]; }).value();
+    }();
+    return all;
+}
+
+Recipe recipe() {
+    Recipe r;
+    r.dark_dn = kLevels.dark, r.min_sum_dn = kLevels.min_sum, r.saturated_dn = kLevels.saturated;
+    r.reference = std::make_shared<Reference>(learned().reference);
+    return r;
+}
+struct Judged {
+    Verdict verdict;
+    Reason reason;
+    std::vector<Defect> defects;
+    std::vector<float> surprise;
+    Registered registered;
+};
+Judged judge(const Frame& frame, const Recipe& with = recipe(), int threads = 1) {
+    auto pipeline = Pipeline::create(kField, kBits, with, threads);
+    EXPECT_TRUE(pipeline) << pipeline.error().message();
+    const auto found = pipeline->inspect(frame.view());
+    EXPECT_TRUE(found);
+    return {found->verdict, found->reason, {found->defects.begin(), found->defects.end()}, {found->surprise.begin(), found->surprise.end()}, found->registered};
+}
+
+TEST(Reference, parts_are_registered_to_a_small_fraction_of_a_lenslet) {
+    ASSERT_TRUE(learned().left_out.empty()) << learned().left_out[0].why;
+    // The reference lies in the middle of the parts' poses, wherever that is: differences count.
+    for (std::uint64_t k = 0; k < 16; ++k) {
+        const Pose a = wobble(k), b = wobble((k + 1) % 16);
+        const Pose &p = *learned().poses[k], &q = *learned().poses[(k + 1) % 16];
+        EXPECT_NEAR(p.x - q.x, a.x - b.x, 0.1) << k;
+        EXPECT_NEAR(p.y - q.y, a.y - b.y, 0.1) << k;
+        EXPECT_NEAR(p.sine - q.sine, a.sine - b.sine, 0.01) << k;  // 0.15 lenslet at the rim
+    }
+}
+
+TEST(Reference, good_parts_score_about_normally_from_200_to_20000_electrons) {
+    for (const double light : {0.1, 0.7, 1.0, 2.0}) {
+        std::array<double, kDeviations> squares{};
+        double count = 0;
+        const Reference& r = learned().reference;
+        Comparer comparer(r);
+        Registrar registrar(kField);
+        HordRow row(kField);
+        std::vector<Difference> differences(static_cast<std::size_t>(kField.m));
+        for (std::uint64_t seed = 100; seed < 106; ++seed) {
+            const Frame frame = seen(part(wobble(seed)), seed, light);
+            std::vector<std::uint32_t> sums;
+            std::vector<std::uint8_t> mask;
+            std::vector<Deflection> deflections(kField.lenslets());
+            for (int n = 0; n < kField.n; ++n) {
+                decode_row(frame.view(), kField, kLevels, n, row);
+                sums.insert(sums.end(), row.sums().begin(), row.sums().end());
+                mask.insert(mask.end(), row.mask().begin(), row.mask().end());
+                mean_deflections(row, std::span(deflections).subspan(static_cast<std::size_t>(n * kField.m), static_cast<std::size_t>(kField.m)));
+            }
+            const Registered at = registrar.find(r.maps(), deflections, sums, mask, 1, r.parts);
+            ASSERT_TRUE(at.found());
+            EXPECT_NEAR(at.light, light, 0.2 * light);  // the dark level takes more of weak light
+            for (int n = 0; n < kField.n; ++n) {
+                decode_row(frame.view(), kField, kLevels, n, row);
+                comparer.compare_row(row, n, PoseMap(at.pose, kField), at.light, differences);
+                for (const Difference& d : differences) {
+                    if (!d.has_hord) continue;
+                    const Scores scores = scores_of(d, r);
+                    for (std::size_t w = 0; w < kDeviations; ++w) squares[w] += static_cast<double>(scores[w]) * static_cast<double>(scores[w]);
+                    count += 1;
+                }
+            }
+        }
+        // Light and the rest: variance 1; bend: of two, 2.
+        for (std::size_t w = 0; w < kDeviations; ++w) {
+            const double variance = squares[w] / count / (w == 1 ? 2 : 1);
+            EXPECT_GT(variance, 0.3) << "light " << light << ", score " << w;
+            EXPECT_LT(variance, 1.7) << "light " << light << ", score " << w;
+        }
+    }
+}
+
+TEST(Reference, a_good_part_passes_however_it_lies) {
+    for (std::uint64_t seed = 200; seed < 220; ++seed) {
+        const Judged judged = judge(seen(part(wobble(seed)), seed, seed % 2 == 0 ? 1.0 : 0.7));
+        EXPECT_EQ(judged.verdict, Verdict::pass) << seed << ": " << explain(judged.registered.outcome);
+    }
+}
+
+// What gradients and transmission limits do not see: a tenth less light, a spread a third wider in two lenslets, a bend of a tenth of a bin.
+TEST(Reference, weak_defects_are_found_where_they_are_and_named) {
+    struct Case {
+        const char* name;
+        DefectKind kind;
+        std::function<void(int, int, Spot&)> change;
+    };
+    const auto near = [](int m, int n) { return std::abs(m - 24) <= 1 && std::abs(n - 15) <= 1; };
+    const Case cases[] = {
+        {"absorbing", DefectKind::absorbing, [&](int m, int n, Spot& s) { if (near(m, n)) s.light *= 0.75; }},
+        {"surface", DefectKind::surface, [&](int m, int n, Spot& s) { if (near(m, n)) s.x += 0.2; }},
+    };
+    for (const Case& c : cases) {
+        const Judged judged = judge(seen(part(wobble(7), c.change), 7));
+        ASSERT_EQ(judged.verdict, Verdict::reject) << c.name;
+        EXPECT_NEAR(judged.defects[0].m, 24, 0.7) << c.name;
+        EXPECT_NEAR(judged.defects[0].n, 15, 0.7) << c.name;
+        EXPECT_EQ(judged.defects[0].kind, c.kind) << c.name << ", got " << name_of(judged.defects[0].kind);
+        EXPECT_EQ(judged.defects.size(), 1U) << c.name;
+    }
+}
+
+// One lenslet inside the rim, where the margin of the gradients hides everything.
+TEST(Reference, a_defect_beside_the_rim_is_found) {
+    const Pose pose{0.3, -0.2, 0.01};
+    const auto at = PoseMap(pose, kField).to_part(0.5 * (kField.m - 1) + kHalfM - 1.5, 0.5 * (kField.n - 1));
+    const Judged judged = judge(seen(part(pose, [&](int m, int n, Spot& s) { if (m == std::lround(at.m) && n == std::lround(at.n)) s.light *= 0.4; }), 3));
+    ASSERT_EQ(judged.verdict, Verdict::reject);
+    EXPECT_NEAR(judged.defects[0].m, at.m, 1);
+    EXPECT_NEAR(judged.defects[0].n, at.n, 1);
+}
+
+TEST(Reference, a_part_that_does_not_lie_where_it_should_is_unfit) {
+    const Judged far = judge(seen(part({6, 0, 0}), 1));
+    EXPECT_EQ(far.verdict, Verdict::unfit);
+    EXPECT_EQ(far.reason, Reason::not_registered);
+    const Judged other = judge(seen(drawn(kField, kBits, 1300, testing::lens(kField, 8, 3.5)), 1));
+    EXPECT_EQ(other.verdict, Verdict::unfit);
+    EXPECT_EQ(other.reason, Reason::not_registered);
+    EXPECT_TRUE(other.surprise.empty());
+}
+
+TEST(Reference, small_defects_are_tolerated_as_the_recipe_says) {
+    Recipe r = recipe();
+    r.lenslet_mm = 0.2F;
+    const auto two_specks = [](int m, int n, Spot& s) { if (n == 18 && (m == 12 || m == 28)) s.light *= 0.3; };
+    const Frame frame = seen(part(wobble(9), two_specks), 9);
+    ASSERT_EQ(judge(frame, r).defects.size(), 2U);
+    r.tolerances = {{.kinds = 1U << static_cast<unsigned>(DefectKind::absorbing), .where = std::nullopt, .largest_mm = 0.7F, .number = 2}};
+    EXPECT_EQ(judge(frame, r).verdict, Verdict::pass);
+    r.tolerances[0].number = 1;
+    EXPECT_EQ(judge(frame, r).defects.size(), 1U);
+    r.tolerances[0].number = 2;
+    r.tolerances[0].largest_mm = 0.1F;
+    EXPECT_EQ(judge(frame, r).defects.size(), 2U);
+    r.tolerances[0].largest_mm = 0.7F;
+    r.tolerances[0].where = Zone{.shape = Zone::Shape::circle, .use = {}, .centre = {12, 18}, .radius = 4, .corners = {}};
+    const Judged one = judge(frame, r);
+    ASSERT_EQ(one.defects.size(), 1U);
+    EXPECT_NEAR(one.defects[0].m, 28, 1);
+    r.lenslet_mm = 0;
+    EXPECT_FALSE(Pipeline::create(kField, kBits, r));
+}
+
+TEST(Reference, the_judgement_does_not_depend_on_the_number_of_threads) {
+    const Frame frame = seen(part(wobble(11)), 11);
+    const Judged alone = judge(frame);
+    for (const int threads : {2, 5}) EXPECT_EQ(judge(frame, recipe(), threads).surprise, alone.surprise);
+}
+
+TEST(Reference, the_comparison_has_the_same_bits_on_every_instruction_set) {
+    const Frame frame = seen(part(wobble(12)), 12);
+    HordRow row(kField);
+    std::vector<std::vector<Difference>> all;
+    for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
+        if (!has(isa)) continue;
+        Comparer comparer(learned().reference, isa);
+        std::vector<Difference> differences(kField.lenslets());
+        for (int n = 0; n < kField.n; ++n) {
+            decode_row(frame.view(), kField, kLevels, n, row);
+            comparer.compare_row(row, n, PoseMap({0.3, -0.4, 0.01}, kField), 1,
+                                 std::span(differences).subspan(static_cast<std::size_t>(n * kField.m), static_cast<std::size_t>(kField.m)));
+        }
+        all.push_back(std::move(differences));
+    }
+    for (std::size_t k = 0; k < all[0].size(); ++k) {
+        for (const auto& other : all) {
+            const Difference &a = all[0][k], &b = other[k];
+            const bool same = a.has_hord == b.has_hord && a.light == b.light && a.x == b.x && a.y == b.y && a.blur == b.blur && a.chi2 == b.chi2 &&
+                              a.degrees == b.degrees && a.x_variance == b.x_variance && a.blur_variance == b.blur_variance;
+            ASSERT_TRUE(same) << k;
+        }
+    }
+}
+
+TEST(Learning, names_the_parts_that_differ_from_all_others) {
+    const auto speck = [](int m, int n, Spot& s) { if (std::hypot(m - 25, n - 20) < 2.5) s.light *= 0.4; };
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 12; ++k) frames.push_back(seen(k == 4 ? part(wobble(k), speck) : k == 9 ? part({9, 3, 0}) : part(wobble(k)), k));
+    const auto all = learn(frames.size(), [&](std::size_t k) { return frames[k]; });
+    ASSERT_TRUE(all) << all.error().message();
+    EXPECT_EQ(all->reference.parts, 10U);
+    ASSERT_EQ(all->left_out.size(), 2U);
+    EXPECT_EQ(all->left_out[0].part, 9U);  // it cannot be registered: that is seen first
+    EXPECT_EQ(all->left_out[1].part, 4U);
+    EXPECT_FALSE(all->poses[4]);
+}
+
+TEST(Learning, estimates_the_sensors_gain) {
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 12; ++k) frames.push_back(seen(part(wobble(k)), k));
+    const auto all = learn(frames.size(), [&](std::size_t k) { return frames[k]; }, std::nullopt);
+    ASSERT_TRUE(all);
+    EXPECT_NEAR(all->reference.sensor.electrons_per_dn, 1, 0.3);
+}
+
+TEST(Learning, needs_eight_parts_that_lie_alike) {
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 9; ++k) frames.push_back(seen(k < 7 ? part(wobble(k)) : part({8, 8, 0}), k));
+    const auto few = learn(7, [&](std::size_t k) { return frames[k]; });
+    ASSERT_FALSE(few);
+    const auto strangers = learn(9, [&](std::size_t k) { return frames[k]; });
+    ASSERT_FALSE(strangers);
+    EXPECT_NE(strangers.error().what.find("part 8"), std::string::npos) << strangers.error().what;
+}
+
+TEST(Learning, the_same_frames_give_the_same_reference) {
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 8; ++k) frames.push_back(seen(part(wobble(k)), k));
+    const auto a = learn(8, [&](std::size_t k) { return frames[k]; }), b = learn(8, [&](std::size_t k) { return frames[k]; });
+    ASSERT_TRUE(a && b);
+    EXPECT_EQ(a->reference.shares, b->reference.shares);
+    EXPECT_EQ(a->reference.spread, b->reference.spread);
+    EXPECT_TRUE(check(a->reference));
+}
+
+}  // namespace
+}  // namespace hord::algo
