@@ -21,9 +21,14 @@ constexpr int kLanes = Comparer::Templates::kLanes;
 constexpr float kLitDn = 1;  // a bin that expects less reads nothing, mostly
 
 template <int Bytes>
-HORD_ALWAYS_INLINE float gather(const Comparer::Taps& taps, int first, int last, float* __restrict out) {
+HORD_ALWAYS_INLINE float gather(const Comparer::Taps& taps, int blocks, int first, int last, float* __restrict out) {
     float all[kLanes] = {};
-    for (int k = first * kLanes; k <= last * kLanes; k += kLanes) {
+    for (int block = 0; block < blocks; ++block) {
+        const int k = block * kLanes;
+        if (block < first || block > last) {
+            for (int l = 0; l < kLanes; ++l) out[k + l] = 0;
+            continue;
+        }
         std::int32_t sum[kLanes] = {};
         for (int t = 0; t < taps.count; ++t) {
             const std::uint16_t* at = taps.from[t] + k;
@@ -40,6 +45,16 @@ HORD_ALWAYS_INLINE float gather(const Comparer::Taps& taps, int first, int last,
     float total = 0;
     for (int l = 0; l < kLanes; ++l) total += all[l];
     return total;
+}
+
+// The binomial 1 4 6 4 1 along both axes, each as 1 2 1 twice. What lies around the bins is dark, and there is room for it.
+template <int Bytes>
+HORD_ALWAYS_INLINE void scatter(const float* g, int blocks, int row, float* __restrict half, float* __restrict other_half, float* __restrict out) {
+    const int end = blocks * kLanes;
+    for (int k = -3 * kLanes; k < end + 3 * kLanes; ++k) half[k] = (g[k - 1] + g[k + 1]) + 2.0F * g[k];
+    for (int k = -3 * kLanes; k < end + 3 * kLanes; ++k) other_half[k] = (half[k - 1] + half[k + 1]) + 2.0F * half[k];
+    for (int k = -2 * kLanes; k < end + 2 * kLanes; ++k) half[k] = (other_half[k - row] + other_half[k + row]) + 2.0F * other_half[k];
+    for (int k = 0; k < end; ++k) out[k] = ((half[k - row] + half[k + row]) + 2.0F * half[k]) * 0x1p-8F;
 }
 
 // Sixteen at a time, whatever a row has: what is too much is overwritten by the next row, or lies where there are no bins.
@@ -62,7 +77,7 @@ HORD_ALWAYS_INLINE void project(const Comparer::Bins& bins, int first, int last,
             for (int l = 0; l < kLanes; ++l) rr[l] += h[l] * inverse_floor * o[l] * o[l];
             continue;
         }
-        const float *g = bins.golden + at, *above = g - bins.row, *below = g + bins.row;
+        const float *g = bins.golden + at, *s = bins.scattered + at, *above = g - bins.row, *below = g + bins.row;
         for (int l = 0; l < kLanes; ++l) {
             const float e = n * g[l];
             const float noise = e * inverse_gain;
@@ -70,7 +85,7 @@ HORD_ALWAYS_INLINE void project(const Comparer::Bins& bins, int first, int last,
             const float r = o[l] - e;
             const float x = 0.5F * n * (g[l - 1] - g[l + 1]);
             const float y = 0.5F * n * (above[l] - below[l]);
-            const float b = 0.5F * n * ((g[l - 1] + g[l + 1]) + (above[l] + below[l]) - 4.0F * g[l]);
+            const float b = n * (s[l] - g[l]);
             const float wr = w * r, wx = w * x, wy = w * y, wb = w * b;
             rr[l] += wr * r;
             rx[l] += wr * x;
@@ -90,7 +105,8 @@ HORD_ALWAYS_INLINE void project(const Comparer::Bins& bins, int first, int last,
     std::memcpy(out.yb, yb, sizeof yb), std::memcpy(out.bb, bb, sizeof bb), std::memcpy(out.degrees, degrees, sizeof degrees);
 }
 
-HORD_FOR_EACH_ISA(gather_for, float, gather, (const Comparer::Taps& taps, int first, int last, float* out), (taps, first, last, out))
+HORD_FOR_EACH_ISA(gather_for, float, gather, (const Comparer::Taps& taps, int blocks, int first, int last, float* out), (taps, blocks, first, last, out))
+HORD_FOR_EACH_ISA(scatter_for, void, scatter, (const float* g, int blocks, int row, float* half, float* other_half, float* out), (g, blocks, row, half, other_half, out))
 HORD_FOR_EACH_ISA(spread_out_for, void, spread_out, (const std::uint16_t* masses, int columns, int rows, float* out), (masses, columns, rows, out))
 HORD_FOR_EACH_ISA(project_for, void, project, (const Comparer::Bins& bins, int first, int last, Comparer::Templates& out), (bins, first, last, out))
 
@@ -104,16 +120,17 @@ double total(const float (&lanes)[kLanes]) {
 void quantised(const CubicWeights& w, std::int32_t (&q)[4]) {
     std::int32_t sum = 0;
     for (int k = 0; k < 4; ++k) sum += q[k] = static_cast<std::int32_t>(std::floor(w.of[k] * 128 + 0.5));
-    q[w.of[1] >= w.of[2] ? 1 : 2] += 128 - sum;
+    q[w.of[1] >= w.of[2] ? 1 : 2] += 128 - sum;  // one of the middle ones is always used
 }
 
 }  // namespace
 
-constexpr int kRoom = 2 * kLanes;  // before the first bin and after the last
+constexpr int kRoom = 4 * kLanes;  // before the first bin and after the last
 
 Comparer::Comparer(const Reference& reference, Isa isa)
     : reference_(reference), padded_i_(reference.extents.i + 2), blocks_(static_cast<int>(reference.stride()) / kLanes), lit_(reference.extents.lenslets()),
-      golden_(reference.stride() + 2 * kRoom), mass_(golden_.size()), here_(golden_.size()), gather_(gather_for(isa)), spread_out_(spread_out_for(isa)),
+      golden_(reference.stride() + 2 * kRoom), scattered_(golden_.size()), half_(golden_.size()), other_half_(golden_.size()), mass_(golden_.size()),
+      here_(golden_.size()), gather_(gather_for(isa)), scatter_(scatter_for(isa)), spread_out_(spread_out_for(isa)),
       project_(project_for(isa)) {
     for (int j = 0; j < reference.extents.j; ++j) {
         for (int i = 0; i < reference.extents.i; ++i) here_[kRoom + reference.place(i, j)] = 1;
@@ -132,37 +149,33 @@ Comparer::Comparer(const Reference& reference, Isa isa)
             for (std::size_t b = 0; b < stride; ++b) cut += std::min(static_cast<double>(reference.sensor.clip_dn), static_cast<double>(share[b]) * 0x1p-15 * static_cast<double>(reference.light[k]));
             clipped += cut, light += static_cast<double>(reference.light[k]);
         }
-        lit_[k] = {block(std::max(0, first - padded_i_)), block(last + padded_i_)};
+        lit_[k] = {block(std::max(0, first - 2 * padded_i_)), block(last + 2 * padded_i_)};
     }
     clipped_ = light > 0 ? clipped / light : 0;
 }
 
-// The golden HORD and its light at a place of the reference, from 4x4 lenslets, or 2x2 where one of the others has none. False: nothing is
-// known there. `bits`: the masks of those used.
+// The golden HORD and its light at a place of the reference, from the lenslets around it. False: nothing is known there. `bits`: the masks of those used.
 bool Comparer::interpolate(double m, double n, double light, float& expected, std::uint8_t& bits) {
     const Extents& e = reference_.extents;
-    const double floor_m = std::floor(m), floor_n = std::floor(n);
-    const int at_m = static_cast<int>(floor_m), at_n = static_cast<int>(floor_n);
-    if (at_m < 0 || at_n < 0 || at_m + 1 >= e.m || at_n + 1 >= e.n) return false;
     const auto columns = static_cast<std::size_t>(e.m);
     const auto index = [&](int x, int y) { return static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x); };
-    bool wide = at_m >= 1 && at_n >= 1 && at_m + 2 < e.m && at_n + 2 < e.n;
-    for (int y = at_n - 1; wide && y <= at_n + 2; ++y) {
-        for (int x = at_m - 1; x <= at_m + 2; ++x) wide = wide && (reference_.mask[index(x, y)] & (kOutside | kDark)) == 0;
-    }
+    const auto near = Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & (kOutside | kDark)) == 0; });
+    // Dark ones nearby: the light alone, evenly.
+    const auto use = near.found ? near : Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & kOutside) == 0; });
+    if (!use.found) return false;
     std::int32_t qm[4], qn[4];
-    quantised(wide ? CubicWeights::at(m - floor_m) : CubicWeights::linear_at(m - floor_m), qm);
-    quantised(wide ? CubicWeights::at(n - floor_n) : CubicWeights::linear_at(n - floor_n), qn);
+    quantised(near.found ? use.along : CubicWeights::linear_at(m - std::floor(m)), qm);
+    quantised(near.found ? use.across : CubicWeights::linear_at(n - std::floor(n)), qn);
     Taps taps;
     taps.count = 0;
     double sum = 0;
     bits = 0;
     Lit lit{255, 0};
-    for (int r = wide ? 0 : 1; r < (wide ? 4 : 3); ++r) {
-        for (int c = wide ? 0 : 1; c < (wide ? 4 : 3); ++c) {
+    for (int r = 0; r < 4; ++r) {
+        for (int c = 0; c < 4; ++c) {
             const std::int32_t w = qm[c] * qn[r];
             if (w == 0) continue;
-            const std::size_t k = index(at_m + c - 1, at_n + r - 1);
+            const std::size_t k = index(use.m + c, use.n + r);
             bits |= reference_.mask[k];
             sum += static_cast<double>(w) * static_cast<double>(reference_.light[k]);
             lit = {std::min(lit.first, lit_[k].first), std::max(lit.last, lit_[k].last)};
@@ -177,7 +190,8 @@ bool Comparer::interpolate(double m, double n, double light, float& expected, st
     taps.light = static_cast<float>(light);
     taps.clip = static_cast<float>(static_cast<double>(reference_.sensor.clip_dn) / golden);
     around_ = lit;
-    share_ = gather_(taps, std::max(0, lit.first - 1), std::min(blocks_ - 1, lit.last + 1), golden_.data() + kRoom);
+    share_ = gather_(taps, blocks_, lit.first, lit.last, golden_.data() + kRoom);
+    scatter_(golden_.data() + kRoom, blocks_, padded_i_, half_.data() + kRoom, other_half_.data() + kRoom, scattered_.data() + kRoom);
     expected = static_cast<float>(golden * static_cast<double>(share_));
     return true;
 }
@@ -211,7 +225,7 @@ void Comparer::compare(const HordRow& row, int m, int n, const PoseMap& pose, do
 
     spread_out_(row.hord(m).mass, e.i, e.j, mass_.data() + kRoom + reference_.place(0, 0));
     Templates t;
-    project_({golden_.data() + kRoom, mass_.data() + kRoom, here_.data() + kRoom, blocks_, padded_i_, static_cast<float>(sum / static_cast<double>(share_)),
+    project_({golden_.data() + kRoom, scattered_.data() + kRoom, mass_.data() + kRoom, here_.data() + kRoom, blocks_, padded_i_, static_cast<float>(sum / static_cast<double>(share_)),
               static_cast<float>(golden_share / gain), static_cast<float>(floor)},
              around_.first, around_.last, t);
     const double xx = total(t.xx), xy = total(t.xy), xb = total(t.xb), yy = total(t.yy), yb = total(t.yb), bb = total(t.bb);

@@ -3,11 +3,13 @@
 // With the golden shares g at the place where the registered part has this lenslet (cubic interpolation between golden HORDs) and n the light
 // that the lenslet has, n g is expected in the bins. What remains, r = mass - n g, is explained by weighted least squares as
 //
-//     r = n (a G_x + b G_y + c G_2) + rest       weights 1 / variance of the bin
+//     r = n (a G_x + b G_y + c G_s) + rest       weights 1 / variance of the bin
 //
-// G_x, G_y: what a shift of the light by one bin changes (central differences of g), G_2: what a growth of its variance by one bin squared
-// along each axis changes (half the Laplacian). So a, b are the change of the mean deflection, c that of the spread, and neither disturbs the
-// other; the rest is chi-square. Missing light is judged apart: n over what the reference has, at the part's typical light.
+// G_x, G_y: what a shift of the light by one bin changes (central differences of g). G_s: what scattering all of it changes (by the
+// binomial 1 4 6 4 1 along each axis, whose variance is one bin squared), so that c is the share of the light that is scattered, and by how
+// much the variance along each axis grows. So a, b are the change of the mean deflection, c that of the spread, and neither disturbs the
+// other; the rest is chi-square. Scattered light falls mostly into bins that were dark, where interpolation errs little: that is why c
+// is seen on steep parts, too. Missing light is judged apart: n over what the reference has, at the part's typical light.
 //
 // Another light. The dark level cuts `clip` DN off every lit bin, whatever its light. A part with s times the reference's light G = n g has
 // s (G + clip) - clip; bins with less than clip in proportion: s G - (1 - s) min(clip, G).
@@ -57,7 +59,7 @@ class Comparer {
         float light, clip;  // the part's over the reference's; of the lenslet's light
     };
     struct Bins {
-        const float *golden, *mass, *here;
+        const float *golden, *scattered, *mass, *here;
         int blocks, row;                  // sixteen bins each; from a bin to the one below
         float light, inverse_gain, floor;  // DN; variance a DN; variance of an empty bin
     };
@@ -72,11 +74,12 @@ class Comparer {
     };
     int padded_i_, blocks_;
     std::vector<Lit> lit_;                     // one a lenslet
-    std::vector<float> golden_, mass_, here_;  // as Reference::place has it, with room on either side; 1 where there is a bin
+    std::vector<float> golden_, scattered_, half_, other_half_, mass_, here_;  // as Reference::place has it, with room on either side; 1 where there is a bin
     Lit around_{};                             // of the golden HORD that was interpolated last
     float share_ = 1;                          // and the sum of its shares at the part's light
     double clipped_ = 0;                       // of a typical lenslet's light, by the dark level
-    float (*gather_)(const Taps& taps, int first, int last, float* out);
+    float (*gather_)(const Taps& taps, int blocks, int first, int last, float* out);
+    void (*scatter_)(const float* golden, int blocks, int row, float* half, float* other_half, float* out);
     void (*spread_out_)(const std::uint16_t* masses, int columns, int rows, float* out);
     void (*project_)(const Bins& bins, int first, int last, Templates& out);
 };

@@ -10,7 +10,7 @@ namespace hord::algo {
 namespace {
 
 constexpr double kMostOfIt = 0.6;
-constexpr double kBendOfIt = 0.15;  // a shift by a good part of a bin changes the shape, too: bins are coarse
+constexpr double kSpreadOfIt = 0.25;
 
 float score(const Scores& s, Deviation which) { return s[static_cast<std::size_t>(which)]; }
 
@@ -76,7 +76,8 @@ Judge::Region Judge::gather(std::uint32_t seed, const Compared& c) {
         r.squares += square(in_noise);
         (score(s, Deviation::light) < 0 ? r.missing : r.added) += square(score(s, Deviation::light));
         r.bend += square(score(s, Deviation::bend));
-        r.spread += square(score(s, Deviation::blur)) + square(std::max(0.0F, score(s, Deviation::shape)));
+        r.spread += square(std::max(0.0F, score(s, Deviation::blur)));
+        r.shape += square(std::max(0.0F, score(s, Deviation::shape)));
         if (severity_[k] * recipe_.reject_score > worst_of(s)) r.gradient += square(severity_[k] * recipe_.reject_score);
         r.worst = std::max(r.worst, severity_[k]);
         const Difference& d = c.differences[k];
@@ -102,13 +103,13 @@ Defect Judge::describe(const Region& r, Reason& reason) const {
     const auto side = [](double variance) { return std::sqrt(12 * std::max(variance, 0.0) + 1); };
     d.length = static_cast<float>(side(middle + half));
     d.width = static_cast<float>(side(middle - half));
-    const double all = r.missing + r.added + r.bend + r.spread;
-    const bool dims = r.missing >= kMostOfIt * all, bends = r.bend >= kBendOfIt * all && r.bend + r.spread >= kMostOfIt * all, spreads = r.spread >= kMostOfIt * all;
+    const double all = r.missing + r.added + r.bend + r.spread + r.shape;
+    const bool dims = r.missing >= kMostOfIt * all, spreads = r.spread >= kSpreadOfIt * all, bends = r.bend + r.shape >= kMostOfIt * all;
     const double length = static_cast<double>(d.length), width = static_cast<double>(d.width);
     if (length >= kScratchLength && length >= kScratchRatio * width) d.kind = DefectKind::scratch;
     else if (all <= 0 || r.gradient > all) d.kind = DefectKind::unknown;
-    else d.kind = dims ? DefectKind::absorbing : bends ? DefectKind::surface : spreads ? DefectKind::scattering : DefectKind::unknown;
-    reason = r.missing >= r.bend && r.missing >= r.spread ? Reason::absorption : r.bend >= r.spread ? Reason::slope : Reason::deflection;
+    else d.kind = dims ? DefectKind::absorbing : spreads ? DefectKind::scattering : bends ? DefectKind::surface : DefectKind::unknown;
+    reason = r.missing >= r.bend + r.shape && r.missing >= r.spread ? Reason::absorption : r.bend + r.shape >= r.spread ? Reason::slope : Reason::deflection;
     if (all <= 0) reason = Reason::deflection;
     d.peak = reason == Reason::absorption ? -r.least_light : reason == Reason::slope ? r.most_bend : std::max(r.most_blur, all <= 0 ? r.most_gradient : 0.0F);
     return d;

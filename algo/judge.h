@@ -11,8 +11,8 @@
 // The kind, from the region's sums of squared scores:
 //   scratch     long and thin (kScratchLength, kScratchRatio), whatever it does to the light
 //   absorbing   most of it is missing light
-//   surface     most of it is another mean deflection
-//   scattering  most of it is a wider spread of deflections, or another shape of the HORD
+//   surface     most of it is another mean deflection, and another shape of the HORD: bins are coarse, a shift changes it
+//   scattering  much of it is a wider spread of deflections
 //   unknown     none of these has its share
 // Lenslets outside the part, outside the recipe's zones, or saturated are not judged.
 #pragma once
@@ -39,7 +39,7 @@ struct Compared {
 
 class Judge {
   public:
-    // Takes all memory but that of more than a thousand regions.
+    // Takes all memory but that of more than a thousand defects.
     Judge(const Extents& extents, const Recipe& recipe);
 
     // `surprise` receives every lenslet's worst score.
@@ -50,7 +50,7 @@ class Judge {
         std::uint32_t area = 0;
         double m = 0, n = 0, mm = 0, nn = 0, mn = 0, weight = 0;
         double squares = 0;                             // of scores
-        double missing = 0, added = 0, bend = 0, spread = 0, gradient = 0;  // shares of that
+        double missing = 0, added = 0, bend = 0, spread = 0, shape = 0, gradient = 0;  // shares of that
         float worst = 0;                                // severity
         float least_light = 0, most_bend = 0, most_blur = 0, most_gradient = 0;  // in their own units
     };
@@ -71,7 +71,7 @@ class Judge {
     std::vector<std::uint32_t> used_;  // of each tolerance
 };
 
-// Judged or not, for every problem of the tolerances; one line each.
+// What is wrong with the reference, its limits and the tolerances of a recipe, one line each; empty when they can be used.
 std::vector<std::string> problems_of_reference(const Recipe& recipe, const Extents& extents, int bits);
 
 }  // namespace hord::algo

@@ -24,7 +24,7 @@ struct SensorModel {
 enum class Deviation : std::uint8_t {
     light,  // missing or additional light, of what is expected
     bend,   // the mean deflection, bin pitches
-    blur,   // the spread of the deflections, bin pitches squared along each axis
+    blur,   // the spread of the deflections: the share of the light that is scattered by about a bin
     shape,  // all that these do not describe
 };
 inline constexpr std::size_t kDeviations = 4;

@@ -191,30 +191,23 @@ void Learner::add_golden(const Part& part, const PoseMap& pose, double light) {
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
             const auto p = pose.to_part(m, n);
-            const double floor_m = std::floor(p.m), floor_n = std::floor(p.n);
-            const int at_m = static_cast<int>(floor_m), at_n = static_cast<int>(floor_n);
-            if (at_m < 0 || at_n < 0 || at_m + 1 >= extents_.m || at_n + 1 >= extents_.n) continue;
-            const auto around = [&](int from, int to) {  // the masks' bits
-                std::uint8_t bits = 0;
-                for (int y = at_n + from; y <= at_n + to; ++y) {
-                    for (int x = at_m + from; x <= at_m + to; ++x) bits |= part.mask[static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x)];
-                }
-                return bits;
-            };
-            const bool wide = at_m >= 1 && at_n >= 1 && at_m + 2 < extents_.m && at_n + 2 < extents_.n && (around(-1, 2) & kNoHord) == 0;
-            const std::uint8_t bits = wide ? std::uint8_t{0} : around(0, 1);
-            if ((bits & kSaturated) != 0) continue;
-            const CubicWeights wm = wide ? CubicWeights::at(p.m - floor_m) : CubicWeights::linear_at(p.m - floor_m);
-            const CubicWeights wn = wide ? CubicWeights::at(p.n - floor_n) : CubicWeights::linear_at(p.n - floor_n);
+            const auto at = [&](int x, int y) { return static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x); };
+            auto near = Surroundings::of(p.m, p.n, extents_, [&](int x, int y) { return (part.mask[at(x, y)] & kNoHord) == 0; });
+            const bool dark = !near.found;
+            if (dark) {
+                near = Surroundings::of(p.m, p.n, extents_, [&](int x, int y) { return (part.mask[at(x, y)] & kSaturated) == 0; });
+                if (!near.found) continue;
+                near.along = CubicWeights::linear_at(p.m - std::floor(p.m)), near.across = CubicWeights::linear_at(p.n - std::floor(p.n));
+            }
             float* to = golden_.data() + k * stride;
             double sum = 0;
             for (int r = 0; r < 4; ++r) {
                 for (int c = 0; c < 4; ++c) {
-                    const double w = wm.of[c] * wn.of[r];
+                    const double w = near.along.of[c] * near.across.of[r];
                     if (w == 0) continue;
-                    const std::size_t from = static_cast<std::size_t>(at_n + r - 1) * columns + static_cast<std::size_t>(at_m + c - 1);
+                    const std::size_t from = at(near.m + c, near.n + r);
                     sum += w * static_cast<double>(part.sums[from]);
-                    if ((bits & kDark) != 0) continue;
+                    if (dark) continue;
                     const std::uint16_t* share = part.shares.data() + from * stride;
                     const auto weight = static_cast<float>(w);
                     for (std::size_t b = 0; b < stride; ++b) to[b] += weight * static_cast<float>(share[b]);
@@ -222,7 +215,7 @@ void Learner::add_golden(const Part& part, const PoseMap& pose, double light) {
             }
             light_[k] += sum / light;
             ++seen_light_[k];
-            if ((bits & kDark) == 0) ++seen_hord_[k];
+            if (!dark) ++seen_hord_[k];
         }
     }
 }

@@ -9,7 +9,7 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kSampledSide = 64;
+constexpr int kSampledSide = 40;
 constexpr int kSteps = 30;
 constexpr double kSettled = 5e-3;                     // lenslets, at the field's rim
 constexpr double kShiftPrior = 1, kTurnPrior = 0.02;  // lenslets, radians
@@ -114,7 +114,7 @@ MapAt CubicReader::read(std::span<const float> map) const {
 }
 
 Registrar::Registrar(const Extents& extents) : extents_(extents) {
-    const int step = std::max(1, (std::max(extents.m, extents.n) + kSampledSide - 1) / kSampledSide);
+    const int step = std::max(1, std::max(extents.m, extents.n) / kSampledSide);
     for (int n = step / 2; n < extents.n; n += step) {
         for (int m = step / 2; m < extents.m; m += step) sample_.push_back({static_cast<std::uint32_t>(n * extents.m + m), static_cast<double>(m), static_cast<double>(n)});
     }

@@ -1,6 +1,6 @@
 // Finds a part's pose from what its light and its mean deflection look like, to a small fraction of a lenslet.
 //
-// The pose minimises, over a regular sample of lenslets (64 x 64 at most) and three channels (the light over the part's typical light, the
+// The pose minimises, over a regular sample of lenslets (40 x 40 at most) and three channels (the light over the part's typical light, the
 // mean deflection along x and y), the squares of part minus reference, each over its noise (more where the reference's
 // slope changes: what edges look like depends on where in a lenslet they lie), with weights 1 / (1 + (r/3)^2) that leave
 // defects out: Gauss-Newton from the reference's own pose, the reference's maps read by cubic interpolation. Weak

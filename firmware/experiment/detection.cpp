@@ -190,10 +190,10 @@ Result<DetectionResults> Run::run() {
     const Figure figures[] = {
         {.name = "still", .wobble = 0, .parts = s.good, .poses = 1},
         {.name = "wobble", .parts = s.good},
-        {.name = "wobble, LED 70 %", .led = kLedLoss, .parts = s.good},
+        {.name = "wobble, LED 70 %", .led = kLedLoss, .parts = s.good, .poses = std::max(1, s.good / 4)},
         {.name = "bubble", .flaw = Flaw::bubble, .parts = s.flawed},
         {.name = "speck", .flaw = Flaw::speck, .size = kSpeckRadius, .parts = s.flawed, .poses = std::max(1, s.flawed / 4)},
-        {.name = "haze", .flaw = Flaw::haze, .size = kHazeRadius, .parts = s.kinds},
+        {.name = "haze", .flaw = Flaw::haze, .size = kHazeRadius, .parts = s.kinds, .poses = std::max(1, s.kinds / 4)},
         {.name = "dimple", .flaw = Flaw::dimple, .size = 1.5, .parts = s.kinds},
         {.name = "scratch", .flaw = Flaw::scratch, .size = 4, .parts = s.kinds},
     };
