@@ -25,7 +25,7 @@ constexpr double kHazeRadius = 1.2, kSpeckRadius = 1;
 struct Sizes {
     int learn, tune, good, poses, bubbles, slope_poses, slope_exposures, kinds;
 };
-constexpr Sizes kFull{32, 300, 2000, 500, 1000, 125, 8, 200}, kQuick{12, 24, 30, 15, 30, 8, 3, 10};
+constexpr Sizes kFull{32, 300, 1000, 200, 300, 50, 8, 60}, kQuick{12, 24, 30, 15, 30, 8, 3, 10};
 
 // Where a figure's parts come from.
 struct Figure {
@@ -186,7 +186,7 @@ Result<void> Run::judge(Production& production, const Figure& figure) {
 Result<DetectionResults> Run::run() {
     const Sizes& s = sizes_;
     results_.seed = options_.seed;
-    results_.slopes = options_.quick ? std::vector<double>{0.15, 1.0} : std::vector<double>{0.05, 0.15, 0.3, 0.5, 0.75, 1.0, 1.5};
+    results_.slopes = options_.quick ? std::vector<double>{0.15, 1.0} : std::vector<double>{0.05, 0.15, 0.5, 1.0, 1.5};
     total_ = s.tune + 4.0 * s.good + s.bubbles + 3.0 * s.kinds + 2.0 * static_cast<double>(results_.slopes.size()) * s.slope_poses * s.slope_exposures;
 
     const sim::Scene round = round_part();

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <fstream>
 
 #include <fmt/format.h>
@@ -70,6 +71,8 @@ std::string size(const std::optional<double>& value) { return value ? fmt::forma
 struct Line {
     std::string what, least, aim, measured;
     bool reached_least, reached_aim;
+    bool expected = true;  // that the least is reached: how it came out when docs/results was written
+    enum class Decided : std::uint8_t { by_many, by_few, by_the_machine } decided = Decided::by_many;  // parts; a time is no claim
 };
 
 std::vector<double> numbers(const Json& json) { return json.get<std::vector<double>>(); }
@@ -149,7 +152,7 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
     lines.push_back({"contrast-to-noise on the paper's cut and bubble scenes, against the paper's EMD gradient", "2x", "5x", contrasts, least_ratio >= 2, least_ratio >= 5});
 
     const Detection speck = detection(wobble, specks, r.seed);
-    lines.push_back({"absorber of 50 % over 2 lenslets, AUC", "0.99", "0.999", interval(speck.auc, 4), speck.auc.value >= 0.99, speck.auc.value >= 0.999});
+    lines.push_back({"absorber of 50 % over 2 lenslets, AUC", "0.99", "0.999", interval(speck.auc, 4), speck.auc.value >= 0.99, speck.auc.value >= 0.999, true, Line::Decided::by_few});
 
     Table slopes{{"slope, bins over two lenslets", "AUC (95 %)", "found at the limits", "good parts rejected"}, {}};
     double least_auc = 1;
@@ -195,20 +198,20 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
                               called(algo::DefectKind::absorbing), called(algo::DefectKind::surface), called(algo::DefectKind::scratch), called(algo::DefectKind::unknown),
                               f < wanted.size() ? fmt::format("{:.1f} %", 100 * right) : "-"});
     }
-    lines.push_back({"kind named rightly (mean of the four kinds, of those found)", "90 %", "97 %", fmt::format("{:.1f} %", 100 * right_shares), right_shares >= 0.9, right_shares >= 0.97});
+    lines.push_back({"kind named rightly (mean of the four kinds, of those found)", "90 %", "97 %", fmt::format("{:.1f} %", 100 * right_shares), right_shares >= 0.9, right_shares >= 0.97, true, Line::Decided::by_few});
 
     const double features = r.times["features"].get<double>(), added = r.times["with"].get<double>() - r.times["without"].get<double>();
     lines.push_back({"time added to the features at paper size", "50 %", "20 %",
                      fmt::format("{:.0f} %: {:.1f} ms to {:.1f} ms of features, {} lenslets squared, CPU time of one thread, median of {}", 100 * added / features, added, features,
                                  r.times["lenslets"].get<int>(), r.times["repeats"].get<int>()),
-                     added <= 0.5 * features, added <= 0.2 * features});
+                     added <= 0.5 * features, added <= 0.2 * features, false, Line::Decided::by_the_machine});
 
     ExperimentReport report;
     Table table{{"", "at least", "aim", "measured", "reached"}, {}};
     for (const Line& line : lines) {
         table.rows.push_back({line.what, line.least, line.aim, line.measured, line.reached_aim ? "the aim" : line.reached_least ? "the least" : "**no**"});
-        // Small runs decide less; times depend on the machine.
-        report.claims.push_back({line.what + ": " + line.least, line.reached_least, line.measured, line.reached_least});
+        if (line.decided == Line::Decided::by_the_machine || (options.quick && line.decided == Line::Decided::by_many)) continue;
+        report.claims.push_back({line.what + ": " + line.least, line.reached_least, line.measured, line.expected});
     }
     report.opening = fmt::format(
         "# Judging against a reference: does it keep its promises?\n\nMade by `hordctl experiment detection --out DIR --seed {}`{}. Simulated production: firmware/experiment/detection_parts.h says what the parts "
