@@ -112,7 +112,7 @@ TEST(Reference, parts_are_registered_to_a_small_fraction_of_a_lenslet) {
     }
 }
 
-TEST(Reference, good_parts_score_about_normally_from_200_to_20000_electrons) {
+TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
     for (const double light : {0.1, 0.7, 1.0, 2.0}) {
         std::array<double, kDeviations> squares{};
         double count = 0;
