@@ -23,6 +23,9 @@ void text(cv::Mat& image, const std::string& what, cv::Point at, double size = 0
     cv::putText(image, what, at, cv::FONT_HERSHEY_SIMPLEX, size, colour, 1, cv::LINE_AA);
 }
 
+// In pixels.
+int width_of(const std::string& what, double size = 0.6) { return cv::getTextSize(what, cv::FONT_HERSHEY_SIMPLEX, size, 1, nullptr).width; }
+
 Picture to_picture(const cv::Mat& image) {
     const cv::Mat whole = image.isContinuous() ? image : image.clone();
     return {whole.cols, whole.rows, std::vector<unsigned char>(whole.datastart, whole.dataend)};
@@ -115,7 +118,11 @@ cv::Mat draw_centres(const algo::FrameView& white, const calib::GridCalibration&
 cv::Mat draw_models(const calib::GridCalibration& found) {
     const auto& ladder = found.fit.ladder;
     constexpr int kRow = 64, kLeft = 310, kBar = 640, kTop = 90;
-    cv::Mat image(kTop + kRow * static_cast<int>(ladder.size()) + 50, kLeft + kBar + 170, CV_8UC3, kPaper);
+    constexpr double kVerdictSize = 0.42;
+    const std::string title = "Error on lenslets that a model has not seen, px (both axes together, rms over blocks left out; single lenslets: of another frame)";
+    int width = std::max(kLeft + kBar + 170, width_of(title) + 2 * kMargin);
+    for (const auto& rung : ladder) width = std::max(width, kLeft + width_of(rung.verdict, kVerdictSize) + kMargin);
+    cv::Mat image(kTop + kRow * static_cast<int>(ladder.size()) + 50, width, CV_8UC3, kPaper);
     double low = 1e9, high = 1e-9;
     for (const auto& rung : ladder) {
         const double error = std::hypot(rung.cv_x_rms_px, rung.cv_y_rms_px);
@@ -126,7 +133,7 @@ cv::Mat draw_models(const calib::GridCalibration& found) {
     // Whole decades around what there is.
     const double first = std::floor(std::log10(low) - 0.1), last = std::max(first + 1, std::ceil(std::log10(high)));
     const auto x_of = [&](double error) { return kLeft + static_cast<int>(std::lround(kBar * (std::log10(error) - first) / (last - first))); };
-    text(image, "Error on lenslets that a model has not seen, px (both axes together, rms over blocks left out; single lenslets: of another frame)", {kMargin, 28});
+    text(image, title, {kMargin, 28});
     text(image, found.fit.reason.substr(0, found.fit.reason.find(';')), {kMargin, 54}, 0.45);
     const int bottom = kTop + kRow * static_cast<int>(ladder.size());
     for (double decade = first; decade <= last; decade += 1) {
@@ -139,7 +146,7 @@ cv::Mat draw_models(const calib::GridCalibration& found) {
         const int y = kTop + kRow * static_cast<int>(k);
         const cv::Scalar ink = rung.chosen ? kGood : cv::Scalar(180, 140, 90);
         text(image, fmt::format("{} ({})", name_of(rung), rung.parameters), {kMargin, y + 20}, 0.5, rung.chosen ? kGood : kInk);
-        text(image, rung.verdict, {kLeft + 4, y + 42}, 0.42);
+        text(image, rung.verdict, {kLeft + 4, y + 42}, kVerdictSize);
         const double error = std::hypot(rung.cv_x_rms_px, rung.cv_y_rms_px);
         if (!std::isfinite(error) || !(error > 0)) continue;
         cv::rectangle(image, {kLeft, y + 6}, {std::max(kLeft + 2, x_of(error)), y + 26}, ink, cv::FILLED);

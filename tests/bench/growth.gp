@@ -13,7 +13,7 @@ do for [panel = 1:4] {
     name = word('lenslets bins lit noise', panel)
     if (name eq 'lit') { name = 'lit bins' }
     column_x = panel == 1 ? 2 : panel == 2 ? 3 : panel == 3 ? 4 : 5
-    set xlabel word('"lenslets a side" "bins_a_side" "lit_bins_a_lenslet" "read_noise,_DN"', panel)
+    set xlabel word('"lenslets a side" "bins a side" "lit bins a lenslet" "read noise, DN"', panel)
     if (panel == 1) { set logscale x 2 } else { unset logscale x }
     plot for [c = 6:8] data using column_x:(of(name, column_x, c)) with linespoints pt 7 title word('emd chi2 jacobian-frobenius', c - 5)
 }
