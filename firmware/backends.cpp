@@ -55,12 +55,19 @@ sim::Scene clean_part(const Config& config) {
 
 drivers::ModbusRejectorOptions rejector_options(const ModbusRejector& wanted) {
     drivers::ModbusRejectorOptions options;
-    options.host = wanted.host;
-    options.port = wanted.port;
-    options.unit = wanted.unit;
+    options.address.host = wanted.host;
+    options.address.port = wanted.port;
+    if (!wanted.device.empty()) options.address.serial = drivers::SerialSettings{wanted.device, wanted.baud, wanted.parity, wanted.rs485};
+    options.address.unit = wanted.unit;
+    options.map = wanted.map;
     options.ejector_coil = wanted.reject_coil;
     options.permit_coil = wanted.run_permit_coil;
     options.energise_to_pass = wanted.energise_to_pass;
+    options.module_pulse = wanted.module_pulse;
+    options.confirm_input = wanted.confirm_input;
+    options.confirm_active_low = wanted.confirm_active_low;
+    options.confirm_within = wanted.confirm_within;
+    options.watchdog = wanted.watchdog;
     options.response_timeout = wanted.response_timeout;
     return options;
 }
@@ -217,8 +224,11 @@ class ChosenBackends final : public Backends {
             auto module = sim::CoilModule::open(loop, {.realtime = simulation.realtime});
             if (!module) return tl::unexpected(module.error());
             module_ = std::move(*module);
-            options.host = "127.0.0.1";
-            options.port = module_->port();
+            // It is a plain one: what the configured module has beyond coils is not played here.
+            options.address = {.host = "127.0.0.1", .port = module_->port(), .serial = {}, .unit = options.address.unit};
+            options.map = {};
+            options.module_pulse = options.watchdog = {};
+            options.confirm_input = -1;
             // The coils move the simulated ejector and the belt: what the module was really told is what happens to the part. The belt
             // stops when the run permit falls, as a PLC stops it; before the station first gave one, parts come unasked.
             module_->on_coil([this, &loop, ejector = options.ejector_coil, permit = options.permit_coil,

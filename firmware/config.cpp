@@ -6,6 +6,7 @@
 
 #include "algo/light_field.h"
 #include "common/toml_fields.h"
+#include "firmware/module_profiles.h"
 
 namespace hord::firmware {
 namespace {
@@ -113,25 +114,82 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
     value = RecordedFrames{folder / frames};
 }
 
+// What is particular about the module: its profile's, and what the file says instead.
+void read_module(TomlTable& rejector, hal::ModuleMap& map) {
+    std::vector<std::string_view> names;
+    for (const ModuleProfile& profile : module_profiles()) names.push_back(profile.name);
+    if (const auto chosen = rejector.choice("profile", names)) map = module_profiles()[*chosen].map;
+    rejector.integer("read_back_offset", map.read_back_offset, 0, 65535);
+    rejector.integer("pulse_coil_offset", map.pulse_coil_offset, -1, 65535);
+    rejector.integer("pulse_width_register", map.pulse_width_register, -1, 65535);
+    ms(rejector, "pulse_width_unit_ms", map.pulse_width_unit, 0.001, 1000);
+    rejector.integer("watchdog_time_register", map.watchdog_time_register, -1, 65535);
+    ms(rejector, "watchdog_unit_ms", map.watchdog_unit, 0.1, 60'000);
+    rejector.integer("watchdog_trigger_register", map.watchdog_trigger_register, -1, 65535);
+    rejector.integer("watchdog_stop_register", map.watchdog_stop_register, -1, 65535);
+    rejector.integer("watchdog_stop_value", map.watchdog_stop_value, 0, 65535);
+    rejector.integer("alarm_coil", map.alarm_coil, -1, 65535);
+}
+
+void check_module(TomlTable& rejector, const ModbusRejector& modbus, const CoreConfig& core) {
+    const hal::ModuleMap& map = modbus.map;
+    if (modbus.reject_coil == modbus.run_permit_coil) {
+        rejector.problem("run_permit_coil", "is the ejector's coil, too", "give each output a coil of its own");
+    }
+    if (!modbus.device.empty() && (modbus.unit < 1 || modbus.unit > 247)) rejector.problem("unit", "is none of a serial line", "use 1 to 247");
+    if (!modbus.device.empty() && modbus.port != ModbusRejector{}.port) {
+        rejector.problem("port", "is given, and a serial line, too", "name either rejector.device, or host and port");
+    }
+    if (modbus.module_pulse > Duration::zero()) {
+        if (map.pulse_coil_offset < 0) {
+            rejector.problem("module_pulse_ms", "asks for a pulse that this module does not time", "choose the profile of a module that does, or leave it 0");
+        }
+        if (modbus.module_pulse > core.reject_pulse) rejector.problem("module_pulse_ms", "is longer than pulse_ms", "a command acts only where the module's whole pulse fits into pulse_ms");
+        if (modbus.energise_to_pass) rejector.problem("module_pulse_ms", "cannot be with energise_to = \"pass\"", "a module pulses an output on, not off: leave it 0");
+        if (map.pulse_width_register >= 0 && modbus.module_pulse < map.pulse_width_unit) {
+            rejector.problem("module_pulse_ms", "is shorter than pulse_width_unit_ms", "the module cannot be told that");
+        }
+    }
+    if (modbus.watchdog > Duration::zero()) {
+        if (map.watchdog_time_register < 0 || map.watchdog_trigger_register < 0 || map.watchdog_stop_register < 0) {
+            rejector.problem("watchdog_ms", "cannot be set in this module over Modbus", "set it in the module itself and leave this 0; the station asks often enough to keep it alive");
+        }
+        if (modbus.watchdog < 3 * modbus.response_timeout) rejector.problem("watchdog_ms", "is shorter than three response_timeout_ms", "one lost answer would stop the line");
+        if (modbus.watchdog / map.watchdog_unit > 65535) rejector.problem("watchdog_ms", "does not fit into the module's register", "shorten it");
+    }
+    if (modbus.confirm_input >= 0 && modbus.confirm_within + modbus.response_timeout >= core.confirm_timeout) {
+        rejector.problem("confirm_within_ms", "and response_timeout_ms end after confirm_timeout_ms", "raise confirm_timeout_ms: until then the station waits for the confirmation");
+    }
+}
+
 void read_rejector(TomlTable rejector, RejectorConfig& value, CoreConfig& core) {
     constexpr std::array<std::string_view, 2> kinds{"simulated", "modbus"};
     constexpr std::array<std::string_view, 2> sides{"reject", "pass"};
+    constexpr std::array<std::string_view, 3> parities{"none", "even", "odd"};
     const auto kind = rejector.choice("backend", kinds);
     ModbusRejector modbus;
     host(rejector, "host", modbus.host);
     rejector.integer("port", modbus.port, 1, 65535);
+    rejector.text("device", modbus.device);
+    rejector.integer("baud", modbus.baud, 1200, 921'600);
+    if (const auto parity = rejector.choice("parity", parities)) modbus.parity = "NEO"[*parity];
+    rejector.boolean("rs485", modbus.rs485);
     rejector.integer("unit", modbus.unit, 0, 255);
+    read_module(rejector, modbus.map);
     rejector.integer("reject_coil", modbus.reject_coil, 0, 65535);
     rejector.integer("run_permit_coil", modbus.run_permit_coil, 0, 65535);
     if (const auto side = rejector.choice("energise_to", sides)) modbus.energise_to_pass = *side == 1;
+    ms(rejector, "module_pulse_ms", modbus.module_pulse, 0, 10'000);
+    rejector.integer("confirm_input", modbus.confirm_input, -1, 65535);
+    rejector.boolean("confirm_active_low", modbus.confirm_active_low);
+    ms(rejector, "confirm_within_ms", modbus.confirm_within, 0.1, 60'000);
+    ms(rejector, "watchdog_ms", modbus.watchdog, 0, 600'000);
     ms(rejector, "response_timeout_ms", modbus.response_timeout, 1, 5000);
     ms(rejector, "lead_ms", core.reject_lead, 0, 10'000);
     ms(rejector, "early_ms", core.reject_early, 0, 10'000);
     ms(rejector, "pulse_ms", core.reject_pulse, 0.1, 10'000);
     ms(rejector, "confirm_timeout_ms", core.confirm_timeout, 1, 60'000);
-    if (modbus.reject_coil == modbus.run_permit_coil) {
-        rejector.problem("run_permit_coil", "is the ejector's coil, too", "give each output a coil of its own");
-    }
+    check_module(rejector, modbus, core);
     if (kind == 1) value = modbus;
 }
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "algo/result.h"
+#include "drivers/hal/module_map.h"
 #include "firmware/core/core_config.h"
 #include "firmware/modbus/access.h"
 #include "firmware/modbus/server_rtu.h"
@@ -51,10 +52,20 @@ struct SimulatedRejector {
 struct ModbusRejector {
     std::string host = "127.0.0.1";
     std::uint16_t port = 502;
+    std::string device;  // a serial line instead (Modbus RTU); empty: TCP
+    int baud = 19200;
+    char parity = 'E';   // 'N', 'E', 'O'
+    bool rs485 = true;   // the kernel switches the transmitter
     std::uint8_t unit = 1;
+    hal::ModuleMap map;  // of the profile, and what the file says instead
     std::uint16_t reject_coil = 0;      // address of the ejector's coil
     std::uint16_t run_permit_coil = 1;  // address of the run permit's coil
     bool energise_to_pass = false;      // the coil is 1 while good parts pass: a module that lost its link rejects
+    Duration module_pulse{};            // the module times the pulse, and it is so long; zero: the station does
+    int confirm_input = -1;             // discrete input that sees an ejected part arrive; -1: none
+    bool confirm_active_low = false;
+    Duration confirm_within = milliseconds(50);  // after the pulse
+    Duration watchdog{};                // the module's, set and kept alive by the station; zero: left as it is
     Duration response_timeout = milliseconds(30);
     bool operator==(const ModbusRejector&) const = default;
 };

@@ -1,4 +1,4 @@
-// The libmodbus rejector behind the contract suite, against a coil module on loopback, in real time.
+// The libmodbus rejector behind the contract suite, against a simulated module on loopback and on a serial line, in real time.
 #include "drivers/modbus_rejector.h"
 #include "hal_sim/coil_module/coil_module.h"
 #include "tests/contract/harness.h"
@@ -10,13 +10,14 @@ using namespace std::chrono_literals;
 
 class ModbusHarness final : public RejectorHarness {
   public:
-    ModbusHarness() : RejectorHarness(real_loop()) {
-        auto opened = sim::CoilModule::open(loop());
+    explicit ModbusHarness(bool serial) : RejectorHarness(real_loop()) {
+        auto opened = sim::CoilModule::open(loop(), {.serial = serial});
         EXPECT_TRUE(opened) << opened.error().message();
         module_ = std::move(*opened);
         drivers::ModbusRejectorOptions options;
-        options.port = module_->port();
-        options.response_timeout = 1s;  // generous: the machine may be busy with other tests
+        options.address.port = module_->port();
+        if (serial) options.address = {.serial = drivers::SerialSettings{module_->device(), 115200, 'N', false}, .unit = 1};
+        options.response_timeout = serial ? 300ms : 1s;  // generous: the machine may be busy with other tests
         options.reconnect_every = 20ms;
         device_.emplace(loop(), options);
     }
@@ -45,7 +46,8 @@ class ModbusHarness final : public RejectorHarness {
 };
 
 INSTANTIATE_TEST_SUITE_P(ModbusRejector, RejectorContract,
-                         testing::Values(Backend<RejectorHarness>{"loopback", [] { return std::make_unique<ModbusHarness>(); }, ""}),
+                         testing::Values(Backend<RejectorHarness>{"loopback", [] { return std::make_unique<ModbusHarness>(false); }, ""},
+                                         Backend<RejectorHarness>{"serial", [] { return std::make_unique<ModbusHarness>(true); }, ""}),
                          name_of<RejectorHarness>);
 
 }  // namespace

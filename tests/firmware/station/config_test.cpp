@@ -83,12 +83,59 @@ TEST(Config, the_documented_keys_of_other_backends_are_known_and_at_their_defaul
     ASSERT_TRUE(config) << config.error().what;
     EXPECT_EQ(std::get<RecordedFrames>(config->sensor).folder, "/etc/hord/frames");
     EXPECT_EQ(config->inspection.recipe, "/etc/hord/recipes/default.toml");
-    const auto& modbus = std::get<ModbusRejector>(config->rejector);
-    const ModbusRejector defaults;
-    EXPECT_EQ(std::tie(modbus.host, modbus.port, modbus.unit, modbus.reject_coil, modbus.run_permit_coil, modbus.energise_to_pass,
-                       modbus.response_timeout),
-              std::tie(defaults.host, defaults.port, defaults.unit, defaults.reject_coil, defaults.run_permit_coil,
-                       defaults.energise_to_pass, defaults.response_timeout));
+    EXPECT_EQ(std::get<ModbusRejector>(config->rejector), ModbusRejector{});
+}
+
+// What the profile says can be said otherwise; as it stands there, it is the plain module.
+TEST(Config, the_documented_keys_of_a_module_are_those_of_the_plain_profile) {
+    const std::string text = text_of(kDeploy / "hordd.toml");
+    const auto begin = text.find("# read_back_offset"), end = text.find("[modbus]");
+    ASSERT_NE(begin, std::string::npos);
+    std::istringstream lines(text.substr(begin, end - begin));
+    std::string part = "[rejector]\nbackend = \"modbus\"\nprofile = \"wago-750\"\n";
+    int keys = 0;
+    for (std::string line; std::getline(lines, line);) {
+        if (!line.starts_with("# ")) continue;
+        part += line.substr(2) + "\n";
+        ++keys;
+    }
+    EXPECT_EQ(keys, 10);
+    const auto config = parse(part);
+    ASSERT_TRUE(config) << config.error().what;
+    hal::ModuleMap map = std::get<ModbusRejector>(config->rejector).map;
+    map.name_register = -1;  // the profile's alone
+    map.name_prefix = hal::ModuleMap{}.name_prefix;
+    EXPECT_EQ(map, hal::ModuleMap{});
+}
+
+TEST(Config, a_modules_profile_fills_its_addresses_and_each_can_be_overridden) {
+    const auto wago = parse("[rejector]\nbackend = \"modbus\"\nprofile = \"wago-750\"\nwatchdog_ms = 500\n");
+    ASSERT_TRUE(wago) << wago.error().what;
+    const auto& module = std::get<ModbusRejector>(wago->rejector);
+    EXPECT_EQ(module.map.read_back_offset, 512);
+    EXPECT_EQ(module.map.watchdog_time_register, 0x1000);
+    EXPECT_EQ(module.watchdog, milliseconds(500));
+    const auto moxa = parse("[rejector]\nbackend = \"modbus\"\nprofile = \"moxa-iologik\"\nalarm_coil = -1\nmodule_pulse_ms = 12\n");
+    ASSERT_TRUE(moxa) << moxa.error().what;
+    EXPECT_EQ(std::get<ModbusRejector>(moxa->rejector).map.pulse_coil_offset, 16);
+    EXPECT_EQ(std::get<ModbusRejector>(moxa->rejector).map.alarm_coil, -1);
+    const auto serial = parse("[rejector]\nbackend = \"modbus\"\ndevice = \"/dev/ttyUSB0\"\nbaud = 115200\nparity = \"odd\"\nrs485 = false\n");
+    ASSERT_TRUE(serial) << serial.error().what;
+    const auto& line = std::get<ModbusRejector>(serial->rejector);
+    EXPECT_EQ(std::tie(line.device, line.baud, line.parity, line.rs485), std::make_tuple("/dev/ttyUSB0", 115200, 'O', false));
+}
+
+TEST(Config, what_a_module_cannot_do_is_refused_with_the_cure) {
+    const auto wrong = [](const std::string& keys) { return problems_of("[rejector]\nbackend = \"modbus\"\n" + keys); };
+    EXPECT_THAT(wrong("profile = \"wago\"\n"), HasSubstr("use one of plain-coils, wago-750, moxa-iologik"));
+    EXPECT_THAT(wrong("watchdog_ms = 500\n"), HasSubstr("cannot be set in this module"));
+    EXPECT_THAT(wrong("profile = \"wago-750\"\nwatchdog_ms = 60\n"), HasSubstr("shorter than three response_timeout_ms"));
+    EXPECT_THAT(wrong("module_pulse_ms = 10\n"), HasSubstr("does not time"));
+    EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 16\n"), HasSubstr("is longer than pulse_ms"));
+    EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 10\nenergise_to = \"pass\"\n"), HasSubstr("pulses an output on"));
+    EXPECT_THAT(wrong("confirm_input = 0\nconfirm_within_ms = 80\n"), HasSubstr("raise confirm_timeout_ms"));
+    EXPECT_THAT(wrong("device = \"/dev/ttyS0\"\nunit = 0\n"), HasSubstr("use 1 to 247"));
+    EXPECT_THAT(wrong("device = \"/dev/ttyS0\"\nport = 1502\n"), HasSubstr("either rejector.device, or host and port"));
 }
 
 // Every commented line of [sensor], [strobe] and [part_sensor], uncommented, is what the drivers would be told.
