@@ -126,7 +126,12 @@ struct CoilModule::Module {
     }
 
     Result<void> open_line() {
-        if (line >= 0) return {};
+        if (line >= 0) {  // what was sent while it was off was heard by nobody
+            std::array<std::uint8_t, kMaxAdu> bytes{};
+            while (read(line, bytes.data(), bytes.size()) > 0) continue;
+            heard.clear();
+            return {};
+        }
         line = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
         std::array<char, 64> name{};
         if (line < 0 || grantpt(line) != 0 || unlockpt(line) != 0 || ptsname_r(line, name.data(), name.size()) != 0) {
