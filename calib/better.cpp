@@ -16,7 +16,7 @@ double chance(int fresh, int held) { return 1 + 2 * std::sqrt(0.25 / std::max(1,
 // Of a lenslet's centre in another frame.
 double expected_error(const GridFile& file) {
     const GridStatistics& s = file.statistics;
-    return file.grid.shifts_px.empty() ? std::hypot(s.cv_x_rms_px, s.cv_y_rms_px) : std::hypot(s.shifts.left_x_px, s.shifts.left_y_px);
+    return s.shifts.share > 0 ? std::hypot(s.shifts.left_x_px, s.shifts.left_y_px) : std::hypot(s.cv_x_rms_px, s.cv_y_rms_px);
 }
 
 double share_found(const GridStatistics& s) { return s.complete > 0 ? static_cast<double>(s.found - s.rejected) / s.complete : 0; }

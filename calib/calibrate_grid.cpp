@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "algo/light_field.h"
+#include "calib/whole_lenslets.h"
 
 namespace hord::calib {
 namespace {
@@ -242,6 +243,21 @@ Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::
                                 100 * kMostError),
                     "record evenly lit lenslets, without a part in the light, in focus");
     }
+    // Lenslets that do not fit are asked by halves, too, before they are left out: they may lie where they were seen.
+    for (Observation& seen : out.observations) {
+        if (!seen.used && !seen.split_px) seen.split_px = grown->finder.split(seen.centre_px);
+    }
+    const std::vector<std::uint8_t> whole = whole_lenslets(
+        out.fit.grid, out.observations, [&](PixelPoint at) { return grown->finder.complete(at); },
+        [&](PixelPoint at) { return grown->finder.amplitude_dn(at); }, grown->finder.typical_amplitude_dn());
+    place_displaced(out.observations, whole, out.fit);
+    out.whole = static_cast<int>(std::count(whole.begin(), whole.end(), 1));
+    for (const Observation& seen : out.observations) {
+        const bool in_grid = seen.m >= 0 && seen.n >= 0 && seen.m < out.fit.grid.columns && seen.n < out.fit.grid.rows;
+        if (!in_grid || whole[static_cast<std::size_t>(seen.n) * static_cast<std::size_t>(out.fit.grid.columns) + static_cast<std::size_t>(seen.m)] == 0) continue;
+        ++out.whole_found;
+        if (seen.used || seen.displaced) ++out.whole_placed;
+    }
     report(0.95);
 
     const LensletGrid::Steps middle = out.fit.grid.steps_px({0, 0});
@@ -254,6 +270,7 @@ Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::
     }
     out.found = static_cast<int>(out.observations.size());
     out.missing = std::max(0, out.complete - out.found);
+    out.displaced = out.fit.displaced;
     out.rejected = out.fit.rejected;
     report(1);
     return out;

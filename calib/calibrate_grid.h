@@ -37,13 +37,17 @@ struct GridCalibration {
     int complete = 0;         // those whose whole window does
     int found = 0;            // of the complete ones, those measured
     int missing = 0;          // of the complete ones, those without a centre: dead, dark, or unlike the others
-    int rejected = 0;         // of the found ones, those that do not fit
+    int displaced = 0;        // of the found ones, those that lie off the model and have a place of their own (place_displaced)
+    int rejected = 0;         // of the found ones, those that do not fit otherwise
     int saturated = 0;        // of the found ones, those with saturated samples
+    int whole = 0;            // of the complete ones, those that light reaches whole (calib/whole_lenslets.h)
+    int whole_found = 0;      // of these, those measured
+    int whole_placed = 0;     // of these, those that fit, or are displaced and have a place of their own
 
     struct Node {
         int m = 0, n = 0;
         algo::PixelPoint centre_px;  // of the grid model
-        bool found = false;          // measured there, and used by the fit
+        bool found = false;          // measured there, and used by the fit or displaced
     };
     // Every lenslet of the grid inside the frame, row by row.
     [[nodiscard]] std::vector<Node> nodes() const;

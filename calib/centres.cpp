@@ -511,6 +511,7 @@ CentreFinder::~CentreFinder() = default;
 std::optional<Spot> CentreFinder::measure(algo::PixelPoint at, double most_px) const { return kernels_->measure(at, most_px); }
 std::optional<algo::PixelPoint> CentreFinder::split(algo::PixelPoint centre) const { return kernels_->split(centre); }
 bool CentreFinder::complete(algo::PixelPoint at) const { return kernels_->complete(at); }
+double CentreFinder::amplitude_dn(algo::PixelPoint at) const { return kernels_->moments(at).amplitude; }
 double CentreFinder::window_radius_px() const { return kernels_->weights.radius; }
 Immunity CentreFinder::immunity() const { return kernels_->weights.immunity; }
 double CentreFinder::typical_amplitude_dn() const { return kernels_->typical_amplitude; }

@@ -50,6 +50,9 @@ class CentreFinder {
     // Whether the window of a lenslet at `at` lies wholly inside the frame.
     [[nodiscard]] bool complete(algo::PixelPoint at) const;
 
+    // The light of a lenslet at `at`, in DN: how much of the profile is there, over the background. Outside the frame it is dark.
+    [[nodiscard]] double amplitude_dn(algo::PixelPoint at) const;
+
     // Saturated samples inside the window, as a share of it.
     [[nodiscard]] double saturated_share(algo::PixelPoint at) const;
 

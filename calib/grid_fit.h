@@ -6,6 +6,7 @@
 // place (calib/lenslet_rung.h).
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <span>
 #include <string>
@@ -21,6 +22,7 @@ struct Observation {
     int m = 0, n = 0;
     algo::PixelPoint centre_px;
     bool used = true;
+    bool displaced = false;  // not used, but found to lie off the model: it has a place of its own (place_displaced)
     std::optional<algo::PixelPoint> split_px = {};  // half the difference of what two halves of its light say (CentreFinder::split)
 };
 
@@ -62,7 +64,7 @@ struct GridFit {
     double rms_x_px = 0, rms_y_px = 0, max_px = 0;
     double cv_x_rms_px = 0, cv_y_rms_px = 0;  // of the model without single lenslets' shifts: blocks that it has not seen
     LensletShifts shifts;
-    int used = 0, rejected = 0;
+    int used = 0, displaced = 0, rejected = 0;
     int blocks = 0;                         // of the cross-validation
 };
 
@@ -76,6 +78,13 @@ struct FitOptions {
 // start where it has any. Clears `used` of outliers. Fails with invalid_argument for fewer than 4 centres or values
 // that are not numbers, with `refused` when no rung can be fitted. Never aborts.
 Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> observations, const FitOptions& options = {});
+
+// Gives lenslets that do not fit the model the place where they were measured, when `whole` (one a lenslet of the grid, row by row)
+// says that light reaches them whole, they are off by no more than a twentieth of a pitch, and both halves of their light
+// (Observation::split_px) put them on the same side, each at least half as far off as the whole, and none of the eight lenslets about
+// them is off. What moves one half only is dirt, what moves neighbours is in the light before the array (a bubble), what is further off
+// something else. Marks them `displaced`, adds their shifts to the grid, and counts them out of `rejected`.
+void place_displaced(std::span<Observation> observations, std::span<const std::uint8_t> whole, GridFit& fit);
 
 // The same grid as a polynomial of `order` 1, 2 or 3 (rung affine or cubic), by robust linear least squares: a start,
 // and the judge of outliers. Clears `used` of centres further off than 5 robust standard deviations.

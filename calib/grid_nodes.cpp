@@ -10,7 +10,7 @@ std::vector<GridCalibration::Node> GridCalibration::nodes() const {
     std::vector<bool> measured(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
     const auto at = [&](int m, int n) { return static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m); };
     for (const Observation& seen : observations) {
-        if (seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows) measured[at(seen.m, seen.n)] = seen.used;
+        if (seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows) measured[at(seen.m, seen.n)] = seen.used || seen.displaced;
     }
     std::vector<Node> out;
     for (int n = 0; n < grid.rows; ++n) {

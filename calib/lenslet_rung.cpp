@@ -15,6 +15,8 @@ namespace {
 constexpr double kNeededGain = 2.0;  // standard errors, as for every rung
 constexpr double kLeastShift = 1.0 / 32 / 3.4641016151377544;  // px: rms of what algo/resample.h rounds places by
 constexpr int kLeastBlocks = 9;
+constexpr double kMostDisplaced = 0.05;    // of a pitch
+constexpr double kMostDisagreement = 0.5;  // of a displacement: how far each half may lie from it, along it
 constexpr double kUnit = 0.001;  // px: shifts are whole thousandths, as the calibration file has them
 
 // The halves' residuals of one point along one axis.
@@ -31,6 +33,17 @@ Halves halves_of(const Validation& model, const std::vector<Point>& points, std:
 struct Sums {
     double common = 0, power = 0;  // a b, and (a^2 + b^2) / 2
 };
+
+std::size_t index_of(const algo::LensletGrid& grid, const Observation& seen) {
+    return static_cast<std::size_t>(seen.n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(seen.m);
+}
+bool in_grid(const algo::LensletGrid& grid, const Observation& seen) {
+    return seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows;
+}
+void make_room_for_shifts(algo::LensletGrid& grid) {
+    grid.shifts_px.resize(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
+}
+double whole_units(double shift_px) { return std::round(shift_px / kUnit) * kUnit; }
 
 }  // namespace
 
@@ -104,15 +117,47 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
     for (RungReport& rung : fit.ladder) rung.chosen = false;
     report.chosen = true;
     fit.shifts = shifts;
-    fit.grid.shifts_px.assign(static_cast<std::size_t>(fit.grid.columns) * static_cast<std::size_t>(fit.grid.rows), {});
+    make_room_for_shifts(fit.grid);
     for (const Observation& seen : observations) {
-        if (!seen.used || seen.m < 0 || seen.n < 0 || seen.m >= fit.grid.columns || seen.n >= fit.grid.rows) continue;
+        if (!seen.used || !in_grid(fit.grid, seen)) continue;
         const algo::PixelPoint model_px = fit.grid.at(fit.grid.uv(seen.m, seen.n));
-        const auto shrunk = [&](double residual) { return std::round(shifts.share * residual / kUnit) * kUnit; };
-        fit.grid.shifts_px[static_cast<std::size_t>(seen.n) * static_cast<std::size_t>(fit.grid.columns) + static_cast<std::size_t>(seen.m)] = {
-            shrunk(seen.centre_px.x_px - model_px.x_px), shrunk(seen.centre_px.y_px - model_px.y_px)};
+        fit.grid.shifts_px[index_of(fit.grid, seen)] = {whole_units(shifts.share * (seen.centre_px.x_px - model_px.x_px)),
+                                                        whole_units(shifts.share * (seen.centre_px.y_px - model_px.y_px))};
     }
     fit.reason += fmt::format("; and every lenslet's own shift: {}, {:.0f} % of a residual is taken for true", agree, 100 * shifts.share);
+}
+
+void place_displaced(std::span<Observation> observations, std::span<const std::uint8_t> whole, GridFit& fit) {
+    algo::LensletGrid& grid = fit.grid;
+    const algo::LensletGrid::Steps steps = grid.steps_px({0, 0});
+    const double pitch = std::sqrt(std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px));
+    std::vector<std::uint8_t> off_model(whole.size());
+    for (const Observation& seen : observations) {
+        if (!seen.used && in_grid(grid, seen)) off_model[index_of(grid, seen)] = 1;
+    }
+    const auto alone = [&](const Observation& seen) {
+        int off = 0;
+        for (int n = std::max(0, seen.n - 1); n <= std::min(grid.rows - 1, seen.n + 1); ++n) {
+            for (int m = std::max(0, seen.m - 1); m <= std::min(grid.columns - 1, seen.m + 1); ++m) {
+                off += off_model[static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m)];
+            }
+        }
+        return off == 1;
+    };
+    for (Observation& seen : observations) {
+        if (seen.used || !seen.split_px || !in_grid(grid, seen) || whole[index_of(grid, seen)] == 0 || !alone(seen)) continue;
+        const algo::PixelPoint model_px = grid.at(grid.uv(seen.m, seen.n));
+        const double off_x = seen.centre_px.x_px - model_px.x_px;
+        const double off_y = seen.centre_px.y_px - model_px.y_px;
+        const double off = std::hypot(off_x, off_y);
+        const double along = std::abs(seen.split_px->x_px * off_x + seen.split_px->y_px * off_y) / off;
+        if (!(off <= kMostDisplaced * pitch) || !(along <= kMostDisagreement * off)) continue;
+        make_room_for_shifts(grid);
+        grid.shifts_px[index_of(grid, seen)] = {whole_units(off_x), whole_units(off_y)};
+        seen.displaced = true;
+        ++fit.displaced;
+        --fit.rejected;
+    }
 }
 
 }  // namespace hord::calib

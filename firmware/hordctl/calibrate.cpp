@@ -60,7 +60,8 @@ Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& 
             {"ladder", ladder},
             {"unobservable", unobservable},
             {"lenslets",
-             {{"inside", found.inside}, {"complete", found.complete}, {"found", found.found}, {"missing", found.missing}, {"rejected", found.rejected}, {"saturated", found.saturated}}},
+             {{"inside", found.inside}, {"complete", found.complete}, {"found", found.found}, {"missing", found.missing}, {"displaced", found.displaced}, {"rejected", found.rejected}, {"saturated", found.saturated},
+              {"whole", found.whole}, {"whole_found", found.whole_found}, {"whole_placed", found.whole_placed}}},
             {"residual_px", {{"rms_x", fit.rms_x_px}, {"rms_y", fit.rms_y_px}, {"max", fit.max_px}}},
             {"single_lenslets_px", {{"rms", fit.shifts.rms_px}, {"share", fit.shifts.share}, {"left_x", fit.shifts.left_x_px}, {"left_y", fit.shifts.left_y_px}}},
             {"cross_validated_px", {{"rms_x", fit.cv_x_rms_px}, {"rms_y", fit.cv_y_rms_px}, {"blocks", fit.blocks}}}};
@@ -179,8 +180,9 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
     fmt::print("{} lattice, {} x {} lenslets, pitch {:.4f} px, rotation {:.4f} degrees\n", name_of(fit.grid.kind), fit.grid.columns, fit.grid.rows,
                found->pitch_px, found->rotation_rad * 180 / std::numbers::pi);
     fmt::print("model: {} ({})\n", name_of(fit.grid.rung), fit.reason);
-    fmt::print("lenslets: {} complete, {} found, {} missing, {} rejected, {} saturated\n", found->complete, found->found, found->missing, found->rejected,
-               found->saturated);
+    fmt::print("lenslets: {} complete, {} found, {} missing, {} displaced with places of their own, {} rejected, {} saturated\n", found->complete, found->found,
+               found->missing, found->displaced, found->rejected, found->saturated);
+    fmt::print("light reaches {} of them whole: {} of these found, {} used\n", found->whole, found->whole_found, found->whole_placed);
     fmt::print("residual {:.4f} / {:.4f} px, cross-validated {:.4f} / {:.4f} px (x / y, rms)\n", fit.rms_x_px, fit.rms_y_px, fit.cv_x_rms_px, fit.cv_y_rms_px);
     if (directions) {
         fmt::print("directions: {}\n", directions->reason);

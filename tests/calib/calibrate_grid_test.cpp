@@ -116,6 +116,60 @@ TEST(CalibrateGrid, misplaced_lenslets_get_places_of_their_own) {
     }
 }
 
+// A few lenslets lie off, the others in their places: the model is made of the others, and the few are read where they are.
+TEST(CalibrateGrid, a_few_displaced_lenslets_get_places_of_their_own) {
+    White white{.width_px = 600, .height_px = 600, .pitch_px = 18.7, .rotation_deg = 2};
+    // One in each of some cells of the lattice, and so never two side by side.
+    const auto is_displaced = [](double x, double y) { return std::fmod(x, 75) < 18.7 && std::fmod(y, 75) < 18.7; };
+    white.deflect = [&](double x, double y) { return is_displaced(x, y) ? std::pair{0.3, -0.2} : std::pair{0.0, 0.0}; };
+    const auto drawn = test::draw(white);
+    const auto calibration = calibrate_grid(drawn.frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_GT(calibration->displaced, 10);
+    EXPECT_EQ(calibration->rejected, 0);
+    EXPECT_EQ(calibration->whole_placed, calibration->whole);
+    algo::LensletGrid smooth = calibration->fit.grid;
+    smooth.shifts_px.clear();
+    int displaced = 0;
+    for (const Observation& seen : calibration->observations) {
+        const auto at = calibration->fit.grid.centre_px(seen.m, seen.n), model = smooth.centre_px(seen.m, seen.n);
+        EXPECT_EQ(seen.displaced, is_displaced(model.x_px, model.y_px)) << seen.m << "," << seen.n;
+        if (seen.displaced) ++displaced;
+        EXPECT_NEAR(at.x_px - model.x_px, seen.displaced ? 0.3 : 0, 0.02);
+        EXPECT_NEAR(at.y_px - model.y_px, seen.displaced ? -0.2 : 0, 0.02);
+    }
+    EXPECT_EQ(displaced, calibration->displaced);
+}
+
+// What only one half of a lenslet's light says is dirt; what is far off, or at the light's edge, something else.
+TEST(CalibrateGrid, centres_that_are_not_to_be_believed_get_no_place) {
+    GridFit fit;
+    fit.grid.kind = algo::LatticeKind::square;
+    fit.grid.columns = 6;
+    fit.grid.rows = 3;
+    fit.grid.span = 1;
+    fit.grid.rung = algo::GridRung::affine;
+    fit.grid.parameters = {10, 10, 20, 0, 0, 20};
+    fit.rejected = 6;
+    const auto off_by = [](int m, int n, double dx, double split) {
+        return Observation{.m = m, .n = n, .centre_px = {10 + 20.0 * m + dx, 10 + 20.0 * n}, .used = false, .split_px = algo::PixelPoint{split, 0}};
+    };
+    std::vector<Observation> seen{off_by(0, 0, 0.4, 0.1), off_by(2, 0, 0.4, 0.3), off_by(0, 2, 1.4, 0.1), off_by(2, 2, 0.4, 0.1),
+                                  off_by(4, 2, 0.4, 0.1), off_by(5, 2, 0.4, 0.1)};
+    std::vector<std::uint8_t> whole(18, 1);
+    whole[2 * 6 + 2] = 0;
+    place_displaced(seen, whole, fit);
+    EXPECT_TRUE(seen[0].displaced);
+    EXPECT_FALSE(seen[1].displaced) << "its halves disagree";
+    EXPECT_FALSE(seen[2].displaced) << "7 % of a pitch";
+    EXPECT_FALSE(seen[3].displaced) << "not whole";
+    EXPECT_FALSE(seen[4].displaced || seen[5].displaced) << "side by side";
+    EXPECT_EQ(fit.displaced, 1);
+    EXPECT_EQ(fit.rejected, 5);
+    EXPECT_NEAR(fit.grid.centre_px(0, 0).x_px, 10.4, 1e-9);
+    EXPECT_NEAR(fit.grid.centre_px(2, 0).x_px, 50, 1e-9);
+}
+
 TEST(CalibrateGrid, lenslets_in_their_places_get_none) {
     const White white{.width_px = 600, .height_px = 600, .pitch_px = 17.3, .rotation_deg = 3, .k1 = 0.004, .dead_share = 0.02};
     White few = white, sharp = white, gradient = white, whole = white, slightly = white;
@@ -151,6 +205,18 @@ TEST(CalibrateGrid, a_dark_quarter_is_missing_and_not_invented) {
         EXPECT_FALSE(seen.centre_px.x_px > 360 && seen.centre_px.y_px > 360) << seen.m << "," << seen.n;
     }
     EXPECT_NEAR(calibration->missing, calibration->complete / 4, calibration->complete / 30);
+    // Of those that light reaches whole, none is missing: neither the dark quarter nor those at its edge are asked for.
+    EXPECT_NEAR(calibration->whole, calibration->complete * 3 / 4, calibration->complete / 20);
+    EXPECT_EQ(calibration->whole_found, calibration->whole);
+}
+
+TEST(CalibrateGrid, dead_lenslets_among_lit_ones_are_missing) {
+    const auto drawn = test::draw({.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = 2, .dead_share = 0.03});
+    const auto calibration = calibrate_grid(drawn.frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_EQ(calibration->whole, calibration->complete);
+    EXPECT_EQ(calibration->whole - calibration->whole_found, calibration->missing);
+    EXPECT_GT(calibration->missing, 20);
 }
 
 TEST(CalibrateGrid, thirty_percent_dead_lenslets_leave_the_grid_as_good) {

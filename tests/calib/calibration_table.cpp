@@ -40,14 +40,14 @@ void real_row(const std::filesystem::path& folder, const char* name) {
                                static_cast<std::ptrdiff_t>(pixels.step[0]), pixels.depth() == CV_8U ? 8 : 16};
     const auto calibration = calib::calibrate_grid(view);
     if (!calibration) {
-        std::printf("| %s | | | | | | refused: %s | |\n", name, calibration.error().what.c_str());
+        std::printf("| %s | | | | | | | | refused: %s | |\n", name, calibration.error().what.c_str());
         return;
     }
     const auto& fit = calibration->fit;
     char single[64] = "not needed";
-    if (!fit.grid.shifts_px.empty()) std::snprintf(single, sizeof single, "%.4f / %.4f", fit.shifts.left_x_px, fit.shifts.left_y_px);
-    std::printf("| %s | %s | %.3f | %d | %d | %.4f / %.4f | %s | %s |\n", name, name_of(fit.grid.kind).data(), calibration->pitch_px, calibration->found,
-                fit.rejected, fit.cv_x_rms_px, fit.cv_y_rms_px, name_of(fit.grid.rung).data(), single);
+    if (fit.shifts.share > 0) std::snprintf(single, sizeof single, "%.4f / %.4f", fit.shifts.left_x_px, fit.shifts.left_y_px);
+    std::printf("| %s | %s | %.3f | %d | %d of %d | %d | %d | %.4f / %.4f | %s | %s |\n", name, name_of(fit.grid.kind).data(), calibration->pitch_px, calibration->found,
+                calibration->whole_found, calibration->whole, calibration->displaced, calibration->rejected, fit.cv_x_rms_px, fit.cv_y_rms_px, name_of(fit.grid.rung).data(), single);
 }
 
 }  // namespace
@@ -83,10 +83,11 @@ int main(int count, char** arguments) {
         }
     }
     std::printf(
-        "\n## Photographs\n\nCross-validated over blocks of lenslets that the model has not seen, px an axis (x / y). `rejected` centres were found and do not "
-        "fit. Where both halves of the lenslets' light ask for it, each lenslet has its own place; `with single lenslets` is how well another frame "
+        "\n## Photographs\n\nCross-validated over blocks of lenslets that the model has not seen, px an axis (x / y). `whole` lenslets have their whole "
+        "window in the frame and light reaches them whole (on the sensors behind a telescope's pupil it does not reach all). `displaced` ones were found off the model, by "
+        "both halves of their light, and have a place of their own; `rejected` ones do not fit otherwise. Where both halves of the lenslets' light ask for it, each lenslet has its own place; `with single lenslets` is how well another frame "
         "would be predicted then.\n\n"
-        "| frame | lattice | pitch | found | rejected | cross-validated | model | with single lenslets |\n|---|---|---|---|---|---|---|---|\n");
+        "| frame | lattice | pitch | found | found of whole | displaced | rejected | cross-validated | model | with single lenslets |\n|---|---|---|---|---|---|---|---|---|---|\n");
     for (const char* name : {"lf_sq_napariLF_white", "sh_sq_mmt_LED", "sh_sq_mmt_binospec_ref", "sh_sq_mmt_f5hecto_ref", "sh_sq_mmt_mmirs1_ref",
                              "sh_hex_mmt_f9_ref", "sh_sq_yuuto", "sh_bad_mmt_mmirs_blank", "sh_bad_mmt_mmirs_bogus"}) {
         real_row(folder, name);

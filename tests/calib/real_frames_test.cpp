@@ -32,7 +32,7 @@ class RealFrames : public ::testing::Test {
     }
     static Picture load(const std::string& name) { return {cv::imread((data() / "lenslet" / (name + ".png")).string(), cv::IMREAD_UNCHANGED)}; }
 
-    // Cross-validated over blocks, an axis; at least `found` of the complete lenslets, and none rejected but a few.
+    // Cross-validated over blocks, an axis; at least `found` lenslets, and 99 % of those that light reaches whole.
     static void expect(const std::string& name, algo::LatticeKind kind, double pitch, double cv_px, int found) {
         SCOPED_TRACE(name);
         const auto calibration = calibrate_grid(load(name).view());
@@ -42,6 +42,8 @@ class RealFrames : public ::testing::Test {
         EXPECT_LE(calibration->fit.cv_x_rms_px, cv_px);
         EXPECT_LE(calibration->fit.cv_y_rms_px, cv_px);
         EXPECT_GE(calibration->found, found);
+        EXPECT_GE(calibration->whole_found, 0.99 * calibration->whole);
+        EXPECT_LE(calibration->whole, calibration->complete);
     }
 };
 
