@@ -80,7 +80,7 @@ struct FitOptions {
 Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> observations, const FitOptions& options = {});
 
 // Gives lenslets that do not fit the model the place where they were measured, when `whole` (one a lenslet of the grid, row by row)
-// says that light reaches them whole, they are off by no more than a twentieth of a pitch, and both halves of their light
+// says that light reaches them whole, they are off by 1/500 to 1/20 of a pitch, and both halves of their light
 // (Observation::split_px) put them on the same side, each at least half as far off as the whole, and none of the eight lenslets about
 // them is off. What moves one half only is dirt, what moves neighbours is in the light before the array (a bubble), what is further off
 // something else. Marks them `displaced`, adds their shifts to the grid, and counts them out of `rejected`.

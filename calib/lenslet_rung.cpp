@@ -15,7 +15,7 @@ namespace {
 constexpr double kNeededGain = 2.0;  // standard errors, as for every rung
 constexpr double kLeastShift = 1.0 / 32 / 3.4641016151377544;  // px: rms of what algo/resample.h rounds places by
 constexpr int kLeastBlocks = 9;
-constexpr double kMostDisplaced = 0.05;    // of a pitch
+constexpr double kLeastDisplaced = 0.002, kMostDisplaced = 0.05;  // of a pitch: less is noise or not worth a place
 constexpr double kMostDisagreement = 0.5;  // of a displacement: how far each half may lie from it, along it
 constexpr double kUnit = 0.001;  // px: shifts are whole thousandths, as the calibration file has them
 
@@ -151,7 +151,7 @@ void place_displaced(std::span<Observation> observations, std::span<const std::u
         const double off_y = seen.centre_px.y_px - model_px.y_px;
         const double off = std::hypot(off_x, off_y);
         const double along = std::abs(seen.split_px->x_px * off_x + seen.split_px->y_px * off_y) / off;
-        if (!(off <= kMostDisplaced * pitch) || !(along <= kMostDisagreement * off)) continue;
+        if (!(off >= kLeastDisplaced * pitch && off <= kMostDisplaced * pitch) || !(along <= kMostDisagreement * off)) continue;
         make_room_for_shifts(grid);
         grid.shifts_px[index_of(grid, seen)] = {whole_units(off_x), whole_units(off_y)};
         seen.displaced = true;

@@ -1,10 +1,7 @@
 // After set-up nothing allocates: every use of the heap is counted in this program, by whatever thread. And workspaces stay small.
 #include <gtest/gtest.h>
 
-#include <atomic>
-#include <cstdlib>
 #include <malloc.h>
-#include <new>
 #include <random>
 
 #include "algo/distance.h"
@@ -14,41 +11,12 @@
 #include "algo/feature_map.h"
 #include "algo/grid_decoder.h"
 #include "algo/recipe.h"
-
-namespace {
-std::atomic<std::uint64_t> allocations{0};
-
-void* counted(std::size_t size, std::size_t alignment) {
-    ++allocations;
-    void* memory = alignment <= alignof(std::max_align_t) ? std::malloc(size) : std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment);
-    if (memory == nullptr) throw std::bad_alloc();
-    return memory;
-}
-}  // namespace
-
-void* operator new(std::size_t size) { return counted(size, 1); }
-void* operator new[](std::size_t size) { return counted(size, 1); }
-void* operator new(std::size_t size, std::align_val_t alignment) { return counted(size, static_cast<std::size_t>(alignment)); }
-void* operator new[](std::size_t size, std::align_val_t alignment) { return counted(size, static_cast<std::size_t>(alignment)); }
-void operator delete(void* memory) noexcept { std::free(memory); }
-void operator delete[](void* memory) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
-void operator delete[](void* memory, std::size_t) noexcept { std::free(memory); }
-void operator delete(void* memory, std::align_val_t) noexcept { std::free(memory); }
-void operator delete[](void* memory, std::align_val_t) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
-void operator delete[](void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
+#include "tests/support/counted_heap.h"
 
 namespace hord::algo {
 namespace {
 
-// What `work` allocates.
-template <class Work>
-std::uint64_t allocated_by(Work work) {
-    const std::uint64_t before = allocations;
-    work();
-    return allocations - before;
-}
+using hord::test::allocated_by;
 
 // Dark, sparse, blobs, dense and saturated lenslets.
 Frame any_frame(const Extents& e, int bits, std::uint64_t seed) {
@@ -70,7 +38,7 @@ Frame any_frame(const Extents& e, int bits, std::uint64_t seed) {
 LightLevels levels(int bits) { return light_levels({}, bits); }
 
 TEST(Allocation, is_counted_here) {
-    EXPECT_EQ(allocated_by([] { delete new int(1); }), 1U);
+    EXPECT_EQ(allocated_by([] { ::operator delete(::operator new(8)); }), 1U);
     EXPECT_GT(allocated_by([] { std::vector<int> v(100); }), 0U);
 }
 

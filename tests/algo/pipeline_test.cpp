@@ -3,39 +3,11 @@
 
 #include <gtest/gtest.h>
 
-#include <atomic>
 #include <cmath>
-#include <cstdlib>
-#include <new>
 #include <vector>
 
 #include "frames.h"
-
-namespace {
-
-std::atomic<std::size_t> allocations{0};
-
-void* counted(std::size_t size, std::size_t alignment) {
-    allocations.fetch_add(1, std::memory_order_relaxed);
-    void* memory = alignment > alignof(std::max_align_t) ? std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment) : std::malloc(size);
-    if (memory == nullptr) throw std::bad_alloc();
-    return memory;
-}
-
-}  // namespace
-
-void* operator new(std::size_t size) { return counted(size, 1); }
-void* operator new[](std::size_t size) { return counted(size, 1); }
-void* operator new(std::size_t size, std::align_val_t alignment) { return counted(size, static_cast<std::size_t>(alignment)); }
-void* operator new[](std::size_t size, std::align_val_t alignment) { return counted(size, static_cast<std::size_t>(alignment)); }
-void operator delete(void* memory) noexcept { std::free(memory); }
-void operator delete[](void* memory) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
-void operator delete[](void* memory, std::size_t) noexcept { std::free(memory); }
-void operator delete(void* memory, std::align_val_t) noexcept { std::free(memory); }
-void operator delete[](void* memory, std::align_val_t) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
-void operator delete[](void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
+#include "tests/support/counted_heap.h"
 
 namespace hord::algo {
 namespace {
@@ -205,16 +177,14 @@ TEST(Pipeline, allocates_nothing_for_a_good_part) {
         auto created = Pipeline::create(kField, bits, {}, threads, MapSet::all);
         ASSERT_TRUE(created);
         Pipeline pipeline = std::move(*created);
-        const std::size_t before = allocations;
+        const std::uint64_t before = hord::test::allocations;
         const auto seen = pipeline.inspect(frame.view());
-        const std::size_t after = allocations;
+        const std::uint64_t after = hord::test::allocations;
         ASSERT_TRUE(seen);
         EXPECT_EQ(seen->verdict, Verdict::pass);
         EXPECT_EQ(after - before, 0U);
     }
-    const std::size_t before = allocations;
-    delete new int(7);
-    EXPECT_GT(allocations, before) << "the guard does not count";
+    EXPECT_EQ(hord::test::allocated_by([] { ::operator delete(::operator new(8)); }), 1U) << "the guard does not count";
 }
 
 TEST(Pipeline, computes_the_other_norms_only_when_asked) {

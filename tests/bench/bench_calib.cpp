@@ -3,7 +3,6 @@
 // error). CPU time of one thread, the frame in memory; repetitions of all benchmarks are interleaved, the table holds medians.
 #include <cstdio>
 #include <ctime>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -11,6 +10,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "tests/bench/medians.h"
 #include "tests/calib/synthetic.h"
 
 namespace hord::bench {
@@ -55,18 +55,6 @@ void peer(benchmark::State& state, const algo::Frame& frame) {
     }
 }
 
-// Collects the median of every benchmark.
-class Medians : public benchmark::ConsoleReporter {
-  public:
-    void ReportRuns(const std::vector<Run>& runs) override {
-        for (const Run& run : runs) {
-            if (run.run_type == Run::RT_Aggregate && run.aggregate_name == "median") cpu_ms[run.run_name.function_name] = run.GetAdjustedCPUTime();
-        }
-        ConsoleReporter::ReportRuns(runs);
-    }
-    std::map<std::string, double> cpu_ms;
-};
-
 }  // namespace
 }  // namespace hord::bench
 
@@ -93,8 +81,8 @@ int main(int argc, char** argv) {
     std::printf("\nGrid of a 5000 x 5000 px white frame: CPU time of one thread, median of 5\n\n"
                 "| frame | here, ms | threshold and components, ms | ratio |\n|---|---|---|---|\n");
     for (const Case& of : kCases) {
-        const auto here = medians.cpu_ms.find(of.name + "/here"), other = medians.cpu_ms.find(of.name + "/components");
-        if (here == medians.cpu_ms.end() || other == medians.cpu_ms.end()) continue;
+        const auto here = medians.cpu_time.find(of.name + "/here"), other = medians.cpu_time.find(of.name + "/components");
+        if (here == medians.cpu_time.end() || other == medians.cpu_time.end()) continue;
         std::printf("| %s | %.0f | %.0f | %.2f |\n", of.name.c_str(), here->second, other->second, here->second / other->second);
     }
 }

@@ -5,7 +5,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -15,6 +14,7 @@
 #include "algo/decode.h"
 #include "algo/pipeline.h"
 #include "algo/regrid.h"
+#include "tests/bench/medians.h"
 
 namespace hord::bench {
 namespace {
@@ -57,17 +57,6 @@ void decode(benchmark::State& state, const algo::Frame& raw, Decoder& decoder) {
         }
     }
 }
-
-class Medians : public benchmark::ConsoleReporter {
-  public:
-    void ReportRuns(const std::vector<Run>& runs) override {
-        for (const Run& run : runs) {
-            if (run.run_type == Run::RT_Aggregate && run.aggregate_name == "median") cpu_ms[run.run_name.function_name] = run.GetAdjustedCPUTime();
-        }
-        ConsoleReporter::ReportRuns(runs);
-    }
-    std::map<std::string, double> cpu_ms;
-};
 
 }  // namespace
 }  // namespace hord::bench
@@ -114,9 +103,9 @@ int main(int argc, char** argv) {
     benchmark::Initialize(&count, arguments.data());
     Medians medians;
     benchmark::RunSpecifiedBenchmarks(&medians);
-    const double path = medians.cpu_ms["macro-pixel path"];
+    const double path = medians.cpu_time["macro-pixel path"];
     std::printf("\nDecode of raw frames at paper size, CPU time of one thread, median of 7\n\n| work | ms | of the macro-pixel path |\n|---|---|---|\n");
     for (const char* name : {"macro-pixel path", "of it, splitting into HORDs", "decode, square lattice", "decode, hexagonal lattice"}) {
-        std::printf("| %s | %.1f | %.2f |\n", name, medians.cpu_ms[name], path > 0 ? medians.cpu_ms[name] / path : 0.0);
+        std::printf("| %s | %.1f | %.2f |\n", name, medians.cpu_time[name], path > 0 ? medians.cpu_time[name] / path : 0.0);
     }
 }

@@ -1,27 +1,14 @@
 // After it was made, the core takes no memory: every operator new of this program is counted.
-#include <atomic>
-#include <cstdlib>
-#include <new>
-
 #include "tests/firmware/core/core_rig.h"
-
-namespace {
-std::atomic<std::size_t> allocations{0};
-}
-
-void* operator new(std::size_t size) {
-    allocations.fetch_add(1, std::memory_order_relaxed);
-    if (void* p = std::malloc(size == 0 ? 1 : size)) return p;
-    throw std::bad_alloc();
-}
-void operator delete(void* p) noexcept { std::free(p); }
-void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+#include "tests/support/counted_heap.h"
 
 namespace hord::firmware {
 namespace {
 
+using hord::test::allocations;
+
 TEST(NoAllocation, the_counter_counts) {
-    const std::size_t before = allocations;
+    const std::uint64_t before = allocations;
     ::operator delete(::operator new(8));
     EXPECT_EQ(allocations, before + 1);
 }
@@ -39,7 +26,7 @@ TEST(NoAllocation, a_thousand_parts_of_every_fate_take_no_memory) {
     send(Command::arm);
     send(Command::start_continuous);
 
-    const std::size_t before = allocations;
+    const std::uint64_t before = allocations;
     for (std::uint32_t part = 1; part <= 1000; ++part) {
         const TimePoint exposure = now + config.exposure_delay;
         send(hal::PartEdge{hal::PartEdge::Kind::arrives, now, part, {}});
