@@ -25,3 +25,8 @@ pkg_check_modules(systemd REQUIRED IMPORTED_TARGET libsystemd)
 pkg_check_modules(sqlite REQUIRED IMPORTED_TARGET sqlite3)
 pkg_check_modules(png REQUIRED IMPORTED_TARGET libpng)
 pkg_check_modules(libmd REQUIRED IMPORTED_TARGET libmd)  # SHA-256; its run time is on every Debian system (dpkg needs it)
+
+pkg_check_modules(mosquitto IMPORTED_TARGET libmosquitto)
+if(NOT mosquitto_FOUND)
+  message(FATAL_ERROR "libmosquitto is missing, which hord-mqtt is built with: apt-get install libmosquitto-dev")
+endif()

@@ -70,6 +70,13 @@ Result<std::unique_ptr<StoreReader>> StoreReader::open(const std::filesystem::pa
 StoreReader::StoreReader(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
 StoreReader::~StoreReader() = default;
 
+const std::string& StoreReader::id() const { return parts_->id; }
+
+// The head knows it even when retention has removed every row.
+Result<std::int64_t> StoreReader::newest_number() {
+    return parts_->database->get_integer("SELECT max(coalesce((SELECT number FROM heads WHERE chain = 'results'), 0), coalesce((SELECT max(number) FROM results), 0))");
+}
+
 Result<void> StoreReader::each_result(const ResultFilter& filter, const std::function<void(const StoredResult&)>& take) {
     Conditions where;
     add_times(where, filter);
@@ -77,7 +84,9 @@ Result<void> StoreReader::each_result(const ResultFilter& filter, const std::fun
     if (!filter.reason.empty()) where.add("reason = ", filter.reason);
     if (!filter.recipe.empty()) where.add("recipe IN (SELECT number FROM changes WHERE what = 'recipe' AND name = ", filter.recipe);
     if (!filter.kind.empty()) where.add("EXISTS (SELECT 1 FROM json_each(defects) WHERE json_extract(value, '$.kind') = ", filter.kind);
-    const std::string inner = newest_of("SELECT * FROM results " + where.sql(), filter.newest);
+    if (filter.after) where.add("number > ", *filter.after);
+    const std::string chosen = "SELECT * FROM results " + where.sql();
+    const std::string inner = filter.oldest ? chosen + " ORDER BY number LIMIT " + std::to_string(*filter.oldest) : newest_of(chosen, filter.newest);
     auto rows = parts_->database->prepare(
         "SELECT r.number, r.run, r.time_us, s.after, r.sequence, r.part, r.verdict, r.reason, r.reject, r.score, r.defect_count, r.defects, "
         "r.latency_us, r.reject_latency_us, r.recipe, p.name, c.name FROM (" + inner + ") r "

@@ -42,6 +42,8 @@ struct ResultFilter {
     std::string recipe;  // name
     std::optional<std::int64_t> run;
     std::optional<std::int64_t> newest;  // so many, the last ones
+    std::optional<std::int64_t> after;   // of results: with a higher number
+    std::optional<std::int64_t> oldest;  // of results: so many, the first ones
 };
 
 // What a verified chain ends with: noted elsewhere, it shows later that nothing before it was exchanged.
@@ -62,6 +64,9 @@ class StoreReader {
     // start brings an older one up to date), io.
     static Result<std::unique_ptr<StoreReader>> open(const std::filesystem::path& folder);
     ~StoreReader();
+
+    [[nodiscard]] const std::string& id() const;  // the store's name for itself: another store has another
+    Result<std::int64_t> newest_number();         // of results; 0: none yet
 
     // In the order of their numbers.
     Result<void> each_result(const ResultFilter& filter, const std::function<void(const StoredResult&)>& take);

@@ -1,0 +1,71 @@
+// One edge node at work: its connection, its results and its station, carried forward a step at a time on one thread.
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <random>
+#include <string>
+
+#include "firmware/mqtt/broker_link.h"
+#include "firmware/mqtt/edge_node.h"
+#include "firmware/mqtt/result_feed.h"
+
+namespace hord::firmware::mqtt {
+
+struct AgentOptions {
+    BrokerOptions broker;
+    NodeOptions node;
+    std::filesystem::path state_file;
+    std::chrono::milliseconds look_every{1000};
+};
+
+class Agent {
+  public:
+    using Clock = std::chrono::steady_clock;
+    // What the station says of itself now; empty: it is not reached. May block for as long as a Modbus answer takes.
+    using Look = std::function<std::vector<Reading>()>;
+    // Told what a person should know; the same line is told once until another one comes.
+    using Say = std::function<void(const std::string&)>;
+
+    // Reads the state file. Fails as read_cursor() does.
+    static Result<std::unique_ptr<Agent>> open(AgentOptions options, std::unique_ptr<ResultSource> results, Look look, Say say);
+
+    // Everything that is due, and at most `wait` for the broker.
+    void step(std::chrono::milliseconds wait);
+
+    // Death certificate, goodbye, and the cursor written down.
+    void close();
+
+    [[nodiscard]] const EdgeNode& node() const { return node_; }
+    [[nodiscard]] std::string status() const;  // one line for people
+
+  private:
+    Agent(AgentOptions options, std::unique_ptr<ResultSource> results, Look look, Say say, const Cursor& cursor);
+    void connect();
+    void lose(const Error& error);
+    void take(const BrokerLink::Event& event);
+    void read_results();
+    void look();
+    void send();
+    bool write_down(bool now);
+    void say(const std::string& line);
+
+    const AgentOptions options_;
+    const std::unique_ptr<ResultSource> results_;
+    const Look look_;
+    const Say say_;
+    EdgeNode node_;
+    std::unique_ptr<BrokerLink> link_;
+    std::mt19937 random_{std::random_device{}()};
+
+    Clock::time_point connect_at_{}, look_at_{}, read_at_{}, write_at_{};
+    std::chrono::milliseconds patience_{0};  // before the next attempt
+    std::string store_, said_;
+    std::int64_t newest_ = 0;
+    Cursor written_;
+};
+
+}  // namespace hord::firmware::mqtt

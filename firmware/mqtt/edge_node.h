@@ -1,0 +1,139 @@
+// A station as a Sparkplug B edge node, without I/O: what happened goes in, what is to be published comes out. docs/mqtt.md says
+// what it promises.
+//
+// A session is one MQTT connection. It begins with a birth certificate (all metrics, seq 0), ends with a death certificate that
+// the broker holds as its will, and both carry the same bdSeq. In between every message counts seq on, 0 to 255 and again.
+//
+// Results are published in the order of their numbers and stay open until they are confirmed; the cursor follows the oldest
+// one that is open. What was not confirmed when a session ends is published again in the next: nothing is lost, and who reads
+// knows a repeat by its store and number.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "firmware/mqtt/cursor.h"
+#include "firmware/mqtt/metrics.h"
+
+namespace hord::firmware::mqtt {
+
+struct NodeOptions {
+    std::string group = "hord", node;
+    std::string primary_host;     // its host id; empty: nobody is waited for
+    std::string software;         // version
+    int qos = 1;                  // of results
+    std::size_t in_flight = 64;   // results that may be open
+    int repeat = 100;             // confirmed results that every birth is followed by, once more
+    int history_per_s = 500;      // pace of what is not new; 0: no limit
+    bool begin_with_all = false;  // at the very first start: what the store holds already, too
+};
+
+struct Outgoing {
+    std::string topic, payload;
+    int qos = 0;
+    std::uint64_t token = 0;  // not 0: EdgeNode::confirmed() wants to know
+    bool fence = false;       // nothing is published: `token` is confirmed once the broker has read what came before
+};
+
+class EdgeNode {
+  public:
+    EdgeNode(NodeOptions options, Cursor cursor);
+
+    // -- the connection. Times are UTC; the clock may be set meanwhile.
+
+    // Before each attempt: counts bdSeq on (to be written down before the attempt) and gives the will.
+    Outgoing begin_session(UtcMs now);
+    [[nodiscard]] std::vector<std::string> topics() const;  // to be subscribed with QoS 1
+    void connected(UtcMs now);                              // and subscribed
+    void disconnected();
+    void message(const std::string& topic, std::string_view payload, UtcMs now);
+    // `heard`: the broker had somebody to pass it to.
+    void confirmed(std::uint64_t token, bool heard, UtcMs now);
+
+    // -- what is told
+
+    // The store that results come from, and its newest number: before the first wish, and whenever it is another.
+    void use_store(const std::string& id, std::int64_t newest);
+    struct Wish {
+        std::int64_t after = 0;
+        std::size_t count = 0;
+    };
+    // Results that can be taken now, in the order of their numbers from after + 1 on.
+    [[nodiscard]] std::optional<Wish> wish(UtcMs now);
+    void offer(std::span<const store::StoredResult> results, std::int64_t newest, UtcMs now);
+
+    // What the station says of itself; empty: it is not reached. What changed is published.
+    void tell(const std::vector<Reading>& readings, UtcMs now);
+    void step(UtcMs now);     // time passes
+    void goodbye(UtcMs now);  // publishes the death certificate
+
+    [[nodiscard]] std::vector<Outgoing> take() { return std::exchange(outbox_, {}); }
+    // The primary host is gone: the connection is to be ended, and begun anew.
+    [[nodiscard]] bool wants_to_leave() const { return leaving_; }
+
+    // -- what is known
+
+    struct Figures {
+        std::uint64_t births = 0, results = 0, repeats = 0, historical = 0, refused = 0, unheard = 0;
+    };
+    [[nodiscard]] const Figures& figures() const { return figures_; }
+    [[nodiscard]] const Cursor& cursor() const { return cursor_; }
+    [[nodiscard]] bool born() const { return session_ == Session::born; }
+    [[nodiscard]] bool waits_for_host() const { return session_ == Session::waiting; }
+    [[nodiscard]] std::size_t open() const { return open_.size(); }
+    // What a person should know, once: "a command of 9999 bytes: ...". Empty: nothing new.
+    [[nodiscard]] std::string trouble() { return std::exchange(trouble_, {}); }
+
+  private:
+    enum class Session : std::uint8_t { none, waiting, born };
+    enum class Fate : std::uint8_t { unknown, taken, unheard };
+    struct Open {
+        std::uint64_t token;
+        std::int64_t number;
+        Fate fate;
+    };
+    [[nodiscard]] std::string topic(const char* type) const;
+    [[nodiscard]] std::string state_topic() const;
+    [[nodiscard]] Payload death(UtcMs now) const;
+    [[nodiscard]] std::vector<Metric> node_metrics() const;
+    void birth(UtcMs now);
+    void publish(const char* type, Payload payload, int qos, std::uint64_t token, UtcMs now);
+    void host_state(std::string_view text, UtcMs now);
+    void command(std::string_view bytes);
+    void refuse(const std::string& why);
+    void settle(UtcMs now);
+    void begin_results();
+
+    const NodeOptions options_;
+    Cursor cursor_;
+    Session session_ = Session::none;
+    std::vector<Outgoing> outbox_;
+    Figures figures_;
+    std::string trouble_;
+    bool leaving_ = false;
+
+    std::uint8_t seq_ = 0;
+    UtcMs born_at_ = 0;
+    bool rebirth_ = false;
+    std::int64_t host_time_ = 0;  // of the newest word about the primary host
+
+    std::vector<Reading> readings_;
+    std::vector<Metric> told_;    // as the last birth or change said it
+
+    bool store_known_ = false;
+    std::int64_t next_ = 1, newest_ = 0;
+    std::optional<std::int64_t> old_until_;  // results up to this number were there before the birth: historical
+    std::deque<Open> open_;
+    std::uint64_t token_ = 0;
+    double allowance_ = 0;
+    UtcMs allowance_at_ = 0;
+    bool unheard_ = false;
+    UtcMs ask_again_at_ = 0;
+};
+
+}  // namespace hord::firmware::mqtt

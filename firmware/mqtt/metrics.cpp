@@ -1,0 +1,118 @@
+#include "firmware/mqtt/metrics.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+
+#include <nlohmann/json.hpp>
+
+namespace hord::firmware::mqtt {
+namespace {
+
+using store::StoredResult;
+
+bool is_noise(const Register& row) {
+    return row.name == "heartbeat" || row.name == "plc_heartbeat_age" || row.name == "age" || row.name == "uptime" || row.name == "modbus_requests";
+}
+
+DataType type_of(const Register& row) {
+    if (row.type == RegisterType::text) return DataType::text;
+    const bool whole = row.scale == std::floor(row.scale);
+    if (!whole) return DataType::real;
+    return row.type == RegisterType::s16 || row.type == RegisterType::s32 ? DataType::int64 : DataType::uint64;
+}
+
+MetricValue value_of(const Register& row, const Reading& reading) {
+    if (row.type == RegisterType::text) return reading.text;
+    if (!reading.number) return {};
+    switch (type_of(row)) {
+        case DataType::int64: return static_cast<std::int64_t>(*reading.number);
+        case DataType::uint64: return static_cast<std::uint64_t>(*reading.number);
+        default: return *reading.number;
+    }
+}
+
+// The worst of a result's defects: the list is in the order of their peaks.
+struct Worst {
+    MetricValue kind, m, n;
+};
+Worst worst_of(const StoredResult& result) {
+    const auto list = nlohmann::json::parse(result.defects, nullptr, false);
+    if (!list.is_array() || list.empty() || !list[0].is_object()) return {};
+    Worst worst;
+    worst.kind = list[0].value("kind", std::string());
+    worst.m = list[0].value("m", 0.0);
+    worst.n = list[0].value("n", 0.0);
+    return worst;
+}
+
+std::uint64_t natural(std::int64_t value) { return static_cast<std::uint64_t>(std::max<std::int64_t>(value, 0)); }
+
+}  // namespace
+
+std::vector<BlockId> blocks_told() {
+    return {BlockId::ident, BlockId::status, BlockId::counters, BlockId::recipe, BlockId::health, BlockId::calibration};
+}
+
+std::vector<Metric> station_metrics(const std::vector<Reading>& readings) {
+    std::map<const Register*, const Reading*> known;
+    for (const Reading& reading : readings) known[reading.what] = &reading;
+    std::vector<Metric> metrics;
+    for (const BlockId id : blocks_told()) {
+        const Block& block = *find_block(id);
+        for (const Register& row : block.registers) {
+            if (is_noise(row)) continue;
+            Metric metric;
+            metric.name = "Station/" + std::string(block.name) + "/" + std::string(row.name);
+            metric.alias = row.address;
+            metric.type = type_of(row);
+            metric.unit = row.unit;
+            if (const auto at = known.find(&row); at != known.end()) metric.value = value_of(row, *at->second);
+            metrics.push_back(std::move(metric));
+        }
+    }
+    return metrics;
+}
+
+std::vector<Metric> result_metrics(const StoredResult* result, const std::string& store_id, bool historical) {
+    std::vector<Metric> metrics;
+    const auto add = [&](const char* name, DataType type, const char* unit, MetricValue value) {
+        Metric metric;
+        metric.alias = kResultAlias + metrics.size();
+        if (result == nullptr) {
+            metric.name = std::string("Result/") + name;
+            metric.type = type;
+            metric.unit = unit;
+        } else {
+            metric.time_ms = result->time_us / 1000;
+            metric.historical = historical;
+            metric.value = std::move(value);
+        }
+        metrics.push_back(std::move(metric));
+    };
+    static const StoredResult kNone;
+    const StoredResult& r = result != nullptr ? *result : kNone;
+    const Worst worst = worst_of(r);
+    // Only ever appended to: the order is the alias.
+    add("Number", DataType::uint64, "", natural(r.number));
+    add("Store", DataType::text, "", store_id);
+    add("Time", DataType::int64, "us", r.time_us);
+    add("Boot", DataType::uint64, "", std::uint64_t{r.boot});
+    add("Sequence", DataType::uint64, "", std::uint64_t{r.sequence});
+    add("Part", DataType::uint64, "", std::uint64_t{r.part});
+    add("Verdict", DataType::text, "", r.verdict);
+    add("Reason", DataType::text, "", r.reason);
+    add("Score", DataType::real, "", r.score ? MetricValue(*r.score) : MetricValue());
+    add("Defects", DataType::uint64, "", natural(r.defect_count));
+    add("Worst Kind", DataType::text, "", worst.kind);
+    add("Worst M", DataType::real, "lenslets", worst.m);
+    add("Worst N", DataType::real, "lenslets", worst.n);
+    add("Rejection", DataType::text, "", r.reject);
+    add("Latency", DataType::uint64, "us", natural(r.latency_us));
+    add("Reject Latency", DataType::uint64, "us", r.reject_latency_us == 0 ? MetricValue() : MetricValue(natural(r.reject_latency_us)));
+    add("Recipe", DataType::text, "", r.recipe);
+    return metrics;
+}
+
+}  // namespace hord::firmware::mqtt

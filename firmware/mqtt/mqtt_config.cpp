@@ -1,0 +1,154 @@
+#include "firmware/mqtt/mqtt_config.h"
+
+#include <array>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <optional>
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "common/toml_fields.h"
+
+namespace hord::firmware::mqtt {
+namespace {
+
+using common::TomlProblems;
+using common::TomlTable;
+
+std::string host_name() {
+    std::array<char, 256> name{};
+    return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "station";
+}
+
+// A part of a topic: neither a level of its own nor a wildcard.
+bool can_be_in_topic(const std::string& name) {
+    for (const char c : name) {
+        if (c == '/' || c == '+' || c == '#' || static_cast<unsigned char>(c) < 0x20 || c == 0x7F) return false;
+    }
+    return !name.empty() && name.size() <= 100;
+}
+
+bool is_this_machine(const std::string& host) { return host == "localhost" || host == "::1" || host.starts_with("127."); }
+
+void read_broker(TomlTable table, MqttConfig& config, std::optional<std::uint16_t>& port) {
+    table.text("host", config.broker.host);
+    if (config.broker.host.empty()) table.problem("host", "is empty", "name the broker's host");
+    if (table.has("port")) {
+        std::uint16_t given = 1883;
+        table.integer("port", given, 1, 65535);
+        port = given;
+    }
+    static constexpr std::array<std::string_view, 2> kProtocols{"5", "3.1.1"};
+    if (const auto chosen = table.choice("protocol", kProtocols)) config.broker.protocol = *chosen == 0 ? 5 : 4;
+    table.integer("keepalive_s", config.broker.keepalive_s, 5, 3600);
+    table.text("client_id", config.broker.client_id);
+    table.text("user", config.broker.user);
+    std::string file;
+    table.text("password_file", file);
+    config.password_file = file;
+    if (!file.empty() && config.broker.user.empty()) table.problem("password_file", "is given without a user", "give broker.user, too");
+}
+
+void read_tls(TomlTable table, MqttConfig& config) {
+    std::string ca, certificate, key;
+    table.text("ca", ca);
+    table.text("certificate", certificate);
+    table.text("key", key);
+    config.broker.ca = ca;
+    config.broker.certificate = certificate;
+    config.broker.key = key;
+    if (certificate.empty() != key.empty()) table.problem(certificate.empty() ? "key" : "certificate", "needs the other of the two", "give tls.certificate and tls.key");
+    if (ca.empty() && !certificate.empty()) table.problem("certificate", "is given without an authority", "give tls.ca: the file that the broker's certificate is checked with");
+}
+
+}  // namespace
+
+Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view name, const std::filesystem::path& folder) {
+    TomlProblems problems;
+    TomlTable root = TomlTable::parse_text(text, name, problems);
+    MqttConfig config;
+    std::optional<std::uint16_t> port;
+
+    TomlTable broker = root.table("broker");
+    read_broker(broker, config, port);
+    read_tls(root.table("tls"), config);
+    config.broker.port = port.value_or(config.broker.ca.empty() ? 1883 : 8883);
+    if (!config.password_file.empty() && config.broker.ca.empty() && !is_this_machine(config.broker.host)) {
+        broker.problem("password_file", "would be sent readable for everybody on the way", "give tls.ca, so that the connection is encrypted");
+    }
+
+    TomlTable sparkplug = root.table("sparkplug");
+    config.node.node = host_name();
+    sparkplug.text("group", config.node.group);
+    sparkplug.text("node", config.node.node);
+    sparkplug.text("primary_host", config.node.primary_host);
+    if (!can_be_in_topic(config.node.group)) sparkplug.problem("group", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
+    if (!can_be_in_topic(config.node.node)) sparkplug.problem("node", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
+    if (!config.node.primary_host.empty() && !can_be_in_topic(config.node.primary_host)) sparkplug.problem("primary_host", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
+    if (config.broker.client_id.empty()) config.broker.client_id = "hord-" + config.node.group + "-" + config.node.node;
+
+    TomlTable results = root.table("results");
+    std::string store = config.store.string(), state;
+    results.text("store", store);
+    results.text("state_file", state);
+    config.store = store;
+    config.state_file = state;
+    results.integer("qos", config.node.qos, 0, 1);
+    results.integer("in_flight", config.node.in_flight, 1, 1000);
+    results.integer("repeat", config.node.repeat, 0, 100'000);
+    results.integer("history_per_s", config.node.history_per_s, 0, 100'000);
+    static constexpr std::array<std::string_view, 2> kBegins{"new", "all"};
+    if (const auto chosen = results.choice("begin", kBegins)) config.node.begin_with_all = *chosen == 1;
+
+    TomlTable station = root.table("station");
+    std::string address = "127.0.0.1:1502";
+    station.text("modbus", address);
+    if (const auto endpoint = modbus::parse_endpoint(address)) config.station = *endpoint;
+    else station.problem("modbus", endpoint.error().what, endpoint.error().cure);
+    std::int64_t every_ms = config.look_every.count();
+    station.integer("every_ms", every_ms, 100, 3'600'000);
+    config.look_every = std::chrono::milliseconds(every_ms);
+
+    root.refuse_unknown_keys();
+    if (!problems.empty()) return problems.as_error();
+    for (std::filesystem::path* path : {&config.password_file, &config.broker.ca, &config.broker.certificate, &config.broker.key, &config.store, &config.state_file}) {
+        if (!path->empty() && path->is_relative()) *path = folder / *path;
+    }
+    return config;
+}
+
+Result<MqttConfig> load_mqtt_config(const std::filesystem::path& file) {
+    std::ifstream in(file, std::ios::binary);
+    if (!in) return fail(ErrorCode::invalid_argument, file.string() + " cannot be read (" + std::strerror(errno) + ")", "name the configuration: --config FILE");
+    const std::string text{std::istreambuf_iterator<char>(in), {}};
+    return parse_mqtt_config(text, file.string(), file.parent_path());
+}
+
+std::filesystem::path credential_or(const std::filesystem::path& file) {
+    const char* folder = std::getenv("CREDENTIALS_DIRECTORY");
+    if (folder == nullptr || file.empty()) return file;
+    std::error_code error;
+    const auto credential = std::filesystem::path(folder) / file.filename();
+    // An empty one stands for an original that does not exist.
+    return std::filesystem::exists(credential, error) && std::filesystem::file_size(credential, error) > 0 && !error ? credential : file;
+}
+
+Result<std::string> read_secret(const std::filesystem::path& named) {
+    const auto file = credential_or(named);
+    struct stat about {};
+    std::ifstream in(file);
+    if (!in || ::stat(file.c_str(), &about) != 0) {
+        return fail(ErrorCode::not_found, file.string() + " cannot be read (" + std::strerror(errno) + ")", "write the password into it, for root alone; the service gets it by LoadCredential=");
+    }
+    if (file == named && (about.st_mode & 077U) != 0) return fail(ErrorCode::refused, file.string() + " may be read by others", "chmod 600 it");
+    std::string line;
+    std::getline(in, line);
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (line.empty()) return fail(ErrorCode::not_found, file.string() + " holds no password", "write the password into its first line");
+    return line;
+}
+
+}  // namespace hord::firmware::mqtt

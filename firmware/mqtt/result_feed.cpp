@@ -1,0 +1,42 @@
+#include "firmware/mqtt/result_feed.h"
+
+#include <sys/stat.h>
+
+#include "firmware/store/sqlite_store.h"
+
+namespace hord::firmware::mqtt {
+
+Result<ResultSource::Where> ResultFeed::do_look() {
+    // A damaged file is moved away and the station makes a new one: the old one would be read for ever.
+    struct stat now {};
+    const bool there = ::stat((folder_ / store::kStoreFile).c_str(), &now) == 0;
+    if (!there || static_cast<std::uint64_t>(now.st_ino) != file_) reader_.reset();
+    if (!reader_) {
+        auto opened = store::StoreReader::open(folder_);
+        if (!opened) return tl::unexpected(opened.error());
+        reader_ = std::move(*opened);
+        file_ = static_cast<std::uint64_t>(now.st_ino);
+    }
+    const auto newest = reader_->newest_number();
+    if (!newest) {
+        reader_.reset();
+        return tl::unexpected(newest.error());
+    }
+    return Where{reader_->id(), *newest};
+}
+
+Result<std::vector<store::StoredResult>> ResultFeed::do_read(std::int64_t after, std::size_t count) {
+    std::vector<store::StoredResult> results;
+    if (!reader_) return results;
+    store::ResultFilter filter;
+    filter.after = after;
+    filter.oldest = static_cast<std::int64_t>(count);
+    const auto done = reader_->each_result(filter, [&](const store::StoredResult& result) { results.push_back(result); });
+    if (!done) {
+        reader_.reset();
+        return tl::unexpected(done.error());
+    }
+    return results;
+}
+
+}  // namespace hord::firmware::mqtt
