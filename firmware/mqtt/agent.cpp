@@ -103,7 +103,7 @@ void Agent::send() {
 void Agent::look() {
     look_at_ = Clock::now() + options_.look_every;
     if (link_ && link_->congested()) return;  // a broker that does not read gets results later, and no old states
-    if (node_.born() || !store_.empty()) node_.tell(look_(), utc_now());
+    node_.tell(look_(), utc_now());
 }
 
 void Agent::read_results() {
@@ -113,10 +113,11 @@ void Agent::read_results() {
     const auto where = results_->look();
     if (!where) {
         read_at_ = now + kRetryStore;
+        store_was_missing_ |= where.error().code == ErrorCode::not_found;
         return say(where.error().message());
     }
     if (where->id != store_ || where->newest < newest_) {
-        node_.use_store(where->id, where->newest);
+        node_.use_store(where->id, where->newest, store_was_missing_);
         store_ = where->id;
     }
     newest_ = where->newest;

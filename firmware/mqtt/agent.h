@@ -65,6 +65,7 @@ class Agent {
     std::chrono::milliseconds patience_{0};  // before the next attempt
     std::string store_, said_;
     std::int64_t newest_ = 0;
+    bool store_was_missing_ = false;
     Cursor written_;
 };
 

@@ -178,11 +178,11 @@ void EdgeNode::host_state(std::string_view text, UtcMs now) {
 
 // -- results ---------------------------------------------------------------------------------------------------
 
-void EdgeNode::use_store(const std::string& id, std::int64_t newest) {
+void EdgeNode::use_store(const std::string& id, std::int64_t newest, bool is_new) {
     newest_ = newest;
     if (cursor_.store.empty()) {
         cursor_.store = id;
-        cursor_.origin = cursor_.confirmed = options_.begin_with_all ? 0 : newest;
+        cursor_.origin = cursor_.confirmed = options_.begin_with_all || is_new ? 0 : newest;
     } else if (cursor_.store != id) {
         trouble_ = "the station has another store now; its results are handed over from the first one on";
         const std::uint64_t lost = cursor_.lost;

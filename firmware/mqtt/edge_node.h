@@ -57,8 +57,9 @@ class EdgeNode {
 
     // -- what is told
 
-    // The store that results come from, and its newest number: before the first wish, and whenever it is another.
-    void use_store(const std::string& id, std::int64_t newest);
+    // The store that results come from, and its newest number: before the first wish, and whenever it is another. `is_new`: it
+    // did not exist before, so that nothing in it is older than this node.
+    void use_store(const std::string& id, std::int64_t newest, bool is_new = false);
     struct Wish {
         std::int64_t after = 0;
         std::size_t count = 0;

@@ -131,22 +131,4 @@ Result<Replayed> Replay::judge(const std::filesystem::path& file) {
     return std::move(replayed);
 }
 
-Result<std::vector<std::string>> merge_lines(std::vector<std::string> lines) {
-    std::map<std::string, std::string> by_frame;
-    for (std::string& line : lines) {
-        const Json json = Json::parse(line, nullptr, false);
-        if (!json.is_object() || !json.contains("frame") || !json["frame"].is_string() || !json.contains("changes")) {
-            return fail(ErrorCode::invalid_argument, "\"" + line.substr(0, 60) + "\" is no line of a replay", "merge the files that hordctl replay --json wrote");
-        }
-        const auto frame = json["frame"].get<std::string>();
-        const auto [at, is_new] = by_frame.emplace(frame, line);
-        if (!is_new && at->second != line) {
-            return fail(ErrorCode::invalid_argument, "two lines differ about " + frame, "merge replays of one recipe and one software");
-        }
-    }
-    std::vector<std::string> merged;
-    for (auto& [frame, line] : by_frame) merged.push_back(std::move(line));
-    return merged;
-}
-
 }  // namespace hord::firmware::store

@@ -49,8 +49,4 @@ class Replay {
     std::unique_ptr<Parts> parts_;
 };
 
-// Lines of several replays as one: in the order of the frames, each once. Merging what was merged changes nothing. Fails
-// with invalid_argument where two lines differ about one frame, or one is no line of a replay.
-Result<std::vector<std::string>> merge_lines(std::vector<std::string> lines);
-
 }  // namespace hord::firmware::store

@@ -3,8 +3,10 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <map>
 #include <sstream>
+#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -63,12 +65,27 @@ TEST(Store, of_a_simulated_line_holds_every_part_verifies_and_replays_to_the_bit
     EXPECT_EQ(stricter.status, 1);
     EXPECT_THAT(stricter.out, HasSubstr("\"changes\":[\"verdict\""));
 
-    std::vector<std::string> merge{"merge"};
-    for (const std::string shard : {"3/3", "1/3", "2/3"}) {
-        merge.push_back(folder / (shard.substr(0, 1) + ".jsonl"));
-        std::ofstream(merge.back()) << run("hordctl", {"replay", "--store", store, "--json", "--shard", shard}).out;
+    const auto replay_to = [&](const std::string& name, const std::vector<std::string>& more) {
+        std::vector<std::string> arguments{"replay", "--store", store, "--out", folder / name};
+        arguments.insert(arguments.end(), more.begin(), more.end());
+        return run("hordctl", arguments).status;
+    };
+    EXPECT_EQ(replay_to("all.jsonl", {"--jobs", "2"}), 0);
+    for (const std::string shard : {"3/3", "1/3", "2/3"}) EXPECT_EQ(replay_to(shard.substr(0, 1) + ".jsonl", {"--shard", shard}), 0);
+    const Said merged = run("hordctl", {"merge", folder / "3.jsonl", folder / "1.jsonl", folder / "2.jsonl", "--out", folder / "merged.jsonl"});
+    EXPECT_EQ(merged.status, 0) << merged.err;
+    const auto bytes_of = [&](const std::string& name) {
+        std::ifstream in(folder / name, std::ios::binary);
+        return std::string(std::istreambuf_iterator<char>(in), {});
+    };
+    EXPECT_EQ(bytes_of("merged.jsonl"), bytes_of("all.jsonl"));
+    EXPECT_THAT(bytes_of("all.jsonl"), HasSubstr(replayed.out));
+    for (const std::string wrong : {"0/3", "4/3", "1/0", "x", "1/3x", "-1/3", "1", "/3", "1/", "1/99999999999999999999", ""}) {
+        const Said refused = run("hordctl", {"replay", "--store", store, "--shard=" + wrong, "--out", folder / "no.jsonl"});
+        EXPECT_EQ(refused.status, 2) << wrong;
+        EXPECT_THAT(refused.err, HasSubstr("shard")) << wrong;
     }
-    EXPECT_EQ(run("hordctl", merge).out, replayed.out);
+    EXPECT_FALSE(fs::exists(folder / "no.jsonl"));
 
     // A second run goes on counting; a torn frame is named and the others are still judged.
     ASSERT_EQ(produce(folder, 3).status, 0);
@@ -78,6 +95,36 @@ TEST(Store, of_a_simulated_line_holds_every_part_verifies_and_replays_to_the_bit
     const Said torn = run("hordctl", {"replay", "--store", store});
     EXPECT_EQ(torn.status, 2);
     EXPECT_THAT(torn.err, HasSubstr(frame.filename().string()));
+}
+
+TEST(Store, is_replayed_to_the_same_bytes_by_workers_of_which_one_is_killed_and_run_again) {
+    const TemporaryFolder folder;
+    const std::string store = folder / "store";
+    ASSERT_EQ(run("hord_test_archive", {store, "60"}).status, 0);
+    const auto unfinished = [&] {
+        return std::any_of(fs::directory_iterator(folder.path()), {}, [](const fs::directory_entry& entry) { return entry.path().string().find("2.jsonl.part.") != std::string::npos; });
+    };
+    bool killed = false;
+    for (int attempt = 0; attempt < 20 && !killed; ++attempt) {
+        fs::remove(folder / "2.jsonl");
+        Running worker("hordctl", {"replay", "--store", store, "--shard", "2/2", "--out", folder / "2.jsonl"});
+        while (!unfinished() && !fs::exists(folder / "2.jsonl")) std::this_thread::yield();
+        killed = worker.stop(SIGKILL).status == 128 + SIGKILL && !fs::exists(folder / "2.jsonl");
+    }
+    ASSERT_TRUE(killed);
+    ASSERT_EQ(run("hordctl", {"replay", "--store", store, "--shard", "1/2", "--out", folder / "1.jsonl"}).status, 0);
+    const std::vector<std::string> merge{"merge", folder / "1.jsonl", folder / "2.jsonl", "--out", folder / "merged.jsonl"};
+    const Said early = run("hordctl", merge);
+    EXPECT_EQ(early.status, 2);
+    EXPECT_THAT(early.err, HasSubstr("2.jsonl cannot be read"));
+    ASSERT_EQ(run("hordctl", {"replay", "--store", store, "--shard", "2/2", "--out", folder / "2.jsonl"}).status, 0);
+    ASSERT_EQ(run("hordctl", merge).status, 0);
+    ASSERT_EQ(run("hordctl", {"replay", "--store", store, "--out", folder / "all.jsonl"}).status, 0);
+    const auto bytes_of = [&](const std::string& name) {
+        std::ifstream in(folder / name, std::ios::binary);
+        return std::string(std::istreambuf_iterator<char>(in), {});
+    };
+    EXPECT_EQ(bytes_of("merged.jsonl"), bytes_of("all.jsonl"));
 }
 
 TEST(Store, that_cannot_be_opened_is_a_fault_and_the_line_goes_on) {

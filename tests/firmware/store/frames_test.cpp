@@ -338,15 +338,5 @@ TEST(Replay, refuses_a_frame_whose_samples_somebody_exchanged) {
     EXPECT_THAT(replayed.error().message(), HasSubstr("other samples"));
 }
 
-TEST(Merge, is_in_order_takes_each_once_and_changes_nothing_when_repeated) {
-    const auto line = [](int k) { return "{\"frame\":\"00" + std::to_string(k) + ".png\",\"changes\":[]}"; };
-    const auto merged = merge_lines({line(3), line(1), line(2), line(1)});
-    ASSERT_TRUE(merged);
-    EXPECT_THAT(*merged, ElementsAre(line(1), line(2), line(3)));
-    EXPECT_EQ(*merge_lines(*merged), *merged);
-    EXPECT_FALSE(merge_lines({line(1), "{\"frame\":\"001.png\",\"changes\":[\"verdict\"]}"}));
-    EXPECT_FALSE(merge_lines({"not json"}));
-}
-
 }  // namespace
 }  // namespace hord::firmware::store::test
