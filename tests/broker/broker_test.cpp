@@ -88,7 +88,13 @@ TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
     Broker broker(folder.path().string());
     Consumer consumer(folder.path().string(), broker.port());
     const int modbus = free_port();
-    Running station("hordctl", {"run", "--simulate", "--variety", "1", "--modbus", "127.0.0.1:" + std::to_string(modbus), "--json", "--store", folder / "store"});
+    // Small parts, far apart, all good enough, with patience for a machine that does other things, too: what is shown here is not the line.
+    std::ofstream(folder / "lenient.toml") << "schema = 1\nname = \"lenient\"\nnumber = 9\nversion = 1\n[limits]\nemd_bins = 10.0\nfrobenius_bins = 10.0\ntransmission = 0.01\n";
+    std::ofstream(folder / "station.toml") << "[station]\nmax_failures_in_a_row = 0\n[inspection]\nmacro = \"3x3\"\nrecipe = \"lenient.toml\"\n"
+                                              "[line]\nexposure_delay_ms = 100\ntransport_ms = 1500\nmin_gap_ms = 100\n"
+                                              "[timing]\nframe_timeout_ms = 500\nstrobe_window_us = 50000\nframe_window_us = 40000\n[rejector]\nconfirm_timeout_ms = 10000\n[store]\nframes_mb = 0\n";
+    Running station("hordctl", {"run", "--simulate", "--config", folder / "station.toml", "--rate", "4", "--good", "1", "--variety", "1", "--modbus", "127.0.0.1:" + std::to_string(modbus), "--json", "--store",
+                                folder / "store"});
     ASSERT_TRUE(station.says("\"part\":1,", std::chrono::seconds(120))) << station.so_far().err;
     write_config(broker.port(), "begin = \"all\"\nrepeat = 0\n", "", "", modbus);
     auto mqtt = node();
@@ -181,7 +187,7 @@ TEST_F(Mqtt, every_result_arrives_over_broken_networks_restarted_brokers_and_kil
     auto mqtt = node();
     const unsigned seed = 20'261'121;
     std::mt19937 random(seed);  // the same parts at every run; when each failure comes is up to the machine
-    for (int round = 0; round < 24; ++round) {
+    for (int round = 0; round < 16; ++round) {
         store.add(static_cast<std::uint32_t>(40 + random() % 100));
         // Something is under way when it fails.
         ASSERT_TRUE(wait_until([&] { return arrived(consumer).first + 200 > store.written(); })) << "round " << round << ": " << mqtt->so_far().err;

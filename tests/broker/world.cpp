@@ -198,7 +198,7 @@ ReadMessage decode(const std::string& topic, int qos, const std::string& payload
     message.topic = topic;
     message.payload = payload;
     message.qos = qos;
-    if (topic.find("/STATE/") != std::string::npos) return message;
+    if (topic.find("/STATE/") != std::string::npos || topic.find("/NCMD/") != std::string::npos) return message;  // not a station's
     for (const Field& field : fields_of(payload)) {
         if (field.number == 3) message.seq = field.value;
         if (field.number != 2) continue;
