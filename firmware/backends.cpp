@@ -10,6 +10,7 @@
 #include "drivers/modbus_rejector.h"
 #include "drivers/recorded_frames.h"
 #include "drivers/v4l2_sensor.h"
+#include "firmware/backend_options.h"
 #include "firmware/event_loop_sd.h"
 #include "hal_sim/cell/cell.h"
 #include "hal_sim/cell/rendered_frames.h"
@@ -53,57 +54,6 @@ sim::Scene clean_part(const Config& config) {
     return scene;
 }
 
-drivers::ModbusRejectorOptions rejector_options(const ModbusRejector& wanted) {
-    drivers::ModbusRejectorOptions options;
-    options.address.host = wanted.host;
-    options.address.port = wanted.port;
-    if (!wanted.device.empty()) options.address.serial = drivers::SerialSettings{wanted.device, wanted.baud, wanted.parity, wanted.rs485};
-    options.address.unit = wanted.unit;
-    options.map = wanted.map;
-    options.ejector_coil = wanted.reject_coil;
-    options.permit_coil = wanted.run_permit_coil;
-    options.energise_to_pass = wanted.energise_to_pass;
-    options.module_pulse = wanted.module_pulse;
-    options.confirm_input = wanted.confirm_input;
-    options.confirm_active_low = wanted.confirm_active_low;
-    options.confirm_within = wanted.confirm_within;
-    options.watchdog = wanted.watchdog;
-    options.response_timeout = wanted.response_timeout;
-    return options;
-}
-
-drivers::GpioLine gpio_line(const GpioLineName& name) {
-    return {name.chip, name.line, name.active_low, static_cast<drivers::GpioLine::Bias>(name.bias)};
-}
-
-std::vector<drivers::GpioStrobeChannel> strobe_channels(const StrobeConfig& wanted) {
-    std::vector<drivers::GpioStrobeChannel> channels;
-    for (const StrobeChannel& channel : wanted.gpio) {
-        channels.push_back({gpio_line(channel.line), {channel.max_on, channel.min_rest, channel.max_duty}});
-    }
-    return channels;
-}
-
-drivers::GpioPartSensorOptions part_sensor_options(const GpioPartSensorLine& wanted) {
-    drivers::GpioPartSensorOptions options;
-    options.line = gpio_line(wanted.line);
-    options.debounce = wanted.debounce;
-    if (wanted.encoder) options.encoder = gpio_line(*wanted.encoder);
-    options.encoder_every = wanted.encoder_every;
-    return options;
-}
-
-drivers::V4l2SensorOptions video_options(const VideoSensor& wanted) {
-    drivers::V4l2SensorOptions options;
-    options.device = wanted.device;
-    options.width_px = wanted.width_px;
-    options.height_px = wanted.height_px;
-    options.bits = wanted.bits;
-    options.buffers = wanted.buffers;
-    options.controls = wanted.controls;
-    return options;
-}
-
 // Whether anything of the line is simulated: then there is a simulated cell, and parts come by themselves.
 bool needs_cell(const Config& config) {
     return std::holds_alternative<SimulatedPartSensor>(config.part_sensor) || config.strobe.gpio.empty() ||
@@ -127,7 +77,7 @@ struct SafeState final : hal::Rejector::Listener {
 class ChosenBackends final : public Backends {
   public:
     static Result<std::unique_ptr<Backends>> make(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
-        auto made = std::unique_ptr<ChosenBackends>(new ChosenBackends);
+        auto made = std::unique_ptr<ChosenBackends>(new ChosenBackends(loop));
         if (auto done = made->open_lights(loop, config); !done) return tl::unexpected(done.error());
         if (auto done = made->open_sensor(loop, config, simulation); !done) return tl::unexpected(done.error());
         if (auto done = made->open_rejector(loop, config, simulation); !done) return tl::unexpected(done.error());
@@ -139,6 +89,10 @@ class ChosenBackends final : public Backends {
     hal::Sensor& sensor() override {
         if (video_) return *video_;
         return recorded_ ? static_cast<hal::Sensor&>(*recorded_) : cell_->sensor();
+    }
+    Result<std::string> ask_module() override {
+        if (!modbus_) return fail(ErrorCode::unsupported, "the rejector is simulated", "nothing to do");
+        return firmware::ask_module(loop_, modbus_options_);
     }
     hal::Rejector& rejector() override { return modbus_ ? static_cast<hal::Rejector&>(*modbus_) : cell_->rejector(); }
 
@@ -161,7 +115,7 @@ class ChosenBackends final : public Backends {
     }
 
   private:
-    ChosenBackends() = default;
+    explicit ChosenBackends(hal::EventLoop& loop) : loop_(loop) {}
 
     // Lights first: they are off from here on.
     Result<void> open_lights(hal::EventLoop& loop, const Config& config) {
@@ -239,9 +193,12 @@ class ChosenBackends final : public Backends {
             });
         }
         modbus_ = std::make_unique<drivers::ModbusRejector>(loop, options);
+        modbus_options_ = std::move(options);
         return {};
     }
 
+    hal::EventLoop& loop_;
+    drivers::ModbusRejectorOptions modbus_options_;
     // In the order in which they may go: devices before what they look at.
     sim::TokenFrames tokens_{{27, 27, 8}};
     std::unique_ptr<sim::RenderedFrames> rendered_;

@@ -42,6 +42,10 @@ class Backends {
     // answer), and as taking the lights' lines does.
     static Result<void> make_safe(const Config& config, Duration patience);
 
+    // What the rejector's module says it is, and how its outputs stand; moves nothing, may block for a few time-outs. Fails as its link
+    // does, with unsupported where the rejector is no module.
+    [[nodiscard]] virtual Result<std::string> ask_module() = 0;
+
     [[nodiscard]] virtual hal::PartSensor& part_sensor() = 0;
     [[nodiscard]] virtual hal::Strobe& strobe() = 0;
     [[nodiscard]] virtual hal::Sensor& sensor() = 0;

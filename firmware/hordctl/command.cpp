@@ -1,10 +1,9 @@
-// hordctl command and selftest: what a PLC would ask of a station, asked by a person.
+// hordctl command: what a PLC would ask of a station, asked by a person.
 #include <algorithm>
 #include <chrono>
 
 #include <fmt/format.h>
 
-#include "firmware/faults.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/remote.h"
 #include "firmware/registers.h"
@@ -36,6 +35,8 @@ CommandCode code_of(std::string_view name) {
     return CommandCode{};
 }
 
+}  // namespace
+
 const char* cure_of(CommandError error) {
     switch (error) {
         case CommandError::not_in_this_state: return "see its state: hordctl status";
@@ -48,26 +49,6 @@ const char* cure_of(CommandError error) {
         default: return "see the station's journal";
     }
 }
-
-Exit self_test(const RemoteOptions& options) {
-    auto client = connect(options);
-    if (!client) return complain(client.error());
-    const auto reply = client->command(CommandCode::self_test, 0, 0, kPatience);
-    if (!reply) return complain(reply.error());
-    if (reply->state == CommandState::completed) {
-        fmt::print("self-test passed: judgement, light, sensor and light level are good\n");
-        return Exit::good;
-    }
-    if (reply->error != CommandError::failed && reply->error != CommandError::device_down) {
-        return complain({ErrorCode::refused, "self-test refused: " + reply->error_name, cure_of(reply->error)});
-    }
-    for (const FaultText& fault : fault_texts()) {
-        if ((reply->result & fault.bit) != 0) fmt::print("{}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);
-    }
-    return Exit::rejected;
-}
-
-}  // namespace
 
 void add_remote_options(CLI::App& command, RemoteOptions& options) {
     options.given = command.add_option("--modbus", options.modbus,
@@ -104,12 +85,6 @@ void add_command(CLI::App& program, Exit& status) {
     command->footer("The station must list this address in modbus.may_write. Exit status: 0 done, 2 refused or not reached.\n"
                     "Example: hordctl command reset --modbus 192.168.1.20:502");
     command->callback([options, &status] { status = send_command(options->remote, code_of(options->name)); });
-
-    auto* test = program.add_subcommand("selftest", "Have a station that does not execute test itself: judgement, light, sensor");
-    add_remote_options(*test, options->remote);
-    test->footer("Exit status: 0 passed, 1 something is wrong (named with its cure), 2 refused or not reached.\n"
-                 "Example: hordctl selftest --modbus 192.168.1.20:502");
-    test->callback([options, &status] { status = self_test(options->remote); });
 }
 
 }  // namespace hord::firmware

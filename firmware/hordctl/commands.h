@@ -30,7 +30,8 @@ void add_experiment(CLI::App& program, Exit& status);
 void add_registers(CLI::App& program, Exit& status);
 void add_scene(CLI::App& program, Exit& status);
 void add_recipe(CLI::App& program, Exit& status);
-void add_command(CLI::App& program, Exit& status);  // command and selftest
+void add_command(CLI::App& program, Exit& status);
+void add_selftest(CLI::App& program, Exit& status);
 void add_results(CLI::App& program, Exit& status);
 void add_replay(CLI::App& program, Exit& status);  // and merge
 

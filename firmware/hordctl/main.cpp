@@ -37,6 +37,7 @@ int main(int argc, char** argv) {
         add_scene(program, status);
         add_recipe(program, status);
         add_command(program, status);
+        add_selftest(program, status);
         add_results(program, status);
         add_replay(program, status);
         program.parse(argc, argv);

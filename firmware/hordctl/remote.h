@@ -17,6 +17,9 @@ struct RemoteOptions {
 // --modbus and --timeout.
 void add_remote_options(CLI::App& command, RemoteOptions& options);
 
+// What a person does about a refused command.
+const char* cure_of(CommandError error);
+
 Result<modbus::Client> connect(const RemoteOptions& options);
 
 // Sends one command and prints what came of it; a refusal goes to stderr with its name. 0 done, 2 refused or not reached.
