@@ -52,7 +52,12 @@ std::string name_in_map(std::string_view row, std::uint32_t value) {
     return fmt::format("{}", value);
 }
 
-Who who_is(const modbus::Origin& origin, std::uint32_t token = 0) { return {std::string(origin.peer), token}; }
+Who who_is(const modbus::Origin& origin) { return {std::string(origin.peer), 0}; }
+// "127.0.0.1:50123 for anna": whom the sender names is recorded beside the address, never instead of it.
+Who who_is(const modbus::Origin& origin, const CommandRequest& request) {
+    const std::string_view name = request.who.view();
+    return {name.empty() ? std::string(origin.peer) : fmt::format("{} for {}", origin.peer, name), request.token};
+}
 
 std::uint16_t scaled(double value, double scale) { return static_cast<std::uint16_t>(std::clamp(std::lround(value * scale), 0L, 0xFFFEL)); }
 
@@ -101,7 +106,7 @@ void Operations::begin(Works works, NumberedRecipe recipe) {
 // -- commands -----------------------------------------------------------------------------------------------------
 
 CommandOutcome Operations::on_command(const modbus::Origin& origin, const CommandRequest& request) {
-    const Who who = who_is(origin, request.token);
+    const Who who = who_is(origin, request);
     const State before = works_->station.core().state();
     const CommandOutcome outcome = carry_out(who, request);
     if (outcome.state != CommandState::executing) record(who, request, before, outcome);
@@ -171,7 +176,7 @@ CommandOutcome Operations::use_recipe(const Who& who, const CommandRequest& requ
 }
 
 CommandOutcome Operations::on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) {
-    const Who who = who_is(origin, request.token);
+    const Who who = who_is(origin, request);
     const State before = works_->station.core().state();
     const CommandOutcome outcome = used(use(who, with_staged(recipe_, staged)));
     record(who, request, before, outcome);

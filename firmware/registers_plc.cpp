@@ -3,6 +3,7 @@
 #include "firmware/registers.h"
 
 #include <algorithm>
+#include <string>
 #include <utility>
 
 namespace hord::firmware {
@@ -55,6 +56,21 @@ Exception check_rows(const Block& block, std::uint16_t address, std::span<const 
     return covered == values.size() ? Exception::none : Exception::illegal_address;
 }
 
+// Registers as text: two printable ASCII characters each, zeros behind the last. Anything else: nothing, it would be recorded.
+std::optional<std::string> printable_text(std::span<const std::uint16_t> words) {
+    std::string text;
+    bool ended = false;
+    for (const std::uint16_t word : words) {
+        for (const unsigned c : {word >> 8U, word & 0xFFU}) {
+            ended = ended || c == 0;
+            if (c == 0) continue;
+            if (ended || c < 0x20 || c > 0x7E) return std::nullopt;
+            text += static_cast<char>(c);
+        }
+    }
+    return text;
+}
+
 bool may_interrupt(std::uint16_t code) {
     const auto command = static_cast<CommandCode>(code);
     return command == CommandCode::stop || command == CommandCode::abort || command == CommandCode::halt;
@@ -103,6 +119,11 @@ Exception PlcDesk::take_command(const modbus::Origin& origin, const StationNow& 
     CommandRequest request{.token = double_word(values), .boot = values[2], .code = values[3]};
     if (values.size() >= 6) request.argument = double_word(values.subspan(4));
     if (values.size() >= 8) request.argument2 = double_word(values.subspan(6));
+    if (values.size() > 8) {
+        const auto who = printable_text(values.subspan(8));
+        if (!who) return Exception::illegal_value;
+        request.who = *who;
+    }
     if (request.token == 0) return Exception::illegal_value;
 
     if (const Remembered* before = find(request.token)) {

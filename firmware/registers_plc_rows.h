@@ -37,6 +37,8 @@ inline constexpr Register kCommand[] = {
     writable(
         number(8008, Type::bits32, "argument2", "", "use_recipe: the recipe's CRC-32, or 0: whatever it is; else 0",
                [](const Source& s) { return plc_bits(s, [](auto& p) { return p.command.argument2; }); })),
+    writable(text(8010, 10, "who", "for whom the sender asks, as it is recorded with its address: printable ASCII; empty, or left out: for itself",
+                  [](const Source& s) { return s.extras.plc ? s.extras.plc->command.who.view() : std::string_view{}; })),
 };
 
 inline constexpr Register kReply[] = {

@@ -33,6 +33,7 @@ class ShortText {
         return {chars_.data(),
                 static_cast<std::size_t>(std::find(chars_.begin(), chars_.end(), '\0') - chars_.begin())};
     }
+    bool operator==(const ShortText&) const = default;
 
   private:
     std::array<char, 32> chars_{};
@@ -108,6 +109,7 @@ struct CommandRequest {
     std::uint16_t boot = 0;   // low half of boot_id, or 0: any
     std::uint16_t code = 0;   // CommandCode
     std::uint32_t argument = 0, argument2 = 0;
+    ShortText who = {};       // for whom the sender asks, at most 20 printable ASCII characters; empty: for itself
     bool operator==(const CommandRequest&) const = default;
 };
 struct CommandReply {

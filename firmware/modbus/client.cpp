@@ -210,7 +210,7 @@ Result<std::vector<Reading>> Client::read_result(std::uint32_t sequence) {
 }
 
 Result<Client::Reply> Client::command(CommandCode code, std::uint32_t argument, std::uint32_t argument2,
-                                      std::chrono::milliseconds patience) {
+                                      std::chrono::milliseconds patience, std::string_view who) {
     const auto boot = read(find_register(BlockId::ident, "boot_id")->address, 2);
     if (!boot) return tl::unexpected(boot.error());
     std::random_device random;
@@ -218,8 +218,16 @@ Result<Client::Reply> Client::command(CommandCode code, std::uint32_t argument, 
     while (token == 0) token = random();
     const auto high = [](std::uint32_t v) { return static_cast<std::uint16_t>(v >> 16U); };
     const auto low = [](std::uint32_t v) { return static_cast<std::uint16_t>(v & 0xFFFFU); };
-    const std::array<std::uint16_t, 8> request{high(token),    low(token),    (*boot)[1],      static_cast<std::uint16_t>(code),
-                                               high(argument), low(argument), high(argument2), low(argument2)};
+    std::vector<std::uint16_t> request{high(token),    low(token),    (*boot)[1],      static_cast<std::uint16_t>(code),
+                                       high(argument), low(argument), high(argument2), low(argument2)};
+    if (!who.empty()) {  // an older station has no such row
+        const std::size_t most = std::size_t{2} * find_register(BlockId::command, "who")->words;
+        if (who.size() > most) return fail(ErrorCode::invalid_argument, fmt::format("\"{}\" is too long a name", who), fmt::format("use at most {} characters", most));
+        for (std::size_t k = 0; k < most; k += 2) {
+            const auto at = [&](std::size_t c) { return static_cast<unsigned>(c < who.size() ? static_cast<unsigned char>(who[c]) : 0); };
+            request.push_back(static_cast<std::uint16_t>(at(k) << 8U | at(k + 1)));
+        }
+    }
     const Block& reply = *find_block(BlockId::reply);
     const auto at = [&](std::string_view row) { return std::size_t{find_register(BlockId::reply, row)->address} - reply.base; };
     const auto until = std::chrono::steady_clock::now() + patience;

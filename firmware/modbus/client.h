@@ -13,6 +13,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace hord::firmware::modbus {
@@ -52,7 +53,7 @@ class Client {
 
     // One command, exactly once: writes it, again with the same token whenever it is not known whether it arrived, and asks
     // until its reply is there. Fails as read() and write() do, with timeout after `patience`. A refusal by the station is
-    // a reply, not a failure.
+    // a reply, not a failure. `who`, at most 20 printable ASCII characters, is recorded as for whom it was asked.
     struct Reply {
         CommandState state = CommandState::none;
         CommandError error = CommandError::none;
@@ -60,7 +61,7 @@ class Client {
         std::string error_name;  // "not_in_this_state"
     };
     [[nodiscard]] Result<Reply> command(CommandCode code, std::uint32_t argument, std::uint32_t argument2,
-                                        std::chrono::milliseconds patience);
+                                        std::chrono::milliseconds patience, std::string_view who = {});
 
     ~Client();
     Client(Client&&) noexcept;

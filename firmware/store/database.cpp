@@ -9,6 +9,18 @@ namespace {
 
 constexpr int kBusyMs = 5000;  // another program reads, or a checkpoint runs
 
+// For a file's name inside a URI.
+std::string percent_encoded(const std::string& name) {
+    std::string out;
+    for (const char c : name) {
+        if (c == '%') out += "%25";
+        else if (c == '?') out += "%3f";
+        else if (c == '#') out += "%23";
+        else out += c;
+    }
+    return out;
+}
+
 }  // namespace
 
 tl::unexpected<Error> Database::failed(int code) const {
@@ -30,6 +42,7 @@ tl::unexpected<Error> Database::failed(int code) const {
             return fail(ErrorCode::busy, name + " is locked by another program", "end that program");
         case SQLITE_IOERR:
             return fail(ErrorCode::io, name + " cannot be read or written (" + detail + ")", "check the disk and its cable, and the system's log");
+        case SQLITE_INTERRUPT: return fail(ErrorCode::timeout, "reading " + name + " takes too long", "ask for less: a shorter time, fewer rows");
         case SQLITE_NOMEM: return fail(ErrorCode::io, "no memory for " + name, "give the station more memory");
         default: return fail(ErrorCode::internal, name + ": " + detail, "report it");
     }
@@ -111,14 +124,26 @@ Result<std::unique_ptr<Database>> Database::open(const std::filesystem::path& fi
     }
     std::unique_ptr<Database> database(new Database(file));
     int flags = SQLITE_OPEN_NOMUTEX;
-    if (access == Access::read) flags |= SQLITE_OPEN_READONLY;
+    if (access == Access::read || access == Access::read_at_rest) flags |= SQLITE_OPEN_READONLY;
     if (access == Access::write) flags |= SQLITE_OPEN_READWRITE;
     if (access == Access::create) flags |= SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
-    const int code = sqlite3_open_v2(file.c_str(), &database->handle_, flags, vfs.empty() ? nullptr : vfs.c_str());
+    std::string name = file.string();
+    if (access == Access::read_at_rest) {
+        flags |= SQLITE_OPEN_URI;
+        name = "file:" + percent_encoded(std::filesystem::absolute(file).string()) + "?immutable=1";
+    }
+    const int code = sqlite3_open_v2(name.c_str(), &database->handle_, flags, vfs.empty() ? nullptr : vfs.c_str());
     if (code != SQLITE_OK) return database->failed(code);
     sqlite3_extended_result_codes(database->handle_, 1);
     sqlite3_busy_timeout(database->handle_, kBusyMs);
     return database;
+}
+
+void Database::limit_time(std::chrono::milliseconds most) {
+    constexpr int kInstructions = 10'000;  // between two looks at the clock: a millisecond at most
+    until_ = std::chrono::steady_clock::now() + most;
+    sqlite3_progress_handler(
+        handle_, kInstructions, [](void* self) { return std::chrono::steady_clock::now() > static_cast<Database*>(self)->until_ ? 1 : 0; }, this);
 }
 
 Database::~Database() { sqlite3_close_v2(handle_); }

@@ -3,6 +3,7 @@
 // One thread at a time. Every error names the file and what a person should do about it (full disk, read-only, damaged).
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -51,7 +52,8 @@ class Statement {
 
 class Database {
   public:
-    enum class Access : std::uint8_t { read, write, create };
+    // read_at_rest: nobody writes it while it is open; nothing is made beside it, no lock is taken.
+    enum class Access : std::uint8_t { read, read_at_rest, write, create };
 
     // `vfs` names another way to the disk (tests); empty: the system's. Fails with not_found, unreadable (damaged, or not
     // a database), io (no permission, full disk).
@@ -66,6 +68,9 @@ class Database {
     Result<Value> get(std::string_view sql, std::span<const Value> values = {});
     Result<std::int64_t> get_integer(std::string_view sql, std::span<const Value> values = {});
 
+    // Statements end within `most` from now, or fail with timeout.
+    void limit_time(std::chrono::milliseconds most);
+
     [[nodiscard]] const std::filesystem::path& file() const { return file_; }
     [[nodiscard]] tl::unexpected<Error> failed(int code) const;
 
@@ -74,6 +79,7 @@ class Database {
     explicit Database(std::filesystem::path file) : file_(std::move(file)) {}
     std::filesystem::path file_;
     sqlite3* handle_ = nullptr;
+    std::chrono::steady_clock::time_point until_{};
 };
 
 // Rolls back unless committed.

@@ -1,6 +1,7 @@
 // Reads a store, also while a station writes it: lists, filters, verifies. Blocks; one thread.
 #pragma once
 
+#include <chrono>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -41,6 +42,8 @@ struct ResultFilter {
     std::string kind;    // at least one of the defects that were kept has it
     std::string recipe;  // name
     std::optional<std::int64_t> run;
+    std::optional<std::int64_t> number, before;  // exactly this number; numbers below it
+    std::optional<std::uint32_t> boot, part;
     std::optional<std::int64_t> newest;  // so many, the last ones
     std::optional<std::int64_t> after;   // of results: with a higher number
     std::optional<std::int64_t> oldest;  // of results: so many, the first ones
@@ -67,6 +70,9 @@ class StoreReader {
 
     [[nodiscard]] const std::string& id() const;  // the store's name for itself: another store has another
     Result<std::int64_t> newest_number();         // of results; 0: none yet
+    // Whatever is asked from now on ends within this time, or fails with timeout: a long read keeps the station's log from being
+    // folded into its file.
+    void limit_time(std::chrono::milliseconds most);
 
     // In the order of their numbers.
     Result<void> each_result(const ResultFilter& filter, const std::function<void(const StoredResult&)>& take);

@@ -116,6 +116,29 @@ TEST_F(PlcSide, a_repeated_token_does_nothing_and_shows_its_reply_again) {
     EXPECT_EQ(read32(8029), 2U);
 }
 
+TEST_F(PlcSide, a_command_says_for_whom_it_is_sent) {
+    const Words anna{0, 5, 0, 2, 0, 0, 0, 0, 'a' << 8 | 'n', 'n' << 8 | 'a', 0, 0, 0, 0, 0, 0, 0, 0};
+    ASSERT_EQ(write(8002, anna), Exception::none);
+    ASSERT_EQ(station.commands.size(), 1U);
+    EXPECT_EQ(station.commands[0].who.view(), "anna");
+    EXPECT_THAT(read(8000, 20)[10], 'a' << 8 | 'n');
+    EXPECT_EQ(command(6, CommandCode::arm), Exception::none);  // left out: for itself
+    EXPECT_EQ(station.commands[1].who.view(), "");
+    EXPECT_EQ(read(8000, 20)[10], 0);
+}
+
+TEST_F(PlcSide, a_name_that_is_not_printable_or_not_whole_is_refused) {
+    Words words{0, 5, 0, 2, 0, 0, 0, 0, 'a' << 8 | 'n', 'n' << 8 | '\n', 0, 0, 0, 0, 0, 0, 0, 0};
+    EXPECT_EQ(write(8002, words), Exception::illegal_value);
+    words[9] = 'n';  // nothing, then an n
+    EXPECT_EQ(write(8002, words), Exception::illegal_value);
+    words[9] = 'n' << 8 | 0xE4;
+    EXPECT_EQ(write(8002, words), Exception::illegal_value);
+    words.resize(12);
+    EXPECT_EQ(write(8002, words), Exception::illegal_value);
+    EXPECT_THAT(station.commands, IsEmpty());
+}
+
 TEST_F(PlcSide, a_token_used_for_another_command_is_refused) {
     ASSERT_EQ(command(5, CommandCode::arm), Exception::none);
     ASSERT_EQ(command(5, CommandCode::stop), Exception::none);
