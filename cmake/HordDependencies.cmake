@@ -30,3 +30,13 @@ pkg_check_modules(mosquitto IMPORTED_TARGET libmosquitto)
 if(NOT mosquitto_FOUND)
   message(FATAL_ERROR "libmosquitto is missing, which hord-mqtt is built with: apt-get install libmosquitto-dev")
 endif()
+
+# Of the page alone (firmware/page). pkg-config's own complaint does not name Debian's package.
+pkg_check_modules(httplib IMPORTED_TARGET cpp-httplib)
+if(NOT httplib_FOUND)
+  message(FATAL_ERROR "cpp-httplib, which hord-page answers browsers with, is missing: install libcpp-httplib-dev")
+endif()
+pkg_check_modules(prometheus IMPORTED_TARGET prometheus-cpp-core)
+if(NOT prometheus_FOUND)
+  message(FATAL_ERROR "prometheus-cpp, which hord-page writes /metrics with, is missing: install prometheus-cpp-dev")
+endif()

@@ -206,6 +206,16 @@ Result<void> write(const std::filesystem::path& file, const cv::Mat& image) {
 
 }  // namespace
 
+Result<std::vector<std::uint8_t>> encode_png(const Picture& picture) {
+    std::vector<std::uint8_t> bytes;
+    try {
+        if (cv::imencode(".png", to_mat(picture), bytes)) return bytes;
+    } catch (const cv::Exception& error) {
+        return fail(ErrorCode::internal, std::string("a picture cannot be made a PNG (") + error.what() + ")");
+    }
+    return fail(ErrorCode::internal, "a picture cannot be made a PNG");
+}
+
 Result<void> write_png(const std::filesystem::path& file, const Picture& picture) { return write(file, to_mat(picture)); }
 
 Result<void> write_float_tiff(const std::filesystem::path& file, algo::Map map, const algo::Extents& extents) {

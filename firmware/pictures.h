@@ -53,6 +53,9 @@ Picture montage(std::span<const MontageRow> rows);
 // The picture at 1/factor of its size, averaged.
 Picture reduced(const Picture& picture, int factor);
 
+// The picture as the bytes of a PNG file. Fails with internal.
+Result<std::vector<std::uint8_t>> encode_png(const Picture& picture);
+
 // Fail with io, naming the file and the cure.
 Result<void> write_png(const std::filesystem::path& file, const Picture& picture);
 Result<void> write_float_tiff(const std::filesystem::path& file, algo::Map map, const algo::Extents& extents);

@@ -61,7 +61,7 @@ std::optional<std::string> printable_text(std::span<const std::uint16_t> words) 
     std::string text;
     bool ended = false;
     for (const std::uint16_t word : words) {
-        for (const unsigned c : {word >> 8U, word & 0xFFU}) {
+        for (const unsigned c : {unsigned{word} >> 8U, unsigned{word} & 0xFFU}) {
             ended = ended || c == 0;
             if (c == 0) continue;
             if (ended || c < 0x20 || c > 0x7E) return std::nullopt;
@@ -122,7 +122,7 @@ Exception PlcDesk::take_command(const modbus::Origin& origin, const StationNow& 
     if (values.size() > 8) {
         const auto who = printable_text(values.subspan(8));
         if (!who) return Exception::illegal_value;
-        request.who = *who;
+        request.who = ShortText(*who);
     }
     if (request.token == 0) return Exception::illegal_value;
 

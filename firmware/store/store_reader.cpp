@@ -150,6 +150,7 @@ Result<void> StoreReader::each_result(const ResultFilter& filter, const std::fun
 Result<void> StoreReader::each_change(const ResultFilter& filter, const std::function<void(const StoredChange&)>& take) {
     Conditions where;
     add_times(where, filter);
+    if (!filter.what.empty()) where.add("what = ", filter.what);
     // Changes and commands have numbers of their own; together they are in the order of their times.
     const std::string both =
         "SELECT * FROM (SELECT number, run, time_us, what, peer, token, name, before, after, entry FROM changes UNION ALL "

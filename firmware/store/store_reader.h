@@ -44,6 +44,7 @@ struct ResultFilter {
     std::optional<std::int64_t> run;
     std::optional<std::int64_t> number, before;  // exactly this number; numbers below it
     std::optional<std::uint32_t> boot, part;
+    std::string what;                    // of changes: "recipe", "command", "start" ...
     std::optional<std::int64_t> newest;  // so many, the last ones
     std::optional<std::int64_t> after;   // of results: with a higher number
     std::optional<std::int64_t> oldest;  // of results: so many, the first ones
@@ -76,7 +77,7 @@ class StoreReader {
 
     // In the order of their numbers.
     Result<void> each_result(const ResultFilter& filter, const std::function<void(const StoredResult&)>& take);
-    Result<void> each_change(const ResultFilter& filter, const std::function<void(const StoredChange&)>& take);  // time, run, newest
+    Result<void> each_change(const ResultFilter& filter, const std::function<void(const StoredChange&)>& take);  // time, run, what, newest
 
     // Reads every row. `noted`: heads that were noted before ("results 4711 9f86..."): the row must have that hash still, or
     // have been removed by retention. At most 100 problems a chain are told one by one.

@@ -1,0 +1,126 @@
+// hord-page: the station's page for people, and /metrics. A process of its own that only reads: kill it, and the line goes on.
+#include <csignal>
+#include <cstdio>
+#include <string>
+#include <thread>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include "firmware/page/latest_picture.h"
+#include "firmware/page/server.h"
+#include "firmware/page/station_watch.h"
+#include "firmware/store/frame_archive.h"
+
+namespace {
+
+using namespace hord;
+using namespace hord::firmware;
+using namespace hord::firmware::page;
+
+constexpr int kBadConfiguration = 78, kCannotRun = 2;
+constexpr auto kCommandPatience = std::chrono::seconds(10);
+constexpr auto kModbusPatience = std::chrono::milliseconds(1000);
+
+struct Options {
+    std::string config = "/etc/hord/page.toml", modbus, store, listen;
+    const CLI::Option* config_given = nullptr;
+    bool check = false;
+};
+
+int complain(const Error& error, int status) {
+    fmt::print(stderr, "hord-page: {}\n", error.message());
+    return status;
+}
+
+// The file, where there is one (it must be there when it was named), and what the command line says instead.
+Result<PageConfig> configuration(const Options& options) {
+    PageConfig config;
+    if (options.config_given->count() > 0 || std::filesystem::exists(options.config)) {
+        auto loaded = load_page_config(options.config);
+        if (!loaded) return loaded;
+        config = std::move(*loaded);
+    }
+    if (!options.modbus.empty()) config.modbus = options.modbus;
+    if (!options.store.empty()) config.store = options.store;
+    if (!options.listen.empty()) {
+        const bool any = options.listen.ends_with(":0");
+        const auto endpoint = modbus::parse_endpoint(any ? options.listen.substr(0, options.listen.size() - 2) : options.listen);
+        if (!endpoint) return fail(ErrorCode::invalid_argument, "\"" + options.listen + "\" is no address to listen at", "write HOST:PORT, for example 127.0.0.1:8070");
+        config.host = endpoint->host;
+        config.port = any ? std::uint16_t{0} : endpoint->port;
+    }
+    return config;
+}
+
+void log(const std::string& line) { fmt::print(stderr, "hord-page: {}\n", line); }
+
+int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint& station) {
+    // Taken by sigwait() below; no thread may be interrupted by them.
+    sigset_t ends;
+    sigemptyset(&ends);
+    for (const int signal : {SIGINT, SIGTERM}) sigaddset(&ends, signal);
+    pthread_sigmask(SIG_BLOCK, &ends, nullptr);
+
+    Viewers viewers(static_cast<std::size_t>(config.viewers));
+    Live live(viewers);
+    Results results(config.store);
+    KeptFrames frames(config.store / store::kFramesFolder);
+    PartPictures pictures;
+    const auto command = [&](CommandCode code, std::uint32_t argument, std::uint32_t argument2, const std::string& who) -> Result<modbus::Client::Reply> {
+        auto client = modbus::Client::connect(station, kModbusPatience);
+        if (!client) return tl::unexpected(client.error());
+        return client->command(code, argument, argument2, kCommandPatience, who);
+    };
+    Pages pages({config, tokens, viewers, live, results, frames, pictures, command, log, HORD_VERSION});
+    auto server = PageServer::open(config, pages, viewers);
+    if (!server) return complain(server.error(), kCannotRun);
+
+    LatestPicture latest(live, viewers, frames, pictures);
+    StationWatch watch(station, config.poll, live, [&] { latest.look(); });
+    std::thread answering([&] { (*server)->run(); });
+    log(fmt::format("http://{}:{}/ shows the station at {}{}", config.host, (*server)->port(), config.modbus, tokens.empty() ? "" : "; commands need a token"));
+    if (!tokens.empty() && config.host != "127.0.0.1" && config.host != "localhost" && config.host != "::1") {
+        log("tokens travel unencrypted beyond this machine: put a TLS proxy in front, see docs/page.md");
+    }
+    int signal = 0;
+    sigwait(&ends, &signal);
+    (*server)->stop();
+    answering.join();
+    return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    Options options;
+    CLI::App program{"hord-page: the station's page for a browser, and /metrics for Prometheus; reads registers, store and pictures, runs until SIGTERM"};
+    program.set_version_flag("--version", "hord-page " HORD_VERSION);
+    options.config_given = program.add_option("--config", options.config, "Configuration (TOML); where it does not exist, the defaults")->capture_default_str();
+    program.add_option("--listen", options.listen, "Where the page is, HOST:PORT (port 0: any free one), instead of what the configuration says");
+    program.add_option("--modbus", options.modbus, "The station's register server, HOST[:PORT], instead of what the configuration says");
+    program.add_option("--store", options.store, "The station's store, instead of what the configuration says");
+    program.add_flag("--check", options.check, "Only read the configuration and the tokens, and say what is wrong with them");
+    program.footer("Exit status: 0 stopped as asked, 2 the port cannot be used, or usage, 78 the configuration cannot be used.\n"
+                   "Example: hord-page --modbus 127.0.0.1:1502 --store /var/lib/hord/store --listen 127.0.0.1:8070");
+    try {
+        program.parse(argc, argv);
+    } catch (const CLI::Success& asked) {
+        return program.exit(asked);
+    } catch (const CLI::ParseError& error) {
+        fmt::print(stderr, "hord-page: {}: see hord-page --help\n", error.what());
+        return kCannotRun;
+    }
+    const auto config = configuration(options);
+    if (!config) return complain(config.error(), kBadConfiguration);
+    const auto station = modbus::parse_endpoint(config->modbus);
+    if (!station) return complain(station.error(), kBadConfiguration);
+    auto tokens = config->tokens.empty() ? Result<Tokens>(Tokens{}) : Tokens::load(config->tokens);
+    if (!tokens) return complain(tokens.error(), kBadConfiguration);
+    if (options.check) {
+        fmt::print("{} can be used\n", options.config);
+        return 0;
+    }
+    return serve(*config, *tokens, *station);
+}

@@ -1,0 +1,119 @@
+#include "firmware/page/kept_frames.h"
+
+#include <algorithm>
+#include <charconv>
+#include <fstream>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "firmware/store/frame_archive.h"
+
+namespace hord::firmware::page {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+constexpr int kMostTried = 8;  // frames of parts with the same number, of other starts
+
+// "000000000123-20261121T071500Z-p42-reject.png"
+std::optional<std::pair<std::uint64_t, std::uint32_t>> number_and_part_of(const std::string& name) {
+    constexpr std::size_t kPartAt = 12 + 1 + 16 + 2;
+    if (name.size() <= kPartAt || !name.ends_with(".png") || name[12] != '-' || name.compare(kPartAt - 2, 2, "-p") != 0) return std::nullopt;
+    std::uint64_t number = 0;
+    std::uint32_t part = 0;
+    const char* end = name.data() + name.size();
+    if (const auto read = std::from_chars(name.data(), name.data() + 12, number); read.ec != std::errc() || read.ptr != name.data() + 12) return std::nullopt;
+    if (const auto read = std::from_chars(name.data() + kPartAt, end, part); read.ec != std::errc() || read.ptr == end || *read.ptr != '-') return std::nullopt;
+    return std::pair{number, part};
+}
+
+}  // namespace
+
+// With the lock. The folder's time tells whether anything came or went; a large folder is not listed more often than it bears.
+void KeptFrames::look() {
+    const auto now = std::chrono::steady_clock::now();
+    if (now < look_again_) return;
+    std::error_code error;
+    const auto changed = fs::last_write_time(folder_, error);
+    if (error) {
+        known_.clear();
+        return;
+    }
+    // Times of a folder have a grain: what changed just now may change again within it.
+    const bool settled = fs::file_time_type::clock::now() - changed > std::chrono::seconds(2);
+    if (changed == changed_ && settled && !known_.empty()) return;
+    std::vector<Known> found;
+    for (fs::directory_iterator entry(folder_, error); !error && entry != fs::directory_iterator(); entry.increment(error)) {
+        std::string name = entry->path().filename().string();
+        if (const auto is = number_and_part_of(name)) found.push_back({is->first, is->second, std::move(name)});
+        if (found.size() >= 2 * kMostFiles) {  // the oldest half goes
+            std::nth_element(found.begin(), found.begin() + kMostFiles, found.end(), [](const Known& a, const Known& b) { return a.number > b.number; });
+            found.resize(kMostFiles);
+        }
+    }
+    std::sort(found.begin(), found.end(), [](const Known& a, const Known& b) { return a.number < b.number; });
+    if (found.size() > kMostFiles) found.erase(found.begin(), found.end() - kMostFiles);
+    known_ = std::move(found);
+    changed_ = changed;
+    const auto took = std::chrono::steady_clock::now() - now;
+    look_again_ = now + took * 10 + std::chrono::milliseconds(30);
+}
+
+Result<KeptFrame> KeptFrames::read(const std::string& name) const {
+    const fs::path file = folder_ / name;
+    std::error_code error;
+    const auto size = fs::file_size(file, error);
+    if (error) return fail(ErrorCode::not_found, name + " is no longer kept", "the ring of pictures has made room for newer ones");
+    if (size > kLargestFile) return fail(ErrorCode::unreadable, name + " is too large for a frame", "see the store's folder");
+    KeptFrame kept;
+    kept.name = name;
+    kept.bytes.resize(static_cast<std::size_t>(size));
+    std::ifstream in(file, std::ios::binary);
+    if (!in.read(reinterpret_cast<char*>(kept.bytes.data()), static_cast<std::streamsize>(size))) {
+        return fail(ErrorCode::io, name + " cannot be read", "check the rights of the page's user, and the disk");
+    }
+    auto frame = store::decode_png(kept.bytes, name);
+    if (!frame) return tl::unexpected(frame.error());
+    kept.frame = std::move(*frame);
+    return kept;
+}
+
+Result<KeptFrame> KeptFrames::find(std::uint32_t boot, std::uint32_t part) {
+    std::vector<std::string> names;
+    {
+        const std::lock_guard lock(mutex_);
+        look();
+        for (auto at = known_.rbegin(); at != known_.rend() && names.size() < kMostTried; ++at) {
+            if (at->part == part) names.push_back(at->name);
+        }
+    }
+    std::optional<Error> torn;
+    for (const std::string& name : names) {
+        auto kept = read(name);
+        if (!kept) {
+            if (kept.error().code != ErrorCode::not_found) torn = kept.error();
+            continue;
+        }
+        const Json metadata = Json::parse(kept->frame.metadata, nullptr, false);
+        const auto is = [&](const char* key, std::uint32_t value) { return metadata.is_object() && metadata.contains(key) && metadata[key].is_number_unsigned() && metadata[key] == value; };
+        if (is("boot", boot) && is("part", part)) return kept;
+    }
+    if (torn) return tl::unexpected(*torn);
+    return fail(ErrorCode::not_found, fmt::format("no frame of part {} is kept", part), "frames are kept of parts that did not pass, of some around them, and of samples, while there is room");
+}
+
+std::optional<KeptFrame> KeptFrames::newest() {
+    std::string name;
+    {
+        const std::lock_guard lock(mutex_);
+        look();
+        if (known_.empty() || known_.back().name == given_) return std::nullopt;
+        name = given_ = known_.back().name;
+    }
+    auto kept = read(name);
+    if (!kept) return std::nullopt;
+    return std::move(*kept);
+}
+
+}  // namespace hord::firmware::page

@@ -1,0 +1,54 @@
+// The picture ring as the page reads it: which frame belongs to which part, and what is in it. Only reads; a frame that is being
+// written, was removed meanwhile or is torn is told as that. Any thread.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "algo/result.h"
+#include "firmware/store/frame_png.h"
+
+namespace hord::firmware::page {
+
+struct KeptFrame {
+    std::string name;                 // of its file
+    std::vector<std::uint8_t> bytes;  // of its file
+    store::AnnotatedFrame frame;
+};
+
+class KeptFrames {
+  public:
+    static constexpr std::size_t kMostFiles = 200'000;             // the newest ones are known
+    static constexpr std::uintmax_t kLargestFile = 64 * 1024 * 1024;
+
+    explicit KeptFrames(std::filesystem::path folder) : folder_(std::move(folder)) {}
+
+    // The frame of this part of this start of the station. Fails with not_found (none is kept), unreadable (torn), io.
+    Result<KeptFrame> find(std::uint32_t boot, std::uint32_t part);
+
+    // The newest one whatever it shows; nothing when it is the one that was given last, or there is none.
+    std::optional<KeptFrame> newest();
+
+  private:
+    struct Known {
+        std::uint64_t number;
+        std::uint32_t part;
+        std::string name;
+    };
+    void look();
+    Result<KeptFrame> read(const std::string& name) const;
+
+    const std::filesystem::path folder_;
+    std::mutex mutex_;
+    std::vector<Known> known_;  // by number
+    std::filesystem::file_time_type changed_{};
+    std::chrono::steady_clock::time_point look_again_{};
+    std::string given_;
+};
+
+}  // namespace hord::firmware::page

@@ -1,0 +1,190 @@
+#include "firmware/page/live.h"
+
+#include <algorithm>
+#include <cctype>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "firmware/faults.h"
+
+namespace hord::firmware::page {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+std::string dumped(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+
+std::string lower(std::string_view name) {
+    std::string out(name);
+    std::transform(out.begin(), out.end(), out.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    return out;
+}
+
+Json faults_of(std::uint32_t bits) {
+    Json list = Json::array();
+    for (const FaultText& fault : fault_texts()) {
+        if ((bits & fault.bit) != 0) list.push_back({{"name", fault.name}, {"meaning", fault.meaning}, {"cure", fault.cure}});
+    }
+    return list;
+}
+
+// Every row of every block that was read: numbers where there are any, names of values as text beside them.
+Json rows_of(const Moment& moment) {
+    Json json = Json::object();
+    for (const auto& [id, readings] : moment.blocks()) {
+        Json block = Json::object();
+        for (const Reading& r : readings) {
+            const std::string name(r.what->name);
+            const bool named = r.what->type == RegisterType::u16 && !r.what->values.empty();
+            if (r.what->type == RegisterType::text || (named && r.number)) block[name] = Moment::plain_text(r);
+            else if (r.number && r.what->scale == 1) block[name] = static_cast<std::int64_t>(*r.number);
+            else if (r.number) block[name] = *r.number;
+            else block[name] = nullptr;
+        }
+        json[lower(find_block(id)->name)] = std::move(block);
+    }
+    return json;
+}
+
+std::optional<float> in_ms(std::optional<double> us) { return us ? std::optional<float>(static_cast<float>(*us / 1e3)) : std::nullopt; }
+std::optional<float> as_is(std::optional<double> value) { return value ? std::optional<float>(static_cast<float>(*value)) : std::nullopt; }
+
+}  // namespace
+
+void LatencyHistogram::add(double seconds) {
+    const auto at = std::lower_bound(kBounds_s.begin(), kBounds_s.end(), seconds);
+    ++counts[static_cast<std::size_t>(at - kBounds_s.begin())];
+    sum_s += seconds;
+}
+
+std::string SeenResult::key() const { return fmt::format("{:08x}-{}", boot, part); }
+
+std::string SeenResult::json() const {
+    Json json{{"key", key()}, {"sequence", sequence}, {"part", part}, {"verdict", verdict}, {"reason", reason}, {"reject", reject}, {"defects", defects},
+              {"verdict_ms", verdict_ms}};
+    json["score"] = score ? Json(*score) : Json();
+    json["latency_us"] = latency_us ? Json(*latency_us) : Json();
+    json["reject_latency_us"] = reject_latency_us ? Json(*reject_latency_us) : Json();
+    return dumped(json);
+}
+
+void Live::saw(const Moment& moment) {
+    const std::lock_guard lock(mutex_);
+    up_ = true;
+    moment_ = moment;
+    viewers_.tell("state", state_locked());
+}
+
+void Live::saw(const SeenResult& result) {
+    const std::lock_guard lock(mutex_);
+    strip_.push_back(result);
+    if (strip_.size() > kStrip) strip_.pop_front();
+    if (result.latency_us) verdict_.add(*result.latency_us / 1e6);
+    if (result.reject == "confirmed" && result.reject_latency_us) reject_.add(*result.reject_latency_us / 1e6);
+    ++by_reason_[result.reason];
+    if (result.verdict != "pass") reject_newest_ = result;
+    viewers_.tell("result", result.json());
+}
+
+void Live::missed(std::uint32_t results) {
+    const std::lock_guard lock(mutex_);
+    missed_ += results;
+}
+
+void Live::lost(const Error& error) {
+    const std::lock_guard lock(mutex_);
+    const bool news = up_ || error.what != trouble_.what;
+    up_ = false;
+    trouble_ = error;
+    if (news) viewers_.tell("state", state_locked());
+}
+
+void Live::saw_picture(const SeenResult& of) {
+    const std::lock_guard lock(mutex_);
+    picture_ = of.key();
+    viewers_.tell("picture", "{\"key\":\"" + picture_ + "\"}");
+}
+
+std::optional<SeenResult> Live::newest_reject() const {
+    const std::lock_guard lock(mutex_);
+    return reject_newest_;
+}
+
+void Live::saw_light(double share) {
+    const std::lock_guard lock(mutex_);
+    light_ = share;
+}
+
+void Live::sample(std::int64_t now_s) {
+    const std::lock_guard lock(mutex_);
+    HistoryValues v;
+    if (up_) {
+        const auto health = [&](std::string_view row) { return moment_.number(BlockId::health, row); };
+        const auto count = [&](std::string_view row) { return moment_.number(BlockId::counters, row).value_or(0); };
+        const Counted now{moment_.bits(BlockId::ident, "boot_id"), count("pass"), count("reject"), count("unfit")};
+        v[0] = as_is(health("parts_per_minute"));
+        if (counted_ && counted_->boot == now.boot) {
+            const double per_minute = 60.0 / History::kShortStep_s;
+            v[1] = as_is((now.pass - counted_->pass) * per_minute);
+            v[2] = as_is((now.reject - counted_->reject) * per_minute);
+            v[3] = as_is((now.unfit - counted_->unfit) * per_minute);
+        }
+        counted_ = now;
+        v[4] = in_ms(health("latency_p50"));
+        v[5] = in_ms(health("latency_p99"));
+        v[6] = in_ms(health("reject_p99"));
+        v[7] = as_is(moment_.number(BlockId::calibration, "drift"));
+        v[8] = as_is(moment_.number(BlockId::calibration, "residual"));
+        if (light_) v[9] = static_cast<float>(100 * *light_);
+        v[10] = as_is(health("processor"));
+        v[11] = as_is(health("disk_free"));
+    } else {
+        counted_.reset();
+    }
+    history_.add(now_s, v);
+}
+
+std::string Live::state_locked() const {
+    Json json{{"up", up_}};
+    if (!up_) json["trouble"] = {{"what", trouble_.what}, {"cure", trouble_.cure}};
+    const std::uint32_t active = up_ ? moment_.bits(BlockId::status, "faults_active") : 0, latched = up_ ? moment_.bits(BlockId::status, "faults_latched") : 0;
+    const std::uint32_t bits = moment_.bits(BlockId::status, "bits");
+    json["line_stop"] = up_ && (bits >> 2U & 1U) != 0;
+    json["run_permit"] = up_ && (bits >> 1U & 1U) != 0;
+    json["plc_lost"] = up_ && (bits >> 7U & 1U) != 0;
+    json["results_overrun"] = up_ && (bits >> 6U & 1U) != 0;
+    json["faults_active"] = faults_of(active);
+    json["faults_latched"] = faults_of(latched & ~active);
+    json["light_share"] = light_ ? Json(*light_) : Json();
+    json["rows"] = rows_of(moment_);
+    return dumped(json);
+}
+
+std::string Live::state_json() const {
+    const std::lock_guard lock(mutex_);
+    return state_locked();
+}
+
+std::string Live::page_json() const {
+    const std::lock_guard lock(mutex_);
+    std::string out = "{\"state\":" + state_locked() + ",\"results\":[";
+    const char* comma = "";
+    for (const SeenResult& result : strip_) {
+        out += comma + result.json();
+        comma = ",";
+    }
+    return out + "],\"picture\":" + (picture_.empty() ? std::string("null") : '"' + picture_ + '"') + "}";
+}
+
+std::string Live::history_json(bool long_steps) const {
+    const std::lock_guard lock(mutex_);
+    return history_.json(long_steps);
+}
+
+Live::Figures Live::figures() const {
+    const std::lock_guard lock(mutex_);
+    return {up_, moment_, verdict_, reject_, by_reason_, missed_, light_};
+}
+
+}  // namespace hord::firmware::page

@@ -1,0 +1,289 @@
+#include "firmware/page/pages.h"
+
+#include <algorithm>
+#include <cctype>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "firmware/page/site.h"
+#include "firmware/store/export.h"
+
+namespace hord::firmware::page {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr std::string_view kBearer = "Bearer ";
+
+std::string dumped(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+
+Reply refusal(int status, std::string_view what, std::string_view cure) {
+    Reply reply;
+    reply.status = status;
+    reply.body = dumped({{"error", what}, {"cure", cure}});
+    return reply;
+}
+
+Reply refusal(const Error& error) {
+    const int status = error.code == ErrorCode::not_found          ? 404
+                       : error.code == ErrorCode::invalid_argument ? 400
+                       : error.code == ErrorCode::busy || error.code == ErrorCode::timeout || error.code == ErrorCode::disconnected ? 503
+                                                                                                                                 : 500;
+    return refusal(status, error.what, error.cure);
+}
+
+Reply json(Result<std::string> text) {
+    if (!text) return refusal(text.error());
+    Reply reply;
+    reply.body = std::move(*text);
+    return reply;
+}
+
+Reply file(std::string type, std::string body) {
+    Reply reply;
+    reply.type = std::move(type);
+    reply.body = std::move(body);
+    return reply;
+}
+
+std::string bytes(const std::vector<std::uint8_t>& from) { return {from.begin(), from.end()}; }
+
+std::string field(const Fields& fields, const std::string& name) {
+    const auto at = fields.find(name);
+    return at == fields.end() ? std::string() : at->second;
+}
+
+// "localhost:8070", "[::1]:8070" without its port, in small letters.
+std::string host_alone(std::string_view host) {
+    if (host.starts_with('[')) {
+        const auto end = host.find(']');
+        host = end == std::string_view::npos ? host : host.substr(0, end + 1);
+    } else if (const auto colon = host.find(':'); colon != std::string_view::npos) {
+        host = host.substr(0, colon);
+    }
+    std::string out(host);
+    std::transform(out.begin(), out.end(), out.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    return out;
+}
+
+// Those that the page offers; a recipe is chosen by number, and its limits are not set from here.
+const NamedValue* command_of(std::string_view name) {
+    for (const NamedValue& value : find_register(BlockId::command, "code")->values) {
+        const auto code = static_cast<CommandCode>(value.value);
+        if (value.name == name && code != CommandCode::commit_recipe && code != CommandCode::teach) return &value;
+    }
+    return nullptr;
+}
+
+const char* cure_of(CommandError error) {
+    switch (error) {
+        case CommandError::not_in_this_state: return "the station is in another state: see above";
+        case CommandError::device_down: return "see the active faults";
+        case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC";
+        case CommandError::not_yet: return "parts are still on the line, or the ejector is still acting: try again in a moment";
+        case CommandError::no_such_recipe: return "the station has no recipe of this number";
+        case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
+        default: return "see the station's journal";
+    }
+}
+
+std::optional<std::uint32_t> number_in(const Json& body, const char* name) {
+    if (!body.contains(name)) return 0;
+    const Json& value = body[name];
+    if (!value.is_number_unsigned() || value.get<std::uint64_t>() > 0xFFFFFFFFU) return std::nullopt;
+    return value.get<std::uint32_t>();
+}
+
+}  // namespace
+
+const std::vector<std::pair<std::string, std::string>>& headers_of_every_reply() {
+    static const std::vector<std::pair<std::string, std::string>> kHeaders{
+        {"Content-Security-Policy",
+         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"},
+        {"X-Content-Type-Options", "nosniff"},
+        {"X-Frame-Options", "DENY"},
+        {"Referrer-Policy", "no-referrer"},
+        {"Cross-Origin-Resource-Policy", "same-origin"},
+        {"Cross-Origin-Opener-Policy", "same-origin"},
+        {"Permissions-Policy", "camera=(), microphone=(), geolocation=()"},
+        {"Cache-Control", "no-store"},
+    };
+    return kHeaders;
+}
+
+Reply Pages::counted(Reply reply) {
+    const std::lock_guard lock(mutex_);
+    ++replies_[reply.status];
+    return reply;
+}
+
+bool Pages::may_be_called(std::string_view given) const {
+    const std::string host = host_alone(given);
+    if (host == "localhost" || host == "127.0.0.1" || host == "[::1]" || host == host_alone(works_.config.host)) return true;
+    return std::find(works_.config.names.begin(), works_.config.names.end(), host) != works_.config.names.end();
+}
+
+Reply Pages::answer(const Request& request) {
+    if (auto reply = answer_without_body(request)) return std::move(*reply);
+    return answer_command(request);
+}
+
+std::optional<Reply> Pages::answer_without_body(const Request& request) {
+    if (request.host.empty() || !may_be_called(request.host)) {
+        return counted(refusal(421, "this page is not called \"" + host_alone(request.host).substr(0, 80) + "\"", "add the name to page.names in page.toml, or use the address that it listens at"));
+    }
+    if (request.path.find('\0') != std::string::npos || request.path.empty() || request.path[0] != '/') return counted(refusal(400, "that is no address of this page", "begin at /"));
+    if (request.method == "POST" && request.path == "/api/command") {
+        if (works_.tokens.empty()) return counted(refuse_command(403, "this page only shows", "to allow commands, name a file of tokens in page.toml: [actions] tokens", request));
+        if (!request.content_type.starts_with("application/json")) return counted(refuse_command(415, "a command is JSON", "send {\"command\":\"stop\"} as application/json", request));
+        return std::nullopt;
+    }
+    if (request.method != "GET" && request.method != "HEAD") {
+        Reply reply = refusal(405, "this page only answers GET", "commands are sent to /api/command with POST");
+        reply.headers.emplace_back("Allow", request.path == "/api/command" ? "POST" : "GET, HEAD");
+        return counted(std::move(reply));
+    }
+    return counted(get(request));
+}
+
+Reply Pages::get(const Request& request) {
+    const std::string_view path = request.path;
+    for (const SiteFile& known : site_files()) {
+        if (path == known.path || (path == "/" && known.path == "/index.html")) return file(std::string(known.type), std::string(known.text));
+    }
+    if (path == "/metrics") return metrics();
+    if (path == "/api/page") {
+        std::string text = works_.live.page_json();
+        text.pop_back();
+        return json(text + fmt::format(",\"actions\":{},\"version\":\"{}\"}}", !works_.tokens.empty(), works_.version));
+    }
+    if (path == "/api/state") return json(works_.live.state_json());
+    if (path == "/api/events") {
+        Reply reply = file("text/event-stream", "retry: 1000\n\n");
+        reply.events = true;
+        return reply;
+    }
+    if (path == "/api/history") {
+        const std::string span = field(request.query, "span");
+        if (!span.empty() && span != "15m" && span != "24h") return refusal(400, "there is no such span", "ask for 15m or 24h");
+        return json(works_.live.history_json(span == "24h"));
+    }
+    if (path == "/api/results") return json(works_.results.search(request.query));
+    if (path == "/api/recipe") return json(works_.results.recipe_in_use());
+    if (path == "/api/changes") return json(works_.results.changes(30));
+    constexpr std::string_view kParts = "/parts/";
+    if (path.starts_with(kParts)) {
+        const std::string_view rest = path.substr(kParts.size());
+        const auto slash = rest.find('/');
+        if (slash != std::string_view::npos) return part(request, rest.substr(0, slash), rest.substr(slash + 1));
+    }
+    return refusal(404, "there is nothing at this address", "begin at /");
+}
+
+Reply Pages::part(const Request& request, std::string_view name, std::string_view what) {
+    const auto key = parse_part_key(name);
+    if (!key) return refusal(400, "that is no part", "write a result's number, or the station's start and the part's number: 4711, 0a1b2c3d-42");
+    if (what != "record.json" && what != "record.tar" && what != "frame.png" && what != "map.png" && what != "found.json") {
+        return refusal(404, "a part has no such file", "ask for record.json, record.tar, frame.png, map.png or found.json");
+    }
+    PartKey named = *key;
+    std::optional<store::StoredResult> row;
+    const bool wants_row = what.starts_with("record") || named.number;
+    if (wants_row) {
+        auto found = works_.results.one(*key);
+        if (!found) return refusal(found.error());
+        row = std::move(*found);
+        named.boot = row->boot;
+        named.part = row->part;
+    }
+    const std::string base = fmt::format("part-{:08x}-{}", named.boot, named.part);
+    const auto download = [&](Reply reply, const std::string& as) {
+        reply.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + as + "\"");
+        return reply;
+    };
+    auto kept = works_.frames.find(named.boot, named.part);
+    if (what.starts_with("record")) {
+        // All that is known: the row; what stands in the frame, with the whole recipe; or why there is no frame.
+        Json record{{"result", Json::parse(store::to_json_line(*row), nullptr, false)}};
+        record["boot"] = fmt::format("{:08x}", named.boot);
+        if (kept) {
+            record["frame"] = kept->name;
+            record["frame_metadata"] = Json::parse(kept->frame.metadata, nullptr, false);
+        } else {
+            record["no_frame"] = kept.error().message();
+        }
+        const std::string text = record.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+        if (what == "record.json") return download(file("application/json", text), base + ".json");
+        const std::string frame = kept ? bytes(kept->bytes) : std::string();
+        const std::int64_t time_s = row->time_us / 1'000'000;
+        if (!kept) return download(file("application/x-tar", tar_of({{base + "/record.json", text}}, time_s)), base + ".tar");
+        return download(file("application/x-tar", tar_of({{base + "/record.json", text}, {base + "/frame.png", frame}}, time_s)), base + ".tar");
+    }
+    if (!kept) return refusal(kept.error());
+    if (what == "frame.png") return download(file("image/png", bytes(kept->bytes)), base + ".png");
+    const auto drawn = works_.pictures.draw(*kept, field(request.query, "map"));
+    if (!drawn) return refusal(drawn.error());
+    if (what == "found.json") return json((*drawn)->found);
+    return file("image/png", bytes((*drawn)->png));
+}
+
+Reply Pages::metrics() {
+    PageFigures figures;
+    figures.version = works_.version;
+    figures.viewers = works_.viewers.count();
+    figures.turned_away = turned_away_;
+    {
+        const std::lock_guard lock(mutex_);
+        figures.replies = replies_;
+        figures.commands = commands_;
+    }
+    return file("text/plain; version=0.0.4; charset=utf-8", metrics_text(works_.live.figures(), figures));
+}
+
+// -- commands -----------------------------------------------------------------------------------------------------
+
+Reply Pages::refuse_command(int status, const char* what, const char* cure, const Request& request) {
+    {
+        const std::lock_guard lock(mutex_);
+        ++commands_["refused"];
+    }
+    if (works_.log) works_.log(fmt::format("a command from {} is refused: {}", request.peer, what));
+    return refusal(status, what, cure);
+}
+
+Reply Pages::answer_command(const Request& request) {
+    // A browser says where a request comes from; a page of another site may not make it act.
+    const bool foreign_site = !request.fetch_site.empty() && request.fetch_site != "same-origin" && request.fetch_site != "none";
+    const bool foreign_origin = !request.origin.empty() && request.origin != "http://" + request.host && request.origin != "https://" + request.host;
+    if (foreign_site || foreign_origin) return counted(refuse_command(403, "another site may not command the station", "give the command on the page itself", request));
+    const std::string_view shown = request.authorization;
+    const auto who = shown.starts_with(kBearer) ? works_.tokens.owner(shown.substr(kBearer.size())) : std::nullopt;
+    if (!who) {
+        Reply reply = refuse_command(401, "the token is not known", "enter a token of the file that page.toml names", request);
+        reply.headers.emplace_back("WWW-Authenticate", "Bearer");
+        return counted(std::move(reply));
+    }
+    const Json body = Json::parse(request.body, nullptr, false);
+    if (!body.is_object() || !body.contains("command") || !body["command"].is_string()) return counted(refuse_command(400, "that is no command", "send {\"command\":\"stop\"}", request));
+    const auto name = body["command"].get<std::string>();
+    const NamedValue* command = command_of(name);
+    const auto argument = number_in(body, "argument"), argument2 = number_in(body, "argument2");
+    if (command == nullptr || !argument || !argument2) {
+        return counted(refuse_command(400, "there is no such command, or its arguments are no whole numbers", "use start_continuous, stop, abort, reset, self_test, use_recipe ...", request));
+    }
+    const auto done = works_.command(static_cast<CommandCode>(command->value), *argument, *argument2, *who);
+    const bool completed = done && done->state == CommandState::completed;
+    {
+        const std::lock_guard lock(mutex_);
+        ++commands_[completed ? "completed" : "failed"];
+    }
+    if (works_.log) works_.log(fmt::format("{} for {} from {}: {}", command->name, *who, request.peer, completed ? "done" : done ? done->error_name : done.error().message()));
+    if (!done) return counted(refusal(done.error().code == ErrorCode::refused ? 403 : 503, done.error().what, done.error().cure));
+    if (!completed) return counted(refusal(409, "the station refuses " + std::string(command->name) + ": " + done->error_name, cure_of(done->error)));
+    Reply reply;
+    reply.body = dumped({{"done", command->name}, {"result", done->result}});
+    return counted(std::move(reply));
+}
+
+}  // namespace hord::firmware::page

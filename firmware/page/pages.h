@@ -1,0 +1,94 @@
+// Which address gives what: from a request to a reply, without a socket. Any thread.
+//
+//   /  and the site's files       firmware/page/site
+//   /metrics                      for Prometheus
+//   /api/page                     state and newest results, as JSON; /api/state: state alone; /api/events: both as they happen
+//   /api/history?span=15m|24h     for the charts
+//   /api/results, /api/recipe, /api/changes   from the store
+//   /parts/KEY/FILE               record.json, record.tar, frame.png, map.png, found.json of one part
+//   /api/command                  POST {"command":"stop"}, with a token
+//
+// Everything but /api/command only reads. A request that names a host by which this page is not called is refused (a foreign site
+// may make a browser ask us under its own name), and so is a command that another site made the browser send.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "firmware/modbus/client.h"
+#include "firmware/page/kept_frames.h"
+#include "firmware/page/live.h"
+#include "firmware/page/metrics.h"
+#include "firmware/page/page_config.h"
+#include "firmware/page/part_picture.h"
+#include "firmware/page/results.h"
+#include "firmware/page/tokens.h"
+
+namespace hord::firmware::page {
+
+struct Request {
+    std::string method, path;  // decoded
+    Fields query;              // decoded
+    std::string body;
+    std::string host, origin, fetch_site, authorization, content_type;
+    std::string peer;          // address, for the log
+};
+
+struct Reply {
+    int status = 200;
+    std::string type = "application/json";
+    std::string body;
+    std::vector<std::pair<std::string, std::string>> headers;  // beside those of every reply
+    bool events = false;  // what follows is Viewers' to tell; body is the beginning
+};
+
+// In every reply: nothing from elsewhere, in nobody's frame, believed to be what its type says.
+const std::vector<std::pair<std::string, std::string>>& headers_of_every_reply();
+
+class Pages {
+  public:
+    using Command = std::function<Result<modbus::Client::Reply>(CommandCode code, std::uint32_t argument, std::uint32_t argument2, const std::string& who)>;
+    struct Works {
+        const PageConfig& config;
+        const Tokens& tokens;
+        Viewers& viewers;
+        Live& live;
+        Results& results;
+        KeptFrames& frames;
+        PartPictures& pictures;
+        Command command;
+        std::function<void(const std::string&)> log;  // one line: a command, a wrong token
+        std::string version;
+    };
+    explicit Pages(Works works) : works_(std::move(works)) {}
+
+    // What must be known before a body is read: the reply, or nothing when the body decides. A body is read for /api/command alone.
+    [[nodiscard]] std::optional<Reply> answer_without_body(const Request& request);
+    [[nodiscard]] Reply answer_command(const Request& request);
+    // Both.
+    [[nodiscard]] Reply answer(const Request& request);
+
+    void count_turned_away() { ++turned_away_; }
+
+  private:
+    [[nodiscard]] Reply get(const Request& request);
+    [[nodiscard]] Reply part(const Request& request, std::string_view key, std::string_view file);
+    [[nodiscard]] Reply metrics();
+    [[nodiscard]] bool may_be_called(std::string_view host) const;
+    [[nodiscard]] Reply refuse_command(int status, const char* what, const char* cure, const Request& request);
+    Reply counted(Reply reply);
+
+    const Works works_;
+    std::mutex mutex_;
+    std::map<int, std::uint64_t> replies_;
+    std::map<std::string, std::uint64_t> commands_{{"completed", 0}, {"failed", 0}, {"refused", 0}};
+    std::atomic<std::uint64_t> turned_away_{0};
+};
+
+}  // namespace hord::firmware::page

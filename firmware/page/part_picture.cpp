@@ -1,0 +1,131 @@
+#include "firmware/page/part_picture.h"
+
+#include <algorithm>
+#include <optional>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "algo/pipeline.h"
+#include "firmware/explain.h"
+#include "firmware/pictures.h"
+#include "firmware/recipe_file.h"
+#include "firmware/store/frame_keeper.h"
+
+namespace hord::firmware::page {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct Shown {
+    const char* name;
+    const char* title;
+    const char* unit;
+    algo::Map algo::Inspection::*map;
+    float algo::Recipe::*limit;
+};
+constexpr Shown kShown[] = {
+    {"emd", "neighbours disagree (earth mover's distance)", "bin pitches", &algo::Inspection::emd, &algo::Recipe::emd_limit_bins},
+    {"slope", "slope of the deflection (Jacobian, Frobenius)", "bin pitches a lenslet", &algo::Inspection::frobenius, &algo::Recipe::frobenius_limit_bins},
+    {"transmission", "light that comes through", "of a typical lenslet", &algo::Inspection::transmission, &algo::Recipe::transmission_limit},
+};
+
+const Shown* chosen(const std::string& feature, algo::Reason reason) {
+    const std::string_view name = !feature.empty() ? std::string_view(feature) : reason == algo::Reason::slope ? "slope" : reason == algo::Reason::absorption ? "transmission" : "emd";
+    const auto* found = std::find_if(std::begin(kShown), std::end(kShown), [&](const Shown& s) { return s.name == name; });
+    return found == std::end(kShown) ? nullptr : found;
+}
+
+}  // namespace
+
+struct PartPictures::Parts {
+    std::string known;  // extents, depth and recipe that `pipeline` was made for
+    algo::Recipe recipe;
+    std::optional<algo::Pipeline> pipeline;
+};
+
+PartPictures::PartPictures() : parts_(std::make_unique<Parts>()) {}
+PartPictures::~PartPictures() = default;
+
+Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kept, const std::string& feature) {
+    const std::lock_guard lock(mutex_);
+    const std::string id = kept.name + " " + feature;
+    for (const auto& [known, drawn] : drawn_) {
+        if (known == id) return drawn;
+    }
+    const auto strange = [&](const std::string& why) { return fail(ErrorCode::unreadable, kept.name + " has metadata that cannot be read (" + why + ")", "it is no frame that a station has kept"); };
+    algo::Extents extents;
+    std::string recipe_text, verdict_then, maps_then;
+    std::uint32_t part = 0;
+    try {
+        const Json metadata = Json::parse(kept.frame.metadata);
+        const Json& grid = metadata.at("grid");
+        extents = {grid.at("m").get<int>(), grid.at("n").get<int>(), grid.at("i").get<int>(), grid.at("j").get<int>()};
+        recipe_text = metadata.at("recipe").get<std::string>();
+        verdict_then = metadata.at("verdict").get<std::string>();
+        maps_then = metadata.at("maps_sha256").get<std::string>();
+        part = metadata.at("part").get<std::uint32_t>();
+    } catch (const Json::exception& error) {
+        return strange(error.what());
+    }
+    const algo::FrameView frame = kept.frame.frame.view();
+    Parts& p = *parts_;
+    std::string wanted = fmt::format("{}x{} {}x{} {} {}", extents.m, extents.n, extents.i, extents.j, frame.bits, recipe_text);
+    if (!p.pipeline || p.known != wanted) {
+        p.pipeline.reset();
+        auto recipe = parse_recipe(recipe_text, kept.name);
+        if (!recipe) return tl::unexpected(recipe.error());
+        auto pipeline = algo::Pipeline::create(extents, frame.bits, *recipe);
+        if (!pipeline) return tl::unexpected(pipeline.error());
+        p.recipe = std::move(*recipe);
+        p.pipeline.emplace(std::move(*pipeline));
+        p.known = std::move(wanted);
+    }
+    const auto inspection = p.pipeline->inspect(frame);
+    if (!inspection) return tl::unexpected(inspection.error());
+    const Shown* shown = chosen(feature, inspection->reason);
+    if (shown == nullptr) return fail(ErrorCode::invalid_argument, "there is no map of that name", "ask for emd, slope or transmission");
+
+    const algo::Map map = (*inspection).*(shown->map);
+    const std::vector<std::string> labels = labels_of(*inspection, p.recipe);
+    const std::string sentence = explain(*inspection, p.recipe, extents);
+    const Picture picture = hord::firmware::draw(scale_to(shown->title, shown->unit, map, inspection->mask, p.recipe.*(shown->limit)), map, inspection->mask, extents, inspection->defects, labels);
+    auto png = encode_png(picture);
+    if (!png) return tl::unexpected(png.error());
+
+    Json found{{"part", part}, {"verdict", algo::name_of(inspection->verdict)}, {"reason", algo::name_of(inspection->reason)}, {"score", inspection->score}, {"sentence", sentence},
+               {"map", shown->name}, {"width", picture.width}, {"height", picture.height},
+               {"same_as_then", store::digest_of_maps(*inspection) == maps_then && algo::name_of(inspection->verdict) == verdict_then}};
+    Json list = Json::array();
+    for (std::size_t k = 0; k < labels.size() && k < 20; ++k) {
+        const algo::Defect& d = inspection->defects[k];
+        list.push_back({{"words", labels[k]}, {"m", d.m}, {"n", d.n}, {"kind", algo::name_of(d.kind)}});
+    }
+    found["defects"] = std::move(list);
+    found["defect_count"] = labels.size();
+    auto drawn = std::make_shared<const DrawnPart>(DrawnPart{kept.name, std::move(*png), found.dump(-1, ' ', false, Json::error_handler_t::replace)});
+    drawn_.emplace_front(id, drawn);
+    if (drawn_.size() > kRemembered) drawn_.pop_back();
+    return drawn;
+}
+
+double brightest_share(const algo::FrameView& frame) {
+    const int full = (1 << frame.bits) - 1;
+    std::vector<std::uint32_t> counts(static_cast<std::size_t>(full) + 1);
+    std::uint64_t all = 0;
+    for (int y = 0; y < frame.height_px; ++y) {
+        const std::byte* row = frame.data + y * frame.stride_bytes;
+        for (int x = 0; x < frame.width_px; ++x, ++all) {
+            int value = 0;
+            if (frame.bits > 8) value = reinterpret_cast<const std::uint16_t*>(row)[x];
+            else value = static_cast<int>(row[x]);
+            ++counts[static_cast<std::size_t>(std::min(value, full))];
+        }
+    }
+    std::uint64_t above = 0;
+    int value = full;
+    while (value > 0 && (above += counts[static_cast<std::size_t>(value)]) <= all / 1000) --value;
+    return static_cast<double>(value) / full;
+}
+
+}  // namespace hord::firmware::page

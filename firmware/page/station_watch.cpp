@@ -1,0 +1,157 @@
+#include "firmware/page/station_watch.h"
+
+#include <algorithm>
+#include <ctime>
+#include <span>
+#include <utility>
+
+namespace hord::firmware::page {
+namespace {
+
+using Steady = std::chrono::steady_clock;
+constexpr auto kPatience = std::chrono::milliseconds(1000);
+constexpr auto kAskAgain = std::chrono::milliseconds(500);
+constexpr auto kSlowBlocks = std::chrono::milliseconds(1000);
+constexpr std::uint32_t kResultsInOneRead = kMaxRead / kResultWords;
+constexpr std::uint32_t kFirstResults = 60;  // a page that has just started shows so many of those that were before
+constexpr std::int64_t kSameMachine_ns = 60'000'000'000;
+
+std::int64_t nanoseconds_of(clockid_t clock) {
+    timespec now{};
+    ::clock_gettime(clock, &now);
+    return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+}
+
+SeenResult seen_from(const std::vector<Reading>& readings, std::uint32_t boot) {
+    Moment m;
+    m.set(BlockId::ring, readings);
+    const auto number = [&](std::string_view row) { return m.number(BlockId::ring, row); };
+    SeenResult result;
+    result.boot = boot;
+    result.sequence = static_cast<std::uint32_t>(number("sequence").value_or(0));
+    result.part = static_cast<std::uint32_t>(number("part").value_or(0));
+    result.defects = static_cast<std::uint32_t>(number("defects").value_or(0));
+    result.verdict = m.text(BlockId::ring, "verdict");
+    result.reason = m.text(BlockId::ring, "reason");
+    result.reject = m.text(BlockId::ring, "reject_state");
+    result.score = number("score");
+    result.latency_us = number("latency");
+    if (result.reject == "confirmed" || result.reject == "late") result.reject_latency_us = number("reject_latency");
+    // The station's monotonic clock is this machine's when they are the same machine.
+    const double arrived_s = number("arrived_s").value_or(0), arrived_us = number("arrived_us").value_or(0);
+    const auto verdict_ns = static_cast<std::int64_t>(arrived_s) * 1'000'000'000 + static_cast<std::int64_t>(arrived_us + result.latency_us.value_or(0)) * 1000;
+    const std::int64_t age_ns = nanoseconds_of(CLOCK_MONOTONIC) - verdict_ns;
+    const bool same_machine = age_ns >= 0 && age_ns < kSameMachine_ns;
+    result.verdict_ms = (nanoseconds_of(CLOCK_REALTIME) - (same_machine ? age_ns : 0)) / 1'000'000;
+    return result;
+}
+
+}  // namespace
+
+StationWatch::StationWatch(modbus::Endpoint endpoint, std::chrono::milliseconds poll, Live& live, std::function<void()> every_round)
+    : endpoint_(std::move(endpoint)), poll_(poll), live_(live), every_round_(std::move(every_round)), thread_([this] { work(); }) {}
+
+StationWatch::~StationWatch() {
+    {
+        const std::lock_guard lock(mutex_);
+        ending_ = true;
+    }
+    wake_.notify_all();
+    thread_.join();
+}
+
+bool StationWatch::wait(std::chrono::milliseconds time) {
+    std::unique_lock lock(mutex_);
+    return !wake_.wait_for(lock, time, [this] { return ending_; });
+}
+
+void StationWatch::work() {
+    std::chrono::milliseconds pause{0};
+    while (wait(pause)) {
+        const auto looked = look();
+        if (!looked) {
+            client_.reset();
+            live_.lost(looked.error());
+        }
+        const auto now = Steady::now();
+        if (now - sample_at_ >= std::chrono::seconds(History::kShortStep_s)) {
+            // In step, but after a long silence not many at once.
+            sample_at_ = now - sample_at_ > std::chrono::seconds(10) ? now : sample_at_ + std::chrono::seconds(History::kShortStep_s);
+            live_.sample(static_cast<std::int64_t>(std::time(nullptr)));
+        }
+        if (every_round_) every_round_();
+        pause = looked ? poll_ : kAskAgain;
+    }
+}
+
+Result<void> StationWatch::read(BlockId id) {
+    const Block& block = *find_block(id);
+    for (const auto& place : places_) {
+        if (place.id != static_cast<std::uint16_t>(id)) continue;
+        const std::size_t count = std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block.size(), kMaxRead});
+        const auto words = client_->read(place.base, count);
+        if (!words) return tl::unexpected(words.error());
+        auto readings = decode(block, *words);
+        if (!readings) return tl::unexpected(readings.error());
+        moment_.set(id, std::move(*readings));
+    }
+    return {};  // an older station does not have it
+}
+
+Result<void> StationWatch::look() {
+    const auto now = Steady::now();
+    if (!client_) {
+        auto client = modbus::Client::connect(endpoint_, kPatience);
+        if (!client) return tl::unexpected(client.error());
+        client_.emplace(std::move(*client));
+        auto places = client_->walk();
+        if (!places) return tl::unexpected(places.error());
+        places_ = std::move(*places);
+        moment_ = {};
+        if (auto done = read(BlockId::ident); !done) return done;
+        slow_blocks_at_ = {};
+        last_status_.clear();
+        const std::uint32_t boot = moment_.bits(BlockId::ident, "boot_id");
+        if (boot != std::exchange(boot_, boot)) began_ = false;
+    }
+    if (auto done = read(BlockId::status); !done) return done;
+    const bool all = now - slow_blocks_at_ >= kSlowBlocks;
+    if (all) {
+        slow_blocks_at_ = now;
+        for (const BlockId id : {BlockId::counters, BlockId::health, BlockId::plc, BlockId::recipe, BlockId::calibration}) {
+            if (auto done = read(id); !done) return done;
+        }
+    }
+    // Between two full looks viewers are told what an alarm depends on, and only when it changes.
+    std::string status = moment_.text(BlockId::status, "state");
+    for (const char* row : {"bits", "faults_active", "faults_latched"}) status += " " + moment_.text(BlockId::status, row);
+    if (all || status != last_status_) live_.saw(moment_);
+    last_status_ = std::move(status);
+    return follow(moment_.bits(BlockId::status, "last_sequence"), moment_.bits(BlockId::status, "oldest_sequence"));
+}
+
+Result<void> StationWatch::follow(std::uint32_t newest, std::uint32_t oldest) {
+    if (newest == 0) return {};
+    if (!began_ || newest < seen_) seen_ = std::max(newest > kFirstResults ? newest - kFirstResults : 0, oldest > 0 ? oldest - 1 : 0);
+    else if (oldest > seen_ + 1) {
+        live_.missed(oldest - seen_ - 1);
+        seen_ = oldest - 1;
+    }
+    began_ = true;
+    const Block& ring = *find_block(BlockId::ring);
+    while (seen_ < newest) {
+        const std::uint32_t next = seen_ + 1, count = std::min({newest - seen_, kResultsInOneRead, kRingSlots - next % kRingSlots});
+        const auto words = client_->read(address_of_result(next), std::size_t{count} * kResultWords);
+        if (!words) return tl::unexpected(words.error());
+        for (std::uint32_t k = 0; k < count; ++k) {
+            const auto readings = decode_slot(ring, std::span(*words).subspan(std::size_t{k} * kResultWords, kResultWords));
+            const SeenResult result = readings ? seen_from(*readings, boot_) : SeenResult{};
+            if (result.sequence == next + k) live_.saw(result);
+            else live_.missed(1);  // overwritten meanwhile
+        }
+        seen_ += count;
+    }
+    return {};
+}
+
+}  // namespace hord::firmware::page

@@ -1,0 +1,51 @@
+// Asks the station what it does, over Modbus, as any other client would, and tells Live. A thread of its own; when nobody
+// answers it says so and asks again.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <functional>
+#include <mutex>
+#include <thread>
+
+#include "firmware/modbus/client.h"
+#include "firmware/page/live.h"
+
+namespace hord::firmware::page {
+
+class StationWatch {
+  public:
+    // `every_round` is called after each look, on this thread: for what else follows the station's pace.
+    StationWatch(modbus::Endpoint endpoint, std::chrono::milliseconds poll, Live& live, std::function<void()> every_round);
+    ~StationWatch();
+    StationWatch(const StationWatch&) = delete;
+    StationWatch& operator=(const StationWatch&) = delete;
+
+  private:
+    void work();
+    Result<void> look();
+    Result<void> read(BlockId id);
+    Result<void> follow(std::uint32_t newest, std::uint32_t oldest);
+    bool wait(std::chrono::milliseconds time);  // false: it ends
+
+    const modbus::Endpoint endpoint_;
+    const std::chrono::milliseconds poll_;
+    Live& live_;
+    const std::function<void()> every_round_;
+
+    std::optional<modbus::Client> client_;
+    std::vector<modbus::Client::Place> places_;
+    Moment moment_;
+    std::string last_status_;
+    std::chrono::steady_clock::time_point slow_blocks_at_{}, sample_at_{};
+    std::uint32_t boot_ = 0, seen_ = 0;
+    bool began_ = false;
+
+    std::mutex mutex_;
+    std::condition_variable wake_;
+    bool ending_ = false;
+    std::thread thread_;
+};
+
+}  // namespace hord::firmware::page

@@ -1,0 +1,42 @@
+// Who may command the station from the page.
+//
+// A file of lines "NAME TOKEN"; '#' begins a comment. The name is recorded with each command. Only digests are kept in memory, and
+// a token that is shown is compared with every one of them in a time that does not depend on what it holds.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "algo/result.h"
+
+namespace hord::firmware::page {
+
+constexpr std::size_t kShortestToken = 24, kLongestToken = 256, kLongestName = 20;
+
+class Tokens {
+  public:
+    Tokens() = default;  // nobody
+
+    // Fails with not_found, refused (others may read or write the file), invalid_argument (a line that is not a name and a
+    // token, a token that is too short, a name or token twice).
+    static Result<Tokens> load(const std::filesystem::path& file);
+    static Result<Tokens> parse(std::string_view text, const std::string& name);
+
+    [[nodiscard]] bool empty() const { return all_.empty(); }
+    // Whose it is; nothing when it is nobody's.
+    [[nodiscard]] std::optional<std::string> owner(std::string_view token) const;
+
+  private:
+    struct One {
+        std::string name;
+        std::array<std::uint8_t, 32> digest;
+    };
+    std::vector<One> all_;
+};
+
+}  // namespace hord::firmware::page

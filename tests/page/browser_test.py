@@ -1,0 +1,168 @@
+"""The page in a real browser beside a simulated station: browser_test.py BIN_DIR OUTPUT_DIR
+
+One run of Chromium sees everything; screenshots stay in OUTPUT_DIR. Exit status 77: no browser is installed.
+"""
+import json
+import pathlib
+import statistics
+import sys
+import tempfile
+import urllib.error
+import urllib.request
+
+from line import Page, Station
+from webdriver import Browser, missing, wait_for
+
+TOKEN = "a-token-of-the-test-0123456789"
+NAMELESS = """
+const named = (e) => (e.getAttribute('aria-label') || e.textContent || e.alt || e.title || (e.labels && e.labels.length ? e.labels[0].textContent : '')).trim() !== '';
+return [...document.querySelectorAll('button, a, input, select, summary, section, [role=region], [role=img], svg:not([aria-hidden])')]
+  .filter((e) => !named(e) && !document.getElementById(e.getAttribute('aria-labelledby'))).map((e) => e.outerHTML.slice(0, 120));
+"""
+# Every text against what lies behind it: WCAG's ratio, for the colours that are computed.
+LOW_CONTRAST = """
+const parts = (c) => c.match(/[\\d.]+/g).map(Number);
+const light = (c) => { const [r, g, b] = parts(c).map((v) => { v /= 255; return v <= 0.04045 ? v / 12.92 : Math.pow((v + 0.055) / 1.055, 2.4); }); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
+const behind = (e) => { for (; e; e = e.parentElement) { const c = getComputedStyle(e).backgroundColor; if (!(parts(c).length === 4 && parts(c)[3] === 0)) return c; } return 'rgb(255,255,255)'; };
+const low = [];
+for (const e of document.querySelectorAll('main *, header *, footer *')) {
+  if (![...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()) || e.closest('svg') || !e.checkVisibility() || e.closest('button:disabled')) continue;
+  const a = light(getComputedStyle(e).color), b = light(behind(e)), ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+  if (ratio < 4.5) low.push(e.tagName + ' ' + e.className + ' ' + e.textContent.trim().slice(0, 30) + ' ' + ratio.toFixed(2));
+}
+return low;
+"""
+
+
+def check(is_so, what):
+    if not is_so:
+        raise AssertionError(what)
+
+
+def send_command(page, name, token):
+    request = urllib.request.Request(page.address + "/api/command", data=json.dumps({"command": name}).encode(), method="POST",
+                                     headers={"Content-Type": "application/json", "Authorization": f"Bearer {token}"})
+    try:
+        with urllib.request.urlopen(request, timeout=60) as reply:
+            return reply.status, json.load(reply)
+    except urllib.error.HTTPError as error:
+        return error.code, json.load(error)
+
+
+def look(bin_dir, out, folder):
+    station = Station(bin_dir, folder)
+    page = Page(bin_dir, folder, station.port, TOKEN)
+    browser = Browser(folder)
+    try:
+        browser.open(page.address + "/")
+        wait_for("the page is loaded", lambda: browser.run("return document.documentElement.dataset.loaded === 'yes'"))
+        wait_for("the line runs", lambda: "ContinuousExecution" in browser.run("return document.getElementById('lamps').textContent"))
+
+        # A reject appears by itself, with the picture of that very part. (A machine that is too slow for the line makes others.)
+        delays = []
+        shown, judged = None, None
+        while len(delays) < 3 or not judged:
+            before = shown
+            shown, delay = wait_for("another reject with its picture", lambda b=before: browser.run(
+                "const m = document.getElementById('map'); return !m.hidden && m.dataset.key !== arguments[0] && m.dataset.shownAfterMs ? [m.dataset.key, Number(m.dataset.shownAfterMs)] : null", b))
+            delays.append(delay)
+            with urllib.request.urlopen(f"{page.address}/parts/{shown}/found.json", timeout=60) as reply:
+                found = json.load(reply)
+            told = wait_for("the station's own word on that part", lambda f=found: station.results().get(f["part"]))
+            check(found["same_as_then"], "the picture is not what the inspection saw")
+            check(shown.endswith(f"-{found['part']}"), f"the picture of another part: {shown} {found}")
+            if told["verdict"] == "reject":
+                judged = shown
+                check(told["verdict"] == found["verdict"] and told["defects"] == found["defect_count"] and abs(told["score"] - found["score"]) < 1e-4 * told["score"], f"another judgement: {found} {told}")
+        seen = browser.run("const m = document.getElementById('map'); return [m.naturalWidth, m.naturalHeight, m.alt, m.dataset.key]")
+        check(seen[3] != shown or (seen[:2] == [found["width"], found["height"]] and f"part {found['part']}." in seen[2]), f"the image is not that picture: {seen}")
+
+        # What it costs.
+        paint = browser.run("return performance.getEntriesByName('first-contentful-paint')[0].startTime")
+        own = browser.run("return [performance.getEntriesByType('navigation')[0], ...performance.getEntriesByType('resource')].filter((e) => !/parts|events/.test(e.name) && e.startTime < 3000).map((e) => e.transferSize)")
+        check(sum(own) < 300_000, f"{sum(own)} bytes until the page stands")
+
+        # Without a mouse, and for ears.
+        browser.run("document.activeElement.blur(); window.scrollTo(0, 0)")
+        browser.keys("Tab")
+        check(browser.run("return document.activeElement.className") == "skip", "the first stop of the Tab key is not the way past the navigation")
+        check(browser.run("return getComputedStyle(document.activeElement).outlineWidth") == "3px", "what has the focus is not seen")
+        browser.keys("Enter")
+        check(browser.run("return document.activeElement.id") == "main", "the way past the navigation leads nowhere")
+        browser.run("document.querySelector('#strip [tabindex=\"0\"]').focus()")
+        browser.keys("End", "Left", "Enter")
+        check(browser.run("return document.getElementById('part').open"), "Enter on a verdict does not show its part")
+        wait_for("the part's record", lambda: browser.run("return document.querySelectorAll('#part-facts dd').length > 3 || /store|picture|frame|kept/.test(document.getElementById('part-words').textContent)"))
+        browser.keys("Escape")
+        check(not browser.run("return document.getElementById('part').open"), "Escape does not close the part")
+        check(not browser.run(NAMELESS), f"without a name for a screen reader: {browser.run(NAMELESS)}")
+        check(browser.run("return ['header', 'nav', 'main', 'footer'].every((e) => document.querySelectorAll(e).length === 1)"), "landmarks are missing")
+        check(browser.run("return document.querySelectorAll('[role=status], [role=alert]').length") >= 5, "nothing is announced")
+
+        # Search, page by page.
+        browser.run("document.querySelector('[name=verdict]').value = 'reject'; document.getElementById('search').requestSubmit()")
+        wait_for("rejects in the table", lambda: browser.run("const t = [...document.querySelectorAll('#found tbody tr')].map((r) => r.cells[3].textContent); return t.length > 0 && t.every((v) => v === 'reject')"))
+        wait_for("charts", lambda: browser.run("return document.querySelectorAll('.chart svg path.s0').length") == 6)
+
+        browser.run("document.getElementById('recipe-details').open = true")
+        wait_for("the recipe's text", lambda: "name" in browser.run("return document.getElementById('recipe-text').textContent"))
+        browser.run("document.getElementById('recipe-details').open = false")
+        for dark in (False, True):
+            name = "dark" if dark else "light"
+            browser.screenshot(out / f"tablet-{name}.png", 1024, 1366, dark, whole=True)
+            check(not browser.run(LOW_CONTRAST), f"{name}: hard to read: {browser.run(LOW_CONTRAST)}")
+            check(browser.run("return document.documentElement.scrollWidth <= innerWidth"), f"{name}: wider than the tablet")
+            browser.screenshot(out / f"wall-4k-{name}.png", 3840, 2160, dark)
+        browser.screenshot(out / "phone-light.png", 420, 900, False, whole=True)
+
+        # A command, and who gave it.
+        check(send_command(page, "stop", "x" * 30)[0] == 401, "a wrong token commands")
+        check(send_command(page, "stop", TOKEN) == (200, {"done": "stop", "result": 0}), "the right token does not command")
+        browser.cdp("Emulation.setDeviceMetricsOverride", width=1024, height=1366, deviceScaleFactor=1, mobile=False)
+        wait_for("the page says that the line does not run", lambda: "State: Ready" in browser.run("return document.getElementById('lamps').textContent"))
+        browser.screenshot(out / "tablet-stopped.png", 1024, 768, False)
+
+        def recorded():
+            with urllib.request.urlopen(page.address + "/api/changes", timeout=60) as reply:
+                return any(c["what"] == "command" and c["name"] == "stop" and c["peer"].endswith(" for anna") for c in json.load(reply)["rows"])
+        wait_for("the command in the station's record", recorded)
+
+        # The station ends, and comes back at the same address.
+        port = station.port
+        station.end()
+        wait_for("the page says that nobody answers", lambda: browser.run("return document.getElementById('degree').textContent") == "Alarm")
+        browser.screenshot(out / "tablet-station-away.png", 1024, 768, False)
+        station = Station(bin_dir, folder, port=port, seed=8)
+        wait_for("the page follows the new start", lambda: "ContinuousExecution" in browser.run("return document.getElementById('lamps').textContent"))
+        boot = browser.run("return document.getElementById('map').dataset.key.slice(0, 8)")
+        wait_for("a reject of the new start with its picture", lambda: browser.run("const m = document.getElementById('map'); return m.dataset.key.slice(0, 8) !== arguments[0]", boot))
+
+        errors = [entry for entry in browser.log() if entry["level"] in ("SEVERE", "WARNING")]
+        check(not errors, f"the console complains: {errors[:5]}")
+        print(f"a reject and its picture were shown {statistics.median(delays):.0f} ms after the verdict (of {len(delays)}, at most {max(delays)} ms)")
+        print(f"first paint after {paint:.0f} ms; {sum(own)} bytes until the page stands")
+        print(f"screenshots in {out}")
+        # Generous, for a machine that has other things to do; docs/page.md has what was measured on a quiet one.
+        check(max(delays) < 60_000, f"a reject was shown {max(delays)} ms after its verdict")
+    except Exception:
+        browser.screenshot(out / "failed.png", 1024, 1366, False, whole=True)
+        raise
+    finally:
+        browser.close()
+        page.end()
+        station.end()
+
+
+def main():
+    if missing():
+        print(f"skipped: {missing()}")
+        return 77
+    out = pathlib.Path(sys.argv[2])
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="hord-page-", ignore_cleanup_errors=True) as folder:
+        look(sys.argv[1], out, folder)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

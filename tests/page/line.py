@@ -1,0 +1,98 @@
+"""A simulated station and the page beside it, as processes."""
+import json
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import threading
+
+from webdriver import wait_for
+
+# Small frames, and an ejector so far downstream that a slow machine is in time: what is tested is not its speed.
+CONFIGURATION = """
+[station]
+max_failures_in_a_row = 0
+[inspection]
+macro = "3x3"
+[line]
+transport_ms = 1500
+exposure_delay_ms = 200
+[timing]
+trigger_lead_ms = 150
+strobe_window_us = 5000
+frame_window_us = 9000
+frame_timeout_ms = 1000
+[rejector]
+lead_ms = 200
+early_ms = 5
+response_timeout_ms = 1000
+confirm_timeout_ms = 3000
+[store]
+free_mb = 1
+"""
+
+
+class Process:
+    """A program whose both streams are kept; its lines can be waited for."""
+
+    def __init__(self, arguments, environment=None):
+        self.process = subprocess.Popen([str(a) for a in arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ, **(environment or {})))
+        self.out, self.err = [], []
+        self.readers = [threading.Thread(target=lambda s=s, k=k: k.extend(iter(s.readline, "")), daemon=True)
+                        for s, k in ((self.process.stdout, self.out), (self.process.stderr, self.err))]
+        for reader in self.readers:
+            reader.start()
+
+    def says(self, pattern):
+        def look():
+            found = re.search(pattern, "".join(self.err))
+            if not found and self.process.poll() is not None:
+                raise AssertionError(f"ended with {self.process.returncode}: {''.join(self.err)}")
+            return found
+        return wait_for(f"{pattern} from {self.process.args[0]}", look)
+
+    def end(self, how=signal.SIGINT):
+        if self.process.poll() is None:
+            self.process.send_signal(how)
+        self.wait()
+
+    def wait(self):
+        try:
+            self.process.wait(timeout=120)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+            raise
+        for reader in self.readers:
+            reader.join()
+
+
+class Station(Process):
+    def __init__(self, bin_dir, folder, port=0, parts=0, rate=3, seed=7, store="store"):
+        configuration = pathlib.Path(folder) / "station.toml"
+        configuration.write_text(CONFIGURATION)
+        arguments = [f"{bin_dir}/hordctl", "run", "--simulate", "--config", configuration, "--modbus", f"127.0.0.1:{port}", "--rate", rate, "--good", 0.5, "--variety", 1, "--seed", seed,
+                     "--json", "--store", f"{folder}/{store}"]
+        super().__init__(arguments + (["--parts", parts] if parts else []))
+        self.port = int(self.says(r"registers at [^ ]*:(\d+)")[1])
+
+    def results(self):
+        """What the station itself said of each part so far, by part."""
+        told = [json.loads(line) for line in list(self.out) if line.startswith("{") and line.endswith("}\n")]
+        return {result["part"]: result for result in told}
+
+
+class Page(Process):
+    def __init__(self, bin_dir, folder, station_port, token=None, viewers=4):
+        folder = pathlib.Path(folder)
+        text = f'[page]\nport = 0\nviewers = {viewers}\n[station]\nmodbus = "127.0.0.1:{station_port}"\nstore = "store"\n'
+        if token:
+            tokens = folder / "tokens"
+            tokens.write_text(f"anna {token}\n")
+            tokens.chmod(0o600)
+            text += '[actions]\ntokens = "tokens"\n'
+        configuration = folder / "page.toml"
+        configuration.write_text(text)
+        super().__init__([f"{bin_dir}/hord-page", "--config", configuration])
+        self.address = self.says(r"(http://127\.0\.0\.1:\d+)/")[1]
