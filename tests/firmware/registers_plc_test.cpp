@@ -162,7 +162,8 @@ TEST_F(PlcSide, only_a_whole_command_is_a_command) {
     EXPECT_EQ(write(8004, {0, 2}), Exception::illegal_value) << "no token";
     EXPECT_EQ(write(8002, {0, 1, 0, 2, 0}), Exception::illegal_value) << "half an argument";
     EXPECT_EQ(write(8002, {0, 0, 0, 2}), Exception::illegal_value) << "token 0";
-    EXPECT_EQ(write(8002, {0, 1, 0, 2, 0, 0, 0, 0, 0}), Exception::illegal_address) << "beyond the command";
+    EXPECT_EQ(write(8002, {0, 1, 0, 2, 0, 0, 0, 0, 0}), Exception::illegal_value) << "half a name";
+    EXPECT_EQ(write(8002, Words(19)), Exception::illegal_address) << "beyond the command";
     EXPECT_EQ(write(8000, {6, 18, 0, 1, 0, 2}), Exception::illegal_address) << "with the header";
     EXPECT_THAT(station.commands, IsEmpty());
     EXPECT_EQ(write(8002, {0, 1, 0, 2}), Exception::none) << "arguments may be left out";
@@ -327,7 +328,7 @@ TEST_F(PlcSide, nothing_but_the_rows_marked_writable_can_be_written) {
             EXPECT_EQ(answer, Exception::illegal_address) << address;
         }
     }
-    EXPECT_EQ(writable, 8 + 3 + 8);
+    EXPECT_EQ(writable, 18 + 3 + 8);
     EXPECT_THAT(station.commands, IsEmpty());
 }
 

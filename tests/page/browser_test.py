@@ -10,7 +10,7 @@ import tempfile
 import urllib.error
 import urllib.request
 
-from line import Page, Station
+from line import LineKeeper, Page, Station
 from webdriver import Browser, missing, wait_for
 
 TOKEN = "a-token-of-the-test-0123456789"
@@ -52,6 +52,7 @@ def send_command(page, name, token):
 def look(bin_dir, out, folder):
     station = Station(bin_dir, folder)
     page = Page(bin_dir, folder, station.port, TOKEN)
+    keeper = LineKeeper(bin_dir, page, station.port)
     browser = Browser(folder)
     try:
         browser.open(page.address + "/")
@@ -117,7 +118,8 @@ def look(bin_dir, out, folder):
 
         # A command, and who gave it.
         check(send_command(page, "stop", "x" * 30)[0] == 401, "a wrong token commands")
-        check(send_command(page, "stop", TOKEN) == (200, {"done": "stop", "result": 0}), "the right token does not command")
+        wait_for("the right token commands", lambda: send_command(page, "stop", TOKEN) == (200, {"done": "stop", "result": 0}))
+        keeper.end()
         browser.cdp("Emulation.setDeviceMetricsOverride", width=1024, height=1366, deviceScaleFactor=1, mobile=False)
         wait_for("the page says that the line does not run", lambda: "State: Ready" in browser.run("return document.getElementById('lamps').textContent"))
         browser.screenshot(out / "tablet-stopped.png", 1024, 768, False)
@@ -148,6 +150,7 @@ def look(bin_dir, out, folder):
         browser.screenshot(out / "failed.png", 1024, 1366, False, whole=True)
         raise
     finally:
+        keeper.end()
         browser.close()
         page.end()
         station.end()

@@ -151,7 +151,9 @@ function showReject(result) {
   const card = $("reject-card");
   card.dataset.key = result.key;
   card.dataset.shownAfterMs = Date.now() - result.verdict_ms;
-  if (seen.picture !== result.key) {
+  if (seen.picture !== result.key) {  // until its own picture is there, nobody shall take the old one for it
+    $("map").classList.add("earlier");
+    say("map-of", seen.picture ? `Picture of part ${seen.picture.split("-")[1]}, an earlier one; of part ${result.part} none has come.` : "");
     say("reject-words", result.verdict === "unfit" ? `Part ${result.part} could not be judged: ${result.reason}.` : `Part ${result.part}: ${result.reason}.`);
     $("reject-defects").replaceChildren();
   }
@@ -186,7 +188,9 @@ async function showPicture(key) {
       shown.dataset.key = now;
       const result = seen.results.get(now);
       if (result) shown.dataset.shownAfterMs = Date.now() - result.verdict_ms;
+      shown.classList.remove("earlier");
       seen.picture = now;
+      say("map-of", `Picture of part ${found.part}.`);
       say("reject-words", `Part ${found.part}. ${found.sentence}`);
       $("reject-defects").replaceChildren(...found.defects.map((d) => element("li", `${d.words} at lenslet (${d.m.toFixed(0)}, ${d.n.toFixed(0)})`)));
       if (result) showReject(result);

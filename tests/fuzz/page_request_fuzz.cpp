@@ -1,0 +1,40 @@
+// One connection to hord-page, byte by byte as it comes: every answer is whole and legal, nothing but the page's own files is given,
+// and without a token nobody commands.
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <string_view>
+
+#include "firmware/page/pages.h"
+#include "firmware/page/server.h"
+
+namespace {
+
+using namespace hord;
+using namespace hord::firmware;
+using namespace hord::firmware::page;
+
+struct Fuzzed {
+    PageConfig config;
+    Tokens tokens = *Tokens::parse("anna a-token-that-no-input-holds-0123456789\n", "tokens");
+    Viewers viewers{2};
+    Live live{viewers};
+    Results results{"/nonexistent"};
+    KeptFrames frames{"/nonexistent"};
+    PartPictures pictures;
+    Pages pages{{config, tokens, viewers, live, results, frames, pictures,
+                 [](CommandCode, std::uint32_t, std::uint32_t, const std::string&) -> Result<modbus::Client::Reply> { std::abort(); }, {}, "fuzz"}};
+};
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    static Fuzzed page;
+    const std::string answer = answer_bytes(page.pages, page.viewers, {reinterpret_cast<const char*>(data), size});
+    if (page.viewers.count() != 0) std::abort();
+    if (!answer.empty() && !answer.starts_with("HTTP/1.")) std::abort();
+    if (answer.starts_with("HTTP/1.1 500") || answer.find("root:x:") != std::string::npos) std::abort();
+    const bool by_us = answer.starts_with("HTTP/1.1 2") || answer.starts_with("HTTP/1.1 404");
+    if (by_us && answer.find("Content-Security-Policy: default-src 'none'") == std::string::npos) std::abort();
+    return 0;
+}
