@@ -27,11 +27,14 @@ in_root apt-get -qq -y --no-install-recommends install /old.deb >/dev/null
 in_root hordctl --version
 in_root hordd --check
 in_root hord-mqtt --check
+in_root hord-page --check
+in_root id -nG hord-page | grep -qw hord || die "the page's user is not in the station's group"
+in_root systemctl is-enabled hord-page.service | grep -qx disabled || die "hord-page is enabled without being asked for"
 in_root systemctl is-enabled hord-mqtt.service | grep -qx disabled || die "hord-mqtt is enabled without being asked for"
 in_root getent passwd hord | grep -q /var/lib/hord || die "the user hord was not made"
 in_root systemctl is-enabled hordd.service hordd.socket | grep -vx enabled && die "not enabled at boot" || true
 in_root bash -c '. /usr/share/bash-completion/completions/hordctl; COMP_WORDS=(hordctl rec); COMP_CWORD=1; _hordctl; [ "${COMPREPLY[*]}" = recipe ]' || die "bash completion"
-for page in man8/hordd.8 man8/hord-mqtt.8 man1/hordctl.1; do [ -s "$root/usr/share/man/$page.gz" ] || die "no man page $page"; done
+for page in man8/hordd.8 man8/hord-mqtt.8 man8/hord-page.8 man1/hordctl.1; do [ -s "$root/usr/share/man/$page.gz" ] || die "no man page $page"; done
 
 step "start with the simulated cell, as its unit would"
 chroot "$root" install -d -o hord -g hord -m 0750 /var/lib/hord /var/cache/hord

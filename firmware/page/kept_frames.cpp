@@ -103,13 +103,17 @@ Result<KeptFrame> KeptFrames::find(std::uint32_t boot, std::uint32_t part) {
     return fail(ErrorCode::not_found, fmt::format("no frame of part {} is kept", part), "frames are kept of parts that did not pass, of some around them, and of samples, while there is room");
 }
 
-std::optional<KeptFrame> KeptFrames::newest() {
+std::optional<KeptFrame> KeptFrames::newest() { return newest(".png", given_); }
+std::optional<KeptFrame> KeptFrames::newest_reject() { return newest("-reject.png", given_reject_); }
+
+std::optional<KeptFrame> KeptFrames::newest(std::string_view ending, std::string& given) {
     std::string name;
     {
         const std::lock_guard lock(mutex_);
         look();
-        if (known_.empty() || known_.back().name == given_) return std::nullopt;
-        name = given_ = known_.back().name;
+        const auto found = std::find_if(known_.rbegin(), known_.rend(), [&](const Known& k) { return std::string_view(k.name).ends_with(ending); });
+        if (found == known_.rend() || found->name == given) return std::nullopt;
+        name = given = found->name;
     }
     auto kept = read(name);
     if (!kept) return std::nullopt;

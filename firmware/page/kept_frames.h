@@ -31,8 +31,9 @@ class KeptFrames {
     // The frame of this part of this start of the station. Fails with not_found (none is kept), unreadable (torn), io.
     Result<KeptFrame> find(std::uint32_t boot, std::uint32_t part);
 
-    // The newest one whatever it shows; nothing when it is the one that was given last, or there is none.
+    // The newest one, whatever it shows or of a part that did not pass; nothing when it is the one that was given last, or there is none.
     std::optional<KeptFrame> newest();
+    std::optional<KeptFrame> newest_reject();
 
   private:
     struct Known {
@@ -41,6 +42,7 @@ class KeptFrames {
         std::string name;
     };
     void look();
+    std::optional<KeptFrame> newest(std::string_view ending, std::string& given);
     Result<KeptFrame> read(const std::string& name) const;
 
     const std::filesystem::path folder_;
@@ -48,7 +50,7 @@ class KeptFrames {
     std::vector<Known> known_;  // by number
     std::filesystem::file_time_type changed_{};
     std::chrono::steady_clock::time_point look_again_{};
-    std::string given_;
+    std::string given_, given_reject_;
 };
 
 }  // namespace hord::firmware::page

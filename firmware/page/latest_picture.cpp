@@ -1,23 +1,17 @@
 #include "firmware/page/latest_picture.h"
 
+#include <nlohmann/json.hpp>
+
 namespace hord::firmware::page {
 
 void LatestPicture::look() {
-    const auto now = Clock::now();
-    if (const auto reject = live_.newest_reject()) {
-        if (const std::string key = reject->key(); key != wanted_) {
-            wanted_ = key;
-            wanted_since_ = now;
-            found_ = false;
-        }
-        if (!found_ && now - wanted_since_ < kPatience) {
-            if (const auto kept = frames_.find(reject->boot, reject->part)) {
-                found_ = true;
-                if (viewers_.count() > 0) (void)pictures_.draw(*kept, "");  // ready when they ask; why it fails they are told then
-                live_.saw_picture(*reject);
-            }
-        }
+    if (const auto kept = frames_.newest_reject()) {
+        const auto metadata = nlohmann::json::parse(kept->frame.metadata, nullptr, false);
+        const auto number = [&](const char* key) { return metadata.is_object() && metadata.contains(key) && metadata[key].is_number_integer() ? metadata[key].get<std::int64_t>() : 0; };
+        if (viewers_.count() > 0) (void)pictures_.draw(*kept, "");  // ready when they ask; why it fails they are told then
+        live_.saw_picture(static_cast<std::uint32_t>(number("boot")), static_cast<std::uint32_t>(number("part")), number("time_us") / 1000);
     }
+    const auto now = Clock::now();
     if (now - light_at_ < kLightEvery) return;
     light_at_ = now;
     if (const auto kept = frames_.newest()) live_.saw_light(brightest_share(kept->frame.frame.view()));

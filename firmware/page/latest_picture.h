@@ -1,8 +1,9 @@
-// Looks, after each round of asking the station, whether the frame of the newest reject has come, and how bright kept frames are.
+// Looks, after each round of asking the station, whether the frame of another reject has come, and how bright kept frames are.
+//
+// A frame is kept at its verdict; its result can be read when the part is past the ejector. So people see a reject before that.
 #pragma once
 
 #include <chrono>
-#include <string>
 
 #include "firmware/page/kept_frames.h"
 #include "firmware/page/live.h"
@@ -17,7 +18,6 @@ class LatestPicture {
     void look();
 
   private:
-    static constexpr auto kPatience = std::chrono::seconds(5);  // then no frame of it is kept
     static constexpr auto kLightEvery = std::chrono::seconds(2);
     using Clock = std::chrono::steady_clock;
 
@@ -25,9 +25,7 @@ class LatestPicture {
     Viewers& viewers_;
     KeptFrames& frames_;
     PartPictures& pictures_;
-    std::string wanted_;
-    bool found_ = false;
-    Clock::time_point wanted_since_{}, light_at_{};
+    Clock::time_point light_at_{};
 };
 
 }  // namespace hord::firmware::page

@@ -83,7 +83,6 @@ void Live::saw(const SeenResult& result) {
     if (result.latency_us) verdict_.add(*result.latency_us / 1e6);
     if (result.reject == "confirmed" && result.reject_latency_us) reject_.add(*result.reject_latency_us / 1e6);
     ++by_reason_[result.reason];
-    if (result.verdict != "pass") reject_newest_ = result;
     viewers_.tell("result", result.json());
 }
 
@@ -100,15 +99,10 @@ void Live::lost(const Error& error) {
     if (news) viewers_.tell("state", state_locked());
 }
 
-void Live::saw_picture(const SeenResult& of) {
+void Live::saw_picture(std::uint32_t boot, std::uint32_t part, std::int64_t verdict_ms) {
     const std::lock_guard lock(mutex_);
-    picture_ = of.key();
-    viewers_.tell("picture", "{\"key\":\"" + picture_ + "\"}");
-}
-
-std::optional<SeenResult> Live::newest_reject() const {
-    const std::lock_guard lock(mutex_);
-    return reject_newest_;
+    picture_ = fmt::format("{{\"key\":\"{:08x}-{}\",\"part\":{},\"verdict_ms\":{}}}", boot, part, part, verdict_ms);
+    viewers_.tell("picture", picture_);
 }
 
 void Live::saw_light(double share) {
@@ -174,7 +168,7 @@ std::string Live::page_json() const {
         out += comma + result.json();
         comma = ",";
     }
-    return out + "],\"picture\":" + (picture_.empty() ? std::string("null") : '"' + picture_ + '"') + "}";
+    return out + "],\"picture\":" + picture_ + "}";
 }
 
 std::string Live::history_json(bool long_steps) const {

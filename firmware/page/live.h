@@ -49,7 +49,8 @@ class Live {
     void saw(const SeenResult& result);
     void missed(std::uint32_t results);  // the ring had gone round
     void lost(const Error& error);       // nobody answers
-    void saw_picture(const SeenResult& of);  // its frame is kept and can be drawn
+    // The frame of a part that did not pass is kept and can be drawn. It comes before the result, which is whole when the part is past the ejector.
+    void saw_picture(std::uint32_t boot, std::uint32_t part, std::int64_t verdict_ms);
     void saw_light(double share);        // of a kept frame's brightest samples, 1: full scale
     void sample(std::int64_t now_s);     // a row of the charts, once every History::kShortStep_s
 
@@ -58,9 +59,6 @@ class Live {
     // State alone: what viewers are told every second and whenever it changes.
     [[nodiscard]] std::string state_json() const;
     [[nodiscard]] std::string history_json(bool long_steps) const;
-
-    // The newest result that did not pass.
-    [[nodiscard]] std::optional<SeenResult> newest_reject() const;
 
     struct Figures {
         bool up = false;
@@ -84,8 +82,7 @@ class Live {
     LatencyHistogram verdict_, reject_;
     std::map<std::string, std::uint64_t> by_reason_;
     std::uint64_t missed_ = 0;
-    std::optional<SeenResult> reject_newest_;
-    std::string picture_;  // key of the newest that was kept
+    std::string picture_ = "null";  // the newest that was kept, as JSON
     std::optional<double> light_;
     History history_;
     struct Counted {

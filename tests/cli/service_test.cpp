@@ -267,6 +267,8 @@ TEST(ServiceFiles, the_units_are_sound_and_expose_little) {
     const Said security = run(analyze, {"security", "--offline=true", "--no-pager", "--threshold=17", (kDeploy / "hordd.service").string()});
     EXPECT_EQ(security.status, 0) << security.out.substr(security.out.size() - std::min<std::size_t>(security.out.size(), 200));
     EXPECT_THAT(security.out, HasSubstr("Overall exposure level"));
+    const Said page = run(analyze, {"security", "--offline=true", "--no-pager", "--threshold=15", (kDeploy / "hord-page.service").string()});
+    EXPECT_EQ(page.status, 0) << page.out.substr(page.out.size() - std::min<std::size_t>(page.out.size(), 200));
 }
 
 }  // namespace

@@ -70,11 +70,13 @@ class Process:
 
 
 class Station(Process):
+    """In real time, as the service runs; where that is refused, it says so and goes on."""
+
     def __init__(self, bin_dir, folder, port=0, parts=0, rate=3, seed=7, store="store"):
         configuration = pathlib.Path(folder) / "station.toml"
         configuration.write_text(CONFIGURATION)
         arguments = [f"{bin_dir}/hordctl", "run", "--simulate", "--config", configuration, "--modbus", f"127.0.0.1:{port}", "--rate", rate, "--good", 0.6, "--variety", 1, "--seed", seed,
-                     "--json", "--store", f"{folder}/{store}"]
+                     "--realtime", 5, "--json", "--store", f"{folder}/{store}"]
         super().__init__(arguments + (["--parts", parts] if parts else []))
         self.port = int(self.says(r"registers at [^ ]*:(\d+)")[1])
 
@@ -95,7 +97,7 @@ class Page(Process):
             text += '[actions]\ntokens = "tokens"\n'
         configuration = folder / "page.toml"
         configuration.write_text(text)
-        super().__init__([f"{bin_dir}/hord-page", "--config", configuration])
+        super().__init__(["nice", "-n", "10", f"{bin_dir}/hord-page", "--config", configuration])  # as its unit has it
         self.address = self.says(r"(http://127\.0\.0\.1:\d+)/")[1]
 
 

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "tests/cli/program.h"
 #include "tests/page/small_page.h"
@@ -26,7 +27,7 @@ TEST(PageTokens, know_their_owners_and_nobody_else) {
     ASSERT_TRUE(tokens) << tokens.error().message();
     EXPECT_EQ(tokens->owner("0123456789abcdef01234567"), "anna");
     EXPECT_EQ(tokens->owner("abcdefghijklmnopqrstuvwxyz"), "ben");
-    for (const std::string wrong : {std::string(), std::string("0123456789abcdef0123456"), std::string("0123456789abcdef012345678"), std::string("0123456789abcdef01234567\0", 25), std::string(100'000, 'a')}) {
+    for (const std::string& wrong : {std::string(), std::string("0123456789abcdef0123456"), std::string("0123456789abcdef012345678"), std::string("0123456789abcdef01234567\0", 25), std::string(100'000, 'a')}) {
         EXPECT_FALSE(tokens->owner(wrong)) << wrong.size();
     }
     EXPECT_FALSE(Tokens().owner(""));
@@ -216,6 +217,34 @@ TEST(PageResults, are_read_while_a_station_writes) {
     EXPECT_EQ(page.results.one({std::nullopt, 8, 103}).error().code, ErrorCode::not_found);
 }
 
+// As hord-page.service has it: a user that may read the folder as a member of its group, and write nothing.
+TEST(PageResults, are_read_without_the_right_to_write_while_a_station_runs_and_when_none_does) {
+    if (::geteuid() != 0 || !std::filesystem::exists("/usr/bin/setpriv")) GTEST_SKIP() << "needs root and setpriv, to be another user";
+    SmallPage page;
+    constexpr gid_t kGroup = 4711;
+    const auto give = [&] {
+        ASSERT_EQ(::chown(page.folder.path().c_str(), 0, kGroup), 0);
+        ASSERT_EQ(::chmod(page.folder.path().c_str(), 0750), 0);
+        for (const auto& entry : std::filesystem::directory_iterator(page.folder.path())) {
+            ASSERT_EQ(::chown(entry.path().c_str(), 0, kGroup), 0);
+            if (!entry.is_directory()) ASSERT_EQ(::chmod(entry.path().c_str(), 0640), 0);
+        }
+    };
+    const auto as_member = [&] {
+        return hord::test::run("/usr/bin/setpriv", {"--reuid=4712", "--regid=4712", "--groups=4711", std::string(HORD_BIN_DIR) + "/hordctl", "results", "--store", page.folder.path().string(), "--format", "csv"});
+    };
+    give();
+    const auto at_rest = as_member();
+    EXPECT_EQ(at_rest.status, 0) << at_rest.err;
+    EXPECT_EQ(std::count(at_rest.out.begin(), at_rest.out.end(), '\n'), 31);
+    const auto store = store::test::open(page.folder);
+    ASSERT_TRUE(store->write(store::test::Story(store::test::start(9)).add_results(1, 5).entries()));
+    give();
+    const auto running = as_member();
+    EXPECT_EQ(running.status, 0) << running.err;
+    EXPECT_EQ(std::count(running.out.begin(), running.out.end(), '\n'), 36);
+}
+
 TEST(PageFrames, belong_to_the_part_of_one_start_and_a_torn_one_is_told) {
     SmallPage page;
     const auto kept = page.frames.find(kBoot, kBadPart);
@@ -224,6 +253,9 @@ TEST(PageFrames, belong_to_the_part_of_one_start_and_a_torn_one_is_told) {
     EXPECT_EQ(page.frames.find(kBoot, 111).error().code, ErrorCode::not_found);
     ASSERT_TRUE(page.frames.newest());
     EXPECT_FALSE(page.frames.newest());  // nothing new
+    keep_frame(page.folder.path(), 112, false);  // passed, and is not kept
+    ASSERT_TRUE(page.frames.newest_reject());
+    EXPECT_FALSE(page.frames.newest_reject());
     const auto file = page.folder.path() / store::kFramesFolder / kept->name;
     std::filesystem::resize_file(file, std::filesystem::file_size(file) / 2);
     EXPECT_EQ(page.frames.find(kBoot, kBadPart).error().code, ErrorCode::unreadable);

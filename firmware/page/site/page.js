@@ -147,17 +147,22 @@ function takeResult(result) {
   showReject(result);
 }
 
+function factsOf(result) {
+  return `Part ${result.part} at ${new Date(result.verdict_ms).toLocaleTimeString()}, score ${known(result.score) ? result.score.toFixed(2) : "–"} of its limit, verdict after ${ms(result.latency_us)} ms, rejection ${result.reject.replace("_", " ")}.`;
+}
+
+// A result that did not pass. Its picture mostly came before it; of a part that was never inspected there is none, and nobody shall
+// take an older picture for its own.
 function showReject(result) {
-  const card = $("reject-card");
-  card.dataset.key = result.key;
-  card.dataset.shownAfterMs = Date.now() - result.verdict_ms;
-  if (seen.picture !== result.key) {  // until its own picture is there, nobody shall take the old one for it
-    $("map").classList.add("earlier");
-    say("map-of", seen.picture ? `Picture of part ${seen.picture.split("-")[1]}, an earlier one; of part ${result.part} none has come.` : "");
-    say("reject-words", result.verdict === "unfit" ? `Part ${result.part} could not be judged: ${result.reason}.` : `Part ${result.part}: ${result.reason}.`);
-    $("reject-defects").replaceChildren();
-  }
-  say("reject-facts", `Part ${result.part} at ${new Date(result.verdict_ms).toLocaleTimeString()}, score ${known(result.score) ? result.score.toFixed(2) : "–"} of its limit, verdict after ${ms(result.latency_us)} ms, rejection ${result.reject.replace("_", " ")}.`);
+  const newest = seen.wanted && seen.wanted.key.slice(0, 8) === result.key.slice(0, 8) ? seen.wanted.part : 0;
+  if (result.part < newest) return;  // the one behind it is shown already
+  say("reject-facts", factsOf(result));
+  if (result.part === newest) return;
+  $("reject-card").dataset.key = result.key;
+  $("map").classList.add("earlier");
+  say("map-of", seen.picture ? `Picture of part ${seen.picture.split("-")[1]}, an earlier one. Of part ${result.part} there is none.` : "");
+  say("reject-words", result.verdict === "unfit" ? `Part ${result.part} could not be judged: ${result.reason}.` : `Part ${result.part}: ${result.reason}.`);
+  $("reject-defects").replaceChildren();
   links($("reject-links"), result.key);
 }
 
@@ -169,34 +174,36 @@ function links(place, key) {
 }
 
 let drawing = false;
-async function showPicture(key) {
-  seen.wanted = key;
+async function showPicture(picture) {
+  seen.wanted = picture;
   if (drawing) return;  // the newest one follows
   drawing = true;
   try {
-    while (seen.wanted && seen.wanted !== seen.picture) {
-      const now = seen.wanted;
-      const found = await ask(`/parts/${now}/found.json`);
+    while (seen.wanted.key !== seen.picture) {
+      const { key, part, verdict_ms } = seen.wanted;
+      const found = await ask(`/parts/${key}/found.json`);
       const map = new Image();
-      map.src = `/parts/${now}/map.png`;
+      map.src = `/parts/${key}/map.png`;
       await map.decode();
       const shown = $("map");
       shown.src = map.src;
-      shown.alt = `Feature map of part ${found.part}. ${found.sentence} ${found.defects.map((d, k) => `${k + 1}: ${d.words} at lenslet ${d.m.toFixed(0)}, ${d.n.toFixed(0)}.`).join(" ")}`;
+      shown.alt = `Feature map of part ${part}. ${found.sentence} ${found.defects.map((d, k) => `${k + 1}: ${d.words} at lenslet ${d.m.toFixed(0)}, ${d.n.toFixed(0)}.`).join(" ")}`;
       shown.width = found.width; shown.height = found.height;
       shown.hidden = false;
-      shown.dataset.key = now;
-      const result = seen.results.get(now);
-      if (result) shown.dataset.shownAfterMs = Date.now() - result.verdict_ms;
       shown.classList.remove("earlier");
-      seen.picture = now;
-      say("map-of", `Picture of part ${found.part}.`);
-      say("reject-words", `Part ${found.part}. ${found.sentence}`);
+      shown.dataset.key = key;
+      shown.dataset.shownAfterMs = Date.now() - verdict_ms;
+      seen.picture = key;
+      $("reject-card").dataset.key = key;
+      say("map-of", `Picture of part ${part}.`);
+      say("reject-words", `Part ${part}. ${found.sentence}`);
       $("reject-defects").replaceChildren(...found.defects.map((d) => element("li", `${d.words} at lenslet (${d.m.toFixed(0)}, ${d.n.toFixed(0)})`)));
-      if (result) showReject(result);
+      links($("reject-links"), key);
+      const result = seen.results.get(key);
+      say("reject-facts", result ? factsOf(result) : `Part ${part}, verdict at ${new Date(verdict_ms).toLocaleTimeString()}; it is on its way to the ejector.`);
     }
   } catch (error) {
-    say("reject-facts", `No picture: ${error.message}`);
+    say("map-of", `No picture: ${error.message}`);
   } finally {
     drawing = false;
   }
@@ -383,7 +390,7 @@ function follow() {
   events.addEventListener("overrun", () => loadPage().catch(() => {}));
   events.addEventListener("state", (event) => showState(JSON.parse(event.data)));
   events.addEventListener("result", (event) => takeResult(JSON.parse(event.data)));
-  events.addEventListener("picture", (event) => showPicture(JSON.parse(event.data).key));
+  events.addEventListener("picture", (event) => showPicture(JSON.parse(event.data)));
   events.onerror = () => {
     say("link", "This page's server does not answer. What is shown is old.");
     if (!polling) { polling = setInterval(poll, 2000); poll(); }
