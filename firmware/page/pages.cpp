@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <chrono>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -15,6 +16,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr std::string_view kBearer = "Bearer ";
+constexpr auto kFramePatience = std::chrono::seconds(5);
 
 std::string dumped(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
 
@@ -202,6 +204,8 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
         reply.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + as + "\"");
         return reply;
     };
+    const std::unique_lock turn(frame_turn_, kFramePatience);
+    if (!turn) return refusal(503, "others are looking at parts", "try again in a moment");
     auto kept = works_.frames.find(named.boot, named.part);
     if (what.starts_with("record")) {
         // All that is known: the row; what stands in the frame, with the whole recipe; or why there is no frame.

@@ -85,6 +85,7 @@ class Pages {
     Reply counted(Reply reply);
 
     const Works works_;
+    std::timed_mutex frame_turn_;  // frames are large: one is in memory at a time
     std::mutex mutex_;
     std::map<int, std::uint64_t> replies_;
     std::map<std::string, std::uint64_t> commands_{{"completed", 0}, {"failed", 0}, {"refused", 0}};

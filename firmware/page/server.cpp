@@ -316,6 +316,9 @@ class Door final : public httplib::Server {
         here = nullptr;
     }
 
+    // cpp-httplib ends the streams of a server that does not listen; without a socket it is to be told otherwise.
+    void seem_to_listen() { svr_sock_ = 0; }
+
     std::atomic<bool> ending{false};
 
   private:
@@ -355,6 +358,7 @@ class Door final : public httplib::Server {
                 const std::string text = std::exchange(*beginning, {});
                 return sink.write(text.data(), text.size());
             }
+            if (!sink.is_writable()) return false;  // the browser has left
             const auto text = viewer->next(kStillHere);
             if (!text) {
                 sink.done();
@@ -375,6 +379,7 @@ struct PageServer::Parts {
     Door door;
     Viewers& viewers;
     int port = 0;
+    std::atomic<bool> started{false}, ended{false};
 };
 
 PageServer::PageServer(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
@@ -399,17 +404,22 @@ Result<std::unique_ptr<PageServer>> PageServer::open(const PageConfig& config, P
 std::uint16_t PageServer::port() const { return static_cast<std::uint16_t>(parts_->port); }
 
 void PageServer::run() {
+    parts_->started = true;
     if (!parts_->door.ending) parts_->door.listen_after_bind();
+    parts_->ended = true;
 }
 
 void PageServer::stop() {
     parts_->door.ending = true;
     parts_->viewers.end();
+    // A door that is about to listen would not hear that it shall not.
+    while (parts_->started && !parts_->ended && !parts_->door.is_running()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
     parts_->door.stop();
 }
 
 std::string answer_bytes(Pages& pages, Viewers& viewers, std::string_view bytes) {
     Door door(pages, viewers);
+    door.seem_to_listen();
     MemoryWire wire(bytes);
     door.serve(wire);
     return std::move(wire.answer);

@@ -65,7 +65,7 @@ def look(bin_dir, out, folder):
         while len(delays) < 3 or not judged:
             before = shown
             shown, delay = wait_for("another reject with its picture", lambda b=before: browser.run(
-                "const m = document.getElementById('map'); return !m.hidden && m.dataset.key !== arguments[0] && m.dataset.shownAfterMs ? [m.dataset.key, Number(m.dataset.shownAfterMs)] : null", b))
+                "const m = document.getElementById('map'); return !m.hidden && m.dataset.key !== arguments[0] && Number(m.dataset.verdictMs) > performance.timeOrigin + 3000 ? [m.dataset.key, Number(m.dataset.shownAfterMs)] : null", b))
             delays.append(delay)
             with urllib.request.urlopen(f"{page.address}/parts/{shown}/found.json", timeout=60) as reply:
                 found = json.load(reply)

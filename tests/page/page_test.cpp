@@ -227,7 +227,9 @@ TEST(PageResults, are_read_without_the_right_to_write_while_a_station_runs_and_w
         ASSERT_EQ(::chmod(page.folder.path().c_str(), 0750), 0);
         for (const auto& entry : std::filesystem::directory_iterator(page.folder.path())) {
             ASSERT_EQ(::chown(entry.path().c_str(), 0, kGroup), 0);
-            if (!entry.is_directory()) ASSERT_EQ(::chmod(entry.path().c_str(), 0640), 0);
+            if (!entry.is_directory()) {
+                ASSERT_EQ(::chmod(entry.path().c_str(), 0640), 0);
+            }
         }
     };
     const auto as_member = [&] {

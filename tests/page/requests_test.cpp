@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "firmware/page/site.h"
 #include "tests/page/small_page.h"
 
 // tests/fuzz/page_request_fuzz.cpp, linked here with its corpus.

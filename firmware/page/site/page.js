@@ -160,7 +160,7 @@ function showReject(result) {
   if (result.part === newest) return;
   $("reject-card").dataset.key = result.key;
   $("map").classList.add("earlier");
-  say("map-of", seen.picture ? `Picture of part ${seen.picture.split("-")[1]}, an earlier one. Of part ${result.part} there is none.` : "");
+  say("map-of", seen.picture ? `Picture of part ${seen.picture.split("-")[1]}, an earlier one. Of part ${result.part} none has come.` : "");
   say("reject-words", result.verdict === "unfit" ? `Part ${result.part} could not be judged: ${result.reason}.` : `Part ${result.part}: ${result.reason}.`);
   $("reject-defects").replaceChildren();
   links($("reject-links"), result.key);
@@ -192,6 +192,7 @@ async function showPicture(picture) {
       shown.hidden = false;
       shown.classList.remove("earlier");
       shown.dataset.key = key;
+      shown.dataset.verdictMs = verdict_ms;
       shown.dataset.shownAfterMs = Date.now() - verdict_ms;
       seen.picture = key;
       $("reject-card").dataset.key = key;
