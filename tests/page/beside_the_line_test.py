@@ -1,7 +1,7 @@
 """What becomes of the page is nothing to the line: beside_the_line_test.py BIN_DIR
 
-Two stations with the same parts at the same time, one with a page beside it that is asked without pause and then killed. The line
-must not show it: the same verdicts, none of them late.
+Two stations with the same parts, one with a page beside it that is asked without pause and then killed. The line must not show it:
+the same verdicts, none of them late.
 """
 import http.client
 import signal
@@ -13,13 +13,13 @@ import urllib.request
 from line import Page, Station
 from webdriver import wait_for
 
-PARTS = 24
+PARTS = 30
 
 
 def compare(bin_dir, folder):
     """True, or what went wrong on the line beside the page; None where the line without one went wrong, too."""
-    watched = Station(bin_dir, folder, parts=PARTS)
     alone = Station(bin_dir, folder, parts=PARTS, store="other-store")
+    watched = Station(bin_dir, folder, parts=PARTS)
     page = Page(bin_dir, folder, watched.port)
     ended = threading.Event()
 

@@ -75,7 +75,7 @@ class Station(Process):
     def __init__(self, bin_dir, folder, port=0, parts=0, rate=3, seed=7, store="store"):
         configuration = pathlib.Path(folder) / "station.toml"
         configuration.write_text(CONFIGURATION)
-        arguments = [f"{bin_dir}/hordctl", "run", "--simulate", "--config", configuration, "--modbus", f"127.0.0.1:{port}", "--rate", rate, "--good", 0.6, "--variety", 1, "--seed", seed,
+        arguments = ["stdbuf", "-oL", f"{bin_dir}/hordctl", "run", "--simulate", "--config", configuration, "--modbus", f"127.0.0.1:{port}", "--rate", rate, "--good", 0.6, "--variety", 1, "--seed", seed,
                      "--realtime", 5, "--json", "--store", f"{folder}/{store}"]
         super().__init__(arguments + (["--parts", parts] if parts else []))
         self.port = int(self.says(r"registers at [^ ]*:(\d+)")[1])
