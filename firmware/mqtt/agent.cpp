@@ -39,7 +39,7 @@ void Agent::step(milliseconds wait) {
     const auto now = Clock::now();
     if (!link_ && now >= connect_at_) connect();
     if (now >= look_at_) look();
-    node_.step(utc_now());
+    if (!link_ || !link_->congested()) node_.step(utc_now());
     read_results();
     send();
     if (link_) {
@@ -71,8 +71,10 @@ void Agent::lose(const Error& error) {
     link_.reset();
     node_.disconnected();
     if (!error.what.empty()) say(error.message());
-    // A broker that comes back meets a whole fleet: everybody waits for a time of their own.
-    patience_ = std::clamp(patience_ * 2, kFirstPatience, kLongestPatience);
+    // A broker that comes back meets a whole fleet: everybody waits for a time of their own. Two stations of one name would push each
+    // other out for ever.
+    patience_ = std::clamp(std::exchange(useful_, false) ? kFirstPatience : patience_ * 2, kFirstPatience, kLongestPatience);
+    if (error.code == ErrorCode::busy) patience_ = kLongestPatience;
     connect_at_ = Clock::now() + milliseconds(std::uniform_int_distribution<std::int64_t>(patience_.count() / 2, patience_.count())(random_));
 }
 
@@ -80,13 +82,15 @@ void Agent::take(const BrokerLink::Event& event) {
     const UtcMs now = utc_now();
     switch (event.kind) {
         case BrokerLink::Event::Kind::subscribed:
-            patience_ = milliseconds(0);
             node_.connected(now);
             say(fmt::format("connected with {}:{} as {}/{}{}", options_.broker.host, options_.broker.port, options_.node.group, options_.node.node,
                             node_.waits_for_host() ? ", waiting for the primary host " + options_.node.primary_host : std::string()));
             break;
-        case BrokerLink::Event::Kind::message: node_.message(event.topic, event.payload, now); break;
-        case BrokerLink::Event::Kind::confirmed: node_.confirmed(event.token, event.heard, now); break;
+        case BrokerLink::Event::Kind::message: node_.message(event.topic, event.payload, now, event.retained); break;
+        case BrokerLink::Event::Kind::confirmed:
+            useful_ |= event.heard;
+            node_.confirmed(event.token, event.heard, now);
+            break;
         case BrokerLink::Event::Kind::closed: lose(event.error); break;
     }
 }

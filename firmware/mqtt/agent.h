@@ -63,6 +63,7 @@ class Agent {
 
     Clock::time_point connect_at_{}, look_at_{}, read_at_{}, write_at_{};
     std::chrono::milliseconds patience_{0};  // before the next attempt
+    bool useful_ = false;                    // this connection took a result
     std::string store_, said_;
     std::int64_t newest_ = 0;
     bool store_was_missing_ = false;

@@ -16,6 +16,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::uint32_t kLargestPacket = 16'384;
+constexpr std::size_t kMostUnanswered = 1100;  // more than results may be in flight
 constexpr auto kAnswerWithin = std::chrono::seconds(15);  // from the connection to the last subscription
 
 // libmosquitto wants to be told once a process.
@@ -49,7 +50,7 @@ struct BrokerLink::Parts {
     std::vector<std::string> topics;
     std::unique_ptr<mosquitto, FreeClient> client;
     std::vector<Event> events;
-    std::unordered_map<int, std::uint64_t> tokens;  // of message ids that are not answered yet
+    std::unordered_map<int, std::uint64_t> tokens;  // of message ids that are not answered yet; 0: nobody asks
     std::size_t subscriptions = 0;                   // answered
     Clock::time_point began = Clock::now();
     bool subscribed = false, closed = false, leaving = false;
@@ -106,20 +107,26 @@ struct BrokerLink::Parts {
         const auto at = tokens.find(id);
         if (at == tokens.end()) return;
         if (code >= 0x80) {
-            return close(ErrorCode::refused, fmt::format("refuses a result ({})", mosquitto_reason_string(code)), "let this station's user write its topics in the broker's access list");
+            return close(ErrorCode::refused, fmt::format("refuses what this station publishes ({})", mosquitto_reason_string(code)), "let this station's user write its topics in the broker's access list");
         }
         Event event;
         event.kind = Event::Kind::confirmed;
         event.token = at->second;
         event.heard = code != MQTT_RC_NO_MATCHING_SUBSCRIBERS;
-        events.push_back(std::move(event));
         tokens.erase(at);
+        if (event.token != 0) events.push_back(std::move(event));
+    }
+
+    void on_disconnect(int code) {
+        if (code != MQTT_RC_SESSION_TAKEN_OVER) return;
+        close(ErrorCode::busy, "has let another station in that calls itself \"" + options.client_id + "\"", "give each station a sparkplug.node of its own");
     }
 
     void on_message(const mosquitto_message* message) {
         Event event;
         event.kind = Event::Kind::message;
         event.topic = message->topic;
+        event.retained = message->retain;
         // What is too large is refused by its size; nobody reads on.
         event.payload.assign(static_cast<const char*>(message->payload), std::min<std::size_t>(static_cast<std::size_t>(message->payloadlen), kMaxCommandBytes + 1));
         events.push_back(std::move(event));
@@ -149,6 +156,7 @@ Result<void> BrokerLink::Parts::prepare(const Outgoing& will) {
     };
     if (auto done = checked(mosquitto_int_option(client.get(), MOSQ_OPT_PROTOCOL_VERSION, options.protocol == 5 ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311), "protocol"); !done) return done;
     if (auto done = checked(mosquitto_int_option(client.get(), MOSQ_OPT_TCP_NODELAY, 1), "option"); !done) return done;
+    if (auto done = checked(mosquitto_int_option(client.get(), MOSQ_OPT_SEND_MAXIMUM, 65'535), "option"); !done) return done;  // the broker's own limit holds
     if (!options.user.empty()) {
         if (auto done = checked(mosquitto_username_pw_set(client.get(), options.user.c_str(), options.password.c_str()), "login"); !done) return done;
     }
@@ -160,6 +168,7 @@ Result<void> BrokerLink::Parts::prepare(const Outgoing& will) {
         static_cast<Parts*>(self)->on_subscribe(id, count, granted);
     });
     mosquitto_publish_v5_callback_set(client.get(), [](mosquitto*, void* self, int id, int code, const mosquitto_property*) { static_cast<Parts*>(self)->on_publish(id, code); });
+    mosquitto_disconnect_v5_callback_set(client.get(), [](mosquitto*, void* self, int code, const mosquitto_property*) { static_cast<Parts*>(self)->on_disconnect(code); });
     mosquitto_message_v5_callback_set(client.get(), [](mosquitto*, void* self, const mosquitto_message* message, const mosquitto_property*) {
         static_cast<Parts*>(self)->on_message(message);
     });
@@ -214,19 +223,20 @@ Result<void> BrokerLink::publish(const Outgoing& message) {
     const int done = message.fence ? mosquitto_subscribe(p.client.get(), &id, message.topic.c_str(), message.qos)
                                    : mosquitto_publish(p.client.get(), &id, message.topic.c_str(), static_cast<int>(message.payload.size()), message.payload.data(), message.qos, false);
     if (done != MOSQ_ERR_SUCCESS) return fail(ErrorCode::disconnected, p.where() + " is gone (" + mosquitto_strerror(done) + ")", "it is tried again; see the broker's log and the network");
-    if (message.token != 0) p.tokens.emplace(id, message.token);
+    if (message.qos > 0) p.tokens.emplace(id, message.token);
     return {};
 }
 
-bool BrokerLink::congested() const { return mosquitto_want_write(parts_->client.get()); }
+bool BrokerLink::congested() const { return mosquitto_want_write(parts_->client.get()) || parts_->tokens.size() > kMostUnanswered; }
 
 void BrokerLink::leave(std::chrono::milliseconds patience) {
     Parts& p = *parts_;
     p.leaving = true;
     const auto until = Clock::now() + patience;
-    while (!p.closed && mosquitto_want_write(p.client.get()) && Clock::now() < until) {
-        if (mosquitto_loop(p.client.get(), 10, 1) != MOSQ_ERR_SUCCESS) return;
+    while (!p.closed && (mosquitto_want_write(p.client.get()) || !p.tokens.empty())) {
+        if (Clock::now() > until || mosquitto_loop(p.client.get(), 10, 1) != MOSQ_ERR_SUCCESS) return;
     }
+    if (p.closed) return;
     mosquitto_disconnect(p.client.get());
     for (int k = 0; k < 10 && mosquitto_want_write(p.client.get()); ++k) mosquitto_loop(p.client.get(), 10, 1);
 }

@@ -32,6 +32,7 @@ class BrokerLink {
         Kind kind = Kind::closed;
         std::string topic, payload;   // message
         std::uint64_t token = 0;      // confirmed
+        bool retained = false;        // message: the broker had kept it
         bool heard = true;            // confirmed: somebody was there to pass it to
         Error error = {};             // closed
     };
@@ -46,10 +47,11 @@ class BrokerLink {
 
     // Fails with disconnected.
     Result<void> publish(const Outgoing& message);
-    // Bytes wait for the socket: a good moment to send nothing that can wait.
+    // The broker does not read, or does not answer: a good moment to send nothing that can wait.
     [[nodiscard]] bool congested() const;
 
-    // Says goodbye, so that the broker does not publish the will. Blocks for at most `patience`, until what was published is sent.
+    // Says goodbye once everything is answered, so that the broker does not publish the will. Blocks for at most `patience`; when that
+    // is over the connection is dropped without a word, and the will stands.
     void leave(std::chrono::milliseconds patience);
 
   private:

@@ -95,14 +95,14 @@ void EdgeNode::birth(UtcMs now) {
     const auto declared = result_metrics(nullptr, {}, false);
     payload.metrics.insert(payload.metrics.end(), declared.begin(), declared.end());
     for (Metric& metric : payload.metrics) metric.time_ms = now;
-    publish("NBIRTH", std::move(payload), 0, 0, now);
+    publish("NBIRTH", std::move(payload), 0, now);
     begin_results();
 }
 
-void EdgeNode::publish(const char* type, Payload payload, int qos, std::uint64_t token, UtcMs now) {
+void EdgeNode::publish(const char* type, Payload payload, std::uint64_t token, UtcMs now) {
     payload.time_ms = now;
     payload.seq = seq_++;  // 255 is followed by 0
-    outbox_.push_back({topic(type), encode(payload), qos, token, false});
+    outbox_.push_back({topic(type), encode(payload), options_.qos, token, false});
 }
 
 void EdgeNode::tell(const std::vector<Reading>& readings, UtcMs now) {
@@ -119,7 +119,7 @@ void EdgeNode::tell(const std::vector<Reading>& readings, UtcMs now) {
         payload.metrics.push_back(std::move(change));
     }
     told_ = metrics;
-    if (!payload.metrics.empty()) publish("NDATA", std::move(payload), 0, 0, now);
+    if (!payload.metrics.empty()) publish("NDATA", std::move(payload), 0, now);
 }
 
 void EdgeNode::step(UtcMs now) {
@@ -129,9 +129,10 @@ void EdgeNode::step(UtcMs now) {
 
 // -- what others say -------------------------------------------------------------------------------------------
 
-void EdgeNode::message(const std::string& from, std::string_view payload, UtcMs now) {
+void EdgeNode::message(const std::string& from, std::string_view payload, UtcMs now, bool retained) {
     if (session_ == Session::none) return;
-    if (from == topic("NCMD")) command(payload);
+    if (from == topic("NCMD") && retained) refuse("a command that the broker keeps for everybody who connects: remove it there");
+    else if (from == topic("NCMD")) command(payload);
     else if (!options_.primary_host.empty() && from == state_topic()) host_state(payload, now);
     else refuse("a message on the topic \"" + from.substr(0, 100) + "\", which was not asked for");
     step(now);
@@ -247,7 +248,7 @@ void EdgeNode::offer(std::span<const store::StoredResult> results, std::int64_t 
         open_.push_back({token_, result.number, Fate::unknown});
         Payload payload;
         payload.metrics = result_metrics(&result, cursor_.store, historical);
-        publish("NDATA", std::move(payload), options_.qos, options_.qos > 0 ? token_ : 0, now);
+        publish("NDATA", std::move(payload), options_.qos > 0 ? token_ : 0, now);
     }
     if (options_.qos == 0 && !results.empty()) outbox_.push_back({topics().front(), {}, 1, token_, true});
 }

@@ -26,7 +26,7 @@ struct NodeOptions {
     std::string group = "hord", node;
     std::string primary_host;     // its host id; empty: nobody is waited for
     std::string software;         // version
-    int qos = 1;                  // of results
+    int qos = 1;                  // of everything that counts seq: with two of them, brokers would change the order
     std::size_t in_flight = 64;   // results that may be open
     int repeat = 100;             // confirmed results that every birth is followed by, once more
     int history_per_s = 500;      // pace of what is not new; 0: no limit
@@ -51,7 +51,7 @@ class EdgeNode {
     [[nodiscard]] std::vector<std::string> topics() const;  // to be subscribed with QoS 1
     void connected(UtcMs now);                              // and subscribed
     void disconnected();
-    void message(const std::string& topic, std::string_view payload, UtcMs now);
+    void message(const std::string& topic, std::string_view payload, UtcMs now, bool retained = false);
     // `heard`: the broker had somebody to pass it to.
     void confirmed(std::uint64_t token, bool heard, UtcMs now);
 
@@ -103,7 +103,7 @@ class EdgeNode {
     [[nodiscard]] Payload death(UtcMs now) const;
     [[nodiscard]] std::vector<Metric> node_metrics() const;
     void birth(UtcMs now);
-    void publish(const char* type, Payload payload, int qos, std::uint64_t token, UtcMs now);
+    void publish(const char* type, Payload payload, std::uint64_t token, UtcMs now);
     void host_state(std::string_view text, UtcMs now);
     void command(std::string_view bytes);
     void refuse(const std::string& why);

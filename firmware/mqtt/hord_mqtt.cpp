@@ -1,12 +1,14 @@
 // hord-mqtt: hands a station's results and health to an MQTT broker, as a Sparkplug B edge node. A process of its own beside hordd:
 // it reads registers and store, and can change neither.
-#include <cerrno>
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <ctime>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
@@ -47,6 +49,7 @@ class Station {
             return std::move(*all);
         }
         client_.reset();
+        places_.clear();
         if (!std::exchange(silent_, true)) say(all.error().message());
         return {};
     }
@@ -57,10 +60,19 @@ class Station {
             auto connected = modbus::Client::connect(endpoint_, kModbusAnswer);
             if (!connected) return tl::unexpected(connected.error());
             client_.emplace(std::move(*connected));
+            auto places = client_->walk();
+            if (!places) return tl::unexpected(places.error());
+            places_ = std::move(*places);
         }
+        // One request a block: the station has better things to do.
         std::vector<Reading> all;
-        for (const BlockId id : blocks_told()) {
-            auto readings = client_->read_block(id);
+        for (const modbus::Client::Place& place : places_) {
+            const auto told = blocks_told();
+            if (std::none_of(told.begin(), told.end(), [&](BlockId id) { return static_cast<std::uint16_t>(id) == place.id; })) continue;
+            const Block& block = *find_block(static_cast<BlockId>(place.id));
+            auto image = client_->read(place.base, std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block.size(), kMaxRead}));
+            if (!image) return tl::unexpected(image.error());
+            auto readings = decode(block, *image);
             if (!readings) return tl::unexpected(readings.error());
             all.insert(all.end(), readings->begin(), readings->end());
         }
@@ -68,6 +80,7 @@ class Station {
     }
     modbus::Endpoint endpoint_;
     std::optional<modbus::Client> client_;
+    std::vector<modbus::Client::Place> places_;
     bool silent_ = false;
 };
 

@@ -130,10 +130,10 @@ Result<MqttConfig> load_mqtt_config(const std::filesystem::path& file) {
 std::filesystem::path credential_or(const std::filesystem::path& file) {
     const char* folder = std::getenv("CREDENTIALS_DIRECTORY");
     if (folder == nullptr || file.empty()) return file;
-    std::error_code error;
     const auto credential = std::filesystem::path(folder) / file.filename();
-    // An empty one stands for an original that does not exist.
-    return std::filesystem::exists(credential, error) && std::filesystem::file_size(credential, error) > 0 && !error ? credential : file;
+    std::ifstream in(credential);
+    std::string first;
+    return std::getline(in, first) && first != "-" ? credential : file;  // "-": the original does not exist (hord-mqtt.service)
 }
 
 Result<std::string> read_secret(const std::filesystem::path& named) {

@@ -139,7 +139,7 @@ std::vector<Reading> readings_now() {
     }
     while (true) {
         for (auto& agent : agents) agent->step(milliseconds(0));
-        std::this_thread::sleep_for(milliseconds(rate > 0 ? 20 : 0));
+        std::this_thread::sleep_for(milliseconds(rate > 0 ? 20 : 5));
     }
 }
 
@@ -169,7 +169,9 @@ class Consumer {
         ++counted.messages;
         const std::string_view topic = m.topic;
         if (topic.find("/NBIRTH/") != std::string_view::npos) ++counted.births;
-        if (m.qos != 1) return;
+        // A result begins with its number: field 2, alias 20100.
+        const auto* bytes = static_cast<const unsigned char*>(m.payload);
+        if (m.payloadlen < 20 || bytes[7] != 0x12 || bytes[9] != 0x10 || bytes[10] != 0x84 || bytes[11] != 0x9D || bytes[12] != 0x01) return;
         ++counted.results;
         counted.bytes += static_cast<std::uint64_t>(m.payloadlen) + topic.size() + 9;  // header 5, topic length 2, message id 2
     }

@@ -80,6 +80,8 @@ TEST(MqttConfig, takes_a_password_that_only_its_owner_may_read) {
     write_text(folder.path() / "credentials/mqtt.password", "from systemd\n");
     ::setenv("CREDENTIALS_DIRECTORY", (folder.path() / "credentials").c_str(), 1);
     EXPECT_EQ(read_secret(file).value(), "from systemd");
+    write_text(folder.path() / "credentials/mqtt.password", "-");  // root has none
+    EXPECT_THAT(read_secret(file).error().message(), HasSubstr(file.string() + " holds no password"));
     ::unsetenv("CREDENTIALS_DIRECTORY");
 }
 
