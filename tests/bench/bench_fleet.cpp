@@ -145,7 +145,7 @@ std::vector<Reading> readings_now() {
 
 // Counts what comes.
 struct Counted {
-    std::uint64_t messages = 0, results = 0, bytes = 0, births = 0;
+    std::uint64_t messages = 0, results = 0, bytes = 0, births = 0, birth_bytes = 0;
 };
 
 class Consumer {
@@ -168,7 +168,10 @@ class Consumer {
     void take(const mosquitto_message& m) {
         ++counted.messages;
         const std::string_view topic = m.topic;
-        if (topic.find("/NBIRTH/") != std::string_view::npos) ++counted.births;
+        if (topic.find("/NBIRTH/") != std::string_view::npos) {
+            ++counted.births;
+            counted.birth_bytes = static_cast<std::uint64_t>(m.payloadlen);
+        }
         // A result begins with its number: field 2, alias 20100.
         const auto* bytes = static_cast<const unsigned char*>(m.payload);
         if (m.payloadlen < 20 || bytes[7] != 0x12 || bytes[9] != 0x10 || bytes[10] != 0x84 || bytes[11] != 0x9D || bytes[12] != 0x01) return;
@@ -264,15 +267,16 @@ void flood(int stations, std::int64_t waiting) {
     fleet.launch(stations, 0, waiting);
     const std::uint64_t all = static_cast<std::uint64_t>(stations) * static_cast<std::uint64_t>(waiting);
     while (consumer.counted.results == 0) consumer.serve(milliseconds(10));
-    const double broker = use_of(fleet.broker()).cpu_s;
+    const double broker = use_of(fleet.broker()).cpu_s, station = fleet.stations_cpu(), own = use_of(::getpid()).cpu_s;
     const auto began = Clock::now();
     while (consumer.counted.results < all) {
         consumer.serve(milliseconds(10));
         if (Clock::now() - began > std::chrono::minutes(5)) give_up("results are missing");
     }
     const double took = seconds(Clock::now() - began);
-    fmt::print("\n{} stations with {} results each that waited: {} results in {:.1f} s, {:.0f} a second; broker {:.0f} % of a core, {:.1f} us a result\n", stations, waiting, all, took, static_cast<double>(all) / took,
-               100 * (use_of(fleet.broker()).cpu_s - broker) / took, 1e6 * (use_of(fleet.broker()).cpu_s - broker) / static_cast<double>(all));
+    const double count = static_cast<double>(all);
+    fmt::print("\n{} stations with {} results each that waited: {} results in {:.1f} s, {:.0f} a second; processor time a result: broker {:.1f} us, stations {:.1f} us, consumer {:.1f} us\n", stations, waiting, all, took,
+               count / took, 1e6 * (use_of(fleet.broker()).cpu_s - broker) / count, 1e6 * (fleet.stations_cpu() - station) / count, 1e6 * (use_of(::getpid()).cpu_s - own) / count);
     std::fflush(stdout);
 }
 
@@ -308,8 +312,8 @@ void real_program(const std::string& program, double rate, int duration_s) {
         consumer.serve(milliseconds(100));
     }
     const double took = seconds(Clock::now() - began);
-    fmt::print("\nhord-mqtt itself, {:g} results a second from a store: {:.2f} % of a core, {:.1f} MB resident; {} of {} results at the consumer\n", rate, 100 * (use_of(node).cpu_s - cpu) / took,
-               static_cast<double>(use_of(node).resident_kb) / 1000, consumer.counted.results, written);
+    fmt::print("\nhord-mqtt itself, {:g} results a second from a store: {:.2f} % of a core, {:.1f} MB resident; {} of {} results at the consumer; a birth has {} bytes\n", rate, 100 * (use_of(node).cpu_s - cpu) / took,
+               static_cast<double>(use_of(node).resident_kb) / 1000, consumer.counted.results, written, consumer.counted.birth_bytes);
     Fleet::end(node);
 }
 
