@@ -4,6 +4,7 @@
 #include <atomic>
 #include <charconv>
 #include <thread>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -36,11 +37,15 @@ Result<Shard> parse_shard(std::string_view text) {
 }
 
 Result<void> put_in_order(std::vector<ArchivedFile>& frames) {
-    const auto name = [](const ArchivedFile& frame) { return json_escaped(frame.file.filename().string()); };  // as it stands in the lines
-    std::sort(frames.begin(), frames.end(), [&](const ArchivedFile& a, const ArchivedFile& b) { return name(a) < name(b); });
-    const auto twice = std::adjacent_find(frames.begin(), frames.end(), [&](const ArchivedFile& a, const ArchivedFile& b) { return name(a) == name(b); });
-    if (twice == frames.end()) return {};
-    return fail(ErrorCode::invalid_argument, "two frames are called " + twice->file.filename().string(), "name each frame once");
+    std::vector<std::pair<std::string, ArchivedFile>> named;
+    named.reserve(frames.size());
+    for (ArchivedFile& frame : frames) named.emplace_back(json_escaped(frame.file.filename().string()), std::move(frame));  // as it stands in the lines
+    std::sort(named.begin(), named.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+    frames.clear();
+    for (auto& [name, frame] : named) frames.push_back(std::move(frame));
+    const auto twice = std::adjacent_find(named.begin(), named.end(), [](const auto& a, const auto& b) { return a.first == b.first; });
+    if (twice == named.end()) return {};
+    return fail(ErrorCode::invalid_argument, "two frames are called " + twice->first, "name each frame once");
 }
 
 void replay_all(const std::vector<ArchivedFile>& frames, const std::optional<algo::Recipe>& recipe, unsigned jobs,
