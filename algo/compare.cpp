@@ -4,136 +4,234 @@
 #include <cmath>
 #include <cstring>
 
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
 #include "algo/isa_targets.h"
 #include "algo/mask.h"
 
 namespace hord::algo {
 
-// Sums over bins of products of residual r and templates x, y, b (for blur), each over the bin's variance; per lane.
+namespace {
+
+constexpr int kLanes = 8, kLine = 16;
+constexpr float kEdgeBins = 0.2F, kEdgeLight = 0.1F;  // second differences of a golden map: what interpolation cannot follow
+constexpr int kRoom = 64;  // before the first bin and after the last: two rows and two bins of the largest HORDs, in whole blocks, and one more
+static_assert(kRoom >= 2 * (kMaxBins + 2) + 2 + 2 * kLanes && kRoom % kLanes == 0);
+
+using Eight = Vector<float, kLanes * sizeof(float)>;
+
+}  // namespace
+
+// Sums over bins, per lane: products of residual r and templates x, y, b (for blur), each over the bin's variance; and what no template explains.
 struct Comparer::Templates {
-    static constexpr int kLanes = 16;
-    float rr[kLanes], rx[kLanes], ry[kLanes], rb[kLanes], xx[kLanes], xy[kLanes], xb[kLanes], yy[kLanes], yb[kLanes], bb[kLanes], degrees[kLanes];
+    enum Sum : std::uint8_t { rx, ry, rb, xx, xy, xb, yy, yb, bb, kSums };
+    float of[kSums][kLanes];
+};
+struct Comparer::Rest {
+    float chi2[kLanes], degrees[kLanes];
 };
 
 namespace {
 
-constexpr int kLanes = Comparer::Templates::kLanes;
-constexpr float kLitDn = 1;  // a bin that expects less reads nothing, mostly
-
-template <int Bytes>
-HORD_ALWAYS_INLINE float gather(const Comparer::Taps& taps, int blocks, int first, int last, float* __restrict out) {
-    float all[kLanes] = {};
-    for (int block = 0; block < blocks; ++block) {
-        const int k = block * kLanes;
-        if (block < first || block > last) {
-            for (int l = 0; l < kLanes; ++l) out[k + l] = 0;
-            continue;
-        }
-        std::int32_t sum[kLanes] = {};
-        for (int t = 0; t < taps.count; ++t) {
-            const std::uint16_t* at = taps.from[t] + k;
-            const std::int32_t w = taps.weights[t];
-            for (int l = 0; l < kLanes; ++l) sum[l] += w * at[l];
-        }
-        for (int l = 0; l < kLanes; ++l) {
-            const float g = static_cast<float>(sum[l] > 0 ? sum[l] : 0) * 0x1p-29F;
-            const float seen = taps.light * g - (1.0F - taps.light) * (g < taps.clip ? g : taps.clip);
-            out[k + l] = seen > 0.0F ? seen : 0.0F;
-            all[l] += out[k + l];
-        }
+// What sixteen sums of shares times weights mean at the part's light. Returns nothing where the dark level leaves nothing.
+HORD_ALWAYS_INLINE void at_light(const std::int32_t (&sum)[kLine], const Comparer::Taps& taps, float (&all)[kLine], float* __restrict out) {
+    for (int l = 0; l < kLine; ++l) {
+        const float g = static_cast<float>(sum[l] > 0 ? sum[l] : 0) * 0x1p-29F;
+        const float seen = taps.light * g - (1.0F - taps.light) * (g < taps.clip ? g : taps.clip);
+        out[l] = seen > 0.0F ? seen : 0.0F;
+        all[l] += out[l];
     }
+}
+HORD_ALWAYS_INLINE float sum_of(const float (&all)[kLine]) {
     float total = 0;
-    for (int l = 0; l < kLanes; ++l) total += all[l];
+    for (int l = 0; l < kLine; ++l) total += all[l];
     return total;
 }
 
-// The binomial 1 4 6 4 1 along both axes, each as 1 2 1 twice. What lies around the bins is dark, and there is room for it.
-template <int Bytes>
-HORD_ALWAYS_INLINE void scatter(const float* g, int blocks, int row, float* __restrict half, float* __restrict other_half, float* __restrict out) {
-    const int end = blocks * kLanes;
-    for (int k = -3 * kLanes; k < end + 3 * kLanes; ++k) half[k] = (g[k - 1] + g[k + 1]) + 2.0F * g[k];
-    for (int k = -3 * kLanes; k < end + 3 * kLanes; ++k) other_half[k] = (half[k - 1] + half[k + 1]) + 2.0F * half[k];
-    for (int k = -2 * kLanes; k < end + 2 * kLanes; ++k) half[k] = (other_half[k - row] + other_half[k + row]) + 2.0F * other_half[k];
-    for (int k = 0; k < end; ++k) out[k] = ((half[k - row] + half[k + row]) + 2.0F * half[k]) * 0x1p-8F;
+// Sixteen shares at a time: a Reference's stride is a multiple of that.
+float gather_portable(const Comparer::Taps& taps, int first, int last, float* __restrict out) {
+    float all[kLine] = {};
+    for (int k = first / 2 * kLine; k < (last / 2 + 1) * kLine; k += kLine) {
+        std::int32_t sum[kLine] = {};
+        for (int t = 0; t < 16; ++t) {
+            const std::uint16_t* at = taps.from[t] + k;
+            const std::int32_t w = taps.weights[t];
+            for (int l = 0; l < kLine; ++l) sum[l] += w * at[l];
+        }
+        at_light(sum, taps, all, out + k);
+    }
+    return sum_of(all);
 }
 
-// Sixteen at a time, whatever a row has: what is too much is overwritten by the next row, or lies where there are no bins.
-template <int Bytes>
-HORD_ALWAYS_INLINE void spread_out(const std::uint16_t* masses, int columns, int rows, float* __restrict out) {
-    for (int j = 0; j < rows; ++j, masses += columns, out += columns + 2) {
-        for (int l = 0; l < kLanes; ++l) out[l] = static_cast<float>(masses[l]);
+#if defined(__x86_64__)
+// The same integers, two taps in one multiplication.
+[[gnu::target("avx2")]] float gather_avx2(const Comparer::Taps& taps, int first, int last, float* __restrict out) {
+    __m256i weights[8];
+    for (int t = 0; t < 8; ++t) {
+        const auto low = static_cast<std::uint16_t>(taps.weights[2 * t]), high = static_cast<std::uint16_t>(taps.weights[2 * t + 1]);
+        weights[t] = _mm256_set1_epi32(static_cast<int>(static_cast<std::uint32_t>(high) << 16U | low));
     }
+    float all[kLine] = {};
+    for (int k = first / 2 * kLine; k < (last / 2 + 1) * kLine; k += kLine) {
+        __m256i even = _mm256_setzero_si256(), odd = even;
+        for (int t = 0; t < 8; ++t) {
+            const __m256i a = load<__m256i>(taps.from[2 * t] + k), b = load<__m256i>(taps.from[2 * t + 1] + k);
+            even = _mm256_add_epi32(even, _mm256_madd_epi16(_mm256_unpacklo_epi16(a, b), weights[t]));
+            odd = _mm256_add_epi32(odd, _mm256_madd_epi16(_mm256_unpackhi_epi16(a, b), weights[t]));
+        }
+        std::int32_t sum[kLine];
+        store(_mm256_permute2x128_si256(even, odd, 0x20), sum);
+        store(_mm256_permute2x128_si256(even, odd, 0x31), sum + kLanes);
+        at_light(sum, taps, all, out + k);
+    }
+    return sum_of(all);
+}
+auto gather_for(Isa isa) { return isa == Isa::portable ? gather_portable : gather_avx2; }
+#else
+auto gather_for(Isa) { return gather_portable; }
+#endif
+
+// The binomial 1 4 6 4 1 along both axes. What lies around the bins is dark, and there is room for it.
+template <int Bytes>
+HORD_ALWAYS_INLINE void scatter(const float* g, int first, int last, int row, float* __restrict half, float* __restrict out) {
+    const auto binomial = [](const float* at, std::ptrdiff_t step) {
+        const Eight middle = load<Eight>(at), beside = load<Eight>(at - step) + load<Eight>(at + step), outer = load<Eight>(at - 2 * step) + load<Eight>(at + 2 * step);
+        return (outer + 6.0F * middle) + 4.0F * beside;
+    };
+    const int begin = first * kLanes, end = (last + 1) * kLanes;
+    const int reach = (2 * row + kLanes - 1) / kLanes * kLanes;  // whole blocks that cover two rows
+    for (int k = begin - reach; k < end + reach; k += kLanes) store(binomial(g + k, 1), half + k);
+    for (int k = begin; k < end; k += kLanes) store(binomial(half + k, row) * 0x1p-8F, out + k);
+}
+
+// Sixteen at a time, whatever a line has: what is too much is overwritten by the next one, or lies where there are no bins.
+template <int Bytes>
+HORD_ALWAYS_INLINE void spread_out(const void* samples, std::ptrdiff_t line_stride, bool wide, std::uint32_t dark, int columns, int rows, float* __restrict out) {
+    const auto lines = [&](const auto* from) {
+        for (int j = 0; j < rows; ++j, from += line_stride, out += columns + 2) {
+            for (int l = 0; l < kLine; ++l) {
+                const std::int32_t above = static_cast<std::int32_t>(from[l]) - static_cast<std::int32_t>(dark);
+                out[l] = static_cast<float>(above > 0 ? above : 0);
+            }
+        }
+    };
+    if (wide) lines(static_cast<const std::uint16_t*>(samples));
+    else lines(static_cast<const std::uint8_t*>(samples));
 }
 
 template <int Bytes>
 HORD_ALWAYS_INLINE void project(const Comparer::Bins& bins, int first, int last, Comparer::Templates& out) {
-    float rr[kLanes] = {}, rx[kLanes] = {}, ry[kLanes] = {}, rb[kLanes] = {}, xx[kLanes] = {}, xy[kLanes] = {}, xb[kLanes] = {}, yy[kLanes] = {}, yb[kLanes] = {},
-          bb[kLanes] = {}, degrees[kLanes] = {};
-    const float n = bins.light, inverse_gain = bins.inverse_gain, floor = bins.floor, inverse_floor = 1 / bins.floor;
-    for (int block = 0; block < bins.blocks; ++block) {
+    using Sums = Comparer::Templates;
+    Eight sum[Sums::kSums] = {};
+    const float n = bins.light;
+    for (int block = first; block <= last; ++block) {
         const int at = block * kLanes;
-        const float *o = bins.mass + at, *h = bins.here + at;
-        if (block < first || block > last) {  // no light is expected here
-            for (int l = 0; l < kLanes; ++l) rr[l] += h[l] * inverse_floor * o[l] * o[l];
-            continue;
-        }
-        const float *g = bins.golden + at, *s = bins.scattered + at, *above = g - bins.row, *below = g + bins.row;
-        for (int l = 0; l < kLanes; ++l) {
-            const float e = n * g[l];
-            const float noise = e * inverse_gain;
-            const float w = h[l] / (noise + floor);
-            const float r = o[l] - e;
-            const float x = 0.5F * n * (g[l - 1] - g[l + 1]);
-            const float y = 0.5F * n * (above[l] - below[l]);
-            const float b = n * (s[l] - g[l]);
-            const float wr = w * r, wx = w * x, wy = w * y, wb = w * b;
-            rr[l] += wr * r;
-            rx[l] += wr * x;
-            ry[l] += wr * y;
-            rb[l] += wr * b;
-            xx[l] += wx * x;
-            xy[l] += wx * y;
-            xb[l] += wx * b;
-            yy[l] += wy * y;
-            yb[l] += wy * b;
-            bb[l] += wb * b;
-            degrees[l] += w * (e > kLitDn ? noise + floor : noise);
-        }
+        const float* golden = bins.golden + at;
+        const auto o = load<Eight>(bins.mass + at), h = load<Eight>(bins.here + at), g = load<Eight>(golden), s = load<Eight>(bins.scattered + at);
+        const Eight e = n * g, lit = e + bins.noise.soft;
+        const Eight w = h * lit / ((e * bins.noise.a_dn + bins.noise.empty) * lit + bins.noise.lit * e);
+        const Eight r = o - e;
+        const Eight x = (0.5F * n) * (load<Eight>(golden - 1) - load<Eight>(golden + 1));
+        const Eight y = (0.5F * n) * (load<Eight>(golden - bins.row) - load<Eight>(golden + bins.row));
+        const Eight b = n * (s - g);
+        const Eight wr = w * r, wx = w * x, wy = w * y, wb = w * b;
+        sum[Sums::rx] += wr * x;
+        sum[Sums::ry] += wr * y;
+        sum[Sums::rb] += wr * b;
+        sum[Sums::xx] += wx * x;
+        sum[Sums::xy] += wx * y;
+        sum[Sums::xb] += wx * b;
+        sum[Sums::yy] += wy * y;
+        sum[Sums::yb] += wy * b;
+        sum[Sums::bb] += wb * b;
     }
-    std::memcpy(out.rr, rr, sizeof rr), std::memcpy(out.rx, rx, sizeof rx), std::memcpy(out.ry, ry, sizeof ry), std::memcpy(out.rb, rb, sizeof rb);
-    std::memcpy(out.xx, xx, sizeof xx), std::memcpy(out.xy, xy, sizeof xy), std::memcpy(out.xb, xb, sizeof xb), std::memcpy(out.yy, yy, sizeof yy);
-    std::memcpy(out.yb, yb, sizeof yb), std::memcpy(out.bb, bb, sizeof bb), std::memcpy(out.degrees, degrees, sizeof degrees);
+    for (int k = 0; k < Sums::kSums; ++k) store(sum[k], out.of[k]);
 }
 
-HORD_FOR_EACH_ISA(gather_for, float, gather, (const Comparer::Taps& taps, int blocks, int first, int last, float* out), (taps, blocks, first, last, out))
-HORD_FOR_EACH_ISA(scatter_for, void, scatter, (const float* g, int blocks, int row, float* half, float* other_half, float* out), (g, blocks, row, half, other_half, out))
-HORD_FOR_EACH_ISA(spread_out_for, void, spread_out, (const std::uint16_t* masses, int columns, int rows, float* out), (masses, columns, rows, out))
+// In dark bins weighed with the whole reading noise: one outlying reading does not move it far.
+template <int Bytes>
+HORD_ALWAYS_INLINE void look_at_rest(const Comparer::Bins& bins, int first, int last, float a, float b, float c, Comparer::Rest& out) {
+    Eight chi2 = {}, degrees = {};
+    const float n = bins.light, read = bins.noise.quiet + bins.noise.lit, half_a = 0.5F * a * n, half_b = 0.5F * b * n, all_c = c * n, per_read = 1 / read, quiet = bins.noise.quiet * per_read;
+    const auto dark = [&](int block) {  // no light is expected there
+        const auto o = load<Eight>(bins.mass + block * kLanes), h = load<Eight>(bins.here + block * kLanes);
+        chi2 += h * o * o * per_read;
+        degrees += h * quiet;
+    };
+    for (int block = 0; block < first; ++block) dark(block);
+    for (int block = first; block <= last; ++block) {
+        const int at = block * kLanes;
+        const float* golden = bins.golden + at;
+        const auto o = load<Eight>(bins.mass + at), h = load<Eight>(bins.here + at), g = load<Eight>(golden), s = load<Eight>(bins.scattered + at);
+        const Eight e = n * g, photons = e * bins.noise.a_dn, lit = e + bins.noise.soft;
+        const Eight rest = (o - e) - half_a * (load<Eight>(golden - 1) - load<Eight>(golden + 1)) - half_b * (load<Eight>(golden - bins.row) - load<Eight>(golden + bins.row)) - all_c * (s - g);
+        const Eight w = h / ((photons + read) * lit);
+        chi2 += w * lit * rest * rest;
+        degrees += w * ((photons + bins.noise.quiet) * lit + bins.noise.lit * e);
+    }
+    for (int block = last + 1; block < bins.blocks; ++block) dark(block);
+    store(chi2, out.chi2);
+    store(degrees, out.degrees);
+}
+
+HORD_FOR_EACH_ISA(scatter_for, void, scatter, (const float* g, int first, int last, int row, float* half, float* out), (g, first, last, row, half, out))
+HORD_FOR_EACH_ISA(spread_out_for, void, spread_out, (const void* samples, std::ptrdiff_t line_stride, bool wide, std::uint32_t dark, int columns, int rows, float* out),
+                  (samples, line_stride, wide, dark, columns, rows, out))
 HORD_FOR_EACH_ISA(project_for, void, project, (const Comparer::Bins& bins, int first, int last, Comparer::Templates& out), (bins, first, last, out))
+HORD_FOR_EACH_ISA(look_at_rest_for, void, look_at_rest, (const Comparer::Bins& bins, int first, int last, float a, float b, float c, Comparer::Rest& out),
+                  (bins, first, last, a, b, c, out))
 
 double total(const float (&lanes)[kLanes]) {
     double sum = 0;
-    for (const float v : lanes) sum += static_cast<double>(v);
+    for (int l = 0; l < kLanes / 2; ++l) sum += static_cast<double>(lanes[l] + lanes[l + kLanes / 2]);
     return sum;
+}
+
+int floor_of(double v) {
+    const int towards_zero = static_cast<int>(v);
+    return towards_zero - (v < towards_zero ? 1 : 0);
 }
 
 // Weights as integers in 1/128, which sum to 128.
 void quantised(const CubicWeights& w, std::int32_t (&q)[4]) {
     std::int32_t sum = 0;
-    for (int k = 0; k < 4; ++k) sum += q[k] = static_cast<std::int32_t>(std::floor(w.of[k] * 128 + 0.5));
+    for (int k = 0; k < 4; ++k) sum += q[k] = floor_of(w.of[k] * 128 + 0.5);
     q[w.of[1] >= w.of[2] ? 1 : 2] += 128 - sum;  // one of the middle ones is always used
+}
+
+// With operations alone that are rounded alike everywhere.
+double exp_of(double x) {
+    int halved = 0;
+    for (; x > 0.5; x *= 0.5) ++halved;
+    double sum = 1, term = 1;
+    for (int k = 1; k <= 14; ++k) sum += term *= x / k;
+    for (; halved > 0; --halved) sum *= sum;
+    return sum;
+}
+
+// The variance of what a normal number of this variance has above `clip`, nothing where it has not.
+double clipped_variance(double variance, double clip) {
+    const double from = clip / std::sqrt(variance), step = 1.0 / 32;
+    double mean = 0, square = 0;
+    for (int k = 0; k < 8 * 32; ++k) {
+        const double above = (k + 0.5) * step, z = from + above, density = 0.3989422804 * step / exp_of(0.5 * z * z);
+        mean += density * above;
+        square += density * above * above;
+    }
+    return variance * (square - mean * mean);
 }
 
 }  // namespace
 
-constexpr int kRoom = 4 * kLanes;  // before the first bin and after the last
-
 Comparer::Comparer(const Reference& reference, Isa isa)
     : reference_(reference), padded_i_(reference.extents.i + 2), blocks_(static_cast<int>(reference.stride()) / kLanes), lit_(reference.extents.lenslets()),
-      golden_(reference.stride() + 2 * kRoom), scattered_(golden_.size()), half_(golden_.size()), other_half_(golden_.size()), mass_(golden_.size()),
-      here_(golden_.size()), gather_(gather_for(isa)), scatter_(scatter_for(isa)), spread_out_(spread_out_for(isa)),
-      project_(project_for(isa)) {
-    for (int j = 0; j < reference.extents.j; ++j) {
-        for (int i = 0; i < reference.extents.i; ++i) here_[kRoom + reference.place(i, j)] = 1;
+      lit_of_sixteen_(lit_.size()), plain_(lit_.size()), edge_(lit_.size()), golden_(reference.stride() + 2 * kRoom), scattered_(golden_.size()), half_(golden_.size()), mass_(golden_.size()), here_(golden_.size()), copied_(static_cast<std::size_t>(kLine * kMaxBins)), gather_(gather_for(isa)), scatter_(scatter_for(isa)),
+      spread_out_(spread_out_for(isa)), project_(project_for(isa)), look_at_rest_(look_at_rest_for(isa)) {
+    const Extents& e = reference.extents;
+    for (int j = 0; j < e.j; ++j) {
+        for (int i = 0; i < e.i; ++i) here_[kRoom + reference.place(i, j)] = 1;
     }
     const auto stride = reference.stride();
     double clipped = 0, light = 0;
@@ -149,9 +247,50 @@ Comparer::Comparer(const Reference& reference, Isa isa)
             for (std::size_t b = 0; b < stride; ++b) cut += std::min(static_cast<double>(reference.sensor.clip_dn), static_cast<double>(share[b]) * 0x1p-15 * static_cast<double>(reference.light[k]));
             clipped += cut, light += static_cast<double>(reference.light[k]);
         }
-        lit_[k] = {block(std::max(0, first - 2 * padded_i_)), block(last + 2 * padded_i_)};
+        lit_[k] = {block(first), block(last)};
     }
     clipped_ = light > 0 ? clipped / light : 0;
+    for (int n = 0; n + 3 < e.n; ++n) {
+        for (int m = 0; m + 3 < e.m; ++m) {
+            bool all = true;
+            Lit lit{255, 0};
+            for (int c = 0; c < 16; ++c) {
+                const auto k = static_cast<std::size_t>((n + c / 4) * e.m + m + c % 4);
+                all = all && reference.mask[k] == kValid;
+                lit = {std::min(lit.first, lit_[k].first), std::max(lit.last, lit_[k].last)};
+            }
+            plain_[static_cast<std::size_t>(n * e.m + m)] = all ? 1 : 0;
+            lit_of_sixteen_[static_cast<std::size_t>(n * e.m + m)] = lit;
+        }
+    }
+    find_edges();
+    const double gain = static_cast<double>(reference.sensor.electrons_per_dn), read = static_cast<double>(reference.sensor.read_dn), clip = static_cast<double>(reference.sensor.clip_dn);
+    const double floor = read * read + 1.0 / 12, quiet = clipped_variance(floor, clip), empty = std::max({2 * quiet, floor / 16, 1.0 / 12});
+    noise_ = {0, static_cast<float>(clip / gain + floor - quiet), static_cast<float>(std::sqrt(floor)), static_cast<float>(empty),
+              static_cast<float>(quiet)};
+    noise_at_edges_ = noise_;
+    noise_at_edges_.empty = static_cast<float>(floor);
+}
+
+void Comparer::find_edges() {
+    const Extents& e = reference_.extents;
+    const auto at = [&](int m, int n) { return static_cast<std::size_t>(n * e.m + m); };
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            if (reference_.mask[at(m, n)] == kOutside) continue;
+            bool edge = reference_.mask[at(m, n)] != kValid;
+            const auto bends = [&](std::size_t before, std::size_t k, std::size_t after) {
+                if ((reference_.mask[before] | reference_.mask[k] | reference_.mask[after]) != kValid) return;
+                const auto second = [&](const std::vector<float>& map) { return std::abs(map[before] - 2 * map[k] + map[after]); };
+                edge = edge || second(reference_.x) > kEdgeBins || second(reference_.y) > kEdgeBins || second(reference_.light) > kEdgeLight * reference_.light[k];
+            };
+            if (m > 0 && m + 1 < e.m) bends(at(m - 1, n), at(m, n), at(m + 1, n));
+            if (n > 0 && n + 1 < e.n) bends(at(m, n - 1), at(m, n), at(m, n + 1));
+            for (int y = std::max(0, n - 2); edge && y <= std::min(e.n - 1, n + 2); ++y) {
+                for (int x = std::max(0, m - 2); x <= std::min(e.m - 1, m + 2); ++x) edge_[at(x, y)] = 1;
+            }
+        }
+    }
 }
 
 // The golden HORD and its light at a place of the reference, from the lenslets around it. False: nothing is known there. `bits`: the masks of those used.
@@ -159,29 +298,48 @@ bool Comparer::interpolate(double m, double n, double light, float& expected, st
     const Extents& e = reference_.extents;
     const auto columns = static_cast<std::size_t>(e.m);
     const auto index = [&](int x, int y) { return static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x); };
-    const auto near = Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & (kOutside | kDark)) == 0; });
-    // Dark ones nearby: the light alone, evenly.
-    const auto use = near.found ? near : Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & kOutside) == 0; });
-    if (!use.found) return false;
+    const int floor_m = floor_of(m), floor_n = floor_of(n);
+    const bool plain = floor_m >= 1 && floor_n >= 1 && floor_m + 2 < e.m && floor_n + 2 < e.n && plain_[index(floor_m - 1, floor_n - 1)] != 0;
     std::int32_t qm[4], qn[4];
-    quantised(near.found ? use.along : CubicWeights::linear_at(m - std::floor(m)), qm);
-    quantised(near.found ? use.across : CubicWeights::linear_at(n - std::floor(n)), qn);
     Taps taps;
-    taps.count = 0;
+    int count = 0;
     double sum = 0;
     bits = 0;
     Lit lit{255, 0};
-    for (int r = 0; r < 4; ++r) {
-        for (int c = 0; c < 4; ++c) {
-            const std::int32_t w = qm[c] * qn[r];
-            if (w == 0) continue;
-            const std::size_t k = index(use.m + c, use.n + r);
-            bits |= reference_.mask[k];
-            sum += static_cast<double>(w) * static_cast<double>(reference_.light[k]);
-            lit = {std::min(lit.first, lit_[k].first), std::max(lit.last, lit_[k].last)};
-            taps.from[taps.count] = reference_.shares.data() + k * reference_.stride();
-            taps.weights[taps.count++] = static_cast<std::int16_t>(w);
+    const auto use = [&](std::size_t k, std::int32_t w) {
+        bits |= reference_.mask[k];
+        sum += static_cast<double>(w) * static_cast<double>(reference_.light[k]);
+        lit = {std::min(lit.first, lit_[k].first), std::max(lit.last, lit_[k].last)};
+        taps.from[count] = reference_.shares.data() + k * reference_.stride();
+        taps.weights[count++] = static_cast<std::int16_t>(w);
+    };
+    if (plain) {
+        quantised(CubicWeights::at(m - floor_m), qm);
+        quantised(CubicWeights::at(n - floor_n), qn);
+        const std::size_t corner = index(floor_m - 1, floor_n - 1);
+        lit = lit_of_sixteen_[corner];
+        for (int r = 0; r < 4; ++r) {
+            const std::size_t k = corner + index(0, r);
+            const float* row = reference_.light.data() + k;
+            sum += qn[r] * ((qm[0] * static_cast<double>(row[0]) + qm[1] * static_cast<double>(row[1])) + (qm[2] * static_cast<double>(row[2]) + qm[3] * static_cast<double>(row[3])));
+            for (int c = 0; c < 4; ++c) {
+                taps.from[4 * r + c] = reference_.shares.data() + (k + static_cast<std::size_t>(c)) * reference_.stride();
+                taps.weights[4 * r + c] = static_cast<std::int16_t>(qm[c] * qn[r]);
+            }
         }
+    } else {
+        const auto near = Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & (kOutside | kDark)) == 0; });
+        // Dark ones nearby: the light alone, evenly.
+        const auto around = near.found ? near : Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & kOutside) == 0; });
+        if (!around.found) return false;
+        quantised(near.found ? around.along : CubicWeights::linear_at(m - floor_m), qm);
+        quantised(near.found ? around.across : CubicWeights::linear_at(n - floor_n), qn);
+        for (int r = 0; r < 4; ++r) {
+            for (int c = 0; c < 4; ++c) {
+                if (qm[c] * qn[r] != 0) use(index(around.m + c, around.n + r), qm[c] * qn[r]);
+            }
+        }
+        for (int t = count; t < 16; ++t) taps.from[t] = reference_.shares.data(), taps.weights[t] = 0;
     }
     const double golden = sum * 0x1p-14;
     expected = static_cast<float>(golden * light);
@@ -189,47 +347,81 @@ bool Comparer::interpolate(double m, double n, double light, float& expected, st
     if ((bits & kDark) != 0 || !(golden > 0)) return true;
     taps.light = static_cast<float>(light);
     taps.clip = static_cast<float>(static_cast<double>(reference_.sensor.clip_dn) / golden);
-    around_ = lit;
-    share_ = gather_(taps, blocks_, lit.first, lit.last, golden_.data() + kRoom);
-    scatter_(golden_.data() + kRoom, blocks_, padded_i_, half_.data() + kRoom, other_half_.data() + kRoom, scattered_.data() + kRoom);
+    // What scattering reaches, and what that looks at.
+    const int reach = (2 * padded_i_ + 2 + kLanes - 1) / kLanes;
+    around_ = {static_cast<std::uint8_t>(std::max(0, lit.first - reach)), static_cast<std::uint8_t>(std::min(blocks_ - 1, lit.last + reach))};
+    float* const out = golden_.data() + kRoom;
+    std::fill(out + around_.first * kLanes - kRoom, out + lit.first * kLanes, 0.0F);
+    std::fill(out + (lit.last + 1) * kLanes, out + (around_.last + 1) * kLanes + kRoom, 0.0F);
+    share_ = gather_(taps, lit.first, lit.last, out);
+    scatter_(out, around_.first, around_.last, padded_i_, half_.data() + kRoom, scattered_.data() + kRoom);
     expected = static_cast<float>(golden * static_cast<double>(share_));
     return true;
 }
 
 void Comparer::compare_row(const HordRow& row, int n, const PoseMap& pose, double light, std::span<Difference> out) {
     const double true_light = (light + clipped_) / (1 + clipped_);
-    for (int m = 0; m < reference_.extents.m; ++m) compare(row, m, n, pose, true_light, out[static_cast<std::size_t>(m)]);
+    for (int m = 0; m < reference_.extents.m; ++m) {
+        const auto k = static_cast<std::size_t>(m);
+        out[k] = {};
+        if ((row.mask()[k] & kSaturated) != 0) continue;
+        compare({row.hord(m).mass, reference_.extents.i, true, 0, row.sums()[k], row.has_hord(m)}, m, n, pose, true_light, out[k]);
+    }
 }
 
-void Comparer::compare(const HordRow& row, int m, int n, const PoseMap& pose, double light, Difference& out) {
-    out = {};
-    const auto k = static_cast<std::size_t>(m);
-    if ((row.mask()[k] & kSaturated) != 0) return;
+void Comparer::compare_row(const FrameView& frame, std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
+                           std::span<Difference> out) {
+    const Extents& e = reference_.extents;
+    const double true_light = (light + clipped_) / (1 + clipped_);
+    const bool wide = frame.sample_bytes() == 2;
+    const auto bytes = static_cast<std::ptrdiff_t>(frame.sample_bytes());
+    const auto* first = reinterpret_cast<const std::uint8_t*>(frame.data) + std::ptrdiff_t{n} * e.j * frame.stride_bytes;
+    const int read_in_place = std::max(0, (frame.width_px - kLine) / e.i + 1);
+    for (int m = 0; m < e.m; ++m) {
+        const auto k = static_cast<std::size_t>(m);
+        out[k] = {};
+        if ((mask[k] & (kSaturated | kOutside)) != 0) continue;
+        const std::uint8_t* samples = first + std::ptrdiff_t{m} * e.i * bytes;
+        Lenslet lenslet{samples, frame.stride_bytes / bytes, wide, reference_.levels.dark, sums[k], (mask[k] & kNoHord) == 0};
+        if (m >= read_in_place) {
+            for (int j = 0; j < e.j; ++j) {
+                for (int i = 0; i < e.i; ++i) copied_[static_cast<std::size_t>(j * kLine + i)] = static_cast<std::uint16_t>(frame.sample(m * e.i + i, n * e.j + j));
+            }
+            lenslet.samples = copied_.data(), lenslet.line_stride = kLine, lenslet.wide = true;
+        }
+        compare(lenslet, m, n, pose, true_light, out[k]);
+    }
+}
+
+void Comparer::compare(const Lenslet& lenslet, int m, int n, const PoseMap& pose, double light, Difference& out) {
     const Extents& e = reference_.extents;
     const auto q = pose.to_reference(m, n);
     float golden_light = 0;  // at the part's light
     std::uint8_t bits = 0;
     if (!interpolate(q.m, q.n, light, golden_light, bits)) return;
-    out.at = static_cast<std::uint32_t>(std::clamp(static_cast<int>(std::floor(q.n + 0.5)), 0, e.n - 1) * e.m + std::clamp(static_cast<int>(std::floor(q.m + 0.5)), 0, e.m - 1));
+    out.at = static_cast<std::uint32_t>(std::clamp(floor_of(q.n + 0.5), 0, e.n - 1) * e.m + std::clamp(floor_of(q.m + 0.5), 0, e.m - 1));
     const double gain = static_cast<double>(reference_.sensor.electrons_per_dn), read = static_cast<double>(reference_.sensor.read_dn);
-    const double floor = read * read + 1.0 / 12, golden_share = 1 + 1.0 / reference_.parts;
+    const double floor = read * read + 1.0 / 12, golden_share = 1 + light / reference_.parts;  // less light than its own: less of its noise
     const double expected = static_cast<double>(golden_light);
-    const double sum = static_cast<double>(row.sums()[k]);
+    const double sum = static_cast<double>(lenslet.sum);
     out.sum = static_cast<float>(sum);
     if (expected < static_cast<double>(reference_.levels.min_sum)) return;
     out.has_light = true;
     out.light = static_cast<float>(sum / expected - 1);
     constexpr double kBinsLit = 9;  // that add their floor to the sum
     out.light_variance = static_cast<float>((expected / gain + kBinsLit * floor) * golden_share / (expected * expected));
-    if ((bits & kDark) != 0 || !row.has_hord(m) || !(share_ > 0)) return;
+    if ((bits & kDark) != 0 || !lenslet.has_hord || !(share_ > 0)) return;
 
-    spread_out_(row.hord(m).mass, e.i, e.j, mass_.data() + kRoom + reference_.place(0, 0));
+    spread_out_(lenslet.samples, lenslet.line_stride, lenslet.wide, lenslet.dark, e.i, e.j, mass_.data() + kRoom + reference_.place(0, 0));
+    using Sums = Templates;
     Templates t;
-    project_({golden_.data() + kRoom, scattered_.data() + kRoom, mass_.data() + kRoom, here_.data() + kRoom, blocks_, padded_i_, static_cast<float>(sum / static_cast<double>(share_)),
-              static_cast<float>(golden_share / gain), static_cast<float>(floor)},
-             around_.first, around_.last, t);
-    const double xx = total(t.xx), xy = total(t.xy), xb = total(t.xb), yy = total(t.yy), yb = total(t.yb), bb = total(t.bb);
-    const double rx = total(t.rx), ry = total(t.ry), rb = total(t.rb);
+    Bins bins{golden_.data() + kRoom, scattered_.data() + kRoom, mass_.data() + kRoom, here_.data() + kRoom, blocks_, padded_i_, static_cast<float>(sum / static_cast<double>(share_)),
+              edge_[out.at] != 0 ? noise_at_edges_ : noise_};
+    bins.noise.a_dn = static_cast<float>(golden_share / gain);
+    project_(bins, around_.first, around_.last, t);
+    const auto of = [&](Sums::Sum which) { return total(t.of[which]); };
+    const double xx = of(Sums::xx), xy = of(Sums::xy), xb = of(Sums::xb), yy = of(Sums::yy), yb = of(Sums::yb), bb = of(Sums::bb);
+    const double rx = of(Sums::rx), ry = of(Sums::ry), rb = of(Sums::rb);
     // The inverse of the symmetric matrix of templates, by cofactors.
     const double c_xx = yy * bb - yb * yb, c_xy = xb * yb - xy * bb, c_xb = xy * yb - yy * xb, c_yy = xx * bb - xb * xb, c_yb = xy * xb - xx * yb,
                  c_bb = xx * yy - xy * xy;
@@ -238,17 +430,58 @@ void Comparer::compare(const HordRow& row, int m, int n, const PoseMap& pose, do
     const double a = (c_xx * rx + c_xy * ry + c_xb * rb) / determinant, b = (c_xy * rx + c_yy * ry + c_yb * rb) / determinant,
                  c = (c_xb * rx + c_yb * ry + c_bb * rb) / determinant;
     out.has_hord = true;
-    // The turn of the part turns its deflections: that is no deviation.
-    const auto gx = static_cast<double>(reference_.x[out.at]), gy = static_cast<double>(reference_.y[out.at]);
-    const auto turned = pose.turned(gx, gy);
-    out.x = static_cast<float>(a - (turned.m - gx));
-    out.y = static_cast<float>(b - (turned.n - gy));
-    out.blur = static_cast<float>(c);
+    out.x = static_cast<float>(a), out.y = static_cast<float>(b), out.blur = static_cast<float>(c);
     out.x_variance = static_cast<float>(c_xx / determinant);
     out.y_variance = static_cast<float>(c_yy / determinant);
     out.blur_variance = static_cast<float>(c_bb / determinant);
-    out.chi2 = static_cast<float>(std::max(0.0, total(t.rr) - (a * rx + b * ry + c * rb)));
-    out.degrees = static_cast<float>(std::max(1.0, total(t.degrees) - 3));
+    Rest rest;
+    look_at_rest_(bins, around_.first, around_.last, out.x, out.y, out.blur, rest);
+    out.chi2 = static_cast<float>(total(rest.chi2));
+    out.degrees = static_cast<float>(std::max(1.0, total(rest.degrees) - 3));
+    if (std::sqrt(2 * out.chi2) > std::sqrt(2 * out.degrees) + kMuch) look_how_far(bins, out);
+    // The turn of the part turns its deflections: that is no deviation.
+    const auto gx = static_cast<double>(reference_.x[out.at]), gy = static_cast<double>(reference_.y[out.at]);
+    const auto turned = pose.turned(gx, gy);
+    out.x -= static_cast<float>(turned.m - gx);
+    out.y -= static_cast<float>(turned.n - gy);
+}
+
+// Where a fit of small shifts does not say how far light went: by the mean of all bins.
+void Comparer::look_how_far(const Bins& bins, Difference& out) const {
+    const double a_dn = static_cast<double>(bins.noise.a_dn), quiet = static_cast<double>(bins.noise.quiet);
+    struct Moments {
+        double light = 0, x = 0, y = 0, xx = 0, yy = 0;
+        void add(double v, double at_x, double at_y) { light += v, x += v * at_x, y += v * at_y, xx += v * at_x * at_x, yy += v * at_y * at_y; }
+    } seen, wanted, places;
+    for (int j = 0; j < reference_.extents.j; ++j) {
+        for (int i = 0; i < reference_.extents.i; ++i) {
+            const auto k = static_cast<std::ptrdiff_t>(reference_.place(i, j));
+            const double x = i - 0.5 * (reference_.extents.i - 1), y = j - 0.5 * (reference_.extents.j - 1);
+            seen.add(static_cast<double>(bins.mass[k]), x, y), places.add(1, x, y);
+            if (k >= around_.first * kLanes && k < (around_.last + 1) * kLanes) wanted.add(static_cast<double>(bins.golden[k]), x, y);  // beyond, what is left of other lenslets
+        }
+    }
+    if (!(seen.light > 0) || !(wanted.light > 0)) return;
+    const double mean_x = wanted.x / wanted.light, mean_y = wanted.y / wanted.light;
+    const double moved_x = seen.x / seen.light - mean_x, moved_y = seen.y / seen.light - mean_y;
+    // At an edge the mean moves with how the edge lies in the lenslet.
+    const int columns = reference_.extents.m, at_m = static_cast<int>(out.at) % columns, at_n = static_cast<int>(out.at) / columns;
+    float least_x = 8, most_x = -8, least_y = 8, most_y = -8;
+    for (int y = std::max(0, at_n - 1); y <= std::min(reference_.extents.n - 1, at_n + 1); ++y) {
+        for (int x = std::max(0, at_m - 1); x <= std::min(columns - 1, at_m + 1); ++x) {
+            const auto k = static_cast<std::size_t>(y * columns + x);
+            if (reference_.mask[k] != kValid) continue;
+            least_x = std::min(least_x, reference_.x[k]), most_x = std::max(most_x, reference_.x[k]);
+            least_y = std::min(least_y, reference_.y[k]), most_y = std::max(most_y, reference_.y[k]);
+        }
+    }
+    const double far = kFarBins + static_cast<double>(std::max(0.0F, std::max(most_x - least_x, most_y - least_y)));
+    if (moved_x * moved_x + moved_y * moved_y <= far * far) return;
+    out.x = static_cast<float>(moved_x);
+    out.y = static_cast<float>(moved_y);
+    const auto variance = [&](double squares, double mean, double of_places) { return (squares / wanted.light - mean * mean) * a_dn / seen.light + quiet * of_places / (seen.light * seen.light); };
+    out.x_variance = static_cast<float>(std::max(variance(wanted.xx, mean_x, places.xx), static_cast<double>(out.x_variance)));
+    out.y_variance = static_cast<float>(std::max(variance(wanted.yy, mean_y, places.yy), static_cast<double>(out.y_variance)));
 }
 
 Scores scores_of(const Difference& d, const Reference& reference) {

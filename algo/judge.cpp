@@ -11,12 +11,23 @@ namespace {
 
 constexpr double kMostOfIt = 0.6;
 constexpr double kSpreadOfIt = 0.25;
+// The EMD between two draws of one HORD, both ways of a gradient, is about so many bins over the root of the electrons.
+constexpr float kEmdOfNoise = 10;
 
 float score(const Scores& s, Deviation which) { return s[static_cast<std::size_t>(which)]; }
 
 // The shape's score and that of the gradients are one-sided: less than expected is no defect.
 float worst_of(const Scores& s) {
     return std::max({std::abs(score(s, Deviation::light)), score(s, Deviation::bend), std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
+}
+
+// How much that is for a good part at this place, with all its light: where so much of it is missing that it is a defect anyway, what is left is not excused
+// for being noisy.
+float surprise_of(const Scores& s, const Difference& d, float reject_score) {
+    const float light = score(s, Deviation::light);
+    if (light > -reject_score) return worst_of(s);
+    const float others = std::max({score(s, Deviation::bend), std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
+    return std::max(-light, others / std::sqrt(std::max(1 + d.light, 0.01F)));
 }
 
 double square(float v) { return static_cast<double>(v) * static_cast<double>(v); }
@@ -39,10 +50,13 @@ void Judge::look(const Compared& c, std::span<float> surprise) {
         if ((c.mask[k] & (kOutside | kSaturated)) != 0) continue;
         const Difference& d = c.differences[k];
         if (d.has_light) scores_[k] = scores_of(d, reference_);
-        surprise[k] = worst_of(scores_[k]);
+        surprise[k] = surprise_of(scores_[k], d, recipe_.reject_score);
         severity_[k] = surprise[k] / recipe_.reject_score;
         if ((c.mask[k] & (kNoGradient | kNotJudged)) != 0 || !d.has_light) continue;
-        const float emd = (c.emd[k] - reference_.emd[d.at]) / recipe_.emd_limit_bins;
+        // Less light than the reference's has more noise.
+        const float electrons = reference_.sensor.electrons_per_dn, here = std::max(d.sum, 1.0F), there = std::max(reference_.light[d.at], 1.0F);
+        const float noise = kEmdOfNoise * std::max(0.0F, 1 / std::sqrt(here * electrons) - 1 / std::sqrt(there * electrons));
+        const float emd = (c.emd[k] - reference_.emd[d.at]) / (recipe_.emd_limit_bins + noise);
         const float slope = (c.frobenius[k] - reference_.frobenius[d.at]) / recipe_.frobenius_limit_bins;
         severity_[k] = std::max({severity_[k], emd, slope});
     }

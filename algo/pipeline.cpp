@@ -220,19 +220,18 @@ Reason Pipeline::Workspace::unfit_reason() const {
     return Reason::none;
 }
 
-// Where the part lies, and how every lenslet differs from the reference's there. The frame is decoded once more: the pose was not
-// known before.
+// Where the part lies, and how every lenslet of it differs from the reference's there.
 Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
     const Reference& reference = *recipe.reference;
     const Registered found = against->registrar.find(reference.maps(), deflections, sums, mask, static_cast<double>(reference.sensor.electrons_per_dn), reference.parts);
     if (!found.found()) return found;
     const PoseMap pose(found.pose, extents);
     crew->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
-        Worker& w = workers[static_cast<std::size_t>(worker)];
+        Comparer& comparer = *workers[static_cast<std::size_t>(worker)].comparer;
+        const auto columns = static_cast<std::size_t>(extents.m);
         for (int n = band * kBandRows; n < std::min((band + 1) * kBandRows, extents.n); ++n) {
-            HordRow& row = w.hords_of(n);
-            decode_row(frame, extents, levels, n, row);
-            w.comparer->compare_row(row, n, pose, found.light, std::span(against->differences).subspan(at(0, n), static_cast<std::size_t>(extents.m)));
+            comparer.compare_row(frame, std::span<const std::uint32_t>(sums).subspan(at(0, n), columns), std::span<const std::uint8_t>(mask).subspan(at(0, n), columns), n, pose,
+                                 found.light, std::span(against->differences).subspan(at(0, n), columns));
         }
     });
     return found;

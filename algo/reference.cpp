@@ -22,7 +22,7 @@ Result<void> check(const Reference& r) {
         if (!sound(map, 0, 1e9)) return refuse("spreads are out of range");
     }
     if (!sound(r.emd, 0, 100) || !sound(r.frobenius, 0, 100)) return refuse("gradients are out of range");
-    if (std::ranges::any_of(r.shares, [](std::uint16_t v) { return v > 1U << Reference::kShareBits; })) return refuse("shares are above 1");
+    if (std::ranges::any_of(r.shares, [](std::uint16_t v) { return v > Reference::kMostShare; })) return refuse("shares are not below 1");
     if (!(r.sensor.electrons_per_dn > 0 && r.sensor.electrons_per_dn < 1e6F && r.sensor.read_dn >= 0 && r.sensor.read_dn < 1e4F && r.sensor.clip_dn >= 0 && r.sensor.clip_dn <= 65535)) {
         return refuse("sensor noise is out of range");
     }

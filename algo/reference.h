@@ -30,7 +30,8 @@ enum class Deviation : std::uint8_t {
 inline constexpr std::size_t kDeviations = 4;
 
 struct Reference {
-    static constexpr int kShareBits = 15;  // a share of the light, Q0.15
+    static constexpr int kShareBits = 15;  // a share of the light, Q0.15,
+    static constexpr std::uint16_t kMostShare = (1U << kShareBits) - 1;  // below 1: it is multiplied as a signed number, too
     static constexpr std::uint32_t kMinParts = 8;
 
     Extents extents;

@@ -13,6 +13,8 @@ namespace hord::algo {
 namespace {
 
 constexpr double kShareOne = 1 << Reference::kShareBits;
+// A part is not strange for less: so much good parts differ where they are interpolated between lenslets, each by how it lies.
+constexpr float kStrange[kDeviations] = {0.05F, 0.05F, 0.02F, 0.05F};
 constexpr float kLeastSpread[kDeviations] = {1e-6F, 1e-5F, 1e-5F, 0};  // 0.1 % of light, 0.003 bin: rounding
 
 // A part's light, and, where asked for, its HORDs as shares.
@@ -246,7 +248,8 @@ void Learner::finish_golden(double parts, double light) {
         r.x[k] = static_cast<float>(x / sum);
         r.y[k] = static_cast<float>(y / sum);
         for (std::size_t b = 0; b < stride; ++b) {
-            r.shares[k * stride + b] = static_cast<std::uint16_t>(std::lround(std::max(0.0, static_cast<double>(golden_[k * stride + b])) / sum * kShareOne));
+            const long share = std::lround(std::max(0.0, static_cast<double>(golden_[k * stride + b])) / sum * kShareOne);
+            r.shares[k * stride + b] = static_cast<std::uint16_t>(std::min(share, long{Reference::kMostShare}));
         }
     }
 }
@@ -291,7 +294,7 @@ void Learner::add_spread(std::uint32_t part, const Difference& d) {
         s.squares[w] += square;
         s.largest[w] = std::max(s.largest[w], square);
         s.variance[w] += variance;
-        score += static_cast<double>(square / variance);
+        score += static_cast<double>(square / (variance + kStrange[w] * kStrange[w]));
     };
     ++s.count;
     add(Deviation::light, d.light * d.light, d.light_variance);
@@ -303,7 +306,7 @@ void Learner::add_spread(std::uint32_t part, const Difference& d) {
         const float excess = (d.chi2 - d.degrees) / d.sum;
         s.squares[w] += excess;
         s.largest[w] = std::max(s.largest[w], excess);
-        score += static_cast<double>(std::max(0.0F, excess * d.sum / std::sqrt(2 * d.degrees)));
+        score += static_cast<double>(std::max(0.0F, excess / (std::sqrt(2 * d.degrees) / d.sum + kStrange[w])));
         if (chi2_ratios_.size() < 4'000'000) chi2_ratios_.push_back(static_cast<double>(d.chi2 / d.degrees));
     }
     s.scores += static_cast<float>(score);
@@ -316,10 +319,14 @@ void Learner::add_spread(std::uint32_t part, const Difference& d) {
 void Learner::finish_spread(double parts) {
     const std::size_t count = extents_.lenslets();
     const double own = parts / (parts - 1);                                        // each part is part of the mean
-    const double trimmed = 1 / (parts - (2 * std::log(parts) - 0.6));              // of squared normal numbers without the largest
+    const double largest = 2 * std::log(parts) - 0.6;                              // of squared normal numbers
+    const double trimmed = 1 / (parts - largest);                                  // and of their sum without it
+    std::vector<float> tail(count, 0);                                             // the excess that the largest alone would mean
+    std::vector<double> tails;
     std::array<std::vector<float>, kDeviations> alone;
     for (std::size_t w = 0; w < kDeviations; ++w) {
         alone[w].assign(count, -1);
+        std::ranges::fill(tail, 0.0F);
         for (std::size_t k = 0; k < count; ++k) {
             const Spread& s = spread_[k];
             const double seen = w == 0 ? s.count : s.hords;
@@ -328,7 +335,11 @@ void Learner::finish_spread(double parts) {
             if (w == static_cast<std::size_t>(Deviation::shape)) {
                 excess = static_cast<double>(s.squares[w] - s.largest[w]) / std::max(1.0, seen - 1);
             } else {
-                excess = own * static_cast<double>(s.squares[w] - s.largest[w]) * trimmed * parts / seen - static_cast<double>(s.variance[w]) / seen;
+                const double noise = static_cast<double>(s.variance[w]) / seen;
+                // By as much as it may be larger than it looks (two standard deviations of nine lenslets): with more light that is what is left.
+                const double unsure = 2 * noise * std::sqrt(2 / (9 * parts));
+                excess = unsure + own * static_cast<double>(s.squares[w] - s.largest[w]) * trimmed * parts / seen - noise;
+                tail[k] = static_cast<float>(own * static_cast<double>(s.largest[w]) / largest - noise + unsure);
             }
             alone[w][k] = static_cast<float>(excess);
         }
@@ -337,15 +348,17 @@ void Learner::finish_spread(double parts) {
         for (int n = 0; n < extents_.n; ++n) {
             for (int m = 0; m < extents_.m; ++m) {
                 double sum = 0, number = 0;
+                tails.clear();
                 for (int y = std::max(0, n - 1); y <= std::min(extents_.n - 1, n + 1); ++y) {
                     for (int x = std::max(0, m - 1); x <= std::min(extents_.m - 1, m + 1); ++x) {
                         const auto k = static_cast<std::size_t>(y * extents_.m + x);
                         if (2 * (w == 0 ? spread_[k].count : spread_[k].hords) < parts) continue;
                         sum += static_cast<double>(alone[w][k]);
                         number += 1;
+                        tails.push_back(static_cast<double>(tail[k]));
                     }
                 }
-                spread[static_cast<std::size_t>(n * extents_.m + m)] = std::max(kLeastSpread[w], static_cast<float>(number > 0 ? sum / number : 0));
+                spread[static_cast<std::size_t>(n * extents_.m + m)] = std::max(kLeastSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median(tails)) : 0));
             }
         }
     }

@@ -5,7 +5,8 @@
 //   2  golden HORDs: the mean of all parts' HORDs at the same place of the part (cubic interpolation between lenslets)
 //   3  poses and golden HORDs again, now registered to the golden ones, which are free of noise
 //   4  spread: how much the parts differ from the golden HORDs, beyond what their light explains. Trimmed: the largest of a lenslet's
-//      squared deviations is left out and the mean corrected for it (as if normal), then averaged over 3x3 lenslets.
+//      squared deviations is left out and the mean corrected for it (as if normal), then averaged over 3x3 lenslets. Where the largest
+//      ones of most of the 3x3 say more (at edges deviations are not normal: they are how an edge lies between lenslets), that.
 // A part is left out, with the reason, and passes 3 and 4 are made again,
 //   - when it cannot be registered, or its frame has too little light;
 //   - when, in more than kOutlierLenslets lenslets and four times as many as the median part, it alone makes the deviation: its share of

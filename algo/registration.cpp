@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 
 #include "algo/mask.h"
 
@@ -12,6 +13,9 @@ namespace {
 constexpr int kSampledSide = 40;
 constexpr int kSteps = 30;
 constexpr double kSettled = 5e-3;                     // lenslets, at the field's rim
+constexpr double kNearlySettled = 0.03;               // where a quarter of the sample has done its part
+constexpr int kCoarseSteps = 12;
+constexpr std::size_t kLeastCoarse = 64;
 constexpr double kShiftPrior = 1, kTurnPrior = 0.02;  // lenslets, radians
 constexpr double kLightFloor = 0.05, kDeflectionFloor = 0.03;  // of the typical light; bin pitches: what good parts differ by
 constexpr double kBendNoise = 0.3;                    // of the slope's change over a lenslet
@@ -80,44 +84,54 @@ bool CubicReader::move_to(double m, double n) {
     const int first_m = static_cast<int>(floor_m) - 1, first_n = static_cast<int>(floor_n) - 1;
     if (first_m < 0 || first_n < 0 || first_m + 3 >= extents_.m || first_n + 3 >= extents_.n) return false;
     corner_ = static_cast<std::size_t>(first_n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(first_m);
-    wm_ = CubicWeights::at(m - floor_m), wn_ = CubicWeights::at(n - floor_n);
-    dm_ = CubicWeights::slope_at(m - floor_m), dn_ = CubicWeights::slope_at(n - floor_n);
+    const auto keep = [](const CubicWeights& from, float (&to)[4]) {
+        for (int k = 0; k < 4; ++k) to[k] = static_cast<float>(from.of[k]);
+    };
+    keep(CubicWeights::at(m - floor_m), wm_), keep(CubicWeights::at(n - floor_n), wn_);
+    keep(CubicWeights::slope_at(m - floor_m), dm_), keep(CubicWeights::slope_at(n - floor_n), dn_);
     return true;
 }
 
-bool CubicReader::has_any(std::uint8_t bits) const {
-    std::uint8_t all = 0;
+std::uint8_t CubicReader::mask() const {
+    std::uint32_t all = 0;
     for (std::size_t r = 0; r < 4; ++r) {
-        for (std::size_t c = 0; c < 4; ++c) all |= mask_[corner_ + r * static_cast<std::size_t>(extents_.m) + c];
+        std::uint32_t row = 0;
+        std::memcpy(&row, mask_.data() + corner_ + r * static_cast<std::size_t>(extents_.m), sizeof row);
+        all |= row;
     }
-    return (all & bits) != 0;
+    all |= all >> 16U;
+    return static_cast<std::uint8_t>(all | all >> 8U);
 }
 
 MapAt CubicReader::read(std::span<const float> map) const {
-    MapAt at;
-    double along = 0, across = 0;
-    for (std::size_t r = 0; r < 4; ++r) {
-        const float* row = map.data() + corner_ + r * static_cast<std::size_t>(extents_.m);
-        double value = 0, by_m = 0;
-        along += (r == 1 || r == 2 ? 0.25 : 0.0) * static_cast<double>(row[0] - row[1] - row[2] + row[3]);
-        across += (r == 1 || r == 2 ? -0.25 : 0.25) * static_cast<double>(row[1] + row[2]);
-        for (std::size_t c = 0; c < 4; ++c) {
-            value += wm_.of[c] * static_cast<double>(row[c]);
-            by_m += dm_.of[c] * static_cast<double>(row[c]);
-        }
-        at.value += wn_.of[r] * value;
-        at.by_m += wn_.of[r] * by_m;
-        at.by_n += dn_.of[r] * value;
+    const float* row[4];
+    for (std::size_t r = 0; r < 4; ++r) row[r] = map.data() + corner_ + r * static_cast<std::size_t>(extents_.m);
+    float value[4], slope[4];  // of the columns
+    for (int c = 0; c < 4; ++c) {
+        value[c] = (wn_[0] * row[0][c] + wn_[1] * row[1][c]) + (wn_[2] * row[2][c] + wn_[3] * row[3][c]);
+        slope[c] = (dn_[0] * row[0][c] + dn_[1] * row[1][c]) + (dn_[2] * row[2][c] + dn_[3] * row[3][c]);
     }
-    at.bend = std::max(std::abs(along), std::abs(across));
+    const auto along_row = [](const float (&w)[4], const float (&v)[4]) { return static_cast<double>((w[0] * v[0] + w[1] * v[1]) + (w[2] * v[2] + w[3] * v[3])); };
+    MapAt at;
+    at.value = along_row(wm_, value), at.by_m = along_row(dm_, value), at.by_n = along_row(wm_, slope);
+    const auto outer = [&](int r) { return (row[r][0] - row[r][1]) - (row[r][2] - row[r][3]); };
+    const auto inner = [&](int r) { return row[r][1] + row[r][2]; };
+    const float along = outer(1) + outer(2), across = (inner(0) - inner(1)) - (inner(2) - inner(3));
+    at.bend = 0.25 * static_cast<double>(std::max(std::abs(along), std::abs(across)));
     return at;
 }
 
 Registrar::Registrar(const Extents& extents) : extents_(extents) {
-    const int step = std::max(1, std::max(extents.m, extents.n) / kSampledSide);
-    for (int n = step / 2; n < extents.n; n += step) {
-        for (int m = step / 2; m < extents.m; m += step) sample_.push_back({static_cast<std::uint32_t>(n * extents.m + m), static_cast<double>(m), static_cast<double>(n)});
+    const int step = std::max(1, (std::max(extents.m, extents.n) + kSampledSide / 2) / kSampledSide);
+    for (const bool coarse : {true, false}) {
+        for (int n = step / 2, row = 0; n < extents.n; n += step, ++row) {
+            for (int m = step / 2, column = 0; m < extents.m; m += step, ++column) {
+                if ((row % 2 == 0 && column % 2 == 0) == coarse) sample_.push_back({static_cast<std::uint32_t>(n * extents.m + m), static_cast<double>(m), static_cast<double>(n)});
+            }
+        }
+        if (coarse) coarse_ = sample_.size();
     }
+    if (coarse_ < kLeastCoarse) coarse_ = sample_.size();
     ratios_.resize(sample_.size());
 }
 
@@ -127,32 +141,31 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     CubicReader reader(extents_, reference.mask);
     const double middle_m = 0.5 * (extents_.m - 1), middle_n = 0.5 * (extents_.n - 1), reach = std::max(middle_m, middle_n);
     const auto bins = [](DeflectionQ q) { return q.to_double_rounded(); };
-    double turn = 0;
-    bool round = false;  // decided at the first step
+    double turn = 0, typical = 0;
+    bool round = false;     // decided at the first step
+    bool settling = false;  // the last steps
+    std::size_t used = sample_.size(), count = 0;
+    // The light: the parts' typical ones are to be equal. Each step finds it anew for the next.
+    const auto weigh_light = [&]() -> bool {
+        if (count < 16 || count * 50 < used) return false;
+        typical /= static_cast<double>(count);
+        found.light = std::max(median(ratios_, count), 1e-6);
+        return true;
+    };
+    for (const Sampled& s : sample_) {
+        if ((mask[s.k] & kNoHord) != 0 || (reference.mask[s.k] & (kOutside | kNoHord)) != 0 || !(reference.light[s.k] > 0)) continue;
+        ratios_[count++] = static_cast<double>(sums[s.k]) / static_cast<double>(reference.light[s.k]);
+        typical += static_cast<double>(reference.light[s.k]);
+    }
+    if (!weigh_light()) return found;
     for (int step = 0;; ++step) {
         found.pose.sine = turn;
         const PoseMap map(found.pose, extents_);
-        // The light first: the parts' typical ones are to be equal.
-        std::size_t count = 0;
-        double typical = 0;
-        for (const Sampled& s : sample_) {
-            if ((mask[s.k] & kNoHord) != 0) continue;
-            const auto q = map.to_reference(s.m, s.n);
-            if (!reader.move_to(q.m, q.n) || reader.has_any(kOutside | kNoHord)) continue;
-            const double expected = reader.read(reference.light).value;
-            if (expected <= 0) continue;
-            ratios_[count++] = static_cast<double>(sums[s.k]) / expected;
-            typical += expected;
-        }
-        if (count < 16 || count * 50 < sample_.size()) {
-            found.outcome = Registered::Outcome::too_little;
-            return found;
-        }
-        typical /= static_cast<double>(count);
-        found.light = std::max(median(ratios_, count), 1e-6);
         const double electrons = typical * found.light * electrons_per_dn;
         const double light_noise = std::sqrt(1 / electrons + kLightFloor * kLightFloor);
         const double deflection_noise = std::sqrt(0.3 / electrons + kDeflectionFloor * kDeflectionFloor);
+        double next_typical = 0;
+        count = 0;
 
         Normal normal;
         double compared = 0, foreign = 0;
@@ -174,18 +187,25 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
             noise_of_turn += weight * own * radius2;
             all_of_turn += weight * ((at.by_m * at.by_m + at.by_n * at.by_n) * radius2 + turned * turned) / (noise * noise);
         };
-        for (const Sampled& s : sample_) {
+        for (std::size_t k = 0; k < used; ++k) {
+            const Sampled& s = sample_[k];
             if ((mask[s.k] & kSaturated) != 0) continue;
             const auto q = map.to_reference(s.m, s.n);
-            if (!reader.move_to(q.m, q.n) || reader.has_any(kOutside | kSaturated)) continue;
+            if (!reader.move_to(q.m, q.n)) continue;
+            const std::uint8_t around = reader.mask();
+            if ((around & (kOutside | kSaturated)) != 0) continue;
             const double x = q.m - middle_m, y = q.n - middle_n;
             MapAt light = reader.read(reference.light);
+            if (((mask[s.k] | around) & kDark) == 0 && light.value > 0) {
+                ratios_[count++] = static_cast<double>(sums[s.k]) / light.value;
+                next_typical += light.value;
+            }
             light = {light.value / typical, light.by_m / typical, light.by_n / typical, light.bend / typical};
             const double seen = static_cast<double>(sums[s.k]) / (found.light * typical);
             add(seen, light, x, y, 0, light_noise, light_in);
             compared += 1;
             bool strange = std::abs(seen - light.value) > kForeignLight;
-            if ((mask[s.k] & kDark) == 0 && !reader.has_any(kDark)) {
+            if (((mask[s.k] | around) & kDark) == 0) {
                 const MapAt dx = reader.read(reference.x), dy = reader.read(reference.y);
                 const auto wanted = map.turned(dx.value, dy.value);
                 const Deflection& d = deflections[s.k];
@@ -209,7 +229,9 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         give(2, round ? 1e12 : 1 / (kTurnPrior * kTurnPrior) + kNoiseRidge * noise_of_turn, turn);
         const auto by = normal.solved();
         const double moved = std::max(std::abs(by[0]), std::abs(by[1])) + std::abs(by[2]) * reach;
-        if (moved < kSettled) break;
+        typical = next_typical;
+        if (!weigh_light()) return found;
+        if (settling && moved < kSettled) break;
         if (step == kSteps) {
             if (moved < 0.1) break;  // it swings within a tenth of a lenslet, and the last steps were a quarter of that
             found.outcome = found.disagreeing > kForeignShare ? Registered::Outcome::foreign : Registered::Outcome::unsettled;
@@ -220,6 +242,8 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         found.pose.x += shortened * by[0];
         found.pose.y += shortened * by[1];
         turn += shortened * by[2];
+        settling = settling || moved < kNearlySettled || step >= kCoarseSteps;
+        used = settling ? sample_.size() : coarse_;
         if (!(std::abs(found.pose.x) < 2 * kFarthestLenslets && std::abs(found.pose.y) < 2 * kFarthestLenslets && std::abs(turn) < 2 * kFarthestSine)) {
             found.outcome = found.disagreeing > kForeignShare ? Registered::Outcome::foreign : Registered::Outcome::too_far;
             return found;

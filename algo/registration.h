@@ -5,12 +5,13 @@
 // slope changes: what edges look like depends on where in a lenslet they lie), with weights 1 / (1 + (r/3)^2) that leave
 // defects out: Gauss-Newton from the reference's own pose, the reference's maps read by cubic interpolation. Weak
 // priors (1 lenslet, 0.02 rad) and one as strong as what the reference's own noise seems to say keep still what leaves no trace; the turn of
-// a round part, where less than kTurnShare of the maps' changes would be seen in one, stays 0.
+// a round part, where less than kTurnShare of the maps' changes would be seen in one, stays 0. The first step and the last ones look at the whole sample, those in
+// between at a quarter of it.
 //
 // A part cannot be registered when the steps do not settle, when it lies further away than kFarthestLenslets or kFarthestSine, or when
 // more than kForeignShare of what is compared disagrees grossly: then it is not such a part.
 //
-// Doubles, + - * / and square roots in a fixed order: the same bits everywhere. All memory is taken by the constructor.
+// Maps are read in floats, all else is doubles, + - * / and square roots in a fixed order: the same bits everywhere. All memory is taken by the constructor.
 #pragma once
 
 #include <cstdint>
@@ -60,7 +61,8 @@ class Registrar {
         double m, n;
     };
     Extents extents_;
-    std::vector<Sampled> sample_;
+    std::vector<Sampled> sample_;  // a quarter of it, evenly over the field, first
+    std::size_t coarse_ = 0;       // so many
     std::vector<double> ratios_;
 };
 
@@ -74,14 +76,14 @@ class CubicReader {
   public:
     CubicReader(const Extents& extents, std::span<const std::uint8_t> mask) : extents_(extents), mask_(mask) {}
     bool move_to(double m, double n);
-    [[nodiscard]] bool has_any(std::uint8_t bits) const;  // of the 4x4
+    [[nodiscard]] std::uint8_t mask() const;  // all bits of the 4x4
     [[nodiscard]] MapAt read(std::span<const float> map) const;
 
   private:
     Extents extents_;
     std::span<const std::uint8_t> mask_;
     std::size_t corner_ = 0;
-    CubicWeights wm_{}, wn_{}, dm_{}, dn_{};
+    float wm_[4] = {}, wn_[4] = {}, dm_[4] = {}, dn_[4] = {};
 };
 
 }  // namespace hord::algo

@@ -23,9 +23,9 @@ constexpr double kLedLoss = 0.7;
 constexpr double kHazeRadius = 1.2, kSpeckRadius = 1;
 
 struct Sizes {
-    int learn, tune, good, poses, bubbles, slope_poses, slope_exposures, kinds;
+    int learn, tune, good, poses, traced, slope_poses, slope_exposures;  // traced: parts of a figure that are traced one by one
 };
-constexpr Sizes kFull{32, 300, 1000, 200, 300, 50, 8, 60}, kQuick{12, 24, 30, 15, 30, 8, 3, 10};
+constexpr Sizes kFull{32, 1000, 2000, 200, 2000, 100, 20}, kQuick{12, 24, 30, 15, 20, 8, 3};
 
 // Where a figure's parts come from.
 struct Figure {
@@ -83,7 +83,7 @@ Result<JudgedPart> Production::judge_one(algo::Pipeline& pipeline, const Figure&
     }
     ProductionPart part = *traced;
     if (painted) add_flaw(part, f.flaw, f.size, seed_, f.stream, static_cast<std::uint32_t>(number));
-    const auto turn = static_cast<std::uint64_t>(number) + (static_cast<std::uint64_t>(f.stream) << 32U) + (static_cast<std::uint64_t>(f.flaw) << 56U) + (f.led < 1 ? 1ULL << 55U : 0ULL);
+    const auto turn = static_cast<std::uint64_t>(number) + (static_cast<std::uint64_t>(f.stream) << 32U) + (static_cast<std::uint64_t>(f.flaw) << 56U) + (static_cast<std::uint64_t>(f.led * 1000) << 40U);
     const auto found = pipeline.inspect(expose_part(part.light, scene_, seed_, turn, f.led).view());
     if (!found) return tl::unexpected(found.error());
     JudgedPart judged;
@@ -187,7 +187,9 @@ Result<DetectionResults> Run::run() {
     const Sizes& s = sizes_;
     results_.seed = options_.seed;
     results_.slopes = options_.quick ? std::vector<double>{0.15, 1.0} : std::vector<double>{0.05, 0.15, 0.5, 1.0, 1.5};
-    total_ = s.tune + 4.0 * s.good + s.bubbles + 3.0 * s.kinds + 2.0 * static_cast<double>(results_.slopes.size()) * s.slope_poses * s.slope_exposures;
+    results_.poses = s.poses;
+    results_.slope_poses = s.slope_poses;
+    total_ = s.tune + 11.0 * s.good + 3.0 * s.traced + 2.0 * static_cast<double>(results_.slopes.size()) * s.slope_poses * s.slope_exposures;
 
     const sim::Scene round = round_part();
     note("learning the round part");
@@ -204,14 +206,30 @@ Result<DetectionResults> Run::run() {
         {.name = "still", .wobble = 0, .parts = s.good, .poses = 1},
         {.name = "wobble", .parts = s.good, .poses = s.poses},
         {.name = "wobble, LED 70 %", .led = kLedLoss, .parts = s.good, .poses = s.poses},
-        {.name = "bubble", .flaw = Flaw::bubble, .parts = s.bubbles},
+        {.name = "bubble", .flaw = Flaw::bubble, .parts = s.traced},
         {.name = "speck", .flaw = Flaw::speck, .size = kSpeckRadius, .parts = s.good, .poses = s.poses},
-        {.name = "haze", .flaw = Flaw::haze, .size = kHazeRadius, .parts = s.kinds, .poses = s.poses},
-        {.name = "dimple", .flaw = Flaw::dimple, .size = 1.5, .parts = s.kinds},
-        {.name = "scratch", .flaw = Flaw::scratch, .size = 4, .parts = s.kinds},
+        {.name = "haze", .flaw = Flaw::haze, .size = kHazeRadius, .parts = s.good, .poses = s.poses},
+        {.name = "dimple", .flaw = Flaw::dimple, .size = 1.5, .parts = s.traced},
+        {.name = "scratch", .flaw = Flaw::scratch, .size = 4, .parts = s.traced},
     };
     for (const Figure& figure : figures) {
         if (auto done = judge(production, figure); !done) return tl::unexpected(done.error());
+    }
+    // The same limits and one reference at every light: a camera of 16 bits, whose range holds it.
+    {
+        sim::Scene deep = round;
+        deep.camera.bits = 16;
+        note("learning for the light levels");
+        auto learned = learn_production(deep, s.learn, 1, options_.seed);
+        if (!learned) return tl::unexpected(learned.error());
+        Production levels(deep, *learned, results_.factor, options_.seed);
+        for (const double electrons : kLightLevels) {
+            const double led = electrons / kProductionElectrons;
+            if (auto done = judge(levels, {.name = fmt::format("{:g} electrons good", electrons), .led = led, .parts = s.good, .poses = s.poses}); !done) return tl::unexpected(done.error());
+            if (auto done = judge(levels, {.name = fmt::format("{:g} electrons haze", electrons), .flaw = Flaw::haze, .size = kHazeRadius, .led = led, .parts = s.good, .poses = s.poses}); !done) {
+                return tl::unexpected(done.error());
+            }
+        }
     }
     for (const double slope : results_.slopes) {
         const sim::Scene scene = strip(slope);
@@ -238,7 +256,7 @@ Result<DetectionResults> Run::run() {
 }  // namespace
 
 Result<ExperimentReport> run_detection(const ExperimentOptions& options) {
-    auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
+    auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 2}});
     if (!cells) return tl::unexpected(cells.error());
     auto results = Run(options, *cells).run();
     if (!results) return tl::unexpected(results.error());

@@ -13,6 +13,8 @@ namespace hord::firmware {
 
 Result<ExperimentReport> run_detection(const ExperimentOptions& options);
 
+inline constexpr double kLightLevels[] = {200, 2000, 20000};  // electrons a lenslet
+
 // One part as it was judged: its score (1 and above rejects), whether a defect was found where the flaw is, the kind of it.
 struct JudgedPart {
     double score = 0;
@@ -27,6 +29,7 @@ struct DetectionResults {
     double factor = 1;       // on the recipe's default limits, from the tuning parts
     int tuned_on = 0;
     std::map<std::string, std::vector<JudgedPart>> parts;  // by figure
+    int poses = 0, slope_poses = 0;  // part k of a figure that is exposed again and again lies like part k % poses
     std::vector<double> slopes;
     Json contrast, times;
     std::uint64_t seed = 1;

@@ -64,7 +64,7 @@ Result<Times> time_of(algo::Pipeline& pipeline, const algo::Frame& frame, int re
 }  // namespace
 
 Result<Json> measure_contrast(const ExperimentOptions& options) {
-    const int lenslets = options.quick ? 45 : 111, learn = options.quick ? 8 : 12, shots = options.quick ? 3 : 10;
+    const int lenslets = 111, learn = 12, shots = options.quick ? 2 : 10;
     const sim::Scene nominal = paper_lens(lenslets);
     const algo::Extents& e = nominal.camera.extents;
     const auto shoot = [&](const sim::Scene& scene, std::uint64_t exposure) -> Result<algo::Frame> {

@@ -10,7 +10,7 @@
 namespace hord::firmware {
 namespace {
 
-constexpr double kPitchMm = 0.2, kBinRad = 0.015, kElectrons = 2000, kSourceBins = 0.61;
+constexpr double kPitchMm = 0.2, kBinRad = 0.015, kSourceBins = 0.61;
 constexpr double kRoundSlope = 0.2, kRadiusLenslets = 9.5, kEdgeMm = 1;
 constexpr int kField = 27, kStripColumns = 10, kStripRows = 24;
 constexpr double kHazeShare = 0.1, kHazeBins = 1, kSpeckTransmission = 0.5;
@@ -21,7 +21,7 @@ double focal_mm(double slope) { return 2 * kPitchMm / (kBinRad * slope); }
 void common(sim::Scene& scene) {
     scene.camera.bin_pitch_rad = kBinRad;
     scene.camera.bits = 12;
-    scene.camera.full_bin_dn = kElectrons / (std::numbers::pi * kSourceBins * kSourceBins);
+    scene.camera.full_bin_dn = kProductionElectrons / (std::numbers::pi * kSourceBins * kSourceBins);
     scene.light.source_radius_bins = kSourceBins;
     scene.noise.electrons_per_dn = static_cast<double>(kProductionGain);
     scene.noise.read_e = static_cast<double>(kProductionReadDn * kProductionGain);
@@ -152,7 +152,6 @@ algo::Recipe production_recipe() {
     recipe.name = "production";
     recipe.dark_dn = 4;  // twice the read noise: what scatters faintly is to be seen
     recipe.min_sum_dn = 60;
-    recipe.saturated_dn = 4095;
     // Against a reference they are judged less what a good part shows; steep strips are far above the defaults' absolute limits.
     recipe.lenslet_mm = static_cast<float>(kPitchMm);
     recipe.bin_rad = static_cast<float>(kBinRad);

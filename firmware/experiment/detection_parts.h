@@ -47,6 +47,7 @@ void add_flaw(ProductionPart& part, Flaw flaw, double size, std::uint64_t seed, 
 
 algo::Frame expose_part(const sim::LightField& light, const sim::Scene& scene, std::uint64_t seed, std::uint64_t exposure, double led = 1);
 
+constexpr double kProductionElectrons = 2000;  // a lenslet
 constexpr float kProductionGain = 1, kProductionReadDn = 2;
 algo::Recipe production_recipe();
 Result<std::shared_ptr<const algo::Reference>> learn_production(const sim::Scene& scene, int parts, double wobble, std::uint64_t seed);

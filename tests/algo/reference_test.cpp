@@ -149,7 +149,8 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
         // Light and the rest: variance 1; bend: of two, 2.
         for (std::size_t w = 0; w < kDeviations; ++w) {
             const double variance = squares[w] / count / (w == 1 ? 2 : 1);
-            EXPECT_GT(variance, 0.3) << "light " << light << ", score " << w;
+            // The spread counts dark bins with more noise than they have (algo/compare.h).
+            EXPECT_GT(variance, w == 2 ? 0.1 : 0.3) << "light " << light << ", score " << w;
             EXPECT_LT(variance, 1.7) << "light " << light << ", score " << w;
         }
     }
@@ -159,6 +160,7 @@ TEST(Reference, a_good_part_passes_however_it_lies) {
     for (std::uint64_t seed = 200; seed < 220; ++seed) {
         const Judged judged = judge(seen(part(wobble(seed)), seed, seed % 2 == 0 ? 1.0 : 0.7));
         EXPECT_EQ(judged.verdict, Verdict::pass) << seed << ": " << explain(judged.registered.outcome);
+        for (const Defect& d : judged.defects) ADD_FAILURE() << seed << ": " << name_of(d.kind) << " at " << d.m << ", " << d.n << ", " << d.area << " lenslets, score " << d.score << ", peak " << d.peak;
     }
 }
 
