@@ -418,6 +418,8 @@ void Comparer::compare(const Lenslet& lenslet, int m, int n, const PoseMap& pose
     Bins bins{golden_.data() + kRoom, scattered_.data() + kRoom, mass_.data() + kRoom, here_.data() + kRoom, blocks_, padded_i_, static_cast<float>(sum / static_cast<double>(share_)),
               edge_[out.at] != 0 ? noise_at_edges_ : noise_};
     bins.noise.a_dn = static_cast<float>(golden_share / gain);
+    // Of a spot's fringes, weaker light leaves below the dark level what is not quiet.
+    if (light < 1) bins.noise.empty = std::max(bins.noise.empty, static_cast<float>(floor * (1 - light) * (1 - light)));
     project_(bins, around_.first, around_.last, t);
     const auto of = [&](Sums::Sum which) { return total(t.of[which]); };
     const double xx = of(Sums::xx), xy = of(Sums::xy), xb = of(Sums::xb), yy = of(Sums::yy), yb = of(Sums::yb), bb = of(Sums::bb);

@@ -213,11 +213,11 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
     }
     lines.push_back({"kind named rightly (mean of the four kinds, of those found)", "90 %", "97 %", fmt::format("{:.1f} %", 100 * right_shares), right_shares >= 0.9, right_shares >= 0.97, true, Line::Decided::by_few});
 
-    const double features = r.times["features"].get<double>(), added = r.times["with"].get<double>() - r.times["without"].get<double>();
+    const double features = r.times["features"].get<double>(), added = r.times["added"].get<double>();
     lines.push_back({"time added to the features at paper size", "50 %", "20 %",
-                     fmt::format("{:.0f} %: {:.1f} ms to {:.1f} ms of features, {} lenslets squared, CPU time of one thread, median of {}", 100 * added / features, added, features,
+                     fmt::format("{:.0f} % of {:.1f} ms of features, {} lenslets squared, CPU time of one thread, with and without in turns, median of {}", 100 * added, features,
                                  r.times["lenslets"].get<int>(), r.times["repeats"].get<int>()),
-                     added <= 0.5 * features, added <= 0.2 * features, false, Line::Decided::by_the_machine});
+                     added <= 0.5, added <= 0.2, false, Line::Decided::by_the_machine});
 
     ExperimentReport report;
     Table table{{"", "at least", "aim", "measured", "reached"}, {}};
