@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "drivers/libcamera_sensor.h"
 #include "drivers/recorded_frames.h"
 #include "firmware/backend_options.h"
 #include "firmware/calibration_in_use.h"
@@ -50,6 +51,9 @@ void open_sensor(hal::EventLoop& loop, const Config& config, Devices& devices, C
     if (const auto* video = std::get_if<VideoSensor>(&config.sensor)) {
         cell.sensor.name = video->device;
         take(cell.sensor, devices.sensor, drivers::V4l2Sensor::open(loop, video_options(*video)));
+    } else if (const auto* camera = std::get_if<CameraSensor>(&config.sensor)) {
+        cell.sensor.name = (camera->camera.empty() ? "the only camera" : camera->camera) + " (libcamera " + drivers::libcamera_version() + ")";
+        take(cell.sensor, devices.sensor, drivers::LibcameraSensor::open(loop, camera_request(*camera)));
     } else if (const auto* folder = std::get_if<RecordedFrames>(&config.sensor)) {
         cell.sensor.name = "recorded frames in " + folder->folder.string();
         take(cell.sensor, devices.sensor, drivers::RecordedFrames::open(loop, {folder->folder}));

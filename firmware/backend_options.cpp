@@ -57,6 +57,10 @@ drivers::V4l2SensorOptions video_options(const VideoSensor& wanted) {
     return options;
 }
 
+drivers::CameraRequest camera_request(const CameraSensor& wanted) {
+    return {wanted.camera, wanted.width_px, wanted.height_px, wanted.bits, wanted.buffers, wanted.controls};
+}
+
 namespace {
 
 // By function 43/14, or the registers in which its maker keeps it.

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "drivers/camera_port.h"
 #include "drivers/gpio_part_sensor.h"
 #include "drivers/gpio_strobe.h"
 #include "drivers/modbus_rejector.h"
@@ -17,6 +18,7 @@ drivers::GpioLine gpio_line(const GpioLineName& name);
 std::vector<drivers::GpioStrobeChannel> strobe_channels(const StrobeConfig& wanted);
 drivers::GpioPartSensorOptions part_sensor_options(const GpioPartSensorLine& wanted);
 drivers::V4l2SensorOptions video_options(const VideoSensor& wanted);
+drivers::CameraRequest camera_request(const CameraSensor& wanted);
 
 // Asks a rejector's module what it is and how its outputs and its confirm sensor stand, over a link of its own; moves nothing. Blocks for
 // a few time-outs. Fails as the driver's link does.

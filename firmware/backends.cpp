@@ -7,6 +7,7 @@
 
 #include "drivers/gpio_part_sensor.h"
 #include "drivers/gpio_strobe.h"
+#include "drivers/libcamera_sensor.h"
 #include "drivers/modbus_rejector.h"
 #include "drivers/recorded_frames.h"
 #include "drivers/v4l2_sensor.h"
@@ -87,6 +88,7 @@ class ChosenBackends final : public Backends {
     hal::PartSensor& part_sensor() override { return gpio_part_sensor_ ? static_cast<hal::PartSensor&>(*gpio_part_sensor_) : cell_->part_sensor(); }
     hal::Strobe& strobe() override { return gpio_strobe_ ? static_cast<hal::Strobe&>(*gpio_strobe_) : cell_->strobe(); }
     hal::Sensor& sensor() override {
+        if (camera_) return *camera_;
         if (video_) return *video_;
         return recorded_ ? static_cast<hal::Sensor&>(*recorded_) : cell_->sensor();
     }
@@ -145,6 +147,10 @@ class ChosenBackends final : public Backends {
             auto opened = drivers::V4l2Sensor::open(loop, video_options(*video));
             if (!opened) return tl::unexpected(opened.error());
             video_ = std::move(*opened);
+        } else if (const auto* camera = std::get_if<CameraSensor>(&config.sensor)) {
+            auto opened = drivers::LibcameraSensor::open(loop, camera_request(*camera));
+            if (!opened) return tl::unexpected(opened.error());
+            camera_ = std::move(*opened);
         } else {
             sim::ProductionOptions production;
             production.clean = clean_part(config);
@@ -205,6 +211,7 @@ class ChosenBackends final : public Backends {
     std::unique_ptr<sim::SimulatedCell> cell_;
     std::unique_ptr<drivers::RecordedFrames> recorded_;
     std::unique_ptr<drivers::V4l2Sensor> video_;
+    std::unique_ptr<drivers::LibcameraSensor> camera_;
     std::unique_ptr<drivers::GpioPartSensor> gpio_part_sensor_;
     std::unique_ptr<sim::CoilModule> module_;
     std::unique_ptr<drivers::ModbusRejector> modbus_;

@@ -88,12 +88,14 @@ void check_gpio_line(TomlTable& table, const GpioLineName& line) {
 }
 
 void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::path& folder) {
-    constexpr std::array<std::string_view, 3> kinds{"simulated", "frames", "v4l2"};
+    constexpr std::array<std::string_view, 4> kinds{"simulated", "frames", "v4l2", "libcamera"};
     const auto kind = sensor.choice("backend", kinds);
     std::string frames;
     sensor.text("folder", frames);
     VideoSensor video;
     sensor.text("device", video.device);
+    std::string camera;
+    sensor.text("camera", camera);
     sensor.integer("width_px", video.width_px, 0, 65'535);
     sensor.integer("height_px", video.height_px, 0, 65'535);
     sensor.integer("bits", video.bits, 8, 16);
@@ -105,10 +107,11 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
         auto& [name, setting] = video.controls.emplace_back();
         control.text("name", name);
         control.integer("value", setting, INT32_MIN, INT32_MAX);
-        if (name.empty()) control.problem("name", "is missing", "name the control as v4l2-ctl --list-ctrls describes it");
+        if (name.empty()) control.problem("name", "is missing", "name the control as v4l2-ctl --list-ctrls, or cam --list-controls, calls it");
         if (!control.has("value")) control.problem("value", "is missing", "say what the control is set to");
     }
     if (kind == 2) value = video;
+    if (kind == 3) value = CameraSensor{camera, video.width_px, video.height_px, video.bits, video.buffers, video.controls};
     if (kind != 1) return;
     if (frames.empty()) sensor.problem("folder", "is missing", "name the folder of the recorded frames");
     value = RecordedFrames{folder / frames};

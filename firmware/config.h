@@ -27,7 +27,7 @@ struct GpioLineName {
     bool operator==(const GpioLineName&) const = default;
 };
 
-// [sensor] backend = "simulated" | "frames" | "v4l2"
+// [sensor] backend = "simulated" | "frames" | "v4l2" | "libcamera"
 struct SimulatedSensor {
     bool operator==(const SimulatedSensor&) const = default;
 };
@@ -43,7 +43,15 @@ struct VideoSensor {
     std::vector<std::pair<std::string, std::int64_t>> controls;  // by name
     bool operator==(const VideoSensor&) const = default;
 };
-using SensorConfig = std::variant<SimulatedSensor, RecordedFrames, VideoSensor>;
+struct CameraSensor {
+    std::string camera;               // libcamera's id; empty: the only one there is
+    int width_px = 0, height_px = 0;  // 0: as the camera proposes
+    int bits = 8;                     // 8, 10, 12 or 16
+    int buffers = 4;
+    std::vector<std::pair<std::string, std::int64_t>> controls;  // by libcamera's names
+    bool operator==(const CameraSensor&) const = default;
+};
+using SensorConfig = std::variant<SimulatedSensor, RecordedFrames, VideoSensor, CameraSensor>;
 
 // [rejector] backend = "simulated" | "modbus"
 struct SimulatedRejector {

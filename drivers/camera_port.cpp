@@ -1,0 +1,49 @@
+#include "drivers/camera_port.h"
+
+#include <algorithm>
+#include <array>
+
+namespace hord::drivers {
+namespace {
+
+struct Known {
+    int bits;
+    const char* name;
+    bool packed;
+};
+constexpr std::array<Known, 6> kGrey = {
+    {{8, "R8", false}, {10, "R10", false}, {10, "R10_CSI2P", true}, {12, "R12", false}, {12, "R12_CSI2P", true}, {16, "R16", false}}};
+
+std::string list_of(std::span<const std::string> names) {
+    std::string out;
+    for (const std::string& name : names) out += (out.empty() ? "" : ", ") + name;
+    return out.empty() ? "none" : out;
+}
+
+}  // namespace
+
+Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there, int bits) {
+    std::string wanted;
+    for (const Known& known : kGrey) {
+        if (known.bits != bits) continue;
+        wanted += (wanted.empty() ? "" : " or ") + std::string(known.name);
+        if (std::ranges::find(there, known.name) != there.end()) return GreyFormat{known.name, bits, known.packed};
+    }
+    if (wanted.empty()) return fail(ErrorCode::unsupported, camera + ": no format with " + std::to_string(bits) + " bits is known", "use 8, 10, 12 or 16");
+    return fail(ErrorCode::unsupported, camera + " has no " + wanted + " frames; it has " + list_of(there),
+                "set sensor.bits to what the camera has (cam -c ID -I); a colour camera cannot be used");
+}
+
+Result<std::string> choose_camera(std::span<const std::string> there, const std::string& wanted) {
+    if (!wanted.empty()) {
+        if (std::ranges::find(there, wanted) != there.end()) return wanted;
+        return fail(ErrorCode::not_found, "camera \"" + wanted + "\" is not there; cameras: " + list_of(there), "check its cable and sensor.camera (cam -l)");
+    }
+    if (there.empty()) return fail(ErrorCode::not_found, "no camera is there", "check its cable; see cam -l");
+    if (there.size() > 1) {
+        return fail(ErrorCode::invalid_argument, "several cameras are there: " + list_of(there), "say which one in sensor.camera");
+    }
+    return there.front();
+}
+
+}  // namespace hord::drivers
