@@ -172,7 +172,7 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         auto done = link.write_register(map.watchdog_stop_register, map.watchdog_stop_value, options.response_timeout);
         const auto units = static_cast<int>((options.watchdog + map.watchdog_unit - 1ns) / map.watchdog_unit);
         if (done) done = link.write_register(map.watchdog_time_register, units, options.response_timeout);
-        if (done) done = feed();
+        for (int k = 0; k < 2 && done; ++k) done = feed();  // one of the two differs from what a station before left there
         return done;
     }
     Result<void> feed() {
