@@ -22,6 +22,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 constexpr std::size_t kLargestHead = 8 * 1024, kLargestBody = 4 * 1024;
 constexpr auto kHeadPatience = std::chrono::seconds(5), kIdlePatience = std::chrono::seconds(3), kWritePatience = std::chrono::seconds(5), kReplyPatience = std::chrono::seconds(30);
+constexpr auto kPressedPatience = std::chrono::milliseconds(400);  // with who is silent while others wait
 constexpr auto kSlice = std::chrono::milliseconds(200);  // a page that ends is not kept waiting longer
 constexpr auto kStillHere = std::chrono::milliseconds(3000);
 constexpr int kRequestsOfOneConnection = 100;
@@ -40,7 +41,8 @@ class Wire {
 
 class SocketWire final : public Wire {
   public:
-    SocketWire(socket_t fd, const std::atomic<bool>& ending) : fd_(fd), ending_(ending) {}
+    // `waiting`: connections that no thread has time for yet.
+    SocketWire(socket_t fd, const std::atomic<bool>& ending, const std::atomic<int>& waiting) : fd_(fd), ending_(ending), waiting_(waiting) {}
     ssize_t receive(char* into, std::size_t size, Clock::time_point until) override { return wait(POLLIN, until) ? ::recv(fd_, into, size, MSG_DONTWAIT) : -1; }
     ssize_t send(const char* bytes, std::size_t size, Clock::time_point until) override { return wait(POLLOUT, until) ? ::send(fd_, bytes, size, MSG_NOSIGNAL | MSG_DONTWAIT) : -1; }
     bool alive() override {
@@ -59,7 +61,9 @@ class SocketWire final : public Wire {
 
   private:
     bool wait(short what, Clock::time_point until) {
+        const auto began = Clock::now();
         while (!ending_) {
+            if (what == POLLIN && waiting_ > 0 && Clock::now() - began > kPressedPatience) return false;
             const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
             if (left.count() <= 0) return false;
             pollfd state{fd_, what, 0};
@@ -71,6 +75,7 @@ class SocketWire final : public Wire {
     }
     const socket_t fd_;
     const std::atomic<bool>& ending_;
+    const std::atomic<int>& waiting_;
 };
 
 class MemoryWire final : public Wire {
@@ -215,7 +220,7 @@ Request request_from(const httplib::Request& from) {
 // A fixed number of threads; what none of them has time for soon is run here and now, marked.
 class Threads final : public httplib::TaskQueue {
   public:
-    explicit Threads(std::size_t count) {
+    Threads(std::size_t count, std::atomic<int>& waiting) : count_(waiting) {
         for (std::size_t k = 0; k < count; ++k) threads_.emplace_back([this] { work(); });
     }
     void enqueue(std::function<void()> task) override {
@@ -223,6 +228,7 @@ class Threads final : public httplib::TaskQueue {
             const std::lock_guard lock(mutex_);
             if (!ended_ && waiting_.size() < kMostWaiting) {
                 waiting_.push_back(std::move(task));
+                ++count_;
                 wake_.notify_one();
                 return;
             }
@@ -251,10 +257,12 @@ class Threads final : public httplib::TaskQueue {
                 if (waiting_.empty()) return;
                 task = std::move(waiting_.front());
                 waiting_.pop_front();
+                --count_;
             }
             task();
         }
     }
+    std::atomic<int>& count_;  // of waiting_
     std::mutex mutex_;
     std::condition_variable wake_;
     std::deque<std::function<void()>> waiting_;
@@ -320,10 +328,11 @@ class Door final : public httplib::Server {
     void seem_to_listen() { svr_sock_ = 0; }
 
     std::atomic<bool> ending{false};
+    std::atomic<int> waiting{0};
 
   private:
     bool process_and_close_socket(socket_t fd) override {
-        SocketWire wire(fd, ending);
+        SocketWire wire(fd, ending, waiting);
         if (turning_away) {
             pages_.count_turned_away();
             constexpr std::string_view kFull = "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 2\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
@@ -388,7 +397,7 @@ PageServer::~PageServer() = default;
 Result<std::unique_ptr<PageServer>> PageServer::open(const PageConfig& config, Pages& pages, Viewers& viewers) {
     auto parts = std::make_unique<Parts>(pages, viewers);
     const auto threads = static_cast<std::size_t>(config.viewers) + kThreadsBesideViewers;
-    parts->door.new_task_queue = [threads] { return new Threads(threads); };
+    parts->door.new_task_queue = [threads, door = &parts->door] { return new Threads(threads, door->waiting); };
     errno = 0;
     if (config.port == 0) parts->port = parts->door.bind_to_any_port(config.host);
     else parts->port = parts->door.bind_to_port(config.host, config.port) ? config.port : -1;
