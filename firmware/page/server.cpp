@@ -25,7 +25,7 @@ constexpr auto kHeadPatience = std::chrono::seconds(5), kIdlePatience = std::chr
 constexpr auto kPressedPatience = std::chrono::milliseconds(400);  // with who is silent while others wait
 constexpr auto kSlice = std::chrono::milliseconds(200);  // a page that ends is not kept waiting longer
 constexpr auto kStillHere = std::chrono::milliseconds(3000);
-constexpr int kRequestsOfOneConnection = 100;
+constexpr int kRequestsOfOneConnection = 100, kBacklog = 128;
 constexpr std::size_t kThreadsBesideViewers = 12, kMostWaiting = 32;
 
 // Where bytes come from and go to.
@@ -327,6 +327,9 @@ class Door final : public httplib::Server {
     // cpp-httplib ends the streams of a server that does not listen; without a socket it is to be told otherwise.
     void seem_to_listen() { svr_sock_ = 0; }
 
+    // The library lets five connections wait for the system; a browser opens six at once, and what does not fit waits a second.
+    void let_more_wait() { (void)::listen(svr_sock_, kBacklog); }
+
     std::atomic<bool> ending{false};
     std::atomic<int> waiting{0};
 
@@ -407,6 +410,7 @@ Result<std::unique_ptr<PageServer>> PageServer::open(const PageConfig& config, P
                     fmt::format("the page cannot listen at {}:{} ({})", config.host, config.port, errno != 0 ? std::strerror(errno) : "no such address"),
                     taken ? "end the program that has this port, or choose another in page.toml: [page] port" : "name an address of this machine in page.toml: [page] host");
     }
+    parts->door.let_more_wait();
     return std::unique_ptr<PageServer>(new PageServer(std::move(parts)));
 }
 

@@ -9,6 +9,7 @@ import socket
 import sys
 import tempfile
 import threading
+import time
 import urllib.error
 import urllib.request
 
@@ -60,7 +61,9 @@ def main():
 
         dripping = threading.Thread(target=slowly, daemon=True)
         dripping.start()
+        began = time.monotonic()
         assert wait_for("an answer beside them", state)["up"] is False
+        answered_s = time.monotonic() - began
         for viewer in viewers:  # those who were there first are still told
             viewer.settimeout(120)
             assert viewer.recv(4096), "a viewer was dropped"
@@ -75,7 +78,7 @@ def main():
         assert resident < 128e6, f"{resident} bytes"
         page.end(signal.SIGTERM)
         assert page.process.returncode == 0, "".join(page.err)
-        print(f"{len(silent) + len(halves) + len(greedy)} idle, broken and greedy clients; afterwards {resident / 1e6:.0f} MB")
+        print(f"{len(silent) + len(halves) + len(greedy)} idle, broken and greedy clients: an answer beside them after {answered_s:.1f} s; afterwards {resident / 1e6:.0f} MB")
 
 
 def viewers_now(page):
