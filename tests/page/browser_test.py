@@ -133,6 +133,7 @@ def look(bin_dir, out, folder):
         port = station.port
         station.end()
         wait_for("the page says that nobody answers", lambda: browser.run("return document.getElementById('degree').textContent") == "Alarm")
+        check("not known" in browser.run("return document.getElementById('lamps').textContent"), "signals are claimed of a station that does not answer")
         browser.screenshot(out / "tablet-station-away.png", 1024, 768, False)
         station = Station(bin_dir, folder, port=port, seed=8)
         wait_for("the page follows the new start", lambda: "ContinuousExecution" in browser.run("return document.getElementById('lamps').textContent"))
