@@ -32,7 +32,11 @@ Result<void> write_durably(const std::filesystem::path& file, std::string_view t
     if (fd < 0) return io_error(file);
     const bool written = write_all(fd, text);
     const bool closed = ::close(fd) == 0;
-    if (!written || !closed || ::rename(beside.c_str(), file.c_str()) != 0) return io_error(file);
+    if (!written || !closed || ::rename(beside.c_str(), file.c_str()) != 0) {
+        const auto error = io_error(file);
+        ::unlink(beside.c_str());
+        return error;
+    }
     const int folder = ::open(file.parent_path().empty() ? "." : file.parent_path().c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (folder < 0) return io_error(file);
     const bool synced = ::fsync(folder) == 0;

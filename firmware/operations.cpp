@@ -115,11 +115,18 @@ CommandOutcome Operations::on_command(const modbus::Origin& origin, const Comman
 }
 
 CommandOutcome Operations::carry_out(const Who& who, const CommandRequest& request) {
-    if (const auto command = command_of(request.code)) return outcome_of(works_->station.request(*command));
+    if (const auto command = command_of(request.code)) {
+        const bool ends_teach = *command == Command::abort || *command == Command::halt;
+        const bool cancelled = ends_teach && cancel_teach(name_in_map("code", request.code) + " was commanded");
+        const Answer answer = works_->station.request(*command);
+        // Nothing was on the line to be aborted; the teach was.
+        if (cancelled && *command == Command::abort && answer == Answer::not_in_this_state) return done();
+        return outcome_of(answer);
+    }
     switch (static_cast<CommandCode>(request.code)) {
         case CommandCode::use_recipe: return use_recipe(who, request);
         case CommandCode::self_test: return self_test(who, request);
-        case CommandCode::teach: return failed(CommandError::not_supported);
+        case CommandCode::teach: return teach(who, request);
         default: return failed(CommandError::unknown_command);
     }
 }
@@ -146,6 +153,18 @@ Result<void> Operations::use(const Who& who, NumberedRecipe recipe) {
     if (auto checked = parse_numbered_recipe(format_recipe(recipe), fmt::format("recipe {}", recipe.number)); !checked) {
         return tl::unexpected(checked.error());
     }
+    const std::string why = fmt::format("recipe {} was taken", recipe.number);
+    if (auto taken = take(who, std::move(recipe)); !taken) return taken;
+    (void)cancel_teach(why);
+    if (const auto dropped = std::exchange(waiting_, std::nullopt)) {
+        works_->teacher->discard(dropped->recipe);
+        report({ErrorCode::refused, "what was taught is dropped before it came into use: " + why, "teach again"});
+    }
+    return {};
+}
+
+// With the inspector's consent it is in use, remembered and recorded.
+Result<void> Operations::take(const Who& who, NumberedRecipe recipe) {
     if (auto taken = works_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
     const NumberedRecipe before = std::exchange(recipe_, std::move(recipe));
     works_->desk.stage(staged_from(recipe_));
@@ -212,6 +231,71 @@ CommandOutcome Operations::self_test(const Who& who, const CommandRequest& reque
         record(who, request, state, outcome);
     });
     return {CommandState::executing, CommandError::none, 0};
+}
+
+// -- teaching -----------------------------------------------------------------------------------------------------
+
+CommandOutcome Operations::teach(const Who& who, const CommandRequest& request) {
+    if (works_->teacher == nullptr) return failed(CommandError::not_supported);
+    const State state = works_->station.core().state();
+    if (state != State::initialized && state != State::ready && !executing(state)) return failed(CommandError::not_in_this_state);
+    const std::uint32_t parts = request.argument == 0 ? Teacher::kUsualParts : request.argument;
+    if (parts < Teacher::kLeastParts || parts > Teacher::kMostParts) return failed(CommandError::bad_argument);
+    if (teach_ || waiting_) return failed(CommandError::not_yet);
+    Teacher::Listener listener;
+    listener.taken = [this, token = request.token](std::uint32_t taken) { works_->desk.finish(token, {CommandState::executing, CommandError::none, taken}); };
+    listener.done = [this](Result<Taught> result) { taught(std::move(result)); };
+    if (auto begun = works_->teacher->begin(parts, recipe_, std::move(listener)); !begun) {
+        if (begun.error().code == ErrorCode::busy) return failed(CommandError::not_yet);
+        report(begun.error());
+        return failed(CommandError::failed);
+    }
+    teach_ = Teach{who, request, state, parts};
+    return {CommandState::executing, CommandError::none, 0};
+}
+
+void Operations::taught(Result<Taught> result) {
+    if (!result) {
+        report(result.error());
+        return end_teach(failed(CommandError::failed));
+    }
+    if (!result->remarks.empty()) {
+        report({ErrorCode::refused, fmt::format("taught from {} parts: {}", teach_->parts, result->remarks), "look at these parts; if they are good, teach again with more parts"});
+    }
+    const std::uint32_t crc = crc32_of(result->recipe);
+    waiting_ = Waiting{teach_->who, std::move(result->recipe)};
+    const auto used = use_what_was_taught();  // at once, or later
+    end_teach(used ? done(crc) : failed(CommandError::failed));
+}
+
+void Operations::end_teach(const CommandOutcome& outcome) {
+    const Teach ended = std::move(*teach_);
+    teach_.reset();
+    record(ended.who, ended.request, ended.before, outcome);
+    works_->desk.finish(ended.request.token, outcome);
+    if (works_->publish) works_->publish();
+}
+
+bool Operations::cancel_teach(const std::string& why) {
+    if (!teach_) return false;
+    works_->teacher->cancel();
+    report({ErrorCode::refused, "the teach is cancelled: " + why, "teach again"});
+    end_teach(failed(CommandError::cancelled));
+    return true;
+}
+
+Result<void> Operations::use_what_was_taught() {
+    if (!waiting_ || executing(works_->station.core().state()) || works_->station.core().line().size() != 0) return {};
+    Waiting now = std::move(*waiting_);
+    waiting_.reset();
+    const NumberedRecipe recipe = now.recipe;
+    auto taken = take(now.who, std::move(now.recipe));
+    if (!taken) {
+        works_->teacher->discard(recipe);
+        report(taken.error());
+    }
+    if (works_->publish) works_->publish();
+    return taken;
 }
 
 // -- the PLC itself -----------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 // Carries out what a PLC, or anybody else who may write registers, asks of the station.
 //
 // The desk (registers_plc.h) has made sure that it comes once; here it happens: the state machine's commands, the recipe in
-// use, the self-test, and what the PLC's heartbeat and acknowledgements mean. Loop thread only. Every command and every
+// use, the self-test, teaching, and what the PLC's heartbeat and acknowledgements mean. Loop thread only. Every command and every
 // change of the recipe is told to the recorder with who asked for it.
 #pragma once
 
@@ -14,6 +14,7 @@
 #include "firmware/recorder.h"
 #include "firmware/registers_plc.h"
 #include "firmware/station.h"
+#include "firmware/teacher.h"
 
 namespace hord::firmware {
 
@@ -34,6 +35,7 @@ class Operations final : public PlcHandler {
         Inspector& inspector;
         PlcDesk& desk;
         Recorder* recorder = nullptr;
+        Teacher* teacher = nullptr;  // none: teach is not supported
         std::function<Result<void>()> check_judgement = {};                   // part of the self-test
         std::function<Result<NumberedRecipe>(std::uint16_t number)> recipe = {};  // the recipe of this number; not_found: there is none
         std::function<void(const NumberedRecipe&)> recipe_changed = {};  // it is in use from now on
@@ -47,7 +49,12 @@ class Operations final : public PlcHandler {
 
     // Judges with another recipe. Fails, and the old one stays, with refused (the station executes) and with what the
     // pipeline says of the recipe.
+    // A teach that is under way is cancelled, and what was taught and waits is dropped: that was about the old one.
     Result<void> use(const Who& who, NumberedRecipe recipe);
+
+    // Judges with what was taught, once the station does not execute and the line is empty. To be called whenever that may
+    // have come about. Fails with what the inspector says; then the old recipe stays.
+    Result<void> use_what_was_taught();
 
     CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
     CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) override;
@@ -60,12 +67,29 @@ class Operations final : public PlcHandler {
     [[nodiscard]] CommandOutcome use_recipe(const Who& who, const CommandRequest& request);
     [[nodiscard]] CommandOutcome self_test(const Who& who, const CommandRequest& request);
     [[nodiscard]] CommandOutcome used(const Result<void>& done);
+    [[nodiscard]] CommandOutcome teach(const Who& who, const CommandRequest& request);
+    void taught(Result<Taught> result);
+    void end_teach(const CommandOutcome& outcome);
+    bool cancel_teach(const std::string& why);
+    Result<void> take(const Who& who, NumberedRecipe recipe);
     void record(const Who& who, const CommandRequest& request, State before, const CommandOutcome& outcome);
     void report(const Error& error) const;
 
     hal::EventLoop& loop_;
     std::optional<Works> works_;
     NumberedRecipe recipe_;
+    struct Teach {
+        Who who;
+        CommandRequest request;
+        State before = State::preoperational;
+        std::uint32_t parts = 0;
+    };
+    std::optional<Teach> teach_;  // under way
+    struct Waiting {
+        Who who;
+        NumberedRecipe recipe;
+    };
+    std::optional<Waiting> waiting_;  // taught, and in use as soon as the line is empty
 };
 
 }  // namespace hord::firmware

@@ -193,9 +193,13 @@ std::string format_recipe(const NumberedRecipe& numbered) {
         if (r.lenslet_mm > 0) text += fmt::format("lenslet_mm = {}\n", r.lenslet_mm);
         if (r.bin_rad > 0) text += fmt::format("bin_rad = {}\n", r.bin_rad);
     }
-    if (!numbered.reference_file.empty()) {
-        text += fmt::format("\n[reference]\nfile = {}\nreject_score = {}\ngrow_score = {}\ncluster_score = {}\n", in_quotes(numbered.reference_file.string()),
-                            r.reject_score, r.grow_score, r.cluster_score);
+    // Scores may wait for a reference that is still to be taught.
+    const algo::Recipe usual;
+    const bool has_scores = r.reject_score != usual.reject_score || r.grow_score != usual.grow_score || r.cluster_score != usual.cluster_score;
+    if (!numbered.reference_file.empty() || has_scores) {
+        text += "\n[reference]\n";
+        if (!numbered.reference_file.empty()) text += fmt::format("file = {}\n", in_quotes(numbered.reference_file.string()));
+        text += fmt::format("reject_score = {}\ngrow_score = {}\ncluster_score = {}\n", r.reject_score, r.grow_score, r.cluster_score);
     }
     for (const algo::Tolerance& t : r.tolerances) {
         text += "\n[[tolerate]]\nkinds = [";

@@ -60,12 +60,13 @@ Result<void> remember_recipe(const fs::path& file, std::uint32_t configured, con
     return common::write_durably(file, head_line(configured) + format_recipe(in_use));
 }
 
-std::optional<NumberedRecipe> remembered_recipe(const fs::path& file, std::uint32_t configured) {
+Result<std::optional<NumberedRecipe>> remembered_recipe(const fs::path& file, std::uint32_t configured) {
     std::ifstream in(file, std::ios::binary);
     const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
     if (!text.starts_with(head_line(configured))) return std::nullopt;
     auto recipe = parse_numbered_recipe(text, file.string());
-    return recipe ? std::optional(std::move(*recipe)) : std::nullopt;
+    if (!recipe) return tl::unexpected(recipe.error());
+    return std::optional(std::move(*recipe));
 }
 
 }  // namespace hord::firmware

@@ -76,6 +76,9 @@ bool may_interrupt(std::uint16_t code) {
     return command == CommandCode::stop || command == CommandCode::abort || command == CommandCode::halt;
 }
 
+// It takes as long as its parts, and they come only when the station is started.
+bool goes_on_beside_others(std::uint16_t code) { return static_cast<CommandCode>(code) == CommandCode::teach; }
+
 }  // namespace
 
 PlcDesk::PlcDesk(const hal::Clock& clock, PlcHandler& handler, PlcOptions options)
@@ -139,7 +142,8 @@ Exception PlcDesk::take_command(const modbus::Origin& origin, const StationNow& 
         return Exception::none;
     }
     const auto is_executing = [](const Remembered& r) { return r.reply.state == CommandState::executing; };
-    if (!may_interrupt(request.code) && std::any_of(memory_.begin(), memory_.end(), is_executing))
+    const auto must_be_alone = [&](const Remembered& r) { return is_executing(r) && !goes_on_beside_others(r.request.code); };
+    if (!may_interrupt(request.code) && std::any_of(memory_.begin(), memory_.end(), must_be_alone))
         return Exception::busy;
 
     // Remembered before it is executed: whatever the handler brings about, this token does nothing again.

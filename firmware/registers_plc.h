@@ -6,7 +6,8 @@
 // reply that it had is shown once more. So a sender that does not know whether its write arrived writes it
 // again, on any connection, until REPLY shows its token. The last 256 tokens are remembered; `boot` guards
 // against repeating a command to a station that was restarted meanwhile. While a command is executing, any
-// other but stop, abort and halt is answered with exception 06 and not remembered.
+// other but stop, abort and halt is answered with exception 06 and not remembered; a teach, which takes as long as
+// its parts, goes on beside others.
 #pragma once
 
 #include "drivers/hal/clock.h"
@@ -66,8 +67,8 @@ class PlcDesk {
     modbus::Exception write(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
                             std::span<const std::uint16_t> values);
 
-    // The outcome of a command that was executing; not from inside on_command(). No effect for a token that
-    // is not.
+    // The outcome of a command that was executing, or how far it has come (executing, with a result). Not from inside the
+    // on_command() that began it. No effect for a token that is not executing.
     void finish(std::uint32_t token, const CommandOutcome& outcome);
 
     // Results up to `newest_sequence` exist: counts those that the ring lost before they were acknowledged.

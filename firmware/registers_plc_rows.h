@@ -18,7 +18,7 @@ inline constexpr NamedValue kCommandErrors[] = {
     {0, "none"},          {1, "unknown_command"}, {2, "not_in_this_state"}, {3, "device_down"},
     {4, "bad_argument"},  {5, "wrong_checksum"},  {6, "token_reused"},      {7, "other_boot"},
     {8, "not_supported"}, {9, "failed"},          {10, "plc_lost"},         {11, "not_yet"},
-    {12, "no_such_recipe"},
+    {12, "no_such_recipe"}, {13, "cancelled"},
 };
 inline constexpr NamedValue kPolicies[] = {{0, "none"}, {1, "stop"}, {2, "reject_all"}};
 
@@ -32,7 +32,7 @@ inline constexpr Register kCommand[] = {
     writable(number(
         8005, Type::u16, "code", "", "the command",
         [](const Source& s) { return plc(s, [](auto& p) { return p.command.code; }); }, kCommands)),
-    writable(number(8006, Type::bits32, "argument", "", "commit_recipe: staged_crc32; use_recipe: the recipe's number; else 0",
+    writable(number(8006, Type::bits32, "argument", "", "commit_recipe: staged_crc32; use_recipe: the recipe's number; teach: parts, 8 to 64, or 0: 16; else 0",
                     [](const Source& s) { return plc_bits(s, [](auto& p) { return p.command.argument; }); })),
     writable(
         number(8008, Type::bits32, "argument2", "", "use_recipe: the recipe's CRC-32, or 0: whatever it is; else 0",
@@ -54,7 +54,7 @@ inline constexpr Register kReply[] = {
         8026, Type::u16, "error", "", "why it failed",
         [](const Source& s) { return plc(s, [](auto& p) { return p.reply.error; }); }, kCommandErrors),
     number(8027, Type::bits32, "result", "",
-           "what the command gives back; self_test: the faults found, as in faults_active; commit_recipe, use_recipe: CRC-32 of the recipe now in use; else 0",
+           "what the command gives back; self_test: the faults found, as in faults_active; commit_recipe, use_recipe: CRC-32 of the recipe now in use; teach: parts taken so far, and when completed the CRC-32 of the recipe with its new reference; else 0",
            [](const Source& s) { return plc_bits(s, [](auto& p) { return p.reply.result; }); }),
     number(8029, Type::u32, "commands_done", "", "commands executed since this boot; repeats do not count",
            [](const Source& s) { return plc(s, [](auto& p) { return p.commands_done; }); }),

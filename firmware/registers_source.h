@@ -83,7 +83,7 @@ enum class CommandCode : std::uint16_t {
     halt = 8,
     reset = 9,
     commit_recipe = 20,  // argument: staged_crc32
-    teach = 21,
+    teach = 21,          // argument: parts, or 0: 16; result: those taken so far, then the CRC-32 of the recipe with its new reference
     self_test = 22,      // result: FaultBits of what failed
     use_recipe = 23,     // argument: its number; argument2: its CRC-32, or 0: whatever it is; result: its CRC-32
 };
@@ -100,8 +100,9 @@ enum class CommandError : std::uint16_t {
     not_supported = 8,
     failed = 9,
     plc_lost = 10,       // start: the PLC's heartbeat is missing
-    not_yet = 11,        // arm: the ejector is still acting; self_test: or parts are on the line
+    not_yet = 11,        // arm: the ejector is still acting; self_test: or parts are on the line; teach: one is under way, or waits for the line to stop
     no_such_recipe = 12, // use_recipe: no usable file has this number
+    cancelled = 13,      // teach: abort, halt or another recipe ended it
 };
 
 struct CommandRequest {

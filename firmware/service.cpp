@@ -21,6 +21,7 @@
 #include "firmware/recording.h"
 #include "firmware/registers_image.h"
 #include "firmware/self_check.h"
+#include "firmware/teacher.h"
 
 namespace hord::firmware {
 namespace {
@@ -67,6 +68,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     std::unique_ptr<store::StationRecorder> recorder;
     std::unique_ptr<Backends> backends;
     std::unique_ptr<DriftWatch> drift;  // fed by the inspector's threads
+    std::unique_ptr<LineTeacher> teacher;  // fed by them, too; none: there is no state folder
     CalibrationReport calibration;
     std::optional<CalibrationInUse> grid;  // none: frames are macro-pixels
     std::uint32_t store_faults = 0, drift_fault = 0;
@@ -93,6 +95,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     void publish_again() {
         desk->check_heartbeat();
         publish();
+        (void)operations->use_what_was_taught();
         loop->call_after(kPublishEvery, [this] { publish_again(); });
     }
     void publish_health_again();
@@ -108,7 +111,10 @@ struct Service::Parts final : StationObserver, InspectionObserver {
         if (watchers.result) watchers.result(result);
     }
     void on_state(State from, State to) override {
-        loop->post([this] { publish(); });
+        loop->post([this] {
+            publish();
+            (void)operations->use_what_was_taught();
+        });
         if (to == State::continuous_execution || to == State::single_execution) {
             if (!line_mark.left_behind()) line_mark.raise();
             backends->start_line();
@@ -123,6 +129,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     }
     void on_inspection(std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection) override {
         if (recorder) recorder->on_inspection(part, frame, inspection);
+        if (teacher) teacher->on_inspection(part, frame, inspection);
         if (watchers.inspection) watchers.inspection(part, frame, inspection);
         if (drift && drift->add(frame)) loop->post([this] { on_drift(); });
     }
@@ -201,7 +208,15 @@ Result<NumberedRecipe> Service::Parts::first_recipe() {
     }
     configured_recipe = crc32_of(recipe);
     if (!config.state_folder.empty()) {
-        if (auto remembered = remembered_recipe(config.state_folder / kRecipeInUse, configured_recipe)) return std::move(*remembered);
+        const auto take = [&](Result<std::optional<NumberedRecipe>> kept) {
+            if (kept && *kept) recipe = std::move(**kept);
+            if (!kept) {
+                on_trouble({kept.error().code, fmt::format("what was in use before the restart cannot be used again, recipe {} is: {}", recipe.number, kept.error().what),
+                            kept.error().cure});
+            }
+        };
+        take(remembered_recipe(config.state_folder / kRecipeInUse, configured_recipe));
+        take(LineTeacher::left_waiting(config.state_folder, recipe));
     }
     return recipe;
 }
@@ -243,6 +258,15 @@ Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
     calibration.lenslets_m = static_cast<std::uint16_t>(extents->m);
     calibration.lenslets_n = static_cast<std::uint16_t>(extents->n);
     publish_calibration();
+    if (!config.state_folder.empty()) {
+        TeacherOptions teaching;
+        teaching.extents = *extents;
+        teaching.bits = format.bits;
+        teaching.folder = std::filesystem::absolute(config.state_folder);
+        teaching.leave_free_bytes = static_cast<std::uint64_t>(config.store.free_mb) * 1'000'000 / 2;
+        teaching.ignored_part = Station::kTestPart;
+        teacher = std::make_unique<LineTeacher>(*loop, std::move(teaching));
+    }
 
     RecordingWatchers recording;
     recording.trouble = [this](const Error& error) { on_trouble(error); };
@@ -256,6 +280,7 @@ Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
 
 void Service::Parts::connect(NumberedRecipe recipe) {
     Operations::Works works{.station = *station, .inspector = *inspector, .desk = *desk, .recorder = recorder.get()};
+    works.teacher = teacher.get();
     works.check_judgement = [this, bits = backends->sensor().format().bits] {
         return check_judgement(config.inspection.bins_i, config.inspection.bins_j, bits);
     };
@@ -267,7 +292,8 @@ void Service::Parts::connect(NumberedRecipe recipe) {
         on_recipe(now);
         if (watchers.recipe) watchers.recipe(now);
         if (config.state_folder.empty()) return;
-        if (auto kept = remember_recipe(config.state_folder / kRecipeInUse, configured_recipe, now); !kept) on_trouble(kept.error());
+        if (auto kept = remember_recipe(config.state_folder / kRecipeInUse, configured_recipe, now); !kept) return on_trouble(kept.error());
+        teacher->in_use(now);
     };
     works.publish = [this] { publish(); };
     works.trouble = [this](const Error& error) { on_trouble(error); };

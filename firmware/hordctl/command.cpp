@@ -18,12 +18,12 @@ struct CommandOptions {
     RemoteOptions remote;
 };
 
-// Commands without arguments, under the names of the register map.
+// Commands without arguments and with a short answer, under the names of the register map.
 std::vector<std::string> plain_commands() {
     std::vector<std::string> names;
     for (const NamedValue& value : find_register(BlockId::command, "code")->values) {
         const auto code = static_cast<CommandCode>(value.value);
-        if (code != CommandCode::commit_recipe && code != CommandCode::use_recipe) names.emplace_back(value.name);
+        if (code != CommandCode::commit_recipe && code != CommandCode::use_recipe && code != CommandCode::teach) names.emplace_back(value.name);
     }
     return names;
 }
@@ -45,6 +45,7 @@ const char* cure_of(CommandError error) {
         case CommandError::not_yet: return "parts are still on the line, or the ejector is still acting: stop the feed and try again in a moment";
         case CommandError::no_such_recipe: return "see the station's recipes: hordctl recipe list";
         case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
+        case CommandError::cancelled: return "abort, halt or another recipe ended it: teach again";
         case CommandError::bad_argument: return "see the station's journal for what is wrong with it";
         default: return "see the station's journal";
     }

@@ -32,6 +32,7 @@ void add_scene(CLI::App& program, Exit& status);
 void add_recipe(CLI::App& program, Exit& status);
 void add_command(CLI::App& program, Exit& status);
 void add_selftest(CLI::App& program, Exit& status);
+void add_teach(CLI::App& program, Exit& status);
 void add_latency(CLI::App& program, Exit& status);
 void add_results(CLI::App& program, Exit& status);
 void add_replay(CLI::App& program, Exit& status);  // and merge

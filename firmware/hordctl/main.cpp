@@ -38,6 +38,7 @@ int main(int argc, char** argv) {
         add_recipe(program, status);
         add_command(program, status);
         add_selftest(program, status);
+        add_teach(program, status);
         add_latency(program, status);
         add_results(program, status);
         add_replay(program, status);

@@ -22,7 +22,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct RunOptions {
-    std::string config, modbus, out, store, vitals;
+    std::string config, modbus, out, store, state, vitals;
     bool simulate = false, json = false;
     std::uint64_t parts = 0, seed = 1;
     double rate = 10, good = 0.7;
@@ -76,6 +76,7 @@ class Run {
             config.modbus = *listen;
         }
         if (!options_.store.empty()) config.store.folder = options_.store;
+        if (!options_.state.empty()) config.state_folder = options_.state;
         gallery_.set_bins(config.inspection.bins_i, config.inspection.bins_j);
         auto service = open(config);
         if (!service) return complain(service.error());
@@ -265,6 +266,7 @@ void add_run(CLI::App& program, Exit& status) {
         ->capture_default_str();
     command->add_option("--out", options->out, "Folder for a picture of one part of each kind");
     command->add_option("--store", options->store, "Folder to keep results and frames in (docs/store.md); without it, what the configuration says");
+    command->add_option("--state", options->state, "Folder for what outlives a run, as the service's: the recipe in use, what was taught (docs/plc.md), the store; without it nothing does");
     command->add_option("--realtime", options->realtime, "Run the timing thread under SCHED_FIFO with this priority, as the service does; 0: not")
         ->check(CLI::Range(0, 99))
         ->capture_default_str();

@@ -475,8 +475,14 @@ TEST(RecipeFolder, finds_by_number_and_says_why_it_cannot) {
     NumberedRecipe in_use;
     in_use.number = 5;
     ASSERT_TRUE(remember_recipe(folder / "in-use", 0xAB, in_use));
-    EXPECT_EQ(remembered_recipe(folder / "in-use", 0xAB)->number, 5);
-    EXPECT_FALSE(remembered_recipe(folder / "in-use", 0xAC));  // another one is configured meanwhile
+    EXPECT_EQ(remembered_recipe(folder / "in-use", 0xAB)->value().number, 5);
+    EXPECT_FALSE(remembered_recipe(folder / "in-use", 0xAC)->has_value());  // another one is configured meanwhile
+    EXPECT_FALSE(remembered_recipe(folder / "nowhere", 0xAB)->has_value());
+    in_use.reference_file = folder / "gone.hordref";
+    ASSERT_TRUE(remember_recipe(folder / "in-use", 0xAB, in_use));
+    const auto lost = remembered_recipe(folder / "in-use", 0xAB);
+    ASSERT_FALSE(lost);
+    EXPECT_THAT(lost.error().what, HasSubstr("gone.hordref"));
     std::filesystem::remove_all(folder);
 }
 

@@ -1,0 +1,181 @@
+// The whole service learns its reference from the running line, judges by it, and still does after a restart.
+#include <algorithm>
+#include <atomic>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <thread>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include "firmware/modbus/client.h"
+#include "firmware/recipe_file.h"
+#include "firmware/registers.h"
+#include "firmware/service.h"
+
+namespace hord::firmware {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::ElementsAre;
+
+constexpr auto kPatience = std::chrono::seconds(200);
+
+// What is on the other end of the cable; its own thread, while the service runs on the test's.
+class Plc {
+  public:
+    explicit Plc(const std::string& address) {
+        auto endpoint = modbus::parse_endpoint(address);
+        auto client = modbus::Client::connect(*endpoint, std::chrono::seconds(20));
+        EXPECT_TRUE(client) << client.error().message();
+        client_.emplace(std::move(*client));
+    }
+    std::uint32_t read32(std::uint16_t address) {
+        const auto words = client_->read(address, 2);
+        EXPECT_TRUE(words) << words.error().message();
+        return words ? std::uint32_t{(*words)[0]} << 16U | (*words)[1] : 0;
+    }
+    modbus::Client::Reply command(CommandCode code, std::uint32_t argument = 0) {
+        const auto reply = client_->command(code, argument, 0, kPatience);
+        EXPECT_TRUE(reply) << reply.error().message();
+        return reply ? *reply : modbus::Client::Reply{};
+    }
+    // Looks until it is so; false after kPatience. A PLC polls, too: the machine has a line to run meanwhile.
+    bool sees(const std::function<bool()>& what) {
+        const auto end = std::chrono::steady_clock::now() + kPatience;
+        for (; !what(); std::this_thread::sleep_for(std::chrono::milliseconds(20))) {
+            if (std::chrono::steady_clock::now() > end) return false;
+        }
+        return true;
+    }
+    bool is(State state) { return client_->read(102, 1).value_or(std::vector<std::uint16_t>(1)).at(0) == static_cast<std::uint16_t>(state); }
+
+  private:
+    std::optional<modbus::Client> client_;
+};
+
+bool passed(const PartResult& r) { return r.verdict == PartVerdict::pass; }
+bool judged_bad(const PartResult& r) { return r.verdict != PartVerdict::pass && r.reason < PartReason::verdict_late; }
+
+class TeachService : public ::testing::Test {
+  protected:
+    TeachService() {
+        std::string name = fs::temp_directory_path() / "hord-teach-XXXXXX";
+        folder = ::mkdtemp(name.data());
+        fs::create_directories(folder / "state");
+        // Alone it passes whatever has light: only a reference can reject.
+        std::ofstream(folder / "wide.toml") << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n"
+                                               "[reference]\nreject_score = 12\ncluster_score = 18\n";
+        const auto wide = load_numbered_recipe(folder / "wide.toml");
+        EXPECT_TRUE(wide) << wide.error().message();
+        configured = crc32_of(*wide);
+    }
+    ~TeachService() override { fs::remove_all(folder); }
+
+    struct Seen {
+        std::string kind;
+        PartResult result;
+    };
+    // One life of the service: `plc` does on a thread of its own what it has to do, then the service ends. Where the machine is too slow for
+    // the line's times, and the station stops with an error, a person resets it.
+    void live(double good_share, const std::function<void(Plc&)>& plc) {
+        Config config;
+        config.core.exposure_delay = milliseconds(100);
+        config.inspection.bins_i = config.inspection.bins_j = 5;
+        config.inspection.recipe = folder / "wide.toml";
+        config.modbus.port = 0;
+        config.state_folder = folder / "state";
+        config.store.free_mb = 1;
+        SimulationOptions simulation;
+        simulation.good_share = good_share;
+        simulation.variety = 3;
+        simulation.cache = std::string(HORD_BIN_DIR) + "/../service-cache";
+        fs::create_directories(simulation.cache);
+        std::map<std::int64_t, PartResult> results;
+        std::map<std::int64_t, std::string> kinds;
+        ServiceWatchers watchers;
+        watchers.result = [&](const PartResult& r) {
+            results[r.arrived_ns] = r;
+            passes += r.verdict == PartVerdict::pass ? 1 : 0;
+            rejects += judged_bad(r) ? 1 : 0;
+        };
+        watchers.fate = [&](const Backends::Fate& fate) { kinds[fate.arrived.time_since_epoch().count()] = fate.kind; };
+        auto service = Service::open(config, simulation, watchers);
+        ASSERT_TRUE(service) << service.error().message();
+        std::atomic<bool> over{false};
+        std::thread person([&] {
+            Plc with((*service)->registers_address());
+            EXPECT_TRUE(with.sees([&] {
+                if (with.is(State::error)) (void)with.command(CommandCode::reset);
+                return over.load();
+            }));
+        });
+        std::thread other([&] {
+            Plc with((*service)->registers_address());
+            plc(with);
+            over = true;
+            person.join();
+            (*service)->stop();
+        });
+        EXPECT_TRUE((*service)->run());
+        other.join();
+        seen.clear();
+        for (const auto& [arrived, result] : results) {
+            if (kinds.contains(arrived)) seen.push_back({kinds[arrived], result});
+        }
+    }
+    // Of the parts of the last life whose fate is known: the good or the bad ones for which `is` holds.
+    template <class F>
+    std::size_t count(bool good, F is) const {
+        return static_cast<std::size_t>(std::count_if(seen.begin(), seen.end(), [&](const Seen& s) { return (s.kind == "good") == good && is(s.result); }));
+    }
+    std::vector<std::string> files() const {
+        std::vector<std::string> names;
+        for (const auto& entry : fs::recursive_directory_iterator(folder / "state")) {
+            const std::string name = fs::relative(entry.path(), folder / "state");
+            if (entry.is_regular_file() && !name.starts_with("store")) names.push_back(name);
+        }
+        std::sort(names.begin(), names.end());
+        return names;
+    }
+
+    fs::path folder;
+    std::uint32_t configured = 0;
+    std::vector<Seen> seen;
+    std::atomic<int> passes{0}, rejects{0};
+};
+
+TEST_F(TeachService, learns_from_eight_parts_judges_by_them_and_still_does_after_a_restart) {
+    std::uint32_t taught = 0;
+    live(1, [&](Plc& plc) {
+        EXPECT_EQ(plc.read32(111), configured);
+        modbus::Client::Reply reply;
+        EXPECT_TRUE(plc.sees([&] {
+            reply = plc.command(CommandCode::teach, 8);
+            return reply.error != CommandError::not_in_this_state;  // until the station can be started
+        }));
+        EXPECT_EQ(reply.state, CommandState::completed) << reply.error_name;
+        taught = reply.result;
+        EXPECT_NE(taught, configured);
+        (void)plc.command(CommandCode::stop);
+        EXPECT_TRUE(plc.sees([&] { return plc.read32(111) == taught; }));
+    });
+    EXPECT_THAT(files(), ElementsAre("recipe-in-use.toml", "references/taught-7-1.hordref"));
+
+    passes = rejects = 0;
+    live(0.5, [&](Plc& plc) {
+        EXPECT_EQ(plc.read32(111), taught);
+        EXPECT_TRUE(plc.sees([&] { return passes >= 5 && rejects >= 5; }));
+    });
+    // What came too late on a busy machine is rejected, too, and says nothing of the reference.
+    EXPECT_GE(count(true, passed), 4U);  // one may not have left the line before the end
+    EXPECT_GE(count(false, judged_bad), 4U);
+    EXPECT_EQ(count(true, judged_bad), 0U);
+    EXPECT_EQ(count(false, passed), 0U);
+    EXPECT_THAT(files(), ElementsAre("recipe-in-use.toml", "references/taught-7-1.hordref"));
+}
+
+}  // namespace
+}  // namespace hord::firmware
