@@ -135,7 +135,8 @@ class TeachService : public ::testing::Test {
         std::vector<std::string> names;
         for (const auto& entry : fs::recursive_directory_iterator(folder / "state")) {
             const std::string name = fs::relative(entry.path(), folder / "state");
-            if (entry.is_regular_file() && !name.starts_with("store")) names.push_back(name);
+            const bool elses = name.starts_with("store") || name == "line-in-use";  // results; parts were on the line at the end
+            if (entry.is_regular_file() && !elses) names.push_back(name);
         }
         std::sort(names.begin(), names.end());
         return names;
