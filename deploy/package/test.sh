@@ -30,6 +30,7 @@ in_root hord-mqtt --check
 in_root hord-page --check
 in_root id -nG hord-page | grep -qw hord || die "the page's user is not in the station's group"
 in_root systemctl is-enabled hord-page.service | grep -qx disabled || die "hord-page is enabled without being asked for"
+in_root id -nG hord-mqtt | grep -qw hord || die "the user of hord-mqtt is not in the station's group"
 in_root systemctl is-enabled hord-mqtt.service | grep -qx disabled || die "hord-mqtt is enabled without being asked for"
 in_root getent passwd hord | grep -q /var/lib/hord || die "the user hord was not made"
 in_root systemctl is-enabled hordd.service hordd.socket | grep -vx enabled && die "not enabled at boot" || true

@@ -15,6 +15,9 @@ constexpr milliseconds kReadEvery(100);                                // result
 constexpr milliseconds kRetryStore(1000);
 constexpr milliseconds kWriteEvery(500);                               // the cursor: what is not written down is sent once more after a crash
 constexpr milliseconds kGoodbye(2000);
+constexpr std::chrono::minutes kSayAgain(10);
+constexpr std::size_t kRemembered = 16;
+constexpr double kMostLines = 10;  // at once; then one a second
 
 UtcMs utc_now() { return std::chrono::duration_cast<milliseconds>(std::chrono::system_clock::now().time_since_epoch()).count(); }
 
@@ -30,8 +33,21 @@ Agent::Agent(AgentOptions options, std::unique_ptr<ResultSource> results, Look l
     : options_(std::move(options)), results_(std::move(results)), look_(std::move(look)), say_(std::move(say)), node_(options_.node, cursor), written_(cursor) {}
 
 void Agent::say(const std::string& line) {
-    if (line.empty() || line == said_) return;
-    said_ = line;
+    if (line.empty()) return;
+    const auto now = Clock::now();
+    lines_left_ = std::min(lines_left_ + std::chrono::duration<double>(now - std::exchange(lines_at_, now)).count(), kMostLines);
+    const auto known = std::find_if(said_.begin(), said_.end(), [&](const auto& said) { return said.first == line; });
+    if (known != said_.end() && now - known->second < kSayAgain) return;
+    if (lines_left_ < 1) return;
+    lines_left_ -= 1;
+    if (known != said_.end()) said_.erase(known);
+    said_.emplace_back(line, now);
+    if (said_.size() > kRemembered) said_.pop_front();
+    say_(line);
+}
+
+void Agent::say_event(const std::string& line) {
+    said_.clear();
     say_(line);
 }
 
@@ -49,7 +65,7 @@ void Agent::step(milliseconds wait) {
             link_->leave(kGoodbye);
             link_.reset();
             node_.disconnected();
-            say("the primary host is gone: results wait in the store until it is back");
+            say_event("the primary host is gone: results wait in the store until it is back");
         }
     }
     say(node_.trouble());
@@ -83,7 +99,7 @@ void Agent::take(const BrokerLink::Event& event) {
     switch (event.kind) {
         case BrokerLink::Event::Kind::subscribed:
             node_.connected(now);
-            say(fmt::format("connected with {}:{} as {}/{}{}", options_.broker.host, options_.broker.port, options_.node.group, options_.node.node,
+            say_event(fmt::format("connected with {}:{} as {}/{}{}", options_.broker.host, options_.broker.port, options_.node.group, options_.node.node,
                             node_.waits_for_host() ? ", waiting for the primary host " + options_.node.primary_host : std::string()));
             break;
         case BrokerLink::Event::Kind::message: node_.message(event.topic, event.payload, now, event.retained); break;

@@ -2,12 +2,14 @@
 #pragma once
 
 #include <chrono>
+#include <deque>
 #include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
 #include <random>
 #include <string>
+#include <utility>
 
 #include "firmware/mqtt/broker_link.h"
 #include "firmware/mqtt/edge_node.h"
@@ -27,7 +29,8 @@ class Agent {
     using Clock = std::chrono::steady_clock;
     // What the station says of itself now; empty: it is not reached. May block for as long as a Modbus answer takes.
     using Look = std::function<std::vector<Reading>()>;
-    // Told what a person should know; the same line is told once until another one comes.
+    // Told what a person should know: the same line once in ten minutes or a session, and no more than about one a second, whoever
+    // sends what.
     using Say = std::function<void(const std::string&)>;
 
     // Reads the state file. Fails as read_cursor() does.
@@ -51,7 +54,8 @@ class Agent {
     void look();
     void send();
     bool write_down(bool now);
-    void say(const std::string& line);
+    void say(const std::string& line);       // if there is room for it
+    void say_event(const std::string& line);  // in any case; what follows is new
 
     const AgentOptions options_;
     const std::unique_ptr<ResultSource> results_;
@@ -64,7 +68,10 @@ class Agent {
     Clock::time_point connect_at_{}, look_at_{}, read_at_{}, write_at_{};
     std::chrono::milliseconds patience_{0};  // before the next attempt
     bool useful_ = false;                    // this connection took a result
-    std::string store_, said_;
+    std::string store_;
+    std::deque<std::pair<std::string, Clock::time_point>> said_;  // the newest few
+    double lines_left_ = 10;
+    Clock::time_point lines_at_{};
     std::int64_t newest_ = 0;
     bool store_was_missing_ = false;
     Cursor written_;

@@ -13,6 +13,11 @@ Result<ResultSource::Where> ResultFeed::do_look() {
     if (!there || static_cast<std::uint64_t>(now.st_ino) != file_) reader_.reset();
     if (!reader_) {
         auto opened = store::StoreReader::open(folder_);
+        std::error_code error;
+        if (!opened && opened.error().code == ErrorCode::io && !std::filesystem::exists((folder_ / store::kStoreFile).string() + "-wal", error)) {
+            // SQLite needs the files beside it, which the station removed when it stopped, and which a reader may not make.
+            return fail(ErrorCode::busy, (folder_ / store::kStoreFile).string() + " was closed by its station, and cannot be read until it runs again", "start the station");
+        }
         if (!opened) return tl::unexpected(opened.error());
         reader_ = std::move(*opened);
         file_ = static_cast<std::uint64_t>(now.st_ino);
