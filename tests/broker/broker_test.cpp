@@ -92,10 +92,18 @@ TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
     std::ofstream(folder / "lenient.toml") << "schema = 1\nname = \"lenient\"\nnumber = 9\nversion = 1\n[limits]\nemd_bins = 10.0\nfrobenius_bins = 10.0\ntransmission = 0.01\n";
     std::ofstream(folder / "station.toml") << "[station]\nmax_failures_in_a_row = 0\n[inspection]\nmacro = \"3x3\"\nrecipe = \"lenient.toml\"\n"
                                               "[line]\nexposure_delay_ms = 100\ntransport_ms = 1500\nmin_gap_ms = 100\n"
-                                              "[timing]\nframe_timeout_ms = 500\nstrobe_window_us = 50000\nframe_window_us = 40000\n[rejector]\nconfirm_timeout_ms = 10000\n[store]\nframes_mb = 0\n";
-    Running station("hordctl", {"run", "--simulate", "--config", folder / "station.toml", "--rate", "4", "--good", "1", "--variety", "1", "--modbus", "127.0.0.1:" + std::to_string(modbus), "--json", "--store",
-                                folder / "store"});
-    ASSERT_TRUE(station.says("\"part\":1,", std::chrono::seconds(120))) << station.so_far().err;
+                                              "[timing]\nframe_timeout_ms = 500\nstrobe_window_us = 50000\nframe_window_us = 40000\n[rejector]\nconfirm_timeout_ms = 10000\nresponse_timeout_ms = 1000\n[store]\nframes_mb = 0\n";
+    // It runs in real time: a machine that is too busy for that stops its line, before anything that is shown here has begun. Then again.
+    std::unique_ptr<Running> running;
+    for (int attempt = 0; attempt < 10 && !running; ++attempt) {
+        fs::remove_all(folder / "store");
+        auto next = std::make_unique<Running>("hordctl", std::vector<std::string>{"run", "--simulate", "--config", folder / "station.toml", "--rate", "4", "--good", "1", "--variety", "1", "--modbus",
+                                                                                  "127.0.0.1:" + std::to_string(modbus), "--json", "--store", folder / "store"});
+        ASSERT_TRUE(next->says("to ContinuousExecution", std::chrono::seconds(120))) << next->so_far().err;
+        if (next->says("\"part\":3,", std::chrono::seconds(20))) running = std::move(next);
+    }
+    ASSERT_TRUE(running);
+    Running& station = *running;
     write_config(broker.port(), "begin = \"all\"\nrepeat = 0\n", "", "", modbus);
     auto mqtt = node();
     ASSERT_TRUE(wait_until([&] { return !consumer.results().empty(); })) << mqtt->so_far().err;
