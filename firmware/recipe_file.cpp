@@ -173,9 +173,8 @@ std::string format_place(const algo::Zone& zone, float unit, algo::Point origin)
     return text + "]\n";
 }
 
-}  // namespace
-
-std::string format_recipe(const NumberedRecipe& numbered) {
+// The recipe's text with `reference` for the name of its reference.
+std::string format(const NumberedRecipe& numbered, const std::string& reference_name) {
     const algo::Recipe& r = numbered.recipe;
     std::string text = fmt::format("schema = {}\nname = {}\nnumber = {}\nversion = {}\nrim_margin = {}\n\n", kRecipeSchema, in_quotes(r.name),
                                    numbered.number, numbered.version, r.rim_margin);
@@ -198,7 +197,7 @@ std::string format_recipe(const NumberedRecipe& numbered) {
     const bool has_scores = r.reject_score != usual.reject_score || r.grow_score != usual.grow_score || r.cluster_score != usual.cluster_score;
     if (!numbered.reference_file.empty() || has_scores) {
         text += "\n[reference]\n";
-        if (!numbered.reference_file.empty()) text += fmt::format("file = {}\n", in_quotes(numbered.reference_file.string()));
+        if (!numbered.reference_file.empty()) text += fmt::format("file = {}\n", in_quotes(reference_name));
         text += fmt::format("reject_score = {}\ngrow_score = {}\ncluster_score = {}\n", r.reject_score, r.grow_score, r.cluster_score);
     }
     for (const algo::Tolerance& t : r.tolerances) {
@@ -216,7 +215,14 @@ std::string format_recipe(const NumberedRecipe& numbered) {
     return text;
 }
 
-std::uint32_t crc32_of(const NumberedRecipe& recipe) { return common::crc32(format_recipe(recipe)); }
+}  // namespace
+
+std::string format_recipe(const NumberedRecipe& recipe) { return format(recipe, recipe.reference_file.string()); }
+
+std::uint32_t crc32_of(const NumberedRecipe& recipe) {
+    const auto& reference = recipe.recipe.reference;
+    return common::crc32(format(recipe, reference ? fmt::format("crc32 {:08X}", crc32_of(*reference)) : recipe.reference_file.string()));
+}
 
 Result<algo::Recipe> load_recipe(const std::filesystem::path& file) { return without_number(load_numbered_recipe(file)); }
 Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name) { return without_number(parse_numbered_recipe(text, name)); }

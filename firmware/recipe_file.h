@@ -22,7 +22,7 @@ struct NumberedRecipe {
 // Everything that it says, as the text of a recipe file; reading that gives the same recipe.
 std::string format_recipe(const NumberedRecipe& recipe);
 
-// CRC-32 of format_recipe(): of what it says, not of how a file writes it.
+// CRC-32 of what it says, not of how a file writes it; of a reference, what is in it, wherever it lies.
 std::uint32_t crc32_of(const NumberedRecipe& recipe);
 
 // Fails with invalid_argument; every problem of the file at once, a line each with line number and cure. Whether the

@@ -64,10 +64,8 @@ class Reader {
     bool whole_ = true;
 };
 
-}  // namespace
-
-Result<void> write_reference(const std::filesystem::path& file, const algo::Reference& r) {
-    if (auto fine = check(r); !fine) return fine;
+// Everything but the checksum.
+std::string bytes_of(const algo::Reference& r) {
     Writer w;
     w.text_ = kMagic;
     w.put(kReferenceVersion);
@@ -80,6 +78,17 @@ Result<void> write_reference(const std::filesystem::path& file, const algo::Refe
     for (const auto* map : {&r.light, &r.x, &r.y, &r.emd, &r.frobenius}) w.put(*map);
     for (const auto& map : r.spread) w.put(map);
     w.put(r.mask);
+    return std::move(w.text_);
+}
+
+}  // namespace
+
+std::uint32_t crc32_of(const algo::Reference& reference) { return common::crc32(bytes_of(reference)); }
+
+Result<void> write_reference(const std::filesystem::path& file, const algo::Reference& r) {
+    if (auto fine = check(r); !fine) return fine;
+    Writer w;
+    w.text_ = bytes_of(r);
     w.put(common::crc32(w.text_));
     return common::write_durably(file, w.text_);
 }

@@ -19,4 +19,7 @@ Result<void> write_reference(const std::filesystem::path& file, const algo::Refe
 // Fails with not_found, unreadable (not such a file, cut off, its checksum is wrong), unsupported (another version).
 Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesystem::path& file);
 
+// CRC-32 of all that it says, as a file of it has at its end.
+std::uint32_t crc32_of(const algo::Reference& reference);
+
 }  // namespace hord::firmware

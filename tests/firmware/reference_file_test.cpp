@@ -1,5 +1,7 @@
 // A reference on disk: what is written is read, and nothing else is; and the recipe that names one.
+#include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -124,6 +126,38 @@ TEST_F(ReferenceFile, a_recipe_that_names_it_survives_being_written_and_read) {
     const auto twice = parse_numbered_recipe(format_recipe(*once), "again");
     ASSERT_TRUE(twice) << twice.error().message();
     EXPECT_EQ(format_recipe(*twice), format_recipe(*once));
+}
+
+TEST_F(ReferenceFile, a_seal_covers_what_is_in_it_and_not_where_it_lies) {
+    const auto recipe_in = [](const std::filesystem::path& where, const std::string& seal) {
+        std::ofstream(where / "r.toml") << "schema = 1\n" << seal << "[reference]\nfile = \"part.hordref\"\n";
+        return load_numbered_recipe(where / "r.toml");
+    };
+    const auto open = recipe_in(folder, "");
+    ASSERT_TRUE(open) << open.error().message();
+    char seal[32];
+    std::snprintf(seal, sizeof seal, "crc32 = \"%08X\"\n", crc32_of(*open));
+    EXPECT_TRUE(recipe_in(folder, seal));
+
+    const std::filesystem::path elsewhere = folder / "moved" / "here";
+    std::filesystem::create_directories(elsewhere);
+    std::filesystem::copy_file(file, elsewhere / "part.hordref");
+    const auto moved = recipe_in(elsewhere, seal);
+    EXPECT_TRUE(moved) << moved.error().message();
+
+    algo::Reference other = small();
+    other.light[3] += 1;
+    ASSERT_TRUE(write_reference(elsewhere / "part.hordref", other));
+    const auto changed = recipe_in(elsewhere, seal);
+    ASSERT_FALSE(changed);
+    EXPECT_THAT(changed.error().message(), HasSubstr("crc32"));
+}
+
+TEST_F(ReferenceFile, its_checksum_is_the_one_of_the_file) {
+    const std::string whole = text();
+    std::uint32_t at_end = 0;
+    std::memcpy(&at_end, whole.data() + whole.size() - sizeof at_end, sizeof at_end);
+    EXPECT_EQ(crc32_of(small()), at_end);
 }
 
 TEST(Recipe, says_nothing_new_where_there_is_no_reference) {
