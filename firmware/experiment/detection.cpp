@@ -23,9 +23,9 @@ constexpr double kLedLoss = 0.7;
 constexpr double kHazeRadius = 1.2, kSpeckRadius = 1;
 
 struct Sizes {
-    int learn, tune, good, poses, traced, slope_poses, slope_exposures;  // traced: parts of a figure that are traced one by one
+    int learn, tune, good, poses, bubbles, bubble_exposures, flaws, flaw_exposures, slope_poses, slope_exposures;
 };
-constexpr Sizes kFull{32, 1000, 2000, 200, 2000, 100, 20}, kQuick{12, 24, 30, 15, 20, 8, 3};
+constexpr Sizes kFull{32, 1000, 2000, 200, 1000, 2, 500, 4, 100, 20}, kQuick{12, 24, 30, 15, 20, 1, 10, 2, 8, 3};
 
 // Where a figure's parts come from.
 struct Figure {
@@ -34,7 +34,9 @@ struct Figure {
     double size = 0, wobble = 1, led = 1;
     int parts = 0;
     Stream stream = Stream::test;
-    int poses = 0;  // so many are traced and exposed again and again; 0: every part is
+    int poses = 0;      // so many are traced, and each exposed again every so many parts; 0: every part is traced
+    int exposures = 1;  // that follow one another, of every traced part, where there are no poses
+    [[nodiscard]] int pose_of(int number) const { return poses > 0 ? number % poses : number / exposures; }
 };
 
 class Production {
@@ -64,7 +66,7 @@ JudgedPart from_json(const Json& j) {
 }
 
 Result<JudgedPart> Production::judge_one(algo::Pipeline& pipeline, const Figure& f, int number, std::optional<ProductionPart>& traced, int& traced_number) {
-    const int pose = f.poses > 0 ? number % f.poses : number;
+    const int pose = f.pose_of(number);
     const bool painted = f.flaw == Flaw::speck || f.flaw == Flaw::haze;
     const bool often = f.poses > 1 && f.stream == Stream::test;  // by several figures
     if (!traced || traced_number != pose) {
@@ -189,7 +191,9 @@ Result<DetectionResults> Run::run() {
     results_.slopes = options_.quick ? std::vector<double>{0.15, 1.0} : std::vector<double>{0.05, 0.15, 0.5, 1.0, 1.5};
     results_.poses = s.poses;
     results_.slope_poses = s.slope_poses;
-    total_ = s.tune + 11.0 * s.good + 3.0 * s.traced + 2.0 * static_cast<double>(results_.slopes.size()) * s.slope_poses * s.slope_exposures;
+    results_.bubble_exposures = s.bubble_exposures;
+    results_.flaw_exposures = s.flaw_exposures;
+    total_ = s.tune + 11.0 * s.good + s.bubbles * s.bubble_exposures + 2.0 * s.flaws * s.flaw_exposures + 2.0 * static_cast<double>(results_.slopes.size()) * s.slope_poses * s.slope_exposures;
 
     const sim::Scene round = round_part();
     note("learning the round part");
@@ -206,11 +210,11 @@ Result<DetectionResults> Run::run() {
         {.name = "still", .wobble = 0, .parts = s.good, .poses = 1},
         {.name = "wobble", .parts = s.good, .poses = s.poses},
         {.name = "wobble, LED 70 %", .led = kLedLoss, .parts = s.good, .poses = s.poses},
-        {.name = "bubble", .flaw = Flaw::bubble, .parts = s.traced},
+        {.name = "bubble", .flaw = Flaw::bubble, .parts = s.bubbles * s.bubble_exposures, .exposures = s.bubble_exposures},
         {.name = "speck", .flaw = Flaw::speck, .size = kSpeckRadius, .parts = s.good, .poses = s.poses},
         {.name = "haze", .flaw = Flaw::haze, .size = kHazeRadius, .parts = s.good, .poses = s.poses},
-        {.name = "dimple", .flaw = Flaw::dimple, .size = 1.5, .parts = s.traced},
-        {.name = "scratch", .flaw = Flaw::scratch, .size = 4, .parts = s.traced},
+        {.name = "dimple", .flaw = Flaw::dimple, .size = 1.5, .parts = s.flaws * s.flaw_exposures, .exposures = s.flaw_exposures},
+        {.name = "scratch", .flaw = Flaw::scratch, .size = 4, .parts = s.flaws * s.flaw_exposures, .exposures = s.flaw_exposures},
     };
     for (const Figure& figure : figures) {
         if (auto done = judge(production, figure); !done) return tl::unexpected(done.error());

@@ -30,6 +30,7 @@ struct DetectionResults {
     int tuned_on = 0;
     std::map<std::string, std::vector<JudgedPart>> parts;  // by figure
     int poses = 0, slope_poses = 0;  // part k of a figure that is exposed again and again lies like part k % poses
+    int bubble_exposures = 1, flaw_exposures = 1;  // that follow one another, of one traced part
     std::vector<double> slopes;
     Json contrast, times;
     std::uint64_t seed = 1;

@@ -61,9 +61,11 @@ Detection detection(const Parts& good, const Parts& bad, int good_poses, int bad
     return detection_of(scored, 1e-3, 200, seed);
 }
 
-PodCurve pod_of(const Parts& bubbles, double from_rim) {
+// Of every bubble the first exposure: the curve's bound asks for trials that have nothing in common.
+PodCurve pod_of(const Parts& bubbles, int exposures, double from_rim) {
     std::vector<Tried> tried;
-    for (const JudgedPart& p : bubbles) {
+    for (std::size_t k = 0; k < bubbles.size(); k += static_cast<std::size_t>(exposures)) {
+        const JudgedPart& p = bubbles[k];
         if (p.from_rim >= from_rim) tried.push_back({p.size, p.score >= 1 && p.hit});
     }
     return pod_curve(tried);
@@ -104,7 +106,7 @@ std::string roc_script(const DetectionResults& r, const std::vector<std::string>
 
 std::string pod_script(const DetectionResults& r) {
     const Parts& bubbles = r.parts.at("bubble");
-    const PodCurve all = pod_of(bubbles, 0);
+    const PodCurve all = pod_of(bubbles, r.bubble_exposures, 0);
     std::string script = "$bins << EOD\n";
     constexpr int kBins = 14;
     for (int b = 0; b < kBins; ++b) {
@@ -139,7 +141,7 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
         rejects.rows.push_back({name, fmt::format("{}", parts.size()), fmt::format("{:.0f}", k), fmt::format("{}", std::ranges::count_if(parts, &JudgedPart::unfit)), percent(share_of(k, static_cast<double>(parts.size())))});
         most_false = std::max(most_false, share_above(parts, 1));
     }
-    const PodCurve pod = pod_of(bubbles, 0), near = pod_of(bubbles, 2);
+    const PodCurve pod = pod_of(bubbles, r.bubble_exposures, 0), near = pod_of(bubbles, r.bubble_exposures, 2);
     const bool quiet = most_false <= 1e-3;
     lines.push_back({"bubble found with 90 % probability at 95 % confidence (a90/95), at <= 0.1 % false rejects", "radius 1 lenslet", "0.5",
                      fmt::format("a90/95 {} lenslets (a50 {}, a90 {}); at most {:.2f} % of the good parts rejected", size(pod.a90_95), size(pod.a50), size(pod.a90), 100 * most_false),
@@ -241,9 +243,9 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
     missed += fmt::format("- Bubbles of less than 0.3 lenslets radius: {:.0f} % of {:.0f} are found. They take too little light, and what they scatter leaves the bins.\n", small > 0 ? 100 * small_found / small : 0.0, small);
     missed += "- A bubble cannot be told from a dark speck where all that is seen of it is missing light: its kind depends on its size, see the table; it has no right kind here.\n";
     missed += fmt::format("- What is shared: the {} wobbling poses are traced once for all figures of the round part, good or painted with specks and haze, and each is exposed again and again; noise, and where a "
-                          "speck or haze lies, differ in each part. Still parts have one pose. Bubbles, dimples and scratches are traced one by one. Strips have {} poses for good parts and {} others for bad ones. "
+                          "speck or haze lies, differ in each part. Still parts have one pose. Every bubble is exposed {} times, every dimple and scratch {} times; the curve of the bubbles is fitted to the first exposure of each. Strips have {} poses for good parts and {} others for bad ones. "
                           "Intervals of an AUC draw whole poses again, not exposures.\n",
-                          r.poses, r.slope_poses, r.slope_poses);
+                          r.poses, r.bubble_exposures, r.flaw_exposures, r.slope_poses, r.slope_poses);
     missed += "- Good parts of this production differ by how they lie and by noise alone, not in form: a real part's tolerances widen the spread that is learned, and hide what is weaker.\n";
     report.text = fmt::format("## False rejects\n\n{}\n## Bubbles\n\n![POD](detection-pod.png)\n\n{}\n## Specks, haze, dimples, scratches\n\n![ROC](detection-roc.png)\n\n{}\n## Slopes\n\n![AUC by slope](detection-slopes.png)\n\n{}\n"
                               "## What is not found, and what this does not show\n\n{}",
