@@ -22,7 +22,7 @@
 // its expected standard deviation, with the good parts' own spread added, is a z-score: about normal for good parts at any light, less in the spread.
 //
 // Chi-square is that of the rest with the whole reading noise in dark bins, too. Where it is much (kMuch), a fit of small shifts does not say how far light went:
-// where the mean of all bins moved by more than kFarBins, that is the bend.
+// where the mean of all bins moved by more than kFarBins beyond what the reference's does from neighbour to neighbour, that is the bend.
 //
 // Formats. Shares are Q0.15 below 1, cubic weights products of two Q1.7, so their sum over 4x4 stays below 1.25^2 * 2^14 * 2^15 < 2^30 (int32, exact);
 // then floats, eight bins side by side, summed lane by lane in a fixed order, finished in double: the same bits on every instruction set.
