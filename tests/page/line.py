@@ -1,4 +1,5 @@
 """A simulated station and the page beside it, as processes."""
+import atexit
 import json
 import os
 import pathlib
@@ -39,11 +40,17 @@ class Process:
 
     def __init__(self, arguments, environment=None):
         self.process = subprocess.Popen([str(a) for a in arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ, **(environment or {})))
+        atexit.register(self._kill)  # a test that fails leaves nothing running
         self.out, self.err = [], []
         self.readers = [threading.Thread(target=lambda s=s, k=k: k.extend(iter(s.readline, "")), daemon=True)
                         for s, k in ((self.process.stdout, self.out), (self.process.stderr, self.err))]
         for reader in self.readers:
             reader.start()
+
+    def _kill(self):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
 
     def says(self, pattern):
         def look():
