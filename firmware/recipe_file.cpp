@@ -221,7 +221,7 @@ std::string format_recipe(const NumberedRecipe& recipe) { return format(recipe, 
 
 std::uint32_t crc32_of(const NumberedRecipe& recipe) {
     const auto& reference = recipe.recipe.reference;
-    return common::crc32(format(recipe, reference ? fmt::format("crc32 {:08X}", crc32_of(*reference)) : recipe.reference_file.string()));
+    return common::crc32(format(recipe, reference ? fmt::format("crc32 {:08X}", crc32_of(reference)) : recipe.reference_file.string()));
 }
 
 Result<algo::Recipe> load_recipe(const std::filesystem::path& file) { return without_number(load_numbered_recipe(file)); }

@@ -4,8 +4,12 @@
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <memory>
+#include <mutex>
+#include <optional>
 #include <string>
 #include <type_traits>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -81,9 +85,43 @@ std::string bytes_of(const algo::Reference& r) {
     return std::move(w.text_);
 }
 
+// The sums of the references that live: a few.
+class KnownSums {
+  public:
+    std::optional<std::uint32_t> find(const std::shared_ptr<const algo::Reference>& reference) {
+        const std::lock_guard lock(mutex_);
+        std::erase_if(known_, [](const Known& k) { return k.reference.expired(); });
+        for (const Known& k : known_) {
+            if (k.reference.lock() == reference) return k.sum;
+        }
+        return std::nullopt;
+    }
+    void keep(const std::shared_ptr<const algo::Reference>& reference, std::uint32_t sum) {
+        const std::lock_guard lock(mutex_);
+        known_.push_back({reference, sum});
+    }
+
+  private:
+    struct Known {
+        std::weak_ptr<const algo::Reference> reference;
+        std::uint32_t sum;
+    };
+    std::mutex mutex_;
+    std::vector<Known> known_;
+};
+KnownSums& known_sums() {
+    static KnownSums sums;
+    return sums;
+}
+
 }  // namespace
 
-std::uint32_t crc32_of(const algo::Reference& reference) { return common::crc32(bytes_of(reference)); }
+std::uint32_t crc32_of(const std::shared_ptr<const algo::Reference>& reference) {
+    if (const auto known = known_sums().find(reference)) return *known;
+    const std::uint32_t sum = common::crc32(bytes_of(*reference));
+    known_sums().keep(reference, sum);
+    return sum;
+}
 
 Result<void> write_reference(const std::filesystem::path& file, const algo::Reference& r) {
     if (auto fine = check(r); !fine) return fine;
@@ -125,6 +163,7 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
     reader.get(r->mask, count);
     if (!reader.at_end()) return refuse(ErrorCode::unreadable, "is not a whole reference");
     if (auto fine = check(*r); !fine) return refuse(ErrorCode::unreadable, "is not sound: " + fine.error().what);
+    known_sums().keep(r, seal);
     return r;
 }
 

@@ -315,6 +315,7 @@ Result<Taught> LineTeacher::learn() {
 
     taught.recipe.reference_file = next_reference(taught.recipe.number);
     auto written = write_reference(taught.recipe.reference_file, *taught.recipe.recipe.reference);
+    (void)crc32_of(taught.recipe);  // made here, so that the loop's thread need not
     if (written) written = remember_recipe(options_.folder / kWaiting, before, taught.recipe);
     if (!written || cancelled_) {
         do_discard(taught.recipe);
