@@ -101,6 +101,7 @@ class TeachService : public ::testing::Test {
             passes += r.verdict == PartVerdict::pass ? 1 : 0;
             rejects += judged_bad(r) ? 1 : 0;
         };
+        watchers.trouble = [](const Error& error) { std::fprintf(stderr, "trouble: %s\n", error.message().c_str()); };
         watchers.fate = [&](const Backends::Fate& fate) { kinds[fate.arrived.time_since_epoch().count()] = fate.kind; };
         auto service = Service::open(config, simulation, watchers);
         ASSERT_TRUE(service) << service.error().message();
@@ -148,13 +149,13 @@ class TeachService : public ::testing::Test {
     std::atomic<int> passes{0}, rejects{0};
 };
 
-TEST_F(TeachService, learns_from_eight_parts_judges_by_them_and_still_does_after_a_restart) {
+TEST_F(TeachService, learns_from_twelve_parts_judges_by_them_and_still_does_after_a_restart) {
     std::uint32_t taught = 0;
     live(1, [&](Plc& plc) {
         EXPECT_EQ(plc.read32(111), configured);
         modbus::Client::Reply reply;
         EXPECT_TRUE(plc.sees([&] {
-            reply = plc.command(CommandCode::teach, 8);
+            reply = plc.command(CommandCode::teach, 12);
             return reply.error != CommandError::not_in_this_state;  // until the station can be started
         }));
         EXPECT_EQ(reply.state, CommandState::completed) << reply.error_name;
