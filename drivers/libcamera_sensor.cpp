@@ -124,7 +124,7 @@ void LibcameraSensor::deliver(const CameraFrame& frame) {
     std::shared_ptr<Stream> stream;
     std::uint32_t slot = 0;
     const auto began = [&](const hal::ExposureRequest& asked) { return frame.stamp_of_start ? frame.stamp : frame.stamp - asked.length; };
-    const bool asked_for = !waiting_.empty() && began(waiting_.front()) + kTolerance >= waiting_.front().start;
+    const bool asked_for = !waiting_.empty() && began(waiting_.front()) >= waiting_.front().start;
     {
         const std::scoped_lock lock(loans_->mutex);
         stream = loans_->stream;

@@ -18,7 +18,6 @@ namespace hord::drivers {
 
 class LibcameraSensor final : public hal::Sensor {
   public:
-    static constexpr hal::Duration kTolerance = std::chrono::microseconds(500);  // the camera's clock may be early by this
 
     // Loop thread; blocks while the camera is asked. Fails with not_found (lists the cameras), busy, unsupported (lists the formats), io,
     // invalid_argument (buffers not in 2..32).

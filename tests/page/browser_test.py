@@ -158,8 +158,8 @@ def look(bin_dir, out, folder):
 
 
 def main():
-    if missing():
-        print(f"skipped: {missing()}")
+    if why := missing():
+        print(f"skipped: {why}")
         return 77
     out = pathlib.Path(sys.argv[2])
     out.mkdir(parents=True, exist_ok=True)

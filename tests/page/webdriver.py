@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import socket
 import subprocess
 import time
 import urllib.error
@@ -13,9 +14,20 @@ PATIENCE_S = 120
 
 
 def missing():
-    """What is not installed, as one line; None when a browser can be had."""
+    """What is not installed, or does not start, as one line; None when a browser can be had."""
     if not (shutil.which("chromium") and shutil.which("chromedriver")):
         return "chromium and chromedriver are not installed (packages chromium, chromium-driver)"
+    try:
+        socket.gethostbyname("localhost")
+    except OSError:
+        return "localhost is not known here, and chromedriver asks for it: add 127.0.0.1 localhost to /etc/hosts"
+    try:
+        said = subprocess.run(["chromium", "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--dump-dom", "about:blank"], capture_output=True, text=True,
+                              timeout=PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        return f"chromium is installed and does not show an empty page within {PATIENCE_S} s here"
+    if "<html" not in said.stdout:
+        return "chromium is installed and cannot show an empty page here (it wants /proc, /sys and /dev/shm): " + said.stderr[-200:].strip().replace("\n", " ")
     return None
 
 
