@@ -33,7 +33,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const std::string answer = answer_bytes(page.pages, page.viewers, {reinterpret_cast<const char*>(data), size});
     if (page.viewers.count() != 0) std::abort();
     if (!answer.empty() && !answer.starts_with("HTTP/1.")) std::abort();
-    if (answer.starts_with("HTTP/1.1 500") || answer.find("root:x:") != std::string::npos) std::abort();
+    const std::string_view asked(reinterpret_cast<const char*>(data), size);  // what was asked for by name may be named in a refusal
+    if (answer.starts_with("HTTP/1.1 500") || (answer.find("root:x:") != std::string::npos && asked.find("root:x:") == asked.npos)) std::abort();
     const bool by_us = answer.starts_with("HTTP/1.1 2") || answer.starts_with("HTTP/1.1 404");
     if (by_us && answer.find("Content-Security-Policy: default-src 'none'") == std::string::npos) std::abort();
     return 0;
