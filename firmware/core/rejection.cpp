@@ -105,8 +105,8 @@ void Core::on(const RejectRefused& event) {
     if (part != nullptr && part->phase == Part::Phase::commanded) complete(*part, RejectState::failed);
 }
 
-// A rejection is confirmed when the rejector says so in time and the part was at the ejector during the pulse, as far as
-// the line is observed.
+// A rejection is confirmed when the rejector acknowledged it before the part was at the ejector, and the part was there
+// during the pulse, as far as the line is observed. What is acknowledged later may have begun when the part had passed.
 TimePoint Core::await_report(Part& part) {
     using Outcome = hal::RejectReport::Outcome;
     const TimePoint pulse_end = part.eject_start + config_.reject_pulse;
@@ -119,6 +119,8 @@ TimePoint Core::await_report(Part& part) {
         if (now_ < pulse_end + config_.encoder_timeout) return pulse_end + config_.encoder_timeout;
         complete(part, RejectState::late);  // the conveyor stood still: the pulse is over, the part is not there yet
     } else if (config_.by_encoder && (part.passed_ejector < part.eject_start || part.passed_ejector > pulse_end)) {
+        complete(part, RejectState::late);
+    } else if (part.reported && part.report.at > at_ejector(part)) {
         complete(part, RejectState::late);
     } else if (part.reported) {
         complete(part, RejectState::confirmed);

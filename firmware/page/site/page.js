@@ -148,8 +148,13 @@ function takeResult(result) {
   showReject(result);
 }
 
+// As the search below has it.
+function clock(when_ms) {
+  return `${new Date(when_ms).toISOString().slice(11, 19)} UTC`;
+}
+
 function factsOf(result) {
-  return `Part ${result.part} at ${new Date(result.verdict_ms).toLocaleTimeString()}, score ${known(result.score) ? result.score.toFixed(2) : "–"} of its limit, verdict after ${ms(result.latency_us)} ms, rejection ${result.reject.replace("_", " ")}.`;
+  return `Part ${result.part} at ${clock(result.verdict_ms)}, score ${known(result.score) ? result.score.toFixed(2) : "–"} of its limit, verdict after ${ms(result.latency_us)} ms, rejection ${result.reject.replace("_", " ")}.`;
 }
 
 // A result that did not pass. Its picture mostly came before it; of a part that was never inspected there is none, and nobody shall
@@ -202,7 +207,7 @@ async function showPicture(picture) {
       $("reject-defects").replaceChildren(...found.defects.map((d) => element("li", `${d.words} at lenslet (${d.m.toFixed(0)}, ${d.n.toFixed(0)})`)));
       links($("reject-links"), key);
       const result = seen.results.get(key);
-      say("reject-facts", result ? factsOf(result) : `Part ${part}, verdict at ${new Date(verdict_ms).toLocaleTimeString()}; it is on its way to the ejector.`);
+      say("reject-facts", result ? factsOf(result) : `Part ${part}, verdict at ${clock(verdict_ms)}; it is on its way to the ejector.`);
     }
   } catch (error) {
     say("map-of", `No picture: ${error.message}`);
