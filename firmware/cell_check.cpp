@@ -243,6 +243,10 @@ class Check {
             bad("ejector", "no confirmation", "check the address of its coil, the module's own fault display and its profile; with a confirm sensor: nothing came past it");
         } else if (sees.report->outcome == Outcome::late) {
             bad("ejector", fmt::format("acknowledged after its pulse of {:.1f} ms", ms(core.reject_pulse)), "the module is slow: lengthen rejector.pulse_ms, or use a faster link");
+        } else if (sees.report->at - command.start > core.reject_early) {
+            bad("ejector",
+                fmt::format("acknowledged {:.1f} ms after its start; the part is there after {:.1f} ms", ms(sees.report->at - command.start), ms(core.reject_early)),
+                "the module is slow: lengthen rejector.early_ms, or use a faster link");
         } else {
             good("ejector", fmt::format("pulsed for {:.1f} ms, acknowledged {:.1f} ms after its start", ms(core.reject_pulse), ms(sees.report->at - command.start)));
         }

@@ -23,6 +23,7 @@ LineOptions timed_line(std::uint64_t seed, std::uint64_t parts) {
     cell.schedule.pitch_jitter = 0.2;
     cell.schedule.kinds = {{"good", false, 9}, {"bad", true, 1}};
     cell.rejector.permit_moves_belt = true;
+    cell.geometry.ejector_reach_mm = 2;  // 4 ms to either side: less than the pulse, or a pulse that began too late would hit all the same
     cell.part_sensor.latency = 200us;
     cell.strobe.report = {20us, 50us};
     cell.strobe.limits.min_rest = 64ms;  // a little more than min_gap leaves: the light says no to some parts that are close
@@ -47,6 +48,7 @@ LineOptions encoder_line(std::uint64_t seed, std::uint64_t parts) {
     line.cell.part_sensor.encoder_counts_per_mm = kCountsPerMm;
     line.cell.part_sensor.encoder_every = 5ms;
     line.cell.conveyor.jitter = 0.02;
+    line.cell.geometry.ejector_reach_mm = 6;  // its place between two readings is reckoned
     line.core.by_encoder = true;
     const auto counts = [&](double mm) { return static_cast<std::int64_t>(mm * kCountsPerMm); };
     line.core.exposure_counts = counts(line.cell.geometry.camera_mm);

@@ -53,6 +53,17 @@ TEST_F(Encoder, at_constant_speed_the_pulse_meets_the_part) {
     EXPECT_FALSE(rig.shot().line_stop);
 }
 
+TEST_F(Encoder, what_is_acknowledged_after_the_part_was_at_the_ejector_is_late) {
+    const auto part = bad_part();
+    run(milliseconds(150), 10);
+    ASSERT_TRUE(rig.rejected(part));
+    run(milliseconds(20), 10);  // at the ejector after 170 ms of belt and the 10 ms before; pulse until 190
+    run(milliseconds(10), 10);
+    rig.confirmed(part);
+    EXPECT_EQ(rig.only_result().reject, RejectState::late);
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
 TEST_F(Encoder, at_half_speed_the_pulse_comes_twice_as_late) {
     const auto part = bad_part();  // 100 counts done
     const TimePoint slow_from = rig.now;

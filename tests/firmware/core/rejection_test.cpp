@@ -48,6 +48,24 @@ TEST_F(Running, a_confirmation_after_the_pulse_is_late) {
     EXPECT_TRUE(rig.shot().line_stop);
 }
 
+// Within the pulse, but who knows whether the ejector moved before the part had passed.
+TEST_F(Running, what_is_acknowledged_after_the_part_was_at_the_ejector_is_late) {
+    for (const bool in_time : {true, false}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        const TimePoint edge = one.now;
+        const auto part = one.part_is_seen();
+        one.judged(part, Verdict::reject, Reason::slope);
+        ASSERT_TRUE(one.advance_until_rejected(part));
+        one.now = edge + one.core.config().transport + (in_time ? Duration(0) : Duration(1));
+        ASSERT_LT(one.now, edge + kPulseEnd);
+        one.confirmed(part);
+        EXPECT_EQ(one.only_result().reject, in_time ? RejectState::confirmed : RejectState::late);
+        EXPECT_EQ(one.shot().line_stop, !in_time);
+        EXPECT_EQ(one.shot().counters.reject_late, in_time ? 0U : 1U);
+    }
+}
+
 TEST_F(Running, a_command_after_the_part_is_at_the_ejector_is_given_and_counted_late) {
     const TimePoint edge = rig.now;
     const auto part = rig.part_is_seen();
