@@ -42,9 +42,15 @@ HORD_ALWAYS_INLINE V lower(const V& a, const V& b) {
 }  // namespace hord::algo
 
 #if defined(__x86_64__)
+// Clang does not know the preference, and would ignore the instruction sets with it.
+#if defined(__clang__)
+#define HORD_AVX512 "avx512f,avx512bw,avx512dq,avx512vl"
+#else
+#define HORD_AVX512 "avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512"
+#endif
 #define HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS)                                                          \
     [[gnu::target("avx2")]] static RETURN NAME##_avx2 SIGNATURE { return BODY<32> ARGUMENTS; }                               \
-    [[gnu::target("avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512")]] static RETURN NAME##_avx512 SIGNATURE {    \
+    [[gnu::target(HORD_AVX512)]] static RETURN NAME##_avx512 SIGNATURE {                                                     \
         return BODY<64> ARGUMENTS;                                                                                           \
     }                                                                                                                        \
     static RETURN NAME##_portable SIGNATURE { return BODY<16> ARGUMENTS; }                                                   \

@@ -67,8 +67,6 @@ HORD_ALWAYS_INLINE bool any_above(const Sample* samples, int count, Sample dark)
 // Eight neighbouring samples of each of sixteen lenslets, `apart` samples from one to the next, as eight vectors of sixteen: four perfect
 // shuffles of the 128 bytes.
 HORD_ALWAYS_INLINE void transpose(const std::uint8_t* samples, int apart, Bytes16 (&out)[8]) {
-    constexpr Bytes16 kLow = {0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23};
-    constexpr Bytes16 kHigh = {8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31};
     Bytes16 v[8];
     for (int p = 0; p < 8; ++p) {
         std::uint64_t two[2];
@@ -78,8 +76,8 @@ HORD_ALWAYS_INLINE void transpose(const std::uint8_t* samples, int apart, Bytes1
     }
     for (int shuffle = 0; shuffle < 4; ++shuffle) {
         for (int k = 0; k < 4; ++k) {
-            out[2 * k] = __builtin_shuffle(v[k], v[k + 4], kLow);
-            out[2 * k + 1] = __builtin_shuffle(v[k], v[k + 4], kHigh);
+            out[2 * k] = __builtin_shufflevector(v[k], v[k + 4], 0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
+            out[2 * k + 1] = __builtin_shufflevector(v[k], v[k + 4], 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31);
         }
         std::copy_n(out, 8, v);
     }

@@ -26,7 +26,7 @@ struct Lanes<T, Count, Bytes, std::index_sequence<I...>> {
     HORD_ALWAYS_INLINE static Lanes all(T value) {
         V v{};
         v[0] = value;
-        v = __builtin_shuffle(v, Vector<std::conditional_t<sizeof(T) == 4, std::int32_t, std::int64_t>, Bytes>{});  // one broadcast; V{} + value is an insertion a lane in GCC 12
+        v = first_everywhere(v, std::make_index_sequence<kEach>{});  // one broadcast; V{} + value is an insertion a lane in GCC 12
         return {{(static_cast<void>(I), v)...}};
     }
     // 0, 1, 2, ...
@@ -83,6 +83,10 @@ struct Lanes<T, Count, Bytes, std::index_sequence<I...>> {
     }
 
   private:
+    template <std::size_t... L>
+    HORD_ALWAYS_INLINE static V first_everywhere(V v, std::index_sequence<L...>) {
+        return __builtin_shufflevector(v, v, static_cast<int>(L * 0)...);
+    }
     template <int Distance, std::size_t... L>
     HORD_ALWAYS_INLINE static V rotated(V v, std::index_sequence<L...>) {
         return __builtin_shufflevector(v, v, static_cast<int>((L + Distance) % kEach)...);

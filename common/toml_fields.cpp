@@ -219,13 +219,11 @@ void TomlTable::problem(std::string_view key, std::string_view what, std::string
 
 void TomlTable::refuse_unknown_keys() {
     for (const auto& [key, value] : *node_->table) {
-        if (node_->asked.contains(key.str())) continue;
-        const auto nearest = std::min_element(node_->asked.begin(), node_->asked.end(), [&](const auto& a, const auto& b) {
-            return edits(a, key.str()) < edits(b, key.str());
-        });
-        const bool near = nearest != node_->asked.end() && edits(*nearest, key.str()) <= std::max<std::size_t>(2, key.str().size() / 3);
-        node_->report(value, key.str(), near ? fmt::format("is not a known key: did you mean {}?", *nearest)
-                                             : std::string("is not a known key: remove it"));
+        const std::string_view unknown = key.str();
+        if (node_->asked.contains(unknown)) continue;
+        const auto nearest = std::min_element(node_->asked.begin(), node_->asked.end(), [&](const auto& a, const auto& b) { return edits(a, unknown) < edits(b, unknown); });
+        const bool near = nearest != node_->asked.end() && edits(*nearest, unknown) <= std::max<std::size_t>(2, unknown.size() / 3);
+        node_->report(value, unknown, near ? fmt::format("is not a known key: did you mean {}?", *nearest) : std::string("is not a known key: remove it"));
     }
     for (const auto& sub : node_->taken) TomlTable(sub).refuse_unknown_keys();
 }
