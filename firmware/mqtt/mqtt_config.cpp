@@ -104,7 +104,7 @@ Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view nam
     if (const auto chosen = results.choice("begin", kBegins)) config.node.begin_with_all = *chosen == 1;
 
     TomlTable station = root.table("station");
-    std::string address = "127.0.0.1:1502";
+    std::string address = "127.0.0.1:502";
     station.text("modbus", address);
     if (const auto endpoint = modbus::parse_endpoint(address)) config.station = *endpoint;
     else station.problem("modbus", endpoint.error().what, endpoint.error().cure);

@@ -19,7 +19,7 @@ struct MqttConfig {
     std::filesystem::path password_file;
     std::filesystem::path store = "/var/lib/hord/store";
     std::filesystem::path state_file;  // empty: "cursor" in the service's $STATE_DIRECTORY
-    modbus::Endpoint station{"127.0.0.1", 1502};
+    modbus::Endpoint station{"127.0.0.1", 502};
     std::chrono::milliseconds look_every{1000};
 };
 
