@@ -13,6 +13,7 @@ struct Known {
 };
 constexpr std::array<Known, 6> kGrey = {
     {{8, "R8", false}, {10, "R10", false}, {10, "R10_CSI2P", true}, {12, "R12", false}, {12, "R12_CSI2P", true}, {16, "R16", false}}};
+constexpr std::array<const char*, 2> kColour = {"BGR888", "RGB888"};
 
 std::string list_of(std::span<const std::string> names) {
     std::string out;
@@ -22,16 +23,22 @@ std::string list_of(std::span<const std::string> names) {
 
 }  // namespace
 
-Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there, int bits) {
+Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there, int bits, bool green) {
     std::string wanted;
     for (const Known& known : kGrey) {
         if (known.bits != bits) continue;
         wanted += (wanted.empty() ? "" : " or ") + std::string(known.name);
         if (std::ranges::find(there, known.name) != there.end()) return GreyFormat{known.name, bits, known.packed};
     }
+    if (green && bits == 8) {
+        for (const char* const colour : kColour) {
+            wanted += std::string(" or ") + colour;
+            if (std::ranges::find(there, colour) != there.end()) return GreyFormat{colour, bits, false, true};
+        }
+    }
     if (wanted.empty()) return fail(ErrorCode::unsupported, camera + ": no format with " + std::to_string(bits) + " bits is known", "use 8, 10, 12 or 16");
     return fail(ErrorCode::unsupported, camera + " has no " + wanted + " frames; it has " + list_of(there),
-                "set sensor.bits to what the camera has (cam -c ID -I); a colour camera cannot be used");
+                "set sensor.bits to what the camera has (cam -c ID -I); of a colour camera's BGR888 or RGB888 frames sensor.green takes the green samples");
 }
 
 Result<std::string> choose_camera(std::span<const std::string> there, const std::string& wanted) {

@@ -20,6 +20,7 @@ struct CameraRequest {
     int height_px = 0;
     int bits = 8;        // 8, 10, 12 or 16
     int buffers = 4;
+    bool green = false;  // 8 bits: where there are no grey frames, the green samples of BGR888 or RGB888 ones
     std::vector<std::pair<std::string, std::int64_t>> controls = {};  // by libcamera's names
 };
 
@@ -28,11 +29,12 @@ struct GreyFormat {
     std::string name;  // libcamera's: "R8", "R10_CSI2P"
     int bits = 8;
     bool packed = false;  // as MIPI packs them: unpacked on the way
+    bool green = false;   // pixels of three bytes, of which the middle one is taken
 };
 
-// The first of `there` that holds grey samples of `bits`, unpacked ones before packed ones. Fails with unsupported: says what was wanted
-// and lists what there is.
-Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there, int bits);
+// The first of `there` that holds grey samples of `bits`, unpacked ones before packed ones, colour (with `green`) last. Fails with
+// unsupported: says what was wanted and lists what there is.
+Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there, int bits, bool green = false);
 
 // The id of the camera that is meant. Fails with not_found (names what was asked for and lists what there is) and invalid_argument (none
 // was named, and there are several).

@@ -145,13 +145,13 @@ class LibcameraPort final : public CameraPort {
             std::vector<std::string> of_role;
             for (const auto& format : config->at(0).formats().pixelformats()) of_role.push_back(format.toString());
             names.insert(names.end(), of_role.begin(), of_role.end());
-            const auto grey = choose_grey_format(id_, of_role, request_.bits);
+            const auto grey = choose_grey_format(id_, of_role, request_.bits, request_.green);
             if (!grey) continue;
             return agree(std::move(config), *grey);
         }
         std::ranges::sort(names);
         names.erase(std::ranges::unique(names).begin(), names.end());
-        return tl::unexpected(choose_grey_format(id_, names, request_.bits).error());
+        return tl::unexpected(choose_grey_format(id_, names, request_.bits, request_.green).error());
     }
 
     Result<CameraFormat> agree(std::unique_ptr<libcamera::CameraConfiguration> config, const GreyFormat& grey) {

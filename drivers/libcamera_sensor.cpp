@@ -22,7 +22,7 @@ struct LibcameraSensor::Stream final : CameraPort::Listener {
     HandOver<CameraFrame, 2 * kBuffersMax> frames;
     std::atomic<bool> gone{false};
     std::shared_ptr<const CameraPort::Memory> memory;
-    std::vector<std::vector<std::uint16_t>> unpacked;  // of each buffer, where samples come packed
+    std::vector<std::vector<std::uint16_t>> unpacked;  // of each buffer, where samples come packed or between others
 
     void on_camera_frame(const CameraFrame& frame) noexcept override { (void)frames.push(frame); }  // a camera has fewer buffers than there is room
     void on_camera_gone() noexcept override {
@@ -80,7 +80,7 @@ Result<void> LibcameraSensor::do_start(Listener& listener) {
         if (watch) loop_.unwatch(*watch);
         return tl::unexpected(fits ? watch.error() : fits.error());
     }
-    if (camera_.grey.packed) {
+    if (camera_.grey.packed || camera_.grey.green) {
         stream->unpacked.assign(stream->memory->size(), std::vector<std::uint16_t>(static_cast<std::size_t>(format_.width_px) * height));
     }
     watch_ = *watch;
@@ -153,6 +153,17 @@ void LibcameraSensor::deliver(const CameraFrame& frame) {
         bytes_used = whole * width * sizeof(std::uint16_t);
         view.data = reinterpret_cast<const std::byte*>(samples.data());
         view.stride_bytes = static_cast<std::ptrdiff_t>(width * sizeof(std::uint16_t));
+    }
+    if (camera_.grey.green) {
+        const auto width = static_cast<std::size_t>(format_.width_px), height = static_cast<std::size_t>(format_.height_px), stride = static_cast<std::size_t>(camera_.stride_bytes);
+        auto* const samples = reinterpret_cast<std::byte*>(stream->unpacked[frame.buffer].data());
+        std::size_t whole = 0;  // rows that are there
+        for (; whole < height && whole * stride + 3 * width <= bytes_used; ++whole) {
+            for (std::size_t x = 0; x < width; ++x) samples[whole * width + x] = data[whole * stride + 3 * x + 1];
+        }
+        bytes_used = whole * width;
+        view.data = samples;
+        view.stride_bytes = static_cast<std::ptrdiff_t>(width);
     }
     const hal::FrameInfo info{.sequence = frame.sequence - unasked_, .exposure_start = start, .bytes_used = bytes_used, .corrupt = frame.corrupt};
     listener_->on_frame(hal::FrameLease(*this, slot, view, info));

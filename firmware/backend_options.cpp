@@ -58,7 +58,7 @@ drivers::V4l2SensorOptions video_options(const VideoSensor& wanted) {
 }
 
 drivers::CameraRequest camera_request(const CameraSensor& wanted) {
-    return {wanted.camera, wanted.width_px, wanted.height_px, wanted.bits, wanted.buffers, wanted.controls};
+    return {wanted.camera, wanted.width_px, wanted.height_px, wanted.bits, wanted.buffers, wanted.green, wanted.controls};
 }
 
 namespace {

@@ -96,6 +96,8 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
     sensor.text("device", video.device);
     std::string camera;
     sensor.text("camera", camera);
+    bool green = false;
+    sensor.boolean("green", green);
     sensor.integer("width_px", video.width_px, 0, 65'535);
     sensor.integer("height_px", video.height_px, 0, 65'535);
     sensor.integer("bits", video.bits, 8, 16);
@@ -111,7 +113,7 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
         if (!control.has("value")) control.problem("value", "is missing", "say what the control is set to");
     }
     if (kind == 2) value = video;
-    if (kind == 3) value = CameraSensor{camera, video.width_px, video.height_px, video.bits, video.buffers, video.controls};
+    if (kind == 3) value = CameraSensor{camera, video.width_px, video.height_px, video.bits, video.buffers, green, video.controls};
     if (kind != 1) return;
     if (frames.empty()) sensor.problem("folder", "is missing", "name the folder of the recorded frames");
     value = RecordedFrames{folder / frames};

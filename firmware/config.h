@@ -48,6 +48,7 @@ struct CameraSensor {
     int width_px = 0, height_px = 0;  // 0: as the camera proposes
     int bits = 8;                     // 8, 10, 12 or 16
     int buffers = 4;
+    bool green = false;               // of colour frames, where there are no grey ones
     std::vector<std::pair<std::string, std::int64_t>> controls;  // by libcamera's names
     bool operator==(const CameraSensor&) const = default;
 };

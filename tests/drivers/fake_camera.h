@@ -1,10 +1,12 @@
 // A camera without libcamera: it runs free on a thread of its own, as libcamera's completes requests, and does what a test says.
 #pragma once
 
+#include <array>
 #include <condition_variable>
 #include <cstring>
 #include <deque>
 #include <mutex>
+#include <optional>
 #include <thread>
 #include <utility>
 
@@ -21,7 +23,8 @@ struct FakeCamera {
     bool there = true;
     std::string pixel_format = "R8";
     int bits = 8;
-    bool packed = false, tells_start = true;
+    bool packed = false, green = false, tells_start = true;
+    std::optional<std::array<std::uint8_t, 3>> colours;  // of every pixel, but that the middle one is 16 y + x
     int width_px = 12, height_px = 6;
     std::ptrdiff_t stride_bytes = 16;
     std::size_t short_by = 0;     // bytes that each frame lacks
@@ -51,7 +54,7 @@ class FakeCameraPort final : public CameraPort {
     Result<CameraFormat> look() override {
         const std::scoped_lock lock(camera_->mutex);
         if (!camera_->there) return fail(ErrorCode::not_found, "the fake camera is not there", "bring it back");
-        return CameraFormat{camera_->width_px, camera_->height_px, {camera_->pixel_format, camera_->bits, camera_->packed}, camera_->stride_bytes};
+        return CameraFormat{camera_->width_px, camera_->height_px, {camera_->pixel_format, camera_->bits, camera_->packed, camera_->green}, camera_->stride_bytes};
     }
 
     Result<std::shared_ptr<const Memory>> start(Listener& listener) override {
@@ -109,6 +112,7 @@ class FakeCameraPort final : public CameraPort {
             const std::uint32_t buffer = camera_->queued.front();
             camera_->queued.pop_front();
             std::memset(bytes[buffer].data(), static_cast<int>(camera_->sequence & 0x7F), bytes[buffer].size());
+            if (camera_->colours) paint(bytes[buffer]);
             CameraFrame frame;
             frame.buffer = buffer;
             frame.sequence = camera_->sequence;
@@ -119,6 +123,15 @@ class FakeCameraPort final : public CameraPort {
             lock.unlock();
             listener.on_camera_frame(frame);
             lock.lock();
+        }
+    }
+
+    void paint(std::vector<std::byte>& frame) const {
+        for (int y = 0; y < camera_->height_px; ++y) {
+            for (int x = 0; x < camera_->width_px; ++x) {
+                std::byte* const pixel = frame.data() + y * camera_->stride_bytes + 3 * x;
+                for (std::size_t k = 0; k < 3; ++k) pixel[k] = std::byte(k == 1 ? static_cast<std::uint8_t>(16 * y + x) : (*camera_->colours)[k]);
+            }
         }
     }
 

@@ -51,6 +51,18 @@ TEST(CameraChoice, names_what_was_asked_for_and_lists_the_cameras) {
     EXPECT_EQ(choose_camera(Names{}, "").error().code, ErrorCode::not_found);
 }
 
+TEST(CameraFormat, of_colour_is_taken_only_where_green_was_asked_for_and_there_is_no_grey) {
+    const Names colour{"XRGB8888", "RGB888", "BGR888"};
+    EXPECT_FALSE(choose_grey_format("cam", colour, 8));
+    const auto green = choose_grey_format("cam", colour, 8, true);
+    ASSERT_TRUE(green);
+    EXPECT_EQ(green->name, "BGR888");
+    EXPECT_TRUE(green->green);
+    EXPECT_FALSE(choose_grey_format("cam", colour, 10, true));
+    EXPECT_FALSE(choose_grey_format("cam", Names{"BGR888", "R8"}, 8, true)->green);
+    EXPECT_THAT(choose_grey_format("cam", Names{"XRGB8888"}, 8, true).error().what, HasSubstr("R8 or BGR888 or RGB888"));
+}
+
 // libcamera itself, which has no such camera on any machine.
 TEST(Libcamera, that_lacks_the_camera_says_so) {
     auto loop = std::move(*firmware::SdEventLoop::open());
@@ -190,6 +202,24 @@ TEST_F(Sensor, short_and_corrupt_frames_are_told_as_such) {
     const hal::FrameLease one = frame();
     EXPECT_EQ(one.info().bytes_used, 16U * 6 - 5);
     EXPECT_TRUE(one.info().corrupt);
+}
+
+TEST_F(Sensor, the_green_samples_of_a_colour_frame_are_taken_row_by_row) {
+    camera_->pixel_format = "BGR888";
+    camera_->green = true;
+    camera_->width_px = 5;  // in 15 of a row's 16 bytes
+    camera_->colours = {0x11, 0, 0x33};
+    open();
+    const hal::FrameLease one = frame();
+    EXPECT_EQ(one.view().bits, 8);
+    EXPECT_EQ(one.view().stride_bytes, 5);
+    EXPECT_EQ(one.info().bytes_used, 5U * 6);
+    for (int y = 0; y < 6; ++y) {
+        for (int x = 0; x < 5; ++x) EXPECT_EQ(one.view().sample(x, y), y * 16 + x) << x << ", " << y;
+    }
+    camera_->change([](FakeCamera& camera) { camera.short_by = 18; });  // the last row, and a byte of the one before
+    (void)frame();
+    EXPECT_EQ(frame().info().bytes_used, 5U * 4);
 }
 
 TEST_F(Sensor, packed_samples_are_unpacked_row_by_row) {

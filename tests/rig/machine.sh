@@ -1,7 +1,7 @@
 #!/bin/bash
 # What the rig's machine is made of, from Debian 12 packages alone: machine.sh CACHE DEPENDENCY...
 # Leaves in CACHE: vmlinuz, initrd.img (finds its disks), base.squashfs (the root: systemd, tools, the DEPENDENCYs) and modules/ (stock
-# modules and three that Debian's kernel does not build). What is there and still fits is kept. Needs root, for mmdebstrap.
+# modules and four that Debian's kernel does not build). What is there and still fits is kept. Needs root, for mmdebstrap.
 set -euo pipefail
 cache=$1
 shift
@@ -10,7 +10,7 @@ mkdir -p "$cache"
 cd "$cache"
 
 # Root and its packages come from a mirror by name; the host's own sources may be anything.
-packages=systemd,systemd-sysv,udev,dbus,kmod,procps,iproute2,util-linux,gpiod,v4l-utils,init-system-helpers
+packages=systemd,systemd-sysv,udev,dbus,kmod,procps,iproute2,util-linux,gpiod,v4l-utils,libcamera-ipa,init-system-helpers
 for dependency in "$@"; do packages+=,$dependency; done
 
 kernel=$(apt-cache depends linux-image-amd64 | sed -n 's/^ *Depends: linux-image-//p' | head -n 1)
@@ -21,7 +21,7 @@ step() { printf '   %s (%s s)\n' "$1" "$SECONDS"; }
 fits() { [ -e "$1" ] && [ "$(cat "$1.key" 2>/dev/null)" = "$2" ]; }
 keep() { printf '%s\n' "$2" >"$1.key"; }
 
-kernel_key="$kernel, made as 2"  # counted up when its making changes
+kernel_key="$kernel, made as 3"  # counted up when its making changes
 base_key="$suite $packages $(date +%Y-%m), made as 1"
 
 headers=$cache/k/usr/src/linux-headers-$kernel
@@ -34,19 +34,20 @@ unpack_kernel() {
     for deb in dl/linux-image-* dl/linux-headers-* dl/linux-kbuild-* dl/v4l2loopback-dkms* dl/busybox-static*; do dpkg-deb -x "$deb" k; done
     sed -i "s#/usr/src/#$cache/k/usr/src/#" "$headers/Makefile"  # the only absolute path in the headers
     dpkg-deb --fsys-tarfile dl/linux-source-6.1_* | tar -xO ./usr/src/linux-source-6.1.tar.xz | xz -dcT0 |
-        tar -x -C src --strip-components=1 linux-source-6.1/drivers/gpio/gpio-sim.c linux-source-6.1/drivers/gpio/gpiolib.h linux-source-6.1/kernel/irq/irq_sim.c
+        tar -x -C src --strip-components=1 linux-source-6.1/drivers/gpio/gpio-sim.c linux-source-6.1/drivers/gpio/gpiolib.h linux-source-6.1/kernel/irq/irq_sim.c linux-source-6.1/drivers/media/test-drivers/vimc
     rm -rf dl
     depmod -b k "$kernel"
 }
 
-# gpio-sim with the interrupts it simulates, and v4l2loopback. irq_sim is no module in Debian's kernel: it becomes one here
+# gpio-sim with the interrupts it simulates, v4l2loopback and vimc. irq_sim is no module in Debian's kernel: it becomes one here
 # (a licence tag; irq_to_desc() is not exported on x86).
 build_modules() {
     rm -rf mod && mkdir mod
-    cp src/drivers/gpio/gpio-sim.c src/drivers/gpio/gpiolib.h src/kernel/irq/irq_sim.c k/usr/src/v4l2loopback-*/*.[ch] mod
+    cp src/drivers/gpio/gpio-sim.c src/drivers/gpio/gpiolib.h src/kernel/irq/irq_sim.c src/drivers/media/test-drivers/vimc/*.[ch] k/usr/src/v4l2loopback-*/*.[ch] mod
     sed -i 's|^#include <linux/slab.h>|&\n#include <linux/module.h>|; s|irq_to_desc(irqnum)|irq_data_to_desc(irq_get_irq_data(irqnum))|' mod/irq_sim.c
     echo 'MODULE_LICENSE("GPL");' >>mod/irq_sim.c
-    echo 'obj-m := irq_sim.o gpio-sim.o v4l2loopback.o' >mod/Kbuild
+    printf '%s\n' 'obj-m := irq_sim.o gpio-sim.o v4l2loopback.o vimc.o' \
+        'vimc-y := vimc-core.o vimc-common.o vimc-streamer.o vimc-capture.o vimc-debayer.o vimc-scaler.o vimc-sensor.o vimc-lens.o' >mod/Kbuild
     make -s -C "$headers" M="$cache/mod" -j"$(nproc)" CC=gcc-12 modules >mod/log 2>&1 || { cat mod/log >&2; exit 1; }
     strip --strip-debug mod/*.ko
     step "modules are built"

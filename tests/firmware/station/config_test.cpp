@@ -88,9 +88,9 @@ TEST(Config, the_documented_keys_of_other_backends_are_known_and_at_their_defaul
 
 TEST(Config, a_camera_of_libcamera_is_named_with_its_format_and_controls) {
     const auto config = parse("[sensor]\nbackend = \"libcamera\"\ncamera = \"/base/imx296\"\nwidth_px = 1440\nheight_px = 1080\nbits = 10\nbuffers = 6\n"
-                              "[[sensor.control]]\nname = \"ExposureTime\"\nvalue = 500\n");
+                              "green = true\n[[sensor.control]]\nname = \"ExposureTime\"\nvalue = 500\n");
     ASSERT_TRUE(config) << config.error().what;
-    EXPECT_EQ(std::get<CameraSensor>(config->sensor), (CameraSensor{"/base/imx296", 1440, 1080, 10, 6, {{"ExposureTime", 500}}}));
+    EXPECT_EQ(std::get<CameraSensor>(config->sensor), (CameraSensor{"/base/imx296", 1440, 1080, 10, 6, true, {{"ExposureTime", 500}}}));
     EXPECT_EQ(std::get<CameraSensor>(parse("[sensor]\nbackend = \"libcamera\"\n")->sensor), CameraSensor{});
 }
 
