@@ -20,6 +20,8 @@ constexpr float kEdgeBins = 0.2F, kEdgeLight = 0.1F;  // second differences of a
 constexpr int kRoom = 64;  // before the first bin and after the last: two rows and two bins of the largest HORDs, in whole blocks, and one more
 static_assert(kRoom >= 2 * (kMaxBins + 2) + 2 + 2 * kLanes && kRoom % kLanes == 0);
 
+constexpr std::uint16_t kNoShare = 65535;
+
 using Eight = Vector<float, kLanes * sizeof(float)>;
 
 }  // namespace
@@ -50,10 +52,10 @@ HORD_ALWAYS_INLINE float sum_of(const float (&all)[kLine]) {
     return total;
 }
 
-// Sixteen shares at a time: a Reference's stride is a multiple of that.
+// From the line of share `first` to that of share `last`, sixteen at a time: a Reference's stride is a multiple of that.
 float gather_portable(const Comparer::Taps& taps, int first, int last, float* __restrict out) {
     float all[kLine] = {};
-    for (int k = first / 2 * kLine; k < (last / 2 + 1) * kLine; k += kLine) {
+    for (int k = first / kLine * kLine; k <= last; k += kLine) {
         std::int32_t sum[kLine] = {};
         for (int t = 0; t < 16; ++t) {
             const std::uint16_t* at = taps.from[t] + k;
@@ -75,7 +77,7 @@ float gather_portable(const Comparer::Taps& taps, int first, int last, float* __
         weights[t] = _mm256_set1_epi32(static_cast<int>(static_cast<std::uint32_t>(high) << 16U | low));
     }
     float all[kLine] = {};
-    for (int k = first / 2 * kLine; k < (last / 2 + 1) * kLine; k += kLine) {
+    for (int k = first / kLine * kLine; k <= last; k += kLine) {
         __m256i even = _mm256_setzero_si256(), odd = even;
         for (int t = 0; t < 8; ++t) {
             const __m256i a = sixteen(taps.from[2 * t] + k), b = sixteen(taps.from[2 * t + 1] + k);
@@ -94,17 +96,23 @@ auto gather_for(Isa isa) { return isa == Isa::portable ? gather_portable : gathe
 auto gather_for(Isa) { return gather_portable; }
 #endif
 
-// The binomial 1 4 6 4 1 along both axes. What lies around the bins is dark, and there is room for it.
+// Whole blocks that cover two rows.
+int reach_of(int row) { return (2 * row + kLanes - 1) / kLanes * kLanes; }
+
+// The binomial 1 4 6 4 1 along both axes, of the blocks first to last; light is in the shares from lit_first to lit_last alone. What lies around the
+// bins is dark, and there is room for it.
 template <int Bytes>
-HORD_ALWAYS_INLINE void scatter(const float* g, int first, int last, int row, float* __restrict half, float* __restrict out) {
+HORD_ALWAYS_INLINE void scatter(const float* g, int first, int last, int lit_first, int lit_last, int row, float* __restrict half, float* __restrict out) {
     const auto binomial = [](const float* at, std::ptrdiff_t step) {
         const Eight middle = load<Eight>(at), beside = load<Eight>(at - step) + load<Eight>(at + step), outer = load<Eight>(at - 2 * step) + load<Eight>(at + 2 * step);
         return (outer + 6.0F * middle) + 4.0F * beside;
     };
-    const int begin = first * kLanes, end = (last + 1) * kLanes;
-    const int reach = (2 * row + kLanes - 1) / kLanes * kLanes;  // whole blocks that cover two rows
-    for (int k = begin - reach; k < end + reach; k += kLanes) store(binomial(g + k, 1), half + k);
-    for (int k = begin; k < end; k += kLanes) store(binomial(half + k, row) * 0x1p-8F, out + k);
+    const int begin = first * kLanes, end = (last + 1) * kLanes, reach = reach_of(row);
+    int k = begin - reach;
+    for (; k + kLanes <= lit_first - 2; k += kLanes) store(Eight{}, half + k);
+    for (; k <= lit_last + 2; k += kLanes) store(binomial(g + k, 1), half + k);
+    for (; k < end + reach; k += kLanes) store(Eight{}, half + k);
+    for (int at = begin; at < end; at += kLanes) store(binomial(half + at, row) * 0x1p-8F, out + at);
 }
 
 // Sixteen at a time, whatever a line has: what is too much is overwritten by the next one, or lies where there are no bins.
@@ -177,7 +185,8 @@ HORD_ALWAYS_INLINE void look_at_rest(const Comparer::Bins& bins, int first, int 
     store(degrees, out.degrees);
 }
 
-HORD_FOR_EACH_ISA(scatter_for, void, scatter, (const float* g, int first, int last, int row, float* half, float* out), (g, first, last, row, half, out))
+HORD_FOR_EACH_ISA(scatter_for, void, scatter, (const float* g, int first, int last, int lit_first, int lit_last, int row, float* half, float* out),
+                  (g, first, last, lit_first, lit_last, row, half, out))
 HORD_FOR_EACH_ISA(spread_out_for, void, spread_out, (const void* samples, std::ptrdiff_t line_stride, bool wide, std::uint32_t dark, int columns, int rows, float* out),
                   (samples, line_stride, wide, dark, columns, rows, out))
 HORD_FOR_EACH_ISA(project_for, void, project, (const Comparer::Bins& bins, int first, int last, Comparer::Templates& out), (bins, first, last, out))
@@ -190,17 +199,32 @@ double total(const float (&lanes)[kLanes]) {
     return sum;
 }
 
-int floor_of(double v) {
+constexpr int floor_of(double v) {
     const int towards_zero = static_cast<int>(v);
     return towards_zero - (v < towards_zero ? 1 : 0);
 }
 
 // Weights as integers in 1/128, which sum to 128.
-void quantised(const CubicWeights& w, std::int32_t (&q)[4]) {
+struct Quantised {
+    std::int32_t of[4];
+};
+constexpr Quantised quantised(const CubicWeights& w) {
+    Quantised q{};
     std::int32_t sum = 0;
-    for (int k = 0; k < 4; ++k) sum += q[k] = floor_of(w.of[k] * 128 + 0.5);
-    q[w.of[1] >= w.of[2] ? 1 : 2] += 128 - sum;  // one of the middle ones is always used
+    for (int k = 0; k < 4; ++k) sum += q.of[k] = floor_of(w.of[k] * 128 + 0.5);
+    q.of[w.of[1] >= w.of[2] ? 1 : 2] += 128 - sum;  // one of the middle ones is always used
+    return q;
 }
+// Of places a 1024th of a lenslet apart.
+struct CubicTable {
+    static constexpr int kPlaces = 1024;
+    Quantised of[kPlaces + 1]{};
+    constexpr CubicTable() {
+        for (int k = 0; k <= kPlaces; ++k) of[k] = quantised(CubicWeights::at(static_cast<double>(k) / kPlaces));
+    }
+    [[nodiscard]] const Quantised& at(double t) const { return of[static_cast<int>(t * kPlaces + 0.5)]; }
+};
+constexpr CubicTable kCubic;
 
 // With operations alone that are rounded alike everywhere.
 double exp_of(double x) {
@@ -238,23 +262,21 @@ Comparer::Comparer(const Reference& reference, Isa isa)
     double clipped = 0, light = 0;
     for (std::size_t k = 0; k < lit_.size(); ++k) {
         const std::uint16_t* share = reference.shares.data() + k * stride;
-        const auto lit = [](std::uint16_t v) { return v > 0; };
-        const auto first = static_cast<int>(std::find_if(share, share + stride, lit) - share);
-        int last = static_cast<int>(stride) - 1;
+        std::size_t first = 0, last = stride - 1;
+        while (first < last && share[first] == 0) ++first;
         while (last > first && share[last] == 0) --last;
-        const auto block = [&](int at) { return static_cast<std::uint8_t>(std::clamp(at / kLanes, 0, blocks_ - 1)); };
         if (reference.mask[k] == kValid) {
             double cut = 0;
             for (std::size_t b = 0; b < stride; ++b) cut += std::min(static_cast<double>(reference.sensor.clip_dn), static_cast<double>(share[b]) * 0x1p-15 * static_cast<double>(reference.light[k]));
             clipped += cut, light += static_cast<double>(reference.light[k]);
         }
-        lit_[k] = {block(first), block(last)};
+        lit_[k] = {static_cast<std::uint16_t>(first), static_cast<std::uint16_t>(last)};
     }
     clipped_ = light > 0 ? clipped / light : 0;
     for (int n = 0; n + 3 < e.n; ++n) {
         for (int m = 0; m + 3 < e.m; ++m) {
             bool all = true;
-            Lit lit{255, 0};
+            Lit lit{kNoShare, 0};
             for (int c = 0; c < 16; ++c) {
                 const auto k = static_cast<std::size_t>((n + c / 4) * e.m + m + c % 4);
                 all = all && reference.mask[k] == kValid;
@@ -301,12 +323,11 @@ bool Comparer::interpolate(double m, double n, double light, float& expected, st
     const auto index = [&](int x, int y) { return static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x); };
     const int floor_m = floor_of(m), floor_n = floor_of(n);
     const bool plain = floor_m >= 1 && floor_n >= 1 && floor_m + 2 < e.m && floor_n + 2 < e.n && plain_[index(floor_m - 1, floor_n - 1)] != 0;
-    std::int32_t qm[4], qn[4];
     Taps taps;
     int count = 0;
     double sum = 0;
     bits = 0;
-    Lit lit{255, 0};
+    Lit lit{kNoShare, 0};
     const auto use = [&](std::size_t k, std::int32_t w) {
         bits |= reference_.mask[k];
         sum += static_cast<double>(w) * static_cast<double>(reference_.light[k]);
@@ -315,8 +336,7 @@ bool Comparer::interpolate(double m, double n, double light, float& expected, st
         taps.weights[count++] = static_cast<std::int16_t>(w);
     };
     if (plain) {
-        quantised(CubicWeights::at(m - floor_m), qm);
-        quantised(CubicWeights::at(n - floor_n), qn);
+        const auto &qm = kCubic.at(m - floor_m).of, &qn = kCubic.at(n - floor_n).of;
         const std::size_t corner = index(floor_m - 1, floor_n - 1);
         lit = lit_of_sixteen_[corner];
         for (int r = 0; r < 4; ++r) {
@@ -333,11 +353,11 @@ bool Comparer::interpolate(double m, double n, double light, float& expected, st
         // Dark ones nearby: the light alone, evenly.
         const auto around = near.found ? near : Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & kOutside) == 0; });
         if (!around.found) return false;
-        quantised(near.found ? around.along : CubicWeights::linear_at(m - floor_m), qm);
-        quantised(near.found ? around.across : CubicWeights::linear_at(n - floor_n), qn);
+        const Quantised along = quantised(near.found ? around.along : CubicWeights::linear_at(m - floor_m)), across = quantised(near.found ? around.across : CubicWeights::linear_at(n - floor_n));
         for (int r = 0; r < 4; ++r) {
             for (int c = 0; c < 4; ++c) {
-                if (qm[c] * qn[r] != 0) use(index(around.m + c, around.n + r), qm[c] * qn[r]);
+                const std::int32_t w = along.of[c] * across.of[r];
+                if (w != 0) use(index(around.m + c, around.n + r), w);
             }
         }
         for (int t = count; t < 16; ++t) taps.from[t] = reference_.shares.data(), taps.weights[t] = 0;
@@ -348,14 +368,13 @@ bool Comparer::interpolate(double m, double n, double light, float& expected, st
     if ((bits & kDark) != 0 || !(golden > 0)) return true;
     taps.light = static_cast<float>(light);
     taps.clip = static_cast<float>(static_cast<double>(reference_.sensor.clip_dn) / golden);
-    // What scattering reaches, and what that looks at.
-    const int reach = (2 * padded_i_ + 2 + kLanes - 1) / kLanes;
-    around_ = {static_cast<std::uint8_t>(std::max(0, lit.first - reach)), static_cast<std::uint8_t>(std::min(blocks_ - 1, lit.last + reach))};
+    const int reach = reach_of(padded_i_), first = lit.first, last = lit.last;
+    around_ = {std::max(0, first - 2 * padded_i_ - 2) / kLanes, std::min(blocks_ - 1, (last + 2 * padded_i_ + 2) / kLanes)};
     float* const out = golden_.data() + kRoom;
-    std::fill(out + around_.first * kLanes - kRoom, out + lit.first * kLanes, 0.0F);
-    std::fill(out + (lit.last + 1) * kLanes, out + (around_.last + 1) * kLanes + kRoom, 0.0F);
-    share_ = gather_(taps, lit.first, lit.last, out);
-    scatter_(out, around_.first, around_.last, padded_i_, half_.data() + kRoom, scattered_.data() + kRoom);
+    std::fill(out + around_.first * kLanes - reach - kLanes, out + first, 0.0F);
+    std::fill(out + last, out + (around_.last + 1) * kLanes + reach + kLanes, 0.0F);
+    share_ = gather_(taps, first, last, out);
+    scatter_(out, around_.first, around_.last, first, last, padded_i_, half_.data() + kRoom, scattered_.data() + kRoom);
     expected = static_cast<float>(golden * static_cast<double>(share_));
     return true;
 }
@@ -422,7 +441,9 @@ void Comparer::compare(const Lenslet& lenslet, int m, int n, const PoseMap& pose
     // Of a spot's fringes, weaker light leaves below the dark level what is not quiet.
     if (light < 1) bins.noise.empty = std::max(bins.noise.empty, static_cast<float>(floor * (1 - light) * (1 - light)));
     project_(bins, around_.first, around_.last, t);
-    const auto of = [&](Sums::Sum which) { return total(t.of[which]); };
+    double sums[Sums::kSums];
+    for (int k = 0; k < Sums::kSums; ++k) sums[k] = total(t.of[k]);
+    const auto of = [&](Sums::Sum which) { return sums[which]; };
     const double xx = of(Sums::xx), xy = of(Sums::xy), xb = of(Sums::xb), yy = of(Sums::yy), yb = of(Sums::yb), bb = of(Sums::bb);
     const double rx = of(Sums::rx), ry = of(Sums::ry), rb = of(Sums::rb);
     // The inverse of the symmetric matrix of templates, by cofactors.
@@ -430,13 +451,14 @@ void Comparer::compare(const Lenslet& lenslet, int m, int n, const PoseMap& pose
                  c_bb = xx * yy - xy * xy;
     const double determinant = xx * c_xx + xy * c_xy + xb * c_xb;
     if (!(determinant > 1e-9 * xx * yy * bb) || !(determinant > 0)) return;
-    const double a = (c_xx * rx + c_xy * ry + c_xb * rb) / determinant, b = (c_xy * rx + c_yy * ry + c_yb * rb) / determinant,
-                 c = (c_xb * rx + c_yb * ry + c_bb * rb) / determinant;
+    const double inverse = 1 / determinant;
+    const double a = (c_xx * rx + c_xy * ry + c_xb * rb) * inverse, b = (c_xy * rx + c_yy * ry + c_yb * rb) * inverse,
+                 c = (c_xb * rx + c_yb * ry + c_bb * rb) * inverse;
     out.has_hord = true;
     out.x = static_cast<float>(a), out.y = static_cast<float>(b), out.blur = static_cast<float>(c);
-    out.x_variance = static_cast<float>(c_xx / determinant);
-    out.y_variance = static_cast<float>(c_yy / determinant);
-    out.blur_variance = static_cast<float>(c_bb / determinant);
+    out.x_variance = static_cast<float>(c_xx * inverse);
+    out.y_variance = static_cast<float>(c_yy * inverse);
+    out.blur_variance = static_cast<float>(c_bb * inverse);
     Rest rest;
     look_at_rest_(bins, around_.first, around_.last, out.x, out.y, out.blur, rest);
     out.chi2 = static_cast<float>(total(rest.chi2));

@@ -88,7 +88,7 @@ class Comparer {
 
   private:
     struct Lit {
-        std::uint8_t first, last;  // blocks of eight shares: those with light
+        std::uint16_t first, last;  // shares: those with light
     };
     struct Lenslet {
         const void* samples;  // of its bins, sixteen a line may be read
@@ -112,11 +112,13 @@ class Comparer {
     std::vector<float> golden_, scattered_, half_, mass_, here_;  // as Reference::place has it, with room on either side; 1 where there is a bin
     std::vector<std::uint16_t> copied_;        // of a lenslet at the end of the frame's lines
     Noise noise_{}, noise_at_edges_{};
-    Lit around_{};                             // of the golden HORD that was interpolated last
+    struct Blocks {
+        int first, last;  // of eight shares
+    } around_{};                               // of the golden HORD that was interpolated last: with what scattering reaches
     float share_ = 1;                          // and the sum of its shares at the part's light
     double clipped_ = 0;                       // of a typical lenslet's light, by the dark level
     float (*gather_)(const Taps& taps, int first, int last, float* out);
-    void (*scatter_)(const float* golden, int first, int last, int row, float* half, float* out);
+    void (*scatter_)(const float* golden, int first, int last, int lit_first, int lit_last, int row, float* half, float* out);
     void (*spread_out_)(const void* samples, std::ptrdiff_t line_stride, bool wide, std::uint32_t dark, int columns, int rows, float* out);
     void (*project_)(const Bins& bins, int first, int last, Templates& out);
     void (*look_at_rest_)(const Bins& bins, int first, int last, float a, float b, float c, Rest& out);

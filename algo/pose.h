@@ -47,7 +47,7 @@ class PoseMap {
 // a HORD that moves evenly from lenslet to lenslet keeps its mean and its spread in between.
 struct CubicWeights {
     double of[4];
-    static CubicWeights at(double t) {
+    static constexpr CubicWeights at(double t) {
         const double t2 = t * t, t3 = t2 * t;
         return {{0.5 * (2 * t2 - t - t3), 0.5 * (3 * t3 - 5 * t2 + 2), 0.5 * (4 * t2 - 3 * t3 + t), 0.5 * (t3 - t2)}};
     }

@@ -15,6 +15,8 @@ namespace {
 constexpr double kShareOne = 1 << Reference::kShareBits;
 // A part is not strange for less: so much good parts differ where they are interpolated between lenslets, each by how it lies.
 constexpr float kStrange[kDeviations] = {0.05F, 0.05F, 0.02F, 0.05F};
+// Standard deviations of a bin's mean, with a sixteenth of the reading noise in dark bins (algo/compare.h), that noise alone has seldom.
+constexpr double kNoise = 3;
 constexpr float kLeastSpread[kDeviations] = {1e-6F, 1e-5F, 1e-5F, 0};  // 0.1 % of light, 0.003 bin: rounding
 
 // A part's light, and, where asked for, its HORDs as shares.
@@ -61,6 +63,7 @@ class Learner {
     Result<void> learn_golden(bool register_again);
     void add_golden(const Part& part, const PoseMap& pose, double light);
     void finish_golden(double parts, double light);
+    void drop_noise(std::size_t k, double least);
     Result<void> learn_spread();
     void add_spread(std::uint32_t part, const Difference& d);
     void finish_spread(double parts);
@@ -222,6 +225,29 @@ void Learner::add_golden(const Part& part, const PoseMap& pose, double light) {
     }
 }
 
+// Forgets what single readings left in bins far from all light, for the comparison need not look where nothing is expected: of the sums of
+// shares, those below `least` but beside none that is as large, and those below a third of it.
+void Learner::drop_noise(std::size_t k, double least) {
+    float* const bins = golden_.data() + k * reference_.stride();
+    const auto limit = static_cast<float>(least);
+    std::array<bool, kMaxBins * kMaxBins> keep{};
+    const auto at = [&](int i, int j) { return static_cast<std::size_t>(j * extents_.i + i); };
+    for (int j = 0; j < extents_.j; ++j) {
+        for (int i = 0; i < extents_.i; ++i) {
+            if (bins[reference_.place(i, j)] < limit) continue;
+            for (int y = std::max(0, j - 1); y <= std::min(extents_.j - 1, j + 1); ++y) {
+                for (int x = std::max(0, i - 1); x <= std::min(extents_.i - 1, i + 1); ++x) keep[at(x, y)] = true;
+            }
+        }
+    }
+    for (int j = 0; j < extents_.j; ++j) {
+        for (int i = 0; i < extents_.i; ++i) {
+            float& share = bins[reference_.place(i, j)];
+            if (!keep[at(i, j)] || share < limit / 3) share = 0;
+        }
+    }
+}
+
 void Learner::finish_golden(double parts, double light) {
     Reference& r = reference_;
     const std::size_t count = extents_.lenslets(), stride = r.stride();
@@ -231,11 +257,13 @@ void Learner::finish_golden(double parts, double light) {
     r.x.assign(count, 0);
     r.y.assign(count, 0);
     r.mask.assign(count, kOutside);
+    const double read = static_cast<double>(r.sensor.read_dn), least_dn = kNoise * std::sqrt((read * read + 1.0 / 12) / 16 / parts);
     for (std::size_t k = 0; k < count; ++k) {
         if (2 * seen_light_[k] < parts) continue;
         r.mask[k] = kDark;
         r.light[k] = static_cast<float>(std::max(0.0, light_[k] / seen_light_[k] * light));
         if (2 * seen_hord_[k] < parts) continue;
+        if (r.light[k] > 0) drop_noise(k, seen_hord_[k] * least_dn / static_cast<double>(r.light[k]) * kShareOne);
         double sum = 0, x = 0, y = 0;
         for (int b = 0; b < extents_.bins(); ++b) {
             const double share = std::max(0.0, static_cast<double>(golden_[k * stride + r.place(b % extents_.i, b / extents_.i)]));

@@ -251,8 +251,11 @@ Result<DetectionResults> Run::run() {
     note("contrast on the paper's scenes");
     auto contrast = cells_.value("contrast", [&] { return measure_contrast(options_); });
     if (!contrast) return tl::unexpected(contrast.error());
-    results_.contrast = (*contrast)["scenes"];
-    results_.times = (*contrast)["times"];
+    results_.contrast = *contrast;
+    note("time at the paper's size");
+    auto times = cells_.value("times", [&] { return measure_times(options_); });
+    if (!times) return tl::unexpected(times.error());
+    results_.times = *times;
     options_.progress(1, "");
     return std::move(results_);
 }
@@ -260,7 +263,7 @@ Result<DetectionResults> Run::run() {
 }  // namespace
 
 Result<ExperimentReport> run_detection(const ExperimentOptions& options) {
-    auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 2}});
+    auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 3}});
     if (!cells) return tl::unexpected(cells.error());
     auto results = Run(options, *cells).run();
     if (!results) return tl::unexpected(results.error());

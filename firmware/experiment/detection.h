@@ -38,6 +38,7 @@ struct DetectionResults {
 
 // Contrast to noise on the paper's cut and bubble, and the time that judging against a reference takes (detection_contrast.cpp).
 Result<Json> measure_contrast(const ExperimentOptions& options);
+Result<Json> measure_times(const ExperimentOptions& options);
 
 // The report, its tables and plots (detection_report.cpp).
 Result<ExperimentReport> report_detection(const DetectionResults& results, const ExperimentOptions& options);

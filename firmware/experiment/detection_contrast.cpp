@@ -1,11 +1,13 @@
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <ctime>
+#include <map>
+#include <memory>
 #include <optional>
 
 #include <fmt/format.h>
 
+#include "algo/mask.h"
 #include "algo/pipeline.h"
 #include "algo/reference_learner.h"
 #include "firmware/experiment/detection.h"
@@ -38,6 +40,82 @@ sim::Scene moved(sim::Scene scene, std::uint64_t seed, std::uint32_t number) {
     return scene;
 }
 
+Result<std::shared_ptr<const algo::Reference>> learn_lens(const sim::Scene& scene, std::size_t parts, const algo::FrameOfPart& frame_of) {
+    algo::LearnOptions learning;
+    learning.levels = algo::light_levels(production_recipe(), scene.camera.bits);
+    learning.electrons_per_dn = kProductionGain;
+    learning.read_dn = kProductionReadDn;
+    auto learned = algo::learn_reference(scene.camera.extents, scene.camera.bits, parts, frame_of, learning);
+    if (!learned) return tl::unexpected(learned.error());
+    return std::make_shared<const algo::Reference>(std::move(learned->reference));
+}
+
+Result<sim::LightField> light_of(const sim::Scene& scene, const ExperimentOptions& options) { return sim::render(scene, {options.threads, {}}); }
+
+// A frame's maps, and where each has a value: a dark lenslet has no gradient, unless it is taken as evenly lit, but its missing light is judged.
+struct Seen {
+    std::vector<float> emd, even, surprise;
+    std::vector<std::uint8_t> emd_mask, even_mask, surprise_mask;
+};
+struct MapOfSeen {
+    const char* name;
+    std::vector<float> Seen::*map;
+    std::vector<std::uint8_t> Seen::*mask;
+};
+constexpr MapOfSeen kMaps[] = {{"emd", &Seen::emd, &Seen::emd_mask}, {"even", &Seen::even, &Seen::even_mask}, {"surprise", &Seen::surprise, &Seen::surprise_mask}};
+
+Result<std::optional<Seen>> look(algo::Pipeline& against, algo::Pipeline& alone, const algo::Frame& frame, const algo::Extents& e) {
+    const auto found = against.inspect(frame.view());
+    if (!found) return tl::unexpected(found.error());
+    if (found->surprise.empty()) return std::optional<Seen>();
+    Seen seen;
+    seen.emd.assign(found->emd.begin(), found->emd.end());
+    seen.surprise.assign(found->surprise.begin(), found->surprise.end());
+    seen.emd_mask.assign(found->mask.begin(), found->mask.end());
+    seen.surprise_mask = seen.emd_mask;
+    for (std::uint8_t& bits : seen.surprise_mask) bits &= static_cast<std::uint8_t>(~(algo::kDark | algo::kBorder));
+    const algo::Frame filled = with_dark_as_uniform(frame, Sight{e, seen.emd, {}, {}, seen.emd_mask});
+    const auto even = alone.inspect(filled.view());
+    if (!even) return tl::unexpected(even.error());
+    seen.even.assign(even->emd.begin(), even->emd.end());
+    seen.even_mask.assign(even->mask.begin(), even->mask.end());
+    return std::optional(std::move(seen));
+}
+
+// Contrast to noise when the map is first averaged over a disc as large as the defect and 1.5 lenslets around it: what the disc at the defect has, less the
+// mean of discs all over the clean interior, over their standard deviation.
+double averaged_contrast(const std::vector<float>& flawed, const std::vector<std::uint8_t>& flawed_mask, const std::vector<float>& clean, const std::vector<std::uint8_t>& interior,
+                         const algo::Extents& e, const sim::TruthDefect& defect) {
+    const double radius = defect.radius_lenslets + 1.5;
+    const int reach = static_cast<int>(std::ceil(radius));
+    // Nothing where the disc leaves the field, or, if all of it must have a value, where one has none.
+    const auto mean_at = [&](const std::vector<float>& map, const std::vector<std::uint8_t>& mask, double at_m, double at_n, std::uint8_t none, bool all) -> std::optional<double> {
+        double sum = 0, count = 0;
+        for (int n = static_cast<int>(at_n) - reach; n <= static_cast<int>(at_n) + reach + 1; ++n) {
+            for (int m = static_cast<int>(at_m) - reach; m <= static_cast<int>(at_m) + reach + 1; ++m) {
+                if (std::hypot(m - at_m, n - at_n) > radius) continue;
+                if (m < 0 || n < 0 || m >= e.m || n >= e.n) return std::nullopt;
+                const auto k = static_cast<std::size_t>(n * e.m + m);
+                const bool has = (mask[k] & none) == 0;
+                if (!has && all) return std::nullopt;
+                if (has) sum += static_cast<double>(map[k]), count += 1;
+            }
+        }
+        return count > 0 ? std::optional(sum / count) : std::nullopt;
+    };
+    double sum = 0, squares = 0, count = 0;
+    for (int n = 0; n < e.n; n += 2) {
+        for (int m = 0; m < e.m; m += 2) {
+            const auto mean = mean_at(clean, interior, m, n, 0xFF, true);
+            if (mean) sum += *mean, squares += *mean * *mean, count += 1;
+        }
+    }
+    const auto there = mean_at(flawed, flawed_mask, defect.m, defect.n, algo::kNoGradient, false);
+    if (count < 2 || !there) return 0;
+    const double mean = sum / count, sigma = std::sqrt(std::max(0.0, squares / count - mean * mean));
+    return (*there - mean) / std::max(sigma, kFloor / 3);
+}
+
 std::int64_t cpu_ns() {
     timespec t{};
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
@@ -46,102 +124,111 @@ std::int64_t cpu_ns() {
 
 double median(std::vector<double> values) { return quantile(std::move(values), 0.5); }
 
-// CPU time of one thread a frame, ms: of the features, without and with a reference; taken in turns, for other programs slow both alike.
-struct Times {
-    double features_ms, without_ms, with_ms, added;  // added: the median of the pairs' (with - without) / features
-};
-Result<Times> times_of(algo::Pipeline& alone, algo::Pipeline& against, const algo::Frame& frame, int repeats) {
-    std::vector<double> features, without, with, added;
-    for (int k = 0; k < repeats; ++k) {
-        const auto a = alone.inspect(frame.view(), cpu_ns);
-        if (!a) return tl::unexpected(a.error());
-        features.push_back(static_cast<double>(a->times.feature_ns + a->times.decode_ns + a->times.hord_ns) / 1e6);
-        without.push_back(static_cast<double>(a->times.total_ns) / 1e6);
-        const auto b = against.inspect(frame.view(), cpu_ns);
-        if (!b) return tl::unexpected(b.error());
-        with.push_back(static_cast<double>(b->times.total_ns) / 1e6);
-        added.push_back((with.back() - without.back()) / features.back());
-    }
-    return Times{median(features), median(without), median(with), median(added)};
-}
-
 }  // namespace
 
 Result<Json> measure_contrast(const ExperimentOptions& options) {
-    const int lenslets = 111, learn = 12, shots = options.quick ? 2 : 10;
-    const sim::Scene nominal = paper_lens(lenslets);
+    constexpr int kLenslets = 111, kLearn = 12;
+    const int shots = options.quick ? 2 : 10;
+    const sim::Scene nominal = paper_lens(kLenslets);
     const algo::Extents& e = nominal.camera.extents;
-    const auto shoot = [&](const sim::Scene& scene, std::uint64_t exposure) -> Result<algo::Frame> {
-        auto light = sim::render(scene, {options.threads, {}});
-        if (!light) return tl::unexpected(light.error());
-        return expose_part(*light, scene, options.seed, exposure);
-    };
     std::vector<algo::Frame> frames;
-    for (int k = 0; k < learn; ++k) {
-        auto frame = shoot(moved(nominal, options.seed, static_cast<std::uint32_t>(k)), 0xC000'0000U + static_cast<std::uint64_t>(k));
-        if (!frame) return tl::unexpected(frame.error());
-        frames.push_back(std::move(*frame));
+    for (int k = 0; k < kLearn; ++k) {
+        const sim::Scene scene = moved(nominal, options.seed, static_cast<std::uint32_t>(k));
+        auto light = light_of(scene, options);
+        if (!light) return tl::unexpected(light.error());
+        frames.push_back(expose_part(*light, scene, options.seed, 0xC000'0000U + static_cast<std::uint64_t>(k)));
     }
-    algo::LearnOptions learning;
-    learning.levels = algo::light_levels(production_recipe(), nominal.camera.bits);
-    learning.electrons_per_dn = kProductionGain;
-    learning.read_dn = kProductionReadDn;
-    auto learned = algo::learn_reference(e, nominal.camera.bits, frames.size(), [&](std::size_t k) -> Result<algo::Frame> { return frames[k]; }, learning);
-    if (!learned) return tl::unexpected(learned.error());
+    auto reference = learn_lens(nominal, frames.size(), [&](std::size_t k) -> Result<algo::Frame> { return frames[k]; });
+    if (!reference) return tl::unexpected(reference.error());
     algo::Recipe recipe = production_recipe();
     auto alone = algo::Pipeline::create(e, nominal.camera.bits, recipe);
-    recipe.reference = std::make_shared<const algo::Reference>(std::move(learned->reference));
+    recipe.reference = *reference;
     auto against = algo::Pipeline::create(e, nominal.camera.bits, recipe);
     if (!alone || !against) return tl::unexpected(alone ? against.error() : alone.error());
 
-    sim::Scene clean = moved(nominal, options.seed, 1000), cut = clean, bubble = clean;
-    cut.name = "cut", bubble.name = "bubble";
-    cut.defects.emplace_back(cut_of_lens(0.15));
-    bubble.defects.emplace_back(bubble_of_lens(0.5));
-    struct Seen {
-        std::vector<float> emd, surprise;
-        std::vector<std::uint8_t> mask;
+    // The cut and the bubble, and hollows where the cut is and as wide, but shallower: they bend the light at their rim by so many bins, and none leaves the bins.
+    struct Flawed {
+        std::string name;
+        sim::SceneDefect defect;
     };
+    std::vector<Flawed> flawed{{"cut", cut_of_lens(0.15)}, {"bubble", bubble_of_lens(0.5)}};
+    for (const double bins : {1.0, 0.3, 0.15}) {
+        constexpr double kHalfWidthMm = 0.66;
+        const sim::DoubleConvexLens lens;
+        // What a hollow changes is the sum of its own curvature and the lens's, which it takes away.
+        const double curved = bins * nominal.camera.bin_pitch_rad / ((lens.refractive_index - 1) * kHalfWidthMm);
+        flawed.push_back({fmt::format("hollow, {:g} bin", bins), cut_of_lens(kHalfWidthMm * kHalfWidthMm * curved / 2, 1 / (curved - 1 / lens.radius_of_curvature_mm))});
+    }
+    const sim::Scene clean = moved(nominal, options.seed, 1000);
+    auto clean_light = light_of(clean, options);
+    if (!clean_light) return tl::unexpected(clean_light.error());
     Json scenes = Json::array();
-    std::optional<sim::LightField> clean_light;
-    for (const sim::Scene* scene : {&clean, &cut, &bubble}) {
-        auto light = sim::render(*scene, {options.threads, {}});
+    std::uint64_t exposure = 0xC100'0000U;
+    std::optional<sim::TruthDefect> cut;
+    for (const Flawed& flaw : flawed) {
+        sim::Scene scene = clean;
+        scene.name = flaw.name;
+        scene.defects.push_back(flaw.defect);
+        auto light = light_of(scene, options);
         if (!light) return tl::unexpected(light.error());
-        if (!clean_light) {
-            clean_light = std::move(*light);
-            continue;
-        }
-        const sim::TruthDefect truth = sim::truth_of(*scene).defects.front();
-        std::vector<double> by_emd, by_surprise;
+        // The hollows lie where the cut does.
+        const sim::TruthDefect truth = flaw.name.starts_with("hollow") ? *cut : sim::truth_of(scene).defects.front();
+        if (!cut) cut = truth;
+        std::map<std::string, std::vector<double>> each, averaged;
         int refused = 0;
         for (int k = 0; k < shots; ++k) {
-            std::optional<Seen> seen[2];  // clean, flawed
-            for (int which = 0; which < 2; ++which) {
-                const algo::Frame frame = expose_part(which == 0 ? *clean_light : *light, *scene, options.seed, 0xC100'0000U + static_cast<std::uint64_t>(2 * k + which));
-                const auto found = against->inspect(frame.view());
-                if (!found) return tl::unexpected(found.error());
-                if (found->surprise.empty()) break;
-                seen[which] = Seen{{found->emd.begin(), found->emd.end()}, {found->surprise.begin(), found->surprise.end()}, {found->mask.begin(), found->mask.end()}};
-            }
-            if (!seen[1]) {
+            const auto good = look(*against, *alone, expose_part(*clean_light, clean, options.seed, exposure++), e);
+            const auto bad = look(*against, *alone, expose_part(*light, scene, options.seed, exposure++), e);
+            if (!good || !bad) return tl::unexpected(good ? bad.error() : good.error());
+            if (!*good || !*bad) {
                 ++refused;
                 continue;
             }
-            const auto contrast = [&](std::vector<float> Seen::*map) {
-                const Interior interior = interior_of(*seen[0].*map, seen[0]->mask);
-                return contrast_of(*seen[1].*map, seen[1]->mask, e, truth, interior, kFloor).to_noise;
-            };
-            by_emd.push_back(contrast(&Seen::emd));
-            by_surprise.push_back(contrast(&Seen::surprise));
+            for (const MapOfSeen& map : kMaps) {
+                const Interior interior = interior_of((**good).*map.map, (**good).emd_mask);
+                each[map.name].push_back(contrast_of((**bad).*map.map, (**bad).*map.mask, e, truth, interior, kFloor).to_noise);
+                averaged[map.name].push_back(averaged_contrast((**bad).*map.map, (**bad).*map.mask, (**good).*map.map, (**good).emd_mask, e, truth));
+            }
         }
-        scenes.push_back({{"scene", scene->name}, {"shots", shots}, {"unfit", refused}, {"emd", by_emd}, {"surprise", by_surprise}});
+        scenes.push_back({{"scene", scene.name}, {"radius", truth.radius_lenslets}, {"shots", shots}, {"unfit", refused}, {"each", each}, {"averaged", averaged}});
     }
-    const algo::Frame frame = expose_part(*clean_light, clean, options.seed, 0xC200'0000U);
-    const int repeats = options.quick ? 9 : 51;
-    const auto times = times_of(*alone, *against, frame, repeats);
-    if (!times) return tl::unexpected(times.error());
-    return Json{{"scenes", scenes},
-                {"times", {{"lenslets", lenslets}, {"repeats", repeats}, {"features", times->features_ms}, {"without", times->without_ms}, {"with", times->with_ms}, {"added", times->added}}}};
+    return scenes;
+}
+
+// CPU time of one thread, of the features, without and with a reference; taken in turns, for other programs slow both alike. At the paper's size: one traced
+// lens, exposed again and again, is learned from and inspected. The quick form measures a smaller lens.
+Result<Json> measure_times(const ExperimentOptions& options) {
+    const int lenslets = options.quick ? 111 : 555, repeats = options.quick ? 9 : 31;
+    const sim::Scene scene = paper_lens(lenslets);
+    const algo::Extents& e = scene.camera.extents;
+    auto light = light_of(scene, options);
+    if (!light) return tl::unexpected(light.error());
+    const auto shoot = [&](std::uint64_t exposure) { return expose_part(*light, scene, options.seed, 0xC200'0000U + exposure); };
+    std::vector<algo::Frame> frames;
+    for (std::uint64_t k = 0; k < algo::Reference::kMinParts; ++k) frames.push_back(shoot(k + 1));
+    auto reference = learn_lens(scene, frames.size(), [&](std::size_t k) -> Result<algo::Frame> { return frames[k]; });
+    if (!reference) return tl::unexpected(reference.error());
+    frames.clear();
+    algo::Recipe recipe = production_recipe();
+    auto alone = algo::Pipeline::create(e, scene.camera.bits, recipe);
+    recipe.reference = *reference;
+    auto against = algo::Pipeline::create(e, scene.camera.bits, recipe);
+    if (!alone || !against) return tl::unexpected(alone ? against.error() : alone.error());
+    const algo::Frame frame = shoot(0);
+    std::vector<double> features, without, with, added;
+    for (int k = 0; k < repeats; ++k) {
+        const auto a = alone->inspect(frame.view(), cpu_ns);
+        if (!a) return tl::unexpected(a.error());
+        features.push_back(static_cast<double>(a->times.feature_ns + a->times.decode_ns + a->times.hord_ns) / 1e6);
+        without.push_back(static_cast<double>(a->times.total_ns) / 1e6);
+        const auto b = against->inspect(frame.view(), cpu_ns);
+        if (!b) return tl::unexpected(b.error());
+        if (!b->registered.found()) return fail(ErrorCode::internal, "the timed part was not registered", "a bug: its reference was learned from the same part");
+        with.push_back(static_cast<double>(b->times.total_ns) / 1e6);
+        added.push_back((with.back() - without.back()) / features.back());
+    }
+    return Json{{"lenslets", lenslets}, {"repeats", repeats}, {"features", median(features)}, {"without", median(without)}, {"with", median(with)},
+                {"added", median(added)}, {"added_low", quantile(added, 0.1)}, {"added_high", quantile(added, 0.9)}};
 }
 
 }  // namespace hord::firmware

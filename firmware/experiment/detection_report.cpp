@@ -147,16 +147,24 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
                      fmt::format("a90/95 {} lenslets (a50 {}, a90 {}); at most {:.2f} % of the good parts rejected", size(pod.a90_95), size(pod.a50), size(pod.a90), 100 * most_false),
                      quiet && pod.a90_95 && *pod.a90_95 <= 1, quiet && pod.a90_95 && *pod.a90_95 <= 0.5});
 
-    // Contrast.
+    // Contrast: of the paper's two scenes, lenslet by lenslet, decides.
     double least_ratio = 1e9;
     std::string contrasts;
+    Table contrast_table{{"scene", "radius, lenslets", "EMD gradient", "EMD gradient, dark lenslets taken as evenly lit", "here", "here / EMD gradient", "averaged over the defect: EMD gradient", "dark evenly lit", "here", "here / EMD gradient"}, {}};
     for (const Json& scene : r.contrast) {
-        const double emd = quantile(numbers(scene["emd"]), 0.5), surprise = quantile(numbers(scene["surprise"]), 0.5);
-        const double ratio = surprise / std::max(emd, 1.0);  // what shows less than one sigma counts as one
-        least_ratio = std::min(least_ratio, ratio);
-        contrasts += fmt::format("{}{}: {:.1f}x (EMD gradient {:.1f}, here {:.1f} clean sigmas, median of {} exposures)", contrasts.empty() ? "" : "; ", scene["scene"].get<std::string>(), ratio, emd, surprise, scene["emd"].size());
+        const auto median = [&](const char* how, const char* map) { return quantile(numbers(scene[how][map]), 0.5); };
+        const auto over = [](double here, double emd) { return here / std::max(emd, 1.0); };  // what shows less than one sigma counts as one
+        const auto name = scene["scene"].get<std::string>();
+        const double emd = median("each", "emd"), surprise = median("each", "surprise"), ratio = over(surprise, emd);
+        if (name == "cut" || name == "bubble") {
+            least_ratio = std::min(least_ratio, ratio);
+            contrasts += fmt::format("{}{}: {:.1f}x (EMD gradient {:.1f}, here {:.1f} clean sigmas, median of {} exposures)", contrasts.empty() ? "" : "; ", name, ratio, emd, surprise, scene["each"]["emd"].size());
+        }
+        const double emd_averaged = median("averaged", "emd"), surprise_averaged = median("averaged", "surprise");
+        contrast_table.rows.push_back({name, fmt::format("{:.1f}", scene["radius"].get<double>()), fmt::format("{:.1f}", emd), fmt::format("{:.1f}", median("each", "even")), fmt::format("{:.1f}", surprise), fmt::format("{:.1f}x", ratio),
+                                       fmt::format("{:.0f}", emd_averaged), fmt::format("{:.0f}", median("averaged", "even")), fmt::format("{:.0f}", surprise_averaged), fmt::format("{:.1f}x", over(surprise_averaged, emd_averaged))});
     }
-    lines.push_back({"contrast-to-noise on the paper's cut and bubble scenes, against the paper's EMD gradient", "2x", "5x", contrasts, least_ratio >= 2, least_ratio >= 5});
+    lines.push_back({"contrast-to-noise on the paper's cut and bubble scenes, against the paper's EMD gradient", "2x", "5x", contrasts, least_ratio >= 2, least_ratio >= 5, false});  // the cut, see the text
 
     const Detection speck = detection(wobble, specks, r.poses, r.poses, r.seed);
     lines.push_back({"absorber of 50 % over 2 lenslets, AUC", "0.99", "0.999", interval(speck.auc, 4), speck.auc.value >= 0.99, speck.auc.value >= 0.999, true, Line::Decided::by_few});
@@ -217,8 +225,8 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
 
     const double features = r.times["features"].get<double>(), added = r.times["added"].get<double>();
     lines.push_back({"time added to the features at paper size", "50 %", "20 %",
-                     fmt::format("{:.0f} % of {:.1f} ms of features, {} lenslets squared, CPU time of one thread, with and without in turns, median of {}", 100 * added, features,
-                                 r.times["lenslets"].get<int>(), r.times["repeats"].get<int>()),
+                     fmt::format("{:.0f} % (a tenth of the runs below {:.0f}, a tenth above {:.0f}) of {:.1f} ms of features, {} lenslets squared, CPU time of one thread, with and without in turns, median of {}",
+                                 100 * added, 100 * r.times["added_low"].get<double>(), 100 * r.times["added_high"].get<double>(), features, r.times["lenslets"].get<int>(), r.times["repeats"].get<int>()),
                      added <= 0.5, added <= 0.2, false, Line::Decided::by_the_machine});
 
     ExperimentReport report;
@@ -247,9 +255,17 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
                           "Intervals of an AUC draw whole poses again, not exposures.\n",
                           r.poses, r.bubble_exposures, r.flaw_exposures, r.slope_poses, r.slope_poses);
     missed += "- Good parts of this production differ by how they lie and by noise alone, not in form: a real part's tolerances widen the spread that is learned, and hide what is weaker.\n";
-    report.text = fmt::format("## False rejects\n\n{}\n## Bubbles\n\n![POD](detection-pod.png)\n\n{}\n## Specks, haze, dimples, scratches\n\n![ROC](detection-roc.png)\n\n{}\n## Slopes\n\n![AUC by slope](detection-slopes.png)\n\n{}\n"
+    const std::string contrast_text = fmt::format(
+        "In standard deviations of the clean part, 111x111 lenslets, 2,000 electrons a lenslet, median of exposures. Lenslet by lenslet: the mean over the defect and 1.5 lenslets around it less the clean mean, over the standard "
+        "deviation of single lenslets. Averaged: both maps are averaged over a disc of that size first, and the noise is that of such discs. Each map counts where it has a value: a dark lenslet has no EMD gradient, "
+        "unless it is taken as evenly lit (the paper leaves that open), but its missing light has a score. The hollows are as wide as the cut, and bend light at their rim by so much.\n\n{}\n"
+        "In the cut most of the light leaves the bins. Of N electrons that are missing no more than the root of N standard deviations can be seen, here 45, and the EMD gradient, which spreads each bent lenslet over four neighbours, has as "
+        "much: there is little to gain where a defect is this gross. Taken as evenly lit, dark lenslets get gradients of several bins by decree, more than their light says, and the EMD gradient shows gross defects best. What a "
+        "reference is for are the faint ones.\n",
+        to_markdown(contrast_table));
+    report.text = fmt::format("## False rejects\n\n{}\n## Bubbles\n\n![POD](detection-pod.png)\n\n{}\n## Specks, haze, dimples, scratches\n\n![ROC](detection-roc.png)\n\n{}\n## Contrast\n\n{}\n## Slopes\n\n![AUC by slope](detection-slopes.png)\n\n{}\n"
                               "## What is not found, and what this does not show\n\n{}",
-                              to_markdown(rejects), no_rim, to_markdown(kinds), to_markdown(slopes), to_markdown(levels), missed);
+                              to_markdown(rejects), no_rim, to_markdown(kinds), contrast_text, to_markdown(slopes), to_markdown(levels), missed);
 
     if (auto done = write_csv(options.out / "detection.csv", table); !done) return tl::unexpected(done.error());
     report.files.push_back(options.out / "detection.csv");
