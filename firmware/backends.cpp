@@ -105,13 +105,18 @@ class ChosenBackends final : public Backends {
         if (cell_) cell_->world().feed(on);
     }
 
+    void clear_line() override {
+        if (cell_) cell_->world().take_off([](const sim::PartRecord&) { return true; });
+    }
+
     void watch_line(std::function<void(const Fate&)> fate, std::function<void()> over) override {
         if (!cell_) return;
         sim::World::Watchers watchers;
         watchers.over = std::move(over);
         watchers.part_gone = [this, fate = std::move(fate)](const sim::PartRecord& part) {
             if (!fate) return;
-            fate({part.arrived, rendered_ == nullptr ? std::string() : cell_->world().schedule().kinds[part.kind].name, part.fate == sim::PartRecord::Fate::ejected});
+            fate({part.arrived, rendered_ == nullptr ? std::string() : cell_->world().schedule().kinds[part.kind].name, part.fate == sim::PartRecord::Fate::ejected,
+                  part.fate == sim::PartRecord::Fate::removed});
         };
         cell_->watch(std::move(watchers));
     }

@@ -55,12 +55,15 @@ class Backends {
     virtual void start_line() = 0;
     // Simulated line: parts are put on it, or no more, as a PLC does while the station executes.
     virtual void feed_line(bool on) = 0;
+    // Simulated line: somebody takes every part off it.
+    virtual void clear_line() = 0;
 
     // What truly became of a part of the simulated line; told on the loop's thread.
     struct Fate {
         hal::TimePoint arrived;  // equals the part's edge
         std::string kind;        // "good", "bubble", ...; empty where nobody knows (recorded frames)
         bool ejected = false;
+        bool taken_off = false;  // by clear_line()
     };
     // `over`: the simulated line has brought its last part, which has left. A real line never ends.
     virtual void watch_line(std::function<void(const Fate&)> fate, std::function<void()> over) = 0;

@@ -447,6 +447,10 @@ Result<void> Service::run() {
 
 void Service::stop() { parts_->loop->request_stop(); }
 Result<std::vector<std::string>> Service::reload(const Config& config) { return parts_->reload(config); }
+void Service::look_after_line() {
+    parts_->backends->clear_line();
+    parts_->station->request(Command::reset);
+}
 void Service::roll_call(std::function<void()> all_here) { parts_->inspector->roll_call(std::move(all_here)); }
 SdEventLoop& Service::loop() { return *parts_->loop; }
 Backends& Service::backends() { return *parts_->backends; }

@@ -26,7 +26,7 @@ struct RunOptions {
     bool simulate = false, json = false;
     std::uint64_t parts = 0, seed = 1;
     double rate = 10, good = 0.7;
-    int variety = 4, vitals_every_s = 10, realtime = 0;
+    int variety = 4, vitals_every_s = 10, realtime = 0, reset_after_s = 0;
 };
 
 constexpr const char* kRejectStates[] = {"not-needed", "commanded", "confirmed", "failed", "late"};
@@ -43,6 +43,7 @@ Json to_json(const PartResult& result, const Backends::Fate* fate) {
     if (fate != nullptr) {
         if (!fate->kind.empty()) json["truth"] = fate->kind;
         json["ejected"] = fate->ejected;
+        if (fate->taken_off) json["taken_off"] = true;
     }
     return json;
 }
@@ -83,7 +84,7 @@ class Run {
         service_ = std::move(*service);
         fmt::print(stderr, "registers at {}\n", service_->registers_address());
         progress_ = std::make_unique<Progress>("parts", options_.parts == 0);
-        if (options_.parts > 0) look_whether_it_stands(0);
+        if (options_.parts > 0 || options_.reset_after_s > 0) look_whether_it_stands(0);
         if (!options_.vitals.empty()) service_->loop().post([this] { look_at_vitals(); });
         if (options_.realtime > 0) {
             for (const Error& refused : take_realtime_policy(options_.realtime)) say(refused.message());
@@ -162,11 +163,16 @@ class Run {
         if (line_over_ && fates_.empty() && results_.empty()) end();
     }
 
-    // A line that the station has stopped brings no more parts: a run of so many parts ends there.
+    // A line that the station has stopped brings no more parts: somebody comes and resets it, or a run of so many parts ends there.
     void look_whether_it_stands(int seconds_stopped) {
         const Snapshot now = service_->snapshot();
-        const int stopped = now.line_stop || now.state == State::error ? seconds_stopped + 1 : 0;
-        if (stopped > kWaitsForReset) return end();
+        int stopped = now.line_stop || now.state == State::error ? seconds_stopped + 1 : 0;
+        if (options_.reset_after_s > 0 && stopped > options_.reset_after_s) {
+            stopped = 0;
+            ++resets_;
+            service_->look_after_line();
+        }
+        if (options_.reset_after_s == 0 && stopped > kWaitsForReset) return end();
         service_->loop().call_after(milliseconds(1000), [this, stopped] { look_whether_it_stands(stopped); });
     }
 
@@ -174,7 +180,7 @@ class Run {
         const auto result = results_.find(arrived);
         const auto fate = fates_.find(arrived);
         if (result == results_.end() || fate == fates_.end()) return;
-        report_.add(result->second, fate->second.kind, fate->second.ejected);
+        report_.add(result->second, fate->second.kind, fate->second.ejected, fate->second.taken_off);
         if (options_.json) fmt::print("{}\n", to_json(result->second, &fate->second).dump());
         gallery_.settle(result->second.part, fate->second.kind);
         ++settled_;
@@ -208,6 +214,7 @@ class Run {
         const Duration elapsed = last_seen_.time_since_epoch() - Duration(first_arrival_ns_);
         std::FILE* out = options_.json ? stderr : stdout;
         fmt::print(out, "\n{}", report_.parts() > 0 ? report_.text(elapsed) : std::string("no part came\n"));
+        if (options_.reset_after_s > 0) fmt::print(out, "the line was stopped and reset {} times\n", resets_);
         if (!options_.vitals.empty()) {
             fmt::print(out, "{}", vitals_.text());
             if (auto written = vitals_.write(options_.vitals); !written) return complain(written.error());
@@ -239,7 +246,7 @@ class Run {
     Gallery gallery_;
     std::map<std::int64_t, PartResult> results_;  // by arrival, until their fate is known
     std::map<std::int64_t, Backends::Fate> fates_;
-    std::size_t settled_ = 0;
+    std::size_t settled_ = 0, resets_ = 0;
     bool seen_any_ = false;
     std::int64_t first_arrival_ns_ = 0;
     hal::TimePoint last_seen_{};
@@ -272,6 +279,10 @@ void add_run(CLI::App& program, Exit& status) {
         ->capture_default_str();
     command->add_option("--vitals", options->vitals, "CSV file for latencies, memory, descriptors and processor time over the run; the report shows them, too");
     command->add_option("--vitals-every", options->vitals_every_s, "Seconds a line of it")->check(CLI::Range(1, 3600))->capture_default_str();
+    command->add_option("--reset-after", options->reset_after_s,
+                        "Seconds after which somebody resets a station that stopped the line, the simulated line's parts taken off; 0: nobody")
+        ->check(CLI::Range(0, 3600))
+        ->capture_default_str();
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
     command->footer("Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended in an error.\n"
                     "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");

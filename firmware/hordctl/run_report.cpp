@@ -15,7 +15,7 @@ std::string line(const char* what, const LatencyCounts& counts) {
 
 }  // namespace
 
-void RunReport::add(const PartResult& result, const std::string& kind, bool ejected) {
+void RunReport::add(const PartResult& result, const std::string& kind, bool ejected, bool taken_off) {
     verdicts_.add(result.latency_us);
     if (result.reject == RejectState::confirmed) rejects_.add(result.reject_latency_us);
     Row& row = rows_[kind];
@@ -25,7 +25,8 @@ void RunReport::add(const PartResult& result, const std::string& kind, bool ejec
     row.unfit += result.verdict == PartVerdict::unfit ? 1 : 0;
     row.ejected += ejected ? 1 : 0;
     if (result.reason != PartReason::none) ++reasons_[result.reason];
-    if (!kind.empty() && (kind == "good") == ejected) ++wrong_;
+    taken_off_ += taken_off ? 1U : 0U;
+    if (!kind.empty() && !taken_off && (kind == "good") == ejected) ++wrong_;
 }
 
 std::string RunReport::text(hal::Duration elapsed) const {
@@ -37,7 +38,8 @@ std::string RunReport::text(hal::Duration elapsed) const {
         out += fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7}", kind.empty() ? "all" : kind, row.parts, row.pass, row.reject, row.unfit);
         out += kind.empty() ? std::string("\n") : fmt::format(" {:>9}\n", row.ejected);
     }
-    if (truth_known) out += fmt::format("{} of {} parts left the line by the right way\n", parts() - wrong_, parts());
+    if (truth_known) out += fmt::format("{} of {} parts left the line by the right way\n", parts() - taken_off_ - wrong_, parts());
+    if (taken_off_ > 0) out += fmt::format("{} were taken off the stopped line by hand\n", taken_off_);
 
     if (!reasons_.empty()) {
         out += "reasons:";

@@ -14,8 +14,8 @@ namespace hord::firmware {
 class RunReport {
   public:
     // `kind` is what the part truly was ("good", "bubble", ...); empty where nobody knows. `ejected` is whether it truly
-    // left the line through the ejector; only looked at where the kind is known.
-    void add(const PartResult& result, const std::string& kind, bool ejected);
+    // left the line through the ejector; only looked at where the kind is known. `taken_off`: a person took it off the stopped line.
+    void add(const PartResult& result, const std::string& kind, bool ejected, bool taken_off);
 
     [[nodiscard]] std::size_t parts() const { return verdicts_.count(); }
 
@@ -27,12 +27,12 @@ class RunReport {
 
   private:
     struct Row {
-        std::size_t parts = 0, pass = 0, reject = 0, unfit = 0, ejected = 0;
+        std::size_t parts = 0, pass = 0, reject = 0, unfit = 0, ejected = 0, taken_off = 0;
     };
     LatencyCounts verdicts_, rejects_;
     std::map<std::string, Row> rows_;
     std::map<PartReason, std::size_t> reasons_;
-    std::size_t wrong_ = 0;
+    std::size_t wrong_ = 0, taken_off_ = 0;
 };
 
 }  // namespace hord::firmware

@@ -161,9 +161,11 @@ void World::feed(bool on) {
         if (next != nullptr) next->touches_ahead = false;
         if (ahead != nullptr) ahead->touched_behind = false;
     } else {
+        // It was held before the sensor. In real time a part may have been due there already when a busy machine came to stop the feed.
         const double stood = at_mm - *std::exchange(unfed_since_mm_, std::nullopt);
-        if (next != nullptr) next->front_mm += stood;
-        last_front_mm_ += stood;
+        const double shift = next == nullptr ? stood : std::max(stood, at_mm - next->front_mm);
+        if (next != nullptr) next->front_mm += shift;
+        last_front_mm_ += shift;
     }
     plan();
 }

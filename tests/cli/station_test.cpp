@@ -4,6 +4,7 @@
 #include <fstream>
 #include <set>
 #include <sstream>
+#include <thread>
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -121,6 +122,21 @@ TEST(Run, vitals_are_written_and_stay_flat) {
     EXPECT_LE(parts, 60);
     EXPECT_EQ(rows.back()[8], rows[1][8]) << "descriptors";
     EXPECT_LT(rows.back()[7], rows[1][7] + 8'000) << "kB of memory";
+}
+
+// A process that was held up for longer than a part's way to the ejector has stopped its line; somebody resets it, and the parts go on.
+TEST(Run, is_reset_after_it_was_held_up_and_goes_on) {
+    Running station("hordctl", {"run", "--simulate", "--variety", "1", "--modbus", "127.0.0.1:0", "--reset-after", "1", "--json"});
+    ASSERT_TRUE(station.says("\"part\":3", std::chrono::seconds(120))) << station.so_far().err;
+    station.signal(SIGSTOP);
+    std::this_thread::sleep_for(std::chrono::seconds(2));
+    station.signal(SIGCONT);
+    ASSERT_TRUE(station.says("Error to Initialized", std::chrono::seconds(120))) << station.so_far().err;
+    const std::string& out = station.so_far().out;
+    const int last = std::stoi(out.substr(out.rfind("\"part\":") + 7));
+    EXPECT_TRUE(station.says("\"part\":" + std::to_string(last + 20) + ",", std::chrono::seconds(120))) << station.so_far().err;
+    const Said said = station.stop(SIGINT);
+    EXPECT_THAT(said.err, HasSubstr("the line was stopped and reset"));
 }
 
 // The port that a running station said it listens at.

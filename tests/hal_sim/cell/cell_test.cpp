@@ -116,6 +116,31 @@ TEST_F(Cell, without_feed_no_part_comes_and_afterwards_they_come_as_far_apart_as
     EXPECT_NEAR(fronts_mm[2] - fronts_mm[1], options_.schedule.pitch_mm, 1e-6);
 }
 
+// A machine that stood still while the part came, and stopped the feed before it looked at anything else.
+TEST_F(Cell, a_part_that_was_due_when_the_feed_stopped_comes_when_it_goes_on) {
+    options_.schedule.parts = 3;
+    std::vector<hal::TimePoint> came;
+    auto made = SimulatedCell::make(loop_, frames_, options_);
+    ASSERT_TRUE(made) << made.error().message();
+    cell_ = std::move(*made);
+    cell_->watch({.part_edge = [&](const PartRecord& part, bool arrives, hal::TimePoint at) {
+        if (arrives) came.push_back(at);
+        if (part.number != 1 || arrives) return;
+        loop_.stall(5s);
+        cell_->world().feed(false);
+    }});
+    station_.emplace(*cell_, options_);
+    cell_->start();
+    loop_.run_for(1h);
+    ASSERT_EQ(came.size(), 1U);
+    const hal::TimePoint again = loop_.now();
+    cell_->world().feed(true);
+    loop_.run_for(1h);
+    ASSERT_EQ(came.size(), 3U);
+    EXPECT_GE(came[1], again);
+    EXPECT_EQ(came[2] - came[1], 100ms);
+}
+
 TEST_F(Cell, edges_have_the_true_time_and_the_records_name_it) {
     const auto& station = run();
     ASSERT_EQ(station.edges.size(), 80U);
