@@ -65,6 +65,12 @@ class Run {
         Config config;
         // Without a configuration: a camera far enough behind the part sensor for a machine that has other things to do.
         config.core.exposure_delay = milliseconds(100);
+        // And more time for a rejection, where parts come 50 ms apart or more.
+        if (options_.rate <= 20) {
+            config.core.min_gap = milliseconds(35);
+            config.core.reject_pulse = milliseconds(30);
+            config.core.reject_early = milliseconds(15);
+        }
         if (!options_.config.empty()) {
             auto loaded = load_config(options_.config);
             if (!loaded) return complain(loaded.error());

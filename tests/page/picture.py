@@ -14,7 +14,7 @@ def main():
         browser = Browser(folder)
         try:
             browser.open(sys.argv[1])
-            wait_for("the picture of a reject", lambda: browser.run("const m = document.getElementById('map'); return !!m && m.complete && m.naturalWidth > 0")), 30)
+            wait_for("the picture of a reject", lambda: browser.run("const m = document.getElementById('map'); return !!m && m.complete && m.naturalWidth > 0"), 30)
             browser.screenshot(sys.argv[2], 1024, 1366, False, whole=True)
         finally:
             browser.close()
