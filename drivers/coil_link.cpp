@@ -193,12 +193,14 @@ Result<void> CoilLink::write_and_look(const std::string& what, int coil, bool on
     const hal::TimePoint by = clock_.now() + timeout;
     const auto written = exchange(what, timeout, Again::no, [&](modbus_t* m) { return modbus_write_bit(m, coil, on ? 1 : 0) == 1; });
     if (!written && (!connected_ || written.error().code == ErrorCode::refused)) return written;
+    acknowledged_ = clock_.now();
     if (written && !must_read_back) return {};
     std::uint8_t value = 0;
     const auto read_it = [&](modbus_t* m) { return modbus_read_bits(m, read_at, 1, &value) == 1; };
     const auto back = exchange(which("coil", read_at) + " cannot be read back", address_.serial ? timeout : by - clock_.now(), written ? Again::yes : Again::no, read_it);
     if (!back && !written && connected_ && back.error().code == ErrorCode::io) return failed(what, ETIMEDOUT);  // twice nothing
     if (!back) return back;
+    if (!written) acknowledged_ = clock_.now();
     if ((value != 0) == on) return {};
     if (!written) return written;
     return fail(ErrorCode::refused, which("coil", coil) + " does not read back as written",

@@ -67,6 +67,8 @@ class CoilLink {
 
     // How long an answer takes lately, rather too long; zero before the first.
     [[nodiscard]] hal::Duration usual() const { return usual_; }
+    // When the last write or command that succeeded was acknowledged, before it was read back: until then the output had moved.
+    [[nodiscard]] hal::TimePoint acknowledged() const { return acknowledged_; }
     [[nodiscard]] std::string name() const;
 
   private:
@@ -88,6 +90,7 @@ class CoilLink {
     hal::TimePoint last_byte_{};
     hal::TimePoint give_up_ = hal::TimePoint::max();
     hal::Duration usual_{};
+    hal::TimePoint acknowledged_{};
     std::unique_ptr<Context> context_;
 };
 

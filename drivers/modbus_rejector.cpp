@@ -217,8 +217,8 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         if (link.connected()) acting_until = std::max(until, acting_until.value_or(until));
         if (!written) return report(job, Outcome::failed);
         if (now() >= until) return report(job, Outcome::late);
-        if (options.confirm_input < 0) return report(job, Outcome::confirmed);
-        awaited.push_back({job, now(), until + options.confirm_within});
+        if (options.confirm_input < 0) return report(job, Outcome::confirmed, link.acknowledged());
+        awaited.push_back({job, link.acknowledged(), until + options.confirm_within});
         next_look = now();
     }
 

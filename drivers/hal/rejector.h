@@ -22,7 +22,7 @@ struct RejectReport {
     };
     std::uint32_t part = 0;
     Outcome outcome = Outcome::failed;
-    TimePoint at;  // when the acknowledgement came, or was given up
+    TimePoint at;  // when the write was acknowledged (the output had moved by then), or was given up
 };
 
 class Rejector {

@@ -64,6 +64,22 @@ TEST_F(Rejector, a_late_answer_costs_its_own_command_at_most_and_never_acts_twic
     EXPECT_LE(times_on(kEjector), 6);
 }
 
+// The output had moved when the write was acknowledged, however long the module then takes to be read.
+TEST_F(Rejector, a_rejection_is_told_with_the_time_at_which_its_write_was_acknowledged) {
+    options_.response_timeout = 900ms;
+    options_.check_every = 60s;
+    start_and_wait();
+    constexpr hal::Duration kSlow = 100ms;
+    module_->misbehave_at_reads(CoilFault::late, 1, kSlow);
+    ASSERT_EQ(reject(1), Outcome::confirmed);
+    EXPECT_EQ(module_->misbehaved(), 1);
+    const auto history = module_->history();
+    const auto moved = std::ranges::find_if(history, [](const auto& move) { return move.coil == kEjector && move.on; });
+    ASSERT_NE(moved, history.end());
+    EXPECT_GE(ear_.reports.back().at, moved->at);
+    EXPECT_LE(ear_.reports.back().at + kSlow, loop_->now());
+}
+
 TEST_F(Rejector, an_answer_that_drips_in_byte_by_byte_is_not_waited_for) {
     start_and_wait();
     module_->misbehave(CoilFault::drip, 1, kTimeout / 2);
