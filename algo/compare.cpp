@@ -198,6 +198,20 @@ double total(const float (&lanes)[kLanes]) {
     for (int l = 0; l < kLanes / 2; ++l) sum += static_cast<double>(lanes[l] + lanes[l + kLanes / 2]);
     return sum;
 }
+// The same of four at once.
+void totals(const float (*lanes)[kLanes], double* sums) {
+    using Four = Vector<float, 4 * sizeof(float)>;
+    using FourDoubles = Vector<double, 4 * sizeof(double)>;
+    const auto halves = [&](int k) { return load<Four>(lanes[k]) + load<Four>(lanes[k] + kLanes / 2); };
+    const Four a = halves(0), b = halves(1), c = halves(2), d = halves(3);
+    const Four ab_low = __builtin_shufflevector(a, b, 0, 4, 1, 5), ab_high = __builtin_shufflevector(a, b, 2, 6, 3, 7);
+    const Four cd_low = __builtin_shufflevector(c, d, 0, 4, 1, 5), cd_high = __builtin_shufflevector(c, d, 2, 6, 3, 7);
+    const auto wide = [](const Four& lane) { return __builtin_convertvector(lane, FourDoubles); };
+    store(((wide(__builtin_shufflevector(ab_low, cd_low, 0, 1, 4, 5)) + wide(__builtin_shufflevector(ab_low, cd_low, 2, 3, 6, 7))) +
+           wide(__builtin_shufflevector(ab_high, cd_high, 0, 1, 4, 5))) +
+              wide(__builtin_shufflevector(ab_high, cd_high, 2, 3, 6, 7)),
+          sums);
+}
 
 constexpr int floor_of(double v) {
     const int towards_zero = static_cast<int>(v);
@@ -373,8 +387,8 @@ bool Comparer::interpolate(double m, double n, double light, float& expected, st
     float* const out = golden_.data() + kRoom;
     std::fill(out + around_.first * kLanes - reach - kLanes, out + first, 0.0F);
     std::fill(out + last, out + (around_.last + 1) * kLanes + reach + kLanes, 0.0F);
+    lit_now_ = lit;
     share_ = gather_(taps, first, last, out);
-    scatter_(out, around_.first, around_.last, first, last, padded_i_, half_.data() + kRoom, scattered_.data() + kRoom);
     expected = static_cast<float>(golden * static_cast<double>(share_));
     return true;
 }
@@ -433,6 +447,7 @@ void Comparer::compare(const Lenslet& lenslet, int m, int n, const PoseMap& pose
     if ((bits & kDark) != 0 || !lenslet.has_hord || !(share_ > 0)) return;
 
     spread_out_(lenslet.samples, lenslet.line_stride, lenslet.wide, lenslet.dark, e.i, e.j, mass_.data() + kRoom + reference_.place(0, 0));
+    scatter_(golden_.data() + kRoom, around_.first, around_.last, lit_now_.first, lit_now_.last, padded_i_, half_.data() + kRoom, scattered_.data() + kRoom);
     using Sums = Templates;
     Templates t;
     Bins bins{golden_.data() + kRoom, scattered_.data() + kRoom, mass_.data() + kRoom, here_.data() + kRoom, blocks_, padded_i_, static_cast<float>(sum / static_cast<double>(share_)),
@@ -442,7 +457,9 @@ void Comparer::compare(const Lenslet& lenslet, int m, int n, const PoseMap& pose
     if (light < 1) bins.noise.empty = std::max(bins.noise.empty, static_cast<float>(floor * (1 - light) * (1 - light)));
     project_(bins, around_.first, around_.last, t);
     double sums[Sums::kSums];
-    for (int k = 0; k < Sums::kSums; ++k) sums[k] = total(t.of[k]);
+    totals(t.of, sums), totals(t.of + 4, sums + 4);
+    sums[8] = total(t.of[8]);
+    static_assert(Sums::kSums == 9);
     const auto of = [&](Sums::Sum which) { return sums[which]; };
     const double xx = of(Sums::xx), xy = of(Sums::xy), xb = of(Sums::xb), yy = of(Sums::yy), yb = of(Sums::yb), bb = of(Sums::bb);
     const double rx = of(Sums::rx), ry = of(Sums::ry), rb = of(Sums::rb);

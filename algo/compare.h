@@ -115,6 +115,7 @@ class Comparer {
     struct Blocks {
         int first, last;  // of eight shares
     } around_{};                               // of the golden HORD that was interpolated last: with what scattering reaches
+    Lit lit_now_{};                            // and where its light is
     float share_ = 1;                          // and the sum of its shares at the part's light
     double clipped_ = 0;                       // of a typical lenslet's light, by the dark level
     float (*gather_)(const Taps& taps, int first, int last, float* out);

@@ -15,6 +15,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "algo/read_noise.h"
 #include "algo/reference_learner.h"
 #include "firmware/recipe_folder.h"
 #include "firmware/reference_file.h"
@@ -295,8 +296,10 @@ Result<Taught> LineTeacher::learn() {
     Taught taught{lesson_->recipe, {}};
     algo::LearnOptions options;
     options.levels = algo::light_levels(taught.recipe.recipe, options_.bits);
-    options.read_dn = static_cast<float>(options.levels.dark) / 5;  // as hordctl learn's default
     const auto frame_of = [this](std::size_t k) { return spooled(k); };
+    // As hordctl learn does; where no bin is without light, the default dark level's fifth (algo/recipe.h).
+    const auto read = algo::read_noise_of(options_.extents, options.levels, lesson_->parts, frame_of);
+    options.read_dn = read.value_or(static_cast<float>(options.levels.dark) / 5);
     auto learned = algo::learn_reference(options_.extents, options_.bits, lesson_->parts, frame_of, options);
     if (cancelled_) return tl::unexpected(cancelled_error());
     if (!learned) {

@@ -157,32 +157,52 @@ double factor_for(const std::vector<JudgedPart>& tuning) {
 
 class Run {
   public:
-    Run(const ExperimentOptions& options, Cells& cells) : options_(options), cells_(cells), sizes_(options.quick ? kQuick : kFull) {}
+    Run(const ExperimentOptions& options, Cells& cells, bool only_finished) : options_(options), cells_(cells), sizes_(options.quick ? kQuick : kFull), only_finished_(only_finished) {}
     Result<DetectionResults> run();
 
   private:
     Result<void> judge(Production& production, const Figure& figure);
-    Result<Json> judged_before(const std::string& key, const std::function<Result<Json>()>& compute) { return cells_.value(key, compute); }
+    Result<void> judge_chunk(Production& production, const Figure& figure, int first);
+    Result<std::shared_ptr<const algo::Reference>> learn(const sim::Scene& scene, const std::string& what);
+    Result<Json> value(const std::string& key, const std::function<Result<Json>()>& compute);
     void note(const std::string& what) { options_.progress(std::min(0.99, done_ / total_), what); }
 
     const ExperimentOptions& options_;
     Cells& cells_;
     Sizes sizes_;
+    bool only_finished_;  // nothing is computed: what no cell has is missing in the results
     DetectionResults results_;
     double done_ = 0, total_ = 1;
 };
 
+Result<Json> Run::value(const std::string& key, const std::function<Result<Json>()>& compute) {
+    if (!only_finished_) return cells_.value(key, compute);
+    const Json* kept = cells_.find(key);
+    return kept != nullptr ? *kept : Json();
+}
+
+Result<void> Run::judge_chunk(Production& production, const Figure& figure, int first) {
+    note(figure.name);
+    results_.wanted[figure.name] = static_cast<std::size_t>(figure.parts);
+    const int count = std::min(kChunk, figure.parts - first);
+    auto cell = value(fmt::format("{} {}", figure.name, first), [&] { return production.judge(figure, first, count, options_.threads); });
+    if (!cell) return tl::unexpected(cell.error());
+    for (const Json& one : *cell) results_.parts[figure.name].push_back(from_json(one));
+    done_ += count;
+    return {};
+}
+
 Result<void> Run::judge(Production& production, const Figure& figure) {
-    auto& all = results_.parts[figure.name];
     for (int first = 0; first < figure.parts; first += kChunk) {
-        note(figure.name);
-        const int count = std::min(kChunk, figure.parts - first);
-        auto cell = cells_.value(fmt::format("{} {}", figure.name, first), [&] { return production.judge(figure, first, count, options_.threads); });
-        if (!cell) return tl::unexpected(cell.error());
-        for (const Json& one : *cell) all.push_back(from_json(one));
-        done_ += count;
+        if (auto done = judge_chunk(production, figure, first); !done) return done;
     }
     return {};
+}
+
+Result<std::shared_ptr<const algo::Reference>> Run::learn(const sim::Scene& scene, const std::string& what) {
+    note(what);
+    if (only_finished_) return std::shared_ptr<const algo::Reference>();
+    return learn_production(scene, sizes_.learn, 1, options_.seed);
 }
 
 Result<DetectionResults> Run::run() {
@@ -196,12 +216,12 @@ Result<DetectionResults> Run::run() {
     total_ = s.tune + 11.0 * s.good + s.bubbles * s.bubble_exposures + 2.0 * s.flaws * s.flaw_exposures + 2.0 * static_cast<double>(results_.slopes.size()) * s.slope_poses * s.slope_exposures;
 
     const sim::Scene round = round_part();
-    note("learning the round part");
-    auto reference = learn_production(round, s.learn, 1, options_.seed);
+    auto reference = learn(round, "learning the round part");
     if (!reference) return tl::unexpected(reference.error());
 
     Production tuning(round, *reference, 1, options_.seed);
     if (auto done = judge(tuning, {.name = "tune", .parts = s.tune, .stream = Stream::tune}); !done) return tl::unexpected(done.error());
+    if (static_cast<int>(results_.parts["tune"].size()) < s.tune) return fail(ErrorCode::invalid_argument, "the limits are not tuned yet: no figure is finished", "let the experiment run on");
     results_.factor = factor_for(results_.parts["tune"]);
     results_.tuned_on = s.tune;
 
@@ -210,11 +230,8 @@ Result<DetectionResults> Run::run() {
         {.name = "still", .wobble = 0, .parts = s.good, .poses = 1},
         {.name = "wobble", .parts = s.good, .poses = s.poses},
         {.name = "wobble, LED 70 %", .led = kLedLoss, .parts = s.good, .poses = s.poses},
-        {.name = "bubble", .flaw = Flaw::bubble, .parts = s.bubbles * s.bubble_exposures, .exposures = s.bubble_exposures},
         {.name = "speck", .flaw = Flaw::speck, .size = kSpeckRadius, .parts = s.good, .poses = s.poses},
         {.name = "haze", .flaw = Flaw::haze, .size = kHazeRadius, .parts = s.good, .poses = s.poses},
-        {.name = "dimple", .flaw = Flaw::dimple, .size = 1.5, .parts = s.flaws * s.flaw_exposures, .exposures = s.flaw_exposures},
-        {.name = "scratch", .flaw = Flaw::scratch, .size = 4, .parts = s.flaws * s.flaw_exposures, .exposures = s.flaw_exposures},
     };
     for (const Figure& figure : figures) {
         if (auto done = judge(production, figure); !done) return tl::unexpected(done.error());
@@ -223,8 +240,7 @@ Result<DetectionResults> Run::run() {
     {
         sim::Scene deep = round;
         deep.camera.bits = 16;
-        note("learning for the light levels");
-        auto learned = learn_production(deep, s.learn, 1, options_.seed);
+        auto learned = learn(deep, "learning for the light levels");
         if (!learned) return tl::unexpected(learned.error());
         Production levels(deep, *learned, results_.factor, options_.seed);
         for (const double electrons : kLightLevels) {
@@ -237,8 +253,7 @@ Result<DetectionResults> Run::run() {
     }
     for (const double slope : results_.slopes) {
         const sim::Scene scene = strip(slope);
-        note(fmt::format("learning slope {:g}", slope));
-        auto learned = learn_production(scene, s.learn, 1, options_.seed);
+        auto learned = learn(scene, fmt::format("learning slope {:g}", slope));
         if (!learned) return tl::unexpected(learned.error());
         Production strips(scene, *learned, results_.factor, options_.seed);
         const int parts = s.slope_poses * s.slope_exposures;
@@ -249,25 +264,46 @@ Result<DetectionResults> Run::run() {
         }
     }
     note("contrast on the paper's scenes");
-    auto contrast = cells_.value("contrast", [&] { return measure_contrast(options_); });
+    auto contrast = value("contrast", [&] { return measure_contrast(options_); });
     if (!contrast) return tl::unexpected(contrast.error());
     results_.contrast = *contrast;
     note("time at the paper's size");
-    auto times = cells_.value("times", [&] { return measure_times(options_); });
+    auto times = value("times", [&] { return measure_times(options_); });
     if (!times) return tl::unexpected(times.error());
     results_.times = *times;
+    // What is traced part by part takes longest; in turns, so that an interrupted run has some of each.
+    const Figure traced[] = {
+        {.name = "bubble", .flaw = Flaw::bubble, .parts = s.bubbles * s.bubble_exposures, .exposures = s.bubble_exposures},
+        {.name = "dimple", .flaw = Flaw::dimple, .size = 1.5, .parts = s.flaws * s.flaw_exposures, .exposures = s.flaw_exposures},
+        {.name = "scratch", .flaw = Flaw::scratch, .size = 4, .parts = s.flaws * s.flaw_exposures, .exposures = s.flaw_exposures},
+    };
+    for (int first = 0, left = 1; left > 0; first += kChunk) {
+        left = 0;
+        for (const Figure& figure : traced) {
+            if (first >= figure.parts) continue;
+            if (auto done = judge_chunk(production, figure, first); !done) return tl::unexpected(done.error());
+            ++left;
+        }
+    }
     options_.progress(1, "");
     return std::move(results_);
 }
 
 }  // namespace
 
-Result<ExperimentReport> run_detection(const ExperimentOptions& options) {
+namespace {
+
+Result<ExperimentReport> run_or_report(const ExperimentOptions& options, bool only_finished) {
     auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 3}});
     if (!cells) return tl::unexpected(cells.error());
-    auto results = Run(options, *cells).run();
+    auto results = Run(options, *cells, only_finished).run();
     if (!results) return tl::unexpected(results.error());
     return report_detection(*results, options);
 }
+
+}  // namespace
+
+Result<ExperimentReport> run_detection(const ExperimentOptions& options) { return run_or_report(options, false); }
+Result<ExperimentReport> report_finished_detection(const ExperimentOptions& options) { return run_or_report(options, true); }
 
 }  // namespace hord::firmware

@@ -12,6 +12,8 @@
 namespace hord::firmware {
 
 Result<ExperimentReport> run_detection(const ExperimentOptions& options);
+// What an interrupted run has finished, and nothing more: figures that have too few parts say so.
+Result<ExperimentReport> report_finished_detection(const ExperimentOptions& options);
 
 inline constexpr double kLightLevels[] = {200, 2000, 20000};  // electrons a lenslet
 
@@ -29,10 +31,11 @@ struct DetectionResults {
     double factor = 1;       // on the recipe's default limits, from the tuning parts
     int tuned_on = 0;
     std::map<std::string, std::vector<JudgedPart>> parts;  // by figure
+    std::map<std::string, std::size_t> wanted;             // so many parts a figure has when it is finished
     int poses = 0, slope_poses = 0;  // part k of a figure that is exposed again and again lies like part k % poses
     int bubble_exposures = 1, flaw_exposures = 1;  // that follow one another, of one traced part
     std::vector<double> slopes;
-    Json contrast, times;
+    Json contrast, times;    // null while they are not finished
     std::uint64_t seed = 1;
 };
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdint>
 #include <fstream>
+#include <functional>
 
 #include <fmt/format.h>
 
@@ -18,6 +19,16 @@ namespace {
 constexpr int kRepeats = 1000;  // of a bootstrap
 
 using Parts = std::vector<JudgedPart>;
+
+const Parts& parts_of(const DetectionResults& r, const std::string& figure) {
+    static const Parts kNone;
+    const auto found = r.parts.find(figure);
+    return found == r.parts.end() ? kNone : found->second;
+}
+bool finished(const DetectionResults& r, const std::string& figure) {
+    const auto wanted = r.wanted.find(figure);
+    return wanted != r.wanted.end() && parts_of(r, figure).size() >= wanted->second;
+}
 
 double share_above(const Parts& parts, double limit) {
     return parts.empty() ? 0 : static_cast<double>(std::ranges::count_if(parts, [&](const JudgedPart& p) { return p.score >= limit; })) / static_cast<double>(parts.size());
@@ -80,6 +91,7 @@ struct Line {
     bool reached_least, reached_aim;
     bool expected = true;  // that the least is reached: how it came out when docs/results was written
     enum class Decided : std::uint8_t { by_many, by_few, by_the_machine } decided = Decided::by_many;  // parts; a time is no claim
+    bool finished = true;
 };
 
 std::vector<double> numbers(const Json& json) { return json.get<std::vector<double>>(); }
@@ -87,25 +99,26 @@ std::vector<double> numbers(const Json& json) { return json.get<std::vector<doub
 // gnuplot: ROC curves of some figures against the good parts.
 std::string roc_script(const DetectionResults& r, const std::vector<std::string>& figures) {
     std::string script, plots;
-    const Parts& good = r.parts.at("wobble");
+    const Parts& good = parts_of(r, "wobble");
     for (std::size_t f = 0; f < figures.size(); ++f) {
+        if (parts_of(r, figures[f]).empty()) continue;
         std::vector<double> limits;
         for (const JudgedPart& p : good) limits.push_back(p.score);
-        for (const JudgedPart& p : r.parts.at(figures[f])) limits.push_back(p.score);
+        for (const JudgedPart& p : parts_of(r, figures[f])) limits.push_back(p.score);
         std::ranges::sort(limits, std::greater<>());
         script += fmt::format("$roc{} << EOD\n", f);
         for (std::size_t k = 0; k < limits.size(); k += std::max<std::size_t>(1, limits.size() / 400)) {
-            script += fmt::format("{} {}\n", std::max(share_above(good, limits[k]), 2e-4), share_above(r.parts.at(figures[f]), limits[k]));
+            script += fmt::format("{} {}\n", std::max(share_above(good, limits[k]), 2e-4), share_above(parts_of(r, figures[f]), limits[k]));
         }
         script += "EOD\n";
-        plots += fmt::format("{}$roc{} using 1:2 with lines lw 2 title '{}'", f == 0 ? "" : ", ", f, figures[f]);
+        plots += fmt::format("{}$roc{} using 1:2 with lines lw 2 title '{}'", plots.empty() ? "" : ", ", f, figures[f]);
     }
     return script + "set logscale x\nset xrange [2e-4:1]\nset yrange [0:1]\nset grid\nset key bottom right\nset xlabel 'good parts rejected (2e-4: none of them)'\n"
                     "set ylabel 'flawed parts rejected'\nset title 'ROC, parts that wobble'\nplot " + plots + "\n";
 }
 
 std::string pod_script(const DetectionResults& r) {
-    const Parts& bubbles = r.parts.at("bubble");
+    const Parts& bubbles = parts_of(r, "bubble");
     const PodCurve all = pod_of(bubbles, r.bubble_exposures, 0);
     std::string script = "$bins << EOD\n";
     constexpr int kBins = 14;
@@ -129,23 +142,24 @@ std::string pod_script(const DetectionResults& r) {
 }  // namespace
 
 Result<ExperimentReport> report_detection(const DetectionResults& r, const ExperimentOptions& options) {
-    const Parts &still = r.parts.at("still"), &wobble = r.parts.at("wobble"), &dim = r.parts.at("wobble, LED 70 %"), &bubbles = r.parts.at("bubble"), &specks = r.parts.at("speck");
+    const Parts &still = parts_of(r, "still"), &wobble = parts_of(r, "wobble"), &dim = parts_of(r, "wobble, LED 70 %"), &bubbles = parts_of(r, "bubble"), &specks = parts_of(r, "speck");
     std::vector<Line> lines;
 
     // False rejects, and bubbles.
     Table rejects{{"good parts", "parts", "rejected", "of that unfit", "share (95 %)"}, {}};
     double most_false = 0;
     for (const auto* name : {"still", "wobble", "wobble, LED 70 %"}) {
-        const Parts& parts = r.parts.at(name);
+        const Parts& parts = parts_of(r, name);
         const double k = share_above(parts, 1) * static_cast<double>(parts.size());
         rejects.rows.push_back({name, fmt::format("{}", parts.size()), fmt::format("{:.0f}", k), fmt::format("{}", std::ranges::count_if(parts, &JudgedPart::unfit)), percent(share_of(k, static_cast<double>(parts.size())))});
         most_false = std::max(most_false, share_above(parts, 1));
     }
+    const bool good_finished = finished(r, "still") && finished(r, "wobble") && finished(r, "wobble, LED 70 %");
     const PodCurve pod = pod_of(bubbles, r.bubble_exposures, 0), near = pod_of(bubbles, r.bubble_exposures, 2);
     const bool quiet = most_false <= 1e-3;
     lines.push_back({"bubble found with 90 % probability at 95 % confidence (a90/95), at <= 0.1 % false rejects", "radius 1 lenslet", "0.5",
                      fmt::format("a90/95 {} lenslets (a50 {}, a90 {}); at most {:.2f} % of the good parts rejected", size(pod.a90_95), size(pod.a50), size(pod.a90), 100 * most_false),
-                     quiet && pod.a90_95 && *pod.a90_95 <= 1, quiet && pod.a90_95 && *pod.a90_95 <= 0.5});
+                     quiet && pod.a90_95 && *pod.a90_95 <= 1, quiet && pod.a90_95 && *pod.a90_95 <= 0.5, true, Line::Decided::by_many, finished(r, "bubble") && good_finished});
 
     // Contrast: of the paper's two scenes, lenslet by lenslet, decides.
     double least_ratio = 1e9;
@@ -164,26 +178,30 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
         contrast_table.rows.push_back({name, fmt::format("{:.1f}", scene["radius"].get<double>()), fmt::format("{:.1f}", emd), fmt::format("{:.1f}", median("each", "even")), fmt::format("{:.1f}", surprise), fmt::format("{:.1f}x", ratio),
                                        fmt::format("{:.0f}", emd_averaged), fmt::format("{:.0f}", median("averaged", "even")), fmt::format("{:.0f}", surprise_averaged), fmt::format("{:.1f}x", over(surprise_averaged, emd_averaged))});
     }
-    lines.push_back({"contrast-to-noise on the paper's cut and bubble scenes, against the paper's EMD gradient", "2x", "5x", contrasts, least_ratio >= 2, least_ratio >= 5, false});  // the cut, see the text
+    lines.push_back({"contrast-to-noise on the paper's cut and bubble scenes, against the paper's EMD gradient", "2x", "5x", contrasts, least_ratio >= 2, least_ratio >= 5, false, Line::Decided::by_many, !r.contrast.is_null()});  // the cut, see the text
 
     const Detection speck = detection(wobble, specks, r.poses, r.poses, r.seed);
-    lines.push_back({"absorber of 50 % over 2 lenslets, AUC", "0.99", "0.999", interval(speck.auc, 4), speck.auc.value >= 0.99, speck.auc.value >= 0.999, true, Line::Decided::by_few});
+    lines.push_back({"absorber of 50 % over 2 lenslets, AUC", "0.99", "0.999", interval(speck.auc, 4), speck.auc.value >= 0.99, speck.auc.value >= 0.999, true, Line::Decided::by_few, good_finished && finished(r, "speck")});
 
     Table slopes{{"slope, bins over two lenslets", "AUC (95 %)", "found at the limits", "good parts rejected"}, {}};
     double least_auc = 1;
+    bool slopes_finished = true;
     std::string auc_points;
     for (const double slope : r.slopes) {
-        const Parts &good = r.parts.at(fmt::format("slope {:g} good", slope)), &bad = r.parts.at(fmt::format("slope {:g} haze", slope));
+        const Parts &good = parts_of(r, fmt::format("slope {:g} good", slope)), &bad = parts_of(r, fmt::format("slope {:g} haze", slope));
+        slopes_finished = slopes_finished && finished(r, fmt::format("slope {:g} good", slope)) && finished(r, fmt::format("slope {:g} haze", slope));
+        if (good.empty() || bad.empty()) continue;
         const Detection found = detection(good, bad, r.slope_poses, r.slope_poses, r.seed);
         least_auc = std::min(least_auc, found.auc.value);
         slopes.rows.push_back({fmt::format("{:g}", slope), interval(found.auc, 4), fmt::format("{:.1f} %", 100 * share_above(bad, 1)), fmt::format("{:.2f} %", 100 * share_above(good, 1))});
         auc_points += fmt::format("{} {} {} {}\n", slope, found.auc.value, found.auc.low, found.auc.high);
     }
-    lines.push_back({"AUC at every object slope 0.05 to 1.5, 10 % spread defect at 2,000 e-", "0.98", "0.99", fmt::format("least {:.4f}", least_auc), least_auc >= 0.98, least_auc >= 0.99});
+    lines.push_back({"AUC at every object slope 0.05 to 1.5, 10 % spread defect at 2,000 e-", "0.98", "0.99", fmt::format("least {:.4f}", least_auc), least_auc >= 0.98, least_auc >= 0.99, true, Line::Decided::by_many, slopes_finished});
 
     Table levels{{"electrons a lenslet", "good parts rejected at the same limits (95 %)", "haze found at them", "haze, AUC (95 %)"}, {}};
     for (const double electrons : kLightLevels) {
-        const Parts &good = r.parts.at(fmt::format("{:g} electrons good", electrons)), &bad = r.parts.at(fmt::format("{:g} electrons haze", electrons));
+        const Parts &good = parts_of(r, fmt::format("{:g} electrons good", electrons)), &bad = parts_of(r, fmt::format("{:g} electrons haze", electrons));
+        if (good.empty() || bad.empty()) continue;
         const auto count = static_cast<double>(good.size());
         levels.rows.push_back({fmt::format("{:g}", electrons), percent(share_of(share_above(good, 1) * count, count)), fmt::format("{:.1f} %", 100 * share_above(bad, 1)),
                                interval(detection(good, bad, r.poses, r.poses, r.seed).auc, 4)});
@@ -199,15 +217,18 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
     const Estimate by_wobble = bootstrap(still, wobble, r.seed, ratio_to_still), by_both = bootstrap(still, dim, r.seed, ratio_to_still);
     const double most_ratio = std::max(by_wobble.value, by_both.value);
     lines.push_back({"false rejects with +-0.5 lenslet, +-1 degree pose wobble, 30 % LED loss", "2x of still", "1.2x",
-                     fmt::format("wobble {}x, with 30 % LED loss {}x, where still parts have 5 %", interval(by_wobble, 2), interval(by_both, 2)), most_ratio <= 2, most_ratio <= 1.2});
+                     fmt::format("wobble {}x, with 30 % LED loss {}x, where still parts have 5 %", interval(by_wobble, 2), interval(by_both, 2)), most_ratio <= 2, most_ratio <= 1.2, true, Line::Decided::by_many, good_finished});
 
     // Kinds.
     constexpr std::array<const char*, 5> kinded = {"speck", "haze", "dimple", "scratch", "bubble"};
     constexpr std::array<algo::DefectKind, 4> wanted = {algo::DefectKind::absorbing, algo::DefectKind::scattering, algo::DefectKind::surface, algo::DefectKind::scratch};
     Table kinds{{"flaw", "parts", "found", "called scattering", "absorbing", "surface", "scratch", "unknown", "rightly"}, {}};
     double right_shares = 0;
+    bool kinds_finished = true;
     for (std::size_t f = 0; f < kinded.size(); ++f) {
-        const Parts& parts = r.parts.at(kinded[f]);
+        const Parts& parts = parts_of(r, kinded[f]);
+        kinds_finished = kinds_finished && finished(r, kinded[f]);
+        if (parts.empty()) continue;
         std::array<double, 5> counts{};
         double found = 0;
         for (const JudgedPart& p : parts) {
@@ -221,17 +242,24 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
                               called(algo::DefectKind::absorbing), called(algo::DefectKind::surface), called(algo::DefectKind::scratch), called(algo::DefectKind::unknown),
                               f < wanted.size() ? fmt::format("{:.1f} %", 100 * right) : "-"});
     }
-    lines.push_back({"kind named rightly (mean of the four kinds, of those found)", "90 %", "97 %", fmt::format("{:.1f} %", 100 * right_shares), right_shares >= 0.9, right_shares >= 0.97, true, Line::Decided::by_few});
+    lines.push_back({"kind named rightly (mean of the four kinds, of those found)", "90 %", "97 %", fmt::format("{:.1f} %", 100 * right_shares), right_shares >= 0.9, right_shares >= 0.97, true, Line::Decided::by_few, kinds_finished});
 
-    const double features = r.times["features"].get<double>(), added = r.times["added"].get<double>();
-    lines.push_back({"time added to the features at paper size", "50 %", "20 %",
-                     fmt::format("{:.0f} % (a tenth of the runs below {:.0f}, a tenth above {:.0f}) of {:.1f} ms of features, {} lenslets squared, CPU time of one thread, with and without in turns, median of {}",
-                                 100 * added, 100 * r.times["added_low"].get<double>(), 100 * r.times["added_high"].get<double>(), features, r.times["lenslets"].get<int>(), r.times["repeats"].get<int>()),
-                     added <= 0.5, added <= 0.2, false, Line::Decided::by_the_machine});
+    if (!r.times.is_null()) {
+        const double features = r.times["features"].get<double>(), added = r.times["added"].get<double>();
+        lines.push_back({"time added to the features at paper size", "50 %", "20 %",
+                         fmt::format("{:.0f} % (a tenth of the runs below {:.0f}, a tenth above {:.0f}) of {:.1f} ms of features, {} lenslets squared, CPU time of one thread, with and without in turns, median of {}",
+                                     100 * added, 100 * r.times["added_low"].get<double>(), 100 * r.times["added_high"].get<double>(), features, r.times["lenslets"].get<int>(), r.times["repeats"].get<int>()),
+                         added <= 0.5, added <= 0.2, false, Line::Decided::by_the_machine});
+    }
 
     ExperimentReport report;
     Table table{{"", "at least", "aim", "measured", "reached"}, {}};
     for (const Line& line : lines) {
+        if (!line.finished) {
+            table.rows.push_back({line.what, line.least, line.aim, line.measured, "not finished"});
+            report.claims.push_back({line.what + ": " + line.least, std::nullopt, "the run was interrupted before this was finished", line.expected});
+            continue;
+        }
         table.rows.push_back({line.what, line.least, line.aim, line.measured, options.quick && line.decided == Line::Decided::by_many ? "too few parts" : line.reached_aim ? "the aim" : line.reached_least ? "the least" : "**no**"});
         if (line.decided == Line::Decided::by_the_machine || (options.quick && line.decided == Line::Decided::by_many)) continue;
         report.claims.push_back({line.what + ": " + line.least, line.reached_least, line.measured, line.expected});
@@ -263,15 +291,31 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
         "much: there is little to gain where a defect is this gross. Taken as evenly lit, dark lenslets get gradients of several bins by decree, more than their light says, and the EMD gradient shows gross defects best. What a "
         "reference is for are the faint ones.\n",
         to_markdown(contrast_table));
-    report.text = fmt::format("## False rejects\n\n{}\n## Bubbles\n\n![POD](detection-pod.png)\n\n{}\n## Specks, haze, dimples, scratches\n\n![ROC](detection-roc.png)\n\n{}\n## Contrast\n\n{}\n## Slopes\n\n![AUC by slope](detection-slopes.png)\n\n{}\n"
-                              "## What is not found, and what this does not show\n\n{}",
-                              to_markdown(rejects), no_rim, to_markdown(kinds), contrast_text, to_markdown(slopes), to_markdown(levels), missed);
+    std::vector<std::pair<std::string, std::string>> plots;
+    const auto picture = [&](const char* name, const char* of, bool any, const std::function<std::string()>& script) -> std::string {
+        if (!any) return "Not measured: the run was interrupted before.\n\n";
+        plots.emplace_back(name, script());
+        return fmt::format("![{}]({}.png)\n\n", of, name);
+    };
+    const std::string slope_script = "$auc << EOD\n" + auc_points + "EOD\nset logscale x\nset xrange [0.04:2]\nset yrange [*:1.0005]\nset grid\nunset key\nset xlabel 'slope of the part, bins over two lenslets'\nset ylabel 'AUC'\n"
+                                     "set title 'Haze of a tenth of the light, 2,000 electrons a lenslet'\nplot $auc using 1:2:3:4 with yerrorlines lw 2 pt 7\n";
+    report.text = "## False rejects\n\n" + to_markdown(rejects);
+    report.text += "\n## Light levels\n\nOne reference and the same limits at every light, a camera of 16 bits.\n\n" + to_markdown(levels);
+    report.text += "\n## Bubbles\n\n" + picture("detection-pod", "POD", !bubbles.empty(), [&] { return pod_script(r); }) + no_rim;
+    report.text += "\n## Specks, haze, dimples, scratches\n\n" +
+                   picture("detection-roc", "ROC", !wobble.empty() && !specks.empty(), [&] { return roc_script(r, {"speck", "haze", "dimple", "scratch", "bubble"}); }) + to_markdown(kinds);
+    report.text += "\n## Contrast\n\n" + (r.contrast.is_null() ? std::string("Not measured: the run was interrupted before.\n") : contrast_text);
+    report.text += "\n## Slopes\n\n" + picture("detection-slopes", "AUC by slope", !auc_points.empty(), [&] { return slope_script; }) + to_markdown(slopes);
+    report.text += "\n## What is not found, and what this does not show\n\n" + missed;
+    std::string counts;
+    for (const auto& [name, all] : r.wanted) {
+        const std::size_t judged = parts_of(r, name).size();
+        if (judged < all) counts += fmt::format("- {}: {} of {} parts.\n", name, judged, all);
+    }
+    if (!counts.empty()) report.text += "\n## Not finished\n\nThis run was interrupted. What is said above of these figures rests on the parts that were judged:\n\n" + counts;
 
     if (auto done = write_csv(options.out / "detection.csv", table); !done) return tl::unexpected(done.error());
     report.files.push_back(options.out / "detection.csv");
-    const std::string slope_script = "$auc << EOD\n" + auc_points + "EOD\nset logscale x\nset xrange [0.04:2]\nset yrange [*:1.0005]\nset grid\nunset key\nset xlabel 'slope of the part, bins over two lenslets'\nset ylabel 'AUC'\n"
-                                     "set title 'Haze of a tenth of the light, 2,000 electrons a lenslet'\nplot $auc using 1:2:3:4 with yerrorlines lw 2 pt 7\n";
-    const std::pair<const char*, std::string> plots[] = {{"detection-roc", roc_script(r, {"speck", "haze", "dimple", "scratch", "bubble"})}, {"detection-pod", pod_script(r)}, {"detection-slopes", slope_script}};
     for (const auto& [name, script] : plots) {
         auto drawn = plot(options.out, name, script);
         if (!drawn) return tl::unexpected(drawn.error());

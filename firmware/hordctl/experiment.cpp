@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "firmware/experiment/detection.h"
 #include "firmware/experiment/experiment.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/progress.h"
@@ -12,7 +13,7 @@ namespace {
 
 struct ExperimentArguments {
     std::string out;
-    bool quick = false;
+    bool quick = false, finished = false;
     std::uint64_t seed = 1;
     int threads = 0;
 };
@@ -24,7 +25,8 @@ Exit run_experiment(const Experiment& experiment, const ExperimentArguments& arg
     fmt::print(stderr, "experiment {}{}, seed {}; takes {}\n", experiment.name, arguments.quick ? " (quick)" : "", arguments.seed,
                arguments.quick ? "less than a minute" : std::string(experiment.takes));
     auto progress = std::make_unique<Progress>(std::string(experiment.name));
-    const auto report = experiment.run({arguments.out, arguments.quick, arguments.seed, arguments.threads,
+    const auto run = arguments.finished ? report_finished_detection : experiment.run;
+    const auto report = run({arguments.out, arguments.quick, arguments.seed, arguments.threads,
                                         [&](double done, const std::string& note) { progress->show(done, note); }});
     progress.reset();
     if (!report) return complain(report.error());
@@ -47,6 +49,7 @@ void add_experiment(CLI::App& program, Exit& status) {
         one->add_flag("--quick", arguments->quick, "A smaller form that takes less than a minute and checks the same claims");
         one->add_option("--seed", arguments->seed, "Seed of everything random; the same seed gives the same files")->capture_default_str();
         one->add_option("--threads", arguments->threads, "Threads (0: one a core); results do not depend on it")->check(CLI::Range(0, 64));
+        if (experiment.run == run_detection) one->add_flag("--finished", arguments->finished, "Report what an interrupted run has finished; compute nothing");
         one->footer(fmt::format("The full form takes {}.\n"
                                 "Exit status: 0 every claim was decided and came out as in docs/results, 1 one was not or did not, 2 usage.\n"
                                 "Example: hordctl experiment {} --out {} --quick",

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "algo/read_noise.h"
 #include "algo/reference_learner.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/frame_reader.h"
@@ -39,8 +40,6 @@ Exit run_learn(const LearnArguments& arguments) {
     algo::LearnOptions options;
     options.levels = algo::light_levels(recipe, bits);
     if (arguments.electrons_per_dn > 0) options.electrons_per_dn = static_cast<float>(arguments.electrons_per_dn);
-    // The default is that of 8 bits, where the dark level is five times it (algo/recipe.h).
-    options.read_dn = static_cast<float>(arguments.read_dn >= 0 ? arguments.read_dn : static_cast<double>(options.levels.dark) / 5);
     options.pedestal_dn = static_cast<float>(arguments.pedestal_dn);
     options.threads = arguments.threads;
     options.progress = [&](double done) { progress->show(done); };
@@ -53,14 +52,22 @@ Exit run_learn(const LearnArguments& arguments) {
         }
         return frame;
     };
+    if (arguments.read_dn >= 0) {
+        options.read_dn = static_cast<float>(arguments.read_dn);
+    } else {
+        const auto read = algo::read_noise_of(*extents, options.levels, arguments.frames.size(), frame_of);
+        if (!read) return complain(read.error());
+        options.read_dn = *read;
+    }
     const auto learned = algo::learn_reference(*extents, bits, arguments.frames.size(), frame_of, options);
     progress.reset();
     if (!learned) return complain(learned.error());
     if (auto done = write_reference(arguments.out, learned->reference); !done) return complain(done.error());
     for (const algo::LeftOut& out : learned->left_out) fmt::print("left out: {}: {}\n", arguments.frames[out.part], out.why);
     const algo::Reference& r = learned->reference;
-    fmt::print("{}: {}x{} lenslets of {}x{} bins, {} of {} parts, {} {:.3g} electrons a DN\n", arguments.out, r.extents.m, r.extents.n, r.extents.i, r.extents.j,
-               r.parts, arguments.frames.size(), arguments.electrons_per_dn > 0 ? "given" : "estimated", r.sensor.electrons_per_dn);
+    fmt::print("{}: {}x{} lenslets of {}x{} bins, {} of {} parts, {} {:.3g} electrons a DN, {} read noise {:.2g} DN\n", arguments.out, r.extents.m, r.extents.n, r.extents.i, r.extents.j,
+               r.parts, arguments.frames.size(), arguments.electrons_per_dn > 0 ? "given" : "estimated", r.sensor.electrons_per_dn,
+               arguments.read_dn >= 0 ? "given" : "estimated", r.sensor.read_dn);
     return Exit::good;
 }
 
@@ -76,7 +83,7 @@ void add_learn(CLI::App& program, Exit& status) {
     command->add_option("--recipe", arguments->recipe, "Recipe whose light levels are used (TOML); without it the default recipe");
     command->add_option("--bits", arguments->bits, "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")->check(CLI::Range(8, 16));
     command->add_option("--electrons-per-dn", arguments->electrons_per_dn, "Of the sensor; without it they are estimated from the frames")->check(CLI::Range(1e-3, 1e5));
-    command->add_option("--read-dn", arguments->read_dn, "Read noise of the sensor, DN; without it a fifth of the dark level")->check(CLI::Range(0.0, 1e4));
+    command->add_option("--read-dn", arguments->read_dn, "Read noise of the sensor, DN; without it it is estimated from the bins that no light reaches")->check(CLI::Range(0.0, 1e4));
     command->add_option("--pedestal-dn", arguments->pedestal_dn, "What the camera adds to every sample, DN")->check(CLI::Range(0.0, 65535.0))->capture_default_str();
     command->add_option("--threads", arguments->threads, "Threads")->check(CLI::Range(1, 64))->capture_default_str();
     command->footer("Example: hordctl learn good/*.png --out lens.hordref\n"

@@ -9,6 +9,7 @@
 #include "algo/compare.h"
 #include "algo/mask.h"
 #include "algo/pipeline.h"
+#include "algo/read_noise.h"
 #include "algo/reference_learner.h"
 #include "frames.h"
 
@@ -278,6 +279,31 @@ TEST(Learning, estimates_the_sensors_gain) {
     const auto all = learn(frames.size(), [&](std::size_t k) { return frames[k]; }, std::nullopt);
     ASSERT_TRUE(all);
     EXPECT_NEAR(all->reference.sensor.electrons_per_dn, 1, 0.3);
+}
+
+TEST(Learning, tells_the_read_noise_from_the_bins_without_light) {
+    const auto told = [](const Frame& frame, const LightLevels& levels) { return read_noise_of(kField, levels, 4, [&](std::size_t) -> Result<Frame> { return frame; }); };
+    const Frame clean = part({});
+    for (const double electrons : {0.0, 1.0, 2.0, 4.0}) {
+        const auto read = told(noisy(clean, {1, electrons, 1}, 7, kBits), kLevels);
+        ASSERT_TRUE(read) << read.error().message();
+        EXPECT_NEAR(*read, electrons, 0.1 * electrons) << electrons;
+    }
+    // 8 bits, where noise is less than a DN and what is below 0 is cut off.
+    const Frame coarse = drawn(kField, 8, 150, [](int, int) { return Spot{0.3, -0.4, 0.9}; });
+    for (const double dn : {0.4, 0.6, 1.0}) {
+        const auto read = told(noisy(coarse, {10, 10 * dn, 1}, 8), {3, 20, 255});
+        ASSERT_TRUE(read) << read.error().message();
+        EXPECT_NEAR(*read, dn, 0.1 * dn);
+    }
+    // Light everywhere: nothing to tell it from.
+    Frame bright = clean;
+    for (int y = 0; y < bright.height_px(); ++y) {
+        for (int x = 0; x < bright.width_px(); ++x) bright.set(x, y, 1000);
+    }
+    const auto none = told(bright, kLevels);
+    ASSERT_FALSE(none);
+    EXPECT_NE(none.error().cure.find("--read-dn"), std::string::npos);
 }
 
 TEST(Learning, needs_eight_parts_that_lie_alike) {
