@@ -1,11 +1,17 @@
 // hordd as systemd meets it, without a booted systemd: readiness, watchdog, sockets, reload, journal, sandbox.
+#include <algorithm>
+#include <chrono>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <optional>
 #include <regex>
 #include <set>
+#include <span>
 #include <sstream>
+#include <stop_token>
+#include <thread>
 
 #include <arpa/inet.h>
 #include <gmock/gmock.h>
@@ -18,6 +24,7 @@
 #include <unistd.h>
 
 #include "firmware/modbus/client.h"
+#include "firmware/snapshot.h"
 #include "tests/cli/program.h"
 
 namespace hord::test {
@@ -83,7 +90,8 @@ class Service : public ::testing::Test {
     }
     static std::string port_of(const Said& said) {
         std::smatch found;
-        return std::regex_search(said.err, found, std::regex("registers at [^ ]*:([0-9]+)")) ? found[1].str() : "";
+        const std::string text = said.err + said.out;
+        return std::regex_search(text, found, std::regex("registers at [^ ]*:([0-9]+)")) ? found[1].str() : "";
     }
     static Result<firmware::modbus::Client> client_at(const std::string& port) {
         return firmware::modbus::Client::connect({"127.0.0.1", static_cast<std::uint16_t>(std::stoi(port))}, std::chrono::seconds(10));
@@ -135,6 +143,112 @@ TEST_F(Service, reads_its_configuration_again_without_stopping) {
     EXPECT_THAT(service.so_far().err, HasSubstr("c.toml:6"));
     EXPECT_TRUE(plc->read(8106, 1));
     EXPECT_EQ(service.stop(SIGTERM).status, 0);
+}
+
+// A PLC that beats, on a connection of its own, for as long as it lives.
+class BeatingPlc {
+  public:
+    explicit BeatingPlc(firmware::modbus::Client client)
+        : client_(std::move(client)), beats_([this](const std::stop_token& over) {
+              for (std::uint16_t beat = 1; !over.stop_requested(); ++beat) {
+                  (void)client_.write(8102, std::span(&beat, 1));
+                  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+              }
+          }) {}
+
+  private:
+    firmware::modbus::Client client_;
+    std::jthread beats_;
+};
+
+// Every time on this line is long: how fast the machine is does not matter here. Its recipe passes whatever has light.
+TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_when_it_is_back) {
+    std::ofstream(folder / "wide.toml") << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n";
+    std::ofstream(folder / "c.toml") << "[station]\nmax_failures_in_a_row = 0\n[line]\nexposure_delay_ms = 400\ntransport_ms = 3000\nmin_gap_ms = 450\n"
+                                        "[timing]\nstrobe_window_us = 150000\nframe_window_us = 200000\nframe_timeout_ms = 1500\ntrigger_lead_ms = 300\n"
+                                        "[rejector]\nearly_ms = 400\npulse_ms = 440\nconfirm_timeout_ms = 10000\n[modbus]\nport = 0\n"
+                                        "[inspection]\nmacro = \"3x3\"\nrecipe = \"wide.toml\"\n[plc]\npolicy = \"reject_all\"\ntimeout_ms = 2000\n";
+    Running service("hordctl", {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--state", folder.path().string()});
+    ASSERT_TRUE(service.says("registers at", kPatience)) << service.so_far().err << service.so_far().out;
+    const std::string port = port_of(service.so_far());
+    auto scada = client_at(port);  // reads and commands; it is the PLC that beats
+    ASSERT_TRUE(scada) << scada.error().message();
+    const auto two = [&](std::uint16_t address) {
+        const auto words = scada->read(address, 2);
+        return words ? std::uint32_t{words->at(0)} << 16U | words->at(1) : 0;
+    };
+    const auto comes = [](const auto& what) {
+        for (const auto until = std::chrono::steady_clock::now() + kPatience; std::chrono::steady_clock::now() < until;) {
+            if (what()) return true;
+            std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        }
+        return false;
+    };
+    const auto missed = [&] { return (scada->read(103, 1).value_or(std::vector<std::uint16_t>{0})[0] & 0x80U) != 0; };
+    const auto parts_seen = [&] { return two(142); };
+    struct Newest {
+        std::uint32_t part = 0;
+        std::uint16_t verdict = 0;
+    };
+    const auto newest = [&]() -> Newest {  // result, read in one request
+        const auto last = scada->read(202, 24);
+        if (!last) return {};
+        return {std::uint32_t{last->at(2)} << 16U | last->at(3), last->at(8)};
+    };
+    const auto passes_after = [&](std::uint32_t part) { return comes([&] { const Newest now = newest(); return now.part > part && now.verdict == 1; }); };
+
+    auto connection = client_at(port);
+    ASSERT_TRUE(connection) << connection.error().message();
+    std::optional<BeatingPlc> plc(std::in_place, std::move(*connection));
+    ASSERT_TRUE(passes_after(0)) << "with the PLC there, parts are inspected";
+
+    plc.reset();
+    ASSERT_TRUE(comes(missed));
+    const std::uint32_t when_lost = parts_seen();
+    ASSERT_TRUE(comes([&] { return newest().part > when_lost + 5; }));
+    for (std::uint32_t sequence = two(106); sequence > 0; --sequence) {
+        const auto result = scada->read_result(sequence);
+        ASSERT_TRUE(result) << result.error().message();
+        const auto said = [&](std::string_view name) {
+            for (const auto& row : *result) {
+                if (row.what->name == name) return row.text;
+            }
+            return std::string("?");
+        };
+        if (std::stoul(said("part")) <= when_lost) break;
+        EXPECT_THAT(said("verdict"), HasSubstr("unfit"));
+        EXPECT_THAT(said("reason"), HasSubstr("plc-lost"));
+        EXPECT_THAT(said("flags"), HasSubstr("rejected"));
+    }
+    EXPECT_EQ(two(113) & firmware::kFaultPlc, firmware::kFaultPlc);
+    EXPECT_EQ(scada->read(102, 1)->at(0), static_cast<std::uint16_t>(firmware::State::continuous_execution));
+    EXPECT_THAT(run("hordctl", {"status", "--modbus", "127.0.0.1:" + port}).out, HasSubstr("plc-lost"));
+    EXPECT_TRUE(service.says("the PLC's heartbeat has stopped", kPatience)) << service.so_far().err;
+
+    auto again = client_at(port);
+    ASSERT_TRUE(again) << again.error().message();
+    plc.emplace(std::move(*again));
+    ASSERT_TRUE(comes([&] { return !missed(); }));
+    EXPECT_TRUE(passes_after(parts_seen()));
+    EXPECT_EQ(two(115) & firmware::kFaultPlc, firmware::kFaultPlc);  // until a reset
+    for (const auto command : {firmware::CommandCode::halt, firmware::CommandCode::reset}) {
+        const auto reply = scada->command(command, 0, 0, std::chrono::seconds(60));
+        ASSERT_TRUE(reply) << reply.error().message();
+        EXPECT_EQ(reply->error, firmware::CommandError::none);
+    }
+    EXPECT_EQ(two(115) & firmware::kFaultPlc, 0U);
+    // Who halted it brings it up again; what it has done by itself meanwhile is refused.
+    EXPECT_TRUE(comes([&] {
+        for (const auto command : {firmware::CommandCode::initialise, firmware::CommandCode::arm, firmware::CommandCode::start_continuous}) {
+            (void)scada->command(command, 0, 0, std::chrono::seconds(60));
+        }
+        return scada->read(102, 1).value_or(std::vector<std::uint16_t>{0})[0] == static_cast<std::uint16_t>(firmware::State::continuous_execution);
+    })) << service.so_far().err;
+    EXPECT_TRUE(passes_after(parts_seen()));
+    service.stop(SIGINT);
+
+    const Said kept = run("hordctl", {"results", "--store", folder / "store", "--reason", "plc-lost", "--format", "csv"});
+    EXPECT_GE(std::ranges::count(kept.out, '\n'), 6) << kept.out << kept.err;
 }
 
 TEST_F(Service, takes_the_socket_that_systemd_opened) {
