@@ -19,6 +19,12 @@ constexpr float kStrange[kDeviations] = {0.05F, 0.05F, 0.02F, 0.05F};
 constexpr double kNoise = 3;
 constexpr float kLeastSpread[kDeviations] = {1e-6F, 1e-5F, 1e-5F, 0};  // 0.1 % of light, 0.003 bin: rounding
 
+// Gives a vector's memory back: the sums and shares of a large light field are most of what learning takes, and no pass needs all of them.
+template <class T>
+void release(std::vector<T>& what) {
+    std::vector<T>().swap(what);
+}
+
 // A part's light, and, where asked for, its HORDs as shares.
 struct Part {
     std::vector<std::uint32_t> sums;
@@ -285,6 +291,9 @@ void Learner::finish_golden(double parts, double light) {
 // Passes 2 and 3.
 Result<void> Learner::learn_golden(bool register_again) {
     const std::size_t count = extents_.lenslets();
+    release(reference_.shares);  // found anew; registering needs its maps alone
+    release(spread_);
+    release(chi2_ratios_);
     golden_.assign(count * reference_.stride(), 0);
     light_.assign(count, 0);
     seen_light_.assign(count, 0);
@@ -309,7 +318,9 @@ Result<void> Learner::learn_golden(bool register_again) {
         lights.push_back(lights_[k]);
     }
     if (auto fine = enough(); !fine) return fine;
+    release(part.shares);
     finish_golden(static_cast<double>(lights.size()), median(lights));
+    release(golden_);
     return {};
 }
 

@@ -1,5 +1,6 @@
 #include "firmware/recording.h"
 
+#include <algorithm>
 #include <chrono>
 #include <fstream>
 #include <iterator>
@@ -12,6 +13,7 @@ namespace {
 
 constexpr std::int64_t kDayMicros = 86'400'000'000;
 constexpr std::uint64_t kMegabyte = 1'000'000;
+constexpr std::size_t kFramesInMemory = 256 * kMegabyte;  // bytes; hordd.service has a ceiling
 
 store::UtcMicros utc_now() {
     return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
@@ -54,6 +56,12 @@ std::filesystem::path store_folder(const Config& config) {
     return config.state_folder.empty() ? std::filesystem::path() : config.state_folder / "store";
 }
 
+std::size_t frame_buffers(const StoreConfig& config, const algo::Extents& extents, int bits) {
+    const std::size_t bytes = static_cast<std::size_t>(extents.width_px()) * static_cast<std::size_t>(extents.height_px()) * (bits > 8 ? 2 : 1);
+    const auto least = static_cast<std::size_t>(config.frames_before) + 2, most = static_cast<std::size_t>(config.frame_buffers);
+    return std::min(most, std::max(least, kFramesInMemory / bytes));
+}
+
 std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, const Config& config, const Recorded& recorded, const RecordingWatchers& watchers) {
     const std::filesystem::path folder = store_folder(config);
     if (folder.empty()) return nullptr;
@@ -70,7 +78,7 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
         options.before = wanted.frames_before;
         options.after = wanted.frames_after;
         options.sample_every = wanted.sample_every;
-        options.buffers = static_cast<std::size_t>(wanted.frame_buffers);
+        options.buffers = frame_buffers(wanted, recorded.extents, recorded.bits);
         const store::ArchiveLimits limits{static_cast<std::uint64_t>(wanted.frames_mb) * kMegabyte, static_cast<std::uint64_t>(wanted.free_mb) * kMegabyte};
         const auto open = [folder, limits]() -> Result<std::unique_ptr<store::FrameArchive>> {
             std::error_code ignored;  // what is wrong with the folder is said by the archive

@@ -16,6 +16,7 @@ struct Recorded {
     std::string software;
     std::uint32_t boot = 0;
     algo::Extents extents;
+    int bits = 8;
     std::string recipe_name, recipe;  // in use at the start: its name and its whole text
 };
 
@@ -27,6 +28,10 @@ struct RecordingWatchers {
 
 // The folder of the store; empty: the configuration asks for none.
 std::filesystem::path store_folder(const Config& config);
+
+// How many frames may wait for the disk: store.frame_buffers, or fewer where they are so large that those would take more than 256 MB; what
+// is kept before a reject, and two more, always find room.
+std::size_t frame_buffers(const StoreConfig& config, const algo::Extents& extents, int bits);
 
 // Null when the configuration asks for no store. A store that cannot be opened is no reason not to judge parts: it is a
 // fault, told to `watchers`, and tried again every second. `loop` outlives the recorder.

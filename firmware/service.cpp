@@ -274,7 +274,7 @@ Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
         store_faults = faults;
         tell_faults();
     };
-    recorder = make_recorder(*loop, config, {HORD_VERSION, boot_id, *extents, recipe.recipe.name, format_recipe(recipe)}, recording);
+    recorder = make_recorder(*loop, config, {HORD_VERSION, boot_id, *extents, format.bits, recipe.recipe.name, format_recipe(recipe)}, recording);
     return {};
 }
 

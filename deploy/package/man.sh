@@ -6,20 +6,27 @@ bin=$1 out=$2 version=$3
 # Roff takes a backslash, a leading dot or a leading quote for its own.
 roff() { sed -e 's/\\/\\e/g' -e "s/^\([.']\)/\\\\\&\1/" -e 's/-/\\-/g'; }
 
+# What a command says of itself, and then each of its own commands: sections PROGRAM, COMMAND...
+commands() {
+    local sub
+    "$bin/$1" "${@:2}" --help | sed -n '/^Subcommands:/,/^$/p' | sed -n 's/^  \([a-z][a-z0-9-]*\).*/\1/p' | while read -r sub; do
+        printf '.SH "%s"\n.nf\n' "$(tr '[:lower:]' '[:upper:]' <<<"$* $sub")"
+        "$bin/$1" "${@:2}" "$sub" --help | sed "s|^Usage: .*/$1|Usage: $1|" | roff
+        printf '.fi\n'
+        commands "$@" "$sub"
+    done
+}
+
 page() {  # page PROGRAM SECTION ONE-LINE
-    local program=$1 section=$2 about=$3 sub
+    local program=$1 section=$2 about=$3
     mkdir -p "$out/man$section"
     {
         printf '.TH %s %s "" "hord-station %s" "HORD station"\n' "${program^^}" "$section" "$version"
         printf '.SH NAME\n%s \\- %s\n.SH SYNOPSIS\n.B %s\n[OPTIONS]\n.SH DESCRIPTION\n.nf\n' "$program" "$about" "$program"
-        "$bin/$program" --help | roff
+        "$bin/$program" --help | sed "s|^Usage: .*/$program|Usage: $program|" | roff
         printf '.fi\n'
-        "$bin/$program" --help | sed -n '/^Subcommands:/,/^$/p' | sed -n 's/^  \([a-z][a-z-]*\).*/\1/p' | while read -r sub; do
-            printf '.SH "%s %s"\n.nf\n' "${program^^}" "${sub^^}"
-            "$bin/$program" "$sub" --help | roff
-            printf '.fi\n'
-        done
-        printf '.SH FILES\n.nf\n/etc/hord/hordd.toml  configuration, every key with its default\n/etc/hord/recipes/  recipes\n'
+        commands "$program"
+        printf '.SH FILES\n.nf\n/etc/hord/hordd.toml  configuration, every key with its default\n/etc/hord/recipes/  recipes\n/etc/hord/mqtt.toml  configuration of hord\-mqtt\n/etc/hord/page.toml  configuration of hord\-page\n'
         printf '/usr/share/doc/hord\\-station/plc.md  for the PLC programmer\n.fi\n.SH "SEE ALSO"\n.BR hordd (8),\n.BR hordctl (1),\n.BR hord\\-mqtt (8),\n.BR hord\\-page (8)\n'
     } | gzip -9n >"$out/man$section/$program.$section.gz"
 }

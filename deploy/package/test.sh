@@ -4,9 +4,9 @@
 set -euo pipefail
 old=$(readlink -f "$1") new=$(readlink -f "$2") suite=${3:-bookworm}
 root=$(mktemp -d "${TMPDIR:-/tmp}/hord-package.XXXXXX")
-pid=
+pid= second= broker=
 clean_up() {
-    [ -z "$pid" ] || kill "$pid" 2>/dev/null || true
+    for process in $pid $second $broker; do kill "$process" 2>/dev/null || true; done
     umount -l "$root/proc" 2>/dev/null || true
     rm -rf --one-file-system "$root"
 }
@@ -16,8 +16,9 @@ die() { printf 'package test: %s\n' "$*" >&2; exit 1; }
 in_root() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root DEBIAN_FRONTEND=noninteractive "$@"; }
 
 step "a fresh $suite root"
-mmdebstrap --quiet --variant=apt --include=systemd,init-system-helpers "$suite" "$root"
+mmdebstrap --quiet --variant=apt --include=systemd,init-system-helpers,mosquitto,mosquitto-clients "$suite" "$root"
 mount -t proc proc "$root/proc"
+echo '127.0.0.1 localhost' >"$root/etc/hosts"
 cp "$old" "$root/old.deb"
 cp "$new" "$root/new.deb"
 
@@ -28,12 +29,13 @@ in_root hordctl --version
 in_root hordd --check
 in_root hord-mqtt --check
 in_root hord-page --check
-in_root id -nG hord-page | grep -qw hord || die "the page's user is not in the station's group"
-in_root systemctl is-enabled hord-page.service | grep -qx disabled || die "hord-page is enabled without being asked for"
-in_root id -nG hord-mqtt | grep -qw hord || die "the user of hord-mqtt is not in the station's group"
-in_root systemctl is-enabled hord-mqtt.service | grep -qx disabled || die "hord-mqtt is enabled without being asked for"
+for user in hord-mqtt hord-page; do
+    in_root id -nG $user | grep -qw hord || die "the user $user is not in the station's group"
+done
+enabled() { in_root systemctl is-enabled "$1" || true; }  # it says so with its status, too
+for unit in hordd.service hordd.socket; do [ "$(enabled $unit)" = enabled ] || die "$unit is not enabled at boot"; done
+for unit in hord-mqtt.service hord-page.service; do [ "$(enabled $unit)" = disabled ] || die "$unit is enabled without being asked for"; done
 in_root getent passwd hord | grep -q /var/lib/hord || die "the user hord was not made"
-in_root systemctl is-enabled hordd.service hordd.socket | grep -vx enabled && die "not enabled at boot" || true
 in_root bash -c '. /usr/share/bash-completion/completions/hordctl; COMP_WORDS=(hordctl rec); COMP_CWORD=1; _hordctl; [ "${COMPREPLY[*]}" = recipe ]' || die "bash completion"
 for page in man8/hordd.8 man8/hord-mqtt.8 man8/hord-page.8 man1/hordctl.1; do [ -s "$root/usr/share/man/$page.gz" ] || die "no man page $page"; done
 
@@ -53,6 +55,38 @@ serve() {
 serve
 in_root hordctl status --modbus 127.0.0.1:1502 >/dev/null || die "no answer from the register server"
 in_root hordctl command stop --modbus 127.0.0.1:1502 || in_root hordctl command reset --modbus 127.0.0.1:1502
+
+# The services beside it, each as its own user.
+beside() {  # beside USER PROGRAM...: its process in $second, what it says in $root/log-USER
+    chroot --userspec="$1:$1" --groups="$(in_root id -g hord)" "$root" env -i PATH=/usr/bin "STATE_DIRECTORY=/var/lib/$1" "${@:2}" >"$root/log-$1" 2>&1 &
+    second=$!
+}
+until_true() { for _ in $(seq 240); do ! "$@" >/dev/null 2>&1 || return 0; sleep 0.5; done; return 1; }
+ended() { kill -TERM "$second" && wait "$second" || die "$1 did not stop with status 0"; second=; }
+
+step "the page, for browsers and Prometheus"
+beside hord-page /usr/bin/hord-page --modbus 127.0.0.1:1502 --listen 127.0.0.1:18070
+metrics() (
+    exec 3<>/dev/tcp/127.0.0.1/18070 || exit 1
+    printf 'GET /metrics HTTP/1.0\r\nHost: 127.0.0.1:18070\r\n\r\n' >&3
+    timeout 20 cat <&3 >"$root/metrics"
+    grep -q '^hord_station_up 1' "$root/metrics"
+)
+until_true metrics || { cat "$root/log-hord-page" "$root/metrics" >&2; die "the page has no metrics of the running station"; }
+ended hord-page
+
+step "results for a broker"
+chroot "$root" install -d -o hord-mqtt -g hord-mqtt -m 0750 /var/lib/hord-mqtt
+beside mosquitto /usr/sbin/mosquitto -p 18830
+broker=$second
+heard() { in_root mosquitto_sub -h 127.0.0.1 -p 18830 -t "$1" -C 1 -W "$2" -F %t; }
+until_true heard '$SYS/#' 5 || die "the broker does not answer"
+sed -e 's/^# port = .*/port = 18830/' -e 's/127.0.0.1:502/127.0.0.1:1502/' "$root/etc/hord/mqtt.toml" >"$root/mqtt.toml"
+beside hord-mqtt /usr/bin/hord-mqtt --config /mqtt.toml
+heard 'spBv1.0/hord/+/#' 120 | grep -E 'NBIRTH|NDATA' || { cat "$root/log-hord-mqtt" >&2; die "nothing came to the broker"; }
+ended hord-mqtt
+kill -TERM "$broker"
+broker=
 kill -TERM "$pid" && wait "$pid" || die "the service did not stop with status 0"
 pid=
 
