@@ -52,29 +52,29 @@ std::optional<CommandCode> first_command(State from, State to) {
 
 // -- the station's half -------------------------------------------------------------------------------------------------
 
-Doors::Doors(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id)
+PlcDoors::PlcDoors(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id)
     : handler_(loop), desk_(loop, handler_, PlcOptions{config.plc_policy, PlcSide::kTimeout, boot_id}),
       registers_(StationIdentity{.boot_id = boot_id}, &desk_) {}
 
-void Doors::open(Station& station, Inspector& inspector, Recorder& recorder) {
+void PlcDoors::open(Station& station, Inspector& inspector, Recorder& recorder) {
     station_ = &station;
     handler_.operations.begin({.station = station, .inspector = inspector, .desk = desk_, .recorder = &recorder, .publish = [this] { publish(); }}, {});
 }
 
-void Doors::publish() {
+void PlcDoors::publish() {
     registers_.publish(station_->snapshot(), unpublished_);
     unpublished_.clear();
 }
 
-CommandOutcome Doors::Counting::on_command(const modbus::Origin& origin, const CommandRequest& request) {
+CommandOutcome PlcDoors::Counting::on_command(const modbus::Origin& origin, const CommandRequest& request) {
     count(request.token);
     return operations.on_command(origin, request);
 }
-CommandOutcome Doors::Counting::on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) {
+CommandOutcome PlcDoors::Counting::on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) {
     count(request.token);
     return operations.on_recipe(origin, request, staged);
 }
-int Doors::Counting::executed(std::uint32_t token) const { return static_cast<int>(std::count(tokens_.begin(), tokens_.end(), token)); }
+int PlcDoors::Counting::executed(std::uint32_t token) const { return static_cast<int>(std::count(tokens_.begin(), tokens_.end(), token)); }
 
 // -- the PLC's ------------------------------------------------------------------------------------------------------------
 
@@ -169,7 +169,7 @@ void PlcSide::command(CommandCode code, bool meant_for_this_boot) {
     const std::uint16_t boot = low(meant_for_this_boot ? boot_id_ : other_boot);
     const Words words{high(token), low(token), boot, static_cast<std::uint16_t>(code)};
     for (int copies = 1 + std::exchange(repeats_, 0); copies > 0; --copies) {
-        Doors* before = doors_;
+        PlcDoors* before = doors_;
         if (before == nullptr) return;
         books_.command_comes();
         const auto answer = write(places().token, words);

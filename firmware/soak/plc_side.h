@@ -1,6 +1,6 @@
 // The PLC and SCADA at the line: what they read must be what the station reported, what they command is done once.
 //
-// Doors is the station's half: registers and desk, put up as the service does it, one set a process. PlcSide is the other
+// PlcDoors is the station's half: registers and desk, put up as the service does it, one set a process. PlcSide is the other
 // half: a PLC that beats, acknowledges, brings a station that was stopped back to work, and sometimes misbehaves. It speaks
 // in whole register requests; a request may be lost, and so may its answer, and then it is sent again.
 #pragma once
@@ -18,9 +18,9 @@
 
 namespace hord::firmware {
 
-class Doors {
+class PlcDoors {
   public:
-    Doors(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id);
+    PlcDoors(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id);
     void open(Station& station, Inspector& inspector, Recorder& recorder);  // all outlive the doors
 
     void take(const PartResult& result) { unpublished_.push_back(result); }
@@ -68,7 +68,7 @@ class PlcSide {
         : loop_(loop), invariants_(invariants), books_(books), seed_(seed) {}
 
     // Null while no process answers.
-    void connect(Doors* doors) { doors_ = doors; }
+    void connect(PlcDoors* doors) { doors_ = doors; }
     // A person who resets takes the parts off the belt first: so does who resets by the PLC.
     void clear_with(std::function<void()> take_parts_off) { take_parts_off_ = std::move(take_parts_off); }
 
@@ -99,7 +99,7 @@ class PlcSide {
     Invariants& invariants_;
     Books& books_;
     std::uint64_t seed_, drawn_ = 0;
-    Doors* doors_ = nullptr;
+    PlcDoors* doors_ = nullptr;
     std::function<void()> take_parts_off_;
     hal::TimePoint silent_until_{}, leave_alone_until_{}, restless_until_{};
     int repeats_ = 0;

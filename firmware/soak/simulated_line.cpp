@@ -129,8 +129,7 @@ void SimulatedLine::take_parts_off() {
 Result<void> SimulatedLine::start_process(bool line_unknown) {
     auto judging = make_stand_in_inspector(loop_, options_.queue, [this](std::uint32_t part, const hal::FrameLease& frame) { return judge(part, frame); });
     ++processes_;
-    process_.reset();
-    Process& process = process_.emplace();
+    Process& process = process_.emplace();  // the one before is buried
     process.gates = std::make_unique<Gates>(*cell_, *invariants_);
     process.inspector = std::make_unique<Witness>(std::move(judging), *this);
     Gates& gates = *process.gates;
@@ -141,7 +140,7 @@ Result<void> SimulatedLine::start_process(bool line_unknown) {
         process_->station->outside_faults(faults);
         process_->doors->publish();
     });
-    process.doors = std::make_unique<Doors>(loop_, options_.core, boot);
+    process.doors = std::make_unique<PlcDoors>(loop_, options_.core, boot);
     process.doors->open(*process.station, *process.inspector, *books_);
     plc_->connect(process.doors.get());
     invariants_->process_starts(process.station->core(), options_.core);

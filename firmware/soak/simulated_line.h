@@ -68,7 +68,7 @@ class SimulatedLine final : public StationObserver {
         std::unique_ptr<Gates> gates;
         std::unique_ptr<Inspector> inspector;
         std::unique_ptr<Station> station;
-        std::unique_ptr<Doors> doors;
+        std::unique_ptr<PlcDoors> doors;
         bool alive = true;  // false: cut off, to be buried
     };
     explicit SimulatedLine(const LineOptions& options) : options_(options) {}
