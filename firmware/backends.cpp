@@ -61,20 +61,6 @@ bool needs_cell(const Config& config) {
            std::holds_alternative<SimulatedSensor>(config.sensor) || std::holds_alternative<SimulatedRejector>(config.rejector);
 }
 
-// Waits for the rejector's link, whose first writes are the safe state.
-struct SafeState final : hal::Rejector::Listener {
-    explicit SafeState(SdEventLoop& l) : loop(l) {}
-    void on_reject(const hal::RejectReport&) override {}
-    void on_rejector_link(bool up, const Error& why_down) override {
-        reached = up;
-        why = why_down;
-        if (up) loop.request_stop();
-    }
-    SdEventLoop& loop;
-    bool reached = false;
-    Error why;
-};
-
 class ChosenBackends final : public Backends {
   public:
     static Result<std::unique_ptr<Backends>> make(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
@@ -228,31 +214,6 @@ class ChosenBackends final : public Backends {
 
 Result<std::unique_ptr<Backends>> Backends::open(hal::EventLoop& loop, const Config& config, const SimulationOptions& options) {
     return ChosenBackends::make(loop, config, options);
-}
-
-Result<void> Backends::make_safe(const Config& config, Duration patience) {
-    Result<void> lights;
-    if (!config.strobe.gpio.empty()) {
-        std::vector<drivers::GpioLine> lines;
-        for (const StrobeChannel& channel : config.strobe.gpio) lines.push_back(gpio_line(channel.line));
-        if (const auto taken = drivers::request_outputs(lines); !taken) lights = tl::unexpected(taken.error());  // off, and let go of
-    }
-    const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
-    if (configured == nullptr) return lights;
-    auto loop = SdEventLoop::open();
-    if (!loop) return tl::unexpected(loop.error());
-    SafeState safe(**loop);
-    drivers::ModbusRejector rejector(**loop, rejector_options(*configured));
-    if (auto started = rejector.start(safe); !started) return started;
-    (*loop)->call_after(patience, [&] { (*loop)->request_stop(); });
-    const auto ran = (*loop)->run();
-    rejector.stop();
-    if (!ran) return ran;
-    if (!safe.reached) {
-        return fail(ErrorCode::timeout, "the rejector was not brought to its safe state: " + safe.why.what,
-                    "stop the line by hand; wire its run permit so that a module without link drops it");
-    }
-    return lights;
 }
 
 }  // namespace hord::firmware

@@ -37,11 +37,6 @@ class Backends {
     static Result<std::unique_ptr<Backends>> open(hal::EventLoop& loop, const Config& config, const SimulationOptions& options);
     virtual ~Backends() = default;
 
-    // Turns the configured lights off, brings the configured rejector to its safe state (ejector at rest, no run permit) and
-    // lets go of them: for after a service that died. Blocks for at most `patience`. Fails with timeout (its module does not
-    // answer), and as taking the lights' lines does.
-    static Result<void> make_safe(const Config& config, Duration patience);
-
     // What the rejector's module says it is, and how its outputs stand; moves nothing, may block for a few time-outs. Fails as its link
     // does, with unsupported where the rejector is no module.
     [[nodiscard]] virtual Result<std::string> ask_module() = 0;

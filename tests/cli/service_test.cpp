@@ -34,6 +34,7 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 
 const std::filesystem::path kDeploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";
+const std::string kHordSafe = std::string(HORD_BIN_DIR) + "/hord-safe";
 const std::string kHordd = std::string(HORD_BIN_DIR) + "/hordd";
 constexpr auto kPatience = std::chrono::seconds(120);
 
@@ -357,11 +358,16 @@ TEST_F(Service, refuses_a_bad_configuration_with_a_status_that_systemd_does_not_
 
 TEST_F(Service, cannot_make_a_rejector_safe_that_does_not_answer_and_says_so) {
     write_config("[rejector]\nbackend = \"modbus\"\nport = 1\n");
-    const Said said = run(kHordd, {"--config", folder / "c.toml", "--safe"});
+    const std::vector<std::string> how{"--config", folder / "c.toml"};
+    const Said said = run(kHordSafe, how);
     EXPECT_EQ(said.status, 2);
     EXPECT_THAT(said.err, HasSubstr("stop the line by hand"));
+    EXPECT_THAT(run(kHordd, {"--config", folder / "c.toml", "--safe"}).err, HasSubstr("stop the line by hand"));
     write_config();
-    EXPECT_EQ(run(kHordd, {"--config", folder / "c.toml", "--safe"}).status, 0);  // a simulated one
+    EXPECT_EQ(run(kHordSafe, how).status, 0);  // a simulated one
+    write_config("[rejector]\nport = -1\n");
+    EXPECT_EQ(run(kHordSafe, how).status, 78);
+    EXPECT_THAT(text_of(kDeploy / "hordd.service"), HasSubstr("ExecStopPost=/usr/libexec/hord/hord-safe\n"));
 }
 
 TEST(ServiceFiles, the_catalogue_in_the_tree_is_what_the_code_prints) {
