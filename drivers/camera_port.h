@@ -61,7 +61,7 @@ class CameraPort {
     class Listener {
       public:
         virtual void on_camera_frame(const CameraFrame& frame) noexcept = 0;
-        virtual void on_camera_gone() noexcept = 0;
+        virtual void on_camera_gone() noexcept = 0;  // may be told more than once
 
       protected:
         ~Listener() = default;

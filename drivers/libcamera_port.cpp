@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <cstring>
 #include <mutex>
@@ -98,7 +99,7 @@ class LibcameraPort final : public CameraPort {
 
     void stop() override {
         if (!camera_) return;
-        if (std::exchange(streams_, false)) camera_->stop();  // completes what is under way as cancelled
+        if (streams_.exchange(false)) camera_->stop();  // completes what is under way as cancelled
         camera_->requestCompleted.disconnect(this);
         camera_->disconnected.disconnect(this);
         requests_.clear();
@@ -196,8 +197,11 @@ class LibcameraPort final : public CameraPort {
         listener_ = &listener;
         camera_->requestCompleted.connect(this, &LibcameraPort::on_completed);
         camera_->disconnected.connect(this, &LibcameraPort::on_disconnected);
-        if (const int error = camera_->start(&*controls); error != 0) return failed("does not stream", error);
         streams_ = true;
+        if (const int error = camera_->start(&*controls); error != 0) {
+            streams_ = false;
+            return failed("does not stream", error);
+        }
         for (const auto& request : requests_) {
             if (const int error = camera_->queueRequest(request.get()); error != 0) return failed("takes no request", error);
         }
@@ -223,7 +227,12 @@ class LibcameraPort final : public CameraPort {
 
     // libcamera's thread, both.
     void on_completed(libcamera::Request* request) {
-        if (request->status() == libcamera::Request::RequestCancelled) return;  // it was stopped, or is gone
+        if (request->status() == libcamera::Request::RequestCancelled) {
+            // By stop(); or because the camera takes no buffer any more. That it is gone is told later, and only to a process that may
+            // listen to the kernel's device events.
+            if (streams_) listener_->on_camera_gone();
+            return;
+        }
         const libcamera::FrameMetadata& metadata = request->buffers().begin()->second->metadata();
         CameraFrame frame;
         frame.buffer = static_cast<std::uint32_t>(request->cookie());
@@ -245,7 +254,8 @@ class LibcameraPort final : public CameraPort {
     std::unique_ptr<libcamera::FrameBufferAllocator> allocator_;
     std::vector<std::unique_ptr<libcamera::Request>> requests_;
     Listener* listener_ = nullptr;
-    bool acquired_ = false, streams_ = false;
+    bool acquired_ = false;
+    std::atomic<bool> streams_ = false;
 };
 
 }  // namespace
