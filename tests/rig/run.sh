@@ -1,17 +1,23 @@
 #!/bin/bash
 # The rig: a virtual machine with real device nodes, in which the package is installed and the station runs on its real drivers above
-# the simulated world (./dev rig; docs/hardware.md). run.sh PACKAGE.deb; needs root once, to make the machine's root.
+# the simulated world (./dev rig; docs/hardware.md). run.sh PACKAGE.deb [latency]; needs root once, to make the
+# machine's root. With "latency" only the times of `hordctl latency` are taken, and docs/results/rig-latency.md is written.
 #   HORD_RIG_CACHE   what is made once is kept here          (~/.cache/hord-rig)
 #   HORD_RIG_ACCEL   kvm or tcg                               (kvm where it works)
-#   HORD_RIG_KILLS   how often the service is killed          (3)
+#   HORD_RIG_KILLS   how often the service is killed          (5)
 #   HORD_RIG_CUTS    how often the power is cut               (1)
 #   HORD_RIG_ONLY    a pattern: only checks of these names    (all)
 #   HORD_RIG_SEED    of the random moments and the parts      (1)
+#   HORD_RIG_SHIFT   virtual time: 2^n ns an instruction      (0)
+#   HORD_RIG_EDGES   how many are measured, idle and busy     (100; latency: 1000)
+#   HORD_RIG_LIMIT   s; a machine that takes longer is ended  (1800)
 set -euo pipefail
 cd "$(dirname "$(readlink -f "$0")")/../.."
-deb=$1 bin=build/release/bin out=build/rig
+deb=$1 what=${2:-all} bin=build/release/bin out=build/rig
 cache=${HORD_RIG_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/hord-rig}
-kills=${HORD_RIG_KILLS:-3} cuts=${HORD_RIG_CUTS:-1} seed=${HORD_RIG_SEED:-1}
+kills=${HORD_RIG_KILLS:-5} limit=${HORD_RIG_LIMIT:-1800} cuts=${HORD_RIG_CUTS:-1} seed=${HORD_RIG_SEED:-1} shift=${HORD_RIG_SHIFT:-0}
+edges=${HORD_RIG_EDGES:-100}
+[ "$what" = all ] || edges=${HORD_RIG_EDGES:-1000}
 die() { printf 'rig: %s\n' "$*" >&2; exit 2; }
 RANDOM=$seed
 
@@ -51,7 +57,7 @@ for frame in "$out"/frames/*.png; do "$bin/hord_rig_frames" "$frame" "${frame%.p
 payload=$out/payload
 mkdir -p "$payload"/opt/rig "$payload"/etc/modprobe.d "$payload"/etc/systemd/system/{sysinit.target.wants,multi-user.target.wants} "$payload/var"
 cp -a "$cache/modules/." "$payload/"
-cp tests/rig/guest/{devices.sh,checks.sh,hordd.toml} "$payload/opt/rig/"
+cp tests/rig/guest/{devices.sh,checks.sh,hordd.toml,latency.toml} "$payload/opt/rig/"
 cp tests/rig/guest/modprobe.conf "$payload/etc/modprobe.d/rig.conf"
 cp tests/rig/guest/*.service "$payload/etc/systemd/system/"
 install -D -m644 tests/rig/guest/slow.conf "$payload/etc/systemd/system/hordd.service.d/slow.conf"
@@ -74,48 +80,76 @@ mkfs.ext4 -q -F "$out/disk.img"
 
 # ---- the machine runs
 
-boot() {  # boot PHASE LOG [kernel argument...]: until it powers off, or its power is cut
-    local phase=$1 log=$2 qemu cut_at=
-    shift 2
-    local cpu=max,la57=off options=(-accel tcg,thread=multi,tb-size=256)
-    [ "$accel" = tcg ] || { cpu=host; options=(-accel kvm); }
-    timeout 900 qemu-system-x86_64 -name hord-rig -M q35 -cpu $cpu -smp 2 -m 768 "${options[@]}" -nodefaults -display none -no-reboot \
+say_checks() { sed -u 's/\r//g; s/^.*\(RIG [A-Z #|]\)/\1/' | grep --line-buffered -aE '^RIG (PASS|FAIL|START|RESULT|CUT|  ?\|)' | sed -u 's/^RIG //; s/^ | LATENCY /   /'; }
+
+boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or its power is cut
+    local machine=$1 phase=$2 log=$3 qemu cut_at= options
+    shift 3
+    case $machine in
+        kvm) options=(-accel kvm -cpu host -smp 2) ;;
+        tcg) options=(-accel tcg,thread=multi,tb-size=256 -cpu max,la57=off -smp 2) ;;
+        virtual)
+            # Two UARTs of one card, wired to each other.
+            rm -f "$out/wire"
+            options=(-accel tcg,thread=single,tb-size=256 -cpu max,la57=off -icount "shift=$shift,sleep=off" -rtc clock=vm
+                -chardev "socket,id=w0,path=$out/wire,server=on,wait=off" -chardev "socket,id=w1,path=$out/wire" -device pci-serial-2x,chardev1=w0,chardev2=w1)
+            ;;
+    esac
+    : >"$log"
+    qemu-system-x86_64 -name hord-rig -M q35 -m 768 "${options[@]}" -nodefaults -display none -no-reboot \
         -kernel "$cache/vmlinuz" -initrd "$cache/initrd.img" \
-        -append "console=ttyS0 quiet loglevel=4 panic=-1 net.ifnames=0 mitigations=off random.trust_cpu=on systemd.show_status=false rig.phase=$phase rig.kills=$kills rig.seed=$seed ${HORD_RIG_ONLY:+rig.only=$HORD_RIG_ONLY} $*" \
+        -append "console=ttyS0 clocksource=tsc tsc=reliable quiet loglevel=4 panic=-1 net.ifnames=0 mitigations=off random.trust_cpu=on systemd.show_status=false rig.phase=$phase rig.kills=$kills rig.edges=$edges rig.seed=$seed ${HORD_RIG_ONLY:+rig.only=$HORD_RIG_ONLY} $*" \
         -chardev stdio,id=con,signal=off -device isa-serial,chardev=con \
         -drive "file=$cache/base.squashfs,format=raw,if=none,id=d0,readonly=on" -device virtio-blk-pci,drive=d0 \
         -drive "file=$out/payload.squashfs,format=raw,if=none,id=d1,readonly=on" -device virtio-blk-pci,drive=d1 \
         -drive "file=$out/disk.img,format=raw,if=none,id=d2,cache=writeback" -device virtio-blk-pci,drive=d2 \
         </dev/null >"$log" 2>&1 &
     qemu=$!
+    tail -n +1 -f --pid=$qemu "$log" | say_checks &
+    local teller=$! until=$((SECONDS + limit))
     while kill -0 $qemu 2>/dev/null; do
-        if [ -z "$cut_at" ] && grep -qa 'RIG CUT' "$log"; then cut_at=$(($(date +%s%N) / 1000000 + 1500 + RANDOM % 4000)); fi
-        if [ -n "$cut_at" ] && [ $(($(date +%s%N) / 1000000)) -ge $cut_at ]; then
-            pkill -KILL -P $qemu -x qemu-system-x86 || true  # the power, not the switch
+        if [ $SECONDS -ge $until ]; then
+            printf 'rig: the machine was ended after %s s\n' "$limit"
+            kill -KILL $qemu
+        fi
+        if [ -z "$cut_at" ] && grep -qa 'RIG ACKNOWLEDGED' "$log"; then cut_at=$(($(date +%s%N) / 1000000 + 1500 + RANDOM % 4000)); fi
+        if [ -n "$cut_at" ] && [ $(($(date +%s%N) / 1000000)) -ge "$cut_at" ]; then
+            kill -KILL $qemu  # the power, not the switch
             break
         fi
         sleep 0.1
     done
     wait $qemu 2>/dev/null || true
-    if [ -n "$cut_at" ]; then printf 'RIG PASS power-was-cut 0\n' >>"$log"; fi
-    tr -d '\r' <"$log" | grep -a 'RIG ' | sed 's/^.*\(RIG [A-Z #|]\)/\1/' >"$log.rig"
-    grep -E '^RIG (PASS|FAIL|START|RESULT|  ?\||CUT|\|)' "$log.rig" | sed 's/^RIG //' || { tail -n 30 "$log"; die "the machine did not come up"; }
+    wait $teller || true
+    if [ -n "$cut_at" ]; then
+        printf 'RIG PASS power-was-cut 0\n' >>"$log"
+        echo 'PASS power-was-cut'
+    fi
+    tr -d '\r' <"$log" | grep -a 'RIG ' | sed 's/^.*\(RIG [A-Z #|]\)/\1/' >"$log.rig" || true
+    grep -q '^RIG START' "$log.rig" || { tail -n 30 "$log"; die "the machine did not come up: see $log"; }
 }
 
 began=$(date +%s)
 rm -f "$out"/*.log "$out"/*.rig
-say_boot() { printf '\n== %s (%s)\n' "$1" "$accel"; }
+say_boot() { printf '\n== %s (%s)\n' "$1" "${2:-$accel}"; }
+if [ "$what" = latency ]; then
+    say_boot "latency on device nodes" "virtual time, 2^$shift ns an instruction"
+    boot virtual latency "$out/latency.log"
+    exec tests/rig/latency.sh "$out/latency.log.rig" "$shift" "$edges"
+fi
 say_boot "first boot: contracts, package, line, faults"
-boot install "$out/1-install.log"
+boot "$accel" install "$out/1-install.log"
 kept() { sed -n 's/^RIG ACKNOWLEDGED \([0-9]*\) \([0-9]*\).*/\1.\2/p' "$1.rig" | tail -n 1; }
 last=$out/1-install.log
 for k in $(seq 2 "$cuts"); do
     say_boot "power cut $k"
-    boot cut "$out/cut-$k.log" "rig.kept=$(kept "$last")"
+    boot "$accel" cut "$out/cut-$k.log" "rig.kept=$(kept "$last")"
     last=$out/cut-$k.log
 done
 say_boot "boot after the power cut"
-boot boot "$out/9-boot.log" "rig.kept=$(kept "$last")"
+boot "$accel" boot "$out/9-boot.log" "rig.kept=$(kept "$last")"
+say_boot "timing: module faults, kills, latency" "virtual time, 2^$shift ns an instruction"
+boot virtual time "$out/10-time.log"
 
 # ---- the summary: every check that was announced must have reported
 

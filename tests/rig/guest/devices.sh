@@ -16,4 +16,5 @@ done
 echo 1 >$chip/live
 modprobe v4l2loopback
 modprobe vivid
+modprobe vimc
 ip link set lo up
