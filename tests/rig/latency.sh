@@ -4,15 +4,16 @@ set -euo pipefail
 cd "$(dirname "$(readlink -f "$0")")/../.."
 log=$1 shift=$2 edges=$3 page=docs/results/rig-latency.md
 grep -q '^RIG PASS latency-on-device-nodes' "$log" || { echo "rig: the latency was not measured: see $log" >&2; exit 1; }
-said=$(sed -n 's/^RIG  | LATENCY //p' "$log")
+said=$(sed -n 's/^RIG  | LATENCY //p' "$log" | grep -vE ': [0-9]+ %$')
 {
     cat <<TXT
 # Edge to light, edge to reject command, on device nodes
 
-Made by \`./dev rig latency\`: \`hordctl latency --config tests/rig/guest/latency.toml --sensor --actuate --edges $edges\` inside the rig's machine.
+Made by \`HORD_RIG_EDGES=$edges ./dev rig latency\`: \`hordctl latency --config tests/rig/guest/latency.toml --sensor --actuate --edges $edges\` inside the rig's machine.
 
 The time is virtual: one processor that does one instruction in $((1 << shift)) ns, whatever the host does meanwhile, with no cache, no pipeline and no other
-hardware. So the numbers count the instructions on the way, kernel and switches of threads included; they are no times of a real board, and do repeat.
+hardware. So the numbers count the instructions on the way, kernel and switches of threads included; they are no times of a real board. Every edge
+waits 50 us until the line has kept still (debounce), which is in the rows that begin with it.
 What is on the way: the simulated chip's interrupt, the kernel's event of the line, the driver, the line's output ioctl; and libmodbus, the kernel's
 TCP on loopback, a module that is another process of the same machine. Debian's kernel is not fully preemptible.
 

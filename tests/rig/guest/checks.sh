@@ -287,7 +287,7 @@ latency() {
     wait_for 60 grep -q ' ready' /tmp/edges || { cat /tmp/edges; return 1; }
     hordctl latency --config /opt/rig/latency.toml --sensor --actuate --edges "${edges_asked:-300}" </dev/null >/tmp/latency 2>&1
     local rc=$?
-    sed 's/^/LATENCY /' /tmp/latency
+    grep -vE ': [0-9]+ %$' /tmp/latency | sed 's/^/LATENCY /'
     kill $edges
     return $rc
 }
