@@ -18,7 +18,6 @@ namespace hord::firmware {
 namespace {
 
 constexpr int kChunk = 100;           // parts of a cell that is kept
-constexpr double kGoodShare = 3e-4;   // of good parts that the limits, fitted on the tuning parts, may reject
 constexpr double kLedLoss = 0.7;
 constexpr double kHazeRadius = 1.2, kSpeckRadius = 1;
 

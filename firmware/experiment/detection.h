@@ -15,6 +15,7 @@ Result<ExperimentReport> run_detection(const ExperimentOptions& options);
 // What an interrupted run has finished, and nothing more: figures that have too few parts say so.
 Result<ExperimentReport> report_finished_detection(const ExperimentOptions& options);
 
+inline constexpr double kGoodShare = 3e-4;  // of good parts that the limits, fitted on the tuning parts, are to reject
 inline constexpr double kLightLevels[] = {200, 2000, 20000};  // electrons a lenslet
 
 // One part as it was judged: its score (1 and above rejects), whether a defect was found where the flaw is, the kind of it.

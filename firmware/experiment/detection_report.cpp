@@ -17,6 +17,8 @@ namespace hord::firmware {
 namespace {
 
 constexpr int kRepeats = 1000;  // of a bootstrap
+// A seed has one place of the cut between the lenslets, and that decides: seeds 11 to 13 have contrasts of 64, 60 and 68 where the EMD gradient has 59, 59 and 58.
+constexpr double kLeastContrastRatio = 1.0;
 
 using Parts = std::vector<JudgedPart>;
 
@@ -159,7 +161,7 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
     const bool quiet = most_false <= 1e-3;
     lines.push_back({"bubble found with 90 % probability at 95 % confidence (a90/95), at <= 0.1 % false rejects", "radius 1 lenslet", "0.5",
                      fmt::format("a90/95 {} lenslets (a50 {}, a90 {}); at most {:.2f} % of the good parts rejected", size(pod.a90_95), size(pod.a50), size(pod.a90), 100 * most_false),
-                     quiet && pod.a90_95 && *pod.a90_95 <= 1, quiet && pod.a90_95 && *pod.a90_95 <= 0.5, true, Line::Decided::by_many, finished(r, "bubble") && good_finished});
+                     quiet && pod.a90_95 && *pod.a90_95 <= 1, quiet && pod.a90_95 && *pod.a90_95 <= 0.5, false, Line::Decided::by_many, finished(r, "bubble") && good_finished});  // too many good parts are rejected
 
     // Contrast: of the paper's two scenes, lenslet by lenslet, decides.
     double least_ratio = 1e9;
@@ -178,6 +180,8 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
         contrast_table.rows.push_back({name, fmt::format("{:.1f}", scene["radius"].get<double>()), fmt::format("{:.1f}", emd), fmt::format("{:.1f}", median("each", "even")), fmt::format("{:.1f}", surprise), fmt::format("{:.1f}x", ratio),
                                        fmt::format("{:.0f}", emd_averaged), fmt::format("{:.0f}", median("averaged", "even")), fmt::format("{:.0f}", surprise_averaged), fmt::format("{:.1f}x", over(surprise_averaged, emd_averaged))});
     }
+    least_ratio = std::min(least_ratio, kLeastContrastRatio);
+    contrasts += fmt::format("; the cut at other places between the lenslets (seeds 11 to 13): {:.1f} to 1.2x", kLeastContrastRatio);
     lines.push_back({"contrast-to-noise on the paper's cut and bubble scenes, against the paper's EMD gradient", "2x", "5x", contrasts, least_ratio >= 2, least_ratio >= 5, false, Line::Decided::by_many, !r.contrast.is_null()});  // the cut, see the text
 
     const Detection speck = detection(wobble, specks, r.poses, r.poses, r.seed);
@@ -277,6 +281,21 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
         small += 1, small_found += p.score >= 1 && p.hit ? 1 : 0;
     }
     missed += fmt::format("- Bubbles of less than 0.3 lenslets radius: {:.0f} % of {:.0f} are found. They take too little light, and what they scatter leaves the bins.\n", small > 0 ? 100 * small_found / small : 0.0, small);
+    missed += fmt::format("- False rejects: the limits were to reject {:.2f} % of the good parts, by a Gumbel distribution fitted to the tuning parts; of the tested ones up to {:.2f} % are. The tail is longer than "
+                          "fitted. For fewer, tune on more parts.\n", 100 * kGoodShare, 100 * most_false);
+    const Parts &few_good = parts_of(r, fmt::format("{:g} electrons good", kLightLevels[0])), &few_haze = parts_of(r, fmt::format("{:g} electrons haze", kLightLevels[0]));
+    if (!few_good.empty() && !few_haze.empty()) {
+        missed += fmt::format("- Haze at {:g} electrons a lenslet: {:.1f} % are found, AUC {:.2f}. A tenth of the light, {:g} electrons, spread over many bins, lies below the dark level of {} DN in each.\n", kLightLevels[0],
+                              100 * share_above(few_haze, 1), detection(few_good, few_haze, r.poses, r.poses, r.seed).auc.value, kLightLevels[0] / 10, production_recipe().dark_dn);
+    }
+    double most_of_strips = 0, worst_slope = 0;
+    for (const double slope : r.slopes) {
+        const double share = share_above(parts_of(r, fmt::format("slope {:g} good", slope)), 1);
+        if (share > most_of_strips) most_of_strips = share, worst_slope = slope;
+    }
+    if (most_of_strips > 1e-3) {
+        missed += fmt::format("- Good strips are rejected more often than the round part that the limits were tuned on, up to {:.2f} % (slope {:g}): a part needs limits tuned on parts of its own kind.\n", 100 * most_of_strips, worst_slope);
+    }
     missed += "- A bubble cannot be told from a dark speck where all that is seen of it is missing light: its kind depends on its size, see the table; it has no right kind here.\n";
     missed += fmt::format("- What is shared: the {} wobbling poses are traced once for all figures of the round part, good or painted with specks and haze, and each is exposed again and again; noise, and where a "
                           "speck or haze lies, differ in each part. Still parts have one pose. Every bubble is exposed {} times, every dimple and scratch {} times; the curve of the bubbles is fitted to the first exposure of each. Strips have {} poses for good parts and {} others for bad ones. "
@@ -287,8 +306,8 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
         "In standard deviations of the clean part, 111x111 lenslets, 2,000 electrons a lenslet, median of exposures. Lenslet by lenslet: the mean over the defect and 1.5 lenslets around it less the clean mean, over the standard "
         "deviation of single lenslets. Averaged: both maps are averaged over a disc of that size first, and the noise is that of such discs. Each map counts where it has a value: a dark lenslet has no EMD gradient, "
         "unless it is taken as evenly lit (the paper leaves that open), but its missing light has a score. The hollows are as wide as the cut, and bend light at their rim by so much.\n\n{}\n"
-        "In the cut most of the light leaves the bins. Of N electrons that are missing no more than the root of N standard deviations can be seen, here 45, and the EMD gradient, which spreads each bent lenslet over four neighbours, has as "
-        "much: there is little to gain where a defect is this gross. Taken as evenly lit, dark lenslets get gradients of several bins by decree, more than their light says, and the EMD gradient shows gross defects best. What a "
+        "In the cut most of the light leaves the bins. Of N electrons that are missing no more than the root of N standard deviations can be seen, here 45, and the EMD gradient, which spreads each bent lenslet over four neighbours, may have as "
+        "much: how the cut lies between the lenslets decides, and with it how much bent light is left (seeds 11 to 13: EMD gradient 58 to 59, here 60 to 68). There is little to gain where a defect is this gross. Taken as evenly lit, dark lenslets get gradients of several bins by decree, more than their light says, and the EMD gradient shows gross defects best. What a "
         "reference is for are the faint ones.\n",
         to_markdown(contrast_table));
     std::vector<std::pair<std::string, std::string>> plots;

@@ -281,6 +281,28 @@ TEST(Learning, estimates_the_sensors_gain) {
     EXPECT_NEAR(all->reference.sensor.electrons_per_dn, 1, 0.3);
 }
 
+TEST(Learning, single_readings_far_from_all_light_leave_nothing_in_the_golden_hords) {
+    const Reference& r = learned().reference;
+    int valid = 0, far_light = 0, without_light = 0;
+    for (std::size_t k = 0; k < r.mask.size(); ++k) {
+        if (r.mask[k] != kValid) continue;
+        ++valid;
+        int lit = 0, far = 0;
+        for (int j = 0; j < 9; ++j) {
+            for (int i = 0; i < 9; ++i) {
+                if (r.shares[k * r.stride() + r.place(i, j)] == 0) continue;
+                ++lit;
+                far += std::hypot(i - 4 - static_cast<double>(r.x[k]), j - 4 - static_cast<double>(r.y[k])) > 4 ? 1 : 0;
+            }
+        }
+        far_light += far > 0 ? 1 : 0;
+        without_light += lit < 2 ? 1 : 0;
+    }
+    EXPECT_GT(valid, 500);
+    EXPECT_EQ(without_light, 0);
+    EXPECT_LT(far_light, valid / 50);  // where they stay it is three tenths
+}
+
 TEST(Learning, tells_the_read_noise_from_the_bins_without_light) {
     const auto told = [](const Frame& frame, const LightLevels& levels) { return read_noise_of(kField, levels, 4, [&](std::size_t) -> Result<Frame> { return frame; }); };
     const Frame clean = part({});
