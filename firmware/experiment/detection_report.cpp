@@ -136,7 +136,7 @@ std::string pod_script(const DetectionResults& r) {
         script += fmt::format("{} {} {} {}\n", std::sqrt(low * high), share.value, share.low, share.high);
     }
     return script + fmt::format("EOD\nset logscale x\nset xrange [0.1:1.5]\nset yrange [0:1]\nset samples 400\nset grid\nset key top left\nset xlabel 'radius of the bubble, lenslets'\n"
-                                "set ylabel 'probability of detection'\nset title 'Bubbles found, at the limits tuned for one false reject in a thousand'\n"
+                                "set ylabel 'probability of detection'\nset title 'Bubbles found, at the tuned limits'\n"
                                 "plot $bins using 1:2:3:4 with yerrorbars pt 7 title 'found (95 %)', 1/(1+exp(-({})-({})*log(x))) with lines lw 2 title 'logistic'\n",
                                 all.b0, all.b1);
 }
