@@ -10,6 +10,7 @@
 #include <deque>
 #include <functional>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -223,19 +224,22 @@ class Threads final : public httplib::TaskQueue {
     Threads(std::size_t count, std::atomic<int>& waiting) : count_(waiting) {
         for (std::size_t k = 0; k < count; ++k) threads_.emplace_back([this] { work(); });
     }
-    void enqueue(std::function<void()> task) override {
+    // void in cpp-httplib 0.11, bool (whether it was taken) from 0.14 on.
+    using Taken = decltype(std::declval<httplib::TaskQueue&>().enqueue(std::function<void()>()));
+    Taken enqueue(std::function<void()> task) override {
         {
             const std::lock_guard lock(mutex_);
             if (!ended_ && waiting_.size() < kMostWaiting) {
                 waiting_.push_back(std::move(task));
                 ++count_;
                 wake_.notify_one();
-                return;
+                return static_cast<Taken>(true);
             }
         }
         turning_away = true;
         task();
         turning_away = false;
+        return static_cast<Taken>(true);
     }
     void shutdown() override {
         {
@@ -304,6 +308,20 @@ class Door final : public httplib::Server {
         });
     }
 
+    // cpp-httplib asked the stream itself who is at its ends (0.11); later it is told (0.18).
+    template <class Stream>
+    bool answer(Stream& stream, bool last, bool& closed) {
+        if constexpr (requires { this->process_request(stream, last, closed, nullptr); }) {
+            return this->process_request(stream, last, closed, nullptr);
+        } else {
+            std::string remote, local;
+            int remote_port = 0, local_port = 0;
+            stream.get_remote_ip_and_port(remote, remote_port);
+            stream.get_local_ip_and_port(local, local_port);
+            return this->process_request(stream, remote, remote_port, local, local_port, last, closed, nullptr);
+        }
+    }
+
     void serve(Wire& wire) {
         Connection connection(wire);
         here = &connection;
@@ -319,7 +337,7 @@ class Door final : public httplib::Server {
             // A body that was refused unread would be taken for the next request.
             const bool last = connection.has_body() || k + 1 == kRequestsOfOneConnection || ending;
             bool closed = false;
-            if (!process_request(connection, last, closed, nullptr) || closed || last) break;
+            if (!answer(connection, last, closed) || closed || last) break;
         }
         here = nullptr;
     }
