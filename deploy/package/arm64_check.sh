@@ -32,6 +32,7 @@ for program in hordctl hordd hord-mqtt hord-page; do
     readelf -h "$folder/arm64/usr/bin/$program" | grep -q 'Machine: *AArch64' || die "$program is not for arm64"
     the_same "$program" --version
 done
+the_same ../libexec/hord/hord-safe --version
 for format in json csv md; do the_same hordctl registers --format "$format"; done
 the_same hordd --catalog
 the_same hordd --config "$folder/arm64/etc/hord/hordd.toml" --check

@@ -27,6 +27,7 @@ in_root apt-get -qq update
 in_root apt-get -qq -y --no-install-recommends install /old.deb >/dev/null
 in_root hordctl --version
 in_root hordd --check
+in_root /usr/libexec/hord/hord-safe || die "hord-safe does not bring the simulated cell to its safe state"
 in_root hord-mqtt --check
 in_root hord-page --check
 for user in hord-mqtt hord-page; do
