@@ -53,8 +53,8 @@ class Service {
     // Fails with what is wrong with the new recipe; then nothing has changed.
     Result<std::vector<std::string>> reload(const Config& config);
 
-    // Loop thread. What a person does at a line that was stopped: takes the parts off it (of the simulated line; elsewhere they must be
-    // gone), and resets the station, which then goes on as it was told to before.
+    // Loop thread, simulated line only. What a person does at a line that was stopped: takes the parts off it and resets the station, which
+    // then goes on as it was told to before.
     void look_after_line();
 
     // Loop thread. Calls `all_here` on it once every inspecting thread has taken a turn; never when one hangs.

@@ -268,7 +268,7 @@ void add_run(CLI::App& program, Exit& status) {
     auto* command = program.add_subcommand("run", "Run the station in the foreground (what hordd does)");
     auto options = std::make_shared<RunOptions>();
     command->add_option("--config", options->config, "Configuration (TOML, deploy/hordd.toml); without it the defaults");
-    command->add_flag("--simulate", options->simulate, "Simulated line and sensor, and a Modbus coil module on loopback as the rejector");
+    auto* simulate = command->add_flag("--simulate", options->simulate, "Simulated line and sensor, and a Modbus coil module on loopback as the rejector");
     command->add_option("--modbus", options->modbus, "Where the register server listens, HOST:PORT (port 0: any free one)");
     command->add_option("--parts", options->parts, "End after so many parts (simulated line); without it, run until interrupted");
     command->add_option("--seed", options->seed, "Seed of the simulated line")->capture_default_str();
@@ -286,7 +286,8 @@ void add_run(CLI::App& program, Exit& status) {
     command->add_option("--vitals", options->vitals, "CSV file for latencies, memory, descriptors and processor time over the run; the report shows them, too");
     command->add_option("--vitals-every", options->vitals_every_s, "Seconds a line of it")->check(CLI::Range(1, 3600))->capture_default_str();
     command->add_option("--reset-after", options->reset_after_s,
-                        "Seconds after which somebody resets a station that stopped the line, the simulated line's parts taken off; 0: nobody")
+                        "Seconds after which a station that stopped the simulated line is reset and the parts are taken off, as a person would; 0: it stays stopped")
+        ->needs(simulate)  // a real line is looked after by real people
         ->check(CLI::Range(0, 3600))
         ->capture_default_str();
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");

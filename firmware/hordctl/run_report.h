@@ -27,7 +27,7 @@ class RunReport {
 
   private:
     struct Row {
-        std::size_t parts = 0, pass = 0, reject = 0, unfit = 0, ejected = 0, taken_off = 0;
+        std::size_t parts = 0, pass = 0, reject = 0, unfit = 0, ejected = 0;
     };
     LatencyCounts verdicts_, rejects_;
     std::map<std::string, Row> rows_;

@@ -124,6 +124,12 @@ TEST(Run, vitals_are_written_and_stay_flat) {
     EXPECT_LT(rows.back()[7], rows[1][7] + 8'000) << "kB of memory";
 }
 
+TEST(Run, resets_no_real_line_by_itself) {
+    const Said said = run("hordctl", {"run", "--reset-after", "1"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("--simulate"));
+}
+
 // A process that was held up for longer than a part's way to the ejector has stopped its line; somebody resets it, and the parts go on.
 TEST(Run, is_reset_after_it_was_held_up_and_goes_on) {
     Running station("hordctl", {"run", "--simulate", "--variety", "1", "--modbus", "127.0.0.1:0", "--reset-after", "1", "--json"});
