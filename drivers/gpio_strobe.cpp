@@ -105,16 +105,21 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
 
     void run() {
         std::unique_lock lock(mutex);
+        TimePoint look_at = loop.now() + kLookEvery;
         while (!stopping) {
             const auto next = std::ranges::min_element(asked, {}, &StrobePulse::start);
-            if (next == asked.end()) {
-                wake.wait(lock, [&] { return stopping || !asked.empty(); });
+            const TimePoint begin = next == asked.end() ? TimePoint::max() : std::max(next->start, spent.rested(next->channels));
+            const TimePoint now = loop.now();
+            const bool time_to_look = begin - now > kLookClear;
+            if (time_to_look && now >= look_at) {
+                if (!look(lock)) return;
+                look_at = loop.now() + kLookEvery;
                 continue;
             }
-            const TimePoint begin = std::max(next->start, spent.rested(next->channels));
-            if (const Duration left = begin - loop.now(); left > kWatch) {
+            if (const Duration left = begin - now; left > kWatch) {
                 const std::size_t known = asked.size();
-                wake.wait_for(lock, left - kWatch, [&] { return stopping || asked.size() != known; });
+                const Duration longest = time_to_look ? look_at - now : Duration::max();
+                wake.wait_for(lock, std::min(left - kWatch, longest), [&] { return stopping || asked.size() != known; });
                 continue;
             }
             const StrobePulse pulse = *next;
@@ -160,10 +165,24 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
         return off.has_value();
     }
 
+    // The kernel wakes nobody when a chip goes away. Whoever brings it back and resets the station must not find the lines of the chip that
+    // was: so they are told to be off once more, while nothing is lit and no pulse is near. False: the lines are lost.
+    bool look(std::unique_lock<std::mutex>& lock) {
+        lock.unlock();
+        const auto off = outputs->set(0);
+        if (!off) lose(off.error());
+        lock.lock();
+        return off.has_value();
+    }
+
     // A line that cannot be set may be on: letting go of all of them is what is left.
     void lose(const StrobePulse& pulse, const Error& why) {
         outputs.reset();
         not_lit(pulse);
+        lose(why);
+    }
+    void lose(const Error& why) {
+        outputs.reset();
         tell({std::nullopt, why});
     }
 };

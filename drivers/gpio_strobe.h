@@ -10,7 +10,8 @@
 // cannot turn a light off: the LED driver's own one-shot is the last guard, and the report says how long it was.
 //
 // Lights are off when open() returns, between pulses, after every failure, after stop() and in the destructor. The lines are held
-// from open() on, so that nobody else lights them. After a kill see gpio_lines.h.
+// from open() on, so that nobody else lights them. While no pulse is near they are told to be off every kLookEvery, so that a chip
+// that went away is noticed, and reported as lost, before a part waits for its light. After a kill see gpio_lines.h.
 #pragma once
 
 #include <functional>
@@ -34,6 +35,8 @@ class GpioStrobe final : public hal::Strobe {
   public:
     static constexpr std::size_t kPending = 64;                                // pulses accepted and not yet begun
     static constexpr hal::Duration kWatch = std::chrono::microseconds(100);    // before a change the clock is watched, not slept on
+    static constexpr hal::Duration kLookEvery = std::chrono::milliseconds(50);
+    static constexpr hal::Duration kLookClear = std::chrono::milliseconds(10);  // so long before a pulse nothing else is done
 
     using Lines = std::function<Result<std::unique_ptr<GpioOutputs>>()>;
 

@@ -183,6 +183,39 @@ TEST_F(GpioStrobeTest, a_line_that_cannot_be_set_is_let_go_of_and_every_pulse_is
     EXPECT_EQ(ear.losses.size(), 1U);
 }
 
+// The kernel tells nobody. A station that asks for no light meanwhile would take the strobe for up, and would not start it again with
+// the devices that it knows to be lost: the next part would get no light.
+TEST_F(GpioStrobeTest, a_chip_that_went_away_is_noticed_without_a_pulse) {
+    open({{}});
+    ASSERT_TRUE(strobe->start(ear));
+    lamps->be_there(false);
+    ASSERT_TRUE(run_until([&] { return !ear.losses.empty(); }));
+    EXPECT_EQ(ear.losses[0].code, ErrorCode::disconnected);
+    EXPECT_EQ(lamps->taken, 0);
+    EXPECT_TRUE(ear.reports.empty());
+    lamps->be_there(true);
+    EXPECT_EQ(strobe->fire(pulse(1, 1, 1ms)).error().code, ErrorCode::disconnected);  // until it is started again
+    strobe->stop();
+    ASSERT_TRUE(strobe->start(ear));
+    ASSERT_TRUE(strobe->fire(pulse(2, 1, 1ms, 1s)));
+    ASSERT_TRUE(run_until([&] { return !ear.reports.empty(); }));
+    EXPECT_EQ(ear.reports[0].exposure, 2U);
+    EXPECT_EQ(ear.losses.size(), 1U);
+    strobe->stop();
+}
+
+// Also while a pulse waits that is planned for much later.
+TEST_F(GpioStrobeTest, a_chip_that_went_away_is_noticed_long_before_the_next_pulse) {
+    open({{}});
+    ASSERT_TRUE(strobe->start(ear));
+    ASSERT_TRUE(strobe->fire(pulse(1, 1, 1ms, 24h)));
+    lamps->be_there(false);
+    ASSERT_TRUE(run_until([&] { return !ear.losses.empty(); }));
+    ASSERT_EQ(ear.reports.size(), 1U);
+    EXPECT_FALSE(ear.reports[0].lit);
+    strobe->stop();
+}
+
 TEST_F(GpioStrobeTest, impossible_limits_are_all_named) {
     const auto opened = GpioStrobe::open(*loop, {{.max_on = 0ns, .min_rest = -1ns, .max_duty = 0}}, [this] { return scripted::Outputs::request(lamps); });
     ASSERT_FALSE(opened);
