@@ -56,7 +56,7 @@ DefectKind kind_of(const Region& r) {
 
 struct DefectFinder::Workspace {
     Extents extents;
-    float emd_limit, frobenius_limit, transmission_limit;
+    float gradient_limit, frobenius_limit, transmission_limit;
     std::uint32_t min_area;
     cv::Mat1b flagged, joined;
     cv::Mat1i labels;
@@ -68,8 +68,8 @@ struct DefectFinder::Workspace {
         if ((f.mask[k] & kNotJudged) != 0) return {};
         Severity s;
         if ((f.mask[k] & kNoGradient) == 0) {
-            s.deflection = f.emd[k] / emd_limit;
-            s.slope = f.frobenius[k] / frobenius_limit;
+            if (!f.gradient.empty()) s.deflection = f.gradient[k] / gradient_limit;
+            if (!f.frobenius.empty()) s.slope = f.frobenius[k] / frobenius_limit;
         }
         if ((f.mask[k] & kSaturated) == 0 && transmission_limit > 0) {
             s.absorption = std::max(0.0F, (1 - f.transmission[k]) / (1 - transmission_limit));
@@ -80,7 +80,7 @@ struct DefectFinder::Workspace {
 };
 
 DefectFinder::DefectFinder(const Extents& extents, const Recipe& recipe)
-    : workspace_(std::make_unique<Workspace>(Workspace{extents, recipe.emd_limit_bins, recipe.frobenius_limit_bins, recipe.transmission_limit,
+    : workspace_(std::make_unique<Workspace>(Workspace{extents, limit_of_gradient(recipe), recipe.frobenius_limit_bins, recipe.light ? recipe.transmission_limit : 0,
                                                        recipe.min_area, cv::Mat1b(extents.n, extents.m), {}, {}, {}, {}, {}})) {
     // The library would start a pool of threads of its own, with the signals and the scheduling policy of whoever comes first.
     static const bool alone = (cv::setNumThreads(1), true);
@@ -143,8 +143,8 @@ void DefectFinder::Workspace::gather(const Features& features) {
             r.mn += static_cast<double>(m) * n;
             r.severity = {std::max(r.severity.deflection, s.deflection), std::max(r.severity.slope, s.slope),
                           std::max(r.severity.absorption, s.absorption)};
-            r.peak = {std::max(r.peak.deflection, features.emd[k]), std::max(r.peak.slope, features.frobenius[k]),
-                      std::max(r.peak.absorption, s.absorption * (1 - transmission_limit))};
+            r.peak = {std::max(r.peak.deflection, features.gradient.empty() ? 0 : features.gradient[k]),
+                      std::max(r.peak.slope, features.frobenius.empty() ? 0 : features.frobenius[k]), std::max(r.peak.absorption, s.absorption * (1 - transmission_limit))};
         }
     }
 }

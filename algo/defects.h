@@ -2,8 +2,9 @@
 //
 // Severity is a lenslet's value over its limit, 1 and above is too much; the worst of three:
 //
-//     emd / emd_limit        frobenius / frobenius_limit        (1 - transmission) / (1 - transmission_limit)
+//     gradient / its limit        frobenius / frobenius_limit        (1 - transmission) / (1 - transmission_limit)
 //
+// of those that the recipe chooses.
 // Flagged lenslets that touch, at sides or corners, or have one lenslet between them, are one region: central differences
 // skip a lenslet, so one defect may leave a ring or a double line.
 // Regions with fewer flagged lenslets than `min_area` are dropped. OpenCV finds the regions; the rest is ours.
@@ -27,9 +28,9 @@
 
 namespace hord::algo {
 
-// The features of one frame, one value a lenslet. `mask`: MaskBit.
+// The features of one frame, one value a lenslet; empty: not judged. `mask`: MaskBit.
 struct Features {
-    std::span<const float> emd;
+    std::span<const float> gradient;  // of the recipe's choice
     std::span<const float> frobenius;
     std::span<const float> transmission;
     std::span<const std::uint8_t> mask;

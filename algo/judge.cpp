@@ -56,8 +56,8 @@ void Judge::look(const Compared& c, std::span<float> surprise) {
         // Less light than the reference's has more noise.
         const float electrons = reference_.sensor.electrons_per_dn, here = std::max(d.sum, 1.0F), there = std::max(reference_.light[d.at], 1.0F);
         const float noise = kEmdOfNoise * std::max(0.0F, 1 / std::sqrt(here * electrons) - 1 / std::sqrt(there * electrons));
-        const float emd = (c.emd[k] - reference_.emd[d.at]) / (recipe_.emd_limit_bins + noise);
-        const float slope = (c.frobenius[k] - reference_.frobenius[d.at]) / recipe_.frobenius_limit_bins;
+        const float emd = c.emd.empty() ? 0 : (c.emd[k] - reference_.emd[d.at]) / (recipe_.emd_limit_bins + noise);
+        const float slope = c.frobenius.empty() ? 0 : (c.frobenius[k] - reference_.frobenius[d.at]) / recipe_.frobenius_limit_bins;
         severity_[k] = std::max({severity_[k], emd, slope});
     }
 }
@@ -100,7 +100,7 @@ Judge::Region Judge::gather(std::uint32_t seed, const Compared& c) {
             r.most_bend = std::max(r.most_bend, std::sqrt(d.x * d.x + d.y * d.y));
             r.most_blur = std::max(r.most_blur, std::sqrt(std::max(0.0F, d.blur)));
         }
-        if ((c.mask[k] & kNoGradient) == 0) r.most_gradient = std::max(r.most_gradient, c.emd[k]);
+        if (!c.emd.empty() && (c.mask[k] & kNoGradient) == 0) r.most_gradient = std::max(r.most_gradient, c.emd[k]);
     }
     return r;
 }

@@ -33,7 +33,7 @@ constexpr double kScratchLength = 5, kScratchRatio = 2.5;  // lenslets; length o
 // One frame compared lenslet by lenslet.
 struct Compared {
     std::span<const Difference> differences;
-    std::span<const float> emd, frobenius;  // over neighbours
+    std::span<const float> emd, frobenius;  // over neighbours; empty: not judged
     std::span<const std::uint8_t> mask;     // MaskBit
 };
 

@@ -15,6 +15,7 @@
 #include "algo/gradient.h"
 #include "algo/jacobian.h"
 #include "algo/judge.h"
+#include "algo/plane_feature.h"
 #include "algo/rim.h"
 #include "algo/transmission.h"
 #include "algo/zones.h"
@@ -57,23 +58,27 @@ std::string joined(const std::vector<std::string>& lines) {
 // are asked for before they are finished, so that the solver finds many small problems alike.
 constexpr int kBandRows = 16;
 
-// What one thread works with: three rows of HORDs and their mean deflections, row n in place n % 3.
-struct Worker {
-    Worker(const Extents& e, EmdSolver emd_solver, const Reference* reference)
-        : solver(std::move(emd_solver)), hords{HordRow(e), HordRow(e), HordRow(e)}, gradients(static_cast<std::size_t>(kBandRows * e.m)) {
+// For the EMD: three rows of HORDs and their mean deflections, row n in place n % 3.
+struct EmdRows {
+    EmdRows(const Extents& e, EmdSolver emd_solver) : solver(std::move(emd_solver)), hords{HordRow(e), HordRow(e), HordRow(e)}, gradients(static_cast<std::size_t>(kBandRows * e.m)) {
         for (auto& row : deflections) row.resize(static_cast<std::size_t>(e.m));
-        if (reference != nullptr) comparer.emplace(*reference);
     }
     EmdSolver solver;
     std::array<HordRow, 3> hords;
     std::array<std::vector<Deflection>, 3> deflections;
     std::vector<EmdGradient> gradients;  // of the rows asked for, one after the other
     std::size_t asked = 0;
-    std::optional<Comparer> comparer;    // where there is a reference
 
     [[nodiscard]] HordRow& hords_of(int n) { return hords[static_cast<std::size_t>(n % 3)]; }
     [[nodiscard]] std::vector<Deflection>& deflections_of(int n) { return deflections[static_cast<std::size_t>(n % 3)]; }
     [[nodiscard]] Deflection deflection(int m, int n) { return deflections_of(n)[static_cast<std::size_t>(m)]; }
+};
+
+// What one thread works with: rows of HORDs for the EMD, else rows of planes, which are read three times as fast.
+struct Worker {
+    std::optional<EmdRows> rows;
+    std::optional<PlaneFeature> planes;
+    std::optional<Comparer> comparer;  // where there is a reference
 };
 
 }  // namespace
@@ -82,8 +87,9 @@ struct Pipeline::Workspace {
     Workspace(const Extents& e, int sample_bits, const Recipe& r, MapSet maps, std::unique_ptr<BandCrew> the_crew, std::vector<Worker> the_workers)
         : extents(e), bits(sample_bits), recipe(r), levels(light_levels(r, sample_bits)), crew(std::move(the_crew)),
           workers(std::move(the_workers)), zones(e.lenslets()), deflections(e.lenslets()), sums(e.lenslets()), scratch(e.lenslets()),
-          mask(e.lenslets()), emd(e.lenslets()), frobenius(e.lenslets()), transmission(e.lenslets()),
-          spectral(maps == MapSet::all ? e.lenslets() : 0), nuclear(spectral.size()), anisotropy(spectral.size()),
+          mask(e.lenslets()), gradient(r.gradient ? e.lenslets() : 0), frobenius(r.slopes || maps == MapSet::all ? e.lenslets() : 0),
+          transmission(r.light || maps == MapSet::all ? e.lenslets() : 0), spectral(maps == MapSet::all ? e.lenslets() : 0), nuclear(spectral.size()),
+          anisotropy(spectral.size()),
           rim(e, r.rim_margin < 0 ? default_rim_margin(e) : r.rim_margin), defect_finder(e, r) {
         paint_zones(recipe.zones, extents, zones);
         if (recipe.reference) against.emplace(e, recipe);
@@ -96,13 +102,13 @@ struct Pipeline::Workspace {
     std::unique_ptr<BandCrew> crew;
     std::vector<Worker> workers;
 
-    // One value a lenslet.
+    // One value a lenslet; none of a map that is not wanted.
     std::vector<std::uint8_t> zones;
     std::vector<Deflection> deflections;
     std::vector<std::uint32_t> sums, scratch;
     std::vector<std::uint8_t> mask;
-    std::vector<float> emd, frobenius, transmission;
-    std::vector<float> spectral, nuclear, anisotropy;  // empty unless asked for
+    std::vector<float> gradient, frobenius, transmission;
+    std::vector<float> spectral, nuclear, anisotropy;
 
     RimFinder rim;
     DefectFinder defect_finder;
@@ -119,9 +125,12 @@ struct Pipeline::Workspace {
 
     [[nodiscard]] std::size_t at(int m, int n) const { return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m); }
     void compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times);
-    void compute_band(Worker& worker, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
-    void compare_row(Worker& worker, int n);
-    void finish_rows(Worker& worker, int last);
+    void compute_band(EmdRows& rows, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
+    void compare_row(EmdRows& rows, int n);
+    void finish_rows(EmdRows& rows, int last);
+    void compute_band(PlaneFeature& planes, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
+    void compare_row(PlaneFeature& planes, int n);
+    [[nodiscard]] std::span<const float> judged_slopes() const { return recipe.slopes ? std::span<const float>(frobenius) : std::span<const float>(); }
     [[nodiscard]] Reason unfit_reason() const;
     Registered compare_with_reference(const FrameView& frame);
 };
@@ -133,75 +142,112 @@ void Pipeline::Workspace::compute_maps(const FrameView& frame, Stopwatch& watch,
         Stopwatch untimed(nullptr);
         StageTimes nobodys;
         const bool caller = worker == 0;
-        compute_band(workers[static_cast<std::size_t>(worker)], frame, band * rows, std::min((band + 1) * rows, extents.n),
-                     caller ? watch : untimed, caller ? times : nobodys);
+        const int first = band * rows, last = std::min(first + rows, extents.n);
+        Worker& w = workers[static_cast<std::size_t>(worker)];
+        if (w.rows) compute_band(*w.rows, frame, first, last, caller ? watch : untimed, caller ? times : nobodys);
+        else compute_band(*w.planes, frame, first, last, caller ? watch : untimed, caller ? times : nobodys);
     });
     watch.lap(times.feature_ns);
 }
 
-// Streams rows first..last-1, and one more at either end to compare with, through the worker's three rows.
-void Pipeline::Workspace::compute_band(Worker& worker, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times) {
+// Streams rows first..last-1, and one more at either end to compare with, through three rows.
+void Pipeline::Workspace::compute_band(EmdRows& rows, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times) {
     const auto ours = [&](int n) { return n >= first && n < last; };
     for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents.n); ++n) {
-        const HordRow& hords = worker.hords_of(n);
-        decode_row(frame, extents, levels, n, worker.hords_of(n));
+        const HordRow& hords = rows.hords_of(n);
+        decode_row(frame, extents, levels, n, rows.hords_of(n));
         watch.lap(times.decode_ns);
-        mean_deflections(hords, worker.deflections_of(n));
+        mean_deflections(hords, rows.deflections_of(n));
         if (ours(n)) {
             const auto row = static_cast<std::ptrdiff_t>(at(0, n));
-            std::ranges::copy(worker.deflections_of(n), deflections.begin() + row);
+            std::ranges::copy(rows.deflections_of(n), deflections.begin() + row);
             std::ranges::copy(hords.sums(), sums.begin() + row);
             std::ranges::copy(hords.mask(), mask.begin() + row);
         }
         watch.lap(times.hord_ns);
-        if (ours(n - 1)) compare_row(worker, n - 1);
+        if (ours(n - 1)) compare_row(rows, n - 1);
         watch.lap(times.feature_ns);
     }
-    if (last == extents.n) compare_row(worker, last - 1);
-    finish_rows(worker, last);
+    if (last == extents.n) compare_row(rows, last - 1);
+    finish_rows(rows, last);
     watch.lap(times.feature_ns);
 }
 
-// The gradients of row n, whose neighbours are among the worker's rows; the EMD's are only asked for.
-void Pipeline::Workspace::compare_row(Worker& worker, int n) {
+// The gradients of row n, whose neighbours are among the rows; the EMD's are only asked for.
+void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
     const bool edge_row = n == 0 || n == extents.n - 1;
-    const HordRow& row = worker.hords_of(n);
+    const HordRow& row = rows.hords_of(n);
     for (int m = 0; m < extents.m; ++m) {
         const std::size_t k = at(m, n);
-        EmdGradient& gradient = worker.gradients[worker.asked++];
-        gradient = {};
+        EmdGradient& wanted = rows.gradients[rows.asked++];
+        wanted = {};
         Jacobian jacobian;
         if (edge_row || m == 0 || m == extents.m - 1) {
             mask[k] |= kBorder;
         } else if ((mask[k] & kNoHord) == 0) {
             const Stencil across = stencil(row.has_hord(m - 1), row.has_hord(m + 1));
-            const Stencil down = stencil(worker.hords_of(n - 1).has_hord(m), worker.hords_of(n + 1).has_hord(m));
+            const Stencil down = stencil(rows.hords_of(n - 1).has_hord(m), rows.hords_of(n + 1).has_hord(m));
             if (across.valid() && down.valid()) {
                 const int left = m + across.before, right = m + across.after, above = n + down.before, below = n + down.after;
-                submit_emd_gradient(worker.solver, across, row.hord(left), row.hord(right), down, worker.hords_of(above).hord(m),
-                                    worker.hords_of(below).hord(m), gradient);
-                jacobian = jacobian_of(across, worker.deflection(left, n), worker.deflection(right, n), down, worker.deflection(m, above),
-                                       worker.deflection(m, below));
+                submit_emd_gradient(rows.solver, across, row.hord(left), row.hord(right), down, rows.hords_of(above).hord(m),
+                                    rows.hords_of(below).hord(m), wanted);
+                jacobian = jacobian_of(across, rows.deflection(left, n), rows.deflection(right, n), down, rows.deflection(m, above),
+                                       rows.deflection(m, below));
             } else {
                 mask[k] |= kBorder;
             }
         }
-        frobenius[k] = frobenius_norm(jacobian).to_float_rounded();
+        if (!frobenius.empty()) frobenius[k] = frobenius_norm(jacobian).to_float_rounded();
         if (spectral.empty()) continue;
         const SingularNorms norms = singular_norms(jacobian);
         spectral[k] = norms.spectral.to_float_rounded();
         nuclear[k] = norms.nuclear.to_float_rounded();
         anisotropy[k] = norms.anisotropy.to_float_rounded();
     }
-    if (worker.asked == worker.gradients.size()) finish_rows(worker, n + 1);
+    if (rows.asked == rows.gradients.size()) finish_rows(rows, n + 1);
 }
 
 // Writes the EMD gradients of the rows asked for; `last` is the row after them.
-void Pipeline::Workspace::finish_rows(Worker& worker, int last) {
-    worker.solver.finish();
-    float* out = emd.data() + at(0, last) - worker.asked;
-    for (std::size_t k = 0; k < worker.asked; ++k) out[k] = static_cast<float>(worker.gradients[k].norm());
-    worker.asked = 0;
+void Pipeline::Workspace::finish_rows(EmdRows& rows, int last) {
+    rows.solver.finish();
+    float* out = gradient.data() + at(0, last) - rows.asked;
+    for (std::size_t k = 0; k < rows.asked; ++k) out[k] = static_cast<float>(rows.gradients[k].norm());
+    rows.asked = 0;
+}
+
+// The same where there is no EMD.
+void Pipeline::Workspace::compute_band(PlaneFeature& planes, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times) {
+    const auto ours = [&](int n) { return n >= first && n < last; };
+    for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents.n); ++n) {
+        planes.load(frame, levels, n);
+        watch.lap(times.decode_ns);
+        if (ours(n)) {
+            const PlaneRow& row = planes.loaded(n);
+            std::copy_n(row.sums().begin(), extents.m, sums.begin() + static_cast<std::ptrdiff_t>(at(0, n)));
+            for (int m = 0; m < extents.m; ++m) {
+                deflections[at(m, n)] = (row.mask()[static_cast<std::size_t>(m)] & kDark) != 0 ? Deflection{} : planes.deflection(m, n);
+            }
+        }
+        watch.lap(times.hord_ns);
+        if (ours(n - 1)) compare_row(planes, n - 1);
+        watch.lap(times.feature_ns);
+    }
+    if (last == extents.n) compare_row(planes, last - 1);
+    watch.lap(times.feature_ns);
+}
+
+void Pipeline::Workspace::compare_row(PlaneFeature& planes, int n) {
+    std::uint8_t* const of_row = mask.data() + at(0, n);
+    planes.mark_row(n, of_row);
+    if (!gradient.empty()) planes.compare_row(n, gradient.data() + at(0, n), of_row);
+    if (!frobenius.empty()) planes.slopes_row(n, frobenius.data() + at(0, n), of_row);
+    if (spectral.empty()) return;
+    for (int m = 0; m < extents.m; ++m) {
+        const SingularNorms norms = (of_row[m] & kNoGradient) == 0 ? singular_norms(planes.jacobian(m, n)) : SingularNorms{};
+        spectral[at(m, n)] = norms.spectral.to_float_rounded();
+        nuclear[at(m, n)] = norms.nuclear.to_float_rounded();
+        anisotropy[at(m, n)] = norms.anisotropy.to_float_rounded();
+    }
 }
 
 // Why the frame does not allow a judgement; none if it does.
@@ -244,15 +290,21 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
     for (std::string& line : problems_of(light_levels(recipe, bits), bits)) lines.push_back(std::move(line));
     for (std::string& line : problems_of_reference(recipe, extents, bits)) lines.push_back(std::move(line));
     if (!lines.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(lines));
-    auto ground = GroundDistance::between_bins(extents.i, extents.j);
-    if (!ground) return tl::unexpected(ground.error());
     auto crew = BandCrew::create(threads);
     if (!crew) return tl::unexpected(crew.error());
     std::vector<Worker> workers;
     for (int worker = 0; worker < threads; ++worker) {
+        Worker& made = workers.emplace_back();
+        if (recipe.reference) made.comparer.emplace(*recipe.reference);
+        if (recipe.gradient != Feature::emd) {
+            made.planes.emplace(extents, recipe.gradient.value_or(Feature::jacobian_frobenius), best_isa(), true);
+            continue;
+        }
+        const auto ground = GroundDistance::between_bins(extents.i, extents.j);
+        if (!ground) return tl::unexpected(ground.error());
         auto solver = EmdSolver::create(*ground);
         if (!solver) return tl::unexpected(solver.error());
-        workers.emplace_back(extents, std::move(*solver), recipe.reference.get());
+        made.rows.emplace(extents, std::move(*solver));
     }
     return Pipeline(std::make_unique<Workspace>(extents, bits, recipe, maps, std::move(*crew), std::move(workers)));
 }
@@ -261,7 +313,9 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     Workspace& w = *workspace_;
     if (auto fine = check_frame(frame, w.extents, w.bits); !fine) return tl::unexpected(fine.error());
     Inspection result;
-    result.emd = w.emd;
+    result.compares = w.recipe.gradient;
+    result.gradient = w.gradient;
+    if (w.recipe.gradient == Feature::emd) result.emd = w.gradient;
     result.frobenius = w.frobenius;
     result.transmission = w.transmission;
     result.spectral = w.spectral;
@@ -273,7 +327,7 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     w.compute_maps(frame, watch, result.times);
     w.rim.mark(w.deflections, w.sums, w.mask);
     for (std::size_t k = 0; k < w.mask.size(); ++k) w.mask[k] |= w.zones[k];
-    transmissions(w.sums, w.mask, typical_light(w.sums, w.mask, w.scratch), w.transmission);
+    if (!w.transmission.empty()) transmissions(w.sums, w.mask, typical_light(w.sums, w.mask, w.scratch), w.transmission);
     watch.lap(result.times.feature_ns);
 
     result.reason = w.unfit_reason();
@@ -283,14 +337,14 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
         watch.lap(result.times.feature_ns);
     }
     if (result.reason == Reason::none && w.against) {
-        const FoundDefects found = w.against->judge.find({w.against->differences, w.emd, w.frobenius, w.mask}, result.registered.pose, w.against->surprise);
+        const FoundDefects found = w.against->judge.find({w.against->differences, w.gradient, w.judged_slopes(), w.mask}, result.registered.pose, w.against->surprise);
         result.defects = found.defects;
         result.reason = found.reason;
         result.score = found.score;
         result.surprise = w.against->surprise;
         result.verdict = found.defects.empty() ? Verdict::pass : Verdict::reject;
     } else if (result.reason == Reason::none) {
-        auto found = w.defect_finder.find({w.emd, w.frobenius, w.transmission, w.mask});
+        auto found = w.defect_finder.find({w.gradient, w.judged_slopes(), w.transmission, w.mask});
         if (!found) return tl::unexpected(found.error());
         result.defects = found->defects;
         result.reason = found->reason;

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "algo/frame.h"
@@ -18,7 +19,7 @@
 
 namespace hord::algo {
 
-// One value a lenslet, row by row. Never NaN, never infinite. 0 where `mask` says there is no value: the gradients
+// One value a lenslet, row by row; empty where the recipe does not choose the feature. Never NaN, never infinite. 0 where `mask` says there is no value: the gradients
 // at kDark, kSaturated and kBorder lenslets, the transmission at kSaturated ones (a dark lenslet has one: its missing light).
 using Map = std::span<const float>;
 
@@ -34,7 +35,9 @@ struct Inspection {
     Reason reason = Reason::nothing_to_see;
     float score = 0;                     // the worst value over its limit: >= 1 rejects
     std::span<const Defect> defects;     // largest peak first
-    Map emd;                             // bin pitches
+    std::optional<Feature> compares;     // by which distance neighbours are compared: the recipe's choice
+    Map gradient;                        // that distance's, in its unit (unit_of)
+    Map emd;                             // the same where it is the EMD: bin pitches; else empty
     Map frobenius;                       // bin pitches a lenslet
     Map transmission;                    // 1 is the part's typical lenslet
     Map spectral;                        // empty unless MapSet::all: the Jacobian's other norms, bin pitches a lenslet
@@ -48,7 +51,7 @@ struct Inspection {
 
 enum class MapSet : std::uint8_t {
     judged,  // what the verdict needs
-    all,     // every map of an Inspection
+    all,     // and the Jacobian's norms and the transmission, judged or not
 };
 
 class Pipeline {

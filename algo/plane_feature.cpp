@@ -126,14 +126,17 @@ bool PlaneFeature::covers(Feature feature) {
            (feature >= Feature::jacobian_frobenius && feature <= Feature::anisotropy);
 }
 
-PlaneFeature::PlaneFeature(const Extents& extents, Feature feature, Isa isa) : extents_(extents), feature_(feature), along_x_(extents.i - 1), divide_(divide_for(isa)), slopes_(slopes_for(isa)) {
+PlaneFeature::PlaneFeature(const Extents& extents, Feature feature, Isa isa, bool keeps_deflections)
+    : extents_(extents), feature_(feature), along_x_(extents.i - 1), divide_(divide_for(isa)), slopes_(slopes_for(isa)) {
     for (int place = 0; place < 3; ++place) rows_.emplace_back(extents, use_of(feature), isa);
-    if (use_of(feature) == PlaneUse::sums) {
+    const bool of_sums = use_of(feature) == PlaneUse::sums;
+    if (of_sums || keeps_deflections) {
         for (Means& means : means_) {
             means.x.resize(rows_[0].sums().size());
             means.y.resize(rows_[0].sums().size());
         }
-    } else {
+    }
+    if (!of_sums) {
         stride_ = static_cast<std::size_t>(rows_[0].plane(1) - rows_[0].plane(0));
     }
     add_up_ = feature == Feature::chi2 ? add_chi2(isa) : feature == Feature::hellinger ? add_hellinger(isa) : add_marginal(isa);
@@ -170,24 +173,27 @@ float PlaneFeature::squared_alone(const PlaneRow& a, int m_a, const PlaneRow& b,
     return is_chi2 ? squared_distance<Feature::chi2>(x, y) : squared_distance<Feature::hellinger>(x, y);
 }
 
-float PlaneFeature::by_deflections(int m, int n) const {
-    const PlaneRow &above = rows_[static_cast<std::size_t>((n + 2) % 3)], &here = rows_[static_cast<std::size_t>(n % 3)],
-                   &below = rows_[static_cast<std::size_t>((n + 1) % 3)];
-    const Stencil across = stencil(here.has_hord(m - 1), here.has_hord(m + 1)), down = stencil(above.has_hord(m), below.has_hord(m));
+Jacobian PlaneFeature::jacobian(int m, int n) const {
+    const PlaneRow& here = loaded(n);
+    const Stencil across = stencil(here.has_hord(m - 1), here.has_hord(m + 1)), down = stencil(loaded(n + 2).has_hord(m), loaded(n + 1).has_hord(m));
+    return jacobian_of(across, deflection(m + across.before, n), deflection(m + across.after, n), down, deflection(m, n + down.before), deflection(m, n + down.after));
+}
+
+float PlaneFeature::by_deflections(Feature which, int m, int n) const {
+    switch (which) {
+        case Feature::centroid: break;
+        case Feature::jacobian_spectral: return singular_norms(jacobian(m, n)).spectral.to_float_rounded();
+        case Feature::jacobian_nuclear: return singular_norms(jacobian(m, n)).nuclear.to_float_rounded();
+        case Feature::anisotropy: return singular_norms(jacobian(m, n)).anisotropy.to_float_rounded();
+        default: return frobenius_norm(jacobian(m, n)).to_float_rounded();
+    }
+    const PlaneRow& here = loaded(n);
+    const Stencil across = stencil(here.has_hord(m - 1), here.has_hord(m + 1)), down = stencil(loaded(n + 2).has_hord(m), loaded(n + 1).has_hord(m));
     const Deflection left = deflection(m + across.before, n), right = deflection(m + across.after, n), up = deflection(m, n + down.before),
                      low = deflection(m, n + down.after);
-    if (feature_ == Feature::centroid) {
-        const double x = squared(right.x.raw() - left.x.raw()) + squared(right.y.raw() - left.y.raw());
-        const double y = squared(low.x.raw() - up.x.raw()) + squared(low.y.raw() - up.y.raw());
-        return static_cast<float>(std::sqrt(squared(across.weight()) * x + squared(down.weight()) * y) * 0x1p-24);
-    }
-    const Jacobian jacobian = jacobian_of(across, left, right, down, up, low);
-    switch (feature_) {
-        case Feature::jacobian_spectral: return singular_norms(jacobian).spectral.to_float_rounded();
-        case Feature::jacobian_nuclear: return singular_norms(jacobian).nuclear.to_float_rounded();
-        case Feature::anisotropy: return singular_norms(jacobian).anisotropy.to_float_rounded();
-        default: return frobenius_norm(jacobian).to_float_rounded();
-    }
+    const double x = squared(right.x.raw() - left.x.raw()) + squared(right.y.raw() - left.y.raw());
+    const double y = squared(low.x.raw() - up.x.raw()) + squared(low.y.raw() - up.y.raw());
+    return static_cast<float>(std::sqrt(squared(across.weight()) * x + squared(down.weight()) * y) * 0x1p-24);
 }
 
 // Every lenslet of the block, and every neighbour of one, has a HORD.
@@ -226,37 +232,46 @@ void PlaneFeature::compare_planes(int n, int block, float* values, const std::ui
     }
 }
 
-void PlaneFeature::compare_row(int n, float* values, std::uint8_t* mask) {
-    const PlaneRow& here = row(n);
+void PlaneFeature::mark_row(int n, std::uint8_t* mask) const {
+    const PlaneRow &above = loaded(n + 2), &here = loaded(n), &below = loaded(n + 1);
     const bool edge = n == 0 || n == extents_.n - 1;
     std::copy_n(here.mask().begin(), extents_.m, mask);
     for (int block = 0; block < here.blocks() && !edge; ++block) {
-        if (whole(here, block) && whole(row(n - 1), block)) continue;  // everyone has a neighbour beside it, and one above
+        if (whole(here, block) && whole(above, block)) continue;  // everyone has a neighbour beside it, and one above
         for (int m = std::max(block * kLanes, 1); m < std::min((block + 1) * kLanes, extents_.m - 1); ++m) {
             if (mask[m] != kValid) continue;
-            const bool alone = (!here.has_hord(m - 1) && !here.has_hord(m + 1)) || (!row(n - 1).has_hord(m) && !row(n + 1).has_hord(m));
+            const bool alone = (!here.has_hord(m - 1) && !here.has_hord(m + 1)) || (!above.has_hord(m) && !below.has_hord(m));
             if (alone) mask[m] |= kBorder;
         }
     }
     for (int m = 0; m < extents_.m; m += edge ? 1 : extents_.m - 1) mask[m] |= kBorder;
-    if (edge) {
+}
+
+void PlaneFeature::compare_row(int n, float* values, const std::uint8_t* mask) {
+    if (stride_ == 0) {
+        slopes_row(feature_, n, values, mask);
+    } else if (n == 0 || n == extents_.n - 1) {
         std::fill_n(values, extents_.m, 0.0F);
-    } else if (stride_ == 0) {
-        slopes_row(n, values, mask);
     } else {
-        for (int block = 0; block < here.blocks(); ++block) compare_planes(n, block, values, mask);
+        for (int block = 0; block < row(n).blocks(); ++block) compare_planes(n, block, values, mask);
         values[0] = values[extents_.m - 1] = 0;
     }
 }
 
+void PlaneFeature::slopes_row(int n, float* frobenius, const std::uint8_t* mask) { slopes_row(Feature::jacobian_frobenius, n, frobenius, mask); }
+
 // As if no neighbour were missing, where that is quick; then one by one where one is.
-void PlaneFeature::slopes_row(int n, float* values, const std::uint8_t* mask) {
-    const bool quick = feature_ == Feature::centroid || feature_ == Feature::jacobian_frobenius;
+void PlaneFeature::slopes_row(Feature which, int n, float* values, const std::uint8_t* mask) {
+    if (n == 0 || n == extents_.n - 1) {
+        std::fill_n(values, extents_.m, 0.0F);
+        return;
+    }
+    const bool quick = which == Feature::centroid || which == Feature::jacobian_frobenius;
     const PlaneRow &above = row(n + 2), &here = row(n), &below = row(n + 1);
     if (quick) {
         const Means &up = means_[static_cast<std::size_t>((n + 2) % 3)], &at = means_[static_cast<std::size_t>(n % 3)], &low = means_[static_cast<std::size_t>((n + 1) % 3)];
         slopes_({at.x.data(), at.x.data() + 2, up.x.data() + 1, low.x.data() + 1, at.y.data(), at.y.data() + 2, up.y.data() + 1, low.y.data() + 1},
-                feature_ == Feature::centroid, extents_.m - 2, values + 1);
+                which == Feature::centroid, extents_.m - 2, values + 1);
     }
     for (int m = 0; m < extents_.m; ++m) {
         if (quick && m % kLanes == 0 && surrounded(n, m / kLanes)) {
@@ -264,7 +279,7 @@ void PlaneFeature::slopes_row(int n, float* values, const std::uint8_t* mask) {
         } else if ((mask[m] & kNoGradient) != 0) {
             values[m] = 0;
         } else if (!quick || !here.has_hord(m - 1) || !here.has_hord(m + 1) || !above.has_hord(m) || !below.has_hord(m)) {
-            values[m] = by_deflections(m, n);
+            values[m] = by_deflections(which, m, n);
         }
     }
     values[0] = values[extents_.m - 1] = 0;
@@ -273,6 +288,7 @@ void PlaneFeature::slopes_row(int n, float* values, const std::uint8_t* mask) {
 void PlaneFeature::over_neighbours(const FrameView& frame, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask) {
     const auto compare = [&](int n) {
         const std::ptrdiff_t at = std::ptrdiff_t{n} * extents_.m;
+        mark_row(n, mask + at);
         compare_row(n, values + at, mask + at);
     };
     for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents_.n); ++n) {

@@ -19,6 +19,7 @@
 
 #include "algo/deflection.h"
 #include "algo/feature.h"
+#include "algo/jacobian.h"
 #include "algo/plane_row.h"
 
 namespace hord::algo {
@@ -27,13 +28,26 @@ class PlaneFeature {
   public:
     static bool covers(Feature feature);
 
-    // A feature that is covered.
-    PlaneFeature(const Extents& extents, Feature feature, Isa isa);
+    // A feature that is covered. Mean deflections are kept if it is made of them, or somebody wants them.
+    PlaneFeature(const Extents& extents, Feature feature, Isa isa, bool keeps_deflections = false);
 
     // Rows first .. last-1 of a whole field's map; algo/feature_map.h says what is in it. No allocation.
     void over_neighbours(const FrameView& frame, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask);
     void against(const FrameView& frame, const FrameView& reference, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask);
     void against(const FrameView& frame, std::span<const Hord> reference, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask);
+
+    // The same row by row, for whoever needs more of the rows (algo/pipeline.h): load(n-1), load(n) and load(n+1), those that exist, then what is
+    // asked of row n. Deflections and what is made of them: only of a PlaneFeature that keeps them.
+    void load(const FrameView& frame, const LightLevels& levels, int n);
+    [[nodiscard]] const PlaneRow& loaded(int n) const { return rows_[static_cast<std::size_t>(n % 3)]; }
+    [[nodiscard]] Deflection deflection(int m, int n) const {
+        const Means& means = means_[static_cast<std::size_t>(n % 3)];
+        return {DeflectionQ::from_raw(means.x[static_cast<std::size_t>(m)]), DeflectionQ::from_raw(means.y[static_cast<std::size_t>(m)])};
+    }
+    void mark_row(int n, std::uint8_t* mask) const;
+    void compare_row(int n, float* values, const std::uint8_t* mask);    // mask as mark_row() left it
+    void slopes_row(int n, float* frobenius, const std::uint8_t* mask);  // the Jacobian's Frobenius norm, whatever the feature
+    [[nodiscard]] Jacobian jacobian(int m, int n) const;                 // where the mask does not say kNoGradient
 
     // Raw mean deflections around lenslets 0, 1, ...; values come out for lenslets that have all four neighbours.
     struct MeanRows {
@@ -41,23 +55,17 @@ class PlaneFeature {
     };
 
   private:
-    void load(const FrameView& frame, const LightLevels& levels, int n);
     [[nodiscard]] PlaneRow& row(int n) { return rows_[static_cast<std::size_t>(n % 3)]; }
     // Mean deflections of a row, raw.
     struct Means {
         std::vector<std::int32_t> x, y;
     };
-    [[nodiscard]] Deflection deflection(int m, int n) const {
-        const Means& means = means_[static_cast<std::size_t>(n % 3)];
-        return {DeflectionQ::from_raw(means.x[static_cast<std::size_t>(m)]), DeflectionQ::from_raw(means.y[static_cast<std::size_t>(m)])};
-    }
     void compare_with_reference(float* values, std::uint8_t* mask);
-    void slopes_row(int n, float* values, const std::uint8_t* mask);
-    void compare_row(int n, float* values, std::uint8_t* mask);
+    void slopes_row(Feature which, int n, float* values, const std::uint8_t* mask);
     [[nodiscard]] bool surrounded(int n, int block) const;
     void compare_planes(int n, int block, float* values, const std::uint8_t* mask);
     [[nodiscard]] float squared_alone(const PlaneRow& a, int m_a, const PlaneRow& b, int m_b) const;
-    [[nodiscard]] float by_deflections(int m, int n) const;
+    [[nodiscard]] float by_deflections(Feature which, int m, int n) const;
 
     Extents extents_;
     Feature feature_;

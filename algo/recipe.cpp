@@ -22,7 +22,40 @@ void check_zone(const Zone& zone, std::size_t number, std::vector<std::string>& 
     }
 }
 
+// What is chosen can be judged, and no limit is given that nothing is judged by.
+void check_features(const Recipe& r, std::vector<std::string>& lines) {
+    const Recipe usual;
+    if (r.gradient && !is_judged_gradient(*r.gradient)) {
+        std::string judged;
+        for (const Feature feature : kJudgedGradients) judged += (judged.empty() ? "" : ", ") + std::string(name_of(feature));
+        lines.push_back("no part is judged by " + std::string(name_of(*r.gradient)) + ": use one of " + judged);
+    }
+    const bool other = r.gradient && *r.gradient != Feature::emd;
+    if (other && !(r.gradient_limit > 0 && std::isfinite(r.gradient_limit))) {
+        lines.push_back("the limit of " + std::string(name_of(*r.gradient)) + " must be above 0: good parts tell which (hordctl tune)");
+    }
+    const auto idle = [&](bool on, float limit, float as_it_is, const char* name, const char* feature) {
+        if (!on && limit != as_it_is) lines.push_back(std::string(name) + " is a limit of " + feature + ", which is not among the recipe's features: add that, or leave the limit out");
+    };
+    idle(r.gradient == Feature::emd, r.emd_limit_bins, usual.emd_limit_bins, "emd_limit_bins", "emd");
+    idle(other, r.gradient_limit, usual.gradient_limit, "gradient_limit", "marginal, hellinger or chi2");
+    idle(r.slopes, r.frobenius_limit_bins, usual.frobenius_limit_bins, "frobenius_limit_bins", "jacobian-frobenius");
+    idle(r.light, r.transmission_limit, usual.transmission_limit, "transmission_limit", "transmission");
+    if (r.reference && other) {
+        lines.push_back("a reference knows how much the emd of good parts changes from lenslet to lenslet, not their " + std::string(name_of(*r.gradient)) +
+                        ": choose emd or no gradient");
+    }
+    if (!r.reference && !r.gradient && !r.slopes && !(r.light && r.transmission_limit > 0)) {
+        lines.emplace_back("nothing would be judged: choose a feature, or give a reference");
+    }
+}
+
 }  // namespace
+
+float limit_of_gradient(const Recipe& recipe) {
+    if (!recipe.gradient) return 0;
+    return *recipe.gradient == Feature::emd ? recipe.emd_limit_bins : recipe.gradient_limit;
+}
 
 LightLevels light_levels(const Recipe& recipe, int bits) {
     const std::uint32_t full_scale = (1U << bits) - 1U;
@@ -45,6 +78,7 @@ std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) 
     if (!(recipe.transmission_limit >= 0 && recipe.transmission_limit < 1)) {
         lines.push_back("transmission_limit must be from 0 (off) to below 1");
     }
+    check_features(recipe, lines);
     share(recipe.max_saturated_share, "max_saturated_share");
     share(recipe.min_lit_share, "min_lit_share");
     if (recipe.min_area > extents.lenslets()) lines.push_back("min_area must be at most the number of lenslets, " + std::to_string(extents.lenslets()));

@@ -1,12 +1,15 @@
 // What is tolerated on a part: features, limits, masks and zones. Read from TOML by firmware/recipe_file.h.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "algo/feature.h"
 #include "algo/light_field.h"
 #include "algo/verdict.h"
 
@@ -45,6 +48,10 @@ struct Tolerance {
 
 struct Reference;  // algo/reference.h
 
+// The distances that a part can be judged by over neighbours, from the dearest down; why these and no others: docs/adr/0004-rungs.md.
+inline constexpr std::array kJudgedGradients = {Feature::emd, Feature::marginal, Feature::hellinger, Feature::chi2};
+constexpr bool is_judged_gradient(Feature feature) { return std::ranges::find(kJudgedGradients, feature) != kJudgedGradients.end(); }
+
 // Light levels at 8 bits; at b bits they are 2^(b-8) times as many DN, the same share of the full scale.
 // Dark: twelve times the rounding noise of 8 bits (0.29 DN) and five times a read noise of 0.6 DN, so dark bins stay empty.
 // Least sum: 1/16 of a bin at full scale. With ten or more electrons a DN that is 160 electrons or more, where the EMD of two
@@ -63,6 +70,11 @@ struct Recipe {
     std::uint32_t min_sum_dn = 0;
     std::uint32_t saturated_dn = 0;
 
+    // Features: what is computed of a part, and judged. What is not chosen costs nothing, its map is empty, and its limit stays as it is here.
+    std::optional<Feature> gradient = Feature::emd;  // over neighbours: one of kJudgedGradients, or none; with a reference emd or none
+    bool slopes = true;                              // the Jacobian of the mean deflection
+    bool light = true;                               // the transmission; with a reference its own score of the light is judged instead
+
     // Limits. A region of lenslets at or above a limit, of at least `min_area` lenslets, is a defect.
     //
     // Gradients: a good part may use the whole range of 9 bins smoothly over 40 lenslets, 0.2 bin a lenslet along each axis:
@@ -77,6 +89,8 @@ struct Recipe {
     float frobenius_limit_bins = 0.4F;  // |Jacobian of the mean deflection|_F, bin pitches a lenslet (Eqs. 12-14)
     float transmission_limit = 0.7F;    // light relative to the part's own typical lenslet, 0 (off) to 1
     std::uint32_t min_area = 1;         // lenslets
+    // Of a gradient other than the EMD, in its own unit (unit_of). Good parts set it (hordctl tune), there is no usual one.
+    float gradient_limit = 0;
 
     // The part's own rim lights up in every gradient. `rim_margin` lenslets inside it are not judged; negative:
     // chosen from the number of lenslets (documented in algo/rim.h).
@@ -101,6 +115,9 @@ struct Recipe {
     float cluster_score = 9.0F;
     std::vector<Tolerance> tolerances;
 };
+
+// The limit of the gradient that was chosen; 0 without one.
+float limit_of_gradient(const Recipe& recipe);
 
 // The recipe's light levels at a bit depth, in DN.
 struct LightLevels;  // algo/decode.h

@@ -61,6 +61,9 @@ Who who_is(const modbus::Origin& origin, const CommandRequest& request) {
 
 std::uint16_t scaled(double value, double scale) { return static_cast<std::uint16_t>(std::clamp(std::lround(value * scale), 0L, 0xFFFEL)); }
 
+// What nothing is judged by is not available; another value in its place is a contradiction that a recipe is refused for.
+constexpr std::uint16_t kNotJudged = 0xFFFF;
+
 // A limit keeps what registers cannot say of it, unless they say something else.
 void take(float& limit, std::uint16_t staged, std::uint16_t was, double scale) {
     if (staged != was) limit = static_cast<float>(staged / scale);
@@ -71,9 +74,9 @@ void take(float& limit, std::uint16_t staged, std::uint16_t was, double scale) {
 StagedRecipe staged_from(const NumberedRecipe& numbered) {
     const algo::Recipe& r = numbered.recipe;
     return {.number = numbered.number,
-            .emd_limit_mbins = scaled(r.emd_limit_bins, 1e3),
-            .frobenius_limit_mbins = scaled(r.frobenius_limit_bins, 1e3),
-            .transmission_permille = scaled(r.transmission_limit, 1e3),
+            .emd_limit_mbins = r.gradient == algo::Feature::emd ? scaled(r.emd_limit_bins, 1e3) : kNotJudged,
+            .frobenius_limit_mbins = r.slopes ? scaled(r.frobenius_limit_bins, 1e3) : kNotJudged,
+            .transmission_permille = r.light ? scaled(r.transmission_limit, 1e3) : kNotJudged,
             .min_area = static_cast<std::uint16_t>(std::min<std::uint32_t>(r.min_area, 0xFFFE)),
             .rim_margin = static_cast<std::int16_t>(r.rim_margin),
             .max_saturated_permyriad = scaled(r.max_saturated_share, 1e4),

@@ -1,5 +1,6 @@
 #include "firmware/recipe_file.h"
 
+#include <algorithm>
 #include <array>
 #include <functional>
 
@@ -89,6 +90,71 @@ algo::Tolerance read_tolerance(TomlTable& table) {
     return t;
 }
 
+// The features that a recipe may name: the gradients, then these two.
+constexpr std::string_view kSlopes = name_of(algo::Feature::jacobian_frobenius), kLight = name_of(algo::Feature::transmission);
+
+std::string feature_names() {
+    std::string names;
+    for (const algo::Feature feature : algo::kJudgedGradients) names += fmt::format("{}, ", name_of(feature));
+    return fmt::format("{}{}, {}", names, kSlopes, kLight);
+}
+
+// The keys of [limits] for the gradients.
+constexpr std::string_view limit_key(algo::Feature gradient) {
+    switch (gradient) {
+        case algo::Feature::emd: return "emd_bins";
+        case algo::Feature::marginal: return "marginal_bins";
+        default: return name_of(gradient);
+    }
+}
+constexpr double largest_limit(algo::Feature gradient) { return algo::unit_of(gradient).empty() ? 3 : 30; }
+
+void read_features(TomlTable& root, algo::Recipe& recipe) {
+    if (!root.has("features")) return;
+    std::vector<std::string> names;
+    root.texts("features", names);
+    recipe.gradient.reset();
+    recipe.slopes = recipe.light = false;
+    for (std::size_t k = 0; k < names.size(); ++k) {
+        const auto choice = algo::feature_named(names[k]);
+        if (std::find(names.begin(), names.begin() + static_cast<std::ptrdiff_t>(k), names[k]) != names.begin() + static_cast<std::ptrdiff_t>(k)) {
+            root.problem("features", "has " + names[k] + " twice", "name it once");
+        } else if (!choice) {
+            root.problem("features", "has " + names[k] + ", which is none", "use " + feature_names());
+        } else if (names[k] == kSlopes) {
+            recipe.slopes = true;
+        } else if (names[k] == kLight) {
+            recipe.light = true;
+        } else if (choice->against_reference || !algo::is_judged_gradient(choice->feature)) {
+            root.problem("features", "has " + names[k] + ", by which no part is judged", "use " + feature_names());
+        } else if (recipe.gradient) {
+            root.problem("features", fmt::format("has {} beside {}", names[k], name_of(*recipe.gradient)), "compare neighbours by one distance");
+        } else {
+            recipe.gradient = choice->feature;
+        }
+    }
+}
+
+// A limit of a feature that is off is a contradiction.
+void read_limits(TomlTable& limits, algo::Recipe& recipe) {
+    const auto limit = [&](bool on, std::string_view key, float& value, double low, double high, std::string_view feature) {
+        if (!on && limits.has(key)) limits.problem(key, fmt::format("is a limit of {}, which is not among the features", feature), "remove it, or add that to features");
+        limits.number(key, value, low, high);
+    };
+    for (const algo::Feature gradient : algo::kJudgedGradients) {
+        const bool on = recipe.gradient == gradient;
+        float unused = 1;
+        float& value = gradient == algo::Feature::emd ? recipe.emd_limit_bins : on ? recipe.gradient_limit : unused;
+        limit(on, limit_key(gradient), value, 1e-3, largest_limit(gradient), name_of(gradient));
+        if (on && gradient != algo::Feature::emd && !limits.has(limit_key(gradient))) {
+            limits.problem(limit_key(gradient), "is missing", "give a limit: good parts tell which (hordctl tune)");
+        }
+    }
+    limit(recipe.slopes, "frobenius_bins", recipe.frobenius_limit_bins, 1e-3, 30, kSlopes);
+    limit(recipe.light, "transmission", recipe.transmission_limit, 0, 0.999, kLight);
+    limits.integer("min_area", recipe.min_area, 1, 1'000'000);
+}
+
 Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::filesystem::path& folder) {
     NumberedRecipe numbered;
     algo::Recipe& recipe = numbered.recipe;
@@ -106,10 +172,8 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     light.number("max_saturated_share", recipe.max_saturated_share, 0, 1);
     light.number("min_lit_share", recipe.min_lit_share, 0, 1);
     TomlTable limits = root.table("limits");
-    limits.number("emd_bins", recipe.emd_limit_bins, 1e-3, 30);
-    limits.number("frobenius_bins", recipe.frobenius_limit_bins, 1e-3, 30);
-    limits.number("transmission", recipe.transmission_limit, 0, 0.999);
-    limits.integer("min_area", recipe.min_area, 1, 1'000'000);
+    read_features(root, recipe);
+    read_limits(limits, recipe);
     if (recipe.dark_dn != 0 && recipe.saturated_dn != 0 && recipe.dark_dn >= recipe.saturated_dn) {
         light.problem("dark_dn", "is not below saturated_dn", "lower it, or raise saturated_dn");
     }
@@ -130,6 +194,11 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
         auto learned = read_reference(numbered.reference_file);
         if (learned) recipe.reference = std::move(*learned);
         else reference.problem("file", "cannot be used: " + learned.error().what, learned.error().cure);
+        if (recipe.gradient && *recipe.gradient != algo::Feature::emd) {
+            root.problem("features", fmt::format("has {}, and a reference knows of good parts' emd alone", name_of(*recipe.gradient)), "use emd, or leave the distance out");
+        }
+    } else if (!recipe.gradient && !recipe.slopes && !(recipe.light && recipe.transmission_limit > 0)) {
+        root.problem("features", "leaves nothing to judge parts by", "use " + feature_names() + ", or give a reference");
     }
     for (TomlTable& table : root.tables("tolerate")) {
         algo::Tolerance tolerance = read_tolerance(table);
@@ -173,15 +242,39 @@ std::string format_place(const algo::Zone& zone, float unit, algo::Point origin)
     return text + "]\n";
 }
 
+// Nothing where they are the usual ones: what a recipe without a choice says, and its checksum, stay what they were.
+std::string format_features(const algo::Recipe& r) {
+    if (r.gradient == algo::Feature::emd && r.slopes && r.light) return "";
+    std::string names;
+    const auto add = [&](std::string_view name) { names += fmt::format("{}\"{}\"", names.empty() ? "" : ", ", name); };
+    if (r.gradient) add(name_of(*r.gradient));
+    if (r.slopes) add(kSlopes);
+    if (r.light) add(kLight);
+    return "features = [" + names + "]\n";
+}
+
+// Those of the features that are on; one of a feature that is off only if it says something, so that whoever reads it is told.
+std::string format_limits(const algo::Recipe& r) {
+    const algo::Recipe usual;
+    std::string text;
+    const auto add = [&](bool on, std::string_view key, float value, float as_usual) {
+        if (on || value != as_usual) text += fmt::format("{} = {}\n", key, value);
+    };
+    add(r.gradient == algo::Feature::emd, limit_key(algo::Feature::emd), r.emd_limit_bins, usual.emd_limit_bins);
+    if (r.gradient && *r.gradient != algo::Feature::emd) add(true, limit_key(*r.gradient), r.gradient_limit, usual.gradient_limit);
+    add(r.slopes, "frobenius_bins", r.frobenius_limit_bins, usual.frobenius_limit_bins);
+    add(r.light, "transmission", r.transmission_limit, usual.transmission_limit);
+    return text + fmt::format("min_area = {}\n", r.min_area);
+}
+
 // The recipe's text with `reference` for the name of its reference.
 std::string format(const NumberedRecipe& numbered, const std::string& reference_name) {
     const algo::Recipe& r = numbered.recipe;
-    std::string text = fmt::format("schema = {}\nname = {}\nnumber = {}\nversion = {}\nrim_margin = {}\n\n", kRecipeSchema, in_quotes(r.name),
-                                   numbered.number, numbered.version, r.rim_margin);
+    std::string text = fmt::format("schema = {}\nname = {}\nnumber = {}\nversion = {}\nrim_margin = {}\n{}\n", kRecipeSchema, in_quotes(r.name),
+                                   numbered.number, numbered.version, r.rim_margin, format_features(r));
     text += fmt::format("[light]\ndark_dn = {}\nmin_sum_dn = {}\nsaturated_dn = {}\nmax_saturated_share = {}\nmin_lit_share = {}\n\n", r.dark_dn,
                         r.min_sum_dn, r.saturated_dn, r.max_saturated_share, r.min_lit_share);
-    text += fmt::format("[limits]\nemd_bins = {}\nfrobenius_bins = {}\ntransmission = {}\nmin_area = {}\n", r.emd_limit_bins,
-                        r.frobenius_limit_bins, r.transmission_limit, r.min_area);
+    text += "[limits]\n" + format_limits(r);
     for (const algo::Zone& zone : r.zones) {
         text += fmt::format("\n[[zone]]\nuse = \"{}\"\n", zone.use == algo::Zone::Use::inspect ? "inspect" : "ignore");
         text += format_place(zone, 1, {});

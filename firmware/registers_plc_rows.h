@@ -4,6 +4,7 @@
 #include "firmware/registers_rows.h"
 
 #include <algorithm>
+#include <limits>
 
 namespace hord::firmware::rows {
 
@@ -83,25 +84,27 @@ inline constexpr Register kPlc[] = {
            }),
 };
 
-// The staged values stand together: what is committed is exactly registers 8202 to 8209.
+// Of a feature that is not judged no limit is available. The staged values stand together: what is committed is exactly registers 8202 to 8209.
+inline constexpr double in_thousandths(std::uint16_t limit) { return limit == 0xFFFF ? std::numeric_limits<double>::quiet_NaN() : limit / 1000.0; }
+
 inline constexpr Register kRecipe[] = {
     writable(number(8202, Type::u16, "staged_number", "", "number that the recipe will have",
                     [](const Source& s) { return plc(s, [](auto& p) { return p.staged.number; }); })),
     writable(number(
         8203, Type::u16, "staged_emd_limit", "bin pitches", "largest gradient of the earth mover's distance",
-        [](const Source& s) { return plc(s, [](auto& p) { return p.staged.emd_limit_mbins / 1000.0; }); }, {},
+        [](const Source& s) { return plc(s, [](auto& p) { return in_thousandths(p.staged.emd_limit_mbins); }); }, {},
         0.001)),
     writable(number(
         8204, Type::u16, "staged_frobenius_limit", "bin pitches a lenslet",
         "largest norm of the deflection's Jacobian",
         [](const Source& s) {
-            return plc(s, [](auto& p) { return p.staged.frobenius_limit_mbins / 1000.0; });
+            return plc(s, [](auto& p) { return in_thousandths(p.staged.frobenius_limit_mbins); });
         },
         {}, 0.001)),
     writable(number(
         8205, Type::u16, "staged_transmission_limit", "", "least light relative to a typical lenslet, 0 to 1",
         [](const Source& s) {
-            return plc(s, [](auto& p) { return p.staged.transmission_permille / 1000.0; });
+            return plc(s, [](auto& p) { return in_thousandths(p.staged.transmission_permille); });
         },
         {}, 0.001)),
     writable(number(8206, Type::u16, "staged_min_area", "lenslets", "smaller regions are no defects",

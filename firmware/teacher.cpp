@@ -95,6 +95,10 @@ LineTeacher::~LineTeacher() {
 
 Result<void> LineTeacher::do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) {
     if (lesson_ != nullptr) return fail(ErrorCode::busy, "a teach is under way", "wait for its end");
+    if (recipe.recipe.gradient && *recipe.recipe.gradient != algo::Feature::emd) {
+        return fail(ErrorCode::refused, fmt::format("recipe {} compares neighbours by {}, of which a reference knows nothing", recipe.number, name_of(*recipe.recipe.gradient)),
+                    "use emd among the recipe's features, or no distance, then teach");
+    }
     if (thread_.joinable()) thread_.join();  // it has told its end long ago
     cancelled_ = ended_ = false;
     lesson_ = std::make_unique<Lesson>(Lesson{parts, recipe, std::move(listener), {}});

@@ -8,13 +8,13 @@ namespace hord::firmware {
 namespace {
 
 // One scale a column, so that rows can be compared; deflections beyond it take the end colour.
-constexpr float kEmdHigh = 2, kFrobeniusHigh = 2, kTransmissionHigh = 1.2F;
+constexpr float kBinsHigh = 2, kShareHigh = 1, kFrobeniusHigh = 2, kTransmissionHigh = 1.2F;
 
 }  // namespace
 
 void Gallery::keep(std::uint32_t part, const algo::FrameView& view, const algo::Inspection& found) {
     Seen seen{part, found.verdict, found.reason, {view.width_px / bins_.first, view.height_px / bins_.second, bins_.first, bins_.second},
-              algo::Frame(view.width_px, view.height_px, view.bits), {found.emd.begin(), found.emd.end()},
+              algo::Frame(view.width_px, view.height_px, view.bits), found.compares, {found.gradient.begin(), found.gradient.end()},
               {found.frobenius.begin(), found.frobenius.end()}, {found.transmission.begin(), found.transmission.end()},
               {found.mask.begin(), found.mask.end()}, {found.defects.begin(), found.defects.end()}};
     const auto row_bytes = static_cast<std::size_t>(view.width_px * view.sample_bytes());
@@ -30,11 +30,19 @@ MontageRow Gallery::row(const std::string& kind, const Seen& seen) {
     const algo::Extents& e = seen.extents;
     const std::string title = fmt::format("raw frame of part {}: {}{}", seen.part, name_of(seen.verdict),
                                           seen.reason == algo::Reason::none ? std::string() : fmt::format(", {}", name_of(seen.reason)));
-    return {kind,
-            {draw(title, seen.frame.view(), e),
-             draw({"EMD gradient", "bins", 0, kEmdHigh}, seen.emd, seen.mask, e, seen.defects),
-             draw({"Frobenius norm of the Jacobian", "bins a lenslet", 0, kFrobeniusHigh}, seen.frobenius, seen.mask, e, seen.defects),
-             draw({"transmission", "of typical", 0, kTransmissionHigh}, seen.transmission, seen.mask, e, seen.defects)}};
+    std::vector<Picture> pictures{draw(title, seen.frame.view(), e)};
+    const auto add = [&](const MapPicture& what, const std::vector<float>& map) {
+        if (!map.empty()) pictures.push_back(draw(what, map, seen.mask, e, seen.defects));
+    };
+    if (seen.compares == algo::Feature::emd) {
+        add({"EMD gradient", "bins", 0, kBinsHigh}, seen.gradient);
+    } else if (seen.compares) {
+        const bool in_bins = !algo::unit_of(*seen.compares).empty();
+        add({std::string(name_of(*seen.compares)) + " gradient", in_bins ? "bins" : "", 0, in_bins ? kBinsHigh : kShareHigh}, seen.gradient);
+    }
+    add({"Frobenius norm of the Jacobian", "bins a lenslet", 0, kFrobeniusHigh}, seen.frobenius);
+    add({"transmission", "of typical", 0, kTransmissionHigh}, seen.transmission);
+    return {kind, std::move(pictures)};
 }
 
 void Gallery::settle(std::uint32_t part, const std::string& kind) {

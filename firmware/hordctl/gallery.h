@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -26,8 +27,8 @@ class Gallery {
     // The part's kind; kept if it is the first of its kind.
     void settle(std::uint32_t part, const std::string& kind);
 
-    // Writes montage.png into `folder` (made if need be): a row a kind, good first; raw frame, EMD gradient, Frobenius
-    // norm, transmission, each column in one scale. Returns the picture's path. Fails with io, not_found (nothing kept).
+    // Writes montage.png into `folder` (made if need be): a row a kind, good first; raw frame, gradient, Frobenius
+    // norm, transmission, those that the recipe chooses, each column in one scale. Returns the picture's path. Fails with io, not_found (nothing kept).
     Result<std::string> write(const std::filesystem::path& folder);
 
   private:
@@ -37,7 +38,8 @@ class Gallery {
         algo::Reason reason = algo::Reason::none;
         algo::Extents extents;
         algo::Frame frame;
-        std::vector<float> emd, frobenius, transmission;
+        std::optional<algo::Feature> compares;
+        std::vector<float> gradient, frobenius, transmission;  // empty: not judged
         std::vector<std::uint8_t> mask;
         std::vector<algo::Defect> defects;
     };

@@ -31,32 +31,41 @@ struct InspectOptions {
     std::string macro = "9x9";
     std::string grid;
     std::string recipe;
-    std::string feature = "emd";
+    std::string feature;  // empty: what the recipe judges by
     std::string reference;
     int bits = 0;
     std::string out;
     bool json = false;
 };
 
-// Features that every inspection computes, or can, and what the recipe tolerates of them; the others have a FeatureMapper.
+// A feature that an inspection by this recipe computes, or can; the others have a FeatureMapper.
 struct InspectedMap {
-    algo::Feature feature;
     algo::Map algo::Inspection::*map;
-    float algo::Recipe::*limit;  // null: nothing is judged by it, and its map is computed only when asked for
-};
-constexpr InspectedMap kInspectedMaps[] = {
-    {algo::Feature::emd, &algo::Inspection::emd, &algo::Recipe::emd_limit_bins},
-    {algo::Feature::jacobian_frobenius, &algo::Inspection::frobenius, &algo::Recipe::frobenius_limit_bins},
-    {algo::Feature::jacobian_spectral, &algo::Inspection::spectral, nullptr},
-    {algo::Feature::jacobian_nuclear, &algo::Inspection::nuclear, nullptr},
-    {algo::Feature::anisotropy, &algo::Inspection::anisotropy, nullptr},
-    {algo::Feature::transmission, &algo::Inspection::transmission, &algo::Recipe::transmission_limit},
+    float limit = 0;  // 0: nothing is judged by it, and its map is computed only when asked for
 };
 
-// Null when it takes a FeatureMapper.
-const InspectedMap* inspected_map(const algo::FeatureChoice& choice) {
-    const auto* found = std::ranges::find(kInspectedMaps, choice.feature, &InspectedMap::feature);
-    return choice.against_reference || found == std::end(kInspectedMaps) ? nullptr : found;
+// Nothing when it takes a FeatureMapper.
+std::optional<InspectedMap> inspected_map(const algo::FeatureChoice& choice, const algo::Recipe& recipe) {
+    using algo::Feature, algo::Inspection;
+    if (choice.against_reference) return std::nullopt;
+    if (choice.feature == recipe.gradient) return InspectedMap{&Inspection::gradient, limit_of_gradient(recipe)};
+    switch (choice.feature) {
+        case Feature::jacobian_frobenius: return InspectedMap{&Inspection::frobenius, recipe.slopes ? recipe.frobenius_limit_bins : 0};
+        case Feature::jacobian_spectral: return InspectedMap{&Inspection::spectral};
+        case Feature::jacobian_nuclear: return InspectedMap{&Inspection::nuclear};
+        case Feature::anisotropy: return InspectedMap{&Inspection::anisotropy};
+        case Feature::transmission: return InspectedMap{&Inspection::transmission, recipe.light ? recipe.transmission_limit : 0};
+        default: return std::nullopt;
+    }
+}
+
+constexpr const char* kSurprise = "surprise";
+
+// What a recipe judges by that a map shows best.
+std::string shown_of(const algo::Recipe& recipe) {
+    if (recipe.gradient) return std::string(name_of(*recipe.gradient));
+    if (recipe.reference) return kSurprise;
+    return std::string(name_of(recipe.slopes ? algo::Feature::jacobian_frobenius : algo::Feature::transmission));
 }
 
 std::string known_features() {
@@ -173,8 +182,6 @@ Result<void> write_results(const fs::path& out, const std::string& frame, const 
     return {};
 }
 
-constexpr const char* kSurprise = "surprise";
-
 // Whether a file is one of hordctl learn's: it says so in its first bytes.
 bool is_reference(const std::string& file) {
     std::ifstream stream(file, std::ios::binary);
@@ -199,26 +206,27 @@ class Inspector {
             if (!learned) return tl::unexpected(learned.error());
             learned_ = std::move(*learned);
         }
-        const auto choice = algo::feature_named(options_.feature);
-        if (!choice && options_.feature == kSurprise) {
-            if (!learned_) return fail(ErrorCode::invalid_argument, "the surprise is that of a learned reference", "give --reference REFERENCE (hordctl learn)");
-            surprise_ = true;
-        } else if (!choice) return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " is not known", "use one of " + known_features());
-        if (choice) choice_ = *choice;
-        if (choice_.against_reference && options_.reference.empty()) {
-            return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " needs something to compare with", "give --reference FRAME");
-        }
-        if (!choice_.against_reference && !options_.reference.empty() && !learned_) {
-            return fail(ErrorCode::invalid_argument, "feature " + options_.feature + " does not look at --reference", "ask for reference-" + options_.feature + ", or leave it out");
-        }
         if (!options_.recipe.empty()) {
             auto recipe = load_recipe(options_.recipe);
             if (!recipe) return tl::unexpected(recipe.error());
             recipe_ = std::move(*recipe);
         }
         if (learned_) recipe_.reference = learned_;
+        const std::string feature = options_.feature.empty() ? shown_of(recipe_) : options_.feature;
+        const auto choice = algo::feature_named(feature);
+        if (!choice && feature == kSurprise) {
+            if (!recipe_.reference) return fail(ErrorCode::invalid_argument, "the surprise is that of a learned reference", "give --reference REFERENCE (hordctl learn)");
+            surprise_ = true;
+        } else if (!choice) return fail(ErrorCode::invalid_argument, "feature " + feature + " is not known", "use one of " + known_features());
+        if (choice) choice_ = *choice;
+        if (choice_.against_reference && options_.reference.empty()) {
+            return fail(ErrorCode::invalid_argument, "feature " + feature + " needs something to compare with", "give --reference FRAME");
+        }
+        if (!choice_.against_reference && !options_.reference.empty() && !learned_) {
+            return fail(ErrorCode::invalid_argument, "feature " + feature + " does not look at --reference", "ask for reference-" + feature + ", or leave it out");
+        }
         if (learned_ && choice_.against_reference) {
-            return fail(ErrorCode::invalid_argument, options_.reference + " is a learned reference, and feature " + options_.feature + " compares with a frame",
+            return fail(ErrorCode::invalid_argument, options_.reference + " is a learned reference, and feature " + feature + " compares with a frame",
                         "give a frame, or leave --feature out");
         }
         if (choice_.against_reference) {
@@ -268,11 +276,11 @@ class Inspector {
 
   private:
     Result<void> set_up(const algo::Extents& extents, int bits) {
-        const InspectedMap* inspected = surprise_ ? &kInspectedMaps[0] : inspected_map(choice_);
-        const bool extra = inspected != nullptr && inspected->limit == nullptr;
+        const auto inspected = surprise_ ? std::nullopt : inspected_map(choice_, recipe_);
+        const bool extra = inspected && inspected->limit == 0;
         auto pipeline = algo::Pipeline::create(extents, bits, recipe_, 1, extra ? algo::MapSet::all : algo::MapSet::judged);
         if (!pipeline) return tl::unexpected(pipeline.error());
-        if (inspected == nullptr) {
+        if (!inspected && !surprise_) {
             auto mapper = algo::FeatureMapper::create(extents, bits, algo::light_levels(recipe_, bits), choice_.feature);
             if (!mapper) return tl::unexpected(mapper.error());
             mapper_ = std::move(*mapper);
@@ -298,9 +306,9 @@ class Inspector {
             return seen;
         }
         FeatureView result{algo::name_of(choice_), unit_for_people(choice_.feature), {}, found.mask, 0};
-        if (const InspectedMap* inspected = inspected_map(choice_)) {
+        if (const auto inspected = inspected_map(choice_, recipe_)) {
             result.map = found.*inspected->map;
-            if (inspected->limit != nullptr) result.limit = recipe_.*inspected->limit;
+            result.limit = inspected->limit;
             return result;
         }
         const std::int64_t start = steady_ns();
@@ -358,7 +366,7 @@ void add_inspect(CLI::App& program, Exit& status) {
     command->add_option("--macro", options->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")->capture_default_str();
     command->add_option("--grid", options->grid, "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
     command->add_option("--recipe", options->recipe, "Limits, masks and zones (TOML); without it the default recipe");
-    const auto* feature = command->add_option("--feature", options->feature, "Feature whose map and statistics are written: " + known_features())->capture_default_str();
+    const auto* feature = command->add_option("--feature", options->feature, "Feature whose map and statistics are written; without it, what the recipe judges by (emd). One of " + known_features());
     command->add_option("--reference", options->reference, "What hordctl learn has learned: parts are judged against it, and --feature surprise shows where they differ. Or a frame of a good part at the same place, for the reference- features");
     command->add_option("--bits", options->bits, "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
         ->check(CLI::Range(8, 16));

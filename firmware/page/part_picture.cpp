@@ -18,22 +18,43 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct Shown {
-    const char* name;
-    const char* title;
-    const char* unit;
-    algo::Map algo::Inspection::*map;
-    float algo::Recipe::*limit;
-};
-constexpr Shown kShown[] = {
-    {"emd", "neighbours disagree (earth mover's distance)", "bin pitches", &algo::Inspection::emd, &algo::Recipe::emd_limit_bins},
-    {"slope", "slope of the deflection (Jacobian, Frobenius)", "bin pitches a lenslet", &algo::Inspection::frobenius, &algo::Recipe::frobenius_limit_bins},
-    {"transmission", "light that comes through", "of a typical lenslet", &algo::Inspection::transmission, &algo::Recipe::transmission_limit},
+    std::string name, title, unit;
+    algo::Map map;
+    float limit;
 };
 
-const Shown* chosen(const std::string& feature, algo::Reason reason) {
-    const std::string_view name = !feature.empty() ? std::string_view(feature) : reason == algo::Reason::slope ? "slope" : reason == algo::Reason::absorption ? "transmission" : "emd";
-    const auto* found = std::find_if(std::begin(kShown), std::end(kShown), [&](const Shown& s) { return s.name == name; });
-    return found == std::end(kShown) ? nullptr : found;
+std::string_view words_for(algo::Feature distance) {
+    switch (distance) {
+        case algo::Feature::emd: return "earth mover's distance";
+        case algo::Feature::marginal: return "distance of the marginals";
+        case algo::Feature::hellinger: return "Hellinger distance";
+        default: return "chi-square distance";
+    }
+}
+
+// What the recipe judges by; where that is the reference alone, how the part differs from it (`nothing`, if nothing was compared).
+std::vector<Shown> views_of(const algo::Inspection& found, const algo::Recipe& recipe, std::vector<float>& nothing) {
+    std::vector<Shown> views;
+    if (found.compares) {
+        const std::string_view unit = algo::unit_of(*found.compares);
+        views.push_back({std::string(name_of(*found.compares)), fmt::format("neighbours disagree ({})", words_for(*found.compares)), std::string(unit), found.gradient, limit_of_gradient(recipe)});
+    }
+    if (recipe.slopes) views.push_back({"slope", "slope of the deflection (Jacobian, Frobenius)", "bin pitches a lenslet", found.frobenius, recipe.frobenius_limit_bins});
+    if (recipe.light) views.push_back({"transmission", "light that comes through", "of a typical lenslet", found.transmission, recipe.transmission_limit});
+    if (recipe.reference && !found.compares) {
+        if (found.surprise.empty()) nothing.assign(found.mask.size(), 0.0F);
+        views.push_back({"surprise", "differs from good parts", "noises", found.surprise.empty() ? algo::Map(nothing) : found.surprise, recipe.reject_score});
+    }
+    return views;
+}
+
+// Nothing when there is no map of that name.
+std::optional<Shown> chosen(const std::vector<Shown>& views, const std::string& feature, algo::Reason reason) {
+    const auto named = [&](std::string_view name) { return std::ranges::find(views, name, &Shown::name); };
+    auto found = named(!feature.empty() ? std::string_view(feature) : reason == algo::Reason::slope ? "slope" : reason == algo::Reason::absorption ? "transmission" : "");
+    if (found == views.end() && feature.empty()) found = views.begin();
+    if (found == views.end()) return std::nullopt;
+    return *found;
 }
 
 }  // namespace
@@ -83,13 +104,18 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
     }
     const auto inspection = p.pipeline->inspect(frame);
     if (!inspection) return tl::unexpected(inspection.error());
-    const Shown* shown = chosen(feature, inspection->reason);
-    if (shown == nullptr) return fail(ErrorCode::invalid_argument, "there is no map of that name", "ask for emd, slope or transmission");
+    std::vector<float> nothing;
+    const std::vector<Shown> views = views_of(*inspection, p.recipe, nothing);
+    const auto shown = chosen(views, feature, inspection->reason);
+    if (!shown) {
+        std::string names;
+        for (const Shown& view : views) names += (names.empty() ? "" : ", ") + view.name;
+        return fail(ErrorCode::invalid_argument, "there is no map of that name", "ask for one of " + names);
+    }
 
-    const algo::Map map = (*inspection).*(shown->map);
     const std::vector<std::string> labels = labels_of(*inspection, p.recipe);
     const std::string sentence = explain(*inspection, p.recipe, extents);
-    const Picture picture = hord::firmware::draw(scale_to(shown->title, shown->unit, map, inspection->mask, p.recipe.*(shown->limit)), map, inspection->mask, extents, inspection->defects, labels);
+    const Picture picture = hord::firmware::draw(scale_to(shown->title, shown->unit, shown->map, inspection->mask, shown->limit), shown->map, inspection->mask, extents, inspection->defects, labels);
     auto png = encode_png(picture);
     if (!png) return tl::unexpected(png.error());
 

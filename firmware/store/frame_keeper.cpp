@@ -34,8 +34,10 @@ void append(std::vector<std::uint8_t>& bytes, algo::Map map) {
 
 std::vector<std::uint8_t> bytes_of_maps(const algo::Inspection& inspection) {
     std::vector<std::uint8_t> bytes;
-    bytes.reserve(inspection.emd.size_bytes() * 3 + inspection.mask.size());
-    for (const algo::Map map : {inspection.emd, inspection.frobenius, inspection.transmission}) append(bytes, map);
+    bytes.reserve(inspection.mask.size() * (3 * sizeof(float) + 1));
+    for (const algo::Map map : {inspection.gradient, inspection.frobenius, inspection.transmission}) append(bytes, map);
+    // Where neighbours are not compared, the reference's scores may be all there is.
+    if (!inspection.compares) append(bytes, inspection.surprise);
     bytes.insert(bytes.end(), inspection.mask.begin(), inspection.mask.end());
     return bytes;
 }

@@ -229,6 +229,32 @@ TEST(Reference, small_defects_are_tolerated_as_the_recipe_says) {
     EXPECT_FALSE(Pipeline::create(kField, kBits, r));
 }
 
+// Without the EMD the rows are read another way; what a reference says of them is the same.
+TEST(Reference, judges_the_same_without_any_gradient) {
+    const Frame bad = seen(part({0.3, -0.2, 0}, [](int m, int n, Spot& spot) {
+                               if (std::abs(m - 22) <= 1 && std::abs(n - 15) <= 1) spot.light *= 0.6;
+                           }),
+                           81);
+    const Judged usual = judge(bad);
+    ASSERT_EQ(usual.verdict, Verdict::reject);
+    Recipe without = recipe();
+    without.gradient.reset();
+    without.slopes = without.light = false;
+    for (const int threads : {1, 2}) {
+        const Judged found = judge(bad, without, threads);
+        EXPECT_EQ(found.verdict, Verdict::reject);
+        EXPECT_EQ(found.reason, Reason::absorption);
+        EXPECT_EQ(found.surprise, usual.surprise);
+        EXPECT_EQ(found.registered.pose.x, usual.registered.pose.x);
+        EXPECT_EQ(found.registered.light, usual.registered.light);
+    }
+    without.gradient = Feature::chi2;
+    without.gradient_limit = 1;
+    const auto refused = Pipeline::create(kField, kBits, without);
+    ASSERT_FALSE(refused);
+    EXPECT_NE(refused.error().message().find("choose emd or no gradient"), std::string::npos) << refused.error().message();
+}
+
 TEST(Reference, the_judgement_does_not_depend_on_the_number_of_threads) {
     const Frame frame = seen(part(wobble(11)), 11);
     const Judged alone = judge(frame);

@@ -366,6 +366,7 @@ TEST(Recipe, the_documented_file_is_the_defaults) {
               std::tie(d.name, d.dark_dn, d.min_sum_dn, d.saturated_dn, d.min_area, d.rim_margin));
     EXPECT_EQ(std::tie(file->emd_limit_bins, file->frobenius_limit_bins, file->transmission_limit, file->max_saturated_share, file->min_lit_share),
               std::tie(d.emd_limit_bins, d.frobenius_limit_bins, d.transmission_limit, d.max_saturated_share, d.min_lit_share));
+    EXPECT_EQ(std::tie(file->gradient, file->slopes, file->light), std::tie(d.gradient, d.slopes, d.light));
     EXPECT_TRUE(file->zones.empty());
 }
 
@@ -439,6 +440,68 @@ corners = [1, 2, 3, 4, 5.5, 0.1]
     NumberedRecipe other = *recipe;
     other.recipe.zones[0].radius = 2.6F;
     EXPECT_NE(crc32_of(other), crc32_of(*recipe));
+}
+
+// The checksums and texts of recipes from before there was a choice stay what they were: stations remember them.
+TEST(Recipe, the_usual_features_are_not_written) {
+    const std::string text = format_recipe({});
+    EXPECT_EQ(text.find("features"), std::string::npos);
+    EXPECT_EQ(text, format_recipe(*parse_numbered_recipe("features = [\"transmission\", \"emd\", \"jacobian-frobenius\"]\n", "r.toml")));
+    EXPECT_EQ(crc32_of(NumberedRecipe{}), 0x2571D927U);  // computed then
+}
+
+TEST(Recipe, features_are_chosen_and_survive_being_written_and_read) {
+    const struct {
+        const char* text;
+        std::optional<algo::Feature> gradient;
+        bool slopes, light;
+        float limit;
+    } cases[] = {
+        {"features = [\"chi2\", \"jacobian-frobenius\"]\n[limits]\nchi2 = 0.4\nfrobenius_bins = 0.3\n", algo::Feature::chi2, true, false, 0.4F},
+        {"features = [\"marginal\"]\n[limits]\nmarginal_bins = 0.7\n", algo::Feature::marginal, false, false, 0.7F},
+        {"features = [\"hellinger\", \"transmission\"]\n[limits]\nhellinger = 0.2\ntransmission = 0.8\n", algo::Feature::hellinger, false, true, 0.2F},
+        {"features = [\"emd\"]\n[limits]\nemd_bins = 0.5\n", algo::Feature::emd, false, false, 0.5F},
+        {"features = [\"transmission\"]\n", std::nullopt, false, true, 0},
+    };
+    for (const auto& c : cases) {
+        const auto read = parse_numbered_recipe(c.text, "r.toml");
+        ASSERT_TRUE(read) << read.error().what;
+        const auto again = parse_numbered_recipe(format_recipe(*read), "again.toml");
+        ASSERT_TRUE(again) << again.error().what;
+        for (const algo::Recipe& recipe : {read->recipe, again->recipe}) {
+            EXPECT_EQ(recipe.gradient, c.gradient) << c.text;
+            EXPECT_EQ(recipe.slopes, c.slopes);
+            EXPECT_EQ(recipe.light, c.light);
+            EXPECT_EQ(limit_of_gradient(recipe), c.limit);
+            EXPECT_TRUE(problems(recipe, {40, 36, 9, 9}).empty());
+        }
+        EXPECT_EQ(crc32_of(*again), crc32_of(*read));
+        EXPECT_NE(crc32_of(*read), crc32_of(NumberedRecipe{}));
+    }
+}
+
+TEST(Recipe, features_that_contradict_are_told_with_their_cure) {
+    const auto said = [](std::string_view text) {
+        const auto recipe = parse_recipe(text, "r.toml");
+        return recipe ? std::string("no problem") : recipe.error().what;
+    };
+    EXPECT_THAT(said("features = [\"emd\", \"emd\"]\n"), HasSubstr("r.toml:1: features: has emd twice"));
+    EXPECT_THAT(said("features = [\"edm\"]\n"), HasSubstr("has edm, which is none: use emd, marginal, hellinger, chi2, jacobian-frobenius, transmission"));
+    EXPECT_THAT(said("features = [\"sliced\"]\n"), HasSubstr("has sliced, by which no part is judged"));
+    EXPECT_THAT(said("features = [\"reference-chi2\"]\n"), HasSubstr("has reference-chi2, by which no part is judged"));
+    EXPECT_THAT(said("features = [\"emd\", \"hellinger\"]\n[limits]\nhellinger = 1\n"), HasSubstr("has hellinger beside emd: compare neighbours by one distance"));
+    EXPECT_THAT(said("features = []\n"), HasSubstr("leaves nothing to judge parts by"));
+    EXPECT_THAT(said("features = [\"transmission\"]\n[limits]\ntransmission = 0\n"), HasSubstr("leaves nothing to judge parts by"));
+    EXPECT_THAT(said("features = [\"chi2\"]\n"), HasSubstr("limits.chi2: is missing"));
+    EXPECT_THAT(said("features = [\"chi2\"]\n[limits]\nchi2 = 3.5\n"), HasSubstr("out of range"));
+    EXPECT_THAT(said("features = [\"transmission\"]\n[limits]\nemd_bins = 1\n"), HasSubstr("r.toml:3: limits.emd_bins: is a limit of emd, which is not among the features"));
+    EXPECT_THAT(said("[limits]\nchi2 = 1\n"), HasSubstr("is a limit of chi2, which is not among the features: remove it, or add that to features"));
+    EXPECT_THAT(said("features = [\"emd\"]\n[limits]\nfrobenius_bins = 1\ntransmission = 0.5\n"), HasSubstr("is a limit of transmission"));
+    // What was changed without a file, as by registers, is refused when it is written and read.
+    NumberedRecipe changed;
+    changed.recipe.slopes = false;
+    changed.recipe.frobenius_limit_bins = 0.7F;
+    EXPECT_THAT(said(format_recipe(changed)), HasSubstr("is a limit of jacobian-frobenius"));
 }
 
 TEST(Recipe, for_another_program_and_with_a_broken_seal_is_refused) {
