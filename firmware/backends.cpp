@@ -170,7 +170,7 @@ class ChosenBackends final : public Backends {
     Result<void> open_rejector(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
         const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
         if (configured == nullptr && !simulation.own_coil_module) return {};
-        drivers::ModbusRejectorOptions options = rejector_options(configured != nullptr ? *configured : ModbusRejector{});
+        drivers::ModbusRejectorOptions options = rejector_options(configured != nullptr ? *configured : std::get<SimulatedRejector>(config.rejector).module);
         if (simulation.own_coil_module) {
             auto module = sim::CoilModule::open(loop, {.realtime = simulation.realtime});
             if (!module) return tl::unexpected(module.error());

@@ -189,13 +189,14 @@ void read_rejector(TomlTable rejector, RejectorConfig& value, CoreConfig& core) 
     rejector.boolean("confirm_active_low", modbus.confirm_active_low);
     ms(rejector, "confirm_within_ms", modbus.confirm_within, 0.1, 60'000);
     ms(rejector, "watchdog_ms", modbus.watchdog, 0, 600'000);
-    ms(rejector, "response_timeout_ms", modbus.response_timeout, 1, 5000);
+    ms(rejector, "response_timeout_ms", modbus.response_timeout, 5, 1000);
     ms(rejector, "lead_ms", core.reject_lead, 0, 10'000);
     ms(rejector, "early_ms", core.reject_early, 0, 10'000);
     ms(rejector, "pulse_ms", core.reject_pulse, 0.1, 10'000);
     ms(rejector, "confirm_timeout_ms", core.confirm_timeout, 1, 60'000);
     check_module(rejector, modbus, core);
     if (kind == 1) value = modbus;
+    else value = SimulatedRejector{modbus};
 }
 
 // The limits of one channel, against what the station will ask of it.

@@ -55,9 +55,6 @@ struct CameraSensor {
 using SensorConfig = std::variant<SimulatedSensor, RecordedFrames, VideoSensor, CameraSensor>;
 
 // [rejector] backend = "simulated" | "modbus"
-struct SimulatedRejector {
-    bool operator==(const SimulatedRejector&) const = default;
-};
 struct ModbusRejector {
     std::string host = "127.0.0.1";
     std::uint16_t port = 502;
@@ -77,6 +74,11 @@ struct ModbusRejector {
     Duration watchdog{};                // the module's, set and kept alive by the station; zero: left as it is
     Duration response_timeout = milliseconds(30);
     bool operator==(const ModbusRejector&) const = default;
+};
+// What the table says of a module holds for the simulated cell's, too (hordctl run --simulate), but for its address.
+struct SimulatedRejector {
+    ModbusRejector module;
+    bool operator==(const SimulatedRejector&) const = default;
 };
 using RejectorConfig = std::variant<SimulatedRejector, ModbusRejector>;
 

@@ -1,4 +1,5 @@
 // hordctl run: the station in the foreground; on the simulated cell it knows the truth and reports against it.
+#include <algorithm>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -56,6 +57,24 @@ Result<ModbusServer> parse_listen(const std::string& text) {
     return ModbusServer{endpoint->host, any_port ? std::uint16_t{0} : endpoint->port};
 }
 
+// Without a configuration: as much time for everything as parts that come so often leave, since the machine may have other things to do.
+// A camera far behind the part sensor; a pulse nearly as long as the gap between two parts, told half a pulse before its part is there.
+void give_room(Config& config, double parts_per_second) {
+    CoreConfig& core = config.core;
+    core.exposure_delay = milliseconds(100);
+    if (parts_per_second > 20) return;
+    const Duration pitch = std::min(Duration(static_cast<std::int64_t>(1e9 / parts_per_second)), milliseconds(1000));
+    core.exposure_delay = std::max(core.exposure_delay, pitch);
+    core.transport = std::max(milliseconds(1000), 3 * pitch);
+    core.trigger_lead = core.reject_pulse = pitch * 4 / 5;
+    core.reject_early = pitch * 2 / 5;
+    core.min_gap = pitch * 9 / 10;
+    core.confirm_timeout = std::max(core.confirm_timeout, pitch);
+    ModbusRejector module;
+    module.response_timeout = std::max(module.response_timeout, pitch);
+    config.rejector = SimulatedRejector{std::move(module)};
+}
+
 // One run: brings each part's result and its true fate together, and ends when all parts have both.
 class Run {
   public:
@@ -63,14 +82,7 @@ class Run {
 
     Exit go() {
         Config config;
-        // Without a configuration: a camera far enough behind the part sensor for a machine that has other things to do.
-        config.core.exposure_delay = milliseconds(100);
-        // And more time for a rejection, where parts come 50 ms apart or more.
-        if (options_.rate <= 20) {
-            config.core.min_gap = milliseconds(35);
-            config.core.reject_pulse = milliseconds(30);
-            config.core.reject_early = milliseconds(15);
-        }
+        give_room(config, options_.rate);
         if (!options_.config.empty()) {
             auto loaded = load_config(options_.config);
             if (!loaded) return complain(loaded.error());

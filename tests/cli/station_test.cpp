@@ -159,7 +159,7 @@ TEST(Run, ident_to_last_can_be_read_while_it_runs) {
     const std::string port = port_of(station.so_far());
     ASSERT_NE(port, "");
     const auto poll = [&](int from, int count) {
-        return run("/usr/bin/mbpoll", {"-m", "tcp", "-p", port, "-0", "-r", std::to_string(from), "-c", std::to_string(count), "-t", "4:hex", "-1", "127.0.0.1"});
+        return run("/usr/bin/mbpoll", {"-m", "tcp", "-p", port, "-0", "-o", "10", "-r", std::to_string(from), "-c", std::to_string(count), "-t", "4:hex", "-1", "127.0.0.1"});
     };
     const Said ident = poll(0, 10);
     EXPECT_EQ(ident.status, 0) << ident.out << ident.err;

@@ -209,7 +209,7 @@ TEST_F(ServedStation, mbpoll_reads_ident_to_last) {
     now.last.sequence = 77;
     now.last.verdict = PartVerdict::reject;
     image.publish(now);
-    const std::string where = " -1 -0 -p " + std::to_string(port) + " 127.0.0.1 ";
+    const std::string where = " -1 -0 -o 10 -p " + std::to_string(port) + " 127.0.0.1 ";
     const std::string ident = output_of("mbpoll -t 4:hex -r 0 -c 100" + where);
     EXPECT_THAT(ident, HasSubstr("[2]: \t0x484F"));
     EXPECT_THAT(ident, HasSubstr("[3]: \t0x5244"));

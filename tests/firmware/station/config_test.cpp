@@ -39,6 +39,15 @@ TEST(Config, an_empty_file_is_the_defaults_and_they_can_be_used) {
     EXPECT_EQ(config->modbus.port, 1502);
 }
 
+// The simulated cell has a module, too, and it is asked as the table says: a time-out that nobody heeds stops lines.
+TEST(Config, what_is_said_of_a_module_holds_for_the_simulated_one) {
+    const auto config = parse("[rejector]\nresponse_timeout_ms = 500\nreject_coil = 7\n");
+    ASSERT_TRUE(config) << config.error().what;
+    const auto& module = std::get<SimulatedRejector>(config->rejector).module;
+    EXPECT_EQ(module.response_timeout, milliseconds(500));
+    EXPECT_EQ(module.reject_coil, 7);
+}
+
 // deploy/hordd.toml claims to hold every key at its default.
 TEST(Config, the_documented_file_is_the_defaults) {
     const auto file = load_config(kDeploy / "hordd.toml");
