@@ -88,7 +88,7 @@ TEST(Status, says_so_when_nobody_answers) {
 // -- run -------------------------------------------------------------------------------------------------------
 
 TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ejector) {
-    const Said said = run("hordctl", {"run", "--simulate", "--variety", "1", "--parts", "12", "--modbus", "127.0.0.1:0", "--json"}, std::chrono::seconds(120));
+    const Said said = run("hordctl", {"run", "--simulate", "--variety", "1", "--parts", "12", "--rate", "4", "--modbus", "127.0.0.1:0", "--json"}, std::chrono::seconds(120));
     ASSERT_EQ(said.status, 0) << said.err;
     const auto parts = json_lines(said.out);
     ASSERT_EQ(parts.size(), 12U) << said.out;
@@ -229,8 +229,8 @@ TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
     const TemporaryFolder folder;
     std::filesystem::create_directories(folder / "recipes");
     std::ofstream(folder / "recipes/seven.toml") << "name = \"seven\"\nnumber = 7\n[limits]\nemd_bins = 0.9\n";
-    std::ofstream(folder / "c.toml") << "[station]\nautostart = false\n[line]\nexposure_delay_ms = 100\n[plc]\npolicy = \"stop\"\ntimeout_ms = 60000\n";
-    Running station("hordctl", {"run", "--simulate", "--config", folder / "c.toml", "--variety", "1", "--modbus", "127.0.0.1:0"});
+    std::ofstream(folder / "c.toml") << "[station]\nautostart = false\n[plc]\npolicy = \"stop\"\ntimeout_ms = 60000\n" << kRoomyLine;
+    Running station("hordctl", {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--modbus", "127.0.0.1:0"});
     ASSERT_TRUE(station.says("registers at", std::chrono::seconds(120))) << station.so_far().err;
     Plc plc(port_of(station.so_far()));
     EXPECT_TRUE(plc.write(8102, {1}));  // alive
@@ -322,8 +322,8 @@ TEST(Run, recorded_frames_get_the_verdicts_that_inspect_gives) {
         arguments.push_back(file);
     }
     const auto inspected = json_lines(run("hordctl", arguments).out);
-    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[line]\nexposure_delay_ms = 100\n[modbus]\nport = 0\n";
-    const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--json"});
+    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n" << kRoomyLine;
+    const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--rate", "2", "--json"});
     const auto played = json_lines(said.out);
     ASSERT_EQ(inspected.size(), 5U);
     ASSERT_EQ(played.size(), 5U) << said.err;

@@ -142,7 +142,7 @@ TEST(Store, that_cannot_be_opened_is_a_fault_and_the_line_goes_on) {
 
 TEST(Store, of_another_station_that_runs_is_not_touched) {
     const TemporaryFolder folder;
-    Running first("hordctl", {"run", "--simulate", "--variety", "1", "--modbus", "127.0.0.1:0", "--json", "--store", folder / "store"});
+    Running first("hordctl", {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--json", "--store", folder / "store"});
     ASSERT_TRUE(first.says("\"part\":1", std::chrono::seconds(120))) << first.so_far().err;
     const Said second = produce(folder, 2);
     EXPECT_THAT(second.err, HasSubstr("written by another program"));
