@@ -91,8 +91,8 @@ TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
     // Small parts, far apart, all good enough, with patience for a machine that does other things, too: what is shown here is not the line.
     std::ofstream(folder / "lenient.toml") << "schema = 1\nname = \"lenient\"\nnumber = 9\nversion = 1\n[limits]\nemd_bins = 10.0\nfrobenius_bins = 10.0\ntransmission = 0.01\n";
     std::ofstream(folder / "station.toml") << "[station]\nmax_failures_in_a_row = 0\n[inspection]\nmacro = \"3x3\"\nrecipe = \"lenient.toml\"\n"
-                                              "[line]\nexposure_delay_ms = 100\ntransport_ms = 1500\nmin_gap_ms = 100\n"
-                                              "[timing]\nframe_timeout_ms = 500\nstrobe_window_us = 50000\nframe_window_us = 40000\n[rejector]\nconfirm_timeout_ms = 10000\nresponse_timeout_ms = 1000\n[store]\nframes_mb = 0\n";
+                                              "[line]\nexposure_delay_ms = 250\ntransport_ms = 1500\nmin_gap_ms = 220\n"
+                                              "[timing]\ntrigger_lead_ms = 200\nframe_timeout_ms = 500\nstrobe_window_us = 50000\nframe_window_us = 40000\n[rejector]\nearly_ms = 100\npulse_ms = 200\nconfirm_timeout_ms = 10000\nresponse_timeout_ms = 1000\n[store]\nframes_mb = 0\n";
     // It runs in real time: a machine that is too busy for that stops its line, before anything that is shown here has begun. Then again.
     std::unique_ptr<Running> running;
     for (int attempt = 0; attempt < 10 && !running; ++attempt) {

@@ -18,8 +18,9 @@ max_failures_in_a_row = 0
 [inspection]
 macro = "9x9"
 [line]
-transport_ms = 1500
+transport_ms = 2000
 exposure_delay_ms = 200
+min_gap_ms = 290
 [timing]
 trigger_lead_ms = 150
 strobe_window_us = 5000
@@ -27,7 +28,8 @@ frame_window_us = 9000
 frame_timeout_ms = 1000
 [rejector]
 lead_ms = 200
-early_ms = 5
+early_ms = 130
+pulse_ms = 270
 response_timeout_ms = 1000
 confirm_timeout_ms = 3000
 [store]
