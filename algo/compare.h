@@ -11,9 +11,6 @@
 // other; the rest is chi-square. Scattered light falls mostly into bins that were dark, where interpolation errs little: that is why c
 // is seen on steep parts, too. Missing light is judged apart: n over what the reference has, at the part's typical light.
 //
-// Another light. The dark level cuts `clip` DN off every lit bin, whatever its light. A part with s times the reference's light G = n g has
-// s (G + clip) - clip; bins with less than clip in proportion: s G - (1 - s) min(clip, G).
-//
 // Variances. A bin that expects e = n g DN had e + clip before the dark level was cut off, and varies by (e + clip) / electrons_per_dn +
 // read^2 + 1/12. One that expects nothing reads nothing unless its noise exceeds the clip: the variance of what a normal number has above it, far
 // less; in the fit it counts with a sixteenth of the reading noise at least, for single readings are not normal, and within
@@ -23,15 +20,16 @@
 //
 // Chi-square is that of the rest with the whole reading noise in dark bins, too. Where it is much (kMuch), a fit of small shifts does not say how far light went:
 // where the mean of all bins moved by more than kFarBins beyond what the reference's does from neighbour to neighbour, that is the bend.
-//
-// Formats. Shares are Q0.15 below 1, cubic weights products of two Q1.7, so their sum over 4x4 stays below 1.25^2 * 2^14 * 2^15 < 2^30 (int32, exact);
-// then floats, eight bins side by side, summed lane by lane in a fixed order, finished in double: the same bits on every instruction set.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
+#include <vector>
 
+#include "algo/bin_fit.h"
 #include "algo/decode.h"
+#include "algo/golden_reader.h"
 #include "algo/isa.h"
 #include "algo/pose.h"
 #include "algo/reference.h"
@@ -61,68 +59,37 @@ class Comparer {
     // Compares row n of a part: `light` is its typical sum over the reference's. One Difference a lenslet.
     void compare_row(const HordRow& row, int n, const PoseMap& pose, double light, std::span<Difference> out);
     // The same from the frame that was decoded with the reference's light levels, when the lenslets' sums and masks are known already. Those that are
-    // kOutside are not looked at: their Difference has nothing.
+    // kOutside are not looked at: their Difference stays as it is.
     void compare_row(const FrameView& frame, std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
                      std::span<Difference> out);
 
-    struct Templates;  // sums over bins, compare.cpp
-    struct Rest;
-    struct Taps {
-        const std::uint16_t* from[16];
-        std::int16_t weights[16];  // 0 where there is none; Q1.14
-        float light, clip;         // the part's over the reference's; of the lenslet's light
-    };
-    struct Noise {
-        float a_dn;    // variance a DN of light
-        float lit;     // more of it in a lit bin
-        float soft;    // DN, about where a bin is lit
-        float empty;   // variance that a dark bin counts with in the fit
-        float quiet;   // that it has
-    };
-    struct Bins {
-        const float *golden, *scattered, *mass, *here;
-        int blocks, row;  // eight bins each; from a bin to the one below
-        float light;      // DN
-        Noise noise;
-    };
-
   private:
-    struct Lit {
-        std::uint16_t first, last;  // shares: those with light
+    struct Waiting {          // a lenslet whose bins are still to be fitted, with others
+        Difference* out = nullptr;
+        double x = 0, y = 0;  // by how much the part's turn changes the reference's deflection there
     };
-    struct Lenslet {
-        const void* samples;  // of its bins, sixteen a line may be read
-        std::ptrdiff_t line_stride;
-        bool wide;            // uint16_t, else uint8_t
-        std::uint32_t dark;   // still to be subtracted
-        std::uint32_t sum;
-        bool has_hord;
-    };
-    bool interpolate(double m, double n, double light, float& expected, std::uint8_t& bits);
-    void compare(const Lenslet& lenslet, int m, int n, const PoseMap& pose, double light, Difference& out);
+    void start_row(const PoseMap& pose, double light);
+    void compare(const LensletSamples& samples, std::uint32_t sum, bool has_hord, int m, int n, Difference& out);
+    void finish_waiting();
+    void look_how_far(int slot, Difference& out);
     void find_edges();
-    void look_how_far(const Bins& bins, Difference& out) const;
+    [[nodiscard]] BinNoise at_light(const BinNoise& noise) const;
 
     const Reference& reference_;
-    int padded_i_, blocks_;
-    std::vector<Lit> lit_;                     // one a lenslet
-    std::vector<Lit> lit_of_sixteen_;          // of the 4x4 that a lenslet begins
-    std::vector<std::uint8_t> plain_;          // whether they all have a golden HORD
-    std::vector<std::uint8_t> edge_;           // whether it is within two lenslets of an edge
-    std::vector<float> golden_, scattered_, half_, mass_, here_;  // as Reference::place has it, with room on either side; 1 where there is a bin
-    std::vector<std::uint16_t> copied_;        // of a lenslet at the end of the frame's lines
-    Noise noise_{}, noise_at_edges_{};
-    struct Blocks {
-        int first, last;  // of eight shares
-    } around_{};                               // of the golden HORD that was interpolated last: with what scattering reaches
-    Lit lit_now_{};                            // and where its light is
-    float share_ = 1;                          // and the sum of its shares at the part's light
+    GoldenReader golden_;
+    BinFitter fitter_;
+    std::vector<std::uint8_t> edge_;           // one a lenslet: whether it is within two lenslets of an edge
+    std::vector<std::uint16_t> copied_;        // of lenslets at the end of the frame's lines, one a slot
     double clipped_ = 0;                       // of a typical lenslet's light, by the dark level
-    float (*gather_)(const Taps& taps, int first, int last, float* out);
-    void (*scatter_)(const float* golden, int first, int last, int lit_first, int lit_last, int row, float* half, float* out);
-    void (*spread_out_)(const void* samples, std::ptrdiff_t line_stride, bool wide, std::uint32_t dark, int columns, int rows, float* out);
-    void (*project_)(const Bins& bins, int first, int last, Templates& out);
-    void (*look_at_rest_)(const Bins& bins, int first, int last, float a, float b, float c, Rest& out);
+    double floor_ = 0;                         // variance of a reading
+    BinNoise noise_{}, noise_at_edges_{};
+
+    // Of the row at hand.
+    const PoseMap* pose_ = nullptr;
+    double light_ = 1, golden_share_ = 1;
+    BinNoise noise_now_{}, noise_at_edges_now_{};
+    std::array<Waiting, BinFitter::kAtOnce> waiting_{};
+    int waiting_count_ = 0;
 };
 
 // The four scores of a lenslet: deviation over its standard deviation. Light and blur are signed (less light, less spread: negative).
