@@ -6,18 +6,13 @@
 
 namespace hord::firmware {
 
-void add_registers(CLI::App& program, Exit& status) {
+void add_registers(CLI::App& program, Exit& /*status*/) {
     auto* command = program.add_subcommand("registers", "Print the Modbus register map");
     auto format = std::make_shared<std::string>("md");
-    command->add_option("--format", *format, "md, csv, json or telegraf")->capture_default_str();
+    command->add_option("--format", *format, "Of the map")->check(CLI::IsMember({"md", "csv", "json", "telegraf"}))->capture_default_str();
     command->footer("Example: hordctl registers --format csv > registers.csv");
-    command->callback([format, &status] {
-        const auto known = map_format_of(*format);
-        if (!known) {
-            status = complain({ErrorCode::invalid_argument, "--format " + *format + " is not known", "use md, csv, json or telegraf"});
-            return;
-        }
-        fmt::print("{}", format_registers(*known));
+    command->callback([format] {
+        fmt::print("{}", format_registers(*map_format_of(*format)));
     });
 }
 
