@@ -4,7 +4,7 @@
 
 #include <algorithm>
 #include <fstream>
-#include <iterator>
+#include <string>
 #include <utility>
 
 #include <fmt/format.h>
@@ -21,17 +21,6 @@ constexpr auto kPatience = 120s;  // for a permit to fall
 
 double ms(Duration duration) { return std::chrono::duration<double, std::milli>(duration).count(); }
 
-// The service's own process; 0: none. `hordd --safe`, which cleans up behind it, is not the service.
-pid_t service() {
-    std::ifstream processes(kProcesses);
-    for (pid_t pid = 0; processes >> pid;) {
-        std::ifstream file("/proc/" + std::to_string(pid) + "/cmdline", std::ios::binary);
-        const std::string command(std::istreambuf_iterator<char>(file), {});
-        if (command.find("hordd") != std::string::npos && command.find("--safe") == std::string::npos) return pid;
-    }
-    return 0;
-}
-
 std::string spread(std::vector<Duration> samples) {
     if (samples.empty()) return "none";
     std::ranges::sort(samples);
@@ -40,6 +29,18 @@ std::string spread(std::vector<Duration> samples) {
 
 }  // namespace
 
+// What cleans up behind it (hord-safe) is in the same group.
+pid_t service_process() {
+    std::ifstream processes(kProcesses);
+    for (pid_t pid = 0; processes >> pid;) {
+        std::ifstream file("/proc/" + std::to_string(pid) + "/cmdline", std::ios::binary);
+        std::string program;
+        std::getline(file, program, '\0');
+        if (program.ends_with("/hordd")) return pid;
+    }
+    return 0;
+}
+
 Killer::Killer(hal::EventLoop& loop, int kills, Duration safe_within, std::uint64_t seed, Watchers watchers)
     : loop_(loop), left_(kills), safe_within_(safe_within), chance_(seed), watchers_(std::move(watchers)) {}
 
@@ -47,7 +48,7 @@ Killer::Killer(hal::EventLoop& loop, int kills, Duration safe_within, std::uint6
 void Killer::plan() { timer_ = loop_.call_after(1s + std::chrono::microseconds(chance_() % 4'000'000), [this] { strike(); }); }
 
 void Killer::strike() {
-    const pid_t pid = service();
+    const pid_t pid = service_process();
     if (kill_ || !permit_) return;
     if (pid == 0 || !watchers_.ready()) return plan();
     kill_.emplace();

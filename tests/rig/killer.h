@@ -2,6 +2,8 @@
 // the simulator's side of the lines and by the module's own clock. Everything on the loop's thread.
 #pragma once
 
+#include <sys/types.h>
+
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -12,6 +14,8 @@
 #include "drivers/hal/event_loop.h"
 
 namespace hord::rig {
+
+[[nodiscard]] pid_t service_process();  // the service's own; 0: none
 
 class Killer {
   public:

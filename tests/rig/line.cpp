@@ -1,6 +1,9 @@
 #include "tests/rig/line.h"
 
+#include <csignal>
 #include <cstdio>
+
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -15,6 +18,7 @@
 
 #include "algo/frame.h"
 #include "firmware/event_loop_sd.h"
+#include "firmware/snapshot.h"
 #include "hal_sim/cell/world.h"
 #include "hal_sim/coil_module/coil_module.h"
 #include "tests/rig/cable.h"
@@ -51,9 +55,9 @@ algo::Frame read_pgm(const std::filesystem::path& file) {
 }
 
 // What happens at one part. The outcome is stated: these have the part judged as it is ...
-const std::set<std::string> kHarmless = {"none", "bounce", "twice", "noise"};
+const std::set<std::string> kHarmless = {"none", "bounce", "twice", "noise", "edges-lost"};
 // ... and these have it rejected.
-const std::set<std::string> kUnjudged = {"no-frame", "short-frame", "late-frame", "camera-gone"};
+const std::set<std::string> kUnjudged = {"no-frame", "short-frame", "late-frame", "camera-gone", "too-close"};
 
 // The station goes on to have parts rejected that it knows to be on the line: the next one's command comes two seconds after this one's.
 constexpr auto kNextCommand = 1800ms;
@@ -113,7 +117,17 @@ class Line {
         say(loop_.now(), fmt::format("totals arrived {} ejected-good {} ejected-bad {} left-good {} left-bad {} removed {} pulses {} flashes {} longest-flash-ms {:.1f} wrong {}", totals.arrived,
                                      totals.ejected_good, totals.ejected_bad, totals.left_good, totals.left_bad, totals.removed, totals.ejector_pulses, flashes_,
                                      std::chrono::duration<double, std::milli>(longest_flash_).count(), wrong_));
-        if (person_) say(loop_.now(), fmt::format("resets {} stops {} rejections-failed {} faults {:#x}", person_->resets(), stops_, person_->reject_failed(), person_->take_faults()));
+        const std::uint32_t faults = person_ ? person_->take_faults() : 0;
+        if (person_) say(loop_.now(), fmt::format("resets {} stops {} rejections-failed {} faults {:#x}", person_->resets(), stops_, person_->reject_failed(), faults));
+        const bool asks_for_edges = std::ranges::any_of(faults_, [](const auto& fault) { return fault.second == "edges-lost"; });
+        // Nobody knows what passed: the line must stand before the next part can be taken for it, and the station must say why.
+        const bool told = stopped_for_edges_ && (faults & firmware::kFaultPartSensor) != 0;
+        if (asks_for_edges) {
+            say(loop_.now(), fmt::format("edges-lost: {}, fault part-sensor {} {}",
+                                         stopped_for_edges_ ? fmt::format("permit down {:.0f} ms after the station ran on", ms(*stopped_for_edges_)) : std::string("permit never down"),
+                                         (faults & firmware::kFaultPartSensor) != 0 ? "up" : "never up", told ? "right" : "WRONG"));
+            if (!told) ++wrong_;
+        }
         if (cable_) say(loop_.now(), fmt::format("disturbed {}", cable_->disturbed()));
         const bool fired = module_faults_left_ == 0 && (!cable_ || hums_ == 0 || cable_->disturbed() > 0);
         if (!fired) say(loop_.now(), "a fault never fired");
@@ -206,6 +220,7 @@ class Line {
     void stand(TimePoint at) {
         ++stops_;
         world_.halt();
+        if (edges_lost_at_ && !stopped_for_edges_) stopped_for_edges_ = at - *edges_lost_at_;
         if (injection_ && !injection_->permit_down) injection_->permit_down = at;
         if (!person_) return;
         person_->may_reset(false);
@@ -251,10 +266,32 @@ class Line {
     void on_edge(const sim::PartRecord& part, bool arrives) {
         if (arrives) say(loop_.now(), fmt::format("part {} {} {}", part.number, kind_of(part), fault_of(part.number)));
         barrier_.drive(arrives);
-        if (fault_of(part.number) != "bounce") return;
-        for (int k = 1; k <= 4; ++k) {
+        const std::string fault = fault_of(part.number);
+        for (int k = 1; fault == "bounce" && k <= 4; ++k) {
             loop_.call_after(k * 6ms, [this, arrives, k] { barrier_.drive(arrives == (k % 2 == 0)); });
         }
+        // Something follows it, of which the world knows nothing: nearer than parts may be, while this one's exposure still lasts.
+        if (fault == "too-close" && !arrives) {
+            loop_.call_after(100ms, [this] { barrier_.drive(true); });
+            loop_.call_after(250ms, [this] { barrier_.drive(false); });
+        }
+        if (fault == "edges-lost" && !arrives) loop_.call_after(300ms, [this] { lose_edges(); });
+    }
+
+    // Something passes the barrier ten times while the station's process gets no processor, between one part and the next: twenty edges,
+    // of which the kernel keeps sixteen.
+    void lose_edges() {
+        static constexpr int kEdges = 20;
+        const pid_t pid = service_process();
+        if (pid == 0 || ::kill(pid, SIGSTOP) != 0) return say(loop_.now(), "the station's process cannot be stopped");
+        for (int k = 1; k <= kEdges; ++k) {
+            loop_.call_after(k * 2ms, [this, k] { barrier_.drive(k % 2 == 1); });
+        }
+        loop_.call_after((kEdges + 5) * 2ms, [this, pid] {
+            edges_lost_at_ = loop_.now();
+            ::kill(pid, SIGCONT);
+            say(loop_.now(), fmt::format("edges {} while the station stood still", kEdges));
+        });
     }
 
     void on_lamps(std::uint32_t lit, TimePoint at) {
@@ -341,6 +378,8 @@ class Line {
     std::optional<TimePoint> lit_since_;
     hal::Duration longest_flash_{};
     std::uint64_t flashes_ = 0, wrong_ = 0;
+    std::optional<TimePoint> edges_lost_at_;
+    std::optional<hal::Duration> stopped_for_edges_;
     bool started_ = false;
 };
 

@@ -10,10 +10,11 @@
 #   HORD_RIG_SEED    of the random moments and the parts      (1)
 #   HORD_RIG_SHIFT   virtual time: 2^n ns an instruction      (0)
 #   HORD_RIG_EDGES   how many are measured, idle and busy     (100; latency: 1000)
-#   HORD_RIG_LIMIT   s; a machine that takes longer is ended  (1800)
+#   HORD_RIG_LIMIT   s; what still runs then is ended         (1800)
+#   HORD_RIG_OUT     logs, and what the machine is given         (build/rig)
 set -euo pipefail
 cd "$(dirname "$(readlink -f "$0")")/../.."
-deb=$1 what=${2:-all} bin=build/release/bin out=build/rig
+deb=$1 what=${2:-all} bin=build/release/bin out=${HORD_RIG_OUT:-build/rig}
 cache=${HORD_RIG_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/hord-rig}
 kills=${HORD_RIG_KILLS:-5} limit=${HORD_RIG_LIMIT:-1800} cuts=${HORD_RIG_CUTS:-1} seed=${HORD_RIG_SEED:-1} shift=${HORD_RIG_SHIFT:-0}
 edges=${HORD_RIG_EDGES:-100}
@@ -80,36 +81,41 @@ mkfs.ext4 -q -F "$out/disk.img"
 
 # ---- the machine runs
 
-say_checks() { sed -u 's/\r//g; s/^.*\(RIG [A-Z #|]\)/\1/' | grep --line-buffered -aE '^RIG (PASS|FAIL|START|RESULT|CUT|  ?\|)' | sed -u 's/^RIG //; s/^ | LATENCY /   /'; }
+say_checks() { sed -u 's/\r//g; s/^.*\(RIG [A-Z #|]\)/\1/' | grep --line-buffered -aE '^RIG (PASS|FAIL|START|RESULT|CUT|  ?\|)' | sed -u "s/^RIG //; s/^ | LATENCY /   /; s/^/$1: /"; }
 
-boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or its power is cut
-    local machine=$1 phase=$2 log=$3 qemu cut_at= options
+# In which check a log ends.
+stood() { awk '/^RIG BEGIN / {at = $3} /^RIG (PASS|FAIL) / {at = ""} END {print at == "" ? "between two checks" : "in the check " at}' "$1"; }
+
+boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or its power is cut. Fails when its time is over.
+    local machine=$1 phase=$2 log=$3 qemu cut_at= over= options
     shift 3
     case $machine in
-        kvm) options=(-accel kvm -cpu host -smp 2) ;;
-        tcg) options=(-accel tcg,thread=multi,tb-size=256 -cpu max,la57=off -smp 2) ;;
+        kvm) options=(-accel kvm -cpu host -smp 2 -m 768) ;;
+        tcg) options=(-accel tcg,thread=multi,tb-size=256 -cpu max,la57=off -smp 2 -m 768) ;;
         virtual)
             # Two UARTs of one card, wired to each other.
             rm -f "$out/wire"
-            options=(-accel tcg,thread=single,tb-size=256 -cpu max,la57=off -icount "shift=$shift,sleep=off" -rtc clock=vm
+            options=(-accel tcg,thread=single,tb-size=256 -cpu max,la57=off -m 1024 -icount "shift=$shift,sleep=off" -rtc clock=vm
                 -chardev "socket,id=w0,path=$out/wire,server=on,wait=off" -chardev "socket,id=w1,path=$out/wire" -device pci-serial-2x,chardev1=w0,chardev2=w1)
+            set -- rig.memory "$@"
             ;;
     esac
     : >"$log"
-    qemu-system-x86_64 -name hord-rig -M q35 -m 768 "${options[@]}" -nodefaults -display none -no-reboot \
+    # shellcheck disable=SC2054  # the commas are QEMU's
+    options+=(-drive "file=$cache/base.squashfs,format=raw,if=none,id=d0,readonly=on" -device virtio-blk-pci,drive=d0
+        -drive "file=$out/payload.squashfs,format=raw,if=none,id=d1,readonly=on" -device virtio-blk-pci,drive=d1)
+    [ "$machine" = virtual ] || options+=(-drive "file=$out/disk.img,format=raw,if=none,id=d2,cache=writeback" -device virtio-blk-pci,drive=d2)
+    qemu-system-x86_64 -name hord-rig -M q35 "${options[@]}" -nodefaults -display none -no-reboot \
         -kernel "$cache/vmlinuz" -initrd "$cache/initrd.img" \
         -append "console=ttyS0 clocksource=tsc tsc=reliable quiet loglevel=4 panic=-1 net.ifnames=0 mitigations=off random.trust_cpu=on systemd.show_status=false rig.phase=$phase rig.kills=$kills rig.edges=$edges rig.seed=$seed ${HORD_RIG_ONLY:+rig.only=$HORD_RIG_ONLY} $*" \
         -chardev stdio,id=con,signal=off -device isa-serial,chardev=con \
-        -drive "file=$cache/base.squashfs,format=raw,if=none,id=d0,readonly=on" -device virtio-blk-pci,drive=d0 \
-        -drive "file=$out/payload.squashfs,format=raw,if=none,id=d1,readonly=on" -device virtio-blk-pci,drive=d1 \
-        -drive "file=$out/disk.img,format=raw,if=none,id=d2,cache=writeback" -device virtio-blk-pci,drive=d2 \
         </dev/null >"$log" 2>&1 &
     qemu=$!
-    tail -n +1 -f --pid=$qemu "$log" | say_checks &
-    local teller=$! until=$((SECONDS + limit))
+    tail -n +1 -f --pid=$qemu "$log" | say_checks "$phase" &
+    local teller=$!
     while kill -0 $qemu 2>/dev/null; do
-        if [ $SECONDS -ge $until ]; then
-            printf 'rig: the machine was ended after %s s\n' "$limit"
+        if [ $SECONDS -ge $deadline ]; then
+            over=1
             kill -KILL $qemu
         fi
         if [ -z "$cut_at" ] && grep -qa 'RIG ACKNOWLEDGED' "$log"; then cut_at=$(($(date +%s%N) / 1000000 + 1500 + RANDOM % 4000)); fi
@@ -122,49 +128,80 @@ boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or
     wait $qemu 2>/dev/null || true
     wait $teller || true
     if [ -n "$cut_at" ]; then
-        printf 'RIG PASS power-was-cut 0\n' >>"$log"
-        echo 'PASS power-was-cut'
+        printf 'RIG PASS fault-power-cut 0\n' >>"$log"
+        echo "$phase: PASS fault-power-cut"
     fi
     tr -d '\r' <"$log" | grep -a 'RIG ' | sed 's/^.*\(RIG [A-Z #|]\)/\1/' >"$log.rig" || true
+    if [ -n "$over" ]; then
+        printf 'rig: %s s are over: the machine of phase "%s" was ended; it stood %s; the last it said (%s):\n' "$limit" "$phase" "$(stood "$log.rig")" "$log"
+        tail -n 5 "$log"
+        return 1
+    fi
     grep -q '^RIG START' "$log.rig" || { tail -n 30 "$log"; die "the machine did not come up: see $log"; }
+    [ -n "$cut_at" ] || grep -q '^RIG RESULT' "$log.rig" || { tail -n 30 "$log"; die "the machine ended $(stood "$log.rig"): see $log"; }
 }
 
-began=$(date +%s)
+began=$(date +%s) deadline=$((SECONDS + limit))
 rm -f "$out"/*.log "$out"/*.rig
-say_boot() { printf '\n== %s (%s)\n' "$1" "${2:-$accel}"; }
+say_boot() { printf '== %s: %s (%s)\n' "$1" "$2" "${3:-$accel}"; }
+# Whether a check of this phase is wanted; which ones there are stands in the script that makes them.
+checks_of() { sed -n "/^    $1)/,/;;/s/^        check \([a-z0-9-]*\) .*/\1/p" tests/rig/guest/checks.sh; }
+wanted() {
+    local name
+    for name in $(for phase in "$@"; do checks_of "$phase"; done); do
+        ! [[ $name =~ ${HORD_RIG_ONLY:-.} ]] || return 0
+    done
+    return 1
+}
+
 if [ "$what" = latency ]; then
-    say_boot "latency on device nodes" "virtual time, 2^$shift ns an instruction"
+    say_boot latency "on device nodes" "virtual time, 2^$shift ns an instruction"
     boot virtual latency "$out/latency.log"
     exec tests/rig/latency.sh "$out/latency.log.rig" "$shift" "$edges"
 fi
-say_boot "first boot: contracts, package, line, faults"
-boot "$accel" install "$out/1-install.log"
+
 kept() { sed -n 's/^RIG ACKNOWLEDGED \([0-9]*\) \([0-9]*\).*/\1.\2/p' "$1.rig" | tail -n 1; }
-last=$out/1-install.log
-for k in $(seq 2 "$cuts"); do
-    say_boot "power cut $k"
-    boot "$accel" cut "$out/cut-$k.log" "rig.kept=$(kept "$last")"
-    last=$out/cut-$k.log
-done
-say_boot "boot after the power cut"
-boot "$accel" boot "$out/9-boot.log" "rig.kept=$(kept "$last")"
-say_boot "timing: module faults, kills, latency" "virtual time, 2^$shift ns an instruction"
-boot virtual time "$out/10-time.log"
+on_the_disk() {  # one boot after the other
+    local last=$out/1-install.log k
+    RANDOM=$seed
+    wanted install cut boot || return 0
+    say_boot install "first boot: contracts, package, faults, a power cut"
+    boot "$accel" install "$out/1-install.log"
+    for k in $(seq 2 "$cuts"); do
+        say_boot cut "power cut $k"
+        boot "$accel" cut "$out/cut-$k.log" "rig.kept=$(kept "$last")"
+        last=$out/cut-$k.log
+    done
+    wanted boot || return 0
+    say_boot boot "after the power cut"
+    boot "$accel" boot "$out/9-boot.log" "rig.kept=$(kept "$last")"
+}
+in_memory() {
+    wanted time || return 0
+    say_boot time "line, faults, kills, latency" "virtual time, 2^$shift ns an instruction"
+    boot virtual time "$out/10-time.log"
+}
+# Beside each other: neither needs the other's machine, and one of them is one thread.
+on_the_disk &
+chains=($!)
+in_memory &
+chains+=($!)
+for chain in "${chains[@]}"; do wait "$chain" || true; done  # what is missing shows in the summary
 
 # ---- the summary: every check that was announced must have reported
 
-cat "$out"/*.rig >"$out/all.rig"
-announced=$(sed -n 's/^        check \([a-z0-9-]*\) .*/\1/p' tests/rig/guest/checks.sh | awk '!seen[$0]++')
-printf '\n%-46s %-6s %s\n' check outcome seconds
+cat "$out"/*.rig >"$out/all.rig" 2>/dev/null || true
+announced=$(for phase in install cut boot time; do checks_of $phase; done | awk '!seen[$0]++')
+printf '\n%-46s %-6s %s\n' check outcome "seconds of the machine"
 failed=0
 for name in $announced; do
     [[ $name =~ ${HORD_RIG_ONLY:-.} ]] || continue
-    [ "$name" != fault-power-cut ] || name=power-was-cut
     line=$(grep -E "^RIG (PASS|FAIL) $name " "$out/all.rig" | tail -n 1 || true)
     outcome=$(cut -d' ' -f2 <<<"$line") ms=$(cut -d' ' -f4 <<<"$line")
     ! grep -qE "^RIG FAIL $name " "$out/all.rig" || outcome=FAIL
     [ "$outcome" = PASS ] || failed=$((failed + 1))
-    printf '%-46s %-6s %s\n' "$name" "${outcome:-MISSING}" "$(awk -v ms="${ms:-0}" 'BEGIN {printf "%.1f", ms / 1000}')"
+    if [ -z "$outcome" ]; then grep -qE "^RIG BEGIN $name$" "$out/all.rig" && outcome='BEGUN, NOT ENDED' || outcome='NEVER BEGUN'; fi
+    printf '%-46s %-6s %s\n' "$name" "$outcome" "$(awk -v ms="${ms:-0}" 'BEGIN {printf "%.1f", ms / 1000}')"
 done
-printf '%s checks announced%s, %s failed or missing; %s s with %s; logs in %s\n' "$(wc -w <<<"$announced")" "${HORD_RIG_ONLY:+, only those like $HORD_RIG_ONLY run}" "$failed" $(($(date +%s) - began)) "$accel" "$out"
+printf '%s checks announced%s, %s failed or missing; seed %s; %s s with %s; logs in %s\n' "$(wc -w <<<"$announced")" "${HORD_RIG_ONLY:+, only those like $HORD_RIG_ONLY run}" "$failed" "$seed" $(($(date +%s) - began)) "$accel" "$out"
 [ "$failed" = 0 ]
