@@ -91,7 +91,7 @@ boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or
     shift 3
     case $machine in
         kvm) options=(-accel kvm -cpu host -smp 2 -m 768) ;;
-        tcg) options=(-accel tcg,thread=multi,tb-size=256 -cpu max,la57=off -smp 2 -m 768) ;;
+        tcg) options=(-accel tcg,thread=single,tb-size=256 -cpu max,la57=off -icount "shift=$shift,sleep=on" -rtc clock=vm -m 768) ;;
         virtual)
             # Two UARTs of one card, wired to each other.
             rm -f "$out/wire"
@@ -118,7 +118,7 @@ boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or
             over=1
             kill -KILL $qemu
         fi
-        if [ -z "$cut_at" ] && grep -qa 'RIG ACKNOWLEDGED' "$log"; then cut_at=$(($(date +%s%N) / 1000000 + 1500 + RANDOM % 4000)); fi
+        if [ -z "$cut_at" ] && grep -qa 'RIG ACKNOWLEDGED' "$log"; then cut_at=$(($(date +%s%N) / 1000000 + 1000 + RANDOM % 10000)); fi
         if [ -n "$cut_at" ] && [ $(($(date +%s%N) / 1000000)) -ge "$cut_at" ]; then
             kill -KILL $qemu  # the power, not the switch
             break
