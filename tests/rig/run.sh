@@ -83,11 +83,14 @@ mkfs.ext4 -q -F "$out/disk.img"
 
 say_checks() { sed -u 's/\r//g; s/^.*\(RIG [A-Z #|]\)/\1/' | grep --line-buffered -aE '^RIG (PASS|FAIL|START|RESULT|CUT|  ?\|)' | sed -u "s/^RIG //; s/^ | LATENCY /   /; s/^/$1: /"; }
 
+qemu=  # the machine that runs
+end_machine='[ -z "$qemu" ] || kill -KILL "$qemu" 2>/dev/null; exit 130'
+
 # In which check a log ends.
 stood() { awk '/^RIG BEGIN / {at = $3} /^RIG (PASS|FAIL) / {at = ""} END {print at == "" ? "between two checks" : "in the check " at}' "$1"; }
 
 boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or its power is cut. Fails when its time is over.
-    local machine=$1 phase=$2 log=$3 qemu cut_at= over= options
+    local machine=$1 phase=$2 log=$3 cut_at= over= options
     shift 3
     case $machine in
         kvm) options=(-accel kvm -cpu host -smp 2 -m 768) ;;
@@ -101,7 +104,6 @@ boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or
             ;;
     esac
     : >"$log"
-    # shellcheck disable=SC2054  # the commas are QEMU's
     options+=(-drive "file=$cache/base.squashfs,format=raw,if=none,id=d0,readonly=on" -device virtio-blk-pci,drive=d0
         -drive "file=$out/payload.squashfs,format=raw,if=none,id=d1,readonly=on" -device virtio-blk-pci,drive=d1)
     [ "$machine" = virtual ] || options+=(-drive "file=$out/disk.img,format=raw,if=none,id=d2,cache=writeback" -device virtio-blk-pci,drive=d2)
@@ -123,9 +125,10 @@ boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or
             kill -KILL $qemu  # the power, not the switch
             break
         fi
-        sleep 0.1
+        sleep 0.2
     done
     wait $qemu 2>/dev/null || true
+    qemu=
     wait $teller || true
     if [ -n "$cut_at" ]; then
         printf 'RIG PASS fault-power-cut 0\n' >>"$log"
@@ -155,6 +158,7 @@ wanted() {
 }
 
 if [ "$what" = latency ]; then
+    trap "$end_machine" INT TERM
     say_boot latency "on device nodes" "virtual time, 2^$shift ns an instruction"
     boot virtual latency "$out/latency.log"
     exec tests/rig/latency.sh "$out/latency.log.rig" "$shift" "$edges"
@@ -162,6 +166,7 @@ fi
 
 kept() { sed -n 's/^RIG ACKNOWLEDGED \([0-9]*\) \([0-9]*\).*/\1.\2/p' "$1.rig" | tail -n 1; }
 on_the_disk() {  # one boot after the other
+    trap "$end_machine" TERM
     local last=$out/1-install.log k
     RANDOM=$seed
     wanted install cut boot || return 0
@@ -177,6 +182,7 @@ on_the_disk() {  # one boot after the other
     boot "$accel" boot "$out/9-boot.log" "rig.kept=$(kept "$last")"
 }
 in_memory() {
+    trap "$end_machine" TERM
     wanted time || return 0
     say_boot time "line, faults, kills, latency" "virtual time, 2^$shift ns an instruction"
     boot virtual time "$out/10-time.log"
@@ -186,6 +192,7 @@ on_the_disk &
 chains=($!)
 in_memory &
 chains+=($!)
+trap 'kill "${chains[@]}" 2>/dev/null; exit 130' INT TERM
 for chain in "${chains[@]}"; do wait "$chain" || true; done  # what is missing shows in the summary
 
 # ---- the summary: every check that was announced must have reported
