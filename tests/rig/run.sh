@@ -210,5 +210,9 @@ for name in $announced; do
     if [ -z "$outcome" ]; then grep -qE "^RIG BEGIN $name$" "$out/all.rig" && outcome='BEGUN, NOT ENDED' || outcome='NEVER BEGUN'; fi
     printf '%-46s %-6s %s\n' "$name" "$outcome" "$(awk -v ms="${ms:-0}" 'BEGIN {printf "%.1f", ms / 1000}')"
 done
-printf '%s checks announced%s, %s failed or missing; seed %s; %s s with %s; logs in %s\n' "$(wc -w <<<"$announced")" "${HORD_RIG_ONLY:+, only those like $HORD_RIG_ONLY run}" "$failed" "$seed" $(($(date +%s) - began)) "$accel" "$out"
+# The second line is that of the children: minutes and seconds in programs, in the kernel.
+times >"$out/times"
+processor=$(sed -n '2s/[ms]/ /gp' "$out/times" | awk '{printf "%.0f", $1 * 60 + $2 + $3 * 60 + $4}')
+printf '%s checks announced%s, %s failed or missing; seed %s, %s kills; %s s with %s, %s s of processor time; logs in %s\n' "$(wc -w <<<"$announced")" \
+    "${HORD_RIG_ONLY:+, only those like $HORD_RIG_ONLY run}" "$failed" "$seed" "$kills" $(($(date +%s) - began)) "$accel" "$processor" "$out"
 [ "$failed" = 0 ]
