@@ -322,6 +322,7 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     result.nuclear = w.nuclear;
     result.anisotropy = w.anisotropy;
     result.mask = w.mask;
+    result.sums = w.sums;
 
     Stopwatch total(now), watch(now);
     w.compute_maps(frame, watch, result.times);

@@ -44,6 +44,7 @@ struct Inspection {
     Map nuclear;                         //
     Map anisotropy;                      // 0..1: how much the Jacobian has one direction (algo/jacobian.h)
     std::span<const std::uint8_t> mask;  // MaskBit, one a lenslet
+    std::span<const std::uint32_t> sums; // DN, one a lenslet: its light above the dark level, whatever the recipe chooses
     Map surprise;                        // with a reference: the worst score of a lenslet, in units of noise (algo/judge.h); else empty
     Registered registered;               // and where the part lies
     StageTimes times;

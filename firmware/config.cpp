@@ -346,6 +346,13 @@ void read_inspection(TomlTable inspection, InspectionConfig& value, const std::f
     inspection.integer("queue", value.queue, 1, 256);
 }
 
+void read_optics(TomlTable optics, OpticsConfig& value) {
+    optics.integer("window_parts", value.window_parts, 25, 1000);
+    optics.number("least_light", value.least_light, 0.05, 0.95);
+    optics.number("most_dark_drift_dn", value.most_dark_drift_dn, 0, 65535);
+    optics.number("most_uneven", value.most_uneven, 0.02, 0.9);
+}
+
 void read_store(TomlTable store, StoreConfig& value, const std::filesystem::path& folder) {
     store.boolean("enabled", value.enabled);
     std::string where;
@@ -381,6 +388,7 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
     read_serial(root.table("serial"), config.serial);
     read_plc(root.table("plc"), config.plc, config.core);
     read_inspection(root.table("inspection"), config.inspection, folder);
+    read_optics(root.table("optics"), config.optics);
     read_store(root.table("store"), config.store, folder);
     root.refuse_unknown_keys();
     for (const std::string& problem : problems(config.core)) found.add(std::string(name) + ": " + problem);

@@ -139,6 +139,16 @@ struct InspectionConfig {
     int queue = 8;                 // frames that may wait for a thread
 };
 
+// [optics]: from where on ageing light and optics are a fault (docs/service.md). No verdict depends on it.
+struct OpticsConfig {
+    int window_parts = 100;         // that trends and dust are looked at over
+    double least_light = 0.8;       // of what parts had
+    double most_dark_drift_dn = 0;  // 0: one DN at 8 bits, the same share of the full scale at others
+    double most_uneven = 0.2;       // change of a region's share of the light
+
+    bool operator==(const OpticsConfig&) const = default;
+};
+
 // [store]: what outlives a run (docs/store.md). Sizes in megabytes of 10^6 bytes.
 struct StoreConfig {
     bool enabled = true;
@@ -167,6 +177,7 @@ struct Config {
     std::filesystem::path state_folder;  // what outlives a run; empty: nothing does. Not a key: the service's $STATE_DIRECTORY
     bool autostart = true;  // arms and starts by itself as soon as every device is up; false: somebody commands it
     InspectionConfig inspection;
+    OpticsConfig optics;
     StoreConfig store;
     std::filesystem::path file;  // that it was read from; empty: none
 };

@@ -29,6 +29,14 @@ constexpr FaultText kTexts[] = {
      "see the log for the reason: free the disk, use a faster one, or keep fewer frames ([store])"},
     {kFaultGridDrift, "grid-drift", "the lenslet grid has moved by a tenth of a pixel; verdicts do not suffer yet, and parts are judged as before",
      "let the optics settle in temperature, check that the sensor is fastened; if it stays, calibrate (hordctl calibrate) and restart"},
+    {kFaultLightFading, "light-fading", "parts have much less light than they had: the LED ages, something lies in the light's way, or the parts' glass is another; parts are judged as before",
+     "see HEALTH light_output; clean the collimator and the optics, raise timing.strobe_us or replace the LED; if the parts are meant to be darker, teach a reference of them"},
+    {kFaultDarkDrift, "dark-drift", "the sensor's dark level has changed; parts are judged as before",
+     "see HEALTH dark_drift; look for stray light and a hot or failing sensor; if it stays, correct the camera's black level or the recipe's dark_dn"},
+    {kFaultLightUneven, "light-uneven", "a region of the field has another share of the light than it had; parts are judged as before",
+     "see HEALTH uneven_m and uneven_n for its middle; clean the collimator, the window and the lenses there, check that the LED sits straight"},
+    {kFaultDust, "dust", "the same places of the sensor respond in part after part: dust on the optics, or the same flaw in every part; parts are judged as before",
+     "see HEALTH dust_m and dust_n for the largest: clean the lenslet array, the sensor's window and the lenses; if it stays, look whether every part has a flaw or a mark there; if it is meant to be there, teach a reference or give the recipe an ignore zone"},
 };
 
 }  // namespace

@@ -17,7 +17,7 @@
 namespace hord::firmware {
 namespace {
 
-constexpr std::size_t kHappenings = 9, kFaults = 13;
+constexpr std::size_t kHappenings = 9, kFaults = 17;
 
 // An id, once released, keeps its meaning for ever. In the order of Happening, then of FaultBit; the faults' texts are faults.h's.
 constexpr std::array<Entry, kHappenings> kHappeningEntries{{
@@ -68,6 +68,10 @@ constexpr std::array<FaultId, kFaults> kFaultIds{{
     {"c20f0dab7307416d98d1afa216472950", 3},  // store
     {"6ae3785aa68348aebc18209a00138d38", 4},  // pictures
     {"8b733f2f7bba4320b76d5504078a192f", 4},  // grid-drift
+    {"83e066eefde0496b8ce4dac31331004f", 4},  // light-fading
+    {"e7d3251d9b6b489d9f4ef739016262c6", 4},  // dark-drift
+    {"b1b7148ee1cb4aaea6b19e0ab12d4f97", 4},  // light-uneven
+    {"e0c6a143346e499d83a9464aeaa60f19", 4},  // dust
 }};
 
 std::string capital(std::string_view text) {

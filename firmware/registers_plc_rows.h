@@ -174,6 +174,36 @@ inline constexpr Register kHealth[] = {
     number(
         8433, Type::u16, "disk_free", "%", "of the disk with the results",
         [](const Source& s) { return maybe(s.extras.health.disk_free_percent); }, {}, 0.1),
+    number(
+        8434, Type::u16, "light_output", "%", "light of the parts, of what the reference's had; without a reference: of what the first had since the start or the recipe's change",
+        [](const Source& s) { return maybe(s.extras.health.optics.light_percent); }, {}, 0.1),
+    number(
+        8435, Type::s32, "dark_drift", "DN", "change of the sensor's dark level since the start, or the recipe's change",
+        [](const Source& s) { return maybe(s.extras.health.optics.dark_drift_dn); }, {}, 0.01),
+    number(
+        8437, Type::s16, "uneven", "%", "of the region whose share of the light changed most; below 0: darker than it was",
+        [](const Source& s) { return maybe(s.extras.health.optics.uneven_percent); }, {}, 0.1),
+    number(8438, Type::u16, "uneven_m", "lenslets", "column of its middle",
+           [](const Source& s) { return maybe(s.extras.health.optics.uneven_m); }),
+    number(8439, Type::u16, "uneven_n", "lenslets", "row of its middle",
+           [](const Source& s) { return maybe(s.extras.health.optics.uneven_n); }),
+    number(8440, Type::u32, "dust", "specks", "places that respond in most parts: dust on the optics, or the same flaw in every part",
+           [](const Source& s) { return maybe(s.extras.health.optics.specks); }),
+    number(8442, Type::u16, "dust_m", "lenslets", "column of the largest one's centre",
+           [](const Source& s) { return maybe(s.extras.health.optics.dust_m); }),
+    number(8443, Type::u16, "dust_n", "lenslets", "row of it",
+           [](const Source& s) { return maybe(s.extras.health.optics.dust_n); }),
+    number(8444, Type::u32, "dust_lenslets", "lenslets", "that it covers",
+           [](const Source& s) { return maybe(s.extras.health.optics.dust_lenslets); }),
+    number(
+        8446, Type::u16, "dust_share", "%", "of the parts in which it responds",
+        [](const Source& s) { return maybe(s.extras.health.optics.dust_share_percent); }, {}, 0.1),
+    number(
+        8447, Type::s32, "dust_x", "mm", "its centre to the right of the field's middle; needs the recipe's lenslet_mm",
+        [](const Source& s) { return maybe(s.extras.health.optics.dust_x_mm); }, {}, 0.001),
+    number(
+        8449, Type::s32, "dust_y", "mm", "the same, downwards",
+        [](const Source& s) { return maybe(s.extras.health.optics.dust_y_mm); }, {}, 0.001),
 };
 
 inline constexpr Register kCalibration[] = {

@@ -45,6 +45,17 @@ struct RecipeInUse {
     ShortText name = {};
 };
 
+// How light and optics age (firmware/optics_watch.h).
+struct OpticsReport {
+    std::optional<double> light_percent = {}, dark_drift_dn = {}, uneven_percent = {};
+    std::optional<std::uint16_t> uneven_m = {}, uneven_n = {};
+    std::optional<std::uint32_t> specks = {};
+    // The largest one.
+    std::optional<std::uint16_t> dust_m = {}, dust_n = {};
+    std::optional<std::uint32_t> dust_lenslets = {};
+    std::optional<double> dust_share_percent = {}, dust_x_mm = {}, dust_y_mm = {};
+};
+
 // Latencies and the rate are taken from the ring of results; these are not.
 struct HealthReport {
     std::optional<std::uint32_t> uptime_s = {};
@@ -53,6 +64,7 @@ struct HealthReport {
     std::optional<std::uint32_t> modbus_connections = {}, modbus_requests = {}, modbus_exceptions = {};
     std::optional<std::uint32_t> modbus_evicted = {}, modbus_broken = {};
     std::optional<double> processor_celsius = {}, disk_free_percent = {};
+    OpticsReport optics = {};
 };
 
 struct CalibrationReport {

@@ -26,12 +26,14 @@ inline constexpr NamedValue kFaultBits[] = {
     {0, "part-sensor"}, {1, "strobe"},  {2, "sensor"},        {3, "rejector"},    {4, "reject-unconfirmed"},
     {5, "inspector"},   {6, "overrun"}, {7, "configuration"}, {8, "light-level"},
     {9, "plc-lost"},    {10, "store"},  {11, "pictures"},      {12, "grid-drift"},
+    {13, "light-fading"}, {14, "dark-drift"}, {15, "light-uneven"}, {16, "dust"},
 };
 inline constexpr NamedValue kFirstFaults[] = {
     {0, "none"},          {1, "part-sensor"},        {2, "strobe"},    {3, "sensor"},
     {4, "rejector"},      {5, "reject-unconfirmed"}, {6, "inspector"}, {7, "overrun"},
     {8, "configuration"}, {9, "light-level"},        {10, "plc-lost"},     {11, "store"},
     {12, "pictures"},     {13, "grid-drift"},
+    {14, "light-fading"}, {15, "dark-drift"},        {16, "light-uneven"}, {17, "dust"},
 };
 inline constexpr NamedValue kVerdicts[] = {{1, "pass"}, {2, "reject"}, {3, "unfit"}};
 inline constexpr NamedValue kReasons[] = {

@@ -13,10 +13,12 @@
 
 #include "firmware/calibration_in_use.h"
 #include "firmware/drift_watch.h"
+#include "firmware/faults.h"
 #include "firmware/line_mark.h"
 #include "firmware/modbus/server.h"
 #include "firmware/modbus/server_rtu.h"
 #include "firmware/operations.h"
+#include "firmware/optics_report.h"
 #include "firmware/recipe_folder.h"
 #include "firmware/recording.h"
 #include "firmware/registers_image.h"
@@ -68,10 +70,11 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     std::unique_ptr<store::StationRecorder> recorder;
     std::unique_ptr<Backends> backends;
     std::unique_ptr<DriftWatch> drift;  // fed by the inspector's threads
+    std::unique_ptr<OpticsWatch> optics;  // the same
     std::unique_ptr<LineTeacher> teacher;  // fed by them, too; none: there is no state folder
     CalibrationReport calibration;
     std::optional<CalibrationInUse> grid;  // none: frames are macro-pixels
-    std::uint32_t store_faults = 0, drift_fault = 0;
+    std::uint32_t store_faults = 0, drift_fault = 0, optics_faults = 0;
     std::unique_ptr<Inspector> inspector;
     std::unique_ptr<Station> station;
     std::optional<Operations> operations;
@@ -132,6 +135,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
         if (teacher) teacher->on_inspection(part, frame, inspection);
         if (watchers.inspection) watchers.inspection(part, frame, inspection);
         if (drift && drift->add(frame)) loop->post([this] { on_drift(); });
+        if (optics && part != Station::kTestPart && optics->add(frame, inspection)) loop->post([this] { on_optics(); });
     }
     // Noticed, or gone again.
     void on_drift() {
@@ -145,8 +149,20 @@ struct Service::Parts final : StationObserver, InspectionObserver {
         publish_calibration();
         tell_faults();
     }
+    // Something of light or optics became a fault, or is none any more; or dust lies somewhere else.
+    void on_optics() {
+        const OpticsWatch::View view = optics->view();
+        const std::uint32_t news = optics->news();
+        for (const FaultText& fault : fault_texts()) {
+            if ((news & fault.bit) != 0 && watchers.trouble) watchers.trouble(describe(fault.bit, view));
+        }
+        optics_faults = view.faults;
+        health.optics = report_of(view);
+        registers->publish(health);
+        tell_faults();
+    }
     void tell_faults() {
-        station->outside_faults(store_faults | drift_fault);
+        station->outside_faults(store_faults | drift_fault | optics_faults);
         publish();
     }
     void publish_calibration() {
@@ -156,6 +172,8 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     }
     void on_recipe(const NumberedRecipe& recipe) {
         registers->publish(RecipeInUse{recipe.number, crc32_of(recipe), ShortText(recipe.recipe.name)});
+        optics->restart(recipe.recipe.lenslet_mm);  // what parts showed under another recipe says nothing of them under this one
+        if (optics_faults != 0) loop->post([this] { on_optics(); });
     }
 
     Result<void> open(const SimulationOptions& simulation);
@@ -255,6 +273,9 @@ Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
                                     grid ? grid->decoder->bin_px() : 1);
     if (!watch) return tl::unexpected(watch.error());
     drift = std::move(*watch);
+    auto watched = OpticsWatch::create(*extents, limits_of(config.optics, format.bits));
+    if (!watched) return tl::unexpected(watched.error());
+    optics = std::move(*watched);
     calibration.lenslets_m = static_cast<std::uint16_t>(extents->m);
     calibration.lenslets_n = static_cast<std::uint16_t>(extents->n);
     publish_calibration();
@@ -351,6 +372,7 @@ void Service::Parts::publish_health_again() {
     health.modbus_broken = counted(all.broken);
     health.processor_celsius = processor_celsius();
     health.disk_free_percent = disk_free_percent(config.state_folder);
+    health.optics = report_of(optics->view());
     registers->publish(health);
     publish_calibration();
     loop->call_after(kHealthEvery, [this] { publish_health_again(); });
@@ -412,6 +434,7 @@ Result<std::vector<std::string>> Service::Parts::reload(const Config& next) {
                 next.inspection.threads != config.inspection.threads || next.inspection.queue != config.inspection.queue,
             "[inspection] macro, threads or queue");
     restart(next.inspection.grid != config.inspection.grid, "inspection.grid");
+    restart(next.optics != config.optics, "[optics]");
     restart(next.store != config.store, "[store]");
     if (recorder) note_configuration(*recorder, next);
     return waiting;

@@ -84,7 +84,15 @@ enum FaultBit : std::uint32_t {
     kFaultStore = 1U << 10,             // results cannot be stored now; they wait in memory
     kFaultPictures = 1U << 11,          // frames that should have been kept were dropped
     kFaultGridDrift = 1U << 12,         // the lenslet grid has moved; verdicts do not suffer yet
+    kFaultLightFading = 1U << 13,       // parts have less light than they had; they are judged as before, as with the next three
+    kFaultDarkDrift = 1U << 14,         // the sensor's dark level has changed
+    kFaultLightUneven = 1U << 15,       // a region of the field has another share of the light than it had
+    kFaultDust = 1U << 16,              // the same places of the sensor respond in part after part
 };
+
+// Troubles that the core cannot see itself and that change no verdict.
+inline constexpr std::uint32_t kOpticsFaults = kFaultLightFading | kFaultDarkDrift | kFaultLightUneven | kFaultDust;
+inline constexpr std::uint32_t kOutsideFaults = kFaultStore | kFaultPictures | kFaultGridDrift | kOpticsFaults;
 
 struct Counters {
     std::uint32_t seen = 0, inspected = 0, pass = 0, reject = 0, unfit = 0, missed = 0;

@@ -60,7 +60,7 @@ class Station {
     void plc_lost();
     void plc_back();
 
-    // kFaultStore, kFaultPictures and kFaultGridDrift, as they are now.
+    // Those of kOutsideFaults that are there now.
     void outside_faults(std::uint32_t active);
 
     // One flash and one frame of the empty line, judged like a part's and then forgotten. Only while test_possible();

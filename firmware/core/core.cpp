@@ -173,7 +173,7 @@ void Core::on(const PlcLost&) {
 }
 
 void Core::on(const OutsideFaults& event) {
-    outside_ = event.active & (kFaultStore | kFaultPictures | kFaultGridDrift);
+    outside_ = event.active & kOutsideFaults;
     fault(outside_);
 }
 

@@ -70,7 +70,7 @@ struct PlcLost {};
 struct PlcBack {};
 // Parts may be on the line that this core has never seen.
 struct LineUnknown {};
-// Troubles that the core cannot see itself and that change no verdict: kFaultStore, kFaultPictures, kFaultGridDrift. Those present now.
+// Troubles that the core cannot see itself and that change no verdict: kOutsideFaults. Those present now.
 struct OutsideFaults {
     std::uint32_t active = 0;
 };

@@ -106,6 +106,16 @@ class Results {
     std::deque<std::string> shown_;
 };
 
+// How light and optics age; "-" until enough parts were seen.
+std::string optics(const Moment& m) {
+    std::string out = fmt::format("light {} %, dark level {} DN, unevenness {} %, ", m.text("light_output"), m.has("dark_drift") ? fmt::format("{:+.2f}", m.number("dark_drift")) : "-", m.text("uneven"));
+    if (!m.has("dust")) return out + "dust -";
+    if (m.number("dust") == 0) return out + "no dust";
+    out += fmt::format("dust at {:.0f} place{}, the largest at lenslet ({}, {})", m.number("dust"), m.number("dust") == 1 ? "" : "s", m.text("dust_m"), m.text("dust_n"));
+    if (m.has("dust_x")) out += fmt::format(", ({:.2f}, {:.2f}) mm", m.number("dust_x"), m.number("dust_y"));
+    return out;
+}
+
 std::string page(const RemoteOptions& remote, const Moment& m, const Results& results) {
     const auto bits = static_cast<unsigned>(m.number("bits"));
     const auto lamp = [&](unsigned bit, const char* name) { return (bits >> bit & 1U) != 0 ? fmt::format("[{}] ", name) : std::string(); };
@@ -120,8 +130,9 @@ std::string page(const RemoteOptions& remote, const Moment& m, const Results& re
                        milliseconds_of(m, "latency_max"));
     out += fmt::format("  rejection     p50 {:>7}  p99 {:>7}  max {:>7}\n", milliseconds_of(m, "reject_p50"), milliseconds_of(m, "reject_p99"),
                        milliseconds_of(m, "reject_max"));
-    out += fmt::format("  PLC: heartbeat {} ms ago, {} results not acknowledged; {:.0f} Modbus connections, {:.0f} requests\n\n", m.text("plc_heartbeat_age"),
+    out += fmt::format("  PLC: heartbeat {} ms ago, {} results not acknowledged; {:.0f} Modbus connections, {:.0f} requests\n", m.text("plc_heartbeat_age"),
                        m.text("unacknowledged"), m.number("modbus_connections"), m.number("modbus_requests"));
+    out += fmt::format("  optics: {}\n\n", optics(m));
     const auto active = static_cast<std::uint32_t>(m.number("faults_active")), latched = static_cast<std::uint32_t>(m.number("faults_latched"));
     if ((active | latched) == 0) out += "  no faults\n";
     for (const FaultText& fault : fault_texts()) {
@@ -135,9 +146,9 @@ std::string page(const RemoteOptions& remote, const Moment& m, const Results& re
 }
 
 std::string line(const Moment& m) {
-    return fmt::format("{} parts/min {} seen {:.0f} pass {:.0f} reject {:.0f} unfit {:.0f} latency-p99-ms {} faults {}\n", m.text("state"),
+    return fmt::format("{} parts/min {} seen {:.0f} pass {:.0f} reject {:.0f} unfit {:.0f} latency-p99-ms {} light-percent {} dust {} faults {}\n", m.text("state"),
                        m.text("parts_per_minute"), m.number("seen"), m.number("pass"), m.number("reject"), m.number("unfit"), milliseconds_of(m, "latency_p99"),
-                       names_of_faults(static_cast<std::uint32_t>(m.number("faults_active"))));
+                       m.text("light_output"), m.text("dust"), names_of_faults(static_cast<std::uint32_t>(m.number("faults_active"))));
 }
 
 Exit run_watch(const WatchOptions& options) {

@@ -96,6 +96,7 @@ function showState(state) {
     ["rejection, 99 of 100", ms(health.reject_p99), "ms"], ["frames waiting", health.frames_waiting, ""]]);
   figures("health", [["calibration's age", calibration.id ? ago(calibration.age) : "no grid file", ""], ["residual", known(calibration.residual) ? calibration.residual.toFixed(3) : null, "px"],
     ["grid has moved", known(calibration.drift) ? calibration.drift.toFixed(3) : null, "px"], ["brightest light", known(state.light_share) ? (100 * state.light_share).toFixed(0) : null, "% of full scale"],
+    ["light output", round(health.light_output, 1), "% of what it was"], ["dust on the optics", known(health.dust) ? (health.dust === 0 ? "none" : `${health.dust} at (${health.dust_m}, ${health.dust_n})`) : null, known(health.dust) && health.dust > 0 ? "lenslets" : ""],
     ["frames lost", health.frames_lost, ""], ["frames bad", health.frames_corrupt, ""], ["processor", round(health.processor, 1), "°C"], ["disk free", round(health.disk_free, 1), "%"], ["running for", ago(health.uptime), ""]]);
   figures("recipe", [["number", recipe.number, ""], ["name", recipe.name, ""], ["checksum", known(recipe.crc32) ? (recipe.crc32 >>> 0).toString(16).toUpperCase().padStart(8, "0") : null, ""],
     ["neighbours may differ by", round(recipe.staged_emd_limit), "bin pitches"], ["slope of deflection", round(recipe.staged_frobenius_limit), "bin pitches a lenslet"], ["least light", round(recipe.staged_transmission_limit), "of a typical lenslet"],

@@ -74,6 +74,7 @@ TEST(Config, the_documented_file_is_the_defaults) {
     EXPECT_EQ(std::tie(file->autostart, file->plc.timeout, a.plc_policy), std::tie(defaults.autostart, defaults.plc.timeout, b.plc_policy));
     EXPECT_EQ(std::tie(file->inspection.bins_i, file->inspection.bins_j, file->inspection.threads, file->inspection.queue),
               std::tie(defaults.inspection.bins_i, defaults.inspection.bins_j, defaults.inspection.threads, defaults.inspection.queue));
+    EXPECT_EQ(file->optics, defaults.optics);
 }
 
 // The same for the keys that a simulated backend does not use: switch the backends on, uncomment, compare.
