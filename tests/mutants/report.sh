@@ -79,7 +79,7 @@ indented() { sed 's/^/    /; s/ *$//'; }
     echo "## Real time"
     echo
     if [ -s "$out/hour.txt" ]; then
-        cat tests/realtime/README.md | sed -n '/^    hordctl/,$p'
+        cat tests/realtime/README.md | sed -n '/^    chrt /,$p'
         echo
         indented <"$out/hour.txt"
     else
