@@ -102,7 +102,21 @@ Result<void> LibcameraSensor::do_trigger(const hal::ExposureRequest& exposure) {
         return fail(ErrorCode::busy, name_ + ": every buffer is lent or filling", "give frames back sooner, or set more sensor.buffers");
     }
     waiting_.push_back(exposure);
+    if (waiting_.size() == 1) watch_for_silence();
     return {};
+}
+
+// While one waits a buffer is with the camera, so that it could bring a frame.
+void LibcameraSensor::watch_for_silence() {
+    loop_.cancel(silence_timer_);
+    const hal::ExposureRequest& oldest = waiting_.front();
+    const TimePoint due = std::max(oldest.start + oldest.length, last_frame_) + kSilence;
+    silence_timer_ = loop_.call_at(due, [this] {
+        take();  // what came while the loop was busy
+        if (listener_ == nullptr || lost_ || waiting_.empty()) return;
+        if (std::max(waiting_.front().start + waiting_.front().length, last_frame_) + kSilence > loop_.now()) return watch_for_silence();
+        lose("gives no frames any more");
+    });
 }
 
 void LibcameraSensor::take() {
@@ -114,6 +128,7 @@ void LibcameraSensor::take() {
     if (!stream) return;
     stream->frames.hear();
     while (const auto frame = stream->frames.pop()) {
+        last_frame_ = loop_.now();
         deliver(*frame);
         if (listener_ == nullptr || lost_) return;  // stopped by the call
     }
@@ -181,6 +196,7 @@ void LibcameraSensor::lose(const std::string& what) {
     if (lost_) return;
     lost_ = true;
     loop_.unwatch(watch_);
+    loop_.cancel(silence_timer_);
     waiting_.clear();
     const Error why{ErrorCode::disconnected, name_ + " " + what, "check its cable; stop it and start it again"};
     lost_timer_ = loop_.call_after({}, [this, why] { listener_->on_sensor_lost(why); });
@@ -189,6 +205,7 @@ void LibcameraSensor::lose(const std::string& what) {
 void LibcameraSensor::do_stop() {
     listener_ = nullptr;
     loop_.cancel(lost_timer_);
+    loop_.cancel(silence_timer_);
     if (!lost_) loop_.unwatch(watch_);
     waiting_.clear();
     std::shared_ptr<Stream> stream;

@@ -4,6 +4,9 @@
 // buffer. Giving the lease back queues its request again. A frame is delivered to the oldest trigger that waits and whose start it
 // does not precede, by the sensor's time stamp (of the exposure's start, where the camera tells it); a frame that nobody asked for
 // goes straight back and is no gap in the sequence.
+//
+// A camera that goes away while its buffers are with it is told by nobody, where the process may not listen to the kernel's device
+// events: so one that was asked for a frame and has brought none at all for kSilence after that exposure is lost.
 #pragma once
 
 #include <memory>
@@ -18,6 +21,7 @@ namespace hord::drivers {
 
 class LibcameraSensor final : public hal::Sensor {
   public:
+    static constexpr hal::Duration kSilence = std::chrono::seconds(2);
 
     // Loop thread; blocks while the camera is asked. Fails with not_found (lists the cameras), busy, unsupported (lists the formats), io,
     // invalid_argument (buffers not in 2..32).
@@ -37,6 +41,7 @@ class LibcameraSensor final : public hal::Sensor {
 
     void take();  // what was handed over
     void deliver(const CameraFrame& frame);
+    void watch_for_silence();
     void lose(const std::string& what);
 
     hal::EventLoop& loop_;
@@ -48,7 +53,8 @@ class LibcameraSensor final : public hal::Sensor {
     Listener* listener_ = nullptr;
     bool lost_ = false;
     hal::EventLoop::WatchId watch_{};
-    hal::EventLoop::TimerId lost_timer_{};
+    hal::EventLoop::TimerId lost_timer_{}, silence_timer_{};
+    hal::TimePoint last_frame_{};  // when one came, asked for or not
     std::vector<hal::ExposureRequest> waiting_;
     std::uint32_t unasked_ = 0;
 

@@ -21,6 +21,7 @@ struct FakeCamera {
     std::mutex mutex;
     std::condition_variable woken;
     bool there = true;
+    bool silent = false;  // keeps what it has, and says nothing
     std::string pixel_format = "R8";
     int bits = 8;
     bool packed = false, green = false, tells_start = true;
@@ -107,7 +108,7 @@ class FakeCameraPort final : public CameraPort {
             camera_->woken.wait_for(lock, std::chrono::milliseconds(2), [this] { return stopping_ || !camera_->there; });
             if (stopping_) return;
             if (!camera_->there) return listener.on_camera_gone();
-            if (camera_->queued.empty()) continue;  // it waits for a buffer, so that a slow test sees no gap
+            if (camera_->silent || camera_->queued.empty()) continue;  // it waits for a buffer, so that a slow test sees no gap
             ++camera_->sequence;
             const std::uint32_t buffer = camera_->queued.front();
             camera_->queued.pop_front();

@@ -171,6 +171,24 @@ TEST_F(Sensor, frames_that_nobody_asked_for_go_straight_back_and_are_no_gap) {
     EXPECT_TRUE(ear_.frames.empty());
 }
 
+// Unplugged with its buffers inside, and nobody says so. Until a frame is asked for, silence is nothing: the camera may be triggered.
+TEST_F(Sensor, that_was_asked_for_a_frame_and_falls_silent_is_lost) {
+    open();
+    (void)frame();
+    camera_->change([](FakeCamera& camera) { camera.silent = true; });
+    const hal::TimePoint asked = loop_->now() + 1ms;
+    ASSERT_TRUE(sensor_->trigger({.exposure = 2, .start = asked, .length = 1ms}));
+    ASSERT_TRUE(run_until([&] { return !ear_.losses.empty(); }));
+    EXPECT_GE(loop_->now(), asked + LibcameraSensor::kSilence);
+    EXPECT_THAT(ear_.losses[0].what, HasSubstr("no frames"));
+    EXPECT_EQ(sensor_->trigger({.exposure = 3, .start = loop_->now(), .length = 1ms}).error().code, ErrorCode::disconnected);
+    sensor_->stop();
+    camera_->change([](FakeCamera& camera) { camera.silent = false; });
+    ASSERT_TRUE(sensor_->start(ear_));
+    EXPECT_TRUE(frame());
+    EXPECT_EQ(ear_.losses.size(), 1U);
+}
+
 TEST_F(Sensor, a_lent_buffer_is_not_with_the_camera_and_goes_back_when_its_lease_dies) {
     open();
     hal::FrameLease lent = frame();

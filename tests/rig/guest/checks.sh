@@ -109,10 +109,12 @@ contract_video_vivid() {
     HORD_V4L2_LOSE='v4l2-ctl -d /dev/video20 -c inject_fatal_streaming_error=1' HORD_V4L2_DEVICE=/dev/video20 contract 'V4l2/*'
 }
 
-# libcamera's vimc pipeline on the kernel's vimc; it is taken away by unbinding it from its driver.
+# libcamera's vimc pipeline on the kernel's vimc; it is taken away by unbinding it from its driver. A second before, so that the test, which takes
+# no frame meanwhile, has all buffers and the camera none: with some in the camera libcamera 0.0.3 ends the process by an assertion when it is
+# stopped. (What the service makes of that is another check.)
 contract_libcamera() {
     local driver=/sys/bus/platform/drivers/vimc
-    HORD_LIBCAMERA=any HORD_LIBCAMERA_LOSE="echo vimc.0 >$driver/unbind" HORD_LIBCAMERA_RETURN="echo vimc.0 >$driver/bind" contract 'Libcamera/*/camera'
+    HORD_LIBCAMERA=any HORD_LIBCAMERA_LOSE="sleep 1; echo vimc.0 >$driver/unbind" HORD_LIBCAMERA_RETURN="echo vimc.0 >$driver/bind" contract 'Libcamera/*/camera'
 }
 
 # -- the installed station --------------------------------------------------------------------------------------
@@ -441,7 +443,6 @@ case $phase in
         check service-is-shut-in security
         check fault-line-busy line_busy
         check fault-chip-missing-at-start chip_missing
-        check fault-libcamera-goes-and-returns libcamera_disconnect
         check fault-power-cut until_power_cut  # does not come back
         ;;
     cut)
@@ -466,6 +467,7 @@ case $phase in
         check fault-service-killed killed
         limit=900
         check latency-on-device-nodes latency
+        check fault-libcamera-goes-and-returns libcamera_disconnect
         ;;
     latency)
         station_is_there
