@@ -91,7 +91,7 @@ struct Pipeline::Workspace {
           transmission(r.light || maps == MapSet::all ? e.lenslets() : 0), spectral(maps == MapSet::all ? e.lenslets() : 0), nuclear(spectral.size()),
           anisotropy(spectral.size()),
           rim(e, r.rim_margin < 0 ? default_rim_margin(e) : r.rim_margin), defect_finder(e, r) {
-        paint_zones(recipe.zones, extents, zones);
+        paint_zones(recipe.zones, extents, zones, recipe.lenslet_mm);
         if (recipe.reference) against.emplace(e, recipe);
     }
 

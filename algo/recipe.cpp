@@ -7,17 +7,20 @@
 namespace hord::algo {
 namespace {
 
-void check_zone(const Zone& zone, std::size_t number, std::vector<std::string>& lines) {
+void check_zone(const Zone& zone, std::size_t number, float lenslet_mm, std::vector<std::string>& lines) {
     const std::string name = "zone " + std::to_string(number + 1) + ": ";
+    const bool in_mm = zone.unit == Zone::Unit::mm;
+    const std::string unit = in_mm ? "mm" : "lenslets";
+    if (in_mm && !(lenslet_mm > 0)) lines.push_back(name + "is in mm, and the size of a lenslet is not known: give lenslet_mm");
     if (zone.shape == Zone::Shape::circle) {
-        if (!std::isfinite(zone.centre.m) || !std::isfinite(zone.centre.n)) lines.push_back(name + "the centre is not a number: give it in lenslets");
-        if (!(zone.radius > 0) || !std::isfinite(zone.radius)) lines.push_back(name + "a circle needs a radius above 0 lenslets");
+        if (!std::isfinite(zone.centre.m) || !std::isfinite(zone.centre.n)) lines.push_back(name + "the centre is not a number: give it in " + unit);
+        if (!(zone.radius > 0) || !std::isfinite(zone.radius)) lines.push_back(name + "a circle needs a radius above 0 " + unit);
         return;
     }
     if (zone.corners.size() < 3) lines.push_back(name + "a polygon needs at least three corners");
     for (const Point& corner : zone.corners) {
         if (std::isfinite(corner.m) && std::isfinite(corner.n)) continue;
-        lines.push_back(name + "a corner is not a number: give it in lenslets");
+        lines.push_back(name + "a corner is not a number: give it in " + unit);
         break;
     }
 }
@@ -86,7 +89,12 @@ std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) 
         lines.push_back("rim_margin " + std::to_string(recipe.rim_margin) + " leaves nothing of a field of " + std::to_string(extents.m) + "x" +
                         std::to_string(extents.n) + " lenslets to judge");
     }
-    for (std::size_t k = 0; k < recipe.zones.size(); ++k) check_zone(recipe.zones[k], k, lines);
+    for (const Zone& zone : recipe.zones) {
+        if (zone.unit == recipe.zones.front().unit) continue;
+        lines.push_back("some zones are in lenslets and some in mm: use one unit for all");
+        break;
+    }
+    for (std::size_t k = 0; k < recipe.zones.size(); ++k) check_zone(recipe.zones[k], k, recipe.lenslet_mm, lines);
     return lines;
 }
 

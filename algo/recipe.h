@@ -16,29 +16,34 @@
 namespace hord::algo {
 
 struct Point {
-    float m = 0;  // lenslets
+    float m = 0;  // lenslets, or mm of a zone in mm
     float n = 0;
 };
 
 // A region of the part. `inspect` zones: only lenslets in at least one of them are judged (none: all are).
-// `ignore` zones: lenslets in any of them are not judged.
+// `ignore` zones: lenslets in any of them are not judged. They lie in the field and do not follow the part.
+//
+// In lenslets, (0, 0) is the centre of the top-left lenslet; in mm, it is the middle of the field, ((M-1)/2, (N-1)/2) in lenslets, of
+// Recipe::lenslet_mm each. Both count to the right and down.
 struct Zone {
     enum class Shape : std::uint8_t { circle, polygon };
     enum class Use : std::uint8_t { inspect, ignore };
+    enum class Unit : std::uint8_t { lenslets, mm };
     Shape shape = Shape::circle;
     Use use = Use::inspect;
+    Unit unit = Unit::lenslets;  // of all below
     Point centre;                // circle
-    float radius = 0;            // circle, lenslets
+    float radius = 0;            // circle
     std::vector<Point> corners;  // polygon, at least three
 
-    [[nodiscard]] bool contains(float m, float n) const;
+    [[nodiscard]] bool contains(float m, float n) const;  // a place in the zone's unit
 };
 
 // What is no reason to reject, though it is a defect: small ones of some kinds, not too many, somewhere on the part. A defect that exceeds
 // every tolerance it falls under is one too many.
 struct Tolerance {
     std::uint32_t kinds = 0xFFFFFFFFU;  // bit 1 << DefectKind: those that it is about
-    std::optional<Zone> where;          // on the reference's part; none: everywhere
+    std::optional<Zone> where;          // on the reference's part, in lenslets; none: everywhere
     float largest_mm = 0;               // diameter of a disc of the same area; of scratches the length
     float deepest_rad = 0;              // the largest change of direction; 0: any
     std::uint32_t number = 1;           // as many of them
@@ -102,7 +107,7 @@ struct Recipe {
 
     std::vector<Zone> zones;
 
-    // Of the measurement plane and of a bin; 0: not known. Needed where a tolerance is in mm or radians.
+    // Of the measurement plane and of a bin; 0: not known. Needed where a zone or a tolerance is in mm or radians.
     float lenslet_mm = 0;
     float bin_rad = 0;
 

@@ -12,7 +12,8 @@
 
 namespace hord::algo {
 
-// Sets kOutside where no `inspect` zone is (if there are any) and where an `ignore` zone is; 0 elsewhere.
-void paint_zones(std::span<const Zone> zones, const Extents& extents, std::span<std::uint8_t> mask);
+// Sets kOutside where no `inspect` zone is (if there are any) and where an `ignore` zone is; 0 elsewhere. `lenslet_mm`: above 0 where a zone
+// is in mm. A lenslet's centre in mm is (m - (M-1)/2) lenslet_mm, rounded to the nearest float once.
+void paint_zones(std::span<const Zone> zones, const Extents& extents, std::span<std::uint8_t> mask, float lenslet_mm = 0);
 
 }  // namespace hord::algo

@@ -20,34 +20,58 @@ constexpr int kRecipeSchema = 1;
 constexpr double kFar = 100'000;  // lenslets; beyond any light field
 constexpr unsigned kDefectKinds = 5;
 
-// In the file's unit: lenslets, or mm (of a tolerance).
-algo::Zone read_zone(TomlTable& table, double smallest = 0.5) {
+// What is written of a place: `centre`, `radius` and `corners`, or the same with `_mm`.
+bool has_place_in_lenslets(const TomlTable& table) { return table.has("centre") || table.has("radius") || table.has("corners"); }
+bool has_place_in_mm(const TomlTable& table) { return table.has("centre_mm") || table.has("radius_mm") || table.has("corners_mm"); }
+
+// A zone in its own unit. The names without `_mm` mean `plain`: lenslets of a zone, mm of a tolerance.
+algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
     constexpr std::array<std::string_view, 2> shapes{"circle", "polygon"};
     constexpr std::array<std::string_view, 2> uses{"inspect", "ignore"};
     algo::Zone zone;
     if (!table.has("shape")) table.problem("shape", "is missing", "use circle or polygon");
     const auto shape = table.choice("shape", shapes);
     if (const auto use = table.choice("use", uses)) zone.use = static_cast<algo::Zone::Use>(*use);
+    const bool said_mm = has_place_in_mm(table);
+    if (said_mm && has_place_in_lenslets(table)) {
+        table.problem(table.has("centre_mm") ? "centre_mm" : table.has("radius_mm") ? "radius_mm" : "corners_mm", "stands beside a place without _mm", "use one unit for the whole zone");
+    }
+    zone.unit = said_mm ? algo::Zone::Unit::mm : plain;
+    const bool in_mm = zone.unit == algo::Zone::Unit::mm;
+    const std::string centre_key = said_mm ? "centre_mm" : "centre", radius_key = said_mm ? "radius_mm" : "radius", corners_key = said_mm ? "corners_mm" : "corners";
+    const std::string axes = in_mm ? "x, y" : "m, n", unit = in_mm ? "mm from the field's middle" : "lenslets";
     std::vector<double> centre, corners;
-    table.numbers("centre", centre, 2, 2);
-    table.number("radius", zone.radius, smallest, kFar);
-    table.numbers("corners", corners, 6, 2000);
+    table.numbers(centre_key, centre, 2, 2);
+    table.number(radius_key, zone.radius, in_mm ? 1e-6 : 0.5, kFar);
+    table.numbers(corners_key, corners, 6, 2000);
     if (!shape) return zone;
     zone.shape = static_cast<algo::Zone::Shape>(*shape);
     if (zone.shape == algo::Zone::Shape::circle) {
-        if (centre.empty()) table.problem("centre", "is missing", "write centre = [m, n], in lenslets");
-        if (!table.has("radius")) table.problem("radius", "is missing", "give it in lenslets");
-        if (!corners.empty()) table.problem("corners", "belongs to a polygon", "remove it");
+        if (centre.empty()) table.problem(centre_key, "is missing", fmt::format("write {} = [{}], in {}", centre_key, axes, unit));
+        if (!table.has(radius_key)) table.problem(radius_key, "is missing", in_mm ? "give it in mm" : "give it in lenslets");
+        if (!corners.empty()) table.problem(corners_key, "belongs to a polygon", "remove it");
         if (centre.size() == 2) zone.centre = {static_cast<float>(centre[0]), static_cast<float>(centre[1])};
     } else {
-        if (!table.has("corners")) table.problem("corners", "is missing", "write corners = [m, n, m, n, m, n], in lenslets");
-        if (corners.size() % 2 != 0) table.problem("corners", "has a number too many or too few", "give m and n of each corner");
-        if (!centre.empty()) table.problem("centre", "belongs to a circle", "remove it");
+        if (!table.has(corners_key)) table.problem(corners_key, "is missing", fmt::format("write {} = [{}, {}, {}], in {}", corners_key, axes, axes, axes, unit));
+        if (corners.size() % 2 != 0) table.problem(corners_key, "has a number too many or too few", in_mm ? "give x and y of each corner" : "give m and n of each corner");
+        if (!centre.empty()) table.problem(centre_key, "belongs to a circle", "remove it");
         for (std::size_t k = 0; k + 1 < corners.size(); k += 2) {
             zone.corners.push_back({static_cast<float>(corners[k]), static_cast<float>(corners[k + 1])});
         }
     }
     return zone;
+}
+
+// The recipe's zones: in lenslets, or all in mm.
+void read_zones(TomlTable& root, algo::Recipe& recipe) {
+    for (TomlTable& table : root.tables("zone")) {
+        algo::Zone zone = read_zone(table, algo::Zone::Unit::lenslets);
+        if (zone.unit == algo::Zone::Unit::mm && recipe.lenslet_mm == 0) table.problem("shape", "is in mm, and the size of a lenslet is not known", "give [scale] lenslet_mm");
+        if (!recipe.zones.empty() && recipe.zones.front().unit != zone.unit) {
+            table.problem("shape", "has another unit than the zones before it", "use one unit for all zones: centre, radius, corners in lenslets, or with _mm in mm");
+        }
+        recipe.zones.push_back(std::move(zone));
+    }
 }
 
 // A text in quotes, as TOML's basic strings have it.
@@ -63,6 +87,7 @@ std::string in_quotes(std::string_view text) {
 
 // A zone in mm from the middle of the field, as lenslets; those of a recipe that does not know its lenslets stay as they are.
 void from_mm(algo::Zone& zone, float lenslet_mm, const std::function<algo::Point(algo::Point)>& place) {
+    zone.unit = algo::Zone::Unit::lenslets;
     zone.centre = place(zone.centre);
     zone.radius /= lenslet_mm;
     for (algo::Point& corner : zone.corners) corner = place(corner);
@@ -86,7 +111,7 @@ algo::Tolerance read_tolerance(TomlTable& table) {
     table.number("largest_mm", t.largest_mm, 1e-6, 1e4);
     table.number("deepest_rad", t.deepest_rad, 1e-9, 3);
     table.integer("number", t.number, 1, 10'000);
-    if (table.has("shape")) t.where = read_zone(table, 1e-6);
+    if (table.has("shape")) t.where = read_zone(table, algo::Zone::Unit::mm);
     return t;
 }
 
@@ -178,10 +203,10 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
         light.problem("dark_dn", "is not below saturated_dn", "lower it, or raise saturated_dn");
     }
     root.integer("rim_margin", recipe.rim_margin, -1, 1000);
-    for (TomlTable& zone : root.tables("zone")) recipe.zones.push_back(read_zone(zone));
     TomlTable scale = root.table("scale");
     scale.number("lenslet_mm", recipe.lenslet_mm, 1e-6, 1e3);
     scale.number("bin_rad", recipe.bin_rad, 1e-9, 1);
+    read_zones(root, recipe);
     TomlTable reference = root.table("reference");
     std::string file;
     reference.text("file", file);
@@ -228,14 +253,15 @@ Result<algo::Recipe> without_number(Result<NumberedRecipe> numbered) {
     return std::move(numbered->recipe);
 }
 
-// Shape and place, in units of `unit` lenslets from `origin`.
+// Shape and place, in units of `unit` lenslets from `origin`; a zone in mm as it is.
 std::string format_place(const algo::Zone& zone, float unit, algo::Point origin) {
+    const std::string_view suffix = zone.unit == algo::Zone::Unit::mm ? "_mm" : "";
     const auto m = [&](float v) { return (v - origin.m) * unit; };
     const auto n = [&](float v) { return (v - origin.n) * unit; };
     if (zone.shape == algo::Zone::Shape::circle) {
-        return fmt::format("shape = \"circle\"\ncentre = [{}, {}]\nradius = {}\n", m(zone.centre.m), n(zone.centre.n), zone.radius * unit);
+        return fmt::format("shape = \"circle\"\ncentre{} = [{}, {}]\nradius{} = {}\n", suffix, m(zone.centre.m), n(zone.centre.n), suffix, zone.radius * unit);
     }
-    std::string text = "shape = \"polygon\"\ncorners = [";
+    std::string text = fmt::format("shape = \"polygon\"\ncorners{} = [", suffix);
     for (std::size_t k = 0; k < zone.corners.size(); ++k) {
         text += fmt::format("{}{}, {}", k == 0 ? "" : ", ", m(zone.corners[k].m), n(zone.corners[k].n));
     }

@@ -128,6 +128,22 @@ TEST_F(ReferenceFile, a_recipe_that_names_it_survives_being_written_and_read) {
     EXPECT_EQ(format_recipe(*twice), format_recipe(*once));
 }
 
+TEST_F(ReferenceFile, where_something_is_tolerated_may_be_named_with_mm_as_zones_are) {
+    const auto read = [&](const std::string& place) {
+        std::ofstream(folder / "r.toml") << "[scale]\nlenslet_mm = 0.5\n[reference]\nfile = \"part.hordref\"\n[[tolerate]]\nlargest_mm = 1.5\n" << place;
+        return load_numbered_recipe(folder / "r.toml");
+    };
+    const auto plain = read("shape = \"circle\"\ncentre = [0.5, -0.25]\nradius = 0.75\n"), named = read("shape = \"circle\"\ncentre_mm = [0.5, -0.25]\nradius_mm = 0.75\n");
+    ASSERT_TRUE(plain) << plain.error().message();
+    ASSERT_TRUE(named) << named.error().message();
+    EXPECT_EQ(crc32_of(*named), crc32_of(*plain));
+    EXPECT_FLOAT_EQ(named->recipe.tolerances[0].where->centre.m, 3);
+    EXPECT_EQ(named->recipe.tolerances[0].where->unit, algo::Zone::Unit::lenslets);
+    EXPECT_FALSE(read("shape = \"circle\"\ncentre_mm = [0.5, -0.25]\nradius = 0.75\n"));
+    // Zones in lenslets may stand beside it: what is tolerated was always in mm.
+    EXPECT_TRUE(read("shape = \"circle\"\ncentre_mm = [0.5, -0.25]\nradius_mm = 0.75\n[[zone]]\nshape = \"circle\"\ncentre = [2, 2]\nradius = 1\n"));
+}
+
 TEST_F(ReferenceFile, a_seal_covers_what_is_in_it_and_not_where_it_lies) {
     const auto recipe_in = [](const std::filesystem::path& where, const std::string& seal) {
         std::ofstream(where / "r.toml") << "schema = 1\n" << seal << "[reference]\nfile = \"part.hordref\"\n";

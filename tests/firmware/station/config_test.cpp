@@ -401,6 +401,53 @@ corners = [10, 11, 20, 10, 20, 30]
     EXPECT_FLOAT_EQ(recipe->zones[1].corners[0].n, 11.0F);
 }
 
+TEST(Recipe, zones_may_be_in_mm_from_the_middle_of_the_field) {
+    const std::string text = R"(
+[scale]
+lenslet_mm = 0.216
+[[zone]]
+use = "ignore"
+shape = "circle"
+centre_mm = [-3.1, 1.7]
+radius_mm = 0.3
+[[zone]]
+shape = "polygon"
+corners_mm = [-5, -5, 5, -5, 0, 5]
+)";
+    const auto recipe = parse_numbered_recipe(text, "r.toml");
+    ASSERT_TRUE(recipe) << recipe.error().message();
+    const auto& zones = recipe->recipe.zones;
+    ASSERT_EQ(zones.size(), 2U);
+    EXPECT_EQ(zones[0].unit, algo::Zone::Unit::mm);
+    EXPECT_EQ(zones[0].centre.m, -3.1F);
+    EXPECT_EQ(zones[0].radius, 0.3F);
+    EXPECT_EQ(zones[1].corners[2].n, 5);
+    // What is written of it is read again as it was, to the bit.
+    const std::string written = format_recipe(*recipe);
+    EXPECT_THAT(written, HasSubstr("centre_mm = [-3.1, 1.7]\nradius_mm = 0.3\n"));
+    EXPECT_THAT(written, HasSubstr("corners_mm = [-5, -5, 5, -5, 0, 5]\n"));
+    const auto again = parse_numbered_recipe(written, "again.toml");
+    ASSERT_TRUE(again) << again.error().message();
+    EXPECT_EQ(crc32_of(*again), crc32_of(*recipe));
+    EXPECT_EQ(again->recipe.zones[0].unit, algo::Zone::Unit::mm);
+}
+
+TEST(Recipe, zones_in_mixed_units_or_without_the_lenslets_size_are_refused) {
+    const auto problems = [](std::string_view text) {
+        const auto recipe = parse_numbered_recipe(text, "r.toml");
+        return recipe ? std::string() : recipe.error().message();
+    };
+    const std::string scale = "[scale]\nlenslet_mm = 0.2\n";
+    const std::string in_mm = "[[zone]]\nshape = \"circle\"\ncentre_mm = [0, 0]\nradius_mm = 1\n";
+    EXPECT_EQ(problems(scale + in_mm), "");
+    EXPECT_THAT(problems(in_mm), AllOf(HasSubstr("is in mm, and the size of a lenslet is not known"), HasSubstr("give [scale] lenslet_mm"), HasSubstr("r.toml:2")));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"circle\"\ncentre = [0, 0]\nradius_mm = 1\n"), HasSubstr("radius_mm: stands beside a place without _mm"));
+    EXPECT_THAT(problems(scale + in_mm + "[[zone]]\nshape = \"circle\"\ncentre = [5, 5]\nradius = 2\n"), HasSubstr("has another unit than the zones before it"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"circle\"\ncentre_mm = [0, 0]\n"), HasSubstr("radius_mm: is missing"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"polygon\"\ncorners_mm = [0, 0, 1, 0, 1]\n"), HasSubstr("corners_mm"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"polygon\"\ncorners_mm = [0, 0, 1, 0, 1, 1, 2]\n"), HasSubstr("give x and y of each corner"));
+}
+
 TEST(Recipe, problems_of_zones_are_told_with_their_cure) {
     const auto problems = [](std::string_view text) {
         const auto recipe = parse_recipe(text, "r.toml");
