@@ -227,12 +227,46 @@ void BinFitter::put(int slot, const LensletSamples& samples, float light, const 
     spread_out_(samples, layout_, s.mass + kRoom + pitch_ + 1);
 }
 
+// The largest reading of the window's dark bins becomes the second largest; nothing where they are equal.
+BinFitter::Reading BinFitter::limit_largest_dark(Slot& slot) const {
+    float largest = 0, second = 0;
+    int at = -1;
+    for (int block = 0; block < slot.window.blocks; ++block) {
+        for (int l = 0; l < kLanes; ++l) {
+            const int place = slot.window.first + block * slot.window.step + l;
+            const float mass = slot.mass[kRoom + place];
+            if (layout_.here[place] == 0 || slot.light * slot.golden[kRoom + place] >= slot.noise.soft) continue;
+            if (mass > largest) second = largest, largest = mass, at = place;
+            else second = std::max(second, mass);
+        }
+    }
+    if (!(largest > second)) return {};
+    slot.mass[kRoom + at] = second;
+    return {slot.mass + kRoom + at, largest};
+}
+
 void BinFitter::fit(int count, std::array<Fit, kAtOnce>& fits) {
     Solution solution;
     Rest rest;
     const double all = columns_ * rows_;
     scatter_(slots_.data(), count, layout_);
     solve_(slots_.data(), count, layout_, solution);
+    // Bends once more without the largest dark reading.
+    Solution bend = solution;
+    std::array<Reading, kAtOnce> limited{};
+    bool any = false;
+    for (std::size_t s = 0; s < static_cast<std::size_t>(count); ++s) {
+        const double bent = solution.a[s] * solution.a[s] / solution.c_xx[s] + solution.b[s] * solution.b[s] / solution.c_yy[s];
+        if (solution.found[s] == 0 || !(bent > kNotable * kNotable)) continue;
+        limited[s] = limit_largest_dark(slots_[s]);
+        any = any || limited[s].mass != nullptr;
+    }
+    if (any) {
+        solve_(slots_.data(), count, layout_, bend);
+        for (const Reading& reading : limited) {
+            if (reading.mass != nullptr) *reading.mass = reading.was;
+        }
+    }
     look_at_rest_(slots_.data(), count, layout_, solution, rest);
     for (std::size_t s = 0; s < static_cast<std::size_t>(count); ++s) {
         const Slot& slot = slots_[s];
@@ -240,9 +274,9 @@ void BinFitter::fit(int count, std::array<Fit, kAtOnce>& fits) {
         fit.found = solution.found[s] != 0;
         if (!fit.found) continue;
         const double per_dn = 1 / static_cast<double>(slot.light), of_shift = 2 * per_dn;  // differences are over two bins
-        fit.a = solution.a[s] * of_shift, fit.b = solution.b[s] * of_shift, fit.c = solution.c[s] * per_dn;
-        fit.a_variance = solution.c_xx[s] * (of_shift * of_shift);
-        fit.b_variance = solution.c_yy[s] * (of_shift * of_shift);
+        fit.a = bend.a[s] * of_shift, fit.b = bend.b[s] * of_shift, fit.c = solution.c[s] * per_dn;
+        fit.a_variance = bend.c_xx[s] * (of_shift * of_shift);
+        fit.b_variance = bend.c_yy[s] * (of_shift * of_shift);
         fit.c_variance = solution.c_bb[s] * (per_dn * per_dn);
         const double lit = static_cast<double>(slot.noise.lit), per_read = 1 / (static_cast<double>(slot.noise.quiet) + lit);
         fit.chi2 = rest.chi2[s] + rest.dark[s] * per_read;

@@ -7,6 +7,10 @@
 // G_x, G_y: what a shift of the light by one bin changes (central differences of g). G_s: what scattering all of it changes (by the
 // binomial 1 4 6 4 1 along each axis, whose variance is one bin squared). algo/compare.h says what the numbers mean, and where the variances come from.
 //
+// One reading is no bend. Dark bins count with little noise, for most of them read nothing: one that does, beside a spot, looks like a bend of five standard deviations.
+// So where a fit says more than kNotable, the largest reading of a dark bin counts as much as the second largest, and the bend is fitted again: light that
+// is bent is missing where it was.
+//
 // Where the work is. Only around the golden HORD's light there is anything to fit: a window of blocks of eight bins, one a row of bins where the
 // light is narrow, else one after the other. Bins outside it, and those inside where nothing is expected, count in chi-square alone. Four lenslets are worked on
 // step by step together, so that no step waits for what the one before has just written.
@@ -45,6 +49,7 @@ struct LensletSamples {
 class BinFitter {
   public:
     static constexpr int kAtOnce = 4;
+    static constexpr double kNotable = 3;  // standard deviations by noise alone
 
     // For golden bins of a Reference's `stride`. Takes all memory.
     BinFitter(const Extents& extents, std::size_t stride, Isa isa);
@@ -105,6 +110,11 @@ class BinFitter {
 
   private:
     [[nodiscard]] Window window_of(const LitPlaces& lit) const;
+    struct Reading {
+        float* mass = nullptr;  // of a bin, and what it
+        float was = 0;
+    };
+    Reading limit_largest_dark(Slot& slot) const;
 
     int columns_, rows_, pitch_, blocks_;
     std::vector<std::int32_t> here_;

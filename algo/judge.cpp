@@ -21,13 +21,31 @@ float worst_of(const Scores& s) {
     return std::max({std::abs(score(s, Deviation::light)), score(s, Deviation::bend), std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
 }
 
+// With operations alone that are rounded alike everywhere; x above 0.
+double log_of(double x) {
+    int exponent = 0;
+    const double mantissa = std::frexp(x, &exponent), t = (mantissa - 0.75) / (mantissa + 0.75), t2 = t * t;  // 0.5 to 1, of 0.75
+    constexpr double kLog2 = 0.6931471805599453, kLogOf075 = -0.2876820724517809;
+    double sum = 0;
+    for (int k = 21; k >= 1; k -= 2) sum = sum * t2 + 1.0 / k;
+    return exponent * kLog2 + kLogOf075 + 2 * t * sum;
+}
+
+// How much surer than `d` over its standard deviation it is that light is missing: light is counted, and the root of twice the logarithm of the Poisson likelihood
+// ratio over that is sqrt(2 ((1 + d) ln(1 + d) - d)) / |d|. d from -1, all of it is missing: 1.41, to below 0.
+float counted(float d) {
+    const double v = static_cast<double>(d), left = 1 + v;
+    if (v > -0.05) return 1 - d / 6;
+    return static_cast<float>(std::sqrt(2 * ((left > 1e-9 ? left * log_of(left) : 0) - v)) / -v);
+}
+
 // How much that is for a good part at this place, with all its light: where so much of it is missing that it is a defect anyway, what is left is not excused
-// for being noisy.
+// for being noisy, and what is missing is counted.
 float surprise_of(const Scores& s, const Difference& d, float reject_score) {
     const float light = score(s, Deviation::light);
     if (light > -reject_score) return worst_of(s);
     const float others = std::max({score(s, Deviation::bend), std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
-    return std::max(-light, others / std::sqrt(std::max(1 + d.light, 0.01F)));
+    return std::max(-light * counted(d.light), others / std::sqrt(std::max(1 + d.light, 0.01F)));
 }
 
 double square(float v) { return static_cast<double>(v) * static_cast<double>(v); }
@@ -81,7 +99,7 @@ Judge::Region Judge::gather(std::uint32_t seed, const Compared& c) {
             for (int x = m - 1; x <= m + 1; ++x) visit(x, y);
         }
         const Scores& s = scores_[k];
-        const float in_noise = std::max(worst_of(s), severity_[k] * recipe_.reject_score);
+        const float in_noise = severity_[k] * recipe_.reject_score, by_reference = surprise_of(s, c.differences[k], recipe_.reject_score);
         const double weight = std::min(static_cast<double>(severity_[k]), 2.0);
         ++r.area;
         r.weight += weight;
@@ -92,7 +110,7 @@ Judge::Region Judge::gather(std::uint32_t seed, const Compared& c) {
         r.bend += square(score(s, Deviation::bend));
         r.spread += square(std::max(0.0F, score(s, Deviation::blur)));
         r.shape += square(std::max(0.0F, score(s, Deviation::shape)));
-        if (severity_[k] * recipe_.reject_score > worst_of(s)) r.gradient += square(severity_[k] * recipe_.reject_score);
+        if (in_noise > by_reference * 1.0001F) r.gradient += square(in_noise);
         r.worst = std::max(r.worst, severity_[k]);
         const Difference& d = c.differences[k];
         r.least_light = std::min(r.least_light, d.light);

@@ -3,7 +3,8 @@
 //
 // A lenslet's severity is 1 and above where it is too much; the worst of
 //   - its scores against the reference (algo/compare.h), in units of noise, over `reject_score`: also at the part's rim, for how much good
-//     parts differ there is in the reference;
+//     parts differ there is in the reference. Light that is missing beyond that is counted: its score is the root of the Poisson deviance, the most that
+//     a score with normal good parts can say (all of N electrons: sqrt(2 N));
 //   - its gradients over neighbours, as without a reference (algo/defects.h), less what a typical good part shows there; not at the rim.
 // Hysteresis: a region is what is connected, at sides or corners, at or above `grow_score`. It is a defect when one of its lenslets is too
 // much, or when many weaker ones lie together: the root of the sum of their squared scores reaches `cluster_score`.

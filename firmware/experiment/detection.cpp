@@ -6,7 +6,6 @@
 #include <functional>
 #include <map>
 #include <mutex>
-#include <numbers>
 #include <optional>
 #include <thread>
 
@@ -19,12 +18,13 @@ namespace {
 
 constexpr int kChunk = 100;           // parts of a cell that is kept
 constexpr double kLedLoss = 0.7;
+constexpr int kTuneExposures = 2;     // of every traced part
 constexpr double kHazeRadius = 1.2, kSpeckRadius = 1;
 
 struct Sizes {
     int learn, tune, good, poses, bubbles, bubble_exposures, flaws, flaw_exposures, slope_poses, slope_exposures;
 };
-constexpr Sizes kFull{32, 1000, 2000, 200, 1000, 2, 500, 4, 100, 20}, kQuick{12, 24, 30, 15, 20, 1, 10, 2, 8, 3};
+constexpr Sizes kFull{32, 4000, 2000, 200, 1000, 2, 500, 4, 100, 20}, kQuick{12, 24, 30, 15, 20, 1, 10, 2, 8, 3};
 
 // Where a figure's parts come from.
 struct Figure {
@@ -140,18 +140,13 @@ Result<Json> Production::judge(const Figure& figure, int first, int count, int t
     return all;
 }
 
-// The limits' factor at which a share kGoodShare of good parts would be rejected, if their worst scores are Gumbel's (largest of many);
-// fitted to the tuning parts by moments, and never below the worst of them.
+// The limits' factor at which a share kGoodShare of good parts would be rejected, by the tail of the tuning parts' scores.
 double factor_for(const std::vector<JudgedPart>& tuning) {
-    double mean = 0, square = 0, worst = 0, count = 0;
+    std::vector<double> scores;
     for (const JudgedPart& p : tuning) {
-        if (p.unfit) continue;
-        mean += p.score, square += p.score * p.score, count += 1;
-        worst = std::max(worst, p.score);
+        if (!p.unfit) scores.push_back(p.score);
     }
-    mean /= count;
-    const double beta = std::sqrt(std::max(1e-12, square / count - mean * mean)) * std::sqrt(6.0) / std::numbers::pi;
-    return std::max(worst, mean - std::numbers::egamma * beta - beta * std::log(-std::log(1 - kGoodShare)));
+    return tail_limit(std::move(scores), kGoodShare);
 }
 
 class Run {
@@ -219,7 +214,7 @@ Result<DetectionResults> Run::run() {
     if (!reference) return tl::unexpected(reference.error());
 
     Production tuning(round, *reference, 1, options_.seed);
-    if (auto done = judge(tuning, {.name = "tune", .parts = s.tune, .stream = Stream::tune}); !done) return tl::unexpected(done.error());
+    if (auto done = judge(tuning, {.name = "tune", .parts = s.tune, .stream = Stream::tune, .exposures = kTuneExposures}); !done) return tl::unexpected(done.error());
     if (static_cast<int>(results_.parts["tune"].size()) < s.tune) return fail(ErrorCode::invalid_argument, "the limits are not tuned yet: no figure is finished", "let the experiment run on");
     results_.factor = factor_for(results_.parts["tune"]);
     results_.tuned_on = s.tune;
@@ -293,7 +288,7 @@ Result<DetectionResults> Run::run() {
 namespace {
 
 Result<ExperimentReport> run_or_report(const ExperimentOptions& options, bool only_finished) {
-    auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 3}});
+    auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 4}});
     if (!cells) return tl::unexpected(cells.error());
     auto results = Run(options, *cells, only_finished).run();
     if (!results) return tl::unexpected(results.error());

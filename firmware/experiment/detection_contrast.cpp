@@ -159,25 +159,15 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
         const double curved = bins * nominal.camera.bin_pitch_rad / ((lens.refractive_index - 1) * kHalfWidthMm);
         flawed.push_back({fmt::format("hollow, {:g} bin", bins), cut_of_lens(kHalfWidthMm * kHalfWidthMm * curved / 2, 1 / (curved - 1 / lens.radius_of_curvature_mm))});
     }
-    const sim::Scene clean = moved(nominal, options.seed, 1000);
-    auto clean_light = light_of(clean, options);
-    if (!clean_light) return tl::unexpected(clean_light.error());
-    Json scenes = Json::array();
     std::uint64_t exposure = 0xC100'0000U;
-    std::optional<sim::TruthDefect> cut;
-    for (const Flawed& flaw : flawed) {
-        sim::Scene scene = clean;
-        scene.name = flaw.name;
-        scene.defects.push_back(flaw.defect);
+    // What a flawed part shows over a clean one that lies alike, exposed so many times.
+    const auto compare = [&](const std::string& name, const sim::Scene& clean, const sim::LightField& clean_light, const sim::Scene& scene, const sim::TruthDefect& truth, int times) -> Result<Json> {
         auto light = light_of(scene, options);
         if (!light) return tl::unexpected(light.error());
-        // The hollows lie where the cut does.
-        const sim::TruthDefect truth = flaw.name.starts_with("hollow") ? *cut : sim::truth_of(scene).defects.front();
-        if (!cut) cut = truth;
         std::map<std::string, std::vector<double>> each, averaged;
         int refused = 0;
-        for (int k = 0; k < shots; ++k) {
-            const auto good = look(*against, *alone, expose_part(*clean_light, clean, options.seed, exposure++), e);
+        for (int k = 0; k < times; ++k) {
+            const auto good = look(*against, *alone, expose_part(clean_light, clean, options.seed, exposure++), e);
             const auto bad = look(*against, *alone, expose_part(*light, scene, options.seed, exposure++), e);
             if (!good || !bad) return tl::unexpected(good ? bad.error() : good.error());
             if (!*good || !*bad) {
@@ -190,7 +180,44 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
                 averaged[map.name].push_back(averaged_contrast((**bad).*map.map, (**bad).*map.mask, (**good).*map.map, (**good).emd_mask, e, truth));
             }
         }
-        scenes.push_back({{"scene", scene.name}, {"radius", truth.radius_lenslets}, {"shots", shots}, {"unfit", refused}, {"each", each}, {"averaged", averaged}});
+        return Json{{"scene", name}, {"radius", truth.radius_lenslets}, {"shots", times}, {"unfit", refused}, {"each", each}, {"averaged", averaged}};
+    };
+    const sim::Scene clean = moved(nominal, options.seed, 1000);
+    auto clean_light = light_of(clean, options);
+    if (!clean_light) return tl::unexpected(clean_light.error());
+    Json scenes = Json::array();
+    std::optional<sim::TruthDefect> cut;
+    for (const Flawed& flaw : flawed) {
+        sim::Scene scene = clean;
+        scene.name = flaw.name;
+        scene.defects.push_back(flaw.defect);
+        // The hollows lie where the cut does.
+        const sim::TruthDefect truth = flaw.name.starts_with("hollow") ? *cut : sim::truth_of(scene).defects.front();
+        if (!cut) cut = truth;
+        auto compared = compare(flaw.name, clean, *clean_light, scene, truth, shots);
+        if (!compared) return tl::unexpected(compared.error());
+        scenes.push_back(*compared);
+    }
+    // How the cut lies between the lenslets decides how much of its light is seen: its middle on a lenslet's, and a quarter, half, three quarters of a lenslet beside,
+    // along either axis.
+    const int sides = options.quick ? 1 : 4;
+    const double pitch_mm = nominal.camera.field_mm / e.m;
+    for (int place = 0; place < sides * sides; ++place) {
+        const double beside_m = static_cast<double>(place % sides) / sides, beside_n = static_cast<double>(place / sides) / sides;
+        sim::Scene scene = nominal;
+        scene.defects.push_back(flawed.front().defect);
+        const sim::TruthDefect middle = sim::truth_of(scene).defects.front();
+        const auto to = [](double from, double beside) { return beside - from - std::round(beside - from); };  // the nearest such place
+        scene.pose.x_mm += pitch_mm * to(middle.m, beside_m);
+        scene.pose.y_mm += pitch_mm * to(middle.n, beside_n);
+        sim::Scene good = scene;
+        good.defects.clear();
+        auto good_light = light_of(good, options);
+        if (!good_light) return tl::unexpected(good_light.error());
+        auto compared = compare("cut beside", good, *good_light, scene, sim::truth_of(scene).defects.front(), shots);
+        if (!compared) return tl::unexpected(compared.error());
+        (*compared)["beside"] = {beside_m, beside_n};
+        scenes.push_back(*compared);
     }
     return scenes;
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <numeric>
 
 #include "hal_sim/optics/noise.h"
@@ -133,6 +134,26 @@ PodCurve pod_curve(std::span<const Tried> tried) {
     const double root = b * b - a * c;
     if (a > 0 && root >= 0) curve.a90_95 = std::exp(middle + (-b + std::sqrt(root)) / a);
     return curve;
+}
+
+double tail_limit(std::vector<double> values, double above) {
+    if (values.empty()) return 0;
+    std::ranges::sort(values, std::greater<>());
+    const std::size_t peaks = std::min(values.size() - 1, std::max<std::size_t>(10, values.size() / 10));
+    const double worst = values.front(), threshold = values[peaks];
+    if (peaks < 3 || !(worst > threshold)) return worst;
+    // Moments of what exceeds it: the mean, and the mean weighted with the share that exceeds more.
+    const auto count = static_cast<double>(peaks);
+    double mean = 0, weighted = 0;
+    for (std::size_t k = 0; k < peaks; ++k) {
+        const double excess = values[k] - threshold;
+        mean += excess / count;
+        weighted += excess * static_cast<double>(k) / ((count - 1) * count);
+    }
+    const double shape = std::max(0.0, 2 - mean / (mean - 2 * weighted)), scale = shape > 0 ? mean * (1 - shape) : mean;
+    const double times = count / (static_cast<double>(values.size()) * above);  // so much rarer than the peaks
+    const double beyond = shape > 1e-6 ? scale * (std::pow(times, shape) - 1) / shape : scale * std::log(times);
+    return std::max(worst, threshold + std::max(0.0, beyond));
 }
 
 }  // namespace hord::firmware

@@ -48,4 +48,9 @@ PodCurve pod_curve(std::span<const Tried> tried);
 // The value below which `share` (0..1) of the values lie; linear between neighbours. 0 for none.
 double quantile(std::vector<double> values, double share);
 
+// The value that a share `above` of all parts exceed, where `values` are those of some of them: peaks over a threshold. The largest tenth of the values (ten at
+// least), less the smallest of them, are taken as generalised Pareto, fitted by probability-weighted moments (Hosking & Wallis, Technometrics 29 (1987) 339).
+// A tail that ends (a negative shape) is taken as exponential: it is not believed. Never below the largest value. 0 for none.
+double tail_limit(std::vector<double> values, double above);
+
 }  // namespace hord::firmware

@@ -261,6 +261,42 @@ TEST(Reference, the_judgement_does_not_depend_on_the_number_of_threads) {
     for (const int threads : {2, 5}) EXPECT_EQ(judge(frame, recipe(), threads).surprise, alone.surprise);
 }
 
+// Dark bins count with little noise. One that reads ten standard deviations of that looks like a bend.
+TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
+    const Reference& r = learned().reference;
+    const Pose pose{0.2, -0.1, 0};
+    Frame frame = part(pose);  // without noise
+    constexpr std::uint32_t kReading = 8;
+    std::vector<std::uint8_t> read_there(kField.lenslets());
+    for (int n = 10; n < 27; n += 2) {
+        for (int m = 8; m < 33; m += 2) {
+            const auto sample = [&](int i, int j) { return frame.view().sample(m * kField.i + i, n * kField.j + j); };
+            int row = 0, left = 0;  // of the brightest bin; the first that is lit to its left
+            for (int k = 0; k < kField.bins(); ++k) {
+                if (sample(k % kField.i, k / kField.i) > sample(left, row)) left = k % kField.i, row = k / kField.i;
+            }
+            while (left > 0 && sample(left - 1, row) > kLevels.dark) --left;
+            if (left == 0) continue;
+            frame.set(m * kField.i + left - 1, n * kField.j + row, kLevels.dark + kReading);
+            read_there[static_cast<std::size_t>(n * kField.m + m)] = 1;
+        }
+    }
+    Comparer comparer(r);
+    HordRow row(kField);
+    std::vector<Difference> differences(static_cast<std::size_t>(kField.m));
+    int looked_at = 0;
+    for (int n = 0; n < kField.n; ++n) {
+        decode_row(frame.view(), kField, kLevels, n, row);
+        comparer.compare_row(row, n, PoseMap(pose, kField), 1, differences);
+        for (int m = 0; m < kField.m; ++m) {
+            if (read_there[static_cast<std::size_t>(n * kField.m + m)] == 0 || !differences[static_cast<std::size_t>(m)].has_hord) continue;
+            ++looked_at;
+            EXPECT_LT(scores_of(differences[static_cast<std::size_t>(m)], r)[static_cast<std::size_t>(Deviation::bend)], 4) << m << ", " << n;
+        }
+    }
+    EXPECT_GT(looked_at, 80);
+}
+
 TEST(Reference, the_comparison_has_the_same_bits_on_every_instruction_set) {
     const Frame frame = seen(part(wobble(12)), 12);
     HordRow row(kField);

@@ -106,6 +106,34 @@ TEST(PodCurve, says_nothing_where_size_does_not_help) {
     EXPECT_FALSE(pod_curve({}).a90);
 }
 
+// By the inverse of a distribution's tail, at the middles of equal shares.
+template <class Inverse>
+std::vector<double> drawn_evenly(int count, const Inverse& exceeded_by) {
+    std::vector<double> values;
+    for (int k = 0; k < count; ++k) values.push_back(exceeded_by((k + 0.5) / count));
+    return values;
+}
+
+TEST(TailLimit, goes_beyond_the_values_as_their_tail_does) {
+    // Exponential: a share p exceeds -ln p. Pareto of shape 0.2: p to the power of -0.2.
+    EXPECT_NEAR(tail_limit(drawn_evenly(2000, [](double p) { return -std::log(p); }), 1e-5), -std::log(1e-5), 0.3);
+    EXPECT_NEAR(tail_limit(drawn_evenly(2000, [](double p) { return std::pow(p, -0.2); }), 1e-5), 10, 0.7);
+}
+
+TEST(TailLimit, does_not_believe_in_an_end) {
+    // Uniform up to 1: nothing exceeds that, but who knows.
+    EXPECT_GT(tail_limit(drawn_evenly(2000, [](double p) { return 1 - p; }), 1e-5), 1.1);
+}
+
+TEST(TailLimit, is_never_below_the_largest_value) {
+    std::vector<double> values = drawn_evenly(200, [](double p) { return -std::log(p); });
+    values.push_back(50);
+    EXPECT_GE(tail_limit(values, 0.01), 50);
+    EXPECT_DOUBLE_EQ(tail_limit({3, 3, 3, 3, 3}, 1e-3), 3);
+    EXPECT_DOUBLE_EQ(tail_limit({1, 2}, 1e-3), 2);
+    EXPECT_DOUBLE_EQ(tail_limit({}, 1e-3), 0);
+}
+
 TEST(Quantile, is_linear_between_neighbours) {
     EXPECT_DOUBLE_EQ(quantile({3, 1, 2}, 0.5), 2);
     EXPECT_DOUBLE_EQ(quantile({0, 10}, 0.25), 2.5);
