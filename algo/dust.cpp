@@ -143,7 +143,7 @@ bool DustEstimator::is_speck(std::size_t k, std::size_t tile) const {
 Speck DustEstimator::gather(std::size_t seed) {
     const auto row = static_cast<std::size_t>(extents_.m);
     Speck speck;
-    double m_sum = 0, n_sum = 0, weights = 0;
+    double m_sum = 0, n_sum = 0, weights = 0, best = 0, parts = 1;
     queue_.clear();
     queue_.push_back(static_cast<std::uint32_t>(seed));
     speck_[seed] = kSpeck;
@@ -152,7 +152,10 @@ Speck DustEstimator::gather(std::size_t seed) {
         const int m = static_cast<int>(k % row), n = static_cast<int>(k / row);
         const double share = static_cast<double>(responded_[k]) / looked_at_[k];
         ++speck.lenslets;
-        speck.share = std::max(speck.share, static_cast<float>(share));
+        if (share > best) {
+            best = share;
+            parts = looked_at_[k];
+        }
         m_sum += share * m, n_sum += share * n, weights += share;
         for (int below = std::max(0, n - kTogether); below <= std::min(extents_.n - 1, n + kTogether); ++below) {
             for (int right = std::max(0, m - kTogether); right <= std::min(extents_.m - 1, m + kTogether); ++right) {
@@ -165,6 +168,10 @@ Speck DustEstimator::gather(std::size_t seed) {
     }
     speck.m = static_cast<float>(m_sum / weights);
     speck.n = static_cast<float>(n_sum / weights);
+    speck.share = static_cast<float>(best);
+    const double at_least = std::clamp(std::min(best - 2 * std::sqrt(best * (1 - best) / parts), 1 - 3 / parts), 0.0, 1.0);
+    const double of_flaw = std::max(0.0, -2 * std::log(1 - at_least) - 2 * std::log(2.0));
+    speck.tells_apart = latest_->pose_spread && std::sqrt(speck.lenslets / 3.14159265) + 0.5 < *latest_->pose_spread * std::sqrt(of_flaw);
     return speck;
 }
 
@@ -192,9 +199,7 @@ void DustEstimator::close_window() {
     }
     for (k = 0; k < speck_.size(); ++k) {
         if (speck_[k] != kWaits) continue;
-        Speck speck = gather(k);
-        speck.tells_apart = latest_->pose_spread && *latest_->pose_spread >= std::sqrt(speck.lenslets / 3.14159265) + 0.5;
-        list(speck);
+        list(gather(k));
     }
     std::ranges::fill(looked_at_, std::uint16_t{0});
     std::ranges::fill(responded_, std::uint16_t{0});

@@ -17,13 +17,16 @@
 // a half, where ln(308,000 / kFalseAlarms) = 26 is asked.
 //
 // A speck that makes its lenslets respond in most parts is found within two windows of its coming: that is one that takes a sixth of a lenslet's
-// light from 500 electrons a lenslet on (noise of the comparison 5.5 %: it responds in about 9 parts of 10). Up to 2 x reach lenslets wide it responds as
+// light from 500 electrons a lenslet on (noise of the comparison 4.5 %: it responds in about 9 parts of 10). Up to 2 x reach lenslets wide it responds as
 // a whole; a wider one at its edges, and it is seen as uneven light (algo/light_trend.h). Dust far from the lenslets and from the part's image (in the
 // focal plane, on the lenses) is spread over many lenslets: it takes a little light of all, and is not found here.
 //
-// The same flaw at the same place in every part looks the same while all parts lie alike. With a reference the parts' poses are known:
-// a flaw of half-width r that moves with them, normally with standard deviation s along each axis, covers a lenslet in 1 - exp(-r^2 / 2 s^2)
-// of the parts: in less than kShare once s >= 0.85 r. From s >= r + 0.5 on Speck::tells_apart says that it is no flaw of the parts.
+// The same flaw at the same place in every part looks the same while all parts lie alike. With a reference the parts' poses are known.
+// A round flaw of radius r that moves with them, normally with standard deviation s along each axis, covers the lenslet in its middle in
+// q = 1 - exp(-r^2 / 2 s^2) of the parts, and half of the parts or more up to the distance e where r is the median of Rice's distribution:
+// r^2 <= e^2 + 2 ln(2) s^2, so e >= s sqrt(-2 ln(1 - q) - 2 ln 2). A speck that responds so often and is smaller than that (q at the lower end of two
+// standard deviations, 1 - 3/n at most; e less half a lenslet) is none: Speck::tells_apart. One that responds in all of 100 parts is told apart
+// up to a radius of 2.4 s - 0.5 lenslets.
 //
 // All memory is taken by create(): ten bytes a lenslet and some. Not thread-safe.
 #pragma once
@@ -43,7 +46,7 @@ struct Speck {
     float m = 0, n = 0;         // centre, lenslets
     std::uint32_t lenslets = 0;
     float share = 0;            // of the parts, where it responds most
-    bool tells_apart = false;   // the parts moved and it did not
+    bool tells_apart = false;   // the parts moved and it did not: no flaw of theirs
 };
 
 struct DustFound {
@@ -79,7 +82,7 @@ class DustEstimator {
     [[nodiscard]] std::size_t tile_of(int m, int n) const { return static_cast<std::size_t>(n * tiles_n_ / extents_.n * tiles_m_ + m * tiles_m_ / extents_.m); }
     void count_tiles();
     [[nodiscard]] bool is_speck(std::size_t lenslet, std::size_t tile) const;
-    [[nodiscard]] Speck gather(std::size_t seed);
+    [[nodiscard]] Speck gather(std::size_t seed);  // of latest_
     void list(const Speck& speck);
 
     Extents extents_;

@@ -211,6 +211,33 @@ TEST(Dust, with_a_reference_is_told_from_a_flaw_of_every_part_once_the_parts_mov
     moving.flawed = 1, moving.flaw_fixed = true, moving.flaw_m = 20, moving.flaw_n = 20;
     DustEstimator other = dust_of(moving);
     EXPECT_EQ(parts_until(other, moving, true, 1000), 0) << "a flaw that moves with the parts is no dust";
+    // Parts that move less than the flaw is wide: it is seen at one place, but never said to be dust.
+    for (const double moves : {0.3, 0.6, 0.9, 1.1, 1.25}) {
+        Line some({56, 40, 5, 5});
+        some.reference = true;
+        some.moves = moves;
+        some.flawed = 1, some.flaw_fixed = true, some.flaw_m = 20, some.flaw_n = 20;
+        DustEstimator third = dust_of(some);
+        int specks = 0;
+        for (int k = 0; k < 600; ++k) {
+            if (!third.add(some.part())) continue;
+            specks += static_cast<int>(third.latest()->specks);
+            EXPECT_FALSE(third.latest()->largest[0].tells_apart) << moves;
+        }
+        if (moves < 1) {
+            EXPECT_GT(specks, 0) << moves;
+        }
+        some.flawed = 0;
+        some.dust = {{45, 30, 1.2, 0.5}};
+        for (int k = 0; k < 200; ++k) third.add(some.part());
+        EXPECT_EQ(third.latest()->specks, 1U);
+        if (moves > 0.9) {
+            EXPECT_TRUE(third.latest()->largest[0].tells_apart) << moves;
+        }
+        if (moves < 0.4) {
+            EXPECT_FALSE(third.latest()->largest[0].tells_apart) << moves;
+        }
+    }
     moving.dust = {{45, 30, 1.5, 0.5}};
     EXPECT_GT(parts_until(other, moving, true, 200), 0);
     ASSERT_EQ(other.latest()->specks, 1U);
