@@ -1,8 +1,12 @@
 #include "drivers/frame_file.h"
 
+#include <algorithm>
+#include <array>
+#include <cctype>
 #include <cstring>
 #include <fstream>
 #include <string>
+#include <string_view>
 #include <system_error>
 #include <vector>
 
@@ -16,6 +20,13 @@ namespace {
 
 namespace fs = std::filesystem;
 using Bytes = std::vector<std::byte>;
+
+bool looks_like_a_frame(const fs::path& file) {
+    std::string extension = file.extension().string();
+    std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    constexpr std::array<std::string_view, 4> known = {".png", ".tif", ".tiff", ".pgm"};
+    return std::ranges::find(known, extension) != known.end();
+}
 
 std::string size_text(int width, int height) { return std::to_string(width) + "x" + std::to_string(height); }
 
@@ -155,6 +166,29 @@ Result<void> write_frame(const fs::path& file, const algo::FrameView& frame) {
     fs::rename(unfinished, file, error);
     if (error) return cannot_write(" (" + error.message() + ")");
     return {};
+}
+
+Result<std::vector<fs::path>> list_frames(const std::vector<fs::path>& files_or_folders) {
+    std::vector<fs::path> out;
+    for (const fs::path& path : files_or_folders) {
+        std::error_code error;
+        if (!fs::is_directory(path, error)) {
+            out.push_back(path);
+            continue;
+        }
+        std::vector<fs::path> in_folder;
+        for (auto entry = fs::directory_iterator(path, error); !error && entry != fs::directory_iterator(); entry.increment(error)) {
+            if (looks_like_a_frame(entry->path())) in_folder.push_back(entry->path());
+        }
+        if (error) return fail(ErrorCode::unreadable, "the folder " + path.string() + " cannot be read", "check its permissions");
+        if (in_folder.empty()) {
+            return fail(ErrorCode::not_found, "the folder " + path.string() + " holds no frame", "put PNG, TIFF or PGM frames into it");
+        }
+        std::ranges::sort(in_folder);
+        out.insert(out.end(), in_folder.begin(), in_folder.end());
+    }
+    if (out.empty()) return fail(ErrorCode::not_found, "no recorded frame is named", "name a folder or files");
+    return out;
 }
 
 }  // namespace hord::drivers

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <vector>
 
 #include "algo/frame.h"
 #include "algo/result.h"
@@ -21,6 +22,10 @@ struct ExpectedFrame {
 // cut off, damaged); unsupported (colour, palette, alpha, JPEG, other depths); invalid_argument (not what was
 // expected). The message names the file and the cure. Nothing of a cut-off file is ever returned.
 Result<algo::Frame> read_frame(const std::filesystem::path& file, const ExpectedFrame& expected = {});
+
+// The files themselves; a folder stands for its PNG, TIFF and PGM files (.png .tif .tiff .pgm), sorted by name, everything else in it is left
+// alone. Fails with not_found (a folder without a frame, nothing named), unreadable (a folder).
+Result<std::vector<std::filesystem::path>> list_frames(const std::vector<std::filesystem::path>& files_or_folders);
 
 // Writes a PNG, 8- or 16-bit grey (9- to 15-bit samples right-aligned). The file appears whole or not at all.
 // Fails with not_found (the folder), io, invalid_argument (an empty frame).

@@ -1,46 +1,11 @@
 #include "drivers/recorded_frames.h"
 
 #include <algorithm>
-#include <array>
-#include <cctype>
 #include <system_error>
 
 namespace hord::drivers {
-namespace {
 
 namespace fs = std::filesystem;
-
-bool looks_like_a_frame(const fs::path& file) {
-    std::string extension = file.extension().string();
-    std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-    constexpr std::array<std::string_view, 4> known = {".png", ".tif", ".tiff", ".pgm"};
-    return std::ranges::find(known, extension) != known.end();
-}
-
-Result<std::vector<fs::path>> list(const std::vector<fs::path>& files_or_folders) {
-    std::vector<fs::path> out;
-    for (const fs::path& path : files_or_folders) {
-        std::error_code error;
-        if (!fs::is_directory(path, error)) {
-            out.push_back(path);
-            continue;
-        }
-        std::vector<fs::path> in_folder;
-        for (auto entry = fs::directory_iterator(path, error); !error && entry != fs::directory_iterator(); entry.increment(error)) {
-            if (looks_like_a_frame(entry->path())) in_folder.push_back(entry->path());
-        }
-        if (error) return fail(ErrorCode::unreadable, "the folder " + path.string() + " cannot be read", "check its permissions");
-        if (in_folder.empty()) {
-            return fail(ErrorCode::not_found, "the folder " + path.string() + " holds no frame", "put PNG, TIFF or PGM frames into it");
-        }
-        std::ranges::sort(in_folder);
-        out.insert(out.end(), in_folder.begin(), in_folder.end());
-    }
-    if (out.empty()) return fail(ErrorCode::not_found, "no recorded frame is named", "name a folder or files");
-    return out;
-}
-
-}  // namespace
 
 RecordedFrames::RecordedFrames(hal::EventLoop& loop, const RecordedFramesOptions& options)
     : loop_(loop), options_(options), slots_(std::make_unique<Slot[]>(static_cast<std::size_t>(options.buffers))) {}
@@ -48,7 +13,7 @@ RecordedFrames::RecordedFrames(hal::EventLoop& loop, const RecordedFramesOptions
 Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loop, const std::vector<fs::path>& files_or_folders,
                                                              const RecordedFramesOptions& options) {
     if (options.buffers < 1) return fail(ErrorCode::invalid_argument, "recorded frames need at least one buffer", "set buffers to 4");
-    auto files = list(files_or_folders);
+    auto files = list_frames(files_or_folders);
     if (!files) return tl::unexpected(files.error());
     std::unique_ptr<RecordedFrames> sensor(new RecordedFrames(loop, options));
     ExpectedFrame expected = options.expected;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <numbers>
 #include <numeric>
 
 #include "hal_sim/optics/noise.h"
@@ -55,6 +56,24 @@ Estimate with_interval(double value, std::vector<double> draws) {
     return {value, quantile(draws, 0.025), quantile(draws, 0.975)};
 }
 
+// Calls use(times) with how often each part is drawn, draw by draw.
+template <class Use>
+void bootstrap(std::uint32_t parts, int repeats, std::uint64_t seed, Use use) {
+    std::vector<int> times(parts);
+    for (int repeat = 0; repeat < repeats; ++repeat) {
+        sim::Noise draw(seed, static_cast<std::uint64_t>(repeat), kBootstrap);
+        std::ranges::fill(times, 0);
+        for (std::uint32_t k = 0; k < parts; ++k) ++times[static_cast<std::size_t>(draw.uniform() * parts)];
+        use(times);
+    }
+}
+
+std::uint32_t parts_of(std::span<const Scored> scores) {
+    std::uint32_t parts = 0;
+    for (const Scored& s : scores) parts = std::max(parts, s.part + 1);
+    return parts;
+}
+
 double logistic(double x) { return 1 / (1 + std::exp(-x)); }
 
 }  // namespace
@@ -69,23 +88,48 @@ double quantile(std::vector<double> values, double share) {
 }
 
 Detection detection_of(std::span<const Scored> scores, double fpr, int repeats, std::uint64_t seed) {
-    std::uint32_t parts = 0;
-    for (const Scored& s : scores) parts = std::max(parts, s.part + 1);
+    const std::uint32_t parts = parts_of(scores);
     const RocCurve curve(scores);
-    std::vector<int> times(parts, 1);
-    const auto whole = curve.measure(times, fpr);
+    const auto whole = curve.measure(std::vector<int>(parts, 1), fpr);
     if (!whole) return {};
     std::vector<double> aucs, tprs;
-    for (int repeat = 0; repeat < repeats; ++repeat) {
-        sim::Noise draw(seed, static_cast<std::uint64_t>(repeat), kBootstrap);
-        std::ranges::fill(times, 0);
-        for (std::uint32_t k = 0; k < parts; ++k) ++times[static_cast<std::size_t>(draw.uniform() * parts)];
+    bootstrap(parts, repeats, seed, [&](const std::vector<int>& times) {
         const auto point = curve.measure(times, fpr);
-        if (!point) continue;
+        if (!point) return;
         aucs.push_back(point->auc);
         tprs.push_back(point->tpr);
-    }
+    });
     return {with_interval(whole->auc, std::move(aucs)), with_interval(whole->tpr, std::move(tprs)), whole->threshold};
+}
+
+Estimate auc_difference(std::span<const Scored> a, std::span<const Scored> b, int repeats, std::uint64_t seed) {
+    const std::uint32_t parts = parts_of(a);
+    const RocCurve of_a(a), of_b(b);
+    const auto difference = [&](const std::vector<int>& times) -> std::optional<double> {
+        const auto at_a = of_a.measure(times, 0), at_b = of_b.measure(times, 0);
+        if (!at_a || !at_b) return std::nullopt;
+        return at_a->auc - at_b->auc;
+    };
+    const auto whole = difference(std::vector<int>(parts, 1));
+    if (!whole) return {};
+    std::vector<double> draws;
+    bootstrap(parts, repeats, seed, [&](const std::vector<int>& times) {
+        if (const auto one = difference(times)) draws.push_back(*one);
+    });
+    return with_interval(*whole, std::move(draws));
+}
+
+double gumbel_limit(std::span<const double> good, double share) {
+    double mean = 0, square = 0, worst = 0;
+    for (const double score : good) {
+        mean += score, square += score * score;
+        worst = std::max(worst, score);
+    }
+    if (good.empty()) return 0;
+    const auto count = static_cast<double>(good.size());
+    mean /= count;
+    const double beta = std::sqrt(std::max(1e-12, square / count - mean * mean)) * std::sqrt(6.0) / std::numbers::pi;
+    return std::max(worst, mean - std::numbers::egamma * beta - beta * std::log(-std::log(1 - share)));
 }
 
 double PodCurve::at(double size) const { return logistic(b0 + b1 * std::log(size)); }

@@ -30,6 +30,14 @@ struct Detection {
 // cuts through them. Needs at least one good and one bad score; else everything is 0.
 Detection detection_of(std::span<const Scored> scores, double fpr, int repeats, std::uint64_t seed);
 
+// How much larger the area under the curve is by the scores `a` than by `b`: of the same places in the same order, drawn again together, so that what
+// both find hard is no difference.
+Estimate auc_difference(std::span<const Scored> a, std::span<const Scored> b, int repeats, std::uint64_t seed);
+
+// The score that a share of good parts exceeds, if their scores are Gumbel's (each the largest of many); fitted by moments, and never below the
+// largest of them. 0 for none. Two numbers are all that some tens of parts can say of a tail; with hundreds, see tail_limit().
+double gumbel_limit(std::span<const double> good, double share);
+
 // Probability of detection by size: logistic in the logarithm of the size, POD = 1 / (1 + exp(-(b0 + b1 ln a))), fitted with Firth's
 // penalty (Biometrika 80 (1993) 27), which stays finite where hits and misses are separated. a90: the size found with 90 % probability;
 // a90_95: the size of which that is 95 % sure (Wald bound of the curve, as in MIL-HDBK-1823A). Nothing where the curve does not rise

@@ -20,6 +20,7 @@ enum class Exit : int {
 // Each adds its sub-command; when that command is parsed and run, it leaves its status in `status`.
 void add_inspect(CLI::App& program, Exit& status);
 void add_learn(CLI::App& program, Exit& status);
+void add_tune(CLI::App& program, Exit& status);
 void add_render(CLI::App& program, Exit& status);
 void add_run(CLI::App& program, Exit& status);
 void add_status(CLI::App& program, Exit& status);

@@ -26,6 +26,7 @@ int main(int argc, char** argv) {
     try {
         add_inspect(program, status);
         add_learn(program, status);
+        add_tune(program, status);
         add_render(program, status);
         add_run(program, status);
         add_status(program, status);

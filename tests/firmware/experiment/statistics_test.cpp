@@ -34,6 +34,37 @@ TEST(Detection, without_both_kinds_there_is_nothing_to_say) {
     EXPECT_EQ(detection_of({}, 0.1, 10, 1).auc.value, 0);
 }
 
+TEST(Detection, a_difference_of_areas_is_of_the_same_draws) {
+    // b is a with two pairs exchanged: of six pairs, a has all in order, b four.
+    const Scored a[] = {{1, 0, false}, {2, 1, false}, {3, 2, false}, {4, 3, true}, {5, 4, true}};
+    const Scored b[] = {{1, 0, false}, {2, 1, false}, {4.5F, 2, false}, {4, 3, true}, {1.5F, 4, true}};
+    EXPECT_DOUBLE_EQ(auc_difference(a, b, 0, 1).value, 1 - 3.0 / 6);
+    // With itself there is none, in any draw.
+    const Estimate none = auc_difference(b, b, 200, 1);
+    EXPECT_EQ(none.value, 0);
+    EXPECT_EQ(none.low, 0);
+    EXPECT_EQ(none.high, 0);
+    // Scores that a monotone function turns into one another differ in nothing, either: less than the interval of each alone.
+    std::vector<Scored> cubed(std::begin(b), std::end(b));
+    for (Scored& s : cubed) s.score = s.score * s.score * s.score;
+    EXPECT_EQ(auc_difference(b, cubed, 200, 1).high, 0);
+    EXPECT_GT(detection_of(b, 0, 200, 1).auc.high, detection_of(b, 0, 200, 1).auc.low);
+}
+
+TEST(Limit, is_the_gumbel_quantile_and_never_below_what_was_seen) {
+    EXPECT_EQ(gumbel_limit({}, 1e-3), 0);
+    const double same[] = {2, 2, 2};
+    EXPECT_NEAR(gumbel_limit(same, 1e-3), 2, 1e-4);
+    // Quantiles of a Gumbel distribution of location 3 and scale 0.5, evenly spread: the fit finds it.
+    std::vector<double> good;
+    for (int k = 0; k < 20'000; ++k) good.push_back(3 - 0.5 * std::log(-std::log((k + 0.5) / 20'000)));
+    EXPECT_NEAR(gumbel_limit(good, 1e-2), std::max(good.back(), 3 - 0.5 * std::log(-std::log(1 - 1e-2))), 0.02);
+    EXPECT_EQ(gumbel_limit(good, 1e-2), good.back());
+    good.resize(19'900);  // the highest hundredth was not seen
+    EXPECT_NEAR(gumbel_limit(good, 1e-3), 3 - 0.5 * std::log(-std::log(1 - 1e-3)), 0.3);
+    EXPECT_GT(gumbel_limit(good, 1e-3), good.back());
+}
+
 // Normal scores, the bad ones shifted by d: the area is Phi(d / sqrt 2).
 std::vector<Scored> normal_scores(std::uint64_t seed, double shift, int parts, int each) {
     std::vector<Scored> scores;

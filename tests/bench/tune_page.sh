@@ -1,0 +1,32 @@
+#!/usr/bin/env bash
+# Makes docs/results/tune.md and its plots: tests/bench/tune_page.sh POVRAY, POVRAY a folder with lens_111_raw.png, bubble_r500_111_raw.png and
+# cutout_111_raw.png (after `cmake --build --preset release --target hordctl tune_frames`). Needs gnuplot. A few minutes.
+set -euo pipefail
+cd "$(dirname "$(readlink -f "$0")")/../.."
+povray=$(readlink -f "$1") bin=$PWD/build/release/bin results=$PWD/docs/results work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cd "$work"
+"$bin/tune_frames" . "$povray"
+"$bin/hordctl" learn production/learn/*.png --bits 12 --electrons-per-dn 1 --read-dn 2 --recipe /dev/stdin --out lens.hordref <<<$'[light]\ndark_dn = 4\nmin_sum_dn = 60' >/dev/null
+printf '[light]\ndark_dn = 4\nmin_sum_dn = 60\n' >base.toml
+
+# run NAME TITLE ARGUMENTS...: what hordctl tune says, as a section of the page.
+run() {
+    local name=$1 title=$2
+    shift 2
+    "$bin/hordctl" tune "$@" --out "$name.toml" --json >"$name.json" 2>"$name.err" || { cat "$name.err" >&2; return 1; }
+    printf '## %s\n\n    hordctl tune %s --out %s.toml\n\n' "$title" "$*" "$name"
+    sed -e '1,4d' -e "s/($name.tune.png)/(tune-$name.png)/" "$name.tune.md"
+    printf '\n'
+    cp "$name.tune.png" "$results/tune-$name.png"
+}
+{
+    sed -n '/^<!-- measured -->$/q;p' "$OLDPWD/tests/bench/tune_page.md"
+    printf '<!-- made by tests/bench/tune_page.sh on %s -->\n\n' "$(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) cores, load $(cut -d' ' -f1 /proc/loadavg)"
+    run povray 'Traced lens: bubbles and a bite' --good povray/good --bad povray/bad --budget 100
+    run production 'Simulated production: haze, small bubbles, specks' --good production/good --bad production/bad --budget 100 --bits 12 --recipe base.toml
+    run tight 'The same within 1 ms' --good production/good --bad production/bad --budget 1 --bits 12 --recipe base.toml
+    run reference 'The same with a reference' --good production/good --bad production/bad --budget 100 --bits 12 --recipe base.toml --reference lens.hordref
+    sed '1,/^<!-- measured -->$/d' "$OLDPWD/tests/bench/tune_page.md"
+} >page.md
+cp page.md "$results/tune.md"
