@@ -79,6 +79,7 @@ Result<NumberedRecipe> base_of(const TuneArguments& arguments) {
         auto loaded = load_numbered_recipe(arguments.recipe);
         if (!loaded) return loaded;
         base = std::move(*loaded);
+        if (base.recipe.name == algo::Recipe{}.name) base.recipe.name = "tuned";
         ++base.version;
     }
     if (!arguments.reference.empty()) {
@@ -90,11 +91,17 @@ Result<NumberedRecipe> base_of(const TuneArguments& arguments) {
     return base;
 }
 
+std::string as_list(const std::string& lines) {
+    std::string list;
+    for (std::size_t from = 0, end = 0; from < lines.size() && (end = lines.find('\n', from)) != std::string::npos; from = end + 1) list += "- " + lines.substr(from, end + 1 - from);
+    return list;
+}
+
 Result<std::vector<fs::path>> write_all(Tuned& tuned, const TuneArguments& arguments, const std::string& made) {
     const fs::path out = arguments.out;
     const Beside near = beside(out);
     std::vector<fs::path> written{out, near.table, near.numbers};
-    if (auto done = common::write_durably(near.table, "# Which features judge these parts\n\n" + made + "\n\n" + describe(tuned) + "\n" + to_markdown(table_of(tuned)) +
+    if (auto done = common::write_durably(near.table, "# Which features judge these parts\n\n" + made + "\n\n" + as_list(describe(tuned)) + "\n" + to_markdown(table_of(tuned)) +
                                                           fmt::format("\n![time and detection]({}.png)\n", near.plot));
         !done) {
         return tl::unexpected(done.error());
@@ -195,7 +202,8 @@ void add_tune(CLI::App& program, Exit& status) {
     command->add_option("--threads", arguments->threads, "Threads that judge a frame")->check(CLI::Range(1, 64))->capture_default_str();
     command->add_flag("--json", arguments->json, "Print one JSON object");
     command->footer(
-        "Chosen is the fastest choice of features (rung) whose area under the ROC curve is within 0.005 of the best that fits the budget.\n"
+        "Chosen is the fastest choice of features (rung) whose area under the ROC curve is within 0.005 of the best that fits the budget;\n"
+        "of those within 5 % of its time, the one with the fewest features. Times are of this machine as it is now: see that it is quiet.\n"
         "Exit status: 0 a rung was chosen, 2 usage, unreadable or too few frames, no rung fits, or --out exists.\n"
         "Example: hordctl tune --good good --bad bad --budget 40 --out lens.toml\n"
         "         hordctl tune --good new_good --bad bad --budget 200 --reference lens.hordref --out lens.toml");

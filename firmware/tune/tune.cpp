@@ -328,11 +328,17 @@ void Tuner::choose() {
         if (!tuned_.best || better(all[*tuned_.best])) tuned_.best = k;
     }
     if (!tuned_.best) return;
+    // A difference of exactly kAsGood is within it, however the areas were rounded.
+    const auto as_good = [&](const RungMeasured& m) { return m.fits && all[*tuned_.best].auc.value - m.auc.value <= kAsGood + 1e-9; };
+    double fastest = all[*tuned_.best].wall_ms;
     for (std::size_t k = 0; k < all.size(); ++k) {
         all[k].behind = auc_difference(scored_[*tuned_.best], scored_[k], kRepeats, kSeed);
-        // A difference of exactly kAsGood is within it, however the areas were rounded.
-        const bool as_good = all[k].fits && all[*tuned_.best].auc.value - all[k].auc.value <= kAsGood + 1e-9;
-        if (as_good && (!tuned_.chosen || all[k].wall_ms < all[*tuned_.chosen].wall_ms)) tuned_.chosen = k;
+        if (as_good(all[k])) fastest = std::min(fastest, all[k].wall_ms);
+    }
+    const auto simpler = [&](const RungMeasured& a, const RungMeasured& b) { return std::pair(a.rung.features(), a.wall_ms) < std::pair(b.rung.features(), b.wall_ms); };
+    for (std::size_t k = 0; k < all.size(); ++k) {
+        if (!as_good(all[k]) || all[k].wall_ms > (1 + kAsFast) * fastest) continue;
+        if (!tuned_.chosen || simpler(all[k], all[*tuned_.chosen])) tuned_.chosen = k;
     }
 }
 

@@ -10,7 +10,8 @@
 //   time       of judging a frame, median; rungs take turns, so that what else the machine does falls on each alike. Reading a file, and decoding
 //              it through a calibration, is the same for all of them and not counted
 //
-// Chosen is the fastest rung whose AUC is within kAsGood of the best, among those that fit the budget. Nothing is random but the bootstrap, whose seed
+// Chosen is the fastest rung whose AUC is within kAsGood of the best, among those that fit the budget; of those that are as fast (kAsFast), the one
+// with the fewest features. Nothing is random but the bootstrap, whose seed
 // is fixed: the same frames give the same answer, apart from the times.
 #pragma once
 
@@ -29,6 +30,7 @@
 namespace hord::firmware {
 
 constexpr double kAsGood = 0.005;  // of the area under the curve
+constexpr double kAsFast = 0.05;   // of the time: more than medians of the same work differ
 constexpr double kMargin = 0.01;   // of a limit over the highest good value
 constexpr std::size_t kLeastGood = 8, kLeastBad = 4;
 
@@ -36,6 +38,7 @@ struct Rung {
     std::optional<algo::Feature> gradient;
     bool slopes = false, light = false, reference = false;
     [[nodiscard]] std::string name() const;
+    [[nodiscard]] int features() const { return (gradient ? 1 : 0) + (slopes ? 1 : 0) + (light ? 1 : 0) + (reference ? 1 : 0); }
 };
 // Those that are measured; with a reference those, too, that need one.
 std::vector<Rung> rungs(bool with_reference);

@@ -42,6 +42,13 @@ std::string note_of(const Tuned& tuned, const RungMeasured* m) {
     return note;
 }
 
+// The rung that waited longest for a processor, beside what it needs of one; nothing on a quiet machine.
+const RungMeasured* most_disturbed(const Tuned& tuned) {
+    const auto waited = [](const RungMeasured& m) { return m.wall_ms / m.processor_ms; };
+    const RungMeasured& most = *std::ranges::max_element(tuned.rungs, {}, waited);
+    return tuned.threads == 1 && waited(most) > 1.2 ? &most : nullptr;
+}
+
 // The share of good parts that may be rejected though none of so many was, 95 % sure.
 double most_unseen(std::size_t good) { return 1 - std::pow(0.05, 1.0 / static_cast<double>(good)); }
 
@@ -92,7 +99,8 @@ std::string describe(const Tuned& tuned) {
                     tuned.threads == 1 ? "" : "s"));
     if (!tuned.chosen) return text;
     const RungMeasured &chosen = tuned.rungs[*tuned.chosen], &best = tuned.rungs[*tuned.best];
-    say(fmt::format("Chosen: {}, AUC {}, {:.3g} ms of the {:g} ms allowed: the fastest within {} of the best.", chosen.rung.name(), with_interval(chosen.auc), chosen.wall_ms, tuned.budget_ms, kAsGood));
+    say(fmt::format("Chosen: {}, AUC {}, {:.3g} ms of the {:g} ms allowed: the fastest within {} of the best (of those within {:g} % of its time, the simplest).", chosen.rung.name(), with_interval(chosen.auc), chosen.wall_ms, tuned.budget_ms, kAsGood,
+                    100 * kAsFast));
     if (&chosen != &best) {
         say(fmt::format("The best that fits is {}, AUC {}. The chosen one is {} below it: these frames {}.", best.rung.name(), with_interval(best.auc), with_interval(chosen.behind),
                         chosen.apart() ? "tell the two apart" : "do not tell the two apart"));
@@ -116,8 +124,9 @@ std::string describe(const Tuned& tuned) {
                     chosen.rejected == 1 ? "is" : "are", 100 * most_unseen(tuned.good)));
     if (chosen.rung.reference) say("The reference should come from other good parts than those measured here: parts that it was learned from look better than new ones will.");
     if (tuned.unregistered > 0) say(fmt::format("{} good frame{} not found by the reference: a station would reject {}.", tuned.unregistered, tuned.unregistered == 1 ? " is" : "s are", tuned.unregistered == 1 ? "it" : "them"));
-    if (tuned.threads == 1 && chosen.wall_ms > 1.2 * chosen.processor_ms) {
-        say(fmt::format("The machine was busy with other things: {:.3g} ms passed for {:.3g} ms of processor time. Times of a quiet machine are shorter.", chosen.wall_ms, chosen.processor_ms));
+    if (const RungMeasured* m = most_disturbed(tuned)) {
+        say(fmt::format("The machine was busy with other things: {} took {:.3g} ms, of which it worked {:.3g}. Measure again on a quiet one before you trust the times.", m->rung.name(), m->wall_ms,
+                        m->processor_ms));
     }
     return text;
 }
@@ -128,7 +137,7 @@ std::string recipe_text(const Tuned& tuned, const std::string& made) {
     for (std::size_t from = 0; from < told.size();) {  // no line that is not a comment, whatever a folder is called
         const std::size_t end = std::min(told.find('\n', from), told.size());
         comment += "# ";
-        for (const char c : told.substr(from, end - from)) comment += static_cast<unsigned char>(c) < 0x20 || c == 0x7F ? '?' : c;
+        for (const char c : told.substr(from, end - from)) comment += static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) >= 0x7F ? '?' : c;  // and none that is not UTF-8
         comment += '\n';
         from = end + 1;
     }

@@ -90,14 +90,14 @@ std::map<std::string, Json> without_times(const std::string& out) {
 void expect_the_fastest_that_is_as_good(const Json& json) {
     double best = 0;
     for (const Json& rung : json.at("rungs")) best = std::max(best, rung.at("fits").get<bool>() ? rung.at("auc").at("value").get<double>() : 0.0);
-    std::string fastest;
-    double least = 1e300;
+    double least = 1e300, chosen = 0;
     for (const Json& rung : json.at("rungs")) {
-        if (!rung.at("fits").get<bool>() || rung.at("auc").at("value").get<double>() < best - 0.005 - 1e-9 || rung.at("ms").at("wall").get<double>() >= least) continue;
-        least = rung.at("ms").at("wall").get<double>();
-        fastest = rung.at("rung").get<std::string>();
+        if (!rung.at("fits").get<bool>() || rung.at("auc").at("value").get<double>() < best - 0.005 - 1e-9) continue;
+        least = std::min(least, rung.at("ms").at("wall").get<double>());
+        if (rung.at("rung") == json.at("chosen")) chosen = rung.at("ms").at("wall").get<double>();
     }
-    EXPECT_EQ(json.at("chosen"), fastest);
+    EXPECT_GT(chosen, 0) << json.at("chosen");
+    EXPECT_LE(chosen, 1.05 * least);
 }
 
 TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
