@@ -136,6 +136,27 @@ TEST_F(PlcCommands, a_recipe_that_cannot_be_used_is_refused_as_a_whole_and_the_o
     EXPECT_EQ(troubles.size(), 4U);
 }
 
+TEST_F(PlcCommands, the_limit_of_a_feature_that_is_not_judged_is_not_available_and_cannot_be_given) {
+    open();
+    ready();
+    EXPECT_EQ(command(CommandCode::use_recipe, 88), CommandError::none);
+    const StagedRecipe staged = staged_from(operations.recipe());
+    EXPECT_EQ(staged.emd_limit_mbins, 0xFFFF);
+    EXPECT_EQ(staged.frobenius_limit_mbins, 0xFFFF);
+    EXPECT_EQ(staged.transmission_permille, 700);
+    // What is judged can be changed; the others stay away.
+    EXPECT_EQ(write(8205, {800}), Exception::none);
+    EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::none);
+    EXPECT_FLOAT_EQ(operations.recipe().recipe.transmission_limit, 0.8F);
+    EXPECT_FALSE(operations.recipe().recipe.gradient);
+    const std::string before = format_recipe(operations.recipe());
+    EXPECT_EQ(write(8203, {500}), Exception::none);
+    EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::bad_argument);
+    EXPECT_EQ(format_recipe(operations.recipe()), before);
+    ASSERT_EQ(troubles.size(), 1U);
+    EXPECT_THAT(troubles[0], HasSubstr("is a limit of emd, which is not among the features"));
+}
+
 TEST_F(PlcCommands, change_no_recipe_while_the_station_executes) {
     open();
     running();

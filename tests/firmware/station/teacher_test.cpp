@@ -88,6 +88,19 @@ class TeacherTest : public ::testing::Test {
     std::vector<Result<Taught>> outcomes;
 };
 
+TEST_F(TeacherTest, refuses_at_once_what_a_reference_does_not_go_with) {
+    open(loop);
+    recipe.recipe.gradient = algo::Feature::chi2;
+    recipe.recipe.gradient_limit = 1;
+    const auto refused = begin(9);
+    ASSERT_FALSE(refused);
+    EXPECT_EQ(refused.error().code, ErrorCode::refused);
+    EXPECT_NE(refused.error().what.find("compares neighbours by chi2"), std::string::npos) << refused.error().what;
+    recipe.recipe.gradient.reset();
+    recipe.recipe.gradient_limit = 0;
+    EXPECT_TRUE(begin(9));
+}
+
 TEST_F(TeacherTest, learns_from_the_next_parts_what_tells_good_from_bad) {
     open(loop);
     ASSERT_TRUE(begin(9));
