@@ -88,6 +88,7 @@ class TeachService : public ::testing::Test {
         config.modbus.port = 0;
         config.state_folder = folder / "state";
         config.store.free_mb = 1;
+        config.optics.window_parts = 25;
         SimulationOptions simulation;
         simulation.good_share = good_share;
         simulation.variety = 3;
@@ -170,6 +171,10 @@ TEST_F(TeachService, learns_from_twelve_parts_judges_by_them_and_still_does_afte
     live(0.5, [&](Plc& plc) {
         EXPECT_EQ(plc.read32(111), taught);
         EXPECT_TRUE(plc.sees([&] { return passes >= 5 && rejects >= 5; }));
+        // After 25 parts HEALTH tells how light and optics age: as new, and measured against the reference of the life before.
+        EXPECT_TRUE(plc.sees([&] { return plc.read32(8434) >> 16U != 0xFFFF; }));
+        EXPECT_NEAR(plc.read32(8434) >> 16U, 1000, 50);  // light_output, tenths of a percent
+        EXPECT_NE(plc.read32(8440), 0xFFFFFFFFU);        // dust: looked for (how often a few frames, shown again and again, look like it is not asked)
     });
     // What came too late on a busy machine is rejected, too, and says nothing of the reference.
     EXPECT_GE(count(true, passed), 4U);  // one may not have left the line before the end
