@@ -347,9 +347,10 @@ serial_noise() {
 # SIGKILL at random moments: when were lights dark and outputs at rest after it?
 killed() {
     start_world /tmp/kill --parts 0 --person 127.0.0.1:502 --seed "${seed:-1}" --kills "${kills:-10}" --safe-ms 500 --patience 7200 || return 1
+    # As they come: a run that is ended shows how far it was.
+    tail -n +1 -f /tmp/kill --pid=$world_pid | grep --line-buffered -E ' kills? ' | sed -u 's/^[^ ]* //'
     wait $world_pid
     local rc=$?
-    grep -E ' kills? ' /tmp/kill | cut -d' ' -f2- | tail -n 25
     [ $rc = 0 ] || tail -n 5 /tmp/kill
     return $rc
 }
