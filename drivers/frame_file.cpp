@@ -172,6 +172,7 @@ Result<std::vector<fs::path>> list_frames(const std::vector<fs::path>& files_or_
     std::vector<fs::path> out;
     for (const fs::path& path : files_or_folders) {
         std::error_code error;
+        if (!fs::exists(path, error)) return fail(ErrorCode::not_found, path.string() + " is not there", "check the name");
         if (!fs::is_directory(path, error)) {
             out.push_back(path);
             continue;

@@ -218,7 +218,7 @@ TEST_F(Tune, frames_that_cannot_be_used_are_named) {
     std::filesystem::create_directories(folder / "bad");
     refused("bad holds no frame");
     std::filesystem::remove_all(folder / "bad");
-    refused("bad");
+    refused(folder / "bad is not there");
     for (const char* out : {"nowhere/lens.toml", "lens.txt"}) {
         const Said wrong = tune({"--budget", "100000", "--out", folder / out});
         EXPECT_EQ(wrong.status, 2);
