@@ -7,6 +7,7 @@
 
 #include "algo/deflection.h"
 #include "algo/rim.h"
+#include "algo/sampled.h"
 
 namespace hord::algo {
 namespace {
@@ -14,18 +15,6 @@ namespace {
 constexpr float kLeastSigma = 0.005F;  // bins: of a median, below which lenslets are trusted alike
 constexpr int kRounds = 8;
 constexpr int kLeastSeen = DriftEstimator::kWindow / 2;
-
-std::vector<int> spread(int count, int most) {
-    std::vector<int> out;
-    const int taken = std::min(count, most);
-    for (int k = 0; k < taken; ++k) out.push_back(static_cast<int>((k + 0.5) * count / taken));
-    return out;
-}
-
-float median(float* values, int count) {
-    std::nth_element(values, values + count / 2, values + count);
-    return values[count / 2];
-}
 
 }  // namespace
 

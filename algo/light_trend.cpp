@@ -5,24 +5,14 @@
 #include <string>
 #include <utility>
 
+#include "algo/sampled.h"
+
 namespace hord::algo {
 namespace {
 
 constexpr int kDarkSide = 16, kLightSide = 32, kTileSide = 8, kLeastTile = 3;  // lenslets, lenslets, tiles, lenslets
 constexpr double kNews = 0.25;                                // weight of a window
 constexpr float kBrightest = 2;                               // times the part's typical light: brighter lenslets count as that
-
-std::vector<int> spread(int count, int most) {
-    std::vector<int> out;
-    const int taken = std::min(count, most);
-    for (int k = 0; k < taken; ++k) out.push_back(static_cast<int>((k + 0.5) * count / taken));
-    return out;
-}
-
-float median(float* values, int count) {
-    std::nth_element(values, values + count / 2, values + count);
-    return values[count / 2];
-}
 
 }  // namespace
 
