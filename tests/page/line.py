@@ -1,5 +1,6 @@
 """A simulated station and the page beside it, as processes."""
 import atexit
+import http.client
 import json
 import os
 import pathlib
@@ -120,9 +121,12 @@ class LineKeeper:
 
     def _keep(self, bin_dir, page, port):
         while not self.ended.wait(1):
-            with urllib.request.urlopen(page.address + "/api/state", timeout=120) as reply:
-                status = json.load(reply)["rows"].get("status", {})
-            if status.get("state") == "Error":
+            try:
+                with urllib.request.urlopen(page.address + "/api/state", timeout=120) as reply:
+                    state = json.load(reply)["rows"].get("status", {}).get("state")
+            except (OSError, http.client.HTTPException):
+                continue  # the page is busy; it is asked again
+            if state == "Error":
                 subprocess.run([f"{bin_dir}/hordctl", "command", "reset", "--modbus", f"127.0.0.1:{port}"], capture_output=True, check=False)
 
     def end(self):
