@@ -14,7 +14,6 @@
 #include "firmware/faults.h"
 #include "firmware/journal.h"
 #include "firmware/realtime.h"
-#include "firmware/safe_state.h"
 #include "firmware/service.h"
 
 namespace {
@@ -29,7 +28,7 @@ constexpr Duration kStatusEvery = milliseconds(1000);
 struct Options {
     std::string config = "/etc/hord/hordd.toml";
     int realtime = 0;
-    bool check = false, safe = false, catalog = false;
+    bool check = false, catalog = false;
 };
 
 const char* environment(const char* name) {
@@ -166,7 +165,6 @@ int main(int argc, char** argv) {
     program.add_option("--config", options.config, "Configuration (TOML)")->capture_default_str();
     program.add_option("--realtime", options.realtime, "Run the timing thread under SCHED_FIFO with this priority; 0: not")->check(CLI::Range(0, 99))->capture_default_str();
     program.add_flag("--check", options.check, "Only read the configuration, its recipe and its calibration, and say what is wrong with them");
-    program.add_flag("--safe", options.safe, "Only turn the lights off and bring the rejector to its safe state, no run permit, as hord-safe does after a service that died");
     program.add_flag("--catalog", options.catalog, "Only print the journal's catalogue: every message id, what it means and what to do");
     program.footer("Exit status: 0 stopped as asked, 2 a device or a port cannot be used, or usage, 78 the configuration cannot be used.\n"
                    "Example: hordd --config deploy/hordd.toml");
@@ -182,13 +180,9 @@ int main(int argc, char** argv) {
         fmt::print("{}", format_catalog());
         return 0;
     }
-    if (options.check || options.safe) {
+    if (options.check) {
         const auto config = read_config(options);
         if (!config) return complain(Happening::configuration_refused, config.error(), kBadConfiguration);
-        if (options.safe) {
-            const auto safe = make_safe(*config, kSafePatience);
-            return safe ? 0 : complain(Happening::trouble, safe.error(), kCannotRun);
-        }
         if (!config->inspection.recipe.empty()) {
             const auto recipe = load_numbered_recipe(config->inspection.recipe);
             if (!recipe) return complain(Happening::configuration_refused, recipe.error(), kBadConfiguration);

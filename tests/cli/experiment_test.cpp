@@ -1,5 +1,6 @@
 // `hordctl experiment` as a person meets it.
 #include <algorithm>
+#include <filesystem>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -31,6 +32,14 @@ TEST(Experiment, a_wrong_command_line_or_folder_is_status_2_and_one_line) {
         EXPECT_EQ(std::count(said.err.begin(), said.err.end(), '\n'), 1) << said.err;
         EXPECT_TRUE(said.out.empty()) << said.out;
     }
+}
+
+TEST(Experiment, of_which_nothing_is_finished_reports_nothing_and_computes_nothing) {
+    const TemporaryFolder folder;
+    const Said said = run("hordctl", {"experiment", "detection", "--out", folder / "x", "--quick", "--finished"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("no figure is finished: let the experiment run on"));
+    EXPECT_FALSE(std::filesystem::exists(folder / "x/detection.md"));
 }
 
 }  // namespace

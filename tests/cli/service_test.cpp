@@ -362,7 +362,6 @@ TEST_F(Service, cannot_make_a_rejector_safe_that_does_not_answer_and_says_so) {
     const Said said = run(kHordSafe, how);
     EXPECT_EQ(said.status, 2);
     EXPECT_THAT(said.err, HasSubstr("stop the line by hand"));
-    EXPECT_THAT(run(kHordd, {"--config", folder / "c.toml", "--safe"}).err, HasSubstr("stop the line by hand"));
     write_config();
     EXPECT_EQ(run(kHordSafe, how).status, 0);  // a simulated one
     write_config("[rejector]\nport = -1\n");

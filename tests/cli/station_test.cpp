@@ -88,7 +88,7 @@ TEST(Status, says_so_when_nobody_answers) {
 // -- run -------------------------------------------------------------------------------------------------------
 
 TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ejector) {
-    const Said said = run("hordctl", {"run", "--simulate", "--variety", "1", "--parts", "12", "--rate", "4", "--modbus", "127.0.0.1:0", "--json"}, std::chrono::seconds(120));
+    const Said said = run("hordctl", {"run", "--simulate", "--variety", "1", "--parts", "12", "--rate", "2", "--modbus", "127.0.0.1:0", "--json"}, std::chrono::seconds(120));
     ASSERT_EQ(said.status, 0) << said.err;
     const auto parts = json_lines(said.out);
     ASSERT_EQ(parts.size(), 12U) << said.out;
@@ -132,7 +132,7 @@ TEST(Run, resets_no_real_line_by_itself) {
 
 // A process that was held up for longer than a part's way to the ejector has stopped its line; somebody resets it, and the parts go on.
 TEST(Run, is_reset_after_it_was_held_up_and_goes_on) {
-    Running station("hordctl", {"run", "--simulate", "--variety", "1", "--modbus", "127.0.0.1:0", "--reset-after", "1", "--json"});
+    Running station("hordctl", {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--reset-after", "1", "--json"});
     ASSERT_TRUE(station.says("\"part\":3", std::chrono::seconds(120))) << station.so_far().err;
     station.signal(SIGSTOP);
     std::this_thread::sleep_for(std::chrono::seconds(2));
@@ -140,7 +140,7 @@ TEST(Run, is_reset_after_it_was_held_up_and_goes_on) {
     ASSERT_TRUE(station.says("Error to Initialized", std::chrono::seconds(120))) << station.so_far().err;
     const std::string& out = station.so_far().out;
     const int last = std::stoi(out.substr(out.rfind("\"part\":") + 7));
-    EXPECT_TRUE(station.says("\"part\":" + std::to_string(last + 20) + ",", std::chrono::seconds(120))) << station.so_far().err;
+    EXPECT_TRUE(station.says("\"part\":" + std::to_string(last + 8) + ",", std::chrono::seconds(120))) << station.so_far().err;
     const Said said = station.stop(SIGINT);
     EXPECT_THAT(said.err, HasSubstr("the line was stopped and reset"));
 }
@@ -154,7 +154,7 @@ std::string port_of(const Said& said) {
 
 // By mbpoll, a Modbus client that nobody here wrote, and by hordctl's own.
 TEST(Run, ident_to_last_can_be_read_while_it_runs) {
-    Running station("hordctl", {"run", "--simulate", "--variety", "1", "--modbus", "127.0.0.1:0", "--json"});
+    Running station("hordctl", {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--json"});
     ASSERT_TRUE(station.says("\"part\":3", std::chrono::seconds(120))) << station.so_far().err;
     const std::string port = port_of(station.so_far());
     ASSERT_NE(port, "");

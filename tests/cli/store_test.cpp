@@ -24,7 +24,7 @@ using Json = nlohmann::json;
 std::size_t lines(const std::string& text) { return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n')); }
 
 Said produce(const TemporaryFolder& folder, int parts, const std::vector<std::string>& more = {}) {
-    std::vector<std::string> arguments{"run", "--simulate", "--variety", "1", "--parts", std::to_string(parts), "--good", "0.5", "--modbus", "127.0.0.1:0", "--json", "--store", folder / "store"};
+    std::vector<std::string> arguments{"run", "--simulate", "--variety", "1", "--parts", std::to_string(parts), "--rate", "2", "--good", "0.5", "--modbus", "127.0.0.1:0", "--json", "--store", folder / "store"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return run("hordctl", arguments);
 }
