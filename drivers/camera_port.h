@@ -1,5 +1,5 @@
-// What the libcamera sensor needs of a camera: so small that a test can be one. libcamera itself is behind open_libcamera() and in that
-// file alone.
+// What the libcamera sensor needs of a camera: so small that a test can be one. libcamera itself is in a process of its own
+// (camera_process.h, docs/adr/0005-libcamera-in-a-process-of-its-own.md).
 #pragma once
 
 #include <cstdint>
@@ -83,9 +83,5 @@ class CameraPort {
     // Lets go of the camera. No call reaches the listener after it returns.
     virtual void stop() = 0;
 };
-
-// The camera by libcamera. Opens nothing yet.
-std::unique_ptr<CameraPort> open_libcamera(CameraRequest request);
-std::string libcamera_version();
 
 }  // namespace hord::drivers

@@ -5,6 +5,7 @@
 #include <map>
 #include <mutex>
 
+#include "drivers/camera_process.h"
 #include "drivers/hand_over.h"
 #include "drivers/packed_samples.h"
 
@@ -49,7 +50,7 @@ LibcameraSensor::LibcameraSensor(hal::EventLoop& loop, const CameraRequest& requ
 LibcameraSensor::~LibcameraSensor() { stop(); }
 
 Result<std::unique_ptr<LibcameraSensor>> LibcameraSensor::open(hal::EventLoop& loop, const CameraRequest& request) {
-    return open(loop, request, open_libcamera(request));
+    return open(loop, request, open_camera_process(request));
 }
 
 Result<std::unique_ptr<LibcameraSensor>> LibcameraSensor::open(hal::EventLoop& loop, const CameraRequest& request, std::unique_ptr<CameraPort> port) {

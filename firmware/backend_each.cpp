@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "drivers/camera_process.h"
 #include "drivers/libcamera_sensor.h"
 #include "drivers/recorded_frames.h"
 #include "firmware/backend_options.h"

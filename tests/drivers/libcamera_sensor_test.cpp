@@ -9,6 +9,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "drivers/camera_process.h"
 #include "drivers/hand_over.h"
 #include "firmware/event_loop_sd.h"
 #include "tests/drivers/fake_camera.h"

@@ -4,7 +4,7 @@
 # machine's root. With "latency" only the times of `hordctl latency` are taken, and docs/results/rig-latency.md is written.
 #   HORD_RIG_CACHE   what is made once is kept here          (~/.cache/hord-rig)
 #   HORD_RIG_ACCEL   kvm or tcg                               (kvm where it works)
-#   HORD_RIG_KILLS   how often the service is killed          (5)
+#   HORD_RIG_KILLS   how often the service is killed          (6, each phase of a part's way once)
 #   HORD_RIG_CUTS    how often the power is cut               (1)
 #   HORD_RIG_ONLY    a pattern: only checks of these names    (all)
 #   HORD_RIG_SEED    of the random moments and the parts      (1)
@@ -16,7 +16,7 @@ set -euo pipefail
 cd "$(dirname "$(readlink -f "$0")")/../.."
 deb=$1 what=${2:-all} bin=build/release/bin out=${HORD_RIG_OUT:-build/rig}
 cache=${HORD_RIG_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/hord-rig}
-kills=${HORD_RIG_KILLS:-5} limit=${HORD_RIG_LIMIT:-1800} cuts=${HORD_RIG_CUTS:-1} seed=${HORD_RIG_SEED:-1} shift=${HORD_RIG_SHIFT:-0}
+kills=${HORD_RIG_KILLS:-6} limit=${HORD_RIG_LIMIT:-1800} cuts=${HORD_RIG_CUTS:-1} seed=${HORD_RIG_SEED:-1} shift=${HORD_RIG_SHIFT:-0}
 edges=${HORD_RIG_EDGES:-100}
 [ "$what" = all ] || edges=${HORD_RIG_EDGES:-1000}
 die() { printf 'rig: %s\n' "$*" >&2; exit 2; }
@@ -27,6 +27,12 @@ printf 'the machine (kept in %s)\n' "$cache"
 # What the package and the tools need is part of the machine's root, so that installing takes no network.
 mapfile -t dependencies < <(dpkg-deb -f "$deb" Depends | tr ',' '\n' | sed 's/(.*//; s/|.*//; s/ //g' | sort -u)
 tests/rig/machine.sh "$cache" "${dependencies[@]}"
+spent() {  # s of processor time of this script's programs: the second line of what times says, minutes and seconds in programs and in the kernel
+    times >"$out/times"
+    processor=$(sed -n '2s/[ms]/ /gp' "$out/times" | awk '{printf "%.0f", $1 * 60 + $2 + $3 * 60 + $4}')
+}
+spent
+printf '   there after %s s, %s s of processor time\n' "$SECONDS" "$processor"
 
 # KVM may be there, let itself be opened, and not run anything (a virtual machine in another): only a kernel that speaks proves it.
 kvm_works() {
@@ -68,7 +74,7 @@ while read -r unit; do ln -s /dev/null "$payload/etc/systemd/system/$unit"; done
 cp "$deb" "$payload/opt/rig/hord-station.deb"
 mkdir "$payload/opt/rig/frames"
 cp "$out"/frames/*.pgm "$payload/opt/rig/frames/"
-for tool in test_contract hord_rig_world; do
+for tool in test_contract hord-camera hord_rig_world; do
     cp "$bin/$tool" "$payload/opt/rig/"
     strip --strip-debug "$payload/opt/rig/$tool"
 done
@@ -82,6 +88,25 @@ mkfs.ext4 -q -F "$out/disk.img"
 # ---- the machine runs
 
 say_checks() { sed -u 's/\r//g; s/^.*\(RIG [A-Z #|]\)/\1/' | grep --line-buffered -aE '^RIG (PASS|FAIL|START|RESULT|CUT|  ?\|)' | sed -u "s/^RIG //; s/^ | LATENCY /   /; s/^/$1: /"; }
+
+# What a machine has cost this one at each of its words, to LOG.cost: WORD NAME, hundredths of a second of the emulator's processor time, milliseconds
+# on the wall. Whoever reads the log last may be a little late.
+note_costs() {  # note_costs QEMU LOG
+    local word stat
+    tail -n +1 -f --pid="$1" "$2" | grep --line-buffered -aoE 'RIG (START|BEGIN|PASS|FAIL|RESULT) ?[a-z0-9-]*' | while read -r _ word; do
+        read -r -a stat <"/proc/$1/stat" || break
+        echo "$word $((stat[13] + stat[14])) $(($(date +%s%N) / 1000000))"
+    done >"$2.cost" 2>/dev/null
+}
+# cost_of NAME: what its check cost, in all its machines; "start": what came before the first one.
+cost_of() {
+    awk -v name="$1" '
+        FNR == 1 {cpu = 0; wall = 0}
+        $1 == "BEGIN" {cpu = $3; wall = $4; at = $2}
+        name == "start" && $1 == "START" {c += $(NF - 1) / 100}
+        ($1 == "PASS" || $1 == "FAIL") && $2 == name && at == name {c += ($3 - cpu) / 100; w += ($4 - wall) / 1000}
+        END {printf "%.1f %.1f", c, w}' "$out"/*.log.cost
+}
 
 qemu=  # the machine that runs
 end_machine='[ -z "$qemu" ] || kill -KILL "$qemu" 2>/dev/null; exit 130'
@@ -114,7 +139,9 @@ boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or
         </dev/null >"$log" 2>&1 &
     qemu=$!
     tail -n +1 -f --pid=$qemu "$log" | say_checks "$phase" &
-    local teller=$!
+    local teller=$! notes
+    note_costs $qemu "$log" &
+    notes=$!
     while kill -0 $qemu 2>/dev/null; do
         if [ $SECONDS -ge $deadline ]; then
             over=1
@@ -130,6 +157,7 @@ boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or
     wait $qemu 2>/dev/null || true
     qemu=
     wait $teller || true
+    wait $notes || true
     if [ -n "$cut_at" ]; then
         printf 'RIG PASS fault-power-cut 0\n' >>"$log"
         echo "$phase: PASS fault-power-cut"
@@ -145,7 +173,7 @@ boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or
 }
 
 began=$(date +%s) deadline=$((SECONDS + limit))
-rm -f "$out"/*.log "$out"/*.rig
+rm -f "$out"/*.log "$out"/*.rig "$out"/*.cost
 say_boot() { printf '== %s: %s (%s)\n' "$1" "$2" "${3:-$accel}"; }
 # Whether a check of this phase is wanted; which ones there are stands in the script that makes them.
 checks_of() { sed -n "/^    $1)/,/;;/s/^        check \([a-z0-9-]*\) .*/\1/p" tests/rig/guest/checks.sh; }
@@ -199,7 +227,7 @@ for chain in "${chains[@]}"; do wait "$chain" || true; done  # what is missing s
 
 cat "$out"/*.rig >"$out/all.rig" 2>/dev/null || true
 announced=$(for phase in install cut boot time; do checks_of $phase; done | awk '!seen[$0]++')
-printf '\n%-46s %-6s %s\n' check outcome "seconds of the machine"
+printf '\n%-46s %-6s %10s %12s %10s\n' check outcome "machine, s" "processor, s" "wall, s"
 failed=0
 for name in $announced; do
     [[ $name =~ ${HORD_RIG_ONLY:-.} ]] || continue
@@ -208,11 +236,11 @@ for name in $announced; do
     ! grep -qE "^RIG FAIL $name " "$out/all.rig" || outcome=FAIL
     [ "$outcome" = PASS ] || failed=$((failed + 1))
     if [ -z "$outcome" ]; then grep -qE "^RIG BEGIN $name$" "$out/all.rig" && outcome='BEGUN, NOT ENDED' || outcome='NEVER BEGUN'; fi
-    printf '%-46s %-6s %s\n' "$name" "$outcome" "$(awk -v ms="${ms:-0}" 'BEGIN {printf "%.1f", ms / 1000}')"
+    read -r cpu wall <<<"$(cost_of "$name")"
+    printf '%-46s %-6s %10s %12s %10s\n' "$name" "$outcome" "$(awk -v ms="${ms:-0}" 'BEGIN {printf "%.1f", ms / 1000}')" "$cpu" "$wall"
 done
-# The second line is that of the children: minutes and seconds in programs, in the kernel.
-times >"$out/times"
-processor=$(sed -n '2s/[ms]/ /gp' "$out/times" | awk '{printf "%.0f", $1 * 60 + $2 + $3 * 60 + $4}')
+printf '%-46s %-6s %10s %12s\n' 'the machines until their first check' '' '' "$(cost_of start | cut -d' ' -f1)"
+spent
 printf '%s checks announced%s, %s failed or missing; seed %s, %s kills; %s s with %s, %s s of processor time; logs in %s\n' "$(wc -w <<<"$announced")" \
     "${HORD_RIG_ONLY:+, only those like $HORD_RIG_ONLY run}" "$failed" "$seed" "$kills" $(($(date +%s) - began)) "$accel" "$processor" "$out"
 [ "$failed" = 0 ]

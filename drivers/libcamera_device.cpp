@@ -1,5 +1,6 @@
 // The camera by libcamera, 0.0.3 (Debian 12) and 0.4 (Debian 13): what is used here is the same in both, but for how roles are given.
-#include <sys/mman.h>
+#include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -7,13 +8,15 @@
 #include <atomic>
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 #include <mutex>
 #include <optional>
 
 #include <libcamera/libcamera.h>
+#include <libcamera/property_ids.h>
 #include <libcamera/version.h>
 
-#include "drivers/camera_port.h"
+#include "drivers/camera_device.h"
 
 namespace hord::drivers {
 namespace {
@@ -58,21 +61,10 @@ std::optional<ControlValue> value_of(ControlType type, std::int64_t value) {
     }
 }
 
-struct Mapped {
-    CameraPort::Memory memory;
-    std::vector<std::pair<void*, std::size_t>> maps;
-    Mapped() = default;
-    Mapped(const Mapped&) = delete;
-    Mapped& operator=(const Mapped&) = delete;
-    ~Mapped() {
-        for (const auto& [data, size] : maps) munmap(data, size);
-    }
-};
-
-class LibcameraPort final : public CameraPort {
+class LibcameraDevice final : public CameraDevice {
   public:
-    explicit LibcameraPort(CameraRequest request) : request_(std::move(request)) {}
-    ~LibcameraPort() override { stop(); }
+    explicit LibcameraDevice(CameraRequest request) : request_(std::move(request)) {}
+    ~LibcameraDevice() override { stop(); }
 
     Result<CameraFormat> look() override {
         auto format = take();
@@ -80,14 +72,14 @@ class LibcameraPort final : public CameraPort {
         return format;
     }
 
-    Result<std::shared_ptr<const Memory>> start(Listener& listener) override {
+    Result<std::vector<CameraBuffer>> start(CameraPort::Listener& listener) override {
         if (auto format = take(); !format) {
             let_go();
             return tl::unexpected(format.error());
         }
-        auto memory = stream(listener);
-        if (!memory) stop();
-        return memory;
+        auto buffers = stream(listener);
+        if (!buffers) stop();
+        return buffers;
     }
 
     Result<void> queue(std::uint32_t buffer) override {
@@ -108,13 +100,42 @@ class LibcameraPort final : public CameraPort {
         let_go();
     }
 
+    bool is_there() override {
+        return std::ranges::all_of(nodes_, [](int node) {
+            struct stat status{};
+            return ::fstat(node, &status) == 0 && status.st_nlink > 0;
+        });
+    }
+
   private:
     tl::unexpected<Error> failed(const std::string& what, int error) const {
         const ErrorCode code = error == -EBUSY ? ErrorCode::busy : error == -ENODEV ? ErrorCode::not_found : ErrorCode::io;
         return fail(code, id_ + ": " + what + ": " + std::strerror(-error), code == ErrorCode::busy ? "close the program that uses it" : "check its cable and the kernel's log");
     }
 
+    // Its video nodes, held by their names alone: one that went away has no name any more, even where another has that name by now.
+    void hold_nodes() {
+        std::error_code error;
+        for (auto entry = std::filesystem::directory_iterator("/dev", error); !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
+            if (!entry->path().filename().string().starts_with("video")) continue;
+            const int node = ::open(entry->path().c_str(), O_PATH | O_CLOEXEC);
+            struct stat status{};
+            if (node >= 0 && ::fstat(node, &status) == 0 && is_mine(status.st_rdev)) nodes_.push_back(node);
+            else if (node >= 0) ::close(node);
+        }
+    }
+    [[nodiscard]] bool is_mine(dev_t device) const {
+#if LIBCAMERA_VERSION_MAJOR == 0 && LIBCAMERA_VERSION_MINOR == 0
+        return manager_->get(device) == camera_;
+#else
+        const auto devices = camera_->properties().get(libcamera::properties::SystemDevices);
+        return devices && std::ranges::find(*devices, static_cast<std::int64_t>(device)) != devices->end();
+#endif
+    }
+
     void let_go() {
+        for (const int node : nodes_) ::close(node);
+        nodes_.clear();
         config_.reset();
         if (camera_ && std::exchange(acquired_, false)) camera_->release();
         camera_.reset();
@@ -176,18 +197,14 @@ class LibcameraPort final : public CameraPort {
         return CameraFormat{static_cast<int>(made.size.width), static_cast<int>(made.size.height), grey, static_cast<std::ptrdiff_t>(made.stride)};
     }
 
-    Result<std::shared_ptr<const Memory>> stream(Listener& listener) {
+    Result<std::vector<CameraBuffer>> stream(CameraPort::Listener& listener) {
         libcamera::Stream* const stream = config_->at(0).stream();
         allocator_ = std::make_unique<libcamera::FrameBufferAllocator>(camera_);
         if (const int error = allocator_->allocate(stream); error < 0) return failed("gives no buffers", error);
-        auto mapped = std::make_shared<Mapped>();
+        std::vector<CameraBuffer> buffers;
         for (const auto& buffer : allocator_->buffers(stream)) {
             const auto& plane = buffer->planes().front();
-            const std::size_t offset = plane.offset == libcamera::FrameBuffer::Plane::kInvalidOffset ? 0 : plane.offset;
-            void* data = mmap(nullptr, offset + plane.length, PROT_READ, MAP_SHARED, plane.fd.get(), 0);
-            if (data == MAP_FAILED) return failed("its buffers cannot be mapped", -errno);
-            mapped->maps.emplace_back(data, offset + plane.length);
-            mapped->memory.emplace_back(static_cast<const std::byte*>(data) + offset, plane.length);
+            buffers.push_back({plane.fd.get(), plane.offset == libcamera::FrameBuffer::Plane::kInvalidOffset ? 0 : plane.offset, plane.length});
             auto request = camera_->createRequest(requests_.size());
             if (!request || request->addBuffer(stream, buffer.get()) != 0) return failed("takes no buffer", -EIO);
             requests_.push_back(std::move(request));
@@ -195,8 +212,8 @@ class LibcameraPort final : public CameraPort {
         auto controls = settings();
         if (!controls) return tl::unexpected(controls.error());
         listener_ = &listener;
-        camera_->requestCompleted.connect(this, &LibcameraPort::on_completed);
-        camera_->disconnected.connect(this, &LibcameraPort::on_disconnected);
+        camera_->requestCompleted.connect(this, &LibcameraDevice::on_completed);
+        camera_->disconnected.connect(this, &LibcameraDevice::on_disconnected);
         streams_ = true;
         if (const int error = camera_->start(&*controls); error != 0) {
             streams_ = false;
@@ -205,7 +222,8 @@ class LibcameraPort final : public CameraPort {
         for (const auto& request : requests_) {
             if (const int error = camera_->queueRequest(request.get()); error != 0) return failed("takes no request", error);
         }
-        return std::shared_ptr<const Memory>(mapped, &mapped->memory);
+        hold_nodes();
+        return buffers;
     }
 
     Result<libcamera::ControlList> settings() {
@@ -253,15 +271,14 @@ class LibcameraPort final : public CameraPort {
     std::unique_ptr<libcamera::CameraConfiguration> config_;
     std::unique_ptr<libcamera::FrameBufferAllocator> allocator_;
     std::vector<std::unique_ptr<libcamera::Request>> requests_;
-    Listener* listener_ = nullptr;
+    std::vector<int> nodes_;
+    CameraPort::Listener* listener_ = nullptr;
     bool acquired_ = false;
     std::atomic<bool> streams_ = false;
 };
 
 }  // namespace
 
-std::unique_ptr<CameraPort> open_libcamera(CameraRequest request) { return std::make_unique<LibcameraPort>(std::move(request)); }
-
-std::string libcamera_version() { return libcamera::CameraManager::version(); }
+std::unique_ptr<CameraDevice> open_libcamera(CameraRequest request) { return std::make_unique<LibcameraDevice>(std::move(request)); }
 
 }  // namespace hord::drivers
