@@ -9,6 +9,9 @@
 namespace hord::rig {
 namespace {
 
+// The simulator tells nobody of a change. A look wakes the emulated processor, which costs its host more than the look itself.
+constexpr auto kBetweenLooks = std::chrono::milliseconds(2);
+
 std::string word_of(const std::filesystem::path& file) {
     std::string word;
     std::ifstream(file) >> word;
@@ -51,7 +54,7 @@ LampWatch::LampWatch(const hal::Clock& clock, const std::filesystem::path& chip,
                 if (pread(fds_[k], &value, 1, 0) == 1 && value == '1') lit |= 1U << k;
             }
             if (lit != known) told(known = lit, clock.now());
-            std::this_thread::sleep_for(std::chrono::microseconds(500));
+            std::this_thread::sleep_for(kBetweenLooks);
         }
     });
 }

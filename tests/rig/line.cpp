@@ -266,6 +266,7 @@ class Line {
     void on_edge(const sim::PartRecord& part, bool arrives) {
         if (arrives) say(loop_.now(), fmt::format("part {} {} {}", part.number, kind_of(part), fault_of(part.number)));
         barrier_.drive(arrives);
+        if (killer_ && arrives) killer_->edge();
         const std::string fault = fault_of(part.number);
         for (int k = 1; fault == "bounce" && k <= 4; ++k) {
             loop_.call_after(k * 6ms, [this, arrives, k] { barrier_.drive(arrives == (k % 2 == 0)); });
@@ -323,6 +324,7 @@ class Line {
             const algo::FrameView black{nothing.data(), whole.width_px, whole.height_px, whole.stride_bytes, whole.bits};
             say(loop_.now(), fmt::format("frame {} {}", part, light_is_right ? kind : "dark"));
             video_.send(light_is_right ? whole : black, bytes);
+            if (killer_) killer_->frame();
         };
         if (fault == "no-frame") return;
         if (fault == "camera-gone") {
