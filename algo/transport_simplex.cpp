@@ -6,6 +6,7 @@
 #include <limits>
 #include <vector>
 
+#include "algo/fixed.h"
 #include "algo/transport_lanes.h"
 #include "algo/transport_tree.h"
 
@@ -14,80 +15,66 @@ namespace {
 
 using Outcome = TransportSimplex::Outcome;
 
-constexpr int kLanes = 16;       // floats and int32
-constexpr int kExactLanes = 8;   // doubles
+constexpr int kLanes = 8;
 constexpr int kPivotsANode = 200;
-constexpr int kPivotsBetweenDuals = 64;
-constexpr int kRowsAtOnce = 16;  // priced before the best of them enter
-constexpr float kNeverChosen = 1e30F;  // the cost of padding
-constexpr std::int32_t kOpen = std::numeric_limits<std::int32_t>::min();
+constexpr std::int32_t kLargestCost = 1 << 27;    // as a cell
+constexpr std::int32_t kPadding = 1 << 30;        // the cost of what is no column
+constexpr std::int32_t kLargestDual = 1 << 29;    // so that a reduced cost is below 2^31, and that of padding above 0
+constexpr std::int32_t kSetAside = 1 << 28;       // is added to what is to be the least no longer
 constexpr std::int32_t kClosed = std::numeric_limits<std::int32_t>::max();
-constexpr float kKeyUnits = 16000;  // the largest cost, as a key
-constexpr float kWorthIt = 0.2F;  // of the best reduced cost of a block: what may enter with it
-constexpr double kCoarse = 0x1p-18;  // of the largest cost: what single precision may get wrong
+constexpr double kNoCost = 1e30;                  // of padding, in double precision
 
-constexpr int padded(int count, int lanes) { return (count + lanes - 1) / lanes * lanes; }
+constexpr int padded(int count) { return (count + kLanes - 1) / kLanes * kLanes; }
+constexpr int bits_for(int count) { return std::bit_width(static_cast<unsigned>(count - 1)); }
 std::size_t size(int count) { return static_cast<std::size_t>(count); }
+
+constexpr int kMostWords = 15;  // 32 arcs each: rows and columns of 15 x 15 bins
 
 }  // namespace
 
-// Rows and columns of costs are padded to whole vectors. Nodes: rows, then columns.
 struct TransportWorkspace {
     TransportWorkspace(const double* costs, int most_bins, double largest_cost)
-        : bins(most_bins), tolerance(largest_cost * TransportSimplex::kTolerance),
-          coarse(static_cast<float>(largest_cost * kCoarse)),
-          key_scale(largest_cost > 0 ? kKeyUnits / static_cast<float>(largest_cost) : 0) {
-        const int side = padded(bins, kLanes);
-        cost.resize(size(bins * (bins + 1)), static_cast<double>(kNeverChosen));
-        for (int i = 0; i < bins; ++i) std::copy_n(costs + static_cast<std::ptrdiff_t>(i) * bins, bins, cost.begin() + i * (bins + 1));
-        rough_cost.assign(cost.begin(), cost.end());
+        : bins(most_bins), tolerance(largest_cost * TransportSimplex::kTolerance), scale(largest_cost > 0 ? kLargestCost / largest_cost : 0) {
+        const int side = padded(bins);
+        cost.resize(size(bins * (bins + 1)), kNoCost);
+        rough_cost.resize(cost.size(), kPadding);
+        for (int i = 0; i < bins; ++i) {
+            for (int j = 0; j < bins; ++j) {
+                const double c = costs[static_cast<std::ptrdiff_t>(i) * bins + j];
+                cost[size(i * (bins + 1) + j)] = c;
+                rough_cost[size(i * (bins + 1) + j)] = static_cast<std::int32_t>(c * scale);
+            }
+        }
         cell.resize(size(side * side));
-        key.resize(size(side * side));
-        for (auto* values : {&mean_row, &mean_col, &demand}) values->resize(size(side));
+        for (auto* values : {&col_bin, &mean_row, &mean_col, &best_of_col, &open_rows, &place_of_row}) values->resize(size(side + kLanes));
+        for (auto* values : {&share_col, &rough_mean_col}) values->resize(size(side));
         for (auto* values : {&left_row, &left_col}) values->resize(size(side));
-        for (auto* marks : {&shut_col, &best_of_row, &col_bin}) marks->resize(size(side));
+        flow.resize(size(2 * side));
+        path.resize(size(2 * side * kMostWords));
         dual.resize(size(2 * side));
-        rough_dual.resize(size(2 * side));
-        path.resize(size(2 * side));
+        arcs.resize(size(2 * side));
         steps.resize(size(2 * side));
-        nodes1.resize(64);
-        nodes2.resize(128);
-        nodes4.resize(256);
-        nodes8.resize(512);
-    }
-
-    template <int Words>
-    TreeNode<Words>* tree() {
-        if constexpr (Words == 1) return nodes1.data();
-        if constexpr (Words == 2) return nodes2.data();
-        if constexpr (Words == 4) return nodes4.data();
-        if constexpr (Words == 8) return nodes8.data();
     }
 
     int bins;
     double tolerance;
-    float coarse;
-    float key_scale;
-    std::vector<double> cost;  // bins x (bins + 1): padding is bin number `bins`
-    std::vector<float> rough_cost;  // the same, rounded
+    double scale;                          // from a cost to a rough one
+    std::vector<double> cost;              // bins x (bins + 1): padding is bin number `bins`
+    std::vector<std::int32_t> rough_cost;  // the same, of kLargestCost
 
-    std::vector<float> cell;  // costs, rows x stride
-    std::vector<double> dual;  // u of rows; minus v of columns: on the tree c = u - dual of the column
-    std::vector<float> rough_dual;  // the same, rounded
-    std::vector<int> path;
-    std::vector<TransportStep> steps;
+    std::vector<std::int32_t> cell;  // costs, rows x stride
     std::vector<std::int32_t> col_bin;
 
-    // For the start.
-    std::vector<std::int32_t> key;  // rows x stride
-    std::vector<std::int32_t> best_of_row, shut_col;
-    std::vector<float> mean_row, mean_col, demand;
-    std::vector<double> left_row, left_col;
+    // The tree.
+    std::vector<std::int32_t> path, dual;
+    std::vector<double> flow;
+    std::vector<TransportArc> arcs;
 
-    std::vector<TreeNode<1>> nodes1;
-    std::vector<TreeNode<2>> nodes2;
-    std::vector<TreeNode<4>> nodes4;
-    std::vector<TreeNode<8>> nodes8;
+    // For the start.
+    std::vector<TransportStep> steps;
+    std::vector<std::int32_t> mean_row, mean_col, best_of_col, open_rows, place_of_row;
+    std::vector<float> share_col, rough_mean_col;
+    std::vector<double> left_row, left_col;
 };
 
 namespace {
@@ -95,284 +82,279 @@ namespace {
 // One problem, for one instruction set. All inlined into the function that is compiled for it.
 template <int Bytes>
 struct Problem {
+    using Ints = Lanes<std::int32_t, kLanes, Bytes>;
     using Floats = Lanes<float, kLanes, Bytes>;
-    using Keys = Lanes<std::int32_t, kLanes, Bytes>;
 
     TransportWorkspace& w;
     const Transport& p;
-    const int stride;
+    const int stride;         // of cells
+    const int first_column;   // among nodes
+    const int col_bits;       // of a cell's tag
+    const std::int32_t tags;  // all of its bits
+    std::int32_t* const cells;  // rows x stride
 
     HORD_ALWAYS_INLINE Problem(TransportWorkspace& workspace, const Transport& problem)
-        : w(workspace), p(problem), stride(padded(problem.cols, kLanes)) {}
+        : w(workspace), p(problem), stride(padded(problem.cols)), first_column(padded(problem.rows)), col_bits(bits_for(stride)),
+          tags((1 << (col_bits + bits_for(problem.rows))) - 1), cells(workspace.cell.data()) {}
 
-    HORD_ALWAYS_INLINE int column(int j) const { return p.rows + j; }  // its node
+    HORD_ALWAYS_INLINE std::int32_t* cells_of(int row) const { return cells + row * stride; }
     HORD_ALWAYS_INLINE const double* exact_costs_of(int row) const { return w.cost.data() + static_cast<std::ptrdiff_t>(p.row_bin[row]) * (w.bins + 1); }
-    HORD_ALWAYS_INLINE double exact_cost(int row, int col) const { return exact_costs_of(row)[p.col_bin[col]]; }
-    HORD_ALWAYS_INLINE float* costs_of(int row) const { return w.cell.data() + static_cast<std::ptrdiff_t>(row) * stride; }
-    HORD_ALWAYS_INLINE std::int32_t* keys_of(int row) const { return w.key.data() + static_cast<std::ptrdiff_t>(row) * stride; }
+    HORD_ALWAYS_INLINE int row_of(std::int32_t cell) const { return (cell & tags) >> col_bits; }
+    HORD_ALWAYS_INLINE int col_of(std::int32_t cell) const { return cell & ((1 << col_bits) - 1); }
 
     HORD_ALWAYS_INLINE void gather_costs() {
         std::int32_t* const bin = w.col_bin.data();
         for (int j = 0; j < p.cols; ++j) bin[j] = p.col_bin[j];
         for (int j = p.cols; j < stride; ++j) bin[j] = w.bins;
         for (int i = 0; i < p.rows; ++i) {
-            const float* from = w.rough_cost.data() + static_cast<std::ptrdiff_t>(p.row_bin[i]) * (w.bins + 1);
-            float* to = costs_of(i);
-            for (int j = 0; j < stride; j += kLanes) {
-                for (int l = 0; l < kLanes; ++l) to[j + l] = from[bin[j + l]];
-            }
+            const std::int32_t* from = w.rough_cost.data() + static_cast<std::ptrdiff_t>(p.row_bin[i]) * (w.bins + 1);
+            std::int32_t* to = cells_of(i);
+            for (int j = 0; j < stride; ++j) to[j] = from[bin[j]];
+        }
+        // In a loop of its own, when what was written is no longer on its way.
+        const Ints half = Ints::all(tags / 2 + 1), no_tag = Ints::all(~tags);
+        for (int i = 0; i < p.rows; ++i) {
+            std::int32_t* here = cells_of(i);
+            for (int j = 0; j < stride; j += kLanes) (((Ints::at(here + j) + half) & no_tag) + Ints::numbers() + Ints::all(i << col_bits | j)).to(here + j);
         }
     }
 
-    // The key that says when each cell is served: c_ij - R_i - K_j.
-    HORD_ALWAYS_INLINE void order_cells() {
+    // For each column the least of `cells` + `dual` over rows.
+    template <int Vectors, class Row>
+    HORD_ALWAYS_INLINE static void least_of_columns(int rows, Row row, const std::int32_t* dual, Ints (&best)[Vectors]) {
+        for (Ints& b : best) b = Ints::all(kPadding);
+        for (int i = 0; i < rows; ++i) {
+            const std::int32_t* const at = row(i);
+            const Ints of_row = Ints::all_of(dual + i);
+            for (int k = 0; k < Vectors; ++k) best[k] = lower(best[k], Ints::at(at + k * kLanes) + of_row);
+        }
+    }
+    // do_it(column, Vectors) for all columns, as many vectors at once as registers hold.
+    template <class Do>
+    HORD_ALWAYS_INLINE void for_columns(Do do_it) const {
+        int j = 0;
+        for (; j + 3 * kLanes <= stride; j += 3 * kLanes) do_it(j, std::integral_constant<int, 3>{});
+        if (j + 2 * kLanes <= stride) {
+            do_it(j, std::integral_constant<int, 2>{});
+        } else if (j + kLanes <= stride) {
+            do_it(j, std::integral_constant<int, 1>{});
+        }
+    }
+
+    // -- the start --------------------------------------------------------------------------------------------------
+
+    // Mass-weighted mean costs of rows and columns, negative.
+    HORD_ALWAYS_INLINE void find_means() {
         double total = 0;
         for (int i = 0; i < p.rows; ++i) total += p.supply[i];
         const double share = 1 / total;
-        float* const demand = w.demand.data();
-        float* const mean_col = w.mean_col.data();
-        for (int j = 0; j < p.cols; ++j) demand[j] = static_cast<float>(p.demand[j] * share);
-        for (int j = p.cols; j < stride; ++j) demand[j] = 0;
+        float* const share_col = w.share_col.data();
+        float* const mean_col = w.rough_mean_col.data();
+        for (int j = 0; j < p.cols; ++j) share_col[j] = static_cast<float>(p.demand[j] * share);
+        for (int j = p.cols; j < stride; ++j) share_col[j] = 0;
         for (int j = 0; j < stride; j += kLanes) Floats::all(0).to(mean_col + j);
         for (int i = 0; i < p.rows; ++i) {
-            const auto weight = static_cast<float>(p.supply[i] * share);
-            const float* costs = costs_of(i);
+            const Floats weight = Floats::all(static_cast<float>(p.supply[i] * share));
+            const std::int32_t* of_row = cells_of(i);
             Floats sum = Floats::all(0);
             for (int j = 0; j < stride; j += kLanes) {
-                const Floats c = Floats::at(costs + j);
-                sum = sum + c * Floats::at(demand + j);
-                (Floats::at(mean_col + j) + c * Floats::all(weight)).to(mean_col + j);
+                const Floats c = Ints::at(of_row + j).template converted<float>();
+                sum = sum + c * Floats::at(share_col + j);
+                (Floats::at(mean_col + j) + c * weight).to(mean_col + j);
             }
-            w.mean_row[size(i)] = sum.sum();
+            w.mean_row[size(i)] = -(static_cast<std::int32_t>(sum.sum()) & ~tags);
         }
-        for (int i = 0; i < p.rows; ++i) {
-            const float* costs = costs_of(i);
-            std::int32_t* keys = keys_of(i);
-            const float mean_row = w.mean_row[size(i)];
-            for (int j = 0; j < stride; j += kLanes) {
-                const Floats order = (Floats::at(costs + j) - Floats::all(mean_row) - Floats::at(mean_col + j)) * Floats::all(w.key_scale);
-                const Keys cell = Keys::numbers() + Keys::all(i << 8 | j);
-                (order.template converted<std::int32_t>() << 16 | cell).to(keys + j);
+        for (int j = 0; j < stride; j += kLanes) {
+            (Ints::all(0) - (Floats::at(mean_col + j).template converted<std::int32_t>() & Ints::all(~tags))).to(w.mean_col.data() + j);
+        }
+        for (int j = p.cols; j < stride; ++j) w.mean_col[size(j)] = 0;
+    }
+
+    // The best cell of every open column among the open rows.
+    HORD_ALWAYS_INLINE void find_best_of_cols(int rows) {
+        const std::int32_t* const open = w.open_rows.data();
+        for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
+            Ints best[vectors];
+            least_of_columns<vectors>(rows, [&](int k) __attribute__((always_inline)) { return cells + open[k] + first; }, w.mean_row.data(), best);
+            for (int k = 0; k < vectors; ++k) {
+                const int j = first + k * kLanes;
+                (best[k] + Ints::at(w.mean_col.data() + j)).to(w.best_of_col.data() + j);
             }
-        }
+        });
     }
 
-    HORD_ALWAYS_INLINE std::int32_t best_in(int row) const {
-        const std::int32_t* keys = keys_of(row);
-        Keys best = Keys::all(kClosed);
-        for (int j = 0; j < stride; j += kLanes) best = lower(best, higher(Keys::at(keys + j), Keys::at(w.shut_col.data() + j)));
-        return best.least();
-    }
-
-    HORD_ALWAYS_INLINE std::int32_t best_of_rows() const {
-        Keys best = Keys::at(w.best_of_row.data());
-        for (int i = kLanes; i < p.rows; i += kLanes) best = lower(best, Keys::at(w.best_of_row.data() + i));
-        return best.least();
-    }
-
-    // The row with the cell of least key serves its columns in the order of their keys until it is used up; then the next row.
-    // Each time the row or the column that is used up is closed.
+    // The cell of least reduced cost whose row and column are open is served; what is used up by it closes.
     HORD_ALWAYS_INLINE void find_start(TransportStep* steps) {
-        order_cells();
-        for (int j = 0; j < stride; j += kLanes) Keys::all(kOpen).to(w.shut_col.data() + j);
-        for (int j = p.cols; j < stride; ++j) w.shut_col[size(j)] = kClosed;
-        for (int i = 0; i < p.rows; ++i) w.best_of_row[size(i)] = best_in(i);
-        for (int i = p.rows; i < padded(p.rows, kLanes); ++i) w.best_of_row[size(i)] = kClosed;
+        find_means();
+        std::int32_t* const best_of_col = w.best_of_col.data();
+        std::int32_t* const mean_col = w.mean_col.data();
+        // Open rows, in any order: where their cells are, their means beside them; and the place of each.
+        for (int i = 0; i < p.rows; ++i) w.open_rows[size(i)] = i * stride;
+        for (int i = 0; i < p.rows; ++i) w.place_of_row[size(i)] = i;
         for (int i = 0; i < p.rows; ++i) w.left_row[size(i)] = p.supply[i];
         for (int j = 0; j < p.cols; ++j) w.left_col[size(j)] = p.demand[j];
         const int last = p.rows + p.cols - 2;
-        int open_cols = p.cols;
-        std::int32_t best = best_of_rows();
+        int rows = p.rows, cols = p.cols;  // open
+        find_best_of_cols(rows);
+        Ints closing = Ints::all(-1);  // the column
         for (int step = 0;; ++step) {
-            if (w.shut_col[size(best & 0xFF)] != kOpen) best = best_in(best >> 8 & 0xFF);  // that column has closed since
-            const int i = best >> 8 & 0xFF;
-            const int j = best & 0xFF;
-            // No branches: they would be guesses.
-            const double left_row = w.left_row[size(i)];
-            const double left_col = w.left_col[size(j)];
-            const int row_used_up = (left_row < left_col ? 1 : 0) | (open_cols == 1 ? 1 : 0);
+            Ints least = Ints::all(kClosed);
+            for (int j = 0; j < stride; j += kLanes) {
+                const Ints closes = (Ints::numbers() + Ints::all(j)).equals(closing);
+                const Ints best = choose(closes, Ints::all(kClosed), Ints::at(best_of_col + j));
+                best.to(best_of_col + j);
+                least = lower(least, best);
+            }
+            const std::int32_t best = least.least();
+            const int i = row_of(best), j = col_of(best);
+            const double left_row = w.left_row[size(i)], left_col = w.left_col[size(j)];
             const double flow = lower(left_row, left_col);  // the last column has what all rows have left
             w.left_row[size(i)] = left_row - flow;
             w.left_col[size(j)] = left_col - flow;
-            w.best_of_row[size(i)] = best ^ ((best ^ kClosed) & -row_used_up);
-            w.shut_col[size(j)] = kClosed ^ (-row_used_up & (kClosed ^ kOpen));
-            open_cols -= 1 - row_used_up;
-            const int swap = (i ^ column(j)) & -row_used_up;
-            steps[step] = {flow, column(j) ^ swap, i ^ swap};
-            if (step == last) return;
-            if (row_used_up != 0) best = best_of_rows();
+            if (left_row < left_col || cols == 1) {
+                steps[step] = {flow, i, p.rows + j};
+                if (step == last) return;
+                --rows;
+                const int place = w.place_of_row[size(i)];
+                w.place_of_row[size(row_of(cells[w.open_rows[size(rows)]]))] = place;
+                w.open_rows[size(place)] = w.open_rows[size(rows)];
+                w.mean_row[size(place)] = w.mean_row[size(rows)];
+                find_best_of_cols(rows);
+                closing = Ints::all(-1);
+            } else {
+                steps[step] = {flow, p.rows + j, i};
+                --cols;
+                mean_col[j] = kPadding / 2;
+                closing = Ints::all(j);
+            }
         }
     }
+
+    // -- the simplex ------------------------------------------------------------------------------------------------
+
+    template <int Words>
+    using Tree = TransportTree<Words, Bytes>;
+
+    HORD_ALWAYS_INLINE int node(int row_or_col) const { return row_or_col < p.rows ? row_or_col : row_or_col - p.rows + first_column; }
+    HORD_ALWAYS_INLINE std::int32_t& cell(const TransportArc& arc) const { return cells_of(arc.row)[arc.column - first_column]; }
+    HORD_ALWAYS_INLINE double exact_cost(const TransportArc& arc) const { return exact_costs_of(arc.row)[p.col_bin[arc.column - first_column]]; }
 
     // What is used up hangs from the other.
     template <int Words>
-    HORD_ALWAYS_INLINE void plant(TreeNode<Words>* tree, const TransportStep* steps) {
-        const int last = p.rows + p.cols - 2;
-        for (int node = 0; node < p.rows + p.cols; ++node) tree[node].below = NodeSet<Words>::only(node);
-        for (int step = 0; step <= last; ++step) {
+    HORD_ALWAYS_INLINE void plant(Tree<Words>& tree, const TransportStep* steps) {
+        for (int step = p.rows + p.cols - 2; step >= 0; --step) {
             const TransportStep& s = steps[step];
-            TreeNode<Words>& child = tree[s.child];
-            child.parent = s.parent;
-            child.flow = s.flow;
-            tree[s.parent].below.add(child.below);
-        }
-        const int root = steps[last].parent;
-        tree[root].parent = kNoParent;
-        tree[root].flow = 0;
-
-        double* const dual = w.dual.data();
-        dual[root] = 0;
-        for (int step = last; step >= 0; --step) {
-            const TransportStep& s = steps[step];
-            dual[s.child] = dual[s.parent] + rise(s.child, s.parent);
+            const int row = lower(s.child, s.parent), col = s.child + s.parent - row - p.rows;
+            tree.hang(step, node(s.child), node(s.parent), s.flow, cells_of(row)[col] & ~tags, 2 * kLargestDual);
         }
     }
 
-    // From a node's dual variable to that of the node below it: the cost of the arc, up to a row, down to a column.
-    HORD_ALWAYS_INLINE double rise(int node, int parent) const {
-        const int is_column = node >= p.rows ? 1 : 0;
-        const int swap = (node ^ parent) & -is_column;
-        return exact_cost(node ^ swap, (parent ^ swap) - p.rows) * (1 - 2 * is_column);
+    // The least reduced cost, with the tag of its cell.
+    HORD_ALWAYS_INLINE std::int32_t price(const std::int32_t* dual) const {
+        Ints least = Ints::all(kClosed);
+        for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
+            Ints best[vectors];
+            least_of_columns<vectors>(p.rows, [&](int i) __attribute__((always_inline)) { return cells + i * stride + first; }, dual, best);
+            for (int k = 0; k < vectors; ++k) least = lower(least, best[k] + Ints::at(dual + first_column + first + k * kLanes));
+        });
+        return least.least();
     }
 
-    // Dual variables from the tree alone: every node after its parent.
+    HORD_ALWAYS_INLINE static std::int64_t largest_of(const std::int32_t* dual, int nodes) {
+        Ints largest = Ints::all(0);
+        for (int x = 0; x < nodes; x += kLanes) {
+            const Ints d = Ints::at(dual + x);
+            largest = higher(largest, higher(d, Ints::all(0) - d));
+        }
+        return -std::int64_t{(Ints::all(0) - largest).least()};
+    }
+
+    // Pivots until no cell is below zero.
     template <int Words>
-    HORD_ALWAYS_INLINE void compute_duals(const TreeNode<Words>* tree) {
-        double* const dual = w.dual.data();
-        int* const waiting = w.path.data();
-        NodeSet<Words> known{};
-        for (int node = 0; node < p.rows + p.cols; ++node) {
-            int depth = 0;
-            for (int at = node; at != kNoParent && !known.has(at); at = tree[at].parent) waiting[depth++] = at;
-            while (depth > 0) {
-                const int next = waiting[--depth];
-                const int parent = tree[next].parent;
-                dual[next] = parent == kNoParent ? 0.0 : dual[parent] + rise(next, parent);
-                known.add(NodeSet<Words>::only(next));
+    HORD_ALWAYS_INLINE void improve(Tree<Words>& tree, int most_pivots, int& pivots) {
+        std::int64_t bound = largest_of(tree.dual, tree.nodes);
+        while (pivots < most_pivots) {
+            if (bound > kLargestDual) {
+                bound = largest_of(tree.dual, tree.nodes);
+                if (bound > kLargestDual) return;
             }
+            const std::int32_t best = price(tree.dual);
+            if (best >= 0) return;
+            const std::int32_t reduced = best & ~tags;
+            tree.pivot(row_of(best), first_column + col_of(best), reduced);
+            bound -= reduced;
+            ++pivots;
         }
     }
 
-    HORD_ALWAYS_INLINE double reduced_cost(int row, int col) const {
-        const double* const dual = w.dual.data();
-        return exact_cost(row, col) + dual[column(col)] - dual[row];
+    // How far a cell can be above zero and be below it, but for rounding: costs around a cycle, each by half a unit and one.
+    template <int Words>
+    HORD_ALWAYS_INLINE std::int32_t doubtful(const Tree<Words>& tree) const {
+        if (largest_of(tree.dual, tree.nodes) > kLargestDual) return kClosed;
+        int row = 0, col = 0;  // the deepest
+        for (int i = 0; i < p.rows; ++i) row = std::max(row, tree.path_of(i).count());
+        for (int j = 0; j < p.cols; ++j) col = std::max(col, tree.path_of(first_column + j).count());
+        return (1 + row + col) * (tags / 2 + 2) | tags;
     }
 
-    // The least reduced cost of every lane over a block of rows, in single precision; the 16 low bits are its row and column.
-    HORD_ALWAYS_INLINE void price(int first, int last, float* least_of_lane) const {
-        for (int node = 0; node < p.rows + p.cols; ++node) w.rough_dual[size(node)] = static_cast<float>(w.dual[size(node)]);
-        const float* const dual = w.rough_dual.data();
-        const Keys no_tag = Keys::all(~0xFFFF);
-        const Keys next_row = Keys::all(1 << 8);
-        Floats best = Floats::all(0);
-        for (int j = 0; j < stride; j += kLanes) {
-            const Floats minus_v = Floats::at(dual + p.rows + j);
-            Keys tag = Keys::numbers() + Keys::all(first << 8 | j);
-            const float* costs = costs_of(first) + j;
-            for (int i = first; i < last; ++i, costs += stride) {
-                const Floats reduced = Floats::at(costs) + minus_v - Floats::all(dual[i]);
-                const Keys tagged = (reduced.template bits_as<std::int32_t>() & no_tag) | tag;
-                tag = tag + next_row;
-                best = lower(best, tagged.template bits_as<float>());
-            }
-        }
-        best.to(least_of_lane);
+    template <int Words>
+    HORD_ALWAYS_INLINE double exact_reduced(const Tree<Words>& tree, const TransportArc& enters) const {
+        double sum = exact_cost(enters);
+        const auto cycle = tree.cycle(enters.row, enters.column);
+        cycle.arcs.for_each([&](int a) __attribute__((always_inline)) {
+            sum += negated_if(exact_cost(tree.arc[a]), cycle.gives.has(a));
+        });
+        return sum;
     }
 
-    // The first cell whose reduced cost, in double precision, is below -tolerance. False: there is none.
-    HORD_ALWAYS_INLINE bool price_exactly(int& row, int& col) const {
-        using Doubles = Lanes<double, kExactLanes, Bytes>;
-        const double* const dual = w.dual.data();
-        const std::int32_t* const bin = w.col_bin.data();
+    // A cell that is below zero in double precision. The tree's are set aside.
+    template <int Words>
+    HORD_ALWAYS_INLINE bool price_exactly(const Tree<Words>& tree, TransportArc& enters) const {
+        const std::int32_t doubt = doubtful(tree);
         for (int i = 0; i < p.rows; ++i) {
-            const double* from = exact_costs_of(i);
-            Doubles best = Doubles::all(0);
-            for (int j = 0; j < p.cols; j += kExactLanes) {
-                double costs[kExactLanes];
-                for (int l = 0; l < kExactLanes; ++l) costs[l] = from[bin[j + l]];
-                best = lower(best, Doubles::at(costs) + Doubles::at(dual + p.rows + j) - Doubles::all(dual[i]));
-            }
-            if (best.least() < -w.tolerance) {
-                row = i;
-                for (col = 0; reduced_cost(row, col) >= -w.tolerance;) ++col;
-                return true;
+            const Ints limit = Ints::all(doubt) - Ints::all(tree.dual[i]);
+            for (int first = 0; first < stride; first += 32) {
+                Ints bits = Ints::all(0);
+                Ints bit = Ints::powers_of_two();
+                for (int j = first; j < lower(stride, first + 32); j += kLanes) {
+                    const Ints clear = (Ints::at(cells_of(i) + j) + Ints::at(tree.dual + first_column + j)).above(limit);
+                    bits = bits | choose(clear, Ints::all(0), bit);
+                    bit = bit << kLanes;
+                }
+                for (auto rest = static_cast<std::uint32_t>(bits.all_bits()); rest != 0; rest &= rest - 1) {
+                    enters = {i, first_column + first + std::countr_zero(rest)};
+                    if (enters.column < first_column + p.cols && exact_reduced(tree, enters) < -w.tolerance) return true;
+                }
             }
         }
         return false;
     }
 
     template <int Words>
-    HORD_ALWAYS_INLINE void enter(TreeNode<Words>* tree, int row, int col, double reduced) {
-        const Moved<Words> moved = pivot(tree, row, column(col), w.path.data());
-        double* const dual = w.dual.data();
-        const double step = reduced * (moved.with_column ? -1 : 1);
-        for (int word = 0; word < Words; ++word) {
-            for (std::uint64_t rest = moved.nodes.word[word]; rest != 0; rest &= rest - 1) {
-                dual[word * 64 + __builtin_ctzll(rest)] += step;
-            }
-        }
-    }
-
-    template <int Words>
-    HORD_ALWAYS_INLINE double plan_cost(const TreeNode<Words>* tree) const {
+    HORD_ALWAYS_INLINE double plan_cost(const Tree<Words>& tree) const {
         double sum = 0;
-        for (int node = 0; node < p.rows + p.cols; ++node) {
-            const int parent = tree[node].parent;
-            if (parent != kNoParent) sum += tree[node].flow * std::abs(rise(node, parent));
-        }
+        for (int a = 0; a < p.rows + p.cols - 1; ++a) sum += tree.flow[a] * exact_cost(tree.arc[a]);
         return sum;
     }
 
     template <int Words>
-    HORD_ALWAYS_INLINE Outcome improve(const TransportStep* steps) {
-        TreeNode<Words>* const tree = w.tree<Words>();
-        plant(tree, steps);
+    HORD_ALWAYS_INLINE Outcome solve_with(const TransportStep* start) {
+        Tree<Words> tree{first_column, first_column + stride, w.path.data(), w.dual.data(), w.flow.data(), w.arcs.data(), {}};
+        tree.clear();
+        plant(tree, start);
         Outcome outcome;
         const int most_pivots = kPivotsANode * (p.rows + p.cols);
-        int since_duals = 0;
-        int first = 0, rows_without = 0;
-        for (;;) {
-            // In single precision, as long as that finds something; every cell that enters is checked in double precision.
-            while (rows_without < p.rows && outcome.pivots < most_pivots) {
-                const int last = first + kRowsAtOnce < p.rows ? first + kRowsAtOnce : p.rows;
-                float least[kLanes];
-                price(first, last, least);
-                rows_without += last - first;
-                first = last == p.rows ? 0 : last;
-                float best = least[0];
-                for (const float candidate : least) best = lower(best, candidate);
-                const float good = lower(best * kWorthIt, -w.coarse);
-                std::int32_t candidates[kLanes];
-                int count = 0;
-                for (const float candidate : least) {
-                    candidates[count] = __builtin_bit_cast(std::int32_t, candidate);
-                    count += candidate <= good ? 1 : 0;
-                }
-                for (int k = 0; k < count; ++k) {
-                    const std::int32_t tag = candidates[k];
-                    const int row = tag >> 8 & 0xFF, col = tag & 0xFF;
-                    const double reduced = reduced_cost(row, col);
-                    if (reduced >= -w.tolerance || reduced > static_cast<double>(good)) continue;
-                    enter(tree, row, col, reduced);
-                    ++outcome.pivots;
-                    ++since_duals;
-                    rows_without = 0;
-                }
-            }
+        improve(tree, most_pivots, outcome.pivots);
+        for (int a = 0; a < p.rows + p.cols - 1; ++a) cell(tree.arc[a]) += kSetAside;
+        for (TransportArc enters; price_exactly(tree, enters);) {
             if (outcome.pivots >= most_pivots) {
                 outcome.proven = false;
                 break;
             }
-            if (since_duals > kPivotsBetweenDuals) {  // what the pivots added up to in rounding is taken out before the last check
-                compute_duals(tree);
-                since_duals = 0;
-            }
-            int row = 0, col = 0;
-            if (!price_exactly(row, col)) break;
-            enter(tree, row, col, reduced_cost(row, col));
+            const std::int32_t reduced = cell(enters) + tree.dual[enters.row] + tree.dual[enters.column];
+            cell(enters) += kSetAside;
+            cell(tree.pivot(enters.row, enters.column, reduced & ~tags)) -= kSetAside;
             ++outcome.pivots;
-            ++since_duals;
-            rows_without = 0;
         }
         outcome.cost = plan_cost(tree);
         return outcome;
@@ -384,17 +366,18 @@ struct Problem {
             find_start(w.steps.data());
             start = w.steps.data();
         }
-        const int nodes = p.rows + p.cols;
-        if (nodes <= 64) return improve<1>(start);
-        if (nodes <= 128) return improve<2>(start);
-        if (nodes <= 256) return improve<4>(start);
-        return improve<8>(start);
+        const int arcs = p.rows + p.cols - 1;
+        if (arcs <= 32) return solve_with<1>(start);
+        if (arcs <= 64) return solve_with<2>(start);
+        if (arcs <= 96) return solve_with<3>(start);
+        if (arcs <= 224) return solve_with<7>(start);
+        return solve_with<kMostWords>(start);
     }
 };
 
 template <int Bytes>
 HORD_ALWAYS_INLINE Outcome solve_body(TransportWorkspace& workspace, const Transport& problem, const TransportStep* start) {
-    return Problem<Bytes>(workspace, problem).solve(start);
+    return Problem<(Bytes < 32 ? Bytes : 32)>(workspace, problem).solve(start);
 }
 
 HORD_FOR_EACH_ISA(solve_for, Outcome, solve_body, (TransportWorkspace& workspace, const Transport& problem, const TransportStep* start),

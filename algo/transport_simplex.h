@@ -1,18 +1,16 @@
 // The transportation simplex: least-cost transport of integer masses from rows (sources) to columns (sinks).
 //
-// Start: the row with the cell of least reduced cost c_ij - R_i - K_j serves its columns in that order until it is used up, then the
-// next row; R_i and K_j are the mass-weighted mean costs of a row and a column. Then pivots on a strongly feasible spanning tree
+// Start: the open cell of least reduced cost c_ij - R_i - K_j is served until its row or column is used up, which closes; R_i and K_j are the
+// mass-weighted mean costs of a row and a column. Then the cell of least reduced cost enters a strongly feasible spanning tree
 // (transport_tree.h), which ends: no tree ever comes twice. Pivots are bounded besides (kPivotsANode).
 //
-// Numbers. Masses are integers below 2^53 held in doubles, exact. Costs and dual variables are doubles. A cell enters
-// when its reduced cost is below -tolerance, tolerance = 2^-36 * largest cost: above what rounding adds up to in dual
-// variables (sums along the tree of magnitude <= 450 * largest cost, 2^-44 of the largest cost a pivot, computed afresh from the tree before the
-// last check when more than 64 pivots changed them), so that rounding alone never makes a pivot. The accepted plan costs at most tolerance + rounding
-// more a unit of mass than the optimum: < 1e-9 for costs up to 20.
-// Candidates are found in single precision, a block of rows at a time; where none is left, a pass in double precision decides.
-// The order of the start is an int32 a cell: its reduced cost in units of 2^-14 of the largest cost, above the cell's
-// row and column (8 bits each, so at most 256 of either). While pricing, the 16 low bits of a reduced
-// cost are replaced in the same way: an order again, 2^-7 of it.
+// Numbers. Masses are integers below 2^53 held in doubles, exact. To choose pivots, costs are integers: the largest is 2^27, and the
+// low bits of each, as many as are needed, are its row and column (its tag: 9 bits of 19 x 22 cells, at most 16). So dual variables, sums and differences
+// of costs along the tree, are exact; they are kept within 2^29, so that no reduced cost leaves 31 bits. When no cell is below zero so, every cell
+// that the rounding of costs around its cycle could hide is computed from the costs in double precision, and enters if it is below -tolerance,
+// tolerance = 2^-36 * largest cost. A sum of at most 450 costs, it is wrong by less than 2^-43 of the largest: rounding alone never makes a pivot.
+// The accepted plan costs at most tolerance + rounding more a unit of mass than the optimum: < 1e-9 for costs up to 20.
+// Where dual variables would leave their range (never seen: four times the largest cost), cells are all computed in double precision.
 #pragma once
 
 #include <cstdint>

@@ -1,113 +1,169 @@
-// The spanning tree of a transportation simplex, and its pivot.
+// The spanning tree of a transportation simplex, and its pivot. For transport_simplex.cpp only.
 //
-// Nodes are rows and columns of the transport problem; every node but the root has an arc to its parent that carries a flow.
+// Nodes are rows and columns of the transport problem; its arcs, one fewer, are numbered. Of every node the tree keeps its path: the set of
+// arcs on the way to the root, as bits. So nothing has to be walked: the cycle that an arc closes is the difference of its ends' paths, and after a
+// pivot the nodes behind the arc that left, those whose path has it, differ from before by that cycle. Dual variables move in the same pass.
+//
 // The tree is strongly feasible (Cunningham 1976): an arc that carries nothing always has its row below its column, and so points
 // to the root; the leaving arc is the last blocking one along the cycle from its apex. So no tree ever comes twice.
 //
-// Flows are integers below 2^53 held in doubles: exact.
+// Flows are integers below 2^53 held in doubles: exact. Dual variables are integers, too: see transport_simplex.cpp.
 #pragma once
 
+#include <bit>
 #include <cstdint>
 #include <limits>
 
-#include "algo/isa_targets.h"
+#include "algo/transport_lanes.h"
 
 namespace hord::algo {
 
-template <int Words>
-struct NodeSet {
-    std::uint64_t word[Words];
+struct TransportArc {
+    std::int32_t row = 0;  // its ends, as nodes
+    std::int32_t column = 0;
+};
 
-    HORD_ALWAYS_INLINE static NodeSet only(int node) {
-        NodeSet set{};
-        set.word[node / 64] = std::uint64_t{1} << (node % 64);
+// No branch: it would be a guess.
+HORD_ALWAYS_INLINE double negated_if(double value, bool negate) {
+    return std::bit_cast<double>(std::bit_cast<std::uint64_t>(value) ^ static_cast<std::uint64_t>(negate) << 63);
+}
+
+// A set of arcs.
+template <int Words>
+struct ArcSet {
+    std::uint32_t word[Words];
+
+    HORD_ALWAYS_INLINE bool has(int arc) const { return (word[arc / 32] >> (arc % 32) & 1U) != 0; }
+    HORD_ALWAYS_INLINE int count() const {
+        int arcs = 0;
+        for (const std::uint32_t w : word) arcs += std::popcount(w);
+        return arcs;
+    }
+    // do_it(arc) for each, in order.
+    template <class Do>
+    HORD_ALWAYS_INLINE void for_each(Do do_it) const {
+        for (int w = 0; w < Words; ++w) {
+            for (std::uint32_t rest = word[w]; rest != 0; rest &= rest - 1) do_it(w * 32 + std::countr_zero(rest));
+        }
+    }
+};
+
+// Words: 32 arcs each.
+template <int Words, int Bytes>
+struct TransportTree {
+    static constexpr int kLanes = 8;
+    using Ints = Lanes<std::int32_t, kLanes, Bytes>;
+    using Set = ArcSet<Words>;
+
+    int first_column;    // rows are nodes from 0, columns from here; both are padded to whole vectors
+    int nodes;           // padding included: nodes without a path
+    std::int32_t* path;  // Words x nodes
+    std::int32_t* dual;  // of nodes: on the tree, the cost of an arc and the dual variables of its ends add up to 0
+    double* flow;        // of arcs
+    TransportArc* arc;
+    Set row_is_below;    // arcs: else the column is
+
+    // The root alone.
+    HORD_ALWAYS_INLINE void clear() {
+        for (int x = 0; x < Words * nodes; x += kLanes) Ints::all(0).to(path + x);
+        for (int x = 0; x < nodes; x += kLanes) Ints::all(0).to(dual + x);
+        row_is_below = {};
+    }
+
+    HORD_ALWAYS_INLINE Set path_of(int node) const {
+        Set set;
+        for (int w = 0; w < Words; ++w) set.word[w] = static_cast<std::uint32_t>(path[w * nodes + node]);
         return set;
     }
-    [[nodiscard]] HORD_ALWAYS_INLINE bool has(int node) const { return (word[node / 64] >> (node % 64) & 1U) != 0; }
-    HORD_ALWAYS_INLINE void add(const NodeSet& other) {
-        for (int w = 0; w < Words; ++w) word[w] |= other.word[w];
-    }
-    HORD_ALWAYS_INLINE void remove(const NodeSet& other) {
-        for (int w = 0; w < Words; ++w) word[w] &= ~other.word[w];
-    }
-};
 
-template <int Words>
-struct TreeNode {
-    NodeSet<Words> below;  // the nodes of its subtree, itself included
-    double flow;           // on the arc to its parent
-    int parent;            // kNoParent: the root
-};
-constexpr int kNoParent = -1;
-
-// What a pivot did: the nodes that now hang elsewhere, and whether they are those on the column's side of the entering arc.
-template <int Words>
-struct Moved {
-    NodeSet<Words> nodes;
-    bool with_column;
-};
-
-// The arc between `row` and `column` enters. `path` has room for all nodes, twice.
-template <int Words>
-HORD_ALWAYS_INLINE Moved<Words> pivot(TreeNode<Words>* tree, int row, int column, int* path) {
-    // Mass circulates apex -> ... -> row -> column -> ... -> apex. The arcs it runs against give way: on either side those of
-    // every other node, from the first.
-    double least = std::numeric_limits<double>::infinity();
-    int* const row_side = path;
-    int row_length = 0, leave_at = 0;
-    for (int x = row; !tree[x].below.has(column); x = tree[x].parent) {
-        if (row_length % 2 == 0 && tree[x].flow < least) {
-            least = tree[x].flow;
-            leave_at = row_length;
+    // Arc number `a` hangs `child`, until now alone, from `parent`. Its dual variable is `largest` or -`largest` where it would be beyond.
+    HORD_ALWAYS_INLINE void hang(int a, int child, int parent, double carries, std::int32_t cost, std::int32_t largest) {
+        const std::uint32_t is_row = child < first_column ? 1 : 0;
+        const int swap = (child ^ parent) & -static_cast<int>(is_row);
+        for (int w = 0; w < Words; ++w) {
+            path[w * nodes + child] = path[w * nodes + parent] | static_cast<std::int32_t>(a / 32 == w ? 1U << (a % 32) : 0U);
         }
-        row_side[row_length++] = x;
+        row_is_below.word[a / 32] |= is_row << (a % 32);
+        dual[child] = lower(largest, -lower(largest, cost + dual[parent]));
+        flow[a] = carries;
+        arc[a] = {parent ^ swap, child ^ swap};
     }
-    bool with_column = false;
-    int* const column_side = row_side + row_length;
-    int column_length = 0;
-    for (int x = column; !tree[x].below.has(row); x = tree[x].parent) {
-        if (column_length % 2 == 0 && tree[x].flow <= least) {
-            least = tree[x].flow;
-            leave_at = column_length;
-            with_column = true;
-        }
-        column_side[column_length++] = x;
-    }
-    const int* const stem = with_column ? column_side : row_side;  // its nodes up to the leaving arc turn around
-    const int* const hook = with_column ? row_side : column_side;
-    const int stem_length = with_column ? column_length : row_length;
-    const int hook_length = with_column ? row_length : column_length;
 
-    const NodeSet<Words> moved = tree[stem[leave_at]].below;
-    double change = -least;
-    for (int k = 0; k < hook_length; ++k, change = -change) {
-        TreeNode<Words>& node = tree[hook[k]];
-        node.flow += change;
-        node.below.add(moved);
+    // What the entry of the arc between `row` and `column` would change: mass circulates apex -> ... -> row -> column -> ... -> apex.
+    struct Cycle {
+        Set arcs, of_row, of_column;  // all, and those on either side of the apex
+        Set gives;                    // those that it runs against
+    };
+    HORD_ALWAYS_INLINE Cycle cycle(int row, int column) const {
+        Cycle c;
+        const Set above_row = path_of(row), above_column = path_of(column);
+        for (int w = 0; w < Words; ++w) {
+            c.arcs.word[w] = above_row.word[w] ^ above_column.word[w];
+            c.of_row.word[w] = above_row.word[w] & c.arcs.word[w];
+            c.of_column.word[w] = above_column.word[w] & c.arcs.word[w];
+            c.gives.word[w] = (c.of_row.word[w] & row_is_below.word[w]) | (c.of_column.word[w] & ~row_is_below.word[w]);
+        }
+        return c;
     }
-    change = (leave_at % 2 * 2 - 1) * -least;  // of the node after the leaving arc
-    for (int k = leave_at + 1; k < stem_length; ++k, change = -change) {
-        TreeNode<Words>& node = tree[stem[k]];
-        node.flow += change;
-        node.below.remove(moved);
+
+    // The arc between `row` and `column` enters; `reduced` is its cost and its ends' dual variables. Returns the arc that leaves.
+    HORD_ALWAYS_INLINE TransportArc pivot(int row, int column, std::int32_t reduced) {
+        Cycle c = cycle(row, column);
+        double least = std::numeric_limits<double>::infinity();
+        int leaves = 0;
+        bool tie = false;
+        c.gives.for_each([&](int a) __attribute__((always_inline)) {
+            const double f = flow[a];
+            tie = tie | (f == least);
+            leaves ^= (leaves ^ a) & -(f < least ? 1 : 0);  // no branch: it would be a guess
+            least = lower(least, f);
+        });
+        if (tie) [[unlikely]] leaves = last_blocking(*this, c, least);
+        c.arcs.for_each([&](int a) __attribute__((always_inline)) { flow[a] += negated_if(least, c.gives.has(a)); });
+        const bool with_column = c.of_column.has(leaves);
+        const TransportArc left = arc[leaves];
+        // From the entering arc up to the leaving one, arcs turn around.
+        const Set top = path_of(row_is_below.has(leaves) ? left.row : left.column);
+        const Set bottom = path_of(with_column ? column : row);
+        for (int w = 0; w < Words; ++w) row_is_below.word[w] ^= bottom.word[w] ^ top.word[w];
+        const std::uint32_t bit = 1U << (leaves % 32);
+        row_is_below.word[leaves / 32] = (row_is_below.word[leaves / 32] & ~bit) | (with_column ? 0 : bit);
+        flow[leaves] = least;
+        arc[leaves] = {row, column};
+        c.arcs.word[leaves / 32] &= ~bit;
+        move(0, first_column, leaves, c.arcs, with_column ? reduced : -reduced);
+        move(first_column, nodes, leaves, c.arcs, with_column ? -reduced : reduced);
+        return left;
     }
-    int parent = with_column ? row : column;
-    double carried = least;
-    NodeSet<Words> previous{};  // what was below the node before
-    change = -least;
-    for (int k = 0; k <= leave_at; ++k, change = -change) {
-        TreeNode<Words>& node = tree[stem[k]];
-        const double flow = node.flow + change;
-        const NodeSet<Words> was = node.below;
-        node.below = moved;
-        node.below.remove(previous);
-        node.parent = parent;
-        node.flow = carried;
-        previous = was;
-        carried = flow;
-        parent = stem[k];
+
+  private:
+    // Nodes whose path has the arc: it is another arc from now on, and `change` the rest of what changes.
+    HORD_ALWAYS_INLINE void move(int first, int last, int a, const Set& change, std::int32_t step) const {
+        const Ints bit = Ints::all(static_cast<std::int32_t>(1U << (a % 32)));
+        const Ints steps = Ints::all(step);
+        Ints changes[Words];
+        for (int w = 0; w < Words; ++w) changes[w] = Ints::all(static_cast<std::int32_t>(change.word[w]));
+        const std::int32_t* const plane = path + a / 32 * nodes;
+        for (int x = first; x < last; x += kLanes) {
+            const Ints moves = (Ints::at(plane + x) & bit).equals(bit);
+            (Ints::at(dual + x) + (moves & steps)).to(dual + x);
+            for (int w = 0; w < Words; ++w) (Ints::at(path + w * nodes + x) ^ (moves & changes[w])).to(path + w * nodes + x);
+        }
     }
-    return {moved, with_column};
-}
+
+    // Of arcs that give way at once: on the column's side the one nearest to the apex, else on the row's side the one farthest from it.
+    [[gnu::noinline]] static int last_blocking(TransportTree tree, Cycle c, double least) {
+        int last = 0, best = std::numeric_limits<int>::min();
+        for (int a = 0; a < Words * 32; ++a) {
+            if (!c.gives.has(a) || tree.flow[a] != least) continue;
+            const int depth = tree.path_of(tree.row_is_below.has(a) ? tree.arc[a].row : tree.arc[a].column).count();
+            const int rank = c.of_column.has(a) ? tree.nodes - depth : depth - tree.nodes;
+            if (rank <= best) continue;
+            best = rank;
+            last = a;
+        }
+        return last;
+    }
+};
 
 }  // namespace hord::algo
