@@ -288,7 +288,7 @@ Result<DetectionResults> Run::run() {
 namespace {
 
 Result<ExperimentReport> run_or_report(const ExperimentOptions& options, bool only_finished) {
-    auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 4}});
+    auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 5}});
     if (!cells) return tl::unexpected(cells.error());
     auto results = Run(options, *cells, only_finished).run();
     if (!results) return tl::unexpected(results.error());

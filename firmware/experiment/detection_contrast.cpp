@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "algo/golden_reader.h"
 #include "algo/mask.h"
 #include "algo/pipeline.h"
 #include "algo/reference_learner.h"
@@ -55,6 +56,7 @@ Result<sim::LightField> light_of(const sim::Scene& scene, const ExperimentOption
 // A frame's maps, and where each has a value: a dark lenslet has no gradient, unless it is taken as evenly lit, but its missing light is judged.
 struct Seen {
     std::vector<float> emd, even, surprise;
+    std::vector<float> deviance;  // deviance_of(), where surprise has a value
     std::vector<std::uint8_t> emd_mask, even_mask, surprise_mask;
 };
 struct MapOfSeen {
@@ -64,7 +66,45 @@ struct MapOfSeen {
 };
 constexpr MapOfSeen kMaps[] = {{"emd", &Seen::emd, &Seen::emd_mask}, {"even", &Seen::even, &Seen::even_mask}, {"surprise", &Seen::surprise, &Seen::surprise_mask}};
 
-Result<std::optional<Seen>> look(algo::Pipeline& against, algo::Pipeline& alone, const algo::Frame& frame, const algo::Extents& e) {
+// What nobody can be surer than. Of every lenslet twice the logarithm of how much likelier its bins are if exactly they were expected than if the good part was, with the
+// good part known exactly (what the reference expects there) and no noise but that of photons and readings: Poisson's where light is missing, a normal number's
+// where there is more. Who looks for exactly this flaw can have no better test (Neyman and Pearson), and by noise alone that ratio is R or more at most
+// once in R times: a score that good parts exceed as rarely as a normal number is at most about the root of this, less what noise alone has.
+std::vector<float> deviance_of(const algo::Frame& frame, const algo::Extents& e, const algo::Reference& reference, const algo::GoldenReader& golden, const algo::Registered& at, std::span<const std::uint8_t> mask) {
+    std::vector<float> deviance(e.lenslets());
+    std::vector<float> bins(reference.stride());
+    const algo::PoseMap pose(at.pose, e);
+    const double gain = static_cast<double>(kProductionGain), read = static_cast<double>(kProductionReadDn);
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const auto k = static_cast<std::size_t>(n * e.m + m);
+            if ((mask[k] & (algo::kOutside | algo::kSaturated)) != 0) continue;
+            std::ranges::fill(bins, 0.0F);
+            const auto place = pose.to_reference(m, n);
+            const auto wanted = golden.read(place.m, place.n, at.light, bins.data());
+            if (!wanted.has_hord) continue;
+            double sum = 0;
+            for (int b = 0; b < e.bins(); ++b) {
+                const auto sample = static_cast<double>(frame.view().sample(m * e.i + b % e.i, n * e.j + b / e.i));
+                const double seen = std::max(0.0, sample - static_cast<double>(reference.levels.dark)), expected = wanted.light * static_cast<double>(bins[reference.place(b % e.i, b / e.i)]);
+                const double more = seen - expected;
+                if (more > 0) sum += more * more / (expected / gain + read * read + 1.0 / 12);
+                else sum += 2 * gain * ((seen > 0 ? seen * std::log(seen / expected) : 0) - more);
+            }
+            deviance[k] = static_cast<float>(sum);
+        }
+    }
+    return deviance;
+}
+
+// The roots of what a map of deviances has more than noise alone, which is `by_noise` of every lenslet.
+std::vector<float> roots_of(const std::vector<float>& deviance, double by_noise) {
+    std::vector<float> roots;
+    for (const float d : deviance) roots.push_back(static_cast<float>(std::sqrt(std::max(0.0, static_cast<double>(d) - by_noise))));
+    return roots;
+}
+
+Result<std::optional<Seen>> look(algo::Pipeline& against, algo::Pipeline& alone, const algo::Reference& reference, const algo::GoldenReader& golden, const algo::Frame& frame, const algo::Extents& e) {
     const auto found = against.inspect(frame.view());
     if (!found) return tl::unexpected(found.error());
     if (found->surprise.empty()) return std::optional<Seen>();
@@ -74,6 +114,7 @@ Result<std::optional<Seen>> look(algo::Pipeline& against, algo::Pipeline& alone,
     seen.emd_mask.assign(found->mask.begin(), found->mask.end());
     seen.surprise_mask = seen.emd_mask;
     for (std::uint8_t& bits : seen.surprise_mask) bits &= static_cast<std::uint8_t>(~(algo::kDark | algo::kBorder));
+    seen.deviance = deviance_of(frame, e, reference, golden, found->registered, seen.surprise_mask);
     const algo::Frame filled = with_dark_as_uniform(frame, Sight{e, seen.emd, {}, {}, seen.emd_mask});
     const auto even = alone.inspect(filled.view());
     if (!even) return tl::unexpected(even.error());
@@ -146,6 +187,8 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
     auto against = algo::Pipeline::create(e, nominal.camera.bits, recipe);
     if (!alone || !against) return tl::unexpected(alone ? against.error() : alone.error());
 
+    const algo::GoldenReader golden(**reference, algo::best_isa());
+
     // The cut and the bubble, and hollows where the cut is and as wide, but shallower: they bend the light at their rim by so many bins, and none leaves the bins.
     struct Flawed {
         std::string name;
@@ -167,13 +210,17 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
         std::map<std::string, std::vector<double>> each, averaged;
         int refused = 0;
         for (int k = 0; k < times; ++k) {
-            const auto good = look(*against, *alone, expose_part(clean_light, clean, options.seed, exposure++), e);
-            const auto bad = look(*against, *alone, expose_part(*light, scene, options.seed, exposure++), e);
+            const auto good = look(*against, *alone, **reference, golden, expose_part(clean_light, clean, options.seed, exposure++), e);
+            const auto bad = look(*against, *alone, **reference, golden, expose_part(*light, scene, options.seed, exposure++), e);
             if (!good || !bad) return tl::unexpected(good ? bad.error() : good.error());
             if (!*good || !*bad) {
                 ++refused;
                 continue;
             }
+            // In the unit of the scores here: their clean standard deviation. Nothing is taken off for what the clean part shows.
+            const Interior scores = interior_of((**good).surprise, (**good).emd_mask);
+            const std::vector<float> surest = roots_of((**bad).deviance, interior_of((**good).deviance, (**good).emd_mask).mean);
+            each["surest"].push_back(contrast_of(surest, (**bad).surprise_mask, e, truth, {.sigma = scores.sigma}, kFloor).to_noise);
             for (const MapOfSeen& map : kMaps) {
                 const Interior interior = interior_of((**good).*map.map, (**good).emd_mask);
                 each[map.name].push_back(contrast_of((**bad).*map.map, (**bad).*map.mask, e, truth, interior, kFloor).to_noise);

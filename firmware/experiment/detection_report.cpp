@@ -164,26 +164,30 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
     // Contrast: of the paper's two scenes, lenslet by lenslet, decides.
     double least_ratio = 1e9;
     std::string contrasts;
-    Table contrast_table{{"scene", "radius, lenslets", "EMD gradient", "EMD gradient, dark lenslets taken as evenly lit", "here", "here / EMD gradient", "averaged over the defect: EMD gradient", "dark evenly lit", "here", "here / EMD gradient"}, {}};
-    Table places{{"right of and below a lenslet's middle, lenslets", "EMD gradient", "here", "here / EMD gradient"}, {}};
-    std::vector<double> place_ratios;
+    Table contrast_table{{"scene", "radius, lenslets", "EMD gradient", "EMD gradient, dark lenslets taken as evenly lit", "here", "here / EMD gradient", "surest possible", "surest possible / EMD gradient", "averaged over the defect: EMD gradient", "dark evenly lit", "here", "here / EMD gradient"}, {}};
+    Table places{{"right of and below a lenslet's middle, lenslets", "EMD gradient", "here", "here / EMD gradient", "surest possible", "surest possible / EMD gradient"}, {}};
+    std::vector<double> place_ratios, surest_ratios;  // of the places between the lenslets
+    double cut_emd = 0, cut_here = 0, cut_surest = 0;
     for (const Json& scene : r.contrast) {
         const auto median = [&](const char* how, const char* map) { return quantile(numbers(scene[how][map]), 0.5); };
         const auto over = [](double here, double emd) { return here / std::max(emd, 1.0); };  // what shows less than one sigma counts as one
         const auto name = scene["scene"].get<std::string>();
         const double emd = median("each", "emd"), surprise = median("each", "surprise"), ratio = over(surprise, emd);
+        const double surest = median("each", "surest"), surest_ratio = over(surest, emd);
         if (name == "cut beside") {
-            places.rows.push_back({fmt::format("{:.2f}, {:.2f}", scene["beside"][0].get<double>(), scene["beside"][1].get<double>()), fmt::format("{:.1f}", emd), fmt::format("{:.1f}", surprise), fmt::format("{:.1f}x", ratio)});
-            place_ratios.push_back(ratio);
+            places.rows.push_back({fmt::format("{:.2f}, {:.2f}", scene["beside"][0].get<double>(), scene["beside"][1].get<double>()), fmt::format("{:.1f}", emd), fmt::format("{:.1f}", surprise), fmt::format("{:.1f}x", ratio),
+                                   fmt::format("{:.1f}", surest), fmt::format("{:.1f}x", surest_ratio)});
+            place_ratios.push_back(ratio), surest_ratios.push_back(surest_ratio);
             continue;
         }
+        if (name == "cut") cut_emd = emd, cut_here = surprise, cut_surest = surest;
         if (name == "cut" || name == "bubble") {
             least_ratio = std::min(least_ratio, ratio);
             contrasts += fmt::format("{}{}: {:.1f}x (EMD gradient {:.1f}, here {:.1f} clean sigmas, median of {} exposures)", contrasts.empty() ? "" : "; ", name, ratio, emd, surprise, scene["each"]["emd"].size());
         }
         const double emd_averaged = median("averaged", "emd"), surprise_averaged = median("averaged", "surprise");
         contrast_table.rows.push_back({name, fmt::format("{:.1f}", scene["radius"].get<double>()), fmt::format("{:.1f}", emd), fmt::format("{:.1f}", median("each", "even")), fmt::format("{:.1f}", surprise), fmt::format("{:.1f}x", ratio),
-                                       fmt::format("{:.0f}", emd_averaged), fmt::format("{:.0f}", median("averaged", "even")), fmt::format("{:.0f}", surprise_averaged), fmt::format("{:.1f}x", over(surprise_averaged, emd_averaged))});
+                                       fmt::format("{:.1f}", surest), fmt::format("{:.1f}x", surest_ratio), fmt::format("{:.0f}", emd_averaged), fmt::format("{:.0f}", median("averaged", "even")), fmt::format("{:.0f}", surprise_averaged), fmt::format("{:.1f}x", over(surprise_averaged, emd_averaged))});
     }
     std::ranges::sort(place_ratios);
     const std::string by_place = place_ratios.empty() ? "not measured" : fmt::format("{:.1f}x at the least, {:.1f}x at the median, {:.1f}x at the most", place_ratios.front(), quantile(place_ratios, 0.5), place_ratios.back());
@@ -313,11 +317,16 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
         "deviation of single lenslets. Averaged: both maps are averaged over a disc of that size first, and the noise is that of such discs. Each map counts where it has a value: a dark lenslet has no EMD gradient, "
         "unless it is taken as evenly lit (the paper leaves that open), but its missing light has a score. The hollows are as wide as the cut, and bend light at their rim by so much.\n\n{}\n"
         "In the cut most of the light leaves the bins, and how it lies between the lenslets decides what is left of it. Its middle at {} places, the contrast lenslet by lenslet, median of exposures ({}):\n\n{}\n"
-        "A score that is told in standard deviations has a bound where light is missing: that all of N electrons are missing has a probability of exp(-N), and no score that good parts exceed as rarely as a normal "
-        "number is then more than the root of 2 N, here {:.0f}. Missing light has that score here. Whatever has more is not surer, but counted in another unit: the square of a score has more contrast, of either map. "
-        "The EMD gradient has no value where all light is missing, and at the lenslets beside, whose bent light it spreads over four neighbours, gross ones. Taken as evenly lit, dark lenslets get gradients of several bins by decree, more than their light "
-        "says, and the EMD gradient shows gross defects best. What a reference is for are the faint ones.\n",
-        to_markdown(contrast_table), place_ratios.size(), by_place, to_markdown(places), std::sqrt(2 * kProductionElectrons));
+        "What could any score have? *Surest possible* is computed from each exposure, lenslet by lenslet: the root of twice the logarithm of how much likelier its bins are under what they show than under the good part, less what "
+        "noise alone has, with nothing but photon and reading noise (a bin where good parts have no light counts with its reading noise: 300 electrons there are 150 sigmas), and told like the scores here in their clean standard "
+        "deviation. Even a test that was made for exactly this flaw and knows the good part exactly is not surer, if good parts exceed it as rarely as a normal number (Neyman and Pearson); where all of N electrons are missing that is the root of 2 N, {:.0f}. "
+        "Of the cut where the paper has it that is {:.1f}, {:.2f}x of the EMD gradient's {:.1f}; of the {} places between the lenslets it is below 2x at {}, {:.2f}x at the least. {}{}"
+        "The EMD gradient is told in units of its clean spread, too, however far light went: a few lenslets in the middle of the cut, whose light went from one end of the bins to the other, have hundreds of these each, more than their light can be sure of, "
+        "and it has no value where all light is missing. Taken as evenly lit, dark lenslets get gradients of several bins by decree, and the EMD gradient shows gross defects best. What a reference is for are the faint ones.\n",
+        to_markdown(contrast_table), place_ratios.size(), by_place, to_markdown(places), std::sqrt(2 * kProductionElectrons), cut_surest, cut_surest / std::max(cut_emd, 1.0), cut_emd, surest_ratios.size(),
+        std::ranges::count_if(surest_ratios, [](double ratio) { return ratio < 2; }), surest_ratios.empty() ? 0.0 : std::ranges::min(surest_ratios),
+        cut_surest < 2 * cut_emd ? "So no such score can have twice the EMD gradient's contrast there. " : "",
+        cut_here > cut_surest ? fmt::format("The scores here have {:.1f}, more than that: they are not surer, but tell a bend in standard deviations of its own noise, however far light went, as a measure and not as a probability. ", cut_here) : "");
     std::vector<std::pair<std::string, std::string>> plots;
     const auto picture = [&](const char* name, const char* of, bool any, const std::function<std::string()>& script) -> std::string {
         if (!any) return "Not measured: the run was interrupted before.\n\n";
