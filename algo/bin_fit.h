@@ -13,7 +13,8 @@
 //
 // Where the work is. Only around the golden HORD's light there is anything to fit: a window of blocks of eight bins, one a row of bins where the
 // light is narrow, else one after the other. Bins outside it, and those inside where nothing is expected, count in chi-square alone. Four lenslets are worked on
-// step by step together, so that no step waits for what the one before has just written.
+// step by step together, so that no step waits for what the one before has just written. Narrow light, most of it, has planes of its own (NarrowRows): the window's
+// bins alone are brought there, those outside are only squared.
 //
 // Formats. Floats, eight bins side by side, summed lane by lane in a fixed order, finished in double: the same bits on every instruction set.
 #pragma once
@@ -38,7 +39,7 @@ struct BinNoise {
     float quiet = 0;  // that it has
 };
 
-// Where a lenslet's samples are, and what is still to be subtracted from them. Sixteen may be read from the start of each line.
+// Where a lenslet's samples are, and what is still to be subtracted from them. Sixteen may be read from the start of each line, and the two before it.
 struct LensletSamples {
     const void* first = nullptr;
     std::ptrdiff_t line_stride = 0;  // samples
@@ -56,8 +57,8 @@ class BinFitter {
     BinFitter(BinFitter&&) noexcept = default;
     BinFitter& operator=(BinFitter&&) noexcept = default;
 
-    // The golden HORD of lenslet `slot`: GoldenReader::read().
-    const GoldenReader::Golden& take(int slot, const GoldenReader& reader, double m, double n, double light);
+    // The golden HORD of lenslet `slot`: GoldenReader::read_in_row().
+    const GoldenReader::Golden& take(int slot, GoldenReader& reader, PoseMap::Place at);
     // And what is compared with it: `light` is n, DN.
     void put(int slot, const LensletSamples& samples, float light, const BinNoise& noise);
 
@@ -83,11 +84,21 @@ class BinFitter {
     // Room before the first bin and after the last: two rows and two bins of the largest HORDs, and two blocks.
     static constexpr int kLanes = 8, kRoom = 64, kPlaces = 304 + 2 * kRoom;
     static_assert(kRoom >= 2 * (kMaxBins + 2) + 2 + 2 * kLanes && kPlaces - 2 * kRoom >= (kMaxBins + 2) * (kMaxBins + 2));
-    struct Slot {
+    struct Planes {
         alignas(64) float golden[kPlaces], scattered[kPlaces], half[kPlaces], mass[kPlaces];
+    };
+    static_assert(kPlaces >= NarrowRows::kPlaces);
+    struct Slot {
+        Planes wide, narrow;               // as Reference::place from kRoom on; NarrowRows
+        GoldenReader::Golden at;           // what was read
+        GoldenLines written;               // of wide.golden
+        int half_first = 0, half_end = 0;  // of wide.half
+        bool narrow_window = false;        // which planes are worked on
+        int lit_rows = 0;                  // of a narrow window
+        const std::int32_t* here = nullptr;  // of the first block of a wide window; of each of a narrow one
         Window window;
-        GoldenReader::Golden at;           // what `golden` has
-        int half_first = 0, half_end = 0;  // of what `half` has
+        float bins = 0;                    // of the window
+        float dark = 0;                    // squares outside it, of a narrow one
         BinNoise noise;
         float light;
         LensletSamples samples;
@@ -100,12 +111,18 @@ class BinFitter {
         std::int64_t found[kAtOnce];
     };
     struct Rest {
-        double chi2[kAtOnce], dark[kAtOnce], narrowed[kAtOnce], bins[kAtOnce];
+        double chi2[kAtOnce], dark[kAtOnce], narrowed[kAtOnce];
     };
     struct Layout {
         const std::int32_t* here;  // -1 where there is a bin, else 0
         int columns, rows, pitch;
         int first_block, last_block;  // that have bins
+    };
+    // Which bins a narrow window has.
+    struct Rows {
+        int first, last;              // rows of bins
+        int left;                     // bin of the first of eight places, -2 and above
+        const std::uint16_t* beside;  // of sixteen bins of a line: all ones where it is beside the window
     };
 
   private:
@@ -120,7 +137,11 @@ class BinFitter {
     std::vector<std::int32_t> here_;
     std::vector<Slot> slots_;
     Layout layout_{};
+    std::vector<std::int32_t> here_narrow_;  // eight for each column where light may begin
+    std::vector<std::uint16_t> beside_;      // sixteen for each
+
     void (*spread_out_)(const LensletSamples& samples, const Layout& layout, float* out);
+    float (*take_rows_)(const LensletSamples& samples, const Layout& layout, const Rows& rows, float* out);
     void (*scatter_)(Slot* slots, int count, const Layout& layout);
     void (*solve_)(const Slot* slots, int count, const Layout& layout, Solution& out);
     void (*look_at_rest_)(Slot* slots, int count, const Layout& layout, const Solution& solution, Rest& out);

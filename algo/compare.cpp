@@ -10,6 +10,7 @@ namespace hord::algo {
 namespace {
 
 constexpr int kLine = GoldenLines::kLine;
+constexpr int kCopiedFrom = 2, kCopied = kLine * kMaxBins + kLine;  // places: of a copied lenslet's first sample; of all
 constexpr int kAhead = 8, kFetchTogether = 3;  // lenslets: so far before they are needed samples are fetched; so many share the lines of a cache
 constexpr float kEdgeBins = 0.2F, kEdgeLight = 0.1F;  // second differences of a golden map: what interpolation cannot follow
 
@@ -44,7 +45,7 @@ double clipped_variance(double variance, double clip) {
 
 Comparer::Comparer(const Reference& reference, Isa isa)
     : reference_(reference), golden_(reference, isa), fitter_(reference.extents, reference.stride(), isa), edge_(reference.extents.lenslets()),
-      copied_(static_cast<std::size_t>(BinFitter::kAtOnce * kLine * kMaxBins)) {
+      copied_(static_cast<std::size_t>(BinFitter::kAtOnce * kCopied)) {
     const double clip = static_cast<double>(reference.sensor.clip_dn), gain = static_cast<double>(reference.sensor.electrons_per_dn), read = static_cast<double>(reference.sensor.read_dn);
     double clipped = 0, light = 0;
     for (std::size_t k = 0; k < edge_.size(); ++k) {
@@ -93,27 +94,41 @@ BinNoise Comparer::at_light(const BinNoise& noise) const {
     return here;
 }
 
-void Comparer::start_row(const PoseMap& pose, double light) {
+void Comparer::start_row(const PoseMap& pose, int n, double light) {
     pose_ = &pose;
     light_ = (light + clipped_) / (1 + clipped_);
+    golden_.start_row(pose, n, light_);
     golden_share_ = 1 + light_ / reference_.parts;  // less light than its own: less of its noise
     noise_now_ = at_light(noise_), noise_at_edges_now_ = at_light(noise_at_edges_);
 }
 
+// Of the lenslets at the ends of the frame's lines: so that around each line can be read.
+template <class Sample>
+LensletSamples Comparer::copy_of(const Sample& sample, std::uint32_t dark) {
+    std::uint16_t* const copied = copied_.data() + std::ptrdiff_t{waiting_count_} * kCopied + kCopiedFrom;
+    for (int j = 0; j < reference_.extents.j; ++j) {
+        for (int i = 0; i < reference_.extents.i; ++i) copied[j * kLine + i] = sample(i, j);
+    }
+    return {copied, kLine, true, dark};
+}
+
 void Comparer::compare_row(const HordRow& row, int n, const PoseMap& pose, double light, std::span<Difference> out) {
-    start_row(pose, light);
+    start_row(pose, n, light);
     for (int m = 0; m < reference_.extents.m; ++m) {
         const auto k = static_cast<std::size_t>(m);
         out[k] = {};
         if ((row.mask()[k] & kSaturated) != 0) continue;
-        compare({row.hord(m).mass, reference_.extents.i, true, 0}, row.sums()[k], row.has_hord(m), m, n, out[k]);
+        const std::uint16_t* mass = row.hord(m).mass;
+        LensletSamples samples{mass, reference_.extents.i, true, 0};
+        if (m == 0) samples = copy_of([&](int i, int j) { return mass[j * reference_.extents.i + i]; }, 0);
+        compare(samples, row.sums()[k], row.has_hord(m), m, n, out[k]);
     }
     finish_waiting();
 }
 
 void Comparer::compare_row(const FrameView& frame, std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
                            std::span<Difference> out) {
-    start_row(pose, light);
+    start_row(pose, n, light);
     const Extents& e = reference_.extents;
     const bool wide = frame.sample_bytes() == 2;
     const auto bytes = static_cast<std::ptrdiff_t>(frame.sample_bytes());
@@ -128,13 +143,7 @@ void Comparer::compare_row(const FrameView& frame, std::span<const std::uint32_t
             for (int j = 0; j < e.j; ++j) __builtin_prefetch(first + std::ptrdiff_t{m + kAhead} * e.i * bytes + j * frame.stride_bytes);
         }
         LensletSamples samples{first + std::ptrdiff_t{m} * e.i * bytes, frame.stride_bytes / bytes, wide, reference_.levels.dark};
-        if (m >= read_in_place) {
-            std::uint16_t* const copied = copied_.data() + std::ptrdiff_t{waiting_count_} * kLine * kMaxBins;
-            for (int j = 0; j < e.j; ++j) {
-                for (int i = 0; i < e.i; ++i) copied[j * kLine + i] = static_cast<std::uint16_t>(frame.sample(m * e.i + i, n * e.j + j));
-            }
-            samples.first = copied, samples.line_stride = kLine, samples.wide = true;
-        }
+        if (m == 0 || m >= read_in_place) samples = copy_of([&](int i, int j) { return static_cast<std::uint16_t>(frame.sample(m * e.i + i, n * e.j + j)); }, reference_.levels.dark);
         compare(samples, sums[k], (mask[k] & kNoHord) == 0, m, n, out[k]);
     }
     finish_waiting();
@@ -144,7 +153,7 @@ void Comparer::compare_row(const FrameView& frame, std::span<const std::uint32_t
 void Comparer::compare(const LensletSamples& samples, std::uint32_t sum, bool has_hord, int m, int n, Difference& out) {
     const Extents& e = reference_.extents;
     const auto q = pose_->to_reference(m, n);
-    const GoldenReader::Golden& golden = fitter_.take(waiting_count_, golden_, q.m, q.n, light_);
+    const GoldenReader::Golden& golden = fitter_.take(waiting_count_, golden_, q);
     if (!golden.known) return;
     out.at = static_cast<std::uint32_t>(std::clamp(floor_of(q.n + 0.5), 0, e.n - 1) * e.m + std::clamp(floor_of(q.m + 0.5), 0, e.m - 1));
     const double expected = golden.light * golden.share;

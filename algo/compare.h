@@ -68,7 +68,9 @@ class Comparer {
         Difference* out = nullptr;
         double x = 0, y = 0;  // by how much the part's turn changes the reference's deflection there
     };
-    void start_row(const PoseMap& pose, double light);
+    void start_row(const PoseMap& pose, int n, double light);
+    template <class Sample>
+    LensletSamples copy_of(const Sample& sample, std::uint32_t dark);
     void compare(const LensletSamples& samples, std::uint32_t sum, bool has_hord, int m, int n, Difference& out);
     void finish_waiting();
     void look_how_far(int slot, Difference& out);
