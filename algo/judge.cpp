@@ -71,10 +71,13 @@ void Judge::look(const Compared& c, std::span<float> surprise) {
         surprise[k] = surprise_of(scores_[k], d, recipe_.reject_score);
         severity_[k] = surprise[k] / recipe_.reject_score;
         if ((c.mask[k] & (kNoGradient | kNotJudged)) != 0 || !d.has_light) continue;
-        // Less light than the reference's has more noise.
-        const float electrons = reference_.sensor.electrons_per_dn, here = std::max(d.sum, 1.0F), there = std::max(reference_.light[d.at], 1.0F);
-        const float noise = kEmdOfNoise * std::max(0.0F, 1 / std::sqrt(here * electrons) - 1 / std::sqrt(there * electrons));
-        const float emd = c.emd.empty() ? 0 : (c.emd[k] - reference_.emd[d.at]) / (recipe_.emd_limit_bins + noise);
+        // Less light than the reference's has more noise; that is looked at where it matters.
+        float emd = c.emd.empty() ? 0 : (c.emd[k] - reference_.emd[d.at]) / recipe_.emd_limit_bins;
+        if (emd > severity_[k]) {
+            const float electrons = reference_.sensor.electrons_per_dn, here = std::max(d.sum, 1.0F), there = std::max(reference_.light[d.at], 1.0F);
+            const float noise = kEmdOfNoise * std::max(0.0F, 1 / std::sqrt(here * electrons) - 1 / std::sqrt(there * electrons));
+            emd = (c.emd[k] - reference_.emd[d.at]) / (recipe_.emd_limit_bins + noise);
+        }
         const float slope = c.frobenius.empty() ? 0 : (c.frobenius[k] - reference_.frobenius[d.at]) / recipe_.frobenius_limit_bins;
         severity_[k] = std::max({severity_[k], emd, slope});
     }
@@ -136,7 +139,8 @@ Defect Judge::describe(const Region& r, Reason& reason) const {
     d.length = static_cast<float>(side(middle + half));
     d.width = static_cast<float>(side(middle - half));
     const double all = r.missing + r.added + r.bend + r.spread + r.shape;
-    const bool dims = r.missing >= kMostOfIt * all, spreads = r.spread >= kSpreadOfIt * all, bends = r.bend + r.shape >= kMostOfIt * all;
+    const double bent = r.bend + r.shape;
+    const bool dims = r.missing >= kMostOfIt * all, spreads = r.spread >= kSpreadOfIt * all && r.spread >= bent, bends = bent > r.spread && bent + r.spread >= kMostOfIt * all;
     const double length = static_cast<double>(d.length), width = static_cast<double>(d.width);
     if (length >= kScratchLength && length >= kScratchRatio * width) d.kind = DefectKind::scratch;
     else if (all <= 0 || r.gradient > all) d.kind = DefectKind::unknown;

@@ -12,8 +12,9 @@
 // The kind, from the region's sums of squared scores:
 //   scratch     long and thin (kScratchLength, kScratchRatio), whatever it does to the light
 //   absorbing   most of it is missing light
-//   surface     most of it is another mean deflection, and another shape of the HORD: bins are coarse, a shift changes it
-//   scattering  much of it is a wider spread of deflections
+//   scattering  much of it is a wider spread of deflections, and more than what is told by the next
+//   surface     another mean deflection, and another shape of the HORD, for bins are coarse and a shift changes it; with the spread of what is bent
+//               differently within a lenslet that is most of it
 //   unknown     none of these has its share
 // Lenslets outside the part, outside the recipe's zones, or saturated are not judged.
 #pragma once
