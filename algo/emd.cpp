@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstring>
 #include <vector>
 
 #include "algo/fixed.h"
@@ -13,9 +14,10 @@ namespace {
 
 std::size_t index(int k) { return static_cast<std::size_t>(k); }
 
-double total(const ResidualSide& side) {
+template <class Mass>
+double total(const ResidualSide<Mass>& side) {
     double sum = 0;
-    for (int k = 0; k < side.count; ++k) sum += side.mass[index(k)];
+    for (int k = 0; k < side.count; ++k) sum += static_cast<double>(side.mass[index(k)]);
     return sum;
 }
 
@@ -26,46 +28,44 @@ struct Bucket {
     std::array<double, kWide> mass;  // on either side
     std::array<double*, kWide> out;
 
-    void add(const ResidualSide& rows, const ResidualSide& cols, double on_either_side, double* answer) {
-        const int lane = batch.filled++;
-        for (int i = 0; i < rows.count; ++i) put(i, lane, rows, i);
-        for (int j = 0; j < cols.count; ++j) put(kFirstSmallColumn + j, lane, cols, j);
-        mass[index(lane)] = on_either_side;
-        out[index(lane)] = answer;
+    void add(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols, double on_either_side, double* answer) {
+        const int place = batch.filled++;
+        SmallProblem<Mass>& problem = batch.problem[place];
+        put(rows, problem.mass, problem.bin);
+        put(cols, problem.mass + kFirstSmallColumn, problem.bin + kFirstSmallColumn);
+        mass[index(place)] = on_either_side;
+        out[index(place)] = answer;
     }
-    // The first lane's problem, where there is no other: what is computed of it is not looked at.
-    void fill_up() {
-        for (int node = 0; node < kSmallNodes; ++node) {
-            std::fill(batch.mass[node] + batch.filled, batch.mass[node] + kWide, batch.mass[node][0]);
-            std::fill(batch.bin[node] + batch.filled, batch.bin[node] + kWide, batch.bin[node][0]);
-        }
-    }
+    // Once more the first, where there is no other.
+    void fill_up() { std::fill(batch.problem + batch.filled, batch.problem + kWide, batch.problem[0]); }
 
   private:
-    void put(int node, int lane, const ResidualSide& side, int k) {
-        batch.mass[node][lane] = static_cast<Mass>(side.mass[index(k)]);
-        batch.bin[node][lane] = side.bin[index(k)];
+    // As many as there may be: a count that is known is faster than the right one.
+    static void put(const ResidualSide<Mass>& side, Mass* to_mass, std::uint8_t* to_bin) {
+        std::memcpy(to_mass, side.mass.data(), kSmallSide * sizeof(Mass));
+        std::memcpy(to_bin, side.bin.data(), kSmallSide);
     }
 };
 
-// One for every shape.
+// Problems whose masses have one format: what is found of a pair, and the small ones, a bucket for every shape.
 template <class Mass>
-class Buckets {
-  public:
-    Buckets() : buckets_(index((kSmallSide + 1) * (kSmallSide + 1))) {
+struct Format {
+    Format(FindResidual<Mass> find_it, Isa isa) : find(find_it), solve(solve_small<Mass>(isa)), buckets(index((kSmallSide + 1) * (kSmallSide + 1))) {
         for (int rows = 2; rows <= kSmallSide; ++rows) {
             for (int cols = rows; cols <= kSmallSide; ++cols) {
-                auto& batch = of(rows, cols).batch;
+                auto& batch = bucket(rows, cols).batch;
                 batch.rows = rows;
                 batch.cols = cols;
             }
         }
     }
-    Bucket<Mass>& of(int rows, int cols) { return buckets_[index(rows * (kSmallSide + 1) + cols)]; }
-    std::vector<Bucket<Mass>>& all() { return buckets_; }
+    Bucket<Mass>& bucket(int rows, int cols) { return buckets[index(rows * (kSmallSide + 1) + cols)]; }
 
-  private:
-    std::vector<Bucket<Mass>> buckets_;
+    FindResidual<Mass> find;
+    Residual<Mass> residual;
+    SolveSmall<Mass> solve;
+    SmallAnswer<Mass> answer;
+    std::vector<Bucket<Mass>> buckets;
 };
 
 }  // namespace
@@ -73,58 +73,110 @@ class Buckets {
 struct EmdSolver::State {
     State(const GroundDistance& g, Isa isa)
         : ground(g), simplex(ground.row(0), ground.bins(), ground.largest(), isa),
-          costs{ground.row(0), ground.bins(), ground.largest() * TransportSimplex::kTolerance}, solve_light(solve_small(isa)),
-          solve_heavy(solve_small_heavy(isa)) {}
+          costs{ground.row(0), ground.bins(), ground.largest() * TransportSimplex::kTolerance}, light(find_residual_for(isa), isa),
+          heavy(find_residual<double>, isa) {}
 
-    bool find_sides(const Hord& a, const Hord& b);
-    double from_one() const;
-    double by_simplex(const Transport& problem, const TransportStep* start);
-    template <class Mass>
-    void submit_to(Bucket<Mass>& bucket, double mass, double* out, bool at_once);
     void submit(const Hord& a, const Hord& b, double* out, bool at_once);
     void finish();
     template <class Mass>
-    void solve_bucket(Bucket<Mass>& full);
+    void submit_as(Format<Mass>& format, const Hord& a, const Hord& b, double mass, double* out, bool at_once);
     template <class Mass>
-    double improve(const SmallBatch<Mass>& batch, int lane);
+    double from_one(const ResidualSide<Mass>& one, const ResidualSide<Mass>& others) const;
+    template <class Mass>
+    void solve_bucket(Format<Mass>& format, Bucket<Mass>& full);
+    template <class Mass>
+    double improve(const SmallBatch<Mass>& batch, const SmallAnswer<Mass>& answer, int lane);
+    template <class Mass>
+    double by_simplex(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols);
+    double by_simplex(const Transport& problem, const TransportStep* start);
 
     GroundDistance ground;
     TransportSimplex simplex;
     SmallCosts costs;
-    SolveSmall solve_light;
-    SolveSmallHeavy solve_heavy;
-    Buckets<std::int32_t> light;
-    Buckets<double> heavy;
-    ResidualSide more, less;
-    const ResidualSide* fewer = nullptr;  // the two sides: rows
-    const ResidualSide* others = nullptr;  // and columns
+    Format<std::int32_t> light;
+    Format<double> heavy;
     Work work;
 };
 
-// False: nothing has to move.
-bool EmdSolver::State::find_sides(const Hord& a, const Hord& b) {
+void EmdSolver::State::submit(const Hord& a, const Hord& b, double* out, bool at_once) {
     ++work.pairs;
     expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
-    if (a.sum == 0 || b.sum == 0) return false;
-    if (ground.is_metric()) {
-        find_residual(a, b, ground.bins(), more, less);
+    *out = 0;
+    if (a.sum == 0 || b.sum == 0) return;
+    const double mass = static_cast<double>(a.sum) * static_cast<double>(b.sum);
+    if (mass < kLightMass) {
+        submit_as(light, a, b, mass, out, at_once);
     } else {
-        keep_all(a, b, ground.bins(), more, less);
+        submit_as(heavy, a, b, mass, out, at_once);
     }
-    expect_no_overflow(total(more) == total(less) && total(more) <= static_cast<double>(a.sum) * static_cast<double>(b.sum));
-    if (more.count == 0 || less.count == 0) return false;
-    const bool swap = less.precedes(more);
-    fewer = swap ? &less : &more;
-    others = swap ? &more : &less;
-    return true;
+}
+
+// `mass`: what either side has in all, the shared mass included.
+template <class Mass>
+void EmdSolver::State::submit_as(Format<Mass>& format, const Hord& a, const Hord& b, double mass, double* out, bool at_once) {
+    Residual<Mass>& residual = format.residual;
+    if (ground.is_metric()) {
+        format.find(a, b, ground.bins(), residual);
+    } else {
+        keep_all(a, b, ground.bins(), residual);
+    }
+    expect_no_overflow(total(residual.more) == total(residual.less) && total(residual.more) <= mass);
+    if (residual.more.count == 0) return;  // nothing has to move
+    const bool swap = residual.less_is_rows();
+    const ResidualSide<Mass>& rows = swap ? residual.less : residual.more;
+    const ResidualSide<Mass>& cols = swap ? residual.more : residual.less;
+    if (rows.count == 1) {
+        *out = from_one(rows, cols) / mass;
+    } else if (cols.count > kSmallSide) {
+        *out = by_simplex(rows, cols) / mass;
+    } else {
+        Bucket<Mass>& bucket = format.bucket(rows.count, cols.count);
+        bucket.add(rows, cols, mass, out);
+        if (at_once || bucket.batch.filled == kWide) solve_bucket(format, bucket);
+    }
 }
 
 // All that the one bin has goes to, or comes from, the others.
-double EmdSolver::State::from_one() const {
-    const double* cost = ground.row(fewer->bin[0]);
+template <class Mass>
+double EmdSolver::State::from_one(const ResidualSide<Mass>& one, const ResidualSide<Mass>& others) const {
+    const double* cost = ground.row(one.bin[0]);
     double sum = 0;
-    for (int j = 0; j < others->count; ++j) sum += others->mass[index(j)] * cost[others->bin[index(j)]];
+    for (int j = 0; j < others.count; ++j) sum += static_cast<double>(others.mass[index(j)]) * cost[others.bin[index(j)]];
     return sum;
+}
+
+template <class Mass>
+void EmdSolver::State::solve_bucket(Format<Mass>& format, Bucket<Mass>& full) {
+    SmallBatch<Mass>& batch = full.batch;
+    SmallAnswer<Mass>& answer = format.answer;
+    work.small += static_cast<std::uint64_t>(batch.filled);
+    if (batch.filled < kWide) full.fill_up();
+    format.solve(batch, costs, answer);
+    for (int lane = 0; lane < batch.filled; ++lane) {
+        const double cost = answer.proven[lane] ? answer.cost[lane] : improve(batch, answer, lane);
+        *full.out[index(lane)] = cost / full.mass[index(lane)];
+    }
+    batch.filled = 0;
+}
+
+// From the plan of a lane on.
+template <class Mass>
+double EmdSolver::State::improve(const SmallBatch<Mass>& batch, const SmallAnswer<Mass>& answer, int lane) {
+    const auto node_of = [&](std::int32_t small) { return small < kFirstSmallColumn ? small : small - kFirstSmallColumn + batch.rows; };
+    std::array<TransportStep, kMostSmallSteps> steps;
+    for (int step = 0; step < batch.rows + batch.cols - 1; ++step) {
+        steps[index(step)] = {static_cast<double>(answer.flow[step][lane]), node_of(answer.child[step][lane]), node_of(answer.parent[step][lane])};
+    }
+    const std::uint8_t* bin = batch.problem[lane].bin;
+    return by_simplex({batch.rows, batch.cols, nullptr, nullptr, bin, bin + kFirstSmallColumn}, steps.data());
+}
+
+template <class Mass>
+double EmdSolver::State::by_simplex(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols) {
+    std::array<double, kMostBins> supply, demand;
+    std::copy_n(rows.mass.begin(), rows.count, supply.begin());
+    std::copy_n(cols.mass.begin(), cols.count, demand.begin());
+    return by_simplex({rows.count, cols.count, supply.data(), demand.data(), rows.bin.data(), cols.bin.data()}, nullptr);
 }
 
 double EmdSolver::State::by_simplex(const Transport& problem, const TransportStep* start) {
@@ -135,66 +187,14 @@ double EmdSolver::State::by_simplex(const Transport& problem, const TransportSte
     return outcome.cost;
 }
 
-// From the plan of a lane on.
-template <class Mass>
-double EmdSolver::State::improve(const SmallBatch<Mass>& batch, int lane) {
-    std::array<std::uint8_t, kSmallNodes> bin;
-    for (int node = 0; node < kSmallNodes; ++node) bin[index(node)] = static_cast<std::uint8_t>(batch.bin[node][lane]);
-    const auto node_of = [&](std::int32_t small) { return small < kFirstSmallColumn ? small : small - kFirstSmallColumn + batch.rows; };
-    std::array<TransportStep, kMostSmallSteps> steps;
-    for (int step = 0; step < batch.rows + batch.cols - 1; ++step) {
-        steps[index(step)] = {static_cast<double>(batch.flow[step][lane]), node_of(batch.child[step][lane]), node_of(batch.parent[step][lane])};
-    }
-    return by_simplex({batch.rows, batch.cols, nullptr, nullptr, bin.data(), bin.data() + kFirstSmallColumn}, steps.data());
-}
-
-template <class Mass>
-void EmdSolver::State::solve_bucket(Bucket<Mass>& full) {
-    SmallBatch<Mass>& batch = full.batch;
-    work.small += static_cast<std::uint64_t>(batch.filled);
-    if (batch.filled < kWide) full.fill_up();
-    if constexpr (std::is_same_v<Mass, std::int32_t>) {
-        solve_light(batch, costs);
-    } else {
-        solve_heavy(batch, costs);
-    }
-    for (int lane = 0; lane < batch.filled; ++lane) {
-        const double cost = batch.proven[lane] ? batch.cost[lane] : improve(batch, lane);
-        *full.out[index(lane)] = cost / full.mass[index(lane)];
-    }
-    batch.filled = 0;
-}
-
-template <class Mass>
-void EmdSolver::State::submit_to(Bucket<Mass>& bucket, double mass, double* out, bool at_once) {
-    bucket.add(*fewer, *others, mass, out);
-    if (at_once || bucket.batch.filled == kWide) solve_bucket(bucket);
-}
-
-void EmdSolver::State::submit(const Hord& a, const Hord& b, double* out, bool at_once) {
-    if (!find_sides(a, b)) {
-        *out = 0;
-        return;
-    }
-    const double mass = static_cast<double>(a.sum) * static_cast<double>(b.sum);
-    const int rows = fewer->count, cols = others->count;
-    if (rows == 1) {
-        *out = from_one() / mass;
-    } else if (cols > kSmallSide) {
-        *out = by_simplex({rows, cols, fewer->mass.data(), others->mass.data(), fewer->bin.data(), others->bin.data()}, nullptr) / mass;
-    } else if (mass < kLightMass) {
-        submit_to(light.of(rows, cols), mass, out, at_once);
-    } else {
-        submit_to(heavy.of(rows, cols), mass, out, at_once);
-    }
-}
-
 void EmdSolver::State::finish() {
-    const auto solve_rest = [this](auto& bucket) {
-        if (bucket.batch.filled > 0) solve_bucket(bucket);
+    const auto solve_rest = [this](auto& format) {
+        for (auto& bucket : format.buckets) {
+            if (bucket.batch.filled > 0) solve_bucket(format, bucket);
+        }
     };
-    std::ranges::for_each(light.all(), solve_rest);
-    std::ranges::for_each(heavy.all(), solve_rest);
+    solve_rest(light);
+    solve_rest(heavy);
 }
 
 Result<EmdSolver> EmdSolver::create(const GroundDistance& ground, Isa isa) {

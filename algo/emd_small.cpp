@@ -18,24 +18,34 @@ template <int Bytes, class Mass>
 struct Batch {
     using Floats = Lanes<float, kWide, Bytes>;
     using Ints = Lanes<std::int32_t, kWide, Bytes>;
+    using Doubles = Lanes<double, kWide, Bytes>;
 
-    SmallBatch<Mass>& b;
+    const SmallBatch<Mass>& b;
     const SmallCosts& costs;
+    SmallAnswer<Mass>& answer;
     const int rows;
     const int cols;
+    Mass mass[kSmallNodes][kWide];
     double cost[kCells][kWide];
     float key[kCells][kWide];
 
-    HORD_ALWAYS_INLINE Batch(SmallBatch<Mass>& batch, const SmallCosts& c) : b(batch), costs(c), rows(batch.rows), cols(batch.cols) {}
+    HORD_ALWAYS_INLINE Batch(const SmallBatch<Mass>& batch, const SmallCosts& c, SmallAnswer<Mass>& out)
+        : b(batch), costs(c), answer(out), rows(batch.rows), cols(batch.cols) {}
 
     HORD_ALWAYS_INLINE static int cell(int row, int col) { return row * kFirstSmallColumn + col; }
     HORD_ALWAYS_INLINE static int column(int j) { return kFirstSmallColumn + j; }
 
-    HORD_ALWAYS_INLINE void gather_costs() {
+    HORD_ALWAYS_INLINE void gather() {
+        std::int32_t bin[kSmallNodes][kWide];  // of rows: where their costs begin
+        const auto transpose = [&](int node, std::int32_t times) __attribute__((always_inline)) {
+            for (int l = 0; l < kWide; ++l) mass[node][l] = b.problem[l].mass[node];
+            for (int l = 0; l < kWide; ++l) bin[node][l] = b.problem[l].bin[node] * times;
+        };
+        for (int i = 0; i < rows; ++i) transpose(i, costs.bins);
+        for (int j = 0; j < cols; ++j) transpose(column(j), 1);
         for (int i = 0; i < rows; ++i) {
             for (int j = 0; j < cols; ++j) {
-                double* c = cost[cell(i, j)];
-                for (int l = 0; l < kWide; ++l) c[l] = costs.table[b.bin[i][l] * costs.bins + b.bin[column(j)][l]];
+                for (int l = 0; l < kWide; ++l) cost[cell(i, j)][l] = costs.table[bin[i][l] + bin[column(j)][l]];
             }
         }
     }
@@ -49,7 +59,7 @@ struct Batch {
     // row serves gains less by it than one that the second serves.
     HORD_ALWAYS_INLINE void knapsack() {
         Mass left[kWide], taken[kSmallSide][kWide] = {};
-        for (int l = 0; l < kWide; ++l) left[l] = b.mass[0][l];
+        for (int l = 0; l < kWide; ++l) left[l] = mass[0][l];
         for (int j = 0; j < cols; ++j) {
             float gain[kWide];
             for (int l = 0; l < kWide; ++l) gain[l] = static_cast<float>(cost[cell(0, j)][l] - cost[cell(1, j)][l]);
@@ -63,7 +73,7 @@ struct Batch {
             for (int j = 0; j < cols; ++j) {
                 for (int l = 0; l < kWide; ++l) {
                     const bool here = key[j][l] == best[l];
-                    const Mass share = lower(left[l], b.mass[column(j)][l]);
+                    const Mass share = lower(left[l], mass[column(j)][l]);
                     taken[j][l] = here ? share : taken[j][l];
                     left[l] -= here ? share : Mass{0};
                     key[j][l] = here ? kClosed : key[j][l];
@@ -77,17 +87,17 @@ struct Batch {
         for (int j = 0; j < cols; ++j) {
             for (int l = 0; l < kWide; ++l) {
                 const double by_first = cost[cell(0, j)][l] - cost[cell(1, j)][l];
-                const bool serves = taken[j][l] > 0, leaves = taken[j][l] < b.mass[column(j)][l];
+                const bool serves = taken[j][l] > 0, leaves = taken[j][l] < mass[column(j)][l];
                 most_served[l] = serves && most_served[l] < by_first ? by_first : most_served[l];
                 least_left[l] = leaves && by_first < least_left[l] ? by_first : least_left[l];
             }
             for (int l = 0; l < kWide; ++l) {
                 sum[l] += static_cast<double>(taken[j][l]) * cost[cell(0, j)][l] +
-                          static_cast<double>(b.mass[column(j)][l] - taken[j][l]) * cost[cell(1, j)][l];
+                          static_cast<double>(mass[column(j)][l] - taken[j][l]) * cost[cell(1, j)][l];
             }
         }
-        for (int l = 0; l < kWide; ++l) b.cost[l] = sum[l];
-        for (int l = 0; l < kWide; ++l) b.proven[l] = most_served[l] - least_left[l] <= costs.tolerance;
+        for (int l = 0; l < kWide; ++l) answer.cost[l] = sum[l];
+        for (int l = 0; l < kWide; ++l) answer.proven[l] = most_served[l] - least_left[l] <= costs.tolerance;
     }
 
     // The order in which cells are served: c_ij - R_i - K_j.
@@ -96,11 +106,11 @@ struct Batch {
         float mean[kSmallNodes][kWide];
         double total[kWide] = {};
         for (int i = 0; i < rows; ++i) {
-            for (int l = 0; l < kWide; ++l) total[l] += static_cast<double>(b.mass[i][l]);
+            for (int l = 0; l < kWide; ++l) total[l] += static_cast<double>(mass[i][l]);
         }
         for (int l = 0; l < kWide; ++l) total[l] = 1 / total[l];
         const auto prepare = [&](int node) __attribute__((always_inline)) {
-            for (int l = 0; l < kWide; ++l) share[node][l] = static_cast<float>(static_cast<double>(b.mass[node][l]) * total[l]);
+            for (int l = 0; l < kWide; ++l) share[node][l] = static_cast<float>(static_cast<double>(mass[node][l]) * total[l]);
             Floats::all(0).to(mean[node]);
         };
         for (int i = 0; i < rows; ++i) prepare(i);
@@ -141,7 +151,7 @@ struct Batch {
         Mass left[kSmallNodes][kWide];
         const auto open = [&](int node) __attribute__((always_inline)) {
             Floats::all(0).to(closed[node]);
-            for (int l = 0; l < kWide; ++l) left[node][l] = b.mass[node][l];
+            for (int l = 0; l < kWide; ++l) left[node][l] = mass[node][l];
         };
         for (int i = 0; i < rows; ++i) open(i);
         for (int j = 0; j < cols; ++j) open(column(j));
@@ -164,9 +174,9 @@ struct Batch {
                     open_cols[l] -= 1 + row_closes;
                     left[row][l] = in_row - moved;
                     left[col][l] = in_col - moved;
-                    b.flow[step][l] = moved;
-                    b.child[step][l] = col ^ swap;
-                    b.parent[step][l] = row ^ swap;
+                    answer.flow[step][l] = moved;
+                    answer.child[step][l] = col ^ swap;
+                    answer.parent[step][l] = row ^ swap;
                     closed[col ^ swap][l] = kClosed;
                 }
             }
@@ -183,9 +193,9 @@ struct Batch {
         const Ints closes_row = in_col.above(in_row) | Ints::at(open_cols).equals(Ints::all(1));
         const Ints child = choose(closes_row, row, col);
         (Ints::at(open_cols) - Ints::all(1) - closes_row).to(open_cols);
-        child.to(b.child[step]);
-        choose(closes_row, col, row).to(b.parent[step]);
-        moved.to(b.flow[step]);
+        child.to(answer.child[step]);
+        choose(closes_row, col, row).to(answer.parent[step]);
+        moved.to(answer.flow[step]);
         const Ints shut = Floats::all(kClosed).template bits_as<std::int32_t>();
         const auto use_up = [&](int node, const Ints& its_side) __attribute__((always_inline)) {
             (Ints::at(left[node]) - (its_side.equals(Ints::all(node)) & moved)).to(left[node]);
@@ -196,44 +206,47 @@ struct Batch {
         for (int j = 0; j < cols; ++j) use_up(column(j), col);
     }
 
+    HORD_ALWAYS_INLINE Doubles masses(int node) const {
+        double exact[kWide];
+        for (int l = 0; l < kWide; ++l) exact[l] = static_cast<double>(mass[node][l]);
+        return Doubles::at(exact);
+    }
+
     // The proof: duals from the last node to close backwards, and no cell below zero. The cost is that of the duals.
     HORD_ALWAYS_INLINE void prove(const std::int32_t (*served)[kWide]) {
         double dual[kSmallNodes][kWide];
         const int steps = rows + cols - 1;
-        for (int l = 0; l < kWide; ++l) dual[b.parent[steps - 1][l]][l] = 0;
+        for (int l = 0; l < kWide; ++l) dual[answer.parent[steps - 1][l]][l] = 0;
         for (int step = steps - 1; step >= 0; --step) {
-            for (int l = 0; l < kWide; ++l) dual[b.child[step][l]][l] = cost[served[step][l]][l] - dual[b.parent[step][l]][l];
+            for (int l = 0; l < kWide; ++l) dual[answer.child[step][l]][l] = cost[served[step][l]][l] - dual[answer.parent[step][l]][l];
         }
-        double least[kWide] = {};
-        double sum[kWide] = {};
+        Doubles least = Doubles::all(0), sum = Doubles::all(0);
         for (int i = 0; i < rows; ++i) {
-            for (int j = 0; j < cols; ++j) {
-                const double* c = cost[cell(i, j)];
-                for (int l = 0; l < kWide; ++l) least[l] = lower(least[l], c[l] - dual[i][l] - dual[column(j)][l]);
-            }
-            for (int l = 0; l < kWide; ++l) sum[l] += static_cast<double>(b.mass[i][l]) * dual[i][l];
+            const Doubles of_row = Doubles::at(dual[i]);
+            for (int j = 0; j < cols; ++j) least = lower(least, Doubles::at(cost[cell(i, j)]) - of_row - Doubles::at(dual[column(j)]));
+            sum = sum + masses(i) * of_row;
         }
-        for (int j = 0; j < cols; ++j) {
-            for (int l = 0; l < kWide; ++l) sum[l] += static_cast<double>(b.mass[column(j)][l]) * dual[column(j)][l];
-        }
-        for (int l = 0; l < kWide; ++l) b.cost[l] = sum[l];
-        for (int l = 0; l < kWide; ++l) b.proven[l] = least[l] >= -costs.tolerance;
+        for (int j = 0; j < cols; ++j) sum = sum + masses(column(j)) * Doubles::at(dual[column(j)]);
+        sum.to(answer.cost);
+        double worst[kWide];
+        least.to(worst);
+        for (int l = 0; l < kWide; ++l) answer.proven[l] = worst[l] >= -costs.tolerance;
     }
 
     HORD_ALWAYS_INLINE void solve() {
-        gather_costs();
+        gather();
         if (rows > 2) return by_least_cost();
         knapsack();
         // What it did not prove is planned like the others, so that the simplex has steps to go on from; what it proved stays.
         double proven_cost[kWide];
         bool proven[kWide], all = true;
-        for (int l = 0; l < kWide; ++l) proven_cost[l] = b.cost[l];
-        for (int l = 0; l < kWide; ++l) proven[l] = b.proven[l];
+        for (int l = 0; l < kWide; ++l) proven_cost[l] = answer.cost[l];
+        for (int l = 0; l < kWide; ++l) proven[l] = answer.proven[l];
         for (int l = 0; l < b.filled; ++l) all = all && proven[l];
         if (all) return;
         by_least_cost();
-        for (int l = 0; l < kWide; ++l) b.cost[l] = proven[l] ? proven_cost[l] : b.cost[l];
-        for (int l = 0; l < kWide; ++l) b.proven[l] = proven[l] || b.proven[l];
+        for (int l = 0; l < kWide; ++l) answer.cost[l] = proven[l] ? proven_cost[l] : answer.cost[l];
+        for (int l = 0; l < kWide; ++l) answer.proven[l] = proven[l] || answer.proven[l];
     }
 
     HORD_ALWAYS_INLINE void by_least_cost() {
@@ -245,24 +258,27 @@ struct Batch {
 };
 
 template <int Bytes, class Mass>
-HORD_ALWAYS_INLINE void solve_batch(SmallBatch<Mass>& batch, const SmallCosts& costs) {
-    Batch<Bytes, Mass>(batch, costs).solve();
+HORD_ALWAYS_INLINE void solve_batch(const SmallBatch<Mass>& batch, const SmallCosts& costs, SmallAnswer<Mass>& answer) {
+    Batch<Bytes, Mass>(batch, costs, answer).solve();
 }
 template <int Bytes>
-HORD_ALWAYS_INLINE void solve_ints(SmallBatch<std::int32_t>& batch, const SmallCosts& costs) {
-    solve_batch<Bytes>(batch, costs);
+HORD_ALWAYS_INLINE void solve_ints(const SmallBatch<std::int32_t>& batch, const SmallCosts& costs, SmallAnswer<std::int32_t>& answer) {
+    solve_batch<Bytes>(batch, costs, answer);
 }
 template <int Bytes>
-HORD_ALWAYS_INLINE void solve_doubles(SmallBatch<double>& batch, const SmallCosts& costs) {
-    solve_batch<Bytes>(batch, costs);
+HORD_ALWAYS_INLINE void solve_doubles(const SmallBatch<double>& batch, const SmallCosts& costs, SmallAnswer<double>& answer) {
+    solve_batch<Bytes>(batch, costs, answer);
 }
 
-HORD_FOR_EACH_ISA(ints_for, void, solve_ints, (SmallBatch<std::int32_t>& batch, const SmallCosts& costs), (batch, costs))
-HORD_FOR_EACH_ISA(doubles_for, void, solve_doubles, (SmallBatch<double>& batch, const SmallCosts& costs), (batch, costs))
+HORD_FOR_EACH_ISA(ints_for, void, solve_ints, (const SmallBatch<std::int32_t>& batch, const SmallCosts& costs, SmallAnswer<std::int32_t>& answer),
+                  (batch, costs, answer))
+HORD_FOR_EACH_ISA(doubles_for, void, solve_doubles, (const SmallBatch<double>& batch, const SmallCosts& costs, SmallAnswer<double>& answer), (batch, costs, answer))
 
 }  // namespace
 
-SolveSmall solve_small(Isa isa) { return ints_for(isa); }
-SolveSmallHeavy solve_small_heavy(Isa isa) { return doubles_for(isa); }
+template <>
+SolveSmall<std::int32_t> solve_small(Isa isa) { return ints_for(isa); }
+template <>
+SolveSmall<double> solve_small(Isa isa) { return doubles_for(isa); }
 
 }  // namespace hord::algo

@@ -27,15 +27,26 @@ constexpr int kFirstSmallColumn = 16;
 constexpr int kSmallNodes = kFirstSmallColumn + kSmallSide;
 constexpr int kMostSmallSteps = 2 * kSmallSide - 1;
 
+// Rows, then columns from kFirstSmallColumn. Masses are positive, and those of either add up to the same.
+template <class Mass>
+struct SmallProblem {
+    Mass mass[kSmallNodes];
+    std::uint8_t bin[kSmallNodes];
+};
+
+// Problems of one shape.
 template <class Mass>
 struct SmallBatch {
     int rows = 0, cols = 0;  // 2 <= rows <= cols <= kSmallSide
-    int filled = 0;          // lanes in use; the others' masses must be positive, too
-    Mass mass[kSmallNodes][kWide];
-    std::uint16_t bin[kSmallNodes][kWide];
-    double cost[kWide];  // out: mass times cost of the plan
-    bool proven[kWide];  // out: it is optimal
-    // Out, where it is not: the plan, a step a row or column that is used up (TransportStep).
+    int filled = 0;          // problems; those after them must be problems, too: what is computed of them is not looked at
+    SmallProblem<Mass> problem[kWide];
+};
+
+template <class Mass>
+struct SmallAnswer {
+    double cost[kWide];  // mass times cost of the plan
+    bool proven[kWide];  // it is optimal
+    // Where it is not: the plan, a step a row or column that is used up (TransportStep).
     std::int32_t child[kMostSmallSteps][kWide], parent[kMostSmallSteps][kWide];
     Mass flow[kMostSmallSteps][kWide];
 };
@@ -46,9 +57,9 @@ struct SmallCosts {
     double tolerance = 0;  // a reduced cost below -tolerance disproves a plan
 };
 
-using SolveSmall = void (*)(SmallBatch<std::int32_t>& batch, const SmallCosts& costs);
-using SolveSmallHeavy = void (*)(SmallBatch<double>& batch, const SmallCosts& costs);
-SolveSmall solve_small(Isa isa);
-SolveSmallHeavy solve_small_heavy(Isa isa);
+template <class Mass>
+using SolveSmall = void (*)(const SmallBatch<Mass>& batch, const SmallCosts& costs, SmallAnswer<Mass>& answer);
+template <class Mass>
+SolveSmall<Mass> solve_small(Isa isa);
 
 }  // namespace hord::algo

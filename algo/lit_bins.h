@@ -19,20 +19,26 @@ class LitBins {
     // Lit in one HORD, or in either of two.
     LitBins(const std::uint16_t* mass, int bins) : LitBins(mass, mass, bins) {}
     LitBins(const std::uint16_t* a, const std::uint16_t* b, int bins) : words_((bins + 63) / 64) {
-        for (int w = 0; w < words_; ++w) {
-            const int end = std::min(bins - w * 64, 64);
-            std::uint64_t bits = 0;
-            int k = 0;
-            for (; k + 16 <= end; k += 16) bits |= sixteen(a + w * 64 + k, b + w * 64 + k) << k;
-            for (; k < end; ++k) bits |= std::uint64_t{(a[w * 64 + k] | b[w * 64 + k]) != 0} << k;
-            word_[w] = bits;
-        }
+        for (int w = 0; w < words_; ++w) word_[w] = word_of(a + w * 64, b + w * 64, std::min(bins - w * 64, 64), w > 0);
     }
 
     [[nodiscard]] int words() const { return words_; }
     [[nodiscard]] std::uint64_t word(int w) const { return word_[w]; }
 
   private:
+    // The last sixteen overlap those before them.
+    static std::uint64_t word_of(const std::uint16_t* a, const std::uint16_t* b, int count, bool more_before) {
+        std::uint64_t bits = 0;
+        int k = 0;
+        for (; k + 16 <= count; k += 16) bits |= sixteen(a + k, b + k) << k;
+        if (k == count) return bits;
+        const int last = count - 16;
+        if (last >= 0) return bits | sixteen(a + last, b + last) << last;
+        if (more_before) return sixteen(a + last, b + last) >> -last;
+        for (; k < count; ++k) bits |= std::uint64_t{(a[k] | b[k]) != 0} << k;
+        return bits;
+    }
+
     static std::uint64_t sixteen(const std::uint16_t* a, const std::uint16_t* b) {
 #if defined(__SSE2__)
         const auto eight = [](const std::uint16_t* p, const std::uint16_t* q) {

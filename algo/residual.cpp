@@ -1,19 +1,29 @@
 #include "algo/residual.h"
 
 #include <algorithm>
+#include <type_traits>
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
 
 namespace hord::algo {
 namespace {
 
 std::size_t index(int k) { return static_cast<std::size_t>(k); }
 
-void keep(const Hord& h, std::int64_t other_sum, int bins, ResidualSide& side) {
+// A mass times a sum is at most S_a * S_b: where that is light, both factors and the product are std::int32_t.
+template <class Mass>
+using Whole = std::conditional_t<std::is_same_v<Mass, std::int32_t>, std::int32_t, std::int64_t>;
+
+template <class Mass>
+void keep(const Hord& h, std::uint32_t other_sum, int bins, ResidualSide<Mass>& side) {
     const LitBins lit(h.mass, bins);
     side.count = 0;
     for (int w = 0; w < lit.words(); ++w) {
         for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);
-            side.mass[index(side.count)] = static_cast<double>(h.mass[k] * other_sum);
+            side.mass[index(side.count)] = static_cast<Mass>(Whole<Mass>{h.mass[k]} * static_cast<Whole<Mass>>(other_sum));
             side.bin[index(side.count)] = static_cast<std::uint8_t>(k);
             ++side.count;
         }
@@ -22,42 +32,136 @@ void keep(const Hord& h, std::int64_t other_sum, int bins, ResidualSide& side) {
 
 }  // namespace
 
-bool ResidualSide::precedes(const ResidualSide& other) const {
-    if (count != other.count) return count < other.count;
-    if (bin[0] != other.bin[0]) return bin[0] < other.bin[0];  // always, where what both share is gone
-    const auto [mine, its] = std::mismatch(bin.begin(), bin.begin() + count, other.bin.begin());
-    if (mine != bin.begin() + count) return *mine < *its;
-    return std::lexicographical_compare(mass.begin(), mass.begin() + count, other.mass.begin(), other.mass.begin() + count);
+template <class Mass>
+bool Residual<Mass>::less_is_rows() const {
+    const int more_first = more.count << 8 | more.bin[0], less_first = less.count << 8 | less.bin[0];
+    if (more_first != less_first) return less_first < more_first;  // always, where what both share is gone
+    const auto end = more.bin.begin() + more.count;
+    const auto [mores, lesss] = std::mismatch(more.bin.begin(), end, less.bin.begin());
+    if (mores != end) return *lesss < *mores;
+    return std::lexicographical_compare(less.mass.begin(), less.mass.begin() + less.count, more.mass.begin(), more.mass.begin() + more.count);
 }
 
-// No branches on the data: they would be guesses.
-void find_residual(const Hord& a, const Hord& b, int bins, ResidualSide& more, ResidualSide& less) {
+// One bin after the other: no branches on the data, they would be guesses.
+template <class Mass>
+void find_residual(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual) {
     const std::uint16_t* const mass_a = a.mass;
     const std::uint16_t* const mass_b = b.mass;
-    const std::int64_t sum_a = a.sum;
-    const std::int64_t sum_b = b.sum;
-    const LitBins lit(mass_a, mass_b, bins);
+    const auto sum_a = static_cast<Whole<Mass>>(a.sum);
+    const auto sum_b = static_cast<Whole<Mass>>(b.sum);
+    Mass* const more_mass = residual.more.mass.data();
+    Mass* const less_mass = residual.less.mass.data();
+    std::uint8_t* const more_bin = residual.more.bin.data();
+    std::uint8_t* const less_bin = residual.less.bin.data();
     std::size_t n_more = 0, n_less = 0;
+    const LitBins lit(mass_a, mass_b, bins);
     for (int w = 0; w < lit.words(); ++w) {
         for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);
-            const std::int64_t d = mass_a[k] * sum_b - mass_b[k] * sum_a;
-            const auto mass = static_cast<double>(d);
-            more.mass[n_more] = mass;
-            more.bin[n_more] = static_cast<std::uint8_t>(k);
+            const Whole<Mass> d = Whole<Mass>{mass_a[k]} * sum_b - Whole<Mass>{mass_b[k]} * sum_a;
+            more_mass[n_more] = static_cast<Mass>(d);
+            more_bin[n_more] = static_cast<std::uint8_t>(k);
             n_more += d > 0 ? 1U : 0U;
-            less.mass[n_less] = -mass;
-            less.bin[n_less] = static_cast<std::uint8_t>(k);
+            less_mass[n_less] = static_cast<Mass>(-d);
+            less_bin[n_less] = static_cast<std::uint8_t>(k);
             n_less += d < 0 ? 1U : 0U;
         }
     }
-    more.count = static_cast<int>(n_more);
-    less.count = static_cast<int>(n_less);
+    residual.more.count = static_cast<int>(n_more);
+    residual.less.count = static_cast<int>(n_less);
 }
 
-void keep_all(const Hord& a, const Hord& b, int bins, ResidualSide& more, ResidualSide& less) {
-    keep(a, b.sum, bins, more);
-    keep(b, a.sum, bins, less);
+template <class Mass>
+void keep_all(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual) {
+    keep(a, b.sum, bins, residual.more);
+    keep(b, a.sum, bins, residual.less);
 }
+
+#if defined(__x86_64__)
+namespace {
+
+// For each set of eight, its members in order.
+constexpr auto kMembers = [] {
+    std::array<std::array<std::uint8_t, 8>, 256> members{};
+    for (std::size_t set = 0; set < 256; ++set) {
+        std::size_t count = 0;
+        for (std::size_t k = 0; k < 8; ++k) {
+            if ((set >> k & 1U) != 0) members[set][count++] = static_cast<std::uint8_t>(k);
+        }
+    }
+    return members;
+}();
+
+#define HORD_AVX2 [[gnu::target("avx2,popcnt")]] static inline
+
+HORD_AVX2 __m128i members(std::size_t set) { return _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kMembers[set].data())); }
+
+HORD_AVX2 __m256i eight(const Hord& h, int first) { return _mm256_cvtepu16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(h.mass + first))); }
+
+HORD_AVX2 std::size_t negative(__m256i eight) { return static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(eight))); }
+
+// One side, as it grows.
+struct Side {
+    std::int32_t* mass;
+    std::uint8_t* bin;
+    std::size_t count = 0;
+};
+
+HORD_AVX2 void add(Side& side, std::size_t set, __m256i mass, __m128i first) {
+    const __m128i which = members(set);
+    const __m256i closed_up = _mm256_permutevar8x32_epi32(mass, _mm256_cvtepu8_epi32(which));
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(side.mass + side.count), closed_up);
+    _mm_storel_epi64(reinterpret_cast<__m128i*>(side.bin + side.count), _mm_add_epi8(which, first));
+    side.count += static_cast<std::size_t>(__builtin_popcountll(set));
+}
+
+// Eight bins from `first` on, of which the first few were there before.
+HORD_AVX2 void add_eight(const Hord& a, const Hord& b, int first, int before, Side& has_more, Side& has_less) {
+    const __m256i from = _mm256_mullo_epi32(eight(a, first), _mm256_set1_epi32(static_cast<int>(b.sum)));
+    const __m256i to = _mm256_mullo_epi32(eight(b, first), _mm256_set1_epi32(static_cast<int>(a.sum)));
+    const __m256i more = _mm256_sub_epi32(from, to), less = _mm256_sub_epi32(to, from);
+    const __m128i bin = _mm_set1_epi8(static_cast<char>(first));
+    add(has_more, negative(less) >> before << before, more, bin);
+    add(has_less, negative(more) >> before << before, less, bin);
+}
+
+// The same integers, eight bins at once.
+[[gnu::target("avx2,popcnt")]] void find_residual_avx2(const Hord& of_a, const Hord& of_b, int bins, Residual<std::int32_t>& residual) {
+    const Hord a = of_a, b = of_b;
+    Side more{residual.more.mass.data(), residual.more.bin.data()}, less{residual.less.mass.data(), residual.less.bin.data()};
+    int k = 0;
+    for (; k + 16 <= bins; k += 16) {
+        const __m256i either = _mm256_or_si256(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(a.mass + k)), _mm256_loadu_si256(reinterpret_cast<const __m256i*>(b.mass + k)));
+        if (_mm256_testz_si256(either, either) != 0) continue;  // neighbours mostly are dark in the same places: this is seldom a wrong guess
+        add_eight(a, b, k, 0, more, less);
+        add_eight(a, b, k + 8, 0, more, less);
+    }
+    if (k + 8 <= bins) {
+        add_eight(a, b, k, 0, more, less);
+        k += 8;
+    }
+    std::uint32_t rest = 0;
+    for (int at = k; at < bins; ++at) rest |= a.mass[at] | b.mass[at];
+    if (rest != 0) add_eight(a, b, bins - 8, 8 - (bins - k), more, less);
+    residual.more.count = static_cast<int>(more.count);
+    residual.less.count = static_cast<int>(less.count);
+}
+
+}  // namespace
+#endif
+
+FindResidual<std::int32_t> find_residual_for([[maybe_unused]] Isa isa) {
+#if defined(__x86_64__)
+    if (isa != Isa::portable) return find_residual_avx2;
+#endif
+    return find_residual<std::int32_t>;
+}
+
+template struct Residual<std::int32_t>;
+template struct Residual<double>;
+template void find_residual(const Hord&, const Hord&, int, Residual<std::int32_t>&);
+template void find_residual(const Hord&, const Hord&, int, Residual<double>&);
+template void keep_all(const Hord&, const Hord&, int, Residual<std::int32_t>&);
+template void keep_all(const Hord&, const Hord&, int, Residual<double>&);
 
 }  // namespace hord::algo

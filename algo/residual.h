@@ -6,28 +6,42 @@
 #include <cstdint>
 
 #include "algo/hord.h"
+#include "algo/isa.h"
 #include "algo/lit_bins.h"
 
 namespace hord::algo {
 
-// Masses on either side add up to less than this: they, and all their sums, are std::int32_t.
+// Masses on either side add up to less than this: they, and all their sums, are std::int32_t. Else they are doubles.
 constexpr double kLightMass = 0x1p31;
 
 // Bins that have too much, or too little, over the common denominator, in order.
+template <class Mass>
 struct ResidualSide {
     int count = 0;
-    std::array<double, kMostBins + 1> mass;  // integers; one more: a loop writes before it decides
-    std::array<std::uint8_t, kMostBins + 1> bin;
+    std::array<Mass, kMostBins + 8> mass{};  // integers; eight more: they are written before it is decided
+    std::array<std::uint8_t, kMostBins + 8> bin{};
+};
+
+template <class Mass>
+struct Residual {
+    ResidualSide<Mass> more, less;
 
     // Which side becomes the rows: the one with fewer bins; of equals the one that comes first in bins, then in masses.
-    // So d(a,b) and d(b,a) are the same problem, and equal to the last bit.
-    [[nodiscard]] bool precedes(const ResidualSide& other) const;
+    // So d(a,b) and d(b,a) are the same problem, and equal to the last bit. Neither side is empty.
+    [[nodiscard]] bool less_is_rows() const;
 };
 
 // Both HORDs have light. `bins` of them, at most kMostBins.
-void find_residual(const Hord& a, const Hord& b, int bins, ResidualSide& more, ResidualSide& less);
+template <class Mass>
+void find_residual(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual);
+
+// The fitting one for light masses: the same integers.
+template <class Mass>
+using FindResidual = void (*)(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual);
+FindResidual<std::int32_t> find_residual_for(Isa isa);
 
 // Where shared mass may have to move, too, because the ground distance is no metric: a * S_b against b * S_a.
-void keep_all(const Hord& a, const Hord& b, int bins, ResidualSide& more, ResidualSide& less);
+template <class Mass>
+void keep_all(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual);
 
 }  // namespace hord::algo
