@@ -243,10 +243,7 @@ chip_missing() {
 }
 
 chip_goes() {
-    start_world /tmp/goes --parts 1000 || return 1
-    to_execution || return 1
-    stop_world
-    start_world /tmp/goes --parts 1000 || return 1
+    start_world /tmp/goes --person 127.0.0.1:502 --parts 1000 || return 1
     to_execution || return 1
     local now began
     now_ms
@@ -258,10 +255,10 @@ chip_goes() {
     systemctl show -P StatusText hordd
     stop_world
     echo 1 >$chip/live
-    start_world /tmp/back --parts 2 || return 1
+    start_world /tmp/back --person 127.0.0.1:502 --parts 2 || return 1
     to_execution || return 1
     wait $world_pid || { cat /tmp/back; return 1; }
-    grep totals /tmp/back | cut -d' ' -f2-
+    grep -E ' (totals|resets) ' /tmp/back | cut -d' ' -f2-
 }
 
 # A camera that only libcamera knows, in the installed service; then it is gone, and comes back.
@@ -278,11 +275,11 @@ libcamera_disconnect() {
     systemctl restart --no-block hordd
     return $rc
 }
-judged_one() { hordctl results --format csv --last 3 | cut -d, -f5-7 | grep -vE 'frame-|device-lost|not-running|strobe|verdict,' | grep .; }
+# By this process, of its camera's frames: neither pass nor reject is said of a part that was not judged.
+has_judged() { [[ $(systemctl show -P StatusText hordd) =~ ([0-9]+)\ pass,\ ([0-9]+)\ reject ]] && [ $((BASH_REMATCH[1] + BASH_REMATCH[2])) -gt 0 ]; }
 libcamera_goes() {
     wait_for 120 executes || { tail -n 5 /run/hordd.log; return 1; }
-    wait_for 120 judged_one || { hordctl results --format csv --last 5 | cut -d, -f5-8; return 1; }
-    hordctl results --format csv --last 2 | cut -d, -f5-8
+    wait_for 120 has_judged || { systemctl show -P StatusText hordd; hordctl results --format csv --last 5 | cut -d, -f5-8; return 1; }
     local now began
     now_ms
     began=$now
@@ -309,10 +306,10 @@ edges_wrong() {
     wait $world_pid
     local rc=$?
     grep -E ' (gone|totals|resets|edges|edges-lost:) ' /tmp/edges | cut -d' ' -f2-
-    hordctl results --format csv --last 16 | cut -d, -f5-7
+    hordctl results --format csv --last 16 | cut -d, -f5-7 | tee /tmp/edges-results
     [ $rc = 0 ] || return 1
     # Both of those that came too close, the part and what followed it, are told as such.
-    [ "$(hordctl results --format csv --last 16 | cut -d, -f7 | grep -c parts-too-close)" = 2 ]
+    [ "$(cut -d, -f3 /tmp/edges-results | grep -c parts-too-close)" = 2 ]
 }
 
 # Each fault of the module at some command; the person clears the belt and resets the station after each stop.
