@@ -9,6 +9,7 @@
 
 #include "algo/compare.h"
 #include "algo/dust.h"
+#include "algo/golden_reader.h"
 #include "algo/light_trend.h"
 #include "algo/mask.h"
 #include "algo/pipeline.h"
@@ -190,6 +191,44 @@ TEST(Reference, weak_defects_are_found_where_they_are_and_named) {
     }
 }
 
+// The mean of several parts' light: of what lies at different places of a lenslet.
+Frame mean_of(const std::vector<Frame>& frames) {
+    Frame mean(frames[0].width_px(), frames[0].height_px(), frames[0].bits());
+    const auto count = static_cast<std::uint32_t>(frames.size());
+    for (int y = 0; y < mean.height_px(); ++y) {
+        for (int x = 0; x < mean.width_px(); ++x) {
+            std::uint32_t sum = count / 2;
+            for (const Frame& frame : frames) sum += frame.view().sample(x, y);
+            mean.set(x, y, sum / count);
+        }
+    }
+    return mean;
+}
+
+// Both make the spread of deflections wider: a dimple because it bends the light of one lenslet to several places.
+TEST(Reference, a_dimple_is_a_surface_and_haze_scatters) {
+    for (const double radius : {1.5, 2.5}) {
+        std::vector<Frame> dimple, haze;
+        for (int k = 0; k < 9; ++k) {
+            const double dx = (k % 3 - 1) / 3.0, dy = (k / 3 - 1) / 3.0;
+            dimple.push_back(part(wobble(7), [&](int m, int n, Spot& s) {
+                const double x = m + dx - 24.3, y = n + dy - 15.2;
+                if (std::hypot(x, y) < radius) s.x += 0.33 * x, s.y += 0.33 * y;
+            }));
+            haze.push_back(part(wobble(7), [&](int m, int n, Spot& s) {
+                if (std::hypot(m - 24, n - 15) < radius && k % 2 == 0 && k != 4) s.x += 4.5 * dx, s.y += 4.5 * dy;  // four ninths of it, by 1.5 bins
+            }));
+        }
+        for (const auto& [frames, kind] : {std::pair(&dimple, DefectKind::surface), std::pair(&haze, DefectKind::scattering)}) {
+            for (const double light : {0.5, 1.0, 2.0}) {
+                const Judged judged = judge(seen(mean_of(*frames), 7, light));
+                ASSERT_EQ(judged.verdict, Verdict::reject) << radius;
+                EXPECT_EQ(judged.defects[0].kind, kind) << radius << " lenslets, light " << light << ", got " << name_of(judged.defects[0].kind);
+            }
+        }
+    }
+}
+
 // One lenslet inside the rim, where the margin of the gradients hides everything.
 TEST(Reference, a_defect_beside_the_rim_is_found) {
     const Pose pose{0.3, -0.2, 0.01};
@@ -298,6 +337,42 @@ TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
         }
     }
     EXPECT_GT(looked_at, 80);
+}
+
+// Along a part's row golden HORDs are interpolated column by column: the same as from all sixteen lenslets around at once, where the row is level.
+TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
+    const Reference& r = learned().reference;
+    GoldenReader reader(r, best_isa());
+    for (const double sine : {0.0, 0.0175}) {
+        const Pose pose{0.37, -0.23, sine};
+        const PoseMap map(pose, kField);
+        int narrow = 0, wide = 0;
+        for (int n = 0; n < kField.n; ++n) {
+            reader.start_row(map, n, 0.8);
+            for (int m = 0; m < kField.m; ++m) {
+                const auto at = map.to_reference(m, n);
+                std::vector<float> alone(r.stride() + 16), along(r.stride() + 16), rows(NarrowRows::kPlaces);
+                const GoldenReader::Golden a = reader.read(at.m, at.n, 0.8, alone.data());
+                GoldenReader::Golden b;
+                reader.read_in_row(at, along.data(), rows.data(), b);
+                ASSERT_EQ(a.known, b.known) << m << ", " << n;
+                ASSERT_EQ(a.has_hord, b.has_hord) << m << ", " << n;
+                if (!a.has_hord) continue;
+                const double close = sine == 0 ? 2e-6 : 0.02;
+                EXPECT_NEAR(b.light, a.light, close * a.light) << m << ", " << n;
+                for (int row = b.lit.top(); b.narrow && row <= b.lit.bottom(); ++row) {
+                    const int first = row * (kField.i + 2) + b.lit.left();
+                    std::copy_n(rows.data() + (NarrowRows::kTop + row - b.lit.top()) * NarrowRows::kPitch + NarrowRows::kFirst + 2, b.lit.right() - b.lit.left() + 1, along.data() + first);
+                }
+                double differs = 0;
+                for (std::size_t k = 0; k < alone.size(); ++k) differs += static_cast<double>(std::abs(alone[k] - along[k]));
+                EXPECT_LT(differs, close) << m << ", " << n << (b.narrow ? ", narrow" : "");
+                ++(b.narrow ? narrow : wide);
+            }
+        }
+        EXPECT_GT(narrow, 300);
+        EXPECT_GT(wide, 100);
+    }
 }
 
 TEST(Reference, the_comparison_has_the_same_bits_on_every_instruction_set) {
