@@ -1,0 +1,133 @@
+// What judging against a reference costs, step by step: the paper's lens, 111x111 lenslets of 9x9 bins, 12 bits, 2,000 electrons a lenslet. Times a lenslet inside the
+// part; features alone are given beside them, for machines differ and are not alone (./dev bench).
+#include <cstdio>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include <benchmark/benchmark.h>
+
+#include "algo/compare.h"
+#include "algo/judge.h"
+#include "algo/mask.h"
+#include "algo/pipeline.h"
+#include "firmware/experiment/detection_parts.h"
+#include "firmware/experiment/scenes.h"
+
+namespace hord::bench {
+namespace {
+
+using namespace firmware;
+
+// A good part, its reference learned from others of its kind, and what the pipeline found on the way to comparing it.
+struct Compared {
+    sim::Scene scene = lens_scene(111);
+    algo::Recipe recipe = production_recipe();
+    algo::Frame frame;
+    algo::Registered registered;
+    std::vector<algo::Deflection> deflections;
+    std::vector<std::uint32_t> sums;
+    std::vector<std::uint8_t> mask;
+    std::vector<float> emd, frobenius;
+    double lenslets = 0;  // inside the part
+
+    Compared() {
+        scene.camera.bits = 12;
+        scene.camera.full_bin_dn = kProductionElectrons / 1.169;  // the source's area, bins
+        scene.noise.electrons_per_dn = static_cast<double>(kProductionGain);
+        scene.noise.read_e = static_cast<double>(kProductionReadDn);
+        const auto light = sim::render(scene).value();
+        std::vector<algo::Frame> frames;
+        for (std::uint64_t k = 0; k <= algo::Reference::kMinParts; ++k) frames.push_back(expose_part(light, scene, 1, k));
+        algo::LearnOptions learning;
+        learning.levels = algo::light_levels(recipe, scene.camera.bits);
+        learning.electrons_per_dn = kProductionGain;
+        learning.read_dn = kProductionReadDn;
+        const algo::Extents& e = scene.camera.extents;
+        auto learned = algo::learn_reference(e, scene.camera.bits, algo::Reference::kMinParts, [&](std::size_t k) -> Result<algo::Frame> { return frames[k]; }, learning);
+        recipe.reference = std::make_shared<const algo::Reference>(std::move(learned.value().reference));
+        frame = std::move(frames.back());
+        auto pipeline = algo::Pipeline::create(e, scene.camera.bits, recipe).value();
+        const auto found = pipeline.inspect(frame.view()).value();
+        registered = found.registered;
+        sums.assign(found.sums.begin(), found.sums.end());
+        mask.assign(found.mask.begin(), found.mask.end());
+        emd.assign(found.emd.begin(), found.emd.end());
+        frobenius.assign(found.frobenius.begin(), found.frobenius.end());
+        deflections.resize(e.lenslets());
+        algo::HordRow row(e);
+        for (int n = 0; n < e.n; ++n) {
+            algo::decode_row(frame.view(), e, recipe.reference->levels, n, row);
+            algo::mean_deflections(row, std::span(deflections).subspan(static_cast<std::size_t>(n * e.m), static_cast<std::size_t>(e.m)));
+        }
+        for (const std::uint8_t bits : mask) lenslets += (bits & algo::kOutside) == 0 ? 1 : 0;
+    }
+};
+const Compared& compared() {
+    static const Compared all;
+    return all;
+}
+
+void a_lenslet(benchmark::State& state) {
+    state.counters["a_lenslet"] = benchmark::Counter(compared().lenslets, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+}
+
+void inspect(benchmark::State& state, bool with_reference) {
+    const Compared& c = compared();
+    algo::Recipe recipe = c.recipe;
+    if (!with_reference) recipe.reference = nullptr;
+    auto pipeline = algo::Pipeline::create(c.scene.camera.extents, c.scene.camera.bits, recipe).value();
+    for (auto _ : state) benchmark::DoNotOptimize(pipeline.inspect(c.frame.view())->score);
+    a_lenslet(state);
+}
+
+void find_pose(benchmark::State& state) {
+    const Compared& c = compared();
+    const algo::Reference& r = *c.recipe.reference;
+    algo::Registrar registrar(r.extents);
+    for (auto _ : state) benchmark::DoNotOptimize(registrar.find(r.maps(), c.deflections, c.sums, c.mask, static_cast<double>(r.sensor.electrons_per_dn), r.parts).light);
+    a_lenslet(state);
+}
+
+std::vector<algo::Difference> compare_all(algo::Comparer& comparer) {
+    const Compared& c = compared();
+    const algo::Extents& e = c.scene.camera.extents;
+    const algo::PoseMap pose(c.registered.pose, e);
+    std::vector<algo::Difference> all(e.lenslets());
+    const auto columns = static_cast<std::size_t>(e.m);
+    for (int n = 0; n < e.n; ++n) {
+        const auto at = static_cast<std::size_t>(n) * columns;
+        comparer.compare_row(c.frame.view(), std::span(c.sums).subspan(at, columns), std::span(c.mask).subspan(at, columns), n, pose, c.registered.light, std::span(all).subspan(at, columns));
+    }
+    return all;
+}
+
+void compare(benchmark::State& state, algo::Isa isa) {
+    if (!algo::has(isa)) return state.SkipWithError("not on this processor");
+    algo::Comparer comparer(*compared().recipe.reference, isa);
+    for (auto _ : state) benchmark::DoNotOptimize(compare_all(comparer).data());
+    a_lenslet(state);
+}
+
+void judge(benchmark::State& state) {
+    const Compared& c = compared();
+    algo::Comparer comparer(*c.recipe.reference);
+    const auto differences = compare_all(comparer);
+    algo::Judge judge(c.scene.camera.extents, c.recipe);
+    std::vector<float> surprise(differences.size());
+    for (auto _ : state) benchmark::DoNotOptimize(judge.find({differences, c.emd, c.frobenius, c.mask}, c.registered.pose, surprise).score);
+    a_lenslet(state);
+}
+
+BENCHMARK_CAPTURE(inspect, alone, false)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(inspect, against_a_reference, true)->Unit(benchmark::kMillisecond);
+BENCHMARK(find_pose)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(compare, portable, algo::Isa::portable)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(compare, avx2, algo::Isa::avx2)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(compare, avx512, algo::Isa::avx512)->Unit(benchmark::kMillisecond);
+BENCHMARK(judge)->Unit(benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace hord::bench
+
+BENCHMARK_MAIN();
