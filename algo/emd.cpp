@@ -120,11 +120,10 @@ void EmdSolver::State::submit_as(Format<Mass>& format, const Hord& a, const Hord
     } else {
         keep_all(a, b, ground.bins(), residual);
     }
-    expect_no_overflow(total(residual.more) == total(residual.less) && total(residual.more) <= mass);
-    if (residual.more.count == 0) return;  // nothing has to move
-    const bool swap = residual.less_is_rows();
-    const ResidualSide<Mass>& rows = swap ? residual.less : residual.more;
-    const ResidualSide<Mass>& cols = swap ? residual.more : residual.less;
+    expect_no_overflow(total(residual.side[0]) == total(residual.side[1]) && total(residual.side[0]) <= mass);
+    if (residual.side[0].count == 0) return;  // nothing has to move
+    const std::size_t of_rows = residual.rows();
+    const ResidualSide<Mass>&rows = residual.side[of_rows], &cols = residual.side[1 - of_rows];
     if (rows.count == 1) {
         *out = from_one(rows, cols) / mass;
     } else if (cols.count > kSmallSide) {

@@ -3,7 +3,7 @@
 // Masses. h = a / S_a and g = b / S_b are never divided out. Over the common denominator S_a * S_b their
 // difference is d = a * S_b - b * S_a, an integer: nothing is rounded before the cost is evaluated.
 //   range    a mass < 2^16 and a sum < 2^24, so |d| < 2^40 and the mass on either side is at most
-//            S_a * S_b < 2^48. Masses are held in doubles, which hold every integer up to 2^53: no overflow, no
+//            S_a * S_b < 2^48. Masses are std::int32_t where that is below 2^31, else doubles, which hold every integer up to 2^53: no overflow, no
 //            rounding in any sum, difference or minimum of them.
 //   error    costs and dual variables are doubles. A plan is accepted only when every reduced cost, computed in
 //            double precision, is at least -2^-36 of the largest cost; the result is that plan's cost. So it is above

@@ -44,10 +44,20 @@ struct Batch {
         for (int i = 0; i < rows; ++i) transpose(i, costs.bins);
         for (int j = 0; j < cols; ++j) transpose(column(j), 1);
         for (int i = 0; i < rows; ++i) {
+            const Ints begin = Ints::at(bin[i]);
             for (int j = 0; j < cols; ++j) {
-                for (int l = 0; l < kWide; ++l) cost[cell(i, j)][l] = costs.table[bin[i][l] + bin[column(j)][l]];
+                std::uint32_t place[kWide];
+                (begin + Ints::at(bin[column(j)])).template bits_as<std::uint32_t>().to(place);
+                double* const c = cost[cell(i, j)];
+                for (int l = 0; l < kWide; ++l) c[l] = costs.table[place[l]];
             }
         }
+    }
+
+    HORD_ALWAYS_INLINE Doubles masses(int node) const {
+        double exact[kWide];
+        for (int l = 0; l < kWide; ++l) exact[l] = static_cast<double>(mass[node][l]);
+        return Doubles::at(exact);
     }
 
     HORD_ALWAYS_INLINE void set_key(int cell, Floats order) {
@@ -110,7 +120,9 @@ struct Batch {
         }
         for (int l = 0; l < kWide; ++l) total[l] = 1 / total[l];
         const auto prepare = [&](int node) __attribute__((always_inline)) {
-            for (int l = 0; l < kWide; ++l) share[node][l] = static_cast<float>(static_cast<double>(mass[node][l]) * total[l]);
+            double exact[kWide];
+            (masses(node) * Doubles::at(total)).to(exact);
+            for (int l = 0; l < kWide; ++l) share[node][l] = static_cast<float>(exact[l]);
             Floats::all(0).to(mean[node]);
         };
         for (int i = 0; i < rows; ++i) prepare(i);
@@ -206,19 +218,21 @@ struct Batch {
         for (int j = 0; j < cols; ++j) use_up(column(j), col);
     }
 
-    HORD_ALWAYS_INLINE Doubles masses(int node) const {
-        double exact[kWide];
-        for (int l = 0; l < kWide; ++l) exact[l] = static_cast<double>(mass[node][l]);
-        return Doubles::at(exact);
-    }
-
     // The proof: duals from the last node to close backwards, and no cell below zero. The cost is that of the duals.
     HORD_ALWAYS_INLINE void prove(const std::int32_t (*served)[kWide]) {
         double dual[kSmallNodes][kWide];
+        double* const duals = dual[0];
+        const double* const cell_costs = cost[0];
         const int steps = rows + cols - 1;
         for (int l = 0; l < kWide; ++l) dual[answer.parent[steps - 1][l]][l] = 0;
         for (int step = steps - 1; step >= 0; --step) {
-            for (int l = 0; l < kWide; ++l) dual[answer.child[step][l]][l] = cost[served[step][l]][l] - dual[answer.parent[step][l]][l];
+            std::uint32_t child[kWide], parent[kWide], by[kWide];  // where a lane's are, from the first on
+            const auto place = [](const std::int32_t* of) __attribute__((always_inline)) { return ((Ints::at(of) << 4) + Ints::numbers()).template bits_as<std::uint32_t>(); };
+            static_assert(kWide == 1 << 4);
+            place(answer.child[step]).to(child);
+            place(answer.parent[step]).to(parent);
+            place(served[step]).to(by);
+            for (int l = 0; l < kWide; ++l) duals[child[l]] = cell_costs[by[l]] - duals[parent[l]];
         }
         Doubles least = Doubles::all(0), sum = Doubles::all(0);
         for (int i = 0; i < rows; ++i) {

@@ -33,13 +33,13 @@ void keep(const Hord& h, std::uint32_t other_sum, int bins, ResidualSide<Mass>& 
 }  // namespace
 
 template <class Mass>
-bool Residual<Mass>::less_is_rows() const {
-    const int more_first = more.count << 8 | more.bin[0], less_first = less.count << 8 | less.bin[0];
-    if (more_first != less_first) return less_first < more_first;  // always, where what both share is gone
+std::size_t Residual<Mass>::rows_of_alike() const {
+    const ResidualSide<Mass>&more = side[kMore], &less = side[kLess];
     const auto end = more.bin.begin() + more.count;
-    const auto [mores, lesss] = std::mismatch(more.bin.begin(), end, less.bin.begin());
-    if (mores != end) return *lesss < *mores;
-    return std::lexicographical_compare(less.mass.begin(), less.mass.begin() + less.count, more.mass.begin(), more.mass.begin() + more.count);
+    const auto [of_more, of_less] = std::mismatch(more.bin.begin(), end, less.bin.begin());
+    const bool less_first = of_more != end ? *of_less < *of_more
+                                           : std::lexicographical_compare(less.mass.begin(), less.mass.begin() + less.count, more.mass.begin(), more.mass.begin() + more.count);
+    return less_first ? kLess : kMore;
 }
 
 // One bin after the other: no branches on the data, they would be guesses.
@@ -49,32 +49,29 @@ void find_residual(const Hord& a, const Hord& b, int bins, Residual<Mass>& resid
     const std::uint16_t* const mass_b = b.mass;
     const auto sum_a = static_cast<Whole<Mass>>(a.sum);
     const auto sum_b = static_cast<Whole<Mass>>(b.sum);
-    Mass* const more_mass = residual.more.mass.data();
-    Mass* const less_mass = residual.less.mass.data();
-    std::uint8_t* const more_bin = residual.more.bin.data();
-    std::uint8_t* const less_bin = residual.less.bin.data();
+    auto& [more, less] = residual.side;
     std::size_t n_more = 0, n_less = 0;
     const LitBins lit(mass_a, mass_b, bins);
     for (int w = 0; w < lit.words(); ++w) {
         for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);
             const Whole<Mass> d = Whole<Mass>{mass_a[k]} * sum_b - Whole<Mass>{mass_b[k]} * sum_a;
-            more_mass[n_more] = static_cast<Mass>(d);
-            more_bin[n_more] = static_cast<std::uint8_t>(k);
+            more.mass[n_more] = static_cast<Mass>(d);
+            more.bin[n_more] = static_cast<std::uint8_t>(k);
             n_more += d > 0 ? 1U : 0U;
-            less_mass[n_less] = static_cast<Mass>(-d);
-            less_bin[n_less] = static_cast<std::uint8_t>(k);
+            less.mass[n_less] = static_cast<Mass>(-d);
+            less.bin[n_less] = static_cast<std::uint8_t>(k);
             n_less += d < 0 ? 1U : 0U;
         }
     }
-    residual.more.count = static_cast<int>(n_more);
-    residual.less.count = static_cast<int>(n_less);
+    more.count = static_cast<int>(n_more);
+    less.count = static_cast<int>(n_less);
 }
 
 template <class Mass>
 void keep_all(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual) {
-    keep(a, b.sum, bins, residual.more);
-    keep(b, a.sum, bins, residual.less);
+    keep(a, b.sum, bins, residual.side[residual.kMore]);
+    keep(b, a.sum, bins, residual.side[residual.kLess]);
 }
 
 #if defined(__x86_64__)
@@ -128,7 +125,8 @@ HORD_AVX2 void add_eight(const Hord& a, const Hord& b, int first, int before, Si
 // The same integers, eight bins at once.
 [[gnu::target("avx2,popcnt")]] void find_residual_avx2(const Hord& of_a, const Hord& of_b, int bins, Residual<std::int32_t>& residual) {
     const Hord a = of_a, b = of_b;
-    Side more{residual.more.mass.data(), residual.more.bin.data()}, less{residual.less.mass.data(), residual.less.bin.data()};
+    auto& [has_more, has_less] = residual.side;
+    Side more{has_more.mass.data(), has_more.bin.data()}, less{has_less.mass.data(), has_less.bin.data()};
     int k = 0;
     for (; k + 16 <= bins; k += 16) {
         const __m256i either = _mm256_or_si256(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(a.mass + k)), _mm256_loadu_si256(reinterpret_cast<const __m256i*>(b.mass + k)));
@@ -143,8 +141,8 @@ HORD_AVX2 void add_eight(const Hord& a, const Hord& b, int first, int before, Si
     std::uint32_t rest = 0;
     for (int at = k; at < bins; ++at) rest |= a.mass[at] | b.mass[at];
     if (rest != 0) add_eight(a, b, bins - 8, 8 - (bins - k), more, less);
-    residual.more.count = static_cast<int>(more.count);
-    residual.less.count = static_cast<int>(less.count);
+    has_more.count = static_cast<int>(more.count);
+    has_less.count = static_cast<int>(less.count);
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 
 #include "algo/hord.h"
@@ -11,7 +12,8 @@
 
 namespace hord::algo {
 
-// Masses on either side add up to less than this: they, and all their sums, are std::int32_t. Else they are doubles.
+// Masses on either side add up to less than this (S_a * S_b, which also bounds a mass times a sum): they, all their sums and the two products of
+// d are std::int32_t, and nothing overflows. Else the products are std::int64_t, below 2^40, and the masses doubles.
 constexpr double kLightMass = 0x1p31;
 
 // Bins that have too much, or too little, over the common denominator, in order.
@@ -24,18 +26,26 @@ struct ResidualSide {
 
 template <class Mass>
 struct Residual {
-    ResidualSide<Mass> more, less;
+    static constexpr std::size_t kMore = 0, kLess = 1;
+    std::array<ResidualSide<Mass>, 2> side;  // what has too much, what has too little
 
-    // Which side becomes the rows: the one with fewer bins; of equals the one that comes first in bins, then in masses.
+    // The side that becomes the rows: that with fewer bins; of equals the one that comes first in bins, then in masses.
     // So d(a,b) and d(b,a) are the same problem, and equal to the last bit. Neither side is empty.
-    [[nodiscard]] bool less_is_rows() const;
+    [[nodiscard]] std::size_t rows() const {
+        const int more = side[kMore].count << 8 | side[kMore].bin[0], less = side[kLess].count << 8 | side[kLess].bin[0];
+        if (more == less) [[unlikely]] return rows_of_alike();  // never, where what both share is gone
+        return less < more ? kLess : kMore;
+    }
+
+  private:
+    [[nodiscard]] std::size_t rows_of_alike() const;
 };
 
 // Both HORDs have light. `bins` of them, at most kMostBins.
 template <class Mass>
 void find_residual(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual);
 
-// The fitting one for light masses: the same integers.
+// For light masses, S_a * S_b < kLightMass: one bin after the other, or eight at once; the same integers.
 template <class Mass>
 using FindResidual = void (*)(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual);
 FindResidual<std::int32_t> find_residual_for(Isa isa);
