@@ -20,16 +20,17 @@ using hal::TimePoint;
 constexpr const char* kProcesses = "/sys/fs/cgroup/system.slice/hordd.service/cgroup.procs";
 constexpr auto kPatience = 120s;  // for a permit to fall
 
-// What is aimed at, in this order, again and again: where a phase begins, and of how long a time from there the moment is drawn. The frame is
-// judged in the beginning of the time after it was sent; "the belt runs" is any moment of four parts' ways.
+// What is aimed at, in this order, again and again: where a phase begins, and of how long a time from there the moment is drawn: a little less
+// than the phase lasts (of a frame that was sent: until the next part's edge), so that one kill is enough to hit it. The frame is judged in
+// the beginning of that time. "The belt runs" is any moment of the first parts' ways, ends of phases among them.
 struct Aim {
     Phase at;
     Duration within;
 };
-constexpr std::array<Aim, 6> kAims = {{{Phase::light_on, 200ms},
-                                       {Phase::ejector_out, 800ms},
-                                       {Phase::edge_seen, 600ms},
-                                       {Phase::light_was_on, 250ms},
+constexpr std::array<Aim, 6> kAims = {{{Phase::light_on, 180ms},
+                                       {Phase::ejector_out, 760ms},
+                                       {Phase::edge_seen, 560ms},
+                                       {Phase::light_was_on, 230ms},
                                        {Phase::frame_sent, 800ms},
                                        {Phase::belt_runs, 9s}}};
 constexpr std::array<std::pair<Phase, const char*>, 6> kPhases = {{{Phase::belt_runs, "belt empty"},
