@@ -167,7 +167,8 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
     Table contrast_table{{"scene", "radius, lenslets", "EMD gradient", "EMD gradient, dark lenslets taken as evenly lit", "here", "here / EMD gradient", "surest possible", "surest possible / EMD gradient", "averaged over the defect: EMD gradient", "dark evenly lit", "here", "here / EMD gradient"}, {}};
     Table places{{"right of and below a lenslet's middle, lenslets", "EMD gradient", "here", "here / EMD gradient", "surest possible", "surest possible / EMD gradient"}, {}};
     std::vector<double> place_ratios, surest_ratios;  // of the places between the lenslets
-    double cut_emd = 0, cut_here = 0, cut_surest = 0;
+    double cut_emd = 0, cut_surest = 0;
+    int above_surest = 0;  // places
     for (const Json& scene : r.contrast) {
         const auto median = [&](const char* how, const char* map) { return quantile(numbers(scene[how][map]), 0.5); };
         const auto over = [](double here, double emd) { return here / std::max(emd, 1.0); };  // what shows less than one sigma counts as one
@@ -178,9 +179,10 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
             places.rows.push_back({fmt::format("{:.2f}, {:.2f}", scene["beside"][0].get<double>(), scene["beside"][1].get<double>()), fmt::format("{:.1f}", emd), fmt::format("{:.1f}", surprise), fmt::format("{:.1f}x", ratio),
                                    fmt::format("{:.1f}", surest), fmt::format("{:.1f}x", surest_ratio)});
             place_ratios.push_back(ratio), surest_ratios.push_back(surest_ratio);
+            above_surest += surprise > surest ? 1 : 0;
             continue;
         }
-        if (name == "cut") cut_emd = emd, cut_here = surprise, cut_surest = surest;
+        if (name == "cut") cut_emd = emd, cut_surest = surest;
         if (name == "cut" || name == "bubble") {
             least_ratio = std::min(least_ratio, ratio);
             contrasts += fmt::format("{}{}: {:.1f}x (EMD gradient {:.1f}, here {:.1f} clean sigmas, median of {} exposures)", contrasts.empty() ? "" : "; ", name, ratio, emd, surprise, scene["each"]["emd"].size());
@@ -312,21 +314,22 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
                           "Intervals of an AUC draw whole poses again, not exposures.\n",
                           r.poses, r.bubble_exposures, r.flaw_exposures, r.slope_poses, r.slope_poses);
     missed += "- Good parts of this production differ by how they lie and by noise alone, not in form: a real part's tolerances widen the spread that is learned, and hide what is weaker.\n";
+    const auto beyond_reach = std::ranges::count_if(surest_ratios, [](double ratio) { return ratio < 2; });
     const std::string contrast_text = fmt::format(
         "In standard deviations of the clean part, 111x111 lenslets, 2,000 electrons a lenslet, median of exposures. Lenslet by lenslet: the mean over the defect and 1.5 lenslets around it less the clean mean, over the standard "
         "deviation of single lenslets. Averaged: both maps are averaged over a disc of that size first, and the noise is that of such discs. Each map counts where it has a value: a dark lenslet has no EMD gradient, "
         "unless it is taken as evenly lit (the paper leaves that open), but its missing light has a score. The hollows are as wide as the cut, and bend light at their rim by so much.\n\n{}\n"
         "In the cut most of the light leaves the bins, and how it lies between the lenslets decides what is left of it. Its middle at {} places, the contrast lenslet by lenslet, median of exposures ({}):\n\n{}\n"
         "What could any score have? *Surest possible* is computed from each exposure, lenslet by lenslet: the root of twice the logarithm of how much likelier its bins are under what they show than under the good part, less what "
-        "noise alone has, with nothing but photon and reading noise (a bin where good parts have no light counts with its reading noise: 300 electrons there are 150 sigmas), and told like the scores here in their clean standard "
-        "deviation. Even a test that was made for exactly this flaw and knows the good part exactly is not surer, if good parts exceed it as rarely as a normal number (Neyman and Pearson); where all of N electrons are missing that is the root of 2 N, {:.0f}. "
-        "Of the cut where the paper has it that is {:.1f}, {:.2f}x of the EMD gradient's {:.1f}; of the {} places between the lenslets it is below 2x at {}, {:.2f}x at the least. {}{}"
+        "noise alone has, with nothing but photon and reading noise (a bin where good parts have no light counts with its reading noise: 300 electrons there are 150 sigmas; where all of N electrons are missing it is the root of 2 N, {:.0f}), and told like the scores here in units of their clean standard "
+        "deviation. Even a test that was made for exactly this flaw and knows the good part exactly is hardly surer, if good parts exceed it as rarely as a normal number (Neyman and Pearson). "
+        "Of the cut in the first table that is {:.1f}, {:.2f}x of the EMD gradient's {:.1f}; of the {} places between the lenslets it is below 2x at {}, {:.2f}x at the least. {}{}"
         "The EMD gradient is told in units of its clean spread, too, however far light went: a few lenslets in the middle of the cut, whose light went from one end of the bins to the other, have hundreds of these each, more than their light can be sure of, "
         "and it has no value where all light is missing. Taken as evenly lit, dark lenslets get gradients of several bins by decree, and the EMD gradient shows gross defects best. What a reference is for are the faint ones.\n",
         to_markdown(contrast_table), place_ratios.size(), by_place, to_markdown(places), std::sqrt(2 * kProductionElectrons), cut_surest, cut_surest / std::max(cut_emd, 1.0), cut_emd, surest_ratios.size(),
-        std::ranges::count_if(surest_ratios, [](double ratio) { return ratio < 2; }), surest_ratios.empty() ? 0.0 : std::ranges::min(surest_ratios),
-        cut_surest < 2 * cut_emd ? "So no such score can have twice the EMD gradient's contrast there. " : "",
-        cut_here > cut_surest ? fmt::format("The scores here have {:.1f}, more than that: they are not surer, but tell a bend in standard deviations of its own noise, however far light went, as a measure and not as a probability. ", cut_here) : "");
+        beyond_reach, surest_ratios.empty() ? 0.0 : std::ranges::min(surest_ratios),
+        beyond_reach > 0 ? "At these no such score can have twice the EMD gradient's contrast, whatever it is made of. " : "",
+        above_surest > 0 ? fmt::format("At {} of the places the scores here have more than the surest possible: they are not surer, but tell a bend in standard deviations of its own noise, however far light went, as a measure and not as a probability. ", above_surest) : "");
     std::vector<std::pair<std::string, std::string>> plots;
     const auto picture = [&](const char* name, const char* of, bool any, const std::function<std::string()>& script) -> std::string {
         if (!any) return "Not measured: the run was interrupted before.\n\n";
