@@ -1,5 +1,6 @@
 #include "algo/bands.h"
 
+#include <algorithm>
 #include <condition_variable>
 #include <mutex>
 #include <string>
@@ -8,6 +9,12 @@
 #include <vector>
 
 namespace hord::algo {
+namespace {
+
+constexpr int kBandsAThread = 4;
+constexpr int kFewestRows = 16;
+
+}  // namespace
 
 struct BandCrew::State {
     std::mutex mutex;
@@ -71,6 +78,11 @@ BandCrew::~BandCrew() {
 }
 
 int BandCrew::threads() const { return static_cast<int>(state_->others.size()) + 1; }
+
+int BandCrew::rows_a_band(int rows) const {
+    const int bands = threads() == 1 ? 1 : threads() * kBandsAThread;
+    return std::max((rows + bands - 1) / bands, std::min(rows, kFewestRows));
+}
 
 void BandCrew::share_out(int bands, Call call, void* context) {
     State& state = *state_;

@@ -22,6 +22,10 @@ class BandCrew {
 
     [[nodiscard]] int threads() const;
 
+    // Rows for a band to have where each band also reads the row before and the row after it: all of them for one thread, else few
+    // bands a thread, so that little is read twice, yet no thread waits long for another that was held up.
+    [[nodiscard]] int rows_a_band(int rows) const;
+
     // Calls work(worker, band) once for every band 0..bands-1, worker being 0 (the calling thread) to threads()-1, and
     // returns when all are done. `work` must not throw. Not to be called by two threads at once.
     template <class Work>

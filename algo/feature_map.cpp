@@ -13,7 +13,7 @@
 namespace hord::algo {
 namespace {
 
-// Rows a band has; it decodes one row more at either end. The distances of a band are asked for before they are finished, so that
+// Rows a band has pair by pair; it decodes one row more at either end. The distances of a band are asked for before they are finished, so that
 // the solver finds many small problems alike.
 constexpr int kBandRows = 16;
 
@@ -69,7 +69,7 @@ FeatureMap FeatureMapper::State::in_bands(Band compute) {
     for (Worker& worker : workers) {
         if (worker.by_pairs) worker.by_pairs->at_limit = 0;
     }
-    const int rows = crew->threads() == 1 && workers[0].by_planes ? extents.n : kBandRows;
+    const int rows = workers[0].by_planes ? crew->rows_a_band(extents.n) : kBandRows;
     crew->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
         compute(workers[static_cast<std::size_t>(worker)], band * rows, std::min((band + 1) * rows, extents.n));
     });

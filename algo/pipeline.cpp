@@ -137,7 +137,7 @@ struct Pipeline::Workspace {
 
 // The gradients of every row, and what the rest needs of the HORDs.
 void Pipeline::Workspace::compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times) {
-    const int rows = crew->threads() == 1 ? extents.n : kBandRows;
+    const int rows = crew->rows_a_band(extents.n);
     crew->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
         Stopwatch untimed(nullptr);
         StageTimes nobodys;

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <memory>
 #include <vector>
@@ -25,6 +26,19 @@ TEST(BandCrew, works_on_every_band_once_whatever_the_number_of_threads) {
             EXPECT_EQ(strangers, 0);
         }
     }
+}
+
+TEST(BandCrew, gives_one_thread_one_band_and_many_a_few_each) {
+    for (const int rows : {3, 16, 17, 100, 555, 2048}) {
+        EXPECT_EQ((*BandCrew::create(1))->rows_a_band(rows), rows);
+        for (const int threads : {2, 3, 8}) {
+            const int of_band = (*BandCrew::create(threads))->rows_a_band(rows);
+            EXPECT_GE(of_band, std::min(rows, 16));
+            EXPECT_LE(of_band, rows);
+            EXPECT_LE((rows + of_band - 1) / of_band, 4 * threads);
+        }
+    }
+    EXPECT_EQ((*BandCrew::create(2))->rows_a_band(555), 70);
 }
 
 TEST(BandCrew, shows_the_caller_what_the_others_wrote) {
