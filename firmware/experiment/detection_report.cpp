@@ -20,9 +20,10 @@ constexpr int kRepeats = 1000;  // of a bootstrap
 
 using Parts = std::vector<JudgedPart>;
 
-const Parts& parts_of(const DetectionResults& r, const std::string& figure) {
+// The name by value: of a reference to one GCC 14 takes the result for a part of it, which dangles.
+const Parts& parts_of(const DetectionResults& r, std::string_view figure) {
     static const Parts kNone;
-    const auto found = r.parts.find(figure);
+    const auto found = r.parts.find(std::string(figure));
     return found == r.parts.end() ? kNone : found->second;
 }
 bool finished(const DetectionResults& r, const std::string& figure) {
