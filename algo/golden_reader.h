@@ -79,6 +79,8 @@ class GoldenReader {
 
     // `reference` outlives it.
     GoldenReader(const Reference& reference, Isa isa);
+    GoldenReader(GoldenReader&&) noexcept = default;  // its columns point into its own memory: it is not copied
+    GoldenReader& operator=(GoldenReader&&) = delete;
 
     // At a place of the reference, lenslets. `bins` receives lines of golden bins, as shares at `light` times the reference's light; the rest of it is left
     // alone. There is room for a Reference's stride.
