@@ -22,7 +22,7 @@ namespace {
 using namespace hord::algo;
 
 constexpr int kTile = 64;  // lenslets a side that are drawn
-constexpr int kRounds = 7;
+constexpr int kRounds = 5;
 constexpr Feature kFeatures[] = {Feature::emd, Feature::chi2, Feature::jacobian_frobenius};
 
 struct Scene {
