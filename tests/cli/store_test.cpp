@@ -48,7 +48,7 @@ TEST(Store, of_a_simulated_line_holds_every_part_verifies_and_replays_to_the_bit
     for (std::string row; std::getline(told, row);) {
         if (row.empty() || row[0] != '{') continue;
         const Json json = Json::parse(row);
-        EXPECT_EQ(verdicts[json["part"].get<int>()], json["verdict"]) << row;
+        EXPECT_EQ(verdicts[json["part"].get<int>()], json["verdict"].get<std::string>()) << row;
     }
     EXPECT_EQ(lines(run("hordctl", {"results", "--store", store, "--last", "3", "--format", "csv"}).out), 1U + 3U);
     EXPECT_THAT(run("hordctl", {"results", "changes", "--store", store}).out, HasSubstr("start"));
