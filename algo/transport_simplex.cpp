@@ -17,9 +17,14 @@ using Outcome = TransportSimplex::Outcome;
 
 constexpr int kLanes = 8;
 constexpr int kPivotsANode = 200;
+constexpr int kRowsToPrice = 48;  // all of them before the best of their cells enters; where there are more
+constexpr int kRowsAtOnce = 20;   // so many
 constexpr std::int32_t kLargestCost = 1 << 27;    // as a cell
 constexpr std::int32_t kPadding = 1 << 30;        // the cost of what is no column
 constexpr std::int32_t kLargestDual = 1 << 29;    // so that a reduced cost is below 2^31, and that of padding above 0
+// Costs are made so many bits coarser where dual variables leave that range, at most three times: no tree's leave it then, for on a path of
+// 449 arcs they are at most 225 of the largest cost, 2^21.
+constexpr int kCoarser = 2;
 constexpr std::int32_t kSetAside = 1 << 28;       // is added to what is to be the least no longer
 constexpr std::int32_t kClosed = std::numeric_limits<std::int32_t>::max();
 constexpr double kNoCost = 1e30;                  // of padding, in double precision
@@ -91,7 +96,7 @@ struct Problem {
     const int first_column;   // among nodes
     const int col_bits;       // of a cell's tag
     const std::int32_t tags;  // all of its bits
-    std::int32_t* const cells;  // rows x stride
+    std::int32_t* const cells;
 
     HORD_ALWAYS_INLINE Problem(TransportWorkspace& workspace, const Transport& problem)
         : w(workspace), p(problem), stride(padded(problem.cols)), first_column(padded(problem.rows)), col_bits(bits_for(stride)),
@@ -102,20 +107,28 @@ struct Problem {
     HORD_ALWAYS_INLINE int row_of(std::int32_t cell) const { return (cell & tags) >> col_bits; }
     HORD_ALWAYS_INLINE int col_of(std::int32_t cell) const { return cell & ((1 << col_bits) - 1); }
 
-    HORD_ALWAYS_INLINE void gather_costs() {
+    // `coarser`: by so many bits.
+    HORD_ALWAYS_INLINE void gather_costs(int coarser) {
         std::int32_t* const bin = w.col_bin.data();
         for (int j = 0; j < p.cols; ++j) bin[j] = p.col_bin[j];
         for (int j = p.cols; j < stride; ++j) bin[j] = w.bins;
         for (int i = 0; i < p.rows; ++i) {
             const std::int32_t* from = w.rough_cost.data() + static_cast<std::ptrdiff_t>(p.row_bin[i]) * (w.bins + 1);
             std::int32_t* to = cells_of(i);
-            for (int j = 0; j < stride; ++j) to[j] = from[bin[j]];
+            for (int j = 0; j < stride; j += kLanes) {
+                for (int l = 0; l < kLanes; ++l) to[j + l] = from[bin[j + l]];
+            }
+            for (int j = 0; coarser != 0 && j < p.cols; ++j) to[j] >>= coarser;
         }
         // In a loop of its own, when what was written is no longer on its way.
-        const Ints half = Ints::all(tags / 2 + 1), no_tag = Ints::all(~tags);
+        const Ints half = Ints::all(tags / 2 + 1), no_tag = Ints::all(~tags), next = Ints::all(kLanes);
         for (int i = 0; i < p.rows; ++i) {
             std::int32_t* here = cells_of(i);
-            for (int j = 0; j < stride; j += kLanes) (((Ints::at(here + j) + half) & no_tag) + Ints::numbers() + Ints::all(i << col_bits | j)).to(here + j);
+            Ints tag = Ints::numbers() + Ints::all(i << col_bits);
+            for (int j = 0; j < stride; j += kLanes) {
+                (((Ints::at(here + j) + half) & no_tag) + tag).to(here + j);
+                tag = tag + next;
+            }
         }
     }
 
@@ -170,17 +183,16 @@ struct Problem {
         for (int j = p.cols; j < stride; ++j) w.mean_col[size(j)] = 0;
     }
 
-    // The best cell of every open column among the open rows.
-    HORD_ALWAYS_INLINE void find_best_of_cols(int rows) {
+    // The best cell of some columns among the open rows.
+    template <int Vectors>
+    HORD_ALWAYS_INLINE void find_best_of_cols(int first, int rows) {
         const std::int32_t* const open = w.open_rows.data();
-        for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
-            Ints best[vectors];
-            least_of_columns<vectors>(rows, [&](int k) __attribute__((always_inline)) { return cells + open[k] + first; }, w.mean_row.data(), best);
-            for (int k = 0; k < vectors; ++k) {
-                const int j = first + k * kLanes;
-                (best[k] + Ints::at(w.mean_col.data() + j)).to(w.best_of_col.data() + j);
-            }
-        });
+        Ints best[Vectors];
+        least_of_columns<Vectors>(rows, [&](int k) __attribute__((always_inline)) { return cells + open[k] + first; }, w.mean_row.data(), best);
+        for (int k = 0; k < Vectors; ++k) {
+            const int j = first + k * kLanes;
+            (best[k] + Ints::at(w.mean_col.data() + j)).to(w.best_of_col.data() + j);
+        }
     }
 
     // The cell of least reduced cost whose row and column are open is served; what is used up by it closes.
@@ -195,9 +207,9 @@ struct Problem {
         for (int j = 0; j < p.cols; ++j) w.left_col[size(j)] = p.demand[j];
         const int last = p.rows + p.cols - 2;
         int rows = p.rows, cols = p.cols;  // open
-        find_best_of_cols(rows);
+        for_columns([&](int first, auto vectors) __attribute__((always_inline)) { find_best_of_cols<vectors>(first, rows); });
         Ints closing = Ints::all(-1);  // the column
-        for (int step = 0;; ++step) {
+        for (int step = 0;;) {
             Ints least = Ints::all(kClosed);
             for (int j = 0; j < stride; j += kLanes) {
                 const Ints closes = (Ints::numbers() + Ints::all(j)).equals(closing);
@@ -205,24 +217,28 @@ struct Problem {
                 best.to(best_of_col + j);
                 least = lower(least, best);
             }
+            closing = Ints::all(-1);
             const std::int32_t best = least.least();
             const int i = row_of(best), j = col_of(best);
+            const int place = w.place_of_row[size(i)];
+            if (place < 0) {  // its row has closed: what is best now is not below it
+                find_best_of_cols<1>(j / kLanes * kLanes, rows);
+                continue;
+            }
             const double left_row = w.left_row[size(i)], left_col = w.left_col[size(j)];
             const double flow = lower(left_row, left_col);  // the last column has what all rows have left
             w.left_row[size(i)] = left_row - flow;
             w.left_col[size(j)] = left_col - flow;
-            if (left_row < left_col || cols == 1) {
-                steps[step] = {flow, i, p.rows + j};
-                if (step == last) return;
+            const bool row_used_up = left_row < left_col || cols == 1;
+            steps[step] = row_used_up ? TransportStep{flow, i, p.rows + j} : TransportStep{flow, p.rows + j, i};
+            if (step++ == last) return;
+            if (row_used_up) {
                 --rows;
-                const int place = w.place_of_row[size(i)];
                 w.place_of_row[size(row_of(cells[w.open_rows[size(rows)]]))] = place;
                 w.open_rows[size(place)] = w.open_rows[size(rows)];
                 w.mean_row[size(place)] = w.mean_row[size(rows)];
-                find_best_of_cols(rows);
-                closing = Ints::all(-1);
+                w.place_of_row[size(i)] = -1;
             } else {
-                steps[step] = {flow, p.rows + j, i};
                 --cols;
                 mean_col[j] = kPadding / 2;
                 closing = Ints::all(j);
@@ -235,26 +251,30 @@ struct Problem {
     template <int Words>
     using Tree = TransportTree<Words, Bytes>;
 
-    HORD_ALWAYS_INLINE int node(int row_or_col) const { return row_or_col < p.rows ? row_or_col : row_or_col - p.rows + first_column; }
     HORD_ALWAYS_INLINE std::int32_t& cell(const TransportArc& arc) const { return cells_of(arc.row)[arc.column - first_column]; }
     HORD_ALWAYS_INLINE double exact_cost(const TransportArc& arc) const { return exact_costs_of(arc.row)[p.col_bin[arc.column - first_column]]; }
 
     // What is used up hangs from the other.
     template <int Words>
     HORD_ALWAYS_INLINE void plant(Tree<Words>& tree, const TransportStep* steps) {
-        for (int step = p.rows + p.cols - 2; step >= 0; --step) {
+        const int last = p.rows + p.cols - 2;
+        tree.plant(steps[last].parent < p.rows ? steps[last].parent : steps[last].parent - p.rows + first_column);
+        for (int step = last; step >= 0; --step) {
             const TransportStep& s = steps[step];
-            const int row = lower(s.child, s.parent), col = s.child + s.parent - row - p.rows;
-            tree.hang(step, node(s.child), node(s.parent), s.flow, cells_of(row)[col] & ~tags, 2 * kLargestDual);
+            const bool row_below = s.child < p.rows;
+            const int swap = (s.child ^ s.parent) & -static_cast<int>(row_below);
+            const int row = s.parent ^ swap, col = (s.child ^ swap) - p.rows;
+            tree.hang(step, row, first_column + col, row_below, s.flow, cells_of(row)[col] & ~tags, 2 * kLargestDual);
         }
     }
 
-    // The least reduced cost, with the tag of its cell.
-    HORD_ALWAYS_INLINE std::int32_t price(const std::int32_t* dual) const {
+    // The least reduced cost of some rows, with the tag of its cell.
+    HORD_ALWAYS_INLINE std::int32_t price(const std::int32_t* dual, int first_row, int last_row) const {
         Ints least = Ints::all(kClosed);
         for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
             Ints best[vectors];
-            least_of_columns<vectors>(p.rows, [&](int i) __attribute__((always_inline)) { return cells + i * stride + first; }, dual, best);
+            const std::int32_t* const top = cells_of(first_row) + first;
+            least_of_columns<vectors>(last_row - first_row, [&](int i) __attribute__((always_inline)) { return top + i * stride; }, dual + first_row, best);
             for (int k = 0; k < vectors; ++k) least = lower(least, best[k] + Ints::at(dual + first_column + first + k * kLanes));
         });
         return least.least();
@@ -269,61 +289,71 @@ struct Problem {
         return -std::int64_t{(Ints::all(0) - largest).least()};
     }
 
-    // Pivots until no cell is below zero.
+    // Pivots until no cell is below zero. False: dual variables have left their range.
     template <int Words>
-    HORD_ALWAYS_INLINE void improve(Tree<Words>& tree, int most_pivots, int& pivots) {
+    HORD_ALWAYS_INLINE bool improve(Tree<Words>& tree, int most_pivots, int& pivots) {
+        const int at_once = p.rows <= kRowsToPrice ? p.rows : kRowsAtOnce;
         std::int64_t bound = largest_of(tree.dual, tree.nodes);
-        while (pivots < most_pivots) {
+        for (int first = 0, without = 0; without < p.rows && pivots < most_pivots;) {
             if (bound > kLargestDual) {
                 bound = largest_of(tree.dual, tree.nodes);
-                if (bound > kLargestDual) return;
+                if (bound > kLargestDual) return false;
             }
-            const std::int32_t best = price(tree.dual);
-            if (best >= 0) return;
+            const int last = lower(first + at_once, p.rows);
+            const std::int32_t best = price(tree.dual, first, last);
+            without += last - first;
+            first = last == p.rows ? 0 : last;
+            if (best >= 0) continue;
+            without = 0;
             const std::int32_t reduced = best & ~tags;
             tree.pivot(row_of(best), first_column + col_of(best), reduced);
             bound -= reduced;
             ++pivots;
         }
+        return true;
     }
 
-    // How far a cell can be above zero and be below it, but for rounding: costs around a cycle, each by half a unit and one.
+    // How far above zero a cell may be that is below it but for rounding: each cost of its cycle by half a unit and one.
+    HORD_ALWAYS_INLINE std::int32_t doubtful(int arcs) const { return arcs * (tags / 2 + 2) | tags; }
+
+    // Whether the reduced cost of a cell, a rough one above its tag, is below zero in double precision.
     template <int Words>
-    HORD_ALWAYS_INLINE std::int32_t doubtful(const Tree<Words>& tree) const {
-        if (largest_of(tree.dual, tree.nodes) > kLargestDual) return kClosed;
+    HORD_ALWAYS_INLINE bool is_negative(const Tree<Words>& tree, const TransportArc& enters, std::int32_t rough) const {
+        const auto cycle = tree.cycle(enters.row, enters.column);
+        if (rough > doubtful(1 + cycle.arcs.count())) return false;
+        double sum = exact_cost(enters);
+        cycle.arcs.for_each([&](int a) __attribute__((always_inline)) { sum += negated_if(exact_cost(tree.arc[a]), cycle.gives.has(a)); });
+        return sum < -w.tolerance;
+    }
+
+    // Arcs that a cycle has at most.
+    template <int Words>
+    HORD_ALWAYS_INLINE int longest_cycle(const Tree<Words>& tree) const {
+        if (Words <= 2) return 2 * lower(p.rows, p.cols);
         int row = 0, col = 0;  // the deepest
         for (int i = 0; i < p.rows; ++i) row = std::max(row, tree.path_of(i).count());
         for (int j = 0; j < p.cols; ++j) col = std::max(col, tree.path_of(first_column + j).count());
-        return (1 + row + col) * (tags / 2 + 2) | tags;
+        return 1 + row + col;
     }
 
-    template <int Words>
-    HORD_ALWAYS_INLINE double exact_reduced(const Tree<Words>& tree, const TransportArc& enters) const {
-        double sum = exact_cost(enters);
-        const auto cycle = tree.cycle(enters.row, enters.column);
-        cycle.arcs.for_each([&](int a) __attribute__((always_inline)) {
-            sum += negated_if(exact_cost(tree.arc[a]), cycle.gives.has(a));
-        });
-        return sum;
-    }
+    HORD_ALWAYS_INLINE std::int32_t rough_reduced(const std::int32_t* dual, const TransportArc& arc) const { return cell(arc) + dual[arc.row] + dual[arc.column]; }
 
     // A cell that is below zero in double precision. The tree's are set aside.
     template <int Words>
     HORD_ALWAYS_INLINE bool price_exactly(const Tree<Words>& tree, TransportArc& enters) const {
-        const std::int32_t doubt = doubtful(tree);
+        const Ints doubt = Ints::all(doubtful(longest_cycle(tree)));
         for (int i = 0; i < p.rows; ++i) {
-            const Ints limit = Ints::all(doubt) - Ints::all(tree.dual[i]);
+            const Ints of_row = Ints::all_of(tree.dual + i);
             for (int first = 0; first < stride; first += 32) {
-                Ints bits = Ints::all(0);
-                Ints bit = Ints::powers_of_two();
+                Ints bits = Ints::all(0), bit = Ints::powers_of_two();
                 for (int j = first; j < lower(stride, first + 32); j += kLanes) {
-                    const Ints clear = (Ints::at(cells_of(i) + j) + Ints::at(tree.dual + first_column + j)).above(limit);
+                    const Ints clear = (Ints::at(cells_of(i) + j) + of_row + Ints::at(tree.dual + first_column + j)).above(doubt);
                     bits = bits | choose(clear, Ints::all(0), bit);
                     bit = bit << kLanes;
                 }
-                for (auto rest = static_cast<std::uint32_t>(bits.all_bits()); rest != 0; rest &= rest - 1) {
-                    enters = {i, first_column + first + std::countr_zero(rest)};
-                    if (enters.column < first_column + p.cols && exact_reduced(tree, enters) < -w.tolerance) return true;
+                for (auto doubted = static_cast<std::uint32_t>(bits.all_bits()); doubted != 0; doubted &= doubted - 1) {
+                    enters = {i, first_column + first + std::countr_zero(doubted)};
+                    if (is_negative(tree, enters, rough_reduced(tree.dual, enters))) return true;
                 }
             }
         }
@@ -337,31 +367,40 @@ struct Problem {
         return sum;
     }
 
+    // First by rough costs, then by exact ones. False: dual variables have left their range.
     template <int Words>
-    HORD_ALWAYS_INLINE Outcome solve_with(const TransportStep* start) {
-        Tree<Words> tree{first_column, first_column + stride, w.path.data(), w.dual.data(), w.flow.data(), w.arcs.data(), {}};
-        tree.clear();
-        plant(tree, start);
-        Outcome outcome;
-        const int most_pivots = kPivotsANode * (p.rows + p.cols);
-        improve(tree, most_pivots, outcome.pivots);
+    HORD_ALWAYS_INLINE bool optimize(Tree<Words>& tree, Outcome& outcome) {
+        const int most_pivots = outcome.pivots + kPivotsANode * (p.rows + p.cols);
+        if (!improve(tree, most_pivots, outcome.pivots)) return false;
         for (int a = 0; a < p.rows + p.cols - 1; ++a) cell(tree.arc[a]) += kSetAside;
         for (TransportArc enters; price_exactly(tree, enters);) {
             if (outcome.pivots >= most_pivots) {
                 outcome.proven = false;
                 break;
             }
-            const std::int32_t reduced = cell(enters) + tree.dual[enters.row] + tree.dual[enters.column];
+            const std::int32_t reduced = rough_reduced(tree.dual, enters);
             cell(enters) += kSetAside;
             cell(tree.pivot(enters.row, enters.column, reduced & ~tags)) -= kSetAside;
             ++outcome.pivots;
+            if (largest_of(tree.dual, tree.nodes) > kLargestDual) return false;
         }
         outcome.cost = plan_cost(tree);
-        return outcome;
+        return true;
+    }
+
+    template <int Words>
+    HORD_ALWAYS_INLINE Outcome solve_with(const TransportStep* start) {
+        Outcome outcome;
+        for (int coarser = 0;; coarser += kCoarser) {
+            if (coarser != 0) gather_costs(coarser);
+            Tree<Words> tree{first_column, first_column + stride, w.path.data(), w.dual.data(), w.flow.data(), w.arcs.data(), {}};
+            plant(tree, start);
+            if (optimize(tree, outcome)) return outcome;
+        }
     }
 
     HORD_ALWAYS_INLINE Outcome solve(const TransportStep* start) {
-        gather_costs();
+        gather_costs(0);
         if (start == nullptr) {
             find_start(w.steps.data());
             start = w.steps.data();

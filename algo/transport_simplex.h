@@ -1,16 +1,17 @@
 // The transportation simplex: least-cost transport of integer masses from rows (sources) to columns (sinks).
 //
 // Start: the open cell of least reduced cost c_ij - R_i - K_j is served until its row or column is used up, which closes; R_i and K_j are the
-// mass-weighted mean costs of a row and a column. Then the cell of least reduced cost enters a strongly feasible spanning tree
+// mass-weighted mean costs of a row and a column. Then the cell of least reduced cost (of more than 48 rows, in some of them) enters a strongly feasible spanning tree
 // (transport_tree.h), which ends: no tree ever comes twice. Pivots are bounded besides (kPivotsANode).
 //
 // Numbers. Masses are integers below 2^53 held in doubles, exact. To choose pivots, costs are integers: the largest is 2^27, and the
-// low bits of each, as many as are needed, are its row and column (its tag: 9 bits of 19 x 22 cells, at most 16). So dual variables, sums and differences
+// low bits of each, as many as are needed, are its row and column (its tag: 10 bits of 19 x 22 cells, at most 16). So dual variables, sums and differences
 // of costs along the tree, are exact; they are kept within 2^29, so that no reduced cost leaves 31 bits. When no cell is below zero so, every cell
 // that the rounding of costs around its cycle could hide is computed from the costs in double precision, and enters if it is below -tolerance,
 // tolerance = 2^-36 * largest cost. A sum of at most 450 costs, it is wrong by less than 2^-43 of the largest: rounding alone never makes a pivot.
 // The accepted plan costs at most tolerance + rounding more a unit of mass than the optimum: < 1e-9 for costs up to 20.
-// Where dual variables would leave their range (never seen: four times the largest cost), cells are all computed in double precision.
+// Where dual variables leave their range (four times the largest cost), all begins again with costs of 2, then 4, then
+// 6 bits fewer, which no tree can take out of it.
 #pragma once
 
 #include <cstdint>

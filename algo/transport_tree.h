@@ -28,23 +28,31 @@ HORD_ALWAYS_INLINE double negated_if(double value, bool negate) {
     return std::bit_cast<double>(std::bit_cast<std::uint64_t>(value) ^ static_cast<std::uint64_t>(negate) << 63);
 }
 
-// A set of arcs.
+// A set of arcs: 32 in each of Words words, held by twos.
 template <int Words>
 struct ArcSet {
-    std::uint32_t word[Words];
+    std::uint64_t pair[(Words + 1) / 2];
 
-    HORD_ALWAYS_INLINE bool has(int arc) const { return (word[arc / 32] >> (arc % 32) & 1U) != 0; }
+    HORD_ALWAYS_INLINE bool has(int arc) const { return (pair[arc / 64] >> (arc % 64) & 1U) != 0; }
+    HORD_ALWAYS_INLINE static std::uint64_t bit(int arc) { return std::uint64_t{1} << (arc % 64); }
+    HORD_ALWAYS_INLINE std::int32_t word(int w) const { return static_cast<std::int32_t>(pair[w / 2] >> (w % 2 * 32)); }
     HORD_ALWAYS_INLINE int count() const {
         int arcs = 0;
-        for (const std::uint32_t w : word) arcs += std::popcount(w);
+        for (const std::uint64_t p : pair) arcs += std::popcount(p);
         return arcs;
     }
     // do_it(arc) for each, in order.
     template <class Do>
     HORD_ALWAYS_INLINE void for_each(Do do_it) const {
-        for (int w = 0; w < Words; ++w) {
-            for (std::uint32_t rest = word[w]; rest != 0; rest &= rest - 1) do_it(w * 32 + std::countr_zero(rest));
+        for (int k = 0; k < (Words + 1) / 2; ++k) {
+            for (std::uint64_t rest = pair[k]; rest != 0; rest &= rest - 1) do_it(k * 64 + std::countr_zero(rest));
         }
+    }
+    template <class Of>
+    HORD_ALWAYS_INLINE static ArcSet made(Of of_pair) {
+        ArcSet set;
+        for (int k = 0; k < (Words + 1) / 2; ++k) set.pair[k] = of_pair(k);
+        return set;
     }
 };
 
@@ -63,30 +71,38 @@ struct TransportTree {
     TransportArc* arc;
     Set row_is_below;    // arcs: else the column is
 
-    // The root alone.
-    HORD_ALWAYS_INLINE void clear() {
-        for (int x = 0; x < Words * nodes; x += kLanes) Ints::all(0).to(path + x);
-        for (int x = 0; x < nodes; x += kLanes) Ints::all(0).to(dual + x);
+    // The root alone. Nodes that hang() gives a path, which are all others but padding, need none before.
+    HORD_ALWAYS_INLINE void plant(int root) {
+        const auto clear = [&](int last) __attribute__((always_inline)) {
+            for (int w = 0; w < Words; ++w) Ints::all(0).to(path + w * nodes + last - kLanes);
+            Ints::all(0).to(dual + last - kLanes);
+        };
+        clear(first_column);
+        clear(nodes);
+        for (int w = 0; w < Words; ++w) path[w * nodes + root] = 0;
+        dual[root] = 0;
         row_is_below = {};
     }
 
     HORD_ALWAYS_INLINE Set path_of(int node) const {
-        Set set;
-        for (int w = 0; w < Words; ++w) set.word[w] = static_cast<std::uint32_t>(path[w * nodes + node]);
-        return set;
+        return Set::made([&](int k) __attribute__((always_inline)) {
+            const auto word = [&](int w) __attribute__((always_inline)) { return std::uint64_t{static_cast<std::uint32_t>(path[w * nodes + node])}; };
+            return 2 * k + 1 < Words ? word(2 * k) | word(lower(2 * k + 1, Words - 1)) << 32 : word(2 * k);
+        });
     }
 
-    // Arc number `a` hangs `child`, until now alone, from `parent`. Its dual variable is `largest` or -`largest` where it would be beyond.
-    HORD_ALWAYS_INLINE void hang(int a, int child, int parent, double carries, std::int32_t cost, std::int32_t largest) {
-        const std::uint32_t is_row = child < first_column ? 1 : 0;
-        const int swap = (child ^ parent) & -static_cast<int>(is_row);
+    // Arc number `a` is between `row` and `column`. One of them is in the tree, the other now hangs from it; its dual variable is
+    // `largest` or -`largest` where it would be beyond.
+    HORD_ALWAYS_INLINE void hang(int a, int row, int column, bool row_below, double carries, std::int32_t cost, std::int32_t largest) {
+        const int swap = (row ^ column) & -static_cast<int>(row_below);
+        const int child = column ^ swap, parent = row ^ swap;
         for (int w = 0; w < Words; ++w) {
             path[w * nodes + child] = path[w * nodes + parent] | static_cast<std::int32_t>(a / 32 == w ? 1U << (a % 32) : 0U);
         }
-        row_is_below.word[a / 32] |= is_row << (a % 32);
+        row_is_below.pair[a / 64] |= std::uint64_t{row_below} << (a % 64);
         dual[child] = lower(largest, -lower(largest, cost + dual[parent]));
         flow[a] = carries;
-        arc[a] = {parent ^ swap, child ^ swap};
+        arc[a] = {row, column};
     }
 
     // What the entry of the arc between `row` and `column` would change: mass circulates apex -> ... -> row -> column -> ... -> apex.
@@ -95,14 +111,14 @@ struct TransportTree {
         Set gives;                    // those that it runs against
     };
     HORD_ALWAYS_INLINE Cycle cycle(int row, int column) const {
-        Cycle c;
         const Set above_row = path_of(row), above_column = path_of(column);
-        for (int w = 0; w < Words; ++w) {
-            c.arcs.word[w] = above_row.word[w] ^ above_column.word[w];
-            c.of_row.word[w] = above_row.word[w] & c.arcs.word[w];
-            c.of_column.word[w] = above_column.word[w] & c.arcs.word[w];
-            c.gives.word[w] = (c.of_row.word[w] & row_is_below.word[w]) | (c.of_column.word[w] & ~row_is_below.word[w]);
-        }
+        Cycle c;
+        c.arcs = Set::made([&](int k) __attribute__((always_inline)) { return above_row.pair[k] ^ above_column.pair[k]; });
+        c.of_row = Set::made([&](int k) __attribute__((always_inline)) { return above_row.pair[k] & c.arcs.pair[k]; });
+        c.of_column = Set::made([&](int k) __attribute__((always_inline)) { return above_column.pair[k] & c.arcs.pair[k]; });
+        c.gives = Set::made([&](int k) __attribute__((always_inline)) {
+            return (c.of_row.pair[k] & row_is_below.pair[k]) | (c.of_column.pair[k] & ~row_is_below.pair[k]);
+        });
         return c;
     }
 
@@ -125,12 +141,12 @@ struct TransportTree {
         // From the entering arc up to the leaving one, arcs turn around.
         const Set top = path_of(row_is_below.has(leaves) ? left.row : left.column);
         const Set bottom = path_of(with_column ? column : row);
-        for (int w = 0; w < Words; ++w) row_is_below.word[w] ^= bottom.word[w] ^ top.word[w];
-        const std::uint32_t bit = 1U << (leaves % 32);
-        row_is_below.word[leaves / 32] = (row_is_below.word[leaves / 32] & ~bit) | (with_column ? 0 : bit);
+        for (int k = 0; k < (Words + 1) / 2; ++k) row_is_below.pair[k] ^= bottom.pair[k] ^ top.pair[k];
+        const std::uint64_t bit = Set::bit(leaves);
+        row_is_below.pair[leaves / 64] = (row_is_below.pair[leaves / 64] & ~bit) | (with_column ? 0 : bit);
         flow[leaves] = least;
         arc[leaves] = {row, column};
-        c.arcs.word[leaves / 32] &= ~bit;
+        c.arcs.pair[leaves / 64] &= ~bit;
         move(0, first_column, leaves, c.arcs, with_column ? reduced : -reduced);
         move(first_column, nodes, leaves, c.arcs, with_column ? -reduced : reduced);
         return left;
@@ -142,10 +158,11 @@ struct TransportTree {
         const Ints bit = Ints::all(static_cast<std::int32_t>(1U << (a % 32)));
         const Ints steps = Ints::all(step);
         Ints changes[Words];
-        for (int w = 0; w < Words; ++w) changes[w] = Ints::all(static_cast<std::int32_t>(change.word[w]));
+        for (int w = 0; w < Words; ++w) changes[w] = Ints::all(change.word(w));
         const std::int32_t* const plane = path + a / 32 * nodes;
         for (int x = first; x < last; x += kLanes) {
             const Ints moves = (Ints::at(plane + x) & bit).equals(bit);
+            if (Words > 3 && moves.all_bits() == 0) continue;  // where there are few words, asking takes longer
             (Ints::at(dual + x) + (moves & steps)).to(dual + x);
             for (int w = 0; w < Words; ++w) (Ints::at(path + w * nodes + x) ^ (moves & changes[w])).to(path + w * nodes + x);
         }
