@@ -373,15 +373,12 @@ struct Problem {
         const int most_pivots = outcome.pivots + kPivotsANode * (p.rows + p.cols);
         if (!improve(tree, most_pivots, outcome.pivots)) return false;
         for (int a = 0; a < p.rows + p.cols - 1; ++a) cell(tree.arc[a]) += kSetAside;
-        for (TransportArc enters; price_exactly(tree, enters);) {
-            if (outcome.pivots >= most_pivots) {
-                outcome.proven = false;
-                break;
-            }
+        outcome.proven = outcome.pivots < most_pivots;
+        for (TransportArc enters; outcome.proven && price_exactly(tree, enters);) {
             const std::int32_t reduced = rough_reduced(tree.dual, enters);
             cell(enters) += kSetAside;
             cell(tree.pivot(enters.row, enters.column, reduced & ~tags)) -= kSetAside;
-            ++outcome.pivots;
+            outcome.proven = ++outcome.pivots < most_pivots;
             if (largest_of(tree.dual, tree.nodes) > kLargestDual) return false;
         }
         outcome.cost = plan_cost(tree);

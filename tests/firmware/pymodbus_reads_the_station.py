@@ -43,7 +43,7 @@ later = hasattr(client, "read_device_information")
 both = client.readwrite_registers(read_address=8022, read_count=5, write_address=8002, slave=1, **{"values" if later else "write_registers": [0, 72, 0, 6]})
 print("reply", registers(both, 5))
 client.write_register(8102, 5, slave=1)
-client.mask_write_register(address=8102, and_mask=0xFFFD, or_mask=0x0002, slave=1)  # 5 client.mask_write_register(8102, 0xFFFE, 0x0002, slave=1) 0xFFFD | 2 = 7
+client.mask_write_register(address=8102, and_mask=0xFFFD, or_mask=0x0002, slave=1)  # 5 & 0xFFFD | 2 = 7
 print("heartbeat", registers(client.read_holding_registers(8102, count=1, slave=1), 1)[0])
 client.write_coil(80, True, slave=1)
 print("heartbeat", registers(client.read_holding_registers(8102, count=1, slave=1), 1)[0])
