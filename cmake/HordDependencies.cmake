@@ -6,9 +6,13 @@ find_package(PkgConfig REQUIRED)
 # tl::expected and CLI11 are header-only and in the default include path.
 find_path(HORD_EXPECTED_DIR tl/expected.hpp REQUIRED)
 
-# Only OpenCV's core, imgproc and imgcodecs are installed; OpenCVConfig.cmake wants all of OpenCV.
+# Only OpenCV's core and imgproc are installed (imgcodecs for the tests); OpenCVConfig.cmake wants all of OpenCV.
 find_path(HORD_OPENCV_INCLUDE opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)
-foreach(part core imgproc imgcodecs)
+set(parts core imgproc)
+if(HORD_TESTS)
+  list(APPEND parts imgcodecs)  # reads and writes images as others do; it brings some 130 libraries
+endif()
+foreach(part ${parts})
   find_library(HORD_OPENCV_${part} opencv_${part} REQUIRED)
   add_library(opencv::${part} INTERFACE IMPORTED)
   target_include_directories(opencv::${part} SYSTEM INTERFACE ${HORD_OPENCV_INCLUDE})
@@ -28,6 +32,10 @@ endif()
 pkg_check_modules(systemd REQUIRED IMPORTED_TARGET libsystemd)
 pkg_check_modules(sqlite REQUIRED IMPORTED_TARGET sqlite3)
 pkg_check_modules(png REQUIRED IMPORTED_TARGET libpng)
+pkg_check_modules(tiff IMPORTED_TARGET libtiff-4>=4.5)
+if(NOT tiff_FOUND)
+  message(FATAL_ERROR "libtiff 4.5 or later, which reads frames and writes maps, is missing: install libtiff-dev, or run ./dev build, which installs everything")
+endif()
 pkg_check_modules(libmd REQUIRED IMPORTED_TARGET libmd)  # SHA-256; its run time is on every Debian system (dpkg needs it)
 
 pkg_check_modules(mosquitto IMPORTED_TARGET libmosquitto)

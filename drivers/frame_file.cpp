@@ -8,11 +8,12 @@
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <utility>
 #include <vector>
 
-#include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
-
+#include "common/png_codec.h"
+#include "common/tiff_codec.h"
+#include "common/whole_file.h"
 #include "drivers/frame_header.h"
 
 namespace hord::drivers {
@@ -50,24 +51,24 @@ Result<Bytes> read_bytes(const fs::path& file) {
     return bytes;
 }
 
-Result<void> check_expected(const fs::path& file, const FrameHeader& header, const ExpectedFrame& expected) {
+Result<void> check_expected(const std::string& name, const FrameHeader& header, const ExpectedFrame& expected) {
     const int width = expected.width_px > 0 ? expected.width_px : header.width_px;
     const int height = expected.height_px > 0 ? expected.height_px : header.height_px;
     if (header.width_px != width || header.height_px != height) {
         return fail(ErrorCode::invalid_argument,
-                    file.string() + " is " + size_text(header.width_px, header.height_px) + " pixels, expected " + size_text(width, height),
+                    name + " is " + size_text(header.width_px, header.height_px) + " pixels, expected " + size_text(width, height),
                     "give frames of the configured sensor, or correct the configured size");
     }
     // A file of 8-bit samples is 8 bits; one of two bytes a sample may hold any depth from 9 to 16.
     if (expected.bits != 0 && (expected.bits > 8) != (header.bits > 8)) {
         return fail(ErrorCode::invalid_argument,
-                    file.string() + " has " + std::to_string(header.bits) + "-bit samples, expected " + std::to_string(expected.bits),
+                    name + " has " + std::to_string(header.bits) + "-bit samples, expected " + std::to_string(expected.bits),
                     "correct the configured bits, or record the frame again");
     }
     return {};
 }
 
-Result<void> check_range(const fs::path& file, const algo::Frame& frame) {
+Result<void> check_range(const std::string& name, const algo::Frame& frame) {
     const algo::FrameView view = frame.view();
     if (view.bits == 8 || view.bits == 16) return {};
     for (int y = 0; y < view.height_px; ++y) {
@@ -75,7 +76,7 @@ Result<void> check_range(const fs::path& file, const algo::Frame& frame) {
         for (int x = 0; x < view.width_px; ++x) {
             if (row[x] > view.full_scale()) {
                 return fail(ErrorCode::invalid_argument,
-                            file.string() + " has a sample of " + std::to_string(row[x]) + " at (" + std::to_string(x) + "," +
+                            name + " has a sample of " + std::to_string(row[x]) + " at (" + std::to_string(x) + "," +
                                 std::to_string(y) + "), more than " + std::to_string(view.bits) + " bits hold",
                             "say how many bits the samples really have");
             }
@@ -84,7 +85,7 @@ Result<void> check_range(const fs::path& file, const algo::Frame& frame) {
     return {};
 }
 
-void copy_pgm(const Bytes& bytes, const FrameHeader& header, algo::Frame& frame) {
+void copy_pgm(std::span<const std::byte> bytes, const FrameHeader& header, algo::Frame& frame) {
     const auto to = frame.bytes();
     const std::byte* from = bytes.data() + header.samples_at;
     if (header.bits <= 8) {
@@ -97,75 +98,58 @@ void copy_pgm(const Bytes& bytes, const FrameHeader& header, algo::Frame& frame)
     }
 }
 
-Result<void> decode(const fs::path& file, const Bytes& bytes, const FrameHeader& header, algo::Frame& frame) {
-    const auto undecodable = [&](const std::string& why) {
-        return fail(ErrorCode::unreadable, file.string() + " cannot be decoded" + why, "record or copy it again");
-    };
-    try {
-        const cv::Mat raw(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<std::byte*>(bytes.data()));
-        const cv::Mat image = cv::imdecode(raw, cv::IMREAD_UNCHANGED);
-        if (image.empty()) return undecodable("");
-        if (image.type() != (header.bits > 8 ? CV_16UC1 : CV_8UC1) || image.cols != header.width_px || image.rows != header.height_px) {
-            return undecodable(" to what its header says");
-        }
-        const std::size_t row_bytes = static_cast<std::size_t>(image.cols) * image.elemSize();
-        for (int y = 0; y < image.rows; ++y) {
-            std::memcpy(frame.bytes().data() + static_cast<std::size_t>(y) * row_bytes, image.ptr(y), row_bytes);
-        }
-        return {};
-    } catch (const cv::Exception& e) {
-        return undecodable(" (" + e.err + ")");
+Result<algo::Frame> decode(std::span<const std::byte> bytes, const FrameHeader& header, const std::string& name) {
+    const std::span packed(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size());
+    Result<algo::Frame> frame;
+    if (header.format == FrameHeader::Format::tiff) {
+        frame = common::decode_grey_tiff(packed, name);
+    } else {
+        frame = common::decode_grey_png(packed, name).map([](common::GreyPng&& png) { return std::move(png.frame); });
     }
+    if (frame && (frame->width_px() != header.width_px || frame->height_px() != header.height_px || frame->bits() != header.bits)) {
+        return fail(ErrorCode::unreadable, name + " is damaged (its samples are not what its header says)", "record or copy it again");
+    }
+    return frame;
 }
 
 }  // namespace
 
+Result<algo::Frame> decode_frame(std::span<const std::byte> bytes, const std::string& name, const ExpectedFrame& expected) {
+    const auto header = read_frame_header(bytes, name);
+    if (!header) return tl::unexpected(header.error());
+    if (auto good = check_expected(name, *header, expected); !good) return tl::unexpected(good.error());
+    const int bits = expected.bits != 0 ? expected.bits : header->bits;
+    algo::Frame frame;
+    if (header->format == FrameHeader::Format::pgm) {
+        frame = algo::Frame(header->width_px, header->height_px, bits);
+        copy_pgm(bytes, *header, frame);
+    } else {
+        auto decoded = decode(bytes, *header, name);
+        if (!decoded) return tl::unexpected(decoded.error());
+        frame = std::move(*decoded);
+        if (frame.bits() != bits) {
+            algo::Frame narrower(frame.width_px(), frame.height_px(), bits);
+            std::ranges::copy(frame.bytes(), narrower.bytes().begin());
+            frame = std::move(narrower);
+        }
+    }
+    if (auto good = check_range(name, frame); !good) return tl::unexpected(good.error());
+    return frame;
+}
+
 Result<algo::Frame> read_frame(const fs::path& file, const ExpectedFrame& expected) {
     const auto bytes = read_bytes(file);
     if (!bytes) return tl::unexpected(bytes.error());
-    const auto header = read_frame_header(*bytes, file.string());
-    if (!header) return tl::unexpected(header.error());
-    if (auto good = check_expected(file, *header, expected); !good) return tl::unexpected(good.error());
-    algo::Frame frame(header->width_px, header->height_px, expected.bits != 0 ? expected.bits : header->bits);
-    if (header->format == FrameHeader::Format::pgm) {
-        copy_pgm(*bytes, *header, frame);
-    } else if (auto good = decode(file, *bytes, *header, frame); !good) {
-        return tl::unexpected(good.error());
-    }
-    if (auto good = check_range(file, frame); !good) return tl::unexpected(good.error());
-    return frame;
+    return decode_frame(*bytes, file.string(), expected);
 }
 
 Result<void> write_frame(const fs::path& file, const algo::FrameView& frame) {
     if (frame.data == nullptr || frame.width_px <= 0 || frame.height_px <= 0) {
         return fail(ErrorCode::invalid_argument, "the frame for " + file.string() + " is empty");
     }
-    const fs::path folder = file.parent_path();
-    if (std::error_code error; !folder.empty() && !fs::is_directory(folder, error)) {
-        return fail(ErrorCode::not_found, "the folder " + folder.string() + " does not exist", "create it first");
-    }
-    const fs::path unfinished = file.string() + ".part";
-    const auto cannot_write = [&](const std::string& why) {
-        std::error_code ignored;
-        fs::remove(unfinished, ignored);
-        return fail(ErrorCode::io, file.string() + " cannot be written" + why, "check permissions and free space");
-    };
-    try {
-        const cv::Mat image(frame.height_px, frame.width_px, frame.bits > 8 ? CV_16UC1 : CV_8UC1,
-                            const_cast<std::byte*>(frame.data), static_cast<std::size_t>(frame.stride_bytes));
-        std::vector<unsigned char> png;
-        cv::imencode(".png", image, png);
-        std::ofstream out(unfinished, std::ios::binary);
-        out.write(reinterpret_cast<const char*>(png.data()), static_cast<std::streamsize>(png.size()));
-        out.close();
-        if (!out) return cannot_write("");
-    } catch (const cv::Exception& e) {
-        return cannot_write(" (" + e.err + ")");
-    }
-    std::error_code error;
-    fs::rename(unfinished, file, error);
-    if (error) return cannot_write(" (" + error.message() + ")");
-    return {};
+    const auto png = common::encode_grey_png(frame);
+    if (!png) return tl::unexpected(png.error());
+    return common::write_whole(file, *png);
 }
 
 Result<std::vector<fs::path>> list_frames(const std::vector<fs::path>& files_or_folders) {

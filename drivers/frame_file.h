@@ -1,7 +1,10 @@
 // One recorded frame from a file, and one to a file. Blocking; any thread.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "algo/frame.h"
@@ -18,10 +21,13 @@ struct ExpectedFrame {
     int bits = 0;
 };
 
-// Reads PNG, TIFF or binary PGM, 8- or 16-bit grey. Fails with not_found; unreadable (no permission, not an image,
-// cut off, damaged); unsupported (colour, palette, alpha, JPEG, other depths); invalid_argument (not what was
+// Reads PNG, TIFF (as it is, LZW, deflate or PackBits) or binary PGM, 8- or 16-bit grey. Fails with not_found; unreadable (no permission, not an image,
+// cut off, damaged); unsupported (colour, palette, alpha, JPEG, other depths or packings); invalid_argument (not what was
 // expected). The message names the file and the cure. Nothing of a cut-off file is ever returned.
 Result<algo::Frame> read_frame(const std::filesystem::path& file, const ExpectedFrame& expected = {});
+
+// The same of a file's bytes; `name` goes into the message.
+Result<algo::Frame> decode_frame(std::span<const std::byte> bytes, const std::string& name, const ExpectedFrame& expected = {});
 
 // The files themselves; a folder stands for its PNG, TIFF and PGM files (.png .tif .tiff .pgm), sorted by name, everything else in it is left
 // alone. Fails with not_found (a folder without a frame, nothing named), unreadable (a folder).

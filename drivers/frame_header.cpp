@@ -4,6 +4,7 @@
 #include <array>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "algo/light_field.h"
@@ -141,9 +142,9 @@ class TiffDirectory {
 
 Result<FrameHeader> tiff_header(Bytes file, std::string_view name) {
     constexpr std::uint64_t kWidth = 256, kHeight = 257, kBits = 258, kPhotometric = 262, kStripOffsets = 273,
-                            kSamplesPerPixel = 277, kStripBytes = 279, kTileOffsets = 324, kTileBytes = 325,
+                            kOrientation = 274, kSamplesPerPixel = 277, kStripBytes = 279, kTileOffsets = 324, kTileBytes = 325,
                             kSampleFormat = 339;
-    constexpr std::uint64_t kMinIsBlack = 1, kUnsigned = 1;
+    constexpr std::uint64_t kMinIsBlack = 1, kUnsigned = 1, kTopLeft = 1, kTransposed = 5;  // and 6 to 8
     FrameHeader header{.format = FrameHeader::Format::tiff};
     TiffDirectory directory(file, begins_with(file, "MM"));
     if (file.size() < 8 || !directory.open()) return truncated(name, "its directory is missing");
@@ -169,7 +170,9 @@ Result<FrameHeader> tiff_header(Bytes file, std::string_view name) {
         }
     }
     if (parts == 0) return damaged(name, "it has no samples");
-    return checked_size(header, directory.value(kWidth, 0), directory.value(kHeight, 0), name);
+    std::uint64_t width = directory.value(kWidth, 0), height = directory.value(kHeight, 0);
+    if (directory.value(kOrientation, kTopLeft) >= kTransposed) std::swap(width, height);
+    return checked_size(header, width, height, name);
 }
 
 // "P5", width, height, maximum, each after white space or a comment; then one white space and the samples.

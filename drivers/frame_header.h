@@ -1,6 +1,6 @@
 // What an image file says of itself, checked before anything is decoded: PNG, TIFF, binary PGM.
 //
-// The decoders behind OpenCV read a cut-off file as far as it goes and only print a warning. So the file is walked
+// A decoder stops where it has what it wants: what is cut off or changed behind that, it never sees. So the file is walked
 // here first: every PNG chunk up to IEND with its checksum, every TIFF strip or tile inside the file, every PGM row.
 #pragma once
 
@@ -16,7 +16,7 @@ namespace hord::drivers {
 struct FrameHeader {
     enum class Format : std::uint8_t { png, tiff, pgm };
     Format format = Format::png;
-    int width_px = 0;
+    int width_px = 0;  // of the frame, turned to the orientation that a TIFF may name
     int height_px = 0;
     int bits = 8;               // 8 or 16 for PNG and TIFF; a PGM's maximum says 8..16
     std::size_t samples_at = 0;  // PGM: where the samples begin

@@ -5,8 +5,11 @@
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+
+#include "common/png_codec.h"
+#include "common/tiff_codec.h"
+#include "common/whole_file.h"
 
 namespace hord::firmware {
 namespace {
@@ -191,35 +194,14 @@ Picture reduced(const Picture& picture, int factor) {
     return to_picture(small);
 }
 
-namespace {
+Result<std::vector<std::uint8_t>> encode_png(const Picture& picture) { return common::encode_bgr_png(picture.width, picture.height, picture.bgr); }
 
-Result<void> write(const std::filesystem::path& file, const cv::Mat& image) {
-    std::string why = "OpenCV could not write it";
-    try {
-        if (cv::imwrite(file.string(), image)) return {};
-    } catch (const cv::Exception& error) {
-        why = error.what();
-    }
-    return fail(ErrorCode::io, file.string() + " cannot be written (" + why + ")",
-                "check that the folder exists, may be written to, and has space");
+Result<void> write_png(const std::filesystem::path& file, const Picture& picture) {
+    return encode_png(picture).and_then([&](const auto& bytes) { return common::write_whole(file, bytes); });
 }
-
-}  // namespace
-
-Result<std::vector<std::uint8_t>> encode_png(const Picture& picture) {
-    std::vector<std::uint8_t> bytes;
-    try {
-        if (cv::imencode(".png", to_mat(picture), bytes)) return bytes;
-    } catch (const cv::Exception& error) {
-        return fail(ErrorCode::internal, std::string("a picture cannot be made a PNG (") + error.what() + ")");
-    }
-    return fail(ErrorCode::internal, "a picture cannot be made a PNG");
-}
-
-Result<void> write_png(const std::filesystem::path& file, const Picture& picture) { return write(file, to_mat(picture)); }
 
 Result<void> write_float_tiff(const std::filesystem::path& file, algo::Map map, const algo::Extents& extents) {
-    return write(file, cv::Mat(extents.n, extents.m, CV_32F, const_cast<float*>(map.data())));
+    return common::encode_float_tiff(extents.m, extents.n, map).and_then([&](const auto& bytes) { return common::write_whole(file, bytes); });
 }
 
 }  // namespace hord::firmware

@@ -53,10 +53,11 @@ Picture montage(std::span<const MontageRow> rows);
 // The picture at 1/factor of its size, averaged.
 Picture reduced(const Picture& picture, int factor);
 
-// The picture as the bytes of a PNG file. Fails with internal.
+// The picture as the bytes of a PNG file. Fails with invalid_argument (no pixels), internal.
 Result<std::vector<std::uint8_t>> encode_png(const Picture& picture);
 
-// Fail with io, naming the file and the cure.
+// The file appears whole or not at all. Fail with not_found (the folder) and io, naming the file and the cure; with invalid_argument
+// (nothing in it, or a map of another size), internal.
 Result<void> write_png(const std::filesystem::path& file, const Picture& picture);
 Result<void> write_float_tiff(const std::filesystem::path& file, algo::Map map, const algo::Extents& extents);
 

@@ -15,6 +15,7 @@ mkdir -p "$out/made"
 
 options=()
 tree=build/release  # what is tested is what is packaged
+[ -e "$tree/CMakeCache.txt" ] || options+=(-DHORD_TESTS=OFF)  # in a fresh checkout the tests' packages may be missing
 if [ "$arch" = arm64 ]; then
     [ -d "$out/made/man" ] || { echo "build the amd64 package first: the man pages come from its programs" >&2; exit 2; }
     tree=$out/tree-arm64

@@ -2,8 +2,8 @@
 # Link targets catch calls; this catches headers.
 
 set(algo "algo/")
-set(common "algo/result\\.h|common/")
-set(drivers "algo/(frame|result|light_field)\\.h|drivers/")
+set(common "algo/(frame|result)\\.h|common/")
+set(drivers "algo/(frame|result|light_field)\\.h|common/(png_codec|tiff_codec|whole_file)\\.h|drivers/")
 set(hal_sim "common/|algo/(frame|result|light_field|grid_file|isa|isa_targets)\\.h|drivers/hal/|hal_sim/")
 set(calib "common/|algo/|calib/")
 set(firmware "common/|algo/|drivers/|hal_sim/|calib/|firmware/")

@@ -1,5 +1,7 @@
 #include "drivers/frame_file.h"
 
+#include <algorithm>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -90,7 +92,7 @@ TEST_F(FrameFile, tiff_8_and_16_bits_is_good_input) {
 }
 
 TEST_F(FrameFile, pgm_says_its_own_depth_and_is_big_endian) {
-    const auto eight = read_frame(folder_.write("8.pgm", std::string("P5\n# a comment\n2 1\n255\n\x01\xFE", 27)));
+    const auto eight = read_frame(folder_.write("8.pgm", std::string("P5\n# a comment\n2 1\n255\n\x01\xFE", 25)));
     ASSERT_TRUE(eight) << eight.error().message();
     EXPECT_EQ(eight->bits(), 8);
     EXPECT_EQ(eight->view().sample(1, 0), 0xFEU);
@@ -119,6 +121,31 @@ TEST_F(FrameFile, no_truncated_file_is_accepted_wherever_it_is_cut) {
         const auto last = folder_.write("cut", std::string_view(whole).substr(0, whole.size() - 1));
         expect_refused(read_frame(last), last, ErrorCode::unreadable, "truncated");
     }
+}
+
+// Turned by a quarter, width and height change places: in the expectation, too.
+TEST_F(FrameFile, a_tiff_that_names_an_orientation_is_turned_and_has_the_turned_size) {
+    auto frame = ramp(27, 18, 16);
+    std::string bytes = TempFolder::read(cv_file("f.tiff", as_mat(frame)));
+    const auto number = [&](std::size_t at, std::size_t size) {
+        std::size_t value = 0;
+        for (std::size_t k = size; k > 0; --k) value = (value << 8U) | static_cast<unsigned char>(bytes[at + k - 1]);
+        return value;
+    };
+    ASSERT_EQ(bytes.substr(0, 2), "II");
+    const std::size_t first = number(4, 4) + 2;
+    for (std::size_t k = 0; k < number(first - 2, 2); ++k) {
+        const std::size_t entry = first + 12 * k;
+        if (number(entry, 2) != 277) continue;  // samples a pixel, one where it is not said: its place for the orientation, which is sorted before it
+        bytes.replace(entry, 12, std::string("\x12\x01\x03\x00\x01\x00\x00\x00\x06\x00\x00\x00", 12));
+    }
+    const auto turned = folder_.write("turned.tiff", bytes);
+    const auto read = read_frame(turned, {.width_px = 18, .height_px = 27});
+    ASSERT_TRUE(read) << read.error().message();
+    EXPECT_EQ(read->view().sample(17, 0), frame.view().sample(0, 0));
+    EXPECT_EQ(read->view().sample(17, 26), frame.view().sample(26, 0));
+    EXPECT_EQ(read->view().sample(0, 0), frame.view().sample(0, 17));
+    EXPECT_FALSE(read_frame(turned, {.width_px = 27, .height_px = 18}));
 }
 
 TEST_F(FrameFile, a_damaged_png_is_refused) {

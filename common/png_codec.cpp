@@ -1,0 +1,202 @@
+#include "common/png_codec.h"
+
+#include <csetjmp>
+#include <cstddef>
+#include <cstring>
+#include <memory>
+#include <new>
+#include <utility>
+
+#include <png.h>
+#include <zlib.h>
+
+namespace hord::common {
+namespace {
+
+constexpr png_uint_32 kLargestSide = 65'536;
+// Deflate says no more than 258 bytes with 2 bits.
+constexpr std::uint64_t kMostUnpacked = 258 * 8 / 2;
+constexpr int kMostTexts = 16;
+constexpr png_alloc_size_t kLongestText = 8'000'000;
+
+// What libpng is given and gives back. It leaves by longjmp, past any destructor: so everything that it works on lives here,
+// outside of the functions that call it.
+struct Job {
+    std::string why;
+    std::vector<png_bytep> rows;
+    // writing
+    std::vector<std::uint8_t> written;
+    // reading
+    std::span<const std::uint8_t> to_read;
+    GreyPng read;
+    bool done = false;
+};
+
+struct Writer {
+    explicit Writer(Job& job);
+    ~Writer() { png_destroy_write_struct(&png, &info); }
+    Writer(const Writer&) = delete;
+    Writer& operator=(const Writer&) = delete;
+    png_structp png = nullptr;
+    png_infop info = nullptr;
+};
+
+struct Reader {
+    explicit Reader(Job& job);
+    ~Reader() { png_destroy_read_struct(&png, &info, nullptr); }
+    Reader(const Reader&) = delete;
+    Reader& operator=(const Reader&) = delete;
+    png_structp png = nullptr;
+    png_infop info = nullptr;
+};
+
+void on_error(png_structp png, png_const_charp why) {
+    static_cast<Job*>(png_get_error_ptr(png))->why = why;
+    png_longjmp(png, 1);
+}
+void on_warning(png_structp /*png*/, png_const_charp /*why*/) {}
+
+Writer::Writer(Job& job) : png(png_create_write_struct(PNG_LIBPNG_VER_STRING, &job, on_error, on_warning)) {
+    if (png != nullptr) info = png_create_info_struct(png);
+}
+Reader::Reader(Job& job) : png(png_create_read_struct(PNG_LIBPNG_VER_STRING, &job, on_error, on_warning)) {
+    if (png != nullptr) info = png_create_info_struct(png);
+}
+
+bool append(std::vector<std::uint8_t>& to, png_bytep bytes, std::size_t count) {
+    try {
+        to.insert(to.end(), bytes, bytes + count);
+        return true;
+    } catch (const std::bad_alloc&) {  // must not pass through libpng
+        return false;
+    }
+}
+void on_write(png_structp png, png_bytep bytes, std::size_t count) {
+    if (!append(static_cast<Job*>(png_get_io_ptr(png))->written, bytes, count)) png_error(png, "no memory is left");
+}
+void on_flush(png_structp /*png*/) {}
+
+void on_read(png_structp png, png_bytep bytes, std::size_t count) {
+    auto& job = *static_cast<Job*>(png_get_io_ptr(png));
+    if (job.to_read.size() - job.read.length < count) png_error(png, "it is cut off");
+    std::memcpy(bytes, job.to_read.data() + job.read.length, count);
+    job.read.length += count;
+}
+
+// What of a picture libpng is told.
+struct Layout {
+    int width_px = 0;
+    int height_px = 0;
+    int depth = 8;
+    bool colour = false;
+    int significant_bits = 0;  // 0: not said
+};
+
+void write_all(const Writer& to, Job& job, const Layout& layout, const PngPacking& packing, png_textp note) {
+    if (setjmp(png_jmpbuf(to.png)) != 0) return;
+    png_set_write_fn(to.png, &job, on_write, on_flush);
+    png_set_compression_level(to.png, packing.level);
+    if (packing.runs_only) png_set_compression_strategy(to.png, Z_RLE);
+    png_set_filter(to.png, PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB);
+    png_set_IHDR(to.png, to.info, static_cast<png_uint_32>(layout.width_px), static_cast<png_uint_32>(layout.height_px), layout.depth,
+                 layout.colour ? PNG_COLOR_TYPE_RGB : PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+    if (layout.significant_bits != 0) {
+        png_color_8 depth{};
+        depth.gray = static_cast<png_byte>(layout.significant_bits);
+        png_set_sBIT(to.png, to.info, &depth);
+    }
+    if (note != nullptr) png_set_text(to.png, to.info, note, 1);
+    png_write_info(to.png, to.info);
+    if (layout.depth == 16) png_set_swap(to.png);
+    if (layout.colour) png_set_bgr(to.png);
+    png_write_image(to.png, job.rows.data());
+    png_write_end(to.png, to.info);
+    job.done = true;
+}
+
+Result<std::vector<std::uint8_t>> encode(Job& job, const Layout& layout, const PngPacking& packing, png_textp note) {
+    const Writer writer(job);
+    if (writer.info != nullptr) write_all(writer, job, layout, packing, note);
+    if (!job.done) return fail(ErrorCode::internal, "a picture cannot be made a PNG (" + job.why + ")", "report it");
+    return std::move(job.written);
+}
+
+void read_all(const Reader& from, Job& job, const std::string& keyword) {
+    if (setjmp(png_jmpbuf(from.png)) != 0) return;
+    png_set_read_fn(from.png, &job, on_read);
+    png_set_crc_action(from.png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
+    png_set_user_limits(from.png, kLargestSide, kLargestSide);
+    png_set_keep_unknown_chunks(from.png, PNG_HANDLE_CHUNK_NEVER, nullptr, -1);
+    if (!keyword.empty()) {
+        static constexpr png_byte wanted[] = "sBIT\0iTXt";
+        png_set_keep_unknown_chunks(from.png, PNG_HANDLE_CHUNK_AS_DEFAULT, wanted, 2);
+        png_set_chunk_cache_max(from.png, kMostTexts);
+        png_set_chunk_malloc_max(from.png, kLongestText);
+        png_set_benign_errors(from.png, 0);  // a longer chunk is refused; else libpng would warn, and take that memory
+    }
+    png_read_info(from.png, from.info);
+    const int depth = png_get_bit_depth(from.png, from.info);
+    if (png_get_color_type(from.png, from.info) != PNG_COLOR_TYPE_GRAY || (depth != 8 && depth != 16)) {
+        png_error(from.png, "it is not a grey frame of 8 or 16 bits");
+    }
+    int bits = depth;
+    png_color_8p significant = nullptr;
+    if (png_get_sBIT(from.png, from.info, &significant) != 0 && depth == 16 && significant->gray > 8 && significant->gray <= 16) bits = significant->gray;
+    if (depth == 16) png_set_swap(from.png);
+    const auto width = png_get_image_width(from.png, from.info), height = png_get_image_height(from.png, from.info);
+    const std::size_t row_bytes = static_cast<std::size_t>(width) * (depth == 16 ? 2U : 1U);
+    if (std::uint64_t{row_bytes} * height > kMostUnpacked * job.to_read.size()) png_error(from.png, "it is too short for the size that it says");
+    job.read.frame = algo::Frame(static_cast<int>(width), static_cast<int>(height), bits);
+    job.rows.resize(height);
+    for (std::size_t y = 0; y < height; ++y) job.rows[y] = reinterpret_cast<png_bytep>(job.read.frame.bytes().data()) + y * row_bytes;
+    png_read_image(from.png, job.rows.data());
+    png_read_end(from.png, from.info);
+    png_textp texts = nullptr;
+    const int count = png_get_text(from.png, from.info, &texts, nullptr);
+    for (int k = 0; k < count; ++k) {
+        if (keyword == texts[k].key) job.read.note.emplace(texts[k].text, texts[k].itxt_length);
+    }
+    job.done = true;
+}
+
+}  // namespace
+
+Result<std::vector<std::uint8_t>> encode_grey_png(const algo::FrameView& frame, const PngPacking& packing, const std::optional<PngNote>& note) {
+    if (frame.data == nullptr || frame.width_px <= 0 || frame.height_px <= 0) return fail(ErrorCode::invalid_argument, "the frame is empty");
+    Job job;
+    job.rows.reserve(static_cast<std::size_t>(frame.height_px));
+    for (int y = 0; y < frame.height_px; ++y) {
+        job.rows.push_back(reinterpret_cast<png_bytep>(const_cast<std::byte*>(frame.data + y * frame.stride_bytes)));
+    }
+    const Layout layout{.width_px = frame.width_px, .height_px = frame.height_px, .depth = frame.bits > 8 ? 16 : 8, .significant_bits = note ? frame.bits : 0};
+    png_text text{};
+    if (note) {  // png_set_text copies both
+        text.compression = PNG_ITXT_COMPRESSION_NONE;
+        text.key = const_cast<char*>(note->keyword.c_str());
+        text.text = const_cast<char*>(note->text.c_str());
+        text.itxt_length = note->text.size();
+    }
+    return encode(job, layout, packing, note ? &text : nullptr);
+}
+
+Result<std::vector<std::uint8_t>> encode_bgr_png(int width_px, int height_px, std::span<const std::uint8_t> bgr) {
+    const std::size_t row_bytes = 3 * static_cast<std::size_t>(width_px);
+    if (width_px <= 0 || height_px <= 0 || bgr.size() != row_bytes * static_cast<std::size_t>(height_px)) {
+        return fail(ErrorCode::invalid_argument, "a picture of " + std::to_string(width_px) + "x" + std::to_string(height_px) + " pixels has " + std::to_string(bgr.size()) + " bytes, and cannot be made a PNG", "report it");
+    }
+    Job job;
+    job.rows.reserve(static_cast<std::size_t>(height_px));
+    for (std::size_t at = 0; at < bgr.size(); at += row_bytes) job.rows.push_back(const_cast<png_bytep>(bgr.data() + at));
+    return encode(job, {.width_px = width_px, .height_px = height_px, .colour = true}, {}, nullptr);
+}
+
+Result<GreyPng> decode_grey_png(std::span<const std::uint8_t> bytes, std::string_view name, const std::string& note_keyword) {
+    Job job;
+    job.to_read = bytes;
+    const Reader reader(job);
+    if (reader.info != nullptr) read_all(reader, job, note_keyword);
+    if (!job.done) return fail(ErrorCode::unreadable, std::string(name) + " is damaged (" + job.why + ")", "record or copy it again");
+    return std::move(job.read);
+}
+
+}  // namespace hord::common
