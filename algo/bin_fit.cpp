@@ -9,450 +9,340 @@ namespace hord::algo {
 
 namespace {
 
-using Slot = BinFitter::Slot;
-using Layout = BinFitter::Layout;
-static_assert(NarrowRows::kMostColumns == BinFitter::kLanes - 4);  // what scattering reaches has room
-constexpr int kAtOnce = BinFitter::kAtOnce, kRoom = BinFitter::kRoom, kLanes = BinFitter::kLanes, kLine = GoldenLines::kLine;
-
-using Eight = Vector<float, kLanes * sizeof(float)>;
-using EightInts = Vector<std::int32_t, kLanes * sizeof(std::int32_t)>;
-using FourDoubles = Vector<double, kAtOnce * sizeof(double)>;
-
-void clear(float* places, int first, int end) {
-    for (int k = first; k < end; k += kLanes) store(Eight{}, places + kRoom + k);
-}
-
-// Values where there is a bin, else 0.
-HORD_ALWAYS_INLINE Eight only(const EightInts& here, const Eight& values) {
-    EightInts bits;
-    std::memcpy(&bits, &values, sizeof bits);
-    bits &= here;
-    Eight masked;
-    std::memcpy(&masked, &bits, sizeof masked);
-    return masked;
-}
-
-// Sums of eight lanes of four slots.
-HORD_ALWAYS_INLINE FourDoubles totals(const float (*lanes)[kLanes]) {
-    using Four = Vector<float, 4 * sizeof(float)>;
-    const auto halves = [&](int k) { return load<Four>(lanes[k]) + load<Four>(lanes[k] + kLanes / 2); };
-    const Four a = halves(0), b = halves(1), c = halves(2), d = halves(3);
-    const Four ab_low = __builtin_shufflevector(a, b, 0, 4, 1, 5), ab_high = __builtin_shufflevector(a, b, 2, 6, 3, 7);
-    const Four cd_low = __builtin_shufflevector(c, d, 0, 4, 1, 5), cd_high = __builtin_shufflevector(c, d, 2, 6, 3, 7);
-    const Four even = __builtin_shufflevector(ab_low, cd_low, 0, 1, 4, 5) + __builtin_shufflevector(ab_low, cd_low, 2, 3, 6, 7);
-    const Four odd = __builtin_shufflevector(ab_high, cd_high, 0, 1, 4, 5) + __builtin_shufflevector(ab_high, cd_high, 2, 3, 6, 7);
-    return __builtin_convertvector(even + odd, FourDoubles);
-}
-HORD_ALWAYS_INLINE float total(const Eight& lanes) {
-    const auto pair = [&](int k) { return lanes[k] + lanes[k + 4]; };
-    return (pair(0) + pair(1)) + (pair(2) + pair(3));
-}
-
-// Masses of the bins, 0 beside them. Sixteen at a time, whatever a line has: what is too much is 0, and written over by the next line.
-template <int Bytes>
-HORD_ALWAYS_INLINE void spread_out(const LensletSamples& samples, const Layout& layout, float* __restrict out) {
-    using Line = Vector<std::uint16_t, kLine * sizeof(std::uint16_t)>;
-    Line ours{};
-    for (int l = 0; l < layout.columns; ++l) ours[l] = 0xFFFF;
-    const Line dark = Line{} + static_cast<std::uint16_t>(samples.dark);
-    const auto lines = [&](const auto* from, auto sample) {
-        for (int j = 0; j < layout.rows; ++j, from += samples.line_stride, out += layout.pitch) {
-            const auto line = __builtin_convertvector(load<decltype(sample)>(from), Line);
-            const Line mass = ((line > dark ? line : dark) - dark) & ours;
-            using HalfLine = Vector<std::uint16_t, kLanes * sizeof(std::uint16_t)>;
-            const auto low = __builtin_shufflevector(mass, mass, 0, 1, 2, 3, 4, 5, 6, 7), high = __builtin_shufflevector(mass, mass, 8, 9, 10, 11, 12, 13, 14, 15);
-            static_assert(sizeof(low) == sizeof(HalfLine));
-            store(__builtin_convertvector(__builtin_convertvector(low, EightInts), Eight), out);
-            store(__builtin_convertvector(__builtin_convertvector(high, EightInts), Eight), out + kLanes);
-        }
-    };
-    if (samples.wide) lines(static_cast<const std::uint16_t*>(samples.first), Line{});
-    else lines(static_cast<const std::uint8_t*>(samples.first), Vector<std::uint8_t, kLine>{});
-}
-
-// The masses in a narrow window, and the sum of the squares of those outside it.
-template <int Bytes>
-HORD_ALWAYS_INLINE float take_rows(const LensletSamples& samples, const Layout& layout, const BinFitter::Rows& rows, float* __restrict out) {
-    using Line = Vector<std::uint16_t, kLine * sizeof(std::uint16_t)>;
-    using HalfLine = Vector<std::uint16_t, kLanes * sizeof(std::uint16_t)>;
-    Line ours{};
-    for (int l = 0; l < layout.columns; ++l) ours[l] = 0xFFFF;
-    const Line beside = ours & load<Line>(rows.beside), dark = Line{} + static_cast<std::uint16_t>(samples.dark);
-    const HalfLine half_dark = HalfLine{} + static_cast<std::uint16_t>(samples.dark);
-    Eight squares{};
-    const std::ptrdiff_t stride = samples.line_stride, left = rows.left;  // what is written below might be any of these, for all that the compiler knows
-    const int first = rows.first, last = rows.last, count = layout.rows;
-    const auto lines = [&](const auto* from, auto sixteen, auto eight) {
-        for (int j = 0; j < count; ++j, from += stride) {
-            const bool inside = j >= first && j <= last;
-            const auto line = __builtin_convertvector(load<decltype(sixteen)>(from), Line);
-            const Line mass = ((line > dark ? line : dark) - dark) & (inside ? beside : ours);
-            EightInts pairs;
-            std::memcpy(&pairs, &mass, sizeof pairs);
-            const Eight even = __builtin_convertvector(pairs & 0xFFFF, Eight), odd = __builtin_convertvector((pairs >> 16) & 0xFFFF, Eight);
-            squares += even * even + odd * odd;
-            if (!inside) continue;
-            const auto here = __builtin_convertvector(load<decltype(eight)>(from + left), HalfLine);
-            store(__builtin_convertvector(__builtin_convertvector((here > half_dark ? here : half_dark) - half_dark, EightInts), Eight), out);
-            out += NarrowRows::kPitch;
-        }
-    };
-    if (samples.wide) lines(static_cast<const std::uint16_t*>(samples.first), Line{}, HalfLine{});
-    else lines(static_cast<const std::uint8_t*>(samples.first), Vector<std::uint8_t, kLine>{}, Vector<std::uint8_t, kLanes>{});
-    return total(squares);
-}
-
-// A narrow window's golden bins scattered by the binomial 1 4 6 4 1 along both axes: the rows of the light along theirs, each window row from five of those.
-template <int Bytes>
-HORD_ALWAYS_INLINE void scatter_narrow(Slot& slot) {
-    constexpr int kPitch = NarrowRows::kPitch, kFirst = NarrowRows::kTop * kPitch + NarrowRows::kFirst;
-    const int end = kFirst + slot.lit_rows * kPitch, below = slot.window.first + (slot.window.blocks - 1) * kPitch;
-    const auto row_at = [&](int at) {
-        const float* golden = slot.narrow.golden + at;
-        const Eight beside = load<Eight>(golden - 1) + load<Eight>(golden + 1), outer = load<Eight>(golden - 2) + load<Eight>(golden + 2);
-        return ((outer + 6.0F * load<Eight>(golden)) + 4.0F * beside) * 0x1p-8F;
-    };
-    Eight rows[5] = {};  // around the one that is written
-    for (int at = kFirst - 2 * kPitch; at <= below; at += kPitch) {
-        rows[0] = rows[1], rows[1] = rows[2], rows[2] = rows[3], rows[3] = rows[4];
-        rows[4] = at + 2 * kPitch < end ? row_at(at + 2 * kPitch) : Eight{};
-        store(((rows[0] + rows[4]) + 6.0F * rows[2]) + 4.0F * (rows[1] + rows[3]), slot.narrow.scattered + at);
-    }
-}
-
-// Golden bins scattered by the binomial 1 4 6 4 1 along both axes. What lies around the bins is dark, and there is room for it.
-template <int Bytes>
-HORD_ALWAYS_INLINE void scatter(Slot* slots, int count, const Layout& layout) {
-    const auto binomial = [](const float* at, std::ptrdiff_t step) {
-        const Eight middle = load<Eight>(at), beside = load<Eight>(at - step) + load<Eight>(at + step), outer = load<Eight>(at - 2 * step) + load<Eight>(at + 2 * step);
-        return (outer + 6.0F * middle) + 4.0F * beside;
-    };
-    for (int s = 0; s < count; ++s) {
-        Slot& slot = slots[s];
-        if (slot.narrow_window) {
-            scatter_narrow<Bytes>(slot);
-            continue;
-        }
-        const float* golden = slot.wide.golden + kRoom;
-        float* half = slot.wide.half + kRoom;
-        int k = slot.at.lit.first() - 2;
-        for (; k <= slot.at.lit.last() + 2; k += kLanes) store(binomial(golden + k, 1) * 0x1p-8F, half + k);
-        slot.half_first = slot.at.lit.first() - 2, slot.half_end = k;
-    }
-    for (int s = 0; s < count; ++s) {
-        Slot& slot = slots[s];
-        if (slot.narrow_window) continue;
-        const float* half = slot.wide.half + kRoom + slot.window.first;
-        float* out = slot.wide.scattered + kRoom + slot.window.first;
-        for (int block = 0; block < slot.window.blocks; ++block, half += slot.window.step, out += slot.window.step) store(binomial(half, layout.pitch), out);
-    }
-}
-
-struct Sums {
-    Eight rx{}, ry{}, rb{}, xx{}, xy{}, xb{}, yy{}, yb{}, bb{};
-    HORD_ALWAYS_INLINE void keep(float (*lanes)[kAtOnce][kLanes], int s) const {
-        store(rx, lanes[BinFitter::rx][s]), store(ry, lanes[BinFitter::ry][s]), store(rb, lanes[BinFitter::rb][s]);
-        store(xx, lanes[BinFitter::xx][s]), store(xy, lanes[BinFitter::xy][s]), store(xb, lanes[BinFitter::xb][s]);
-        store(yy, lanes[BinFitter::yy][s]), store(yb, lanes[BinFitter::yb][s]), store(bb, lanes[BinFitter::bb][s]);
-    }
-};
-
-// A block where the golden HORD has light. `w` of the light that is expected.
-template <class Weight>
-HORD_ALWAYS_INLINE void add_lit(Sums& sums, const float* golden, const float* scattered, const float* mass, int pitch, float n, const Weight& weight) {
-    const auto g = load<Eight>(golden);
-    const Eight e = n * g, w = weight(e);
-    const Eight r = load<Eight>(mass) - e;
-    const Eight x = load<Eight>(golden - 1) - load<Eight>(golden + 1);
-    const Eight y = load<Eight>(golden - pitch) - load<Eight>(golden + pitch);
-    const Eight b = load<Eight>(scattered) - g;
-    const Eight wx = w * x, wy = w * y, wb = w * b;
-    sums.rx += wx * r;
-    sums.ry += wy * r;
-    sums.rb += wb * r;
-    sums.xx += wx * x;
-    sums.xy += wx * y;
-    sums.xb += wx * b;
-    sums.yy += wy * y;
-    sums.yb += wy * b;
-    sums.bb += wb * b;
-}
-
-// The rows of a narrow window: of two rows outside the light the outer has nothing but what is scattered there, the inner what is shifted there, too.
-template <class Outer, class Inner, class Lit>
-HORD_ALWAYS_INLINE void for_rows(const Slot& slot, const Outer& outer, const Inner& inner, const Lit& lit) {
-    constexpr int kPitch = NarrowRows::kPitch;
-    int at = slot.window.first;
-    const int lit_first = NarrowRows::kTop * kPitch + NarrowRows::kFirst, lit_end = lit_first + slot.lit_rows * kPitch, end = at + slot.window.blocks * kPitch;
-    if (at == lit_first - 2 * kPitch) outer(at), at += kPitch;
-    if (at == lit_first - kPitch) inner(at, at + kPitch, -1.0F), at += kPitch;
-    for (; at < lit_end; at += kPitch) lit(at);
-    if (at < end) inner(at, at - kPitch, 1.0F), at += kPitch;
-    if (at < end) outer(at);
-}
-
-template <int Bytes>
-HORD_ALWAYS_INLINE void solve(const Slot* slots, int count, const Layout& layout, BinFitter::Solution& out) {
-    float lanes[BinFitter::kSums][kAtOnce][kLanes];
-    for (int s = 0; s < kAtOnce; ++s) {
-        const Slot& slot = slots[s < count ? s : 0];
-        const BinNoise& noise = slot.noise;
-        const float n = slot.light, a = noise.a_dn, soft = noise.soft;
-        // The bin's variance, e a + empty + lit e / (e + soft), times (e + soft).
-        const float linear = (a * soft + noise.empty) + noise.lit, constant = noise.empty * soft;
-        const auto weight = [&](const Eight& e) { return (e + soft) / ((a * e + linear) * e + constant); };
-        Sums sums;
-        if (slot.narrow_window) {
-            const float *golden = slot.narrow.golden, *scattered = slot.narrow.scattered, *mass = slot.narrow.mass;
-            const auto here = load<EightInts>(slot.here);
-            const Eight dark = only(here, weight(Eight{}));
-            for_rows(
-                slot,
-                [&](int at) {
-                    const auto b = load<Eight>(scattered + at);
-                    const Eight wb = dark * b;
-                    sums.rb += wb * load<Eight>(mass + at);
-                    sums.bb += wb * b;
-                },
-                [&](int at, int beside, float sign) {
-                    const auto r = load<Eight>(mass + at), b = load<Eight>(scattered + at);
-                    const Eight y = sign * load<Eight>(golden + beside), wy = dark * y, wb = dark * b;
-                    sums.ry += wy * r;
-                    sums.rb += wb * r;
-                    sums.yy += wy * y;
-                    sums.yb += wy * b;
-                    sums.bb += wb * b;
-                },
-                [&](int at) { add_lit(sums, golden + at, scattered + at, mass + at, NarrowRows::kPitch, n, [&](const Eight& e) { return only(here, weight(e)); }); });
-        } else {
-            const float *golden = slot.wide.golden + kRoom, *scattered = slot.wide.scattered + kRoom, *mass = slot.wide.mass + kRoom;
-            const std::int32_t* here = slot.here;
-            for (int block = 0, at = slot.window.first; block < slot.window.blocks; ++block, at += slot.window.step, here += slot.window.step) {
-                add_lit(sums, golden + at, scattered + at, mass + at, layout.pitch, n, [&](const Eight& e) { return only(load<EightInts>(here), weight(e)); });
-            }
-        }
-        sums.keep(lanes, s);
-    }
-    using Of = BinFitter;
-    const auto of = [&](Of::Sum which) { return totals(lanes[which]); };
-    const FourDoubles s_xx = of(Of::xx), s_xy = of(Of::xy), s_xb = of(Of::xb), s_yy = of(Of::yy), s_yb = of(Of::yb), s_bb = of(Of::bb);
-    const FourDoubles s_rx = of(Of::rx), s_ry = of(Of::ry), s_rb = of(Of::rb);
-    // The inverse of the symmetric matrix of templates, by cofactors.
-    const FourDoubles c_xx = s_yy * s_bb - s_yb * s_yb, c_xy = s_xb * s_yb - s_xy * s_bb, c_xb = s_xy * s_yb - s_yy * s_xb;
-    const FourDoubles c_yy = s_xx * s_bb - s_xb * s_xb, c_yb = s_xy * s_xb - s_xx * s_yb, c_bb = s_xx * s_yy - s_xy * s_xy;
-    const FourDoubles determinant = s_xx * c_xx + s_xy * c_xy + s_xb * c_xb;
-    const FourDoubles nothing{}, least = 1e-9 * s_xx * s_yy * s_bb, inverse = 1 / determinant;
-    store((determinant > least) & (determinant > nothing), out.found);
-    store((c_xx * s_rx + c_xy * s_ry + c_xb * s_rb) * inverse, out.a);
-    store((c_xy * s_rx + c_yy * s_ry + c_yb * s_rb) * inverse, out.b);
-    store((c_xb * s_rx + c_yb * s_ry + c_bb * s_rb) * inverse, out.c);
-    store(c_xx * inverse, out.c_xx);
-    store(c_yy * inverse, out.c_yy);
-    store(c_bb * inverse, out.c_bb);
-}
-
-// Chi-square of what is left. In dark bins it is weighed with the whole reading noise: one outlying reading does not move it far. `narrowed`: by how much, in
-// units of lit soft, noise alone makes it less than one a bin. A wide window's masses are 0 after that: the others are dark.
-template <int Bytes>
-HORD_ALWAYS_INLINE void look_at_rest(Slot* slots, int count, const Layout& layout, const BinFitter::Solution& solution, BinFitter::Rest& out) {
-    float chi2[kAtOnce][kLanes], narrowed[kAtOnce][kLanes];
-    for (int s = 0; s < kAtOnce; ++s) {
-        Eight squares{}, less{};
-        const Slot& slot = slots[s < count ? s : 0];
-        const float n = slot.light, read = slot.noise.quiet + slot.noise.lit, a_dn = slot.noise.a_dn, soft = slot.noise.soft;
-        const auto a = static_cast<float>(solution.a[s]), b = static_cast<float>(solution.b[s]), c = static_cast<float>(solution.c[s]);
-        const auto add_at = [&](const float* golden, const float* scattered, const float* mass, int pitch, const EightInts& here) {
-            const auto g = load<Eight>(golden);
-            const Eight e = n * g, lit = e + soft;
-            const Eight rest = (load<Eight>(mass) - e) - a * (load<Eight>(golden - 1) - load<Eight>(golden + 1)) - b * (load<Eight>(golden - pitch) - load<Eight>(golden + pitch)) -
-                               c * (load<Eight>(scattered) - g);
-            const Eight w = only(here, 1.0F / ((a_dn * e + read) * lit));
-            squares += (w * lit) * (rest * rest);
-            less += w;
-        };
-        if (s >= count) {
-        } else if (slot.narrow_window) {
-            const float *golden = slot.narrow.golden, *scattered = slot.narrow.scattered, *mass = slot.narrow.mass;
-            const auto here = load<EightInts>(slot.here);
-            const Eight w = only(here, Eight{} + 1.0F / (read * soft)), w_soft = w * soft;
-            const auto add_dark = [&](const Eight& rest) {
-                squares += w_soft * (rest * rest);
-                less += w;
-            };
-            for_rows(
-                slot, [&](int at) { add_dark(load<Eight>(mass + at) - c * load<Eight>(scattered + at)); },
-                [&](int at, int beside, float sign) { add_dark((load<Eight>(mass + at) - (sign * b) * load<Eight>(golden + beside)) - c * load<Eight>(scattered + at)); },
-                [&](int at) { add_at(golden + at, scattered + at, mass + at, NarrowRows::kPitch, here); });
-        } else {
-            const float *golden = slot.wide.golden + kRoom, *scattered = slot.wide.scattered + kRoom, *mass = slot.wide.mass + kRoom;
-            const std::int32_t* here = slot.here;
-            for (int block = 0, at = slot.window.first; block < slot.window.blocks; ++block, at += slot.window.step, here += slot.window.step) {
-                add_at(golden + at, scattered + at, mass + at, layout.pitch, load<EightInts>(here));
-            }
-        }
-        store(squares, chi2[s]);
-        store(less, narrowed[s]);
-    }
-    for (int s = 0; s < count; ++s) {
-        Slot& slot = slots[s];
-        if (slot.narrow_window) {
-            out.dark[s] = static_cast<double>(slot.dark);
-            continue;
-        }
-        Eight squares{};
-        float* const mass = slot.wide.mass + kRoom;
-        for (int block = 0, at = slot.window.first; block < slot.window.blocks; ++block, at += slot.window.step) store(Eight{}, mass + at);
-        for (int k = layout.first_block * kLanes; k < (layout.last_block + 1) * kLanes; k += kLanes) {
-            const auto o = load<Eight>(mass + k);
-            squares += o * o;
-        }
-        out.dark[s] = static_cast<double>(total(squares));
-    }
-    store(totals(chi2), out.chi2);
-    store(totals(narrowed), out.narrowed);
-}
-
-HORD_FOR_EACH_ISA(spread_out_for, void, spread_out, (const LensletSamples& samples, const Layout& layout, float* out), (samples, layout, out))
-HORD_FOR_EACH_ISA(take_rows_for, float, take_rows, (const LensletSamples& samples, const Layout& layout, const BinFitter::Rows& rows, float* out), (samples, layout, rows, out))
-HORD_FOR_EACH_ISA(scatter_for, void, scatter, (Slot * slots, int count, const Layout& layout), (slots, count, layout))
-HORD_FOR_EACH_ISA(solve_for, void, solve, (const Slot* slots, int count, const Layout& layout, BinFitter::Solution& out), (slots, count, layout, out))
-HORD_FOR_EACH_ISA(look_at_rest_for, void, look_at_rest, (Slot * slots, int count, const Layout& layout, const BinFitter::Solution& solution, BinFitter::Rest& out),
-                  (slots, count, layout, solution, out))
+constexpr int kLanes = BinFitter::kLanes;
+constexpr int kReach = 2;                      // bins that scattering reaches
+constexpr int kCacheLine = 64;                 // bytes
+constexpr int kMostBins = kMaxBins * kMaxBins;
+// Golden bins have room for the reach around them, along their rows for that of the bins which are reached; rows that are scattered, twice the reach above and below.
+constexpr int kMostGolden = (kMaxBins + 2 * kReach) * (kMaxBins + 4 * kReach), kMostHalf = (kMaxBins + 4 * kReach) * kMaxBins;
 
 }  // namespace
 
-BinFitter::BinFitter(const Extents& extents, std::size_t stride, Isa isa)
-    : columns_(extents.i), rows_(extents.j), pitch_(extents.i + 2), blocks_(static_cast<int>(stride) / kLanes), here_(kPlaces), slots_(kAtOnce),
-      here_narrow_(static_cast<std::size_t>((columns_ + 1) * kLanes)), beside_(static_cast<std::size_t>((columns_ + 1) * kLine)),
-      spread_out_(spread_out_for(isa)), take_rows_(take_rows_for(isa)), scatter_(scatter_for(isa)), solve_(solve_for(isa)), look_at_rest_(look_at_rest_for(isa)) {
-    const auto place = [&](int i, int j) { return kRoom + (j + 1) * pitch_ + i + 1; };
-    for (int j = 0; j < rows_; ++j) {
-        for (int i = 0; i < columns_; ++i) here_[static_cast<std::size_t>(place(i, j))] = -1;
-    }
-    layout_ = {here_.data() + kRoom, columns_, rows_, pitch_, (place(0, 0) - kRoom) / kLanes, (place(columns_ - 1, rows_ - 1) - kRoom) / kLanes};
-    for (int left = 1; left <= columns_; ++left) {  // place of the first column with light, 1 of the first bin; the window begins two before
-        for (int l = 0; l < kLanes; ++l) here_narrow_[static_cast<std::size_t>(left * kLanes + l)] = left - 3 + l >= 0 && left - 3 + l < columns_ ? -1 : 0;
-        for (int i = 0; i < kLine; ++i) beside_[static_cast<std::size_t>(left * kLine + i)] = i < left - 3 || i >= left - 3 + kLanes ? 0xFFFF : 0;
+// Of the lanes that are fitted at once, `lanes` floats a bin.
+struct BinFitter::Work {
+    int lanes = 0, first = 0;
+    BinRect lit, window;               // what scattering reaches, within the HORD
+    int golden_pitch = 0;              // bins
+    BinRect golden_clear, half_clear;  // of this size what is around the bins is 0
+    alignas(64) float golden[kMostGolden * kLanes];
+    alignas(64) float half[kMostHalf * kLanes];       // scattered along the rows
+    alignas(64) float blur[kMostBins * kLanes];       // of the window: the template b,
+    alignas(64) float residual[kMostBins * kLanes];   // and r
+    alignas(64) float mass[kMostBins][kLanes];        // of all sixteen lanes
+
+    [[nodiscard]] float* golden_at(int i, int j) { return golden + std::ptrdiff_t{(j - lit.top + kReach) * golden_pitch + i - lit.left + 2 * kReach} * lanes; }
+};
+
+namespace {
+
+using Work = BinFitter::Work;
+using Eight = Vector<std::uint16_t, 16>;
+
+// Eight vectors of eight become their columns, by three perfect shuffles.
+HORD_ALWAYS_INLINE void transpose(Eight (&v)[8]) {
+    for (int shuffle = 0; shuffle < 3; ++shuffle) {
+        Eight out[8];
+        for (int k = 0; k < 4; ++k) {
+            out[2 * k] = __builtin_shufflevector(v[k], v[k + 4], 0, 8, 1, 9, 2, 10, 3, 11);
+            out[2 * k + 1] = __builtin_shufflevector(v[k], v[k + 4], 4, 12, 5, 13, 6, 14, 7, 15);
+        }
+        std::copy_n(out, 8, v);
     }
 }
 
-const GoldenReader::Golden& BinFitter::take(int slot, GoldenReader& reader, PoseMap::Place at) {
-    Slot& s = slots_[static_cast<std::size_t>(slot)];
-    clear(s.wide.golden, s.written.first, s.written.end());
-    clear(s.wide.half, s.half_first, s.half_end);
-    s.half_first = s.half_end = 0;
-    reader.read_in_row(at, s.wide.golden + kRoom, s.narrow.golden, s.at);
-    s.written = s.at.written;
-    s.narrow_window = s.at.narrow;
-    return s.at;
+HORD_ALWAYS_INLINE void store_floats(const Eight& v, float* to) {
+    using FourInts = Vector<std::int32_t, 16>;
+    using Four = Vector<float, 16>;
+    const Eight nothing{};
+    const auto low = __builtin_shufflevector(v, nothing, 0, 8, 1, 9, 2, 10, 3, 11), high = __builtin_shufflevector(v, nothing, 4, 12, 5, 13, 6, 14, 7, 15);
+    const auto floats = [](const auto& pairs) {  // little-endian
+        FourInts ints;
+        std::memcpy(&ints, &pairs, sizeof ints);
+        return __builtin_convertvector(ints, Four);
+    };
+    store(floats(low), to);
+    store(floats(high), to + 4);
 }
 
-// All bins with light, and what scattering reaches.
-BinFitter::Window BinFitter::window_of(const LitPlaces& lit) const {
-    if (lit.right() - lit.left() < kLanes - 4 && pitch_ >= kLanes) {
-        const int top = std::max(1, lit.top() - 2), bottom = std::min(rows_, lit.bottom() + 2);
-        return {top * pitch_ + lit.left() - 2, pitch_, bottom - top + 1};
+template <int Bytes, class Sample>
+HORD_ALWAYS_INLINE void take(const LensletSamples<Sample> (&samples)[kLanes], const Extents& extents, std::uint32_t dark_dn, Work& work) {
+    constexpr int kFew = 2;  // columns that are not worth a transposition
+    const auto dark = static_cast<std::uint16_t>(dark_dn);
+    const Eight dark_all = Eight{} + dark;
+    const int columns = extents.i, rows = extents.j;
+    for (int half = 0; half < kLanes; half += 8) {
+        const Sample* line[8];
+        std::ptrdiff_t stride[8];
+        for (int l = 0; l < 8; ++l) line[l] = samples[half + l].first, stride[l] = samples[half + l].line_stride;
+        float(*out)[kLanes] = work.mass;
+        for (int j = 0; j < rows; ++j, out += columns) {
+            int i = 0;
+            for (; i + kFew < columns; i += 8) {
+                Eight v[8];
+                for (int l = 0; l < 8; ++l) v[l] = __builtin_convertvector((load<Vector<Sample, 8 * sizeof(Sample)>>(line[l] + i)), Eight);
+                transpose(v);
+                for (int k = 0; k < std::min(8, columns - i); ++k) store_floats((v[k] > dark_all ? v[k] : dark_all) - dark_all, out[i + k] + half);
+            }
+            for (; i < columns; ++i) {
+                for (int l = 0; l < 8; ++l) {
+                    const auto sample = static_cast<std::uint16_t>(line[l][i]);
+                    out[i][half + l] = static_cast<float>(std::max(sample, dark) - dark);
+                }
+            }
+            // The next sixteen lenslets' line.
+            const char* const ahead = reinterpret_cast<const char*>(line[0] + (kLanes - half) * columns);
+            for (int at = 0; half == 0 && at <= kLanes * columns * static_cast<int>(sizeof(Sample)); at += kCacheLine) __builtin_prefetch(ahead + at);
+            for (int l = 0; l < 8; ++l) line[l] += stride[l];
+        }
     }
-    const int first = std::max(0, lit.first() - 2 * pitch_ - 2) / kLanes, last = std::min(blocks_ - 1, (lit.last() + 2 * pitch_ + 2) / kLanes);
-    return {first * kLanes, kLanes, last - first + 1};
 }
 
-void BinFitter::put(int slot, const LensletSamples& samples, float light, const BinNoise& noise) {
-    Slot& s = slots_[static_cast<std::size_t>(slot)];
-    s.samples = samples;
-    s.light = light;
-    s.noise = noise;
-    const LitPlaces& lit = s.at.lit;
-    if (s.at.narrow) {
-        const int top = std::max(1, lit.top() - 2), bottom = std::min(rows_, lit.bottom() + 2), row = NarrowRows::kTop + top - lit.top();
-        s.lit_rows = lit.bottom() - lit.top() + 1;
-        s.window = {row * NarrowRows::kPitch + NarrowRows::kFirst, NarrowRows::kPitch, bottom - top + 1};
-        s.here = here_narrow_.data() + std::ptrdiff_t{lit.left()} * kLanes;
-        s.bins = static_cast<float>(s.window.blocks * (std::min(columns_, lit.left() + 5) - std::max(1, lit.left() - 2) + 1));
-        s.dark = take_rows_(samples, layout_, {top - 1, bottom - 1, lit.left() - 3, beside_.data() + std::ptrdiff_t{lit.left()} * kLine}, s.narrow.mass + s.window.first);
-        return;
+// Golden bins scattered along their rows, by the binomial 1 4 6 4 1.
+template <int Bytes>
+HORD_ALWAYS_INLINE void scatter(Work& work) {
+    constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
+    using Floats = Vector<float, Bytes>;
+    const BinRect &lit = work.lit, &window = work.window;
+    float* half = work.half + std::ptrdiff_t{2 * kReach * window.columns()} * kWide;
+    for (int j = lit.top; j <= lit.bottom; ++j) {
+        const float* at = work.golden_at(window.left, j);
+        for (int i = window.left; i <= window.right; ++i, at += kWide, half += kWide) {
+            const Floats beside = load<Floats>(at - kWide) + load<Floats>(at + kWide), outer = load<Floats>(at - 2 * kWide) + load<Floats>(at + 2 * kWide);
+            store(((outer + 6.0F * load<Floats>(at)) + 4.0F * beside) * 0x1p-8F, half);
+        }
     }
-    s.window = window_of(lit);
-    s.here = layout_.here + s.window.first;
-    int bins = 0;
-    for (int block = 0; block < s.window.blocks; ++block) {
-        for (int l = 0; l < kLanes; ++l) bins -= s.here[block * s.window.step + l];
-    }
-    s.bins = static_cast<float>(bins);
-    spread_out_(samples, layout_, s.wide.mass + kRoom + pitch_ + 1);
 }
 
-// The largest reading of the window's dark bins becomes the second largest; nothing where they are equal.
-BinFitter::Reading BinFitter::limit_largest_dark(Slot& slot) const {
-    Planes& planes = slot.narrow_window ? slot.narrow : slot.wide;
-    const int first = slot.window.first + (slot.narrow_window ? 0 : kRoom), here_step = slot.narrow_window ? 0 : slot.window.step;
+// Which of the templates is not 0 in a bin, and whether light is expected there, depends on where it lies.
+enum class Part : std::uint8_t { reached, beside, above, bright };  // by scattering alone; a row's ends, next to the light; the rows next to it
+
+// run<Part>(end) for the parts of row j of the window, from left to right.
+template <class Run>
+HORD_ALWAYS_INLINE void for_parts(int j, const BinRect& lit, const BinRect& window, const Run& run) {
+    if (j >= lit.top && j <= lit.bottom) {
+        run.template operator()<Part::reached>(lit.left - 1);
+        run.template operator()<Part::beside>(lit.left);
+        run.template operator()<Part::bright>(lit.right + 1);
+        run.template operator()<Part::beside>(std::min(lit.right + 2, window.right + 1));
+    } else if (j == lit.top - 1 || j == lit.bottom + 1) {
+        run.template operator()<Part::reached>(lit.left);
+        run.template operator()<Part::above>(lit.right + 1);
+    }
+    run.template operator()<Part::reached>(window.right + 1);
+}
+
+template <int Bytes>
+HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits& fits) {
+    constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
+    using Floats = Vector<float, Bytes>;
+    const BinRect lit = work.lit, window = work.window;
+    const int first = work.first, columns = window.columns(), bin_columns = extents.i;
+    const std::ptrdiff_t pitch = std::ptrdiff_t{work.golden_pitch} * kWide, half_pitch = std::ptrdiff_t{columns} * kWide;
+    const BinNoise noise = fits.noise;
+    const float a_dn = noise.a_dn, soft = noise.soft;
+    const auto n = load<Floats>(fits.light + first), empty = load<Floats>(fits.empty + first);
+    const auto mass_of = [&](int bin) { return load<Floats>(work.mass[bin] + first); };
+
+    // The bin's variance, e a + empty + lit e / (e + soft), times (e + soft).
+    const Floats linear = (a_dn * soft + empty) + noise.lit, constant = empty * soft, dark_weight = 1.0F / empty;
+    Floats rx{}, ry{}, rb{}, xx{}, xy{}, xb{}, yy{}, yb{}, bb{};
+    // What a bin adds to the sums.
+    const auto add = [&]<Part part>(int bin, const float* g, const float* half, float* blur, float* residual) __attribute__((always_inline)) {
+        const Floats outer = load<Floats>(half - 2 * half_pitch) + load<Floats>(half + 2 * half_pitch), inner = load<Floats>(half - half_pitch) + load<Floats>(half + half_pitch);
+        Floats b = (outer + 6.0F * load<Floats>(half)) + 4.0F * inner;
+        Floats r = mass_of(bin), w = dark_weight;
+        if constexpr (part == Part::bright) {
+            const auto here = load<Floats>(g);
+            const Floats e = n * here;
+            w = (e + soft) / ((a_dn * e + linear) * e + constant);
+            b -= here;
+            r -= e;
+        }
+        store(b, blur);
+        store(r, residual);
+        const Floats wb = w * b;
+        rb += wb * r;
+        bb += wb * b;
+        if constexpr (part == Part::bright || part == Part::beside) {
+            const Floats x = load<Floats>(g - kWide) - load<Floats>(g + kWide), wx = w * x;
+            rx += wx * r;
+            xx += wx * x;
+            xb += wx * b;
+            if constexpr (part == Part::bright) xy += wx * (load<Floats>(g - pitch) - load<Floats>(g + pitch));
+        }
+        if constexpr (part == Part::bright || part == Part::above) {
+            const Floats y = load<Floats>(g - pitch) - load<Floats>(g + pitch), wy = w * y;
+            ry += wy * r;
+            yy += wy * y;
+            yb += wy * b;
+        }
+    };
+    const float* half = work.half + (window.top - lit.top + 2 * kReach) * half_pitch;
+    float *blur = work.blur, *residual = work.residual;
+    for (int j = window.top; j <= window.bottom; ++j) {
+        int i = window.left, bin = j * bin_columns + i;
+        const float* g = work.golden_at(i, j);
+        const auto run = [&]<Part part>(int end) __attribute__((always_inline)) {
+            for (; i < end; ++i, ++bin, g += kWide, half += kWide, blur += kWide, residual += kWide) add.template operator()<part>(bin, g, half, blur, residual);
+        };
+        for_parts(j, lit, window, run);
+    }
+
+    // The inverse of the symmetric matrix of templates, by cofactors.
+    constexpr int kHalf = kWide / 2;
+    using Doubles = Vector<double, Bytes>;
+    using Halves = Vector<float, Bytes / 2>;
+    float a[kWide], b[kWide], c[kWide];
+    for (int h = 0; h < 2; ++h) {
+        const auto of = [&](const Floats& sum) __attribute__((always_inline)) {
+            float all[kWide];
+            store(sum, all);
+            return __builtin_convertvector(load<Halves>(all + h * kHalf), Doubles);
+        };
+        const Doubles s_xx = of(xx), s_xy = of(xy), s_xb = of(xb), s_yy = of(yy), s_yb = of(yb), s_bb = of(bb), s_rx = of(rx), s_ry = of(ry), s_rb = of(rb);
+        const Doubles c_xx = s_yy * s_bb - s_yb * s_yb, c_xy = s_xb * s_yb - s_xy * s_bb, c_xb = s_xy * s_yb - s_yy * s_xb;
+        const Doubles c_yy = s_xx * s_bb - s_xb * s_xb, c_yb = s_xy * s_xb - s_xx * s_yb, c_bb = s_xx * s_yy - s_xy * s_xy;
+        const Doubles determinant = s_xx * c_xx + s_xy * c_xy + s_xb * c_xb;
+        const Doubles nothing{}, least = 1e-9 * s_xx * s_yy * s_bb;
+        const auto fine = (determinant > least) & (determinant > nothing);
+        const Doubles inverse = 1 / (fine ? determinant : nothing + 1.0);
+        const Doubles of_a = (c_xx * s_rx + c_xy * s_ry + c_xb * s_rb) * inverse, of_b = (c_xy * s_rx + c_yy * s_ry + c_yb * s_rb) * inverse;
+        const Doubles of_c = (c_xb * s_rx + c_yb * s_ry + c_bb * s_rb) * inverse;
+        const auto halves = [&](const Doubles& v, float* to) __attribute__((always_inline)) { store(__builtin_convertvector(v, Halves), to); };
+        halves(of_a, a + h * kHalf), halves(of_b, b + h * kHalf), halves(of_c, c + h * kHalf);
+        const Doubles per_dn = 1 / of(n), of_shift = 2 * per_dn;  // differences are over two bins
+        const int at = first + h * kHalf;
+        halves(of_a * of_shift, fits.x + at), halves(of_b * of_shift, fits.y + at), halves(of_c * per_dn, fits.blur + at);
+        const Doubles to_shift = inverse * of_shift, to_variance = to_shift * of_shift;
+        halves(c_xx * to_variance, fits.x_variance + at), halves(c_yy * to_variance, fits.y_variance + at), halves(c_bb * inverse * (per_dn * per_dn), fits.blur_variance + at);
+        halves(c_xx * to_shift, fits.xx + at), halves(c_xy * to_shift, fits.xy + at), halves(c_xb * to_shift, fits.xb + at), halves(c_yy * to_shift, fits.yy + at), halves(c_yb * to_shift, fits.yb + at);
+        std::int64_t found[kHalf];
+        store(fine, found);
+        for (int l = 0; l < kHalf; ++l) fits.found[at + l] = found[l] != 0 ? 1 : 0;
+    }
+
+    // Chi-square of what is left. In dark bins it is weighed with the whole reading noise: one outlying reading does not move it far. `narrowed`: by how much, in
+    // units of lit soft, noise alone makes it less than one a lit bin.
+    const auto of_a = load<Floats>(a), of_b = load<Floats>(b), of_c = load<Floats>(c);
+    const float read = noise.quiet + noise.lit, per_read = 1.0F / read;
+    Floats squares{}, dark{}, narrowed{};
+    blur = work.blur, residual = work.residual;
+    for (int j = window.top; j <= window.bottom; ++j) {
+        int i = window.left;
+        const float* g = work.golden_at(i, j);
+        const auto run = [&]<Part part>(int end) __attribute__((always_inline)) {
+            for (; i < end; ++i, g += kWide, blur += kWide, residual += kWide) {
+                Floats rest = load<Floats>(residual);
+                if constexpr (part == Part::bright || part == Part::beside) rest -= of_a * (load<Floats>(g - kWide) - load<Floats>(g + kWide));
+                if constexpr (part == Part::bright || part == Part::above) rest -= of_b * (load<Floats>(g - pitch) - load<Floats>(g + pitch));
+                rest -= of_c * load<Floats>(blur);
+                if constexpr (part == Part::bright) {
+                    const Floats e = n * load<Floats>(g), more = e + soft, w = 1.0F / ((a_dn * e + read) * more);
+                    squares += (w * more) * (rest * rest);
+                    narrowed += w;
+                } else {
+                    dark += rest * rest;
+                }
+            }
+        };
+        for_parts(j, lit, window, run);
+    }
+    const auto add_outside = [&](int bin, int end) __attribute__((always_inline)) {
+        for (; bin < end; ++bin) {
+            const Floats mass = mass_of(bin);
+            dark += mass * mass;
+        }
+    };
+    add_outside(0, window.top * bin_columns);
+    for (int j = window.top; j <= window.bottom; ++j) {
+        add_outside(j * bin_columns, j * bin_columns + window.left);
+        add_outside(j * bin_columns + window.right + 1, (j + 1) * bin_columns);
+    }
+    add_outside((window.bottom + 1) * bin_columns, extents.bins());
+    store(squares + per_read * dark, fits.chi2 + first);
+    const auto all = static_cast<float>(extents.bins()), not_lit = static_cast<float>(extents.bins() - lit.columns() * lit.rows());
+    store(all - noise.lit * (not_lit * per_read + soft * narrowed), fits.degrees + first);
+}
+
+HORD_FOR_EACH_ISA(take8_for, void, take, (const LensletSamples<std::uint8_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark, Work& work), (samples, extents, dark, work))
+HORD_FOR_EACH_ISA(take16_for, void, take, (const LensletSamples<std::uint16_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark, Work& work), (samples, extents, dark, work))
+HORD_FOR_EACH_ISA(scatter_for, void, scatter, (Work & work), (work))
+HORD_FOR_EACH_ISA(fit_for, void, fit, (Work & work, const Extents& extents, BinFitter::Fits& fits), (work, extents, fits))
+
+}  // namespace
+
+BinFitter::BinFitter(const Extents& extents, Isa isa)
+    : extents_(extents), at_once_(lanes_at_once(isa)), work_(std::make_unique<Work>()), take8_(take8_for(isa)), take16_(take16_for(isa)), scatter_(scatter_for(isa)), fit_(fit_for(isa)) {
+    work_->lanes = at_once_;
+}
+BinFitter::BinFitter(BinFitter&&) noexcept = default;
+BinFitter::~BinFitter() = default;
+
+void BinFitter::take(const LensletSamples<std::uint8_t> (&samples)[kLanes], std::uint32_t dark) { take8_(samples, extents_, dark, *work_); }
+void BinFitter::take(const LensletSamples<std::uint16_t> (&samples)[kLanes], std::uint32_t dark) { take16_(samples, extents_, dark, *work_); }
+
+void BinFitter::start(int first, const BinRect& lit) {
+    Work& w = *work_;
+    w.first = first;
+    w.lit = lit;
+    const auto least = [](int v) { return static_cast<std::int16_t>(std::max(v - kReach, 0)); };
+    const auto most = [](int v, int end) { return static_cast<std::int16_t>(std::min(v + kReach, end - 1)); };
+    w.window = {least(lit.left), most(lit.right, extents_.i), least(lit.top), most(lit.bottom, extents_.j)};
+    w.golden_pitch = lit.columns() + 4 * kReach;
+    const auto same_size = [](const BinRect& a, const BinRect& b) { return a.columns() == b.columns() && a.rows() == b.rows(); };
+    if (!same_size(w.golden_clear, lit)) {
+        std::fill_n(w.golden, w.golden_pitch * (lit.rows() + 2 * kReach) * w.lanes, 0.0F);
+        w.golden_clear = lit;
+    }
+    const BinRect half{w.window.left, w.window.right, lit.top, lit.bottom};
+    if (!same_size(w.half_clear, half)) {
+        std::fill_n(w.half, half.columns() * (lit.rows() + 4 * kReach) * w.lanes, 0.0F);
+        w.half_clear = half;
+    }
+}
+
+float* BinFitter::golden(int i, int j) { return work_->golden_at(i, j); }
+int BinFitter::golden_pitch() const { return work_->golden_pitch; }
+
+float BinFitter::mass(int lane, int i, int j) const { return work_->mass[j * extents_.i + i][lane]; }
+float BinFitter::golden(int lane, int i, int j) const { return work_->lit.has(i, j) ? work_->golden_at(i, j)[lane - work_->first] : 0.0F; }
+
+float BinFitter::blur_of(int lane, int i, int j) const {
+    const BinRect& window = work_->window;
+    return work_->blur[((j - window.top) * window.columns() + i - window.left) * work_->lanes + lane - work_->first];
+}
+
+// The bend as if the largest reading of the dark bins that scattering reaches were the second largest.
+void BinFitter::limit_largest_dark(Fits& fits, int lane) const {
+    const BinRect& window = work_->window;
     float largest = 0, second = 0;
-    int at = -1;
-    for (int block = 0; block < slot.window.blocks; ++block) {
-        for (int l = 0; l < kLanes; ++l) {
-            const int place = first + block * slot.window.step + l;
-            const float mass = planes.mass[place];
-            if (slot.here[block * here_step + l] == 0 || slot.light * planes.golden[place] >= slot.noise.soft) continue;
-            if (mass > largest) second = largest, largest = mass, at = place;
-            else second = std::max(second, mass);
+    int at_i = -1, at_j = -1;
+    for (int j = window.top; j <= window.bottom; ++j) {
+        for (int i = window.left; i <= window.right; ++i) {
+            const float reading = mass(lane, i, j);
+            if (reading <= second || blur_of(lane, i, j) == 0 || fits.light[lane] * golden(lane, i, j) >= fits.noise.soft) continue;
+            if (reading > largest) second = largest, largest = reading, at_i = i, at_j = j;
+            else second = reading;
         }
     }
-    if (!(largest > second)) return {};
-    planes.mass[at] = second;
-    return {planes.mass + at, largest};
+    if (!(largest > second)) return;
+    const BinNoise& noise = fits.noise;
+    const float e = fits.light[lane] * golden(lane, at_i, at_j), empty = fits.empty[lane];
+    const float w = (e + noise.soft) / ((noise.a_dn * e + ((noise.a_dn * noise.soft + empty) + noise.lit)) * e + empty * noise.soft), less = w * (second - largest);
+    const float x = golden(lane, at_i - 1, at_j) - golden(lane, at_i + 1, at_j), y = golden(lane, at_i, at_j - 1) - golden(lane, at_i, at_j + 1);
+    const float b = blur_of(lane, at_i, at_j);
+    fits.x[lane] += less * (fits.xx[lane] * x + fits.xy[lane] * y + fits.xb[lane] * b);
+    fits.y[lane] += less * (fits.xy[lane] * x + fits.yy[lane] * y + fits.yb[lane] * b);
 }
 
-void BinFitter::fit(int count, std::array<Fit, kAtOnce>& fits) {
-    Solution solution;
-    Rest rest;
-    const double all = columns_ * rows_;
-    scatter_(slots_.data(), count, layout_);
-    solve_(slots_.data(), count, layout_, solution);
-    // Bends once more without the largest dark reading.
-    Solution bend = solution;
-    std::array<Reading, kAtOnce> limited{};
-    bool any = false;
-    for (std::size_t s = 0; s < static_cast<std::size_t>(count); ++s) {
-        const double bent = solution.a[s] * solution.a[s] / solution.c_xx[s] + solution.b[s] * solution.b[s] / solution.c_yy[s];
-        if (solution.found[s] == 0 || !(bent > kNotable * kNotable)) continue;
-        limited[s] = limit_largest_dark(slots_[s]);
-        any = any || limited[s].mass != nullptr;
+void BinFitter::fit(Fits& fits, std::uint32_t wanted) {
+    scatter_(*work_);
+    fit_(*work_, extents_, fits);
+    for (int l = work_->first; l < work_->first + at_once_; ++l) {
+        if ((wanted >> l & 1U) == 0 || fits.found[l] == 0) continue;
+        const float bent = fits.x[l] * fits.x[l] / fits.x_variance[l] + fits.y[l] * fits.y[l] / fits.y_variance[l];
+        if (bent > static_cast<float>(kNotable * kNotable)) limit_largest_dark(fits, l);
     }
-    if (any) {
-        solve_(slots_.data(), count, layout_, bend);
-        for (const Reading& reading : limited) {
-            if (reading.mass != nullptr) *reading.mass = reading.was;
-        }
-    }
-    look_at_rest_(slots_.data(), count, layout_, solution, rest);
-    for (std::size_t s = 0; s < static_cast<std::size_t>(count); ++s) {
-        const Slot& slot = slots_[s];
-        Fit& fit = fits[s];
-        fit.found = solution.found[s] != 0;
-        if (!fit.found) continue;
-        const double per_dn = 1 / static_cast<double>(slot.light), of_shift = 2 * per_dn;  // differences are over two bins
-        fit.a = bend.a[s] * of_shift, fit.b = bend.b[s] * of_shift, fit.c = solution.c[s] * per_dn;
-        fit.a_variance = bend.c_xx[s] * (of_shift * of_shift);
-        fit.b_variance = bend.c_yy[s] * (of_shift * of_shift);
-        fit.c_variance = solution.c_bb[s] * (per_dn * per_dn);
-        const double lit = static_cast<double>(slot.noise.lit), per_read = 1 / (static_cast<double>(slot.noise.quiet) + lit);
-        fit.chi2 = rest.chi2[s] + rest.dark[s] * per_read;
-        fit.degrees = all - lit * ((all - static_cast<double>(slot.bins)) * per_read + static_cast<double>(slot.noise.soft) * rest.narrowed[s]);
-    }
-}
-
-BinFitter::Bins BinFitter::bins_of(int slot) {
-    Slot& s = slots_[static_cast<std::size_t>(slot)];
-    spread_out_(s.samples, layout_, s.wide.mass + kRoom + pitch_ + 1);
-    if (s.at.narrow) {  // brought to where the others are
-        const LitPlaces& lit = s.at.lit;
-        for (int row = lit.top(); row <= lit.bottom(); ++row) {
-            const float* from = s.narrow.golden + (NarrowRows::kTop + row - lit.top()) * NarrowRows::kPitch + NarrowRows::kFirst + 2;
-            std::copy_n(from, lit.right() - lit.left() + 1, s.wide.golden + kRoom + row * pitch_ + lit.left());
-        }
-        s.written = {0, blocks_ / 2};
-    }
-    return {s.wide.mass + kRoom, s.wide.golden + kRoom};
 }
 
 }  // namespace hord::algo

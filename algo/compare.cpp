@@ -9,9 +9,8 @@ namespace hord::algo {
 
 namespace {
 
-constexpr int kLine = GoldenLines::kLine;
-constexpr int kCopiedFrom = 2, kCopied = kLine * kMaxBins + kLine;  // places: of a copied lenslet's first sample; of all
-constexpr int kAhead = 8, kFetchTogether = 3;  // lenslets: so far before they are needed samples are fetched; so many share the lines of a cache
+constexpr int kCopiedLine = 16, kCopied = kCopiedLine * kMaxBins;  // samples: of a copied lenslet's line; of all
+static_assert(kCopiedLine >= (kMaxBins + 7) / 8 * 8);
 constexpr float kEdgeBins = 0.2F, kEdgeLight = 0.1F;  // second differences of a golden map: what interpolation cannot follow
 
 constexpr int floor_of(double v) {
@@ -43,9 +42,9 @@ double clipped_variance(double variance, double clip) {
 
 }  // namespace
 
-Comparer::Comparer(const Reference& reference, Isa isa)
-    : reference_(reference), golden_(reference, isa), fitter_(reference.extents, reference.stride(), isa), edge_(reference.extents.lenslets()),
-      copied_(static_cast<std::size_t>(BinFitter::kAtOnce * kCopied)) {
+Comparer::Comparer(const Reference& reference, Isa isa, std::shared_ptr<const GoldenPlanes> planes)
+    : reference_(reference), planes_(planes ? std::move(planes) : std::make_shared<const GoldenPlanes>(reference)), row_(reference, *planes_, isa), reader_(reference, isa),
+      fitter_(reference.extents, isa), edge_(reference.extents.lenslets()), read_(kLanes * reference.stride()), copied_(static_cast<std::size_t>(kLanes * kCopied)) {
     const double clip = static_cast<double>(reference.sensor.clip_dn), gain = static_cast<double>(reference.sensor.electrons_per_dn), read = static_cast<double>(reference.sensor.read_dn);
     double clipped = 0, light = 0;
     for (std::size_t k = 0; k < edge_.size(); ++k) {
@@ -97,107 +96,189 @@ BinNoise Comparer::at_light(const BinNoise& noise) const {
 void Comparer::start_row(const PoseMap& pose, int n, double light) {
     pose_ = &pose;
     light_ = (light + clipped_) / (1 + clipped_);
-    golden_.start_row(pose, n, light_);
+    row_.start_row(pose, n, light_);
+    group_.live = 0;
     golden_share_ = 1 + light_ / reference_.parts;  // less light than its own: less of its noise
     noise_now_ = at_light(noise_), noise_at_edges_now_ = at_light(noise_at_edges_);
 }
 
-// Of the lenslets at the ends of the frame's lines: so that around each line can be read.
+std::uint32_t Comparer::nearest(const PoseMap::Place& at) const {
+    const Extents& e = reference_.extents;
+    return static_cast<std::uint32_t>(std::clamp(floor_of(at.n + 0.5), 0, e.n - 1) * e.m + std::clamp(floor_of(at.m + 0.5), 0, e.m - 1));
+}
+
+// The lane of a lenslet among those that wait; -1: those that do are to be compared first.
+int Comparer::join(int m, int n, std::uint32_t sum, bool has_hord, Difference& out) {
+    const auto at = pose_->to_reference(m, n);
+    const int column = floor_of(at.m), block = (column - 1) >> 4, lane = (column - 1) & (kLanes - 1);
+    static_assert(kLanes == 16);
+    Group& g = group_;
+    // A turned part's lenslets lie less than one apart in the reference: once in a while two share a column.
+    if (g.live != 0 && (block != g.block || lane <= g.last)) return -1;
+    if (g.live == 0) g.with_hord = 0;
+    g.block = block;
+    g.last = lane;
+    g.live |= 1U << lane;
+    if (has_hord) g.with_hord |= 1U << lane;
+    g.at[lane] = at;
+    g.sum[lane] = sum;
+    g.out[lane] = &out;
+    const QuantisedCubic& along = cubic_at(at.m - column);
+    for (int c = 0; c < GoldenPlanes::kAcross; ++c) golden_.weights[c][lane] = static_cast<float>(along.of[c]);
+    return lane;
+}
+
+// Of lenslets at the ends of the frame's lines: so that behind each line can be read.
 template <class Sample>
-LensletSamples Comparer::copy_of(const Sample& sample, std::uint32_t dark) {
-    std::uint16_t* const copied = copied_.data() + std::ptrdiff_t{waiting_count_} * kCopied + kCopiedFrom;
-    for (int j = 0; j < reference_.extents.j; ++j) {
-        for (int i = 0; i < reference_.extents.i; ++i) copied[j * kLine + i] = sample(i, j);
-    }
-    return {copied, kLine, true, dark};
+LensletSamples<Sample> Comparer::copy_of(const LensletSamples<Sample>& samples, int lane) {
+    auto* const copied = reinterpret_cast<Sample*>(copied_.data() + std::ptrdiff_t{lane} * kCopied);
+    for (int j = 0; j < reference_.extents.j; ++j) std::copy_n(samples.first + j * samples.line_stride, reference_.extents.i, copied + std::ptrdiff_t{j} * kCopiedLine);
+    return {copied, kCopiedLine};
 }
 
 void Comparer::compare_row(const HordRow& row, int n, const PoseMap& pose, double light, std::span<Difference> out) {
     start_row(pose, n, light);
-    for (int m = 0; m < reference_.extents.m; ++m) {
+    const Extents& e = reference_.extents;
+    for (int m = 0; m < e.m; ++m) {
         const auto k = static_cast<std::size_t>(m);
         out[k] = {};
         if ((row.mask()[k] & kSaturated) != 0) continue;
-        const std::uint16_t* mass = row.hord(m).mass;
-        LensletSamples samples{mass, reference_.extents.i, true, 0};
-        if (m == 0) samples = copy_of([&](int i, int j) { return mass[j * reference_.extents.i + i]; }, 0);
-        compare(samples, row.sums()[k], row.has_hord(m), m, n, out[k]);
+        int lane = join(m, n, row.sums()[k], row.has_hord(m), out[k]);
+        if (lane < 0) {
+            compare(group_.wide, 0);
+            lane = join(m, n, row.sums()[k], row.has_hord(m), out[k]);
+        }
+        const LensletSamples<std::uint16_t> samples{row.hord(m).mass, e.i};
+        group_.wide[lane] = m + 1 < e.m ? samples : copy_of(samples, lane);
     }
-    finish_waiting();
+    compare(group_.wide, 0);
 }
 
 void Comparer::compare_row(const FrameView& frame, std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
                            std::span<Difference> out) {
     start_row(pose, n, light);
     const Extents& e = reference_.extents;
-    const bool wide = frame.sample_bytes() == 2;
-    const auto bytes = static_cast<std::ptrdiff_t>(frame.sample_bytes());
-    const auto* first = reinterpret_cast<const std::uint8_t*>(frame.data) + std::ptrdiff_t{n} * e.j * frame.stride_bytes;
-    const int read_in_place = std::max(0, (frame.width_px - kLine) / e.i + 1);
-    for (int m = 0; m < e.m; ++m) {
-        const auto k = static_cast<std::size_t>(m);
-        if ((mask[k] & kOutside) != 0) continue;
-        out[k] = {};
-        if ((mask[k] & kSaturated) != 0) continue;
-        if (m % kFetchTogether == 0 && m + kAhead < e.m) {
-            for (int j = 0; j < e.j; ++j) __builtin_prefetch(first + std::ptrdiff_t{m + kAhead} * e.i * bytes + j * frame.stride_bytes);
+    const auto compare_samples = [&]<class Sample>(LensletSamples<Sample>(&waiting)[kLanes]) {
+        const std::ptrdiff_t stride = frame.stride_bytes / static_cast<std::ptrdiff_t>(sizeof(Sample));
+        const auto* first = reinterpret_cast<const Sample*>(frame.data) + std::ptrdiff_t{n} * e.j * stride;
+        for (int m = 0; m < e.m; ++m) {
+            const auto k = static_cast<std::size_t>(m);
+            if ((mask[k] & kOutside) != 0) continue;
+            out[k] = {};
+            if ((mask[k] & kSaturated) != 0) continue;
+            int lane = join(m, n, sums[k], (mask[k] & kNoHord) == 0, out[k]);
+            if (lane < 0) {
+                compare(waiting, reference_.levels.dark);
+                lane = join(m, n, sums[k], (mask[k] & kNoHord) == 0, out[k]);
+            }
+            const LensletSamples<Sample> samples{first + std::ptrdiff_t{m} * e.i, stride};
+            waiting[lane] = m * e.i + fitter_.readable() <= frame.width_px ? samples : copy_of(samples, lane);
         }
-        LensletSamples samples{first + std::ptrdiff_t{m} * e.i * bytes, frame.stride_bytes / bytes, wide, reference_.levels.dark};
-        if (m == 0 || m >= read_in_place) samples = copy_of([&](int i, int j) { return static_cast<std::uint16_t>(frame.sample(m * e.i + i, n * e.j + j)); }, reference_.levels.dark);
-        compare(samples, sums[k], (mask[k] & kNoHord) == 0, m, n, out[k]);
-    }
-    finish_waiting();
+        compare(waiting, reference_.levels.dark);
+    };
+    if (frame.sample_bytes() == 2) compare_samples(group_.wide);
+    else compare_samples(group_.narrow);
 }
 
-// Its light at once; its bins when there are enough lenslets to be fitted together.
-void Comparer::compare(const LensletSamples& samples, std::uint32_t sum, bool has_hord, int m, int n, Difference& out) {
-    const Extents& e = reference_.extents;
-    const auto q = pose_->to_reference(m, n);
-    const GoldenReader::Golden& golden = fitter_.take(waiting_count_, golden_, q);
-    if (!golden.known) return;
-    out.at = static_cast<std::uint32_t>(std::clamp(floor_of(q.n + 0.5), 0, e.n - 1) * e.m + std::clamp(floor_of(q.m + 0.5), 0, e.m - 1));
-    const double expected = golden.light * golden.share;
+// All that wait.
+template <class Sample>
+void Comparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::uint32_t dark) {
+    Group& g = group_;
+    if (g.live == 0) return;
+    row_.move_to(g.block);
+    const std::uint32_t plain = row_.plain() & g.live;
+    BinRect lit;
+    if (plain != 0) lit = row_.lit();
+    GoldenReader::Golden alone[kLanes];
+    for (std::uint32_t left = g.live & ~plain; left != 0; left &= left - 1) {
+        const int l = __builtin_ctz(left);
+        GoldenReader::Golden& golden = alone[l];
+        golden = reader_.read(g.at[l].m, g.at[l].n, light_, read_.data() + static_cast<std::size_t>(l) * reference_.stride());
+        if (!golden.has_hord) continue;
+        const auto bin = [](int place) { return static_cast<std::int16_t>(place - 1); };
+        lit.cover({bin(golden.lit.left()), bin(golden.lit.right()), bin(golden.lit.top()), bin(golden.lit.bottom())});
+    }
+    const int at_once = fitter_.at_once();
+    if (!lit.none()) {
+        const LensletSamples<Sample> any = samples[__builtin_ctz(g.live)];
+        for (std::uint32_t dead = ~g.live & 0xFFFFU; dead != 0; dead &= dead - 1) samples[__builtin_ctz(dead)] = any;
+        fitter_.take(samples, dark);
+    }
+    for (int first = 0; first < kLanes; first += at_once) {
+        const std::uint32_t ours = g.live & ((1U << at_once) - 1U) << first;
+        if (ours == 0) continue;
+        if (!lit.none()) {
+            fitter_.start(first, lit);
+            row_.interpolate(first, lit, golden_, fitter_.golden(lit.left, lit.top), fitter_.golden_pitch());
+        }
+        std::uint32_t fitted = 0;
+        for (std::uint32_t left = ours; left != 0; left &= left - 1) {
+            const int l = __builtin_ctz(left);
+            bool has_hord = true;
+            if ((plain >> l & 1U) != 0) {
+                has_hord = look_at_light(l, static_cast<double>(golden_.light[l]), static_cast<double>(golden_.share[l]));
+            } else {
+                const GoldenReader::Golden& golden = alone[l];
+                has_hord = golden.known && look_at_light(l, golden.light, golden.share) && golden.has_hord;
+                if (!has_hord) continue;
+                const float* bins = read_.data() + static_cast<std::size_t>(l) * reference_.stride();
+                for (int j = lit.top; j <= lit.bottom; ++j) {
+                    for (int i = lit.left; i <= lit.right; ++i) {
+                        const auto place = static_cast<int>(reference_.place(i, j));
+                        fitter_.golden(i, j)[l - first] = place >= golden.written.first && place < golden.written.end() ? bins[place] : 0.0F;
+                    }
+                }
+            }
+            if (!has_hord || (g.with_hord >> l & 1U) == 0) continue;
+            fitted |= 1U << l;
+        }
+        if (fitted == 0) continue;
+        for (int l = first; l < first + at_once; ++l) {
+            if ((fitted >> l & 1U) == 0) fits_.light[l] = 1, fits_.empty[l] = noise_now_.empty;
+        }
+        fits_.noise = noise_now_;
+        fitter_.fit(fits_, fitted);
+        for (; fitted != 0; fitted &= fitted - 1) finish(__builtin_ctz(fitted));
+    }
+    g.live = 0;
+}
+
+// Whether there is light to be expected.
+bool Comparer::look_at_light(int lane, double light, double share) {
+    Difference& out = *group_.out[lane];
+    const std::uint32_t sum = group_.sum[lane];
+    out.at = nearest(group_.at[lane]);
     out.sum = static_cast<float>(sum);
-    if (expected < static_cast<double>(reference_.levels.min_sum)) return;
+    const double expected = light * share;
+    if (!(light > 0) || expected < static_cast<double>(reference_.levels.min_sum)) return false;
     out.has_light = true;
     const double per_expected = 1 / expected, a_dn = static_cast<double>(noise_now_.a_dn);
     out.light = static_cast<float>(static_cast<double>(sum) * per_expected - 1);
     constexpr double kBinsLit = 9;  // that add their floor to the sum
     out.light_variance = static_cast<float>((a_dn * expected + kBinsLit * floor_ * golden_share_) * per_expected * per_expected);
-    if (!golden.has_hord || !has_hord) return;
-    fitter_.put(waiting_count_, samples, static_cast<float>(static_cast<double>(sum) / golden.share), edge_[out.at] != 0 ? noise_at_edges_now_ : noise_now_);
+    fits_.light[lane] = static_cast<float>(static_cast<double>(sum) / share);
+    fits_.empty[lane] = (edge_[out.at] != 0 ? noise_at_edges_now_ : noise_now_).empty;
+    return true;
+}
+
+void Comparer::finish(int l) {
+    if (fits_.found[l] == 0) return;
+    Difference& out = *group_.out[l];
+    out.has_hord = true;
+    out.x = fits_.x[l], out.y = fits_.y[l], out.blur = fits_.blur[l];
+    out.x_variance = fits_.x_variance[l], out.y_variance = fits_.y_variance[l], out.blur_variance = fits_.blur_variance[l];
+    out.chi2 = fits_.chi2[l];
+    out.degrees = std::max(1.0F, fits_.degrees[l] - 3);
+    if (std::sqrt(2 * out.chi2) > std::sqrt(2 * out.degrees) + kMuch) look_how_far(l, out);
     // The turn of the part turns its deflections: that is no deviation.
     const auto gx = static_cast<double>(reference_.x[out.at]), gy = static_cast<double>(reference_.y[out.at]);
     const auto turned = pose_->turned(gx, gy);
-    waiting_[static_cast<std::size_t>(waiting_count_++)] = {&out, turned.m - gx, turned.n - gy};
-    if (waiting_count_ == BinFitter::kAtOnce) finish_waiting();
-}
-
-void Comparer::finish_waiting() {
-    std::array<BinFitter::Fit, BinFitter::kAtOnce> fits;
-    if (waiting_count_ > 0) fitter_.fit(waiting_count_, fits);
-    for (int slot = 0; slot < waiting_count_; ++slot) {
-        const BinFitter::Fit& fit = fits[static_cast<std::size_t>(slot)];
-        const Waiting& waiting = waiting_[static_cast<std::size_t>(slot)];
-        if (!fit.found) continue;
-        Difference& out = *waiting.out;
-        out.has_hord = true;
-        out.x = static_cast<float>(fit.a), out.y = static_cast<float>(fit.b), out.blur = static_cast<float>(fit.c);
-        out.x_variance = static_cast<float>(fit.a_variance);
-        out.y_variance = static_cast<float>(fit.b_variance);
-        out.blur_variance = static_cast<float>(fit.c_variance);
-        out.chi2 = static_cast<float>(fit.chi2);
-        out.degrees = static_cast<float>(std::max(1.0, fit.degrees - 3));
-        if (std::sqrt(2 * out.chi2) > std::sqrt(2 * out.degrees) + kMuch) look_how_far(slot, out);
-        out.x -= static_cast<float>(waiting.x);
-        out.y -= static_cast<float>(waiting.y);
-    }
-    waiting_count_ = 0;
+    out.x -= static_cast<float>(turned.m - gx);
+    out.y -= static_cast<float>(turned.n - gy);
 }
 
 // Where a fit of small shifts does not say how far light went: by the mean of all bins.
-void Comparer::look_how_far(int slot, Difference& out) {
-    const BinFitter::Bins bins = fitter_.bins_of(slot);
+void Comparer::look_how_far(int lane, Difference& out) const {
     const double a_dn = golden_share_ / static_cast<double>(reference_.sensor.electrons_per_dn), quiet = static_cast<double>(noise_.quiet);
     struct Moments {
         double light = 0, x = 0, y = 0, xx = 0, yy = 0;
@@ -205,10 +286,9 @@ void Comparer::look_how_far(int slot, Difference& out) {
     } seen, wanted, places;
     for (int j = 0; j < reference_.extents.j; ++j) {
         for (int i = 0; i < reference_.extents.i; ++i) {
-            const auto k = reference_.place(i, j);
             const double x = i - 0.5 * (reference_.extents.i - 1), y = j - 0.5 * (reference_.extents.j - 1);
-            seen.add(static_cast<double>(bins.mass[k]), x, y), places.add(1, x, y);
-            wanted.add(static_cast<double>(bins.golden[k]), x, y);
+            seen.add(static_cast<double>(fitter_.mass(lane, i, j)), x, y), places.add(1, x, y);
+            wanted.add(static_cast<double>(fitter_.golden(lane, i, j)), x, y);
         }
     }
     if (!(seen.light > 0) || !(wanted.light > 0)) return;

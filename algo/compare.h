@@ -24,12 +24,14 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
 #include "algo/bin_fit.h"
 #include "algo/decode.h"
 #include "algo/golden_reader.h"
+#include "algo/golden_row.h"
 #include "algo/isa.h"
 #include "algo/pose.h"
 #include "algo/reference.h"
@@ -53,8 +55,8 @@ constexpr double kFarBins = 0.5;
 
 class Comparer {
   public:
-    // `reference` outlives it. Takes all memory.
-    explicit Comparer(const Reference& reference, Isa isa = best_isa());
+    // `reference` outlives it. Takes all memory. Comparers of one reference, one a thread, may share its planes; else it makes its own.
+    explicit Comparer(const Reference& reference, Isa isa = widest_isa(), std::shared_ptr<const GoldenPlanes> planes = nullptr);
 
     // Compares row n of a part: `light` is its typical sum over the reference's. One Difference a lenslet.
     void compare_row(const HordRow& row, int n, const PoseMap& pose, double light, std::span<Difference> out);
@@ -64,34 +66,50 @@ class Comparer {
                      std::span<Difference> out);
 
   private:
-    struct Waiting {          // a lenslet whose bins are still to be fitted, with others
-        Difference* out = nullptr;
-        double x = 0, y = 0;  // by how much the part's turn changes the reference's deflection there
+    static constexpr int kLanes = kGoldenLanes;
+    // Lenslets that lie between the same columns of the reference, lane l after column 16 block + l + 1, waiting to be compared together.
+    struct Group {
+        int block = 0;
+        std::uint32_t live = 0, with_hord = 0;  // bit l: lane l
+        int last = -1;                          // lane
+        PoseMap::Place at[kLanes];
+        std::uint32_t sum[kLanes];
+        Difference* out[kLanes];
+        LensletSamples<std::uint8_t> narrow[kLanes];
+        LensletSamples<std::uint16_t> wide[kLanes];
     };
     void start_row(const PoseMap& pose, int n, double light);
+    int join(int m, int n, std::uint32_t sum, bool has_hord, Difference& out);
     template <class Sample>
-    LensletSamples copy_of(const Sample& sample, std::uint32_t dark);
-    void compare(const LensletSamples& samples, std::uint32_t sum, bool has_hord, int m, int n, Difference& out);
-    void finish_waiting();
-    void look_how_far(int slot, Difference& out);
+    LensletSamples<Sample> copy_of(const LensletSamples<Sample>& samples, int lane);
+    template <class Sample>
+    void compare(LensletSamples<Sample> (&samples)[kLanes], std::uint32_t dark);
+    bool look_at_light(int lane, double light, double share);
+    void finish(int lane);
+    void look_how_far(int lane, Difference& out) const;
     void find_edges();
     [[nodiscard]] BinNoise at_light(const BinNoise& noise) const;
+    [[nodiscard]] std::uint32_t nearest(const PoseMap::Place& at) const;
 
     const Reference& reference_;
-    GoldenReader golden_;
+    std::shared_ptr<const GoldenPlanes> planes_;
+    GoldenRow row_;
+    GoldenReader reader_;  // where a row does not reach
     BinFitter fitter_;
-    std::vector<std::uint8_t> edge_;           // one a lenslet: whether it is within two lenslets of an edge
-    std::vector<std::uint16_t> copied_;        // of lenslets at the end of the frame's lines, one a slot
-    double clipped_ = 0;                       // of a typical lenslet's light, by the dark level
-    double floor_ = 0;                         // variance of a reading
+    std::vector<std::uint8_t> edge_;      // one a lenslet: whether it is within two lenslets of an edge
+    std::vector<float> read_;             // golden bins that a row does not reach, a Reference's stride a lane
+    std::vector<std::uint16_t> copied_;   // samples of lenslets at the end of the frame's lines, lane by lane
+    double clipped_ = 0;                  // of a typical lenslet's light, by the dark level
+    double floor_ = 0;                    // variance of a reading
     BinNoise noise_{}, noise_at_edges_{};
 
     // Of the row at hand.
     const PoseMap* pose_ = nullptr;
     double light_ = 1, golden_share_ = 1;
     BinNoise noise_now_{}, noise_at_edges_now_{};
-    std::array<Waiting, BinFitter::kAtOnce> waiting_{};
-    int waiting_count_ = 0;
+    Group group_;
+    GoldenRow::Lanes golden_;
+    BinFitter::Fits fits_;
 };
 
 // The four scores of a lenslet: deviation over its standard deviation. Light and blur are signed (less light, less spread: negative).

@@ -15,5 +15,6 @@ bool has(Isa isa) {
 }
 
 Isa best_isa() { return has(Isa::avx2) ? Isa::avx2 : Isa::portable; }
+Isa widest_isa() { return has(Isa::avx512) ? Isa::avx512 : best_isa(); }
 
 }  // namespace hord::algo

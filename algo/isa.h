@@ -12,5 +12,7 @@ bool has(Isa isa);
 // The fastest as measured (docs/results/features.md): AVX2 where there is AVX2. AVX-512 is 1.1 to 1.2 times slower here: most of the work is scalar
 // bookkeeping between short vectors.
 Isa best_isa();
+// The widest: for what is lanes from beginning to end, as comparing with a reference (algo/bin_fit.h), which AVX-512 makes an eighth faster.
+Isa widest_isa();
 
 }  // namespace hord::algo

@@ -293,9 +293,10 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
     auto crew = BandCrew::create(threads);
     if (!crew) return tl::unexpected(crew.error());
     std::vector<Worker> workers;
+    const auto planes = recipe.reference ? std::make_shared<const GoldenPlanes>(*recipe.reference) : nullptr;
     for (int worker = 0; worker < threads; ++worker) {
         Worker& made = workers.emplace_back();
-        if (recipe.reference) made.comparer.emplace(*recipe.reference);
+        if (recipe.reference) made.comparer.emplace(*recipe.reference, widest_isa(), planes);
         if (recipe.gradient != Feature::emd) {
             made.planes.emplace(extents, recipe.gradient.value_or(Feature::jacobian_frobenius), best_isa(), true);
             continue;

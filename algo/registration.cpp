@@ -13,6 +13,7 @@ namespace {
 constexpr int kSampledSide = 40;
 constexpr int kSteps = 30;
 constexpr double kSettled = 5e-3;                     // lenslets, at the field's rim
+constexpr double kSwings = 1.0 / 8;                   // of a step, after three that turned back
 constexpr double kNearlySettled = 0.03;               // where a quarter of the sample has done its part
 constexpr int kCoarseSteps = 12;
 constexpr std::size_t kLeastCoarse = 64;
@@ -142,6 +143,8 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     const double middle_m = 0.5 * (extents_.m - 1), middle_n = 0.5 * (extents_.n - 1), reach = std::max(middle_m, middle_n);
     const auto bins = [](DeflectionQ q) { return q.to_double_rounded(); };
     double turn = 0, typical = 0;
+    double shorter = 1;     // of a step, where the ones before went to and fro
+    std::array<double, 3> before{};
     bool round = false;     // decided at the first step
     bool settling = false;  // the last steps
     std::size_t used = sample_.size(), count = 0;
@@ -231,14 +234,18 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         const double moved = std::max(std::abs(by[0]), std::abs(by[1])) + std::abs(by[2]) * reach;
         typical = next_typical;
         if (!weigh_light()) return found;
-        if (settling && moved < kSettled) break;
+        // Where the reference's interpolation has a kink, at its own lenslets, each full step leads across it, again and again.
+        const double turned_back = by[0] * before[0] + by[1] * before[1] + reach * reach * by[2] * before[2];
+        shorter = moved < kNearlySettled && turned_back < 0 ? 0.5 * shorter : std::min(1.0, 2 * shorter);
+        before = by;
+        if (settling && (moved < kSettled || (shorter <= kSwings && shorter * moved < kSettled))) break;
         if (step == kSteps) {
             if (moved < 0.1) break;  // it swings within a tenth of a lenslet, and the last steps were a quarter of that
             found.outcome = found.disagreeing > kForeignShare ? Registered::Outcome::foreign : Registered::Outcome::unsettled;
             return found;
         }
         // At most a lenslet a step; less and less where the weights make it swing.
-        const double shortened = std::min(step < 6 ? 1.0 : step < 12 ? 0.5 : 0.25, 1.0 / std::max(moved, 1e-9));
+        const double shortened = shorter * std::min(step < 6 ? 1.0 : step < 12 ? 0.5 : 0.25, 1.0 / std::max(moved, 1e-9));
         found.pose.x += shortened * by[0];
         found.pose.y += shortened * by[1];
         turn += shortened * by[2];

@@ -6,7 +6,8 @@
 // defects out: Gauss-Newton from the reference's own pose, the reference's maps read by cubic interpolation. Weak
 // priors (1 lenslet, 0.02 rad) and one as strong as what the reference's own noise seems to say keep still what leaves no trace; the turn of
 // a round part, where less than kTurnShare of the maps' changes would be seen in one, stays 0. The first step and the last ones look at the whole sample, those in
-// between at a quarter of it.
+// between at a quarter of it. A step that turns back is half as long: where the reference's own lenslets are, the interpolated maps have kinks, and a part that lies just as
+// the reference does would be sought on either side of one without end.
 //
 // A part cannot be registered when the steps do not settle, when it lies further away than kFarthestLenslets or kFarthestSine, or when
 // more than kForeignShare of what is compared disagrees grossly: then it is not such a part.

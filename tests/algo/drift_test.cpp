@@ -1,6 +1,7 @@
 // Drift of the grid from production frames: noticed in time, measured, and not imagined.
 #include "algo/drift.h"
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 

@@ -1,6 +1,7 @@
 // One decoder for every lattice: which way is taken, that nothing is lost on it, and what is refused.
 #include "algo/grid_decoder.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>

@@ -2,6 +2,7 @@
 #include "algo/regrid.h"
 
 #include <cmath>
+#include <functional>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

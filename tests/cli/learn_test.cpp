@@ -1,4 +1,5 @@
 // `hordctl learn`, and `hordctl inspect` against what it has learned, as a person meets them.
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <iterator>
