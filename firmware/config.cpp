@@ -1,5 +1,6 @@
 #include "firmware/config.h"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>

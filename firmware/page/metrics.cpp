@@ -1,6 +1,7 @@
 #include "firmware/page/metrics.h"
 
 #include <fstream>
+#include <limits>
 #include <sstream>
 
 #include <prometheus/metric_family.h>

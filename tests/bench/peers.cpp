@@ -1,5 +1,6 @@
 #include "peers.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <lemon/network_simplex.h>

@@ -1,6 +1,7 @@
 // A station whose sensor delivers raw frames of a turned, distorted, hexagonal lenslet array: calibrated, decoded, watched for drift.
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

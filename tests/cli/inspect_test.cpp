@@ -1,8 +1,10 @@
 // `hordctl inspect` as a person meets it: verdicts, files, JSON, exit statuses and refusals.
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <sstream>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,5 @@
 // `hordctl tune`, as a person meets it: what it chooses, what it writes, what it refuses.
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <iterator>

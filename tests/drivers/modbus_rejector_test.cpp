@@ -1,6 +1,8 @@
 // The rejector driver against a coil module that misbehaves, over loopback, in real time.
 #include "tests/drivers/rejector_bench.h"
 
+#include <algorithm>
+
 #include "hal_sim/cell/cell.h"
 
 namespace hord::drivers {

@@ -1,5 +1,6 @@
 #include "firmware/modbus/dispatcher.h"
 
+#include <algorithm>
 #include <map>
 #include <random>
 #include <vector>

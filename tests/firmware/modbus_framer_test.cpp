@@ -1,5 +1,6 @@
 #include "firmware/modbus/framer_tcp.h"
 
+#include <algorithm>
 #include <random>
 #include <vector>
 

@@ -1,4 +1,6 @@
 // A conveyor that slows, stops and restarts: deadlines and ejection follow the encoder, not the clock.
+#include <limits>
+
 #include "tests/firmware/core/core_rig.h"
 
 namespace hord::firmware {

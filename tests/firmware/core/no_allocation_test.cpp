@@ -1,4 +1,6 @@
 // After it was made, the core takes no memory: every operator new of this program is counted.
+#include <memory>
+
 #include "tests/firmware/core/core_rig.h"
 #include "tests/support/counted_heap.h"
 

@@ -1,6 +1,7 @@
 // ROC areas, thresholds and POD curves against values worked out by hand or known in closed form.
 #include "firmware/experiment/statistics.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>

@@ -2,6 +2,7 @@
 // docs/results/tradeoff.md has them, and a run that was killed continues.
 #include "firmware/experiment/tradeoff.h"
 
+#include <algorithm>
 #include <csignal>
 #include <fstream>
 #include <iterator>
