@@ -264,11 +264,11 @@ void V4l2Sensor::on_ready() {
     }
     if (buffer.index >= stream->maps.size()) return lose("it named a buffer that does not exist", EIO);
     if (!watch_again(stream->fd)) return lose("it cannot be waited for", EIO);
-    // The kernel's monotonic time stamp is of the start or of the end of the exposure.
-    const TimePoint stamp{std::chrono::seconds(buffer.timestamp.tv_sec) + std::chrono::microseconds(buffer.timestamp.tv_usec)};
+    // The kernel's monotonic time stamp is of the start or of the end of the exposure, cut to microseconds: the latest that it can mean.
+    const TimePoint stamp{std::chrono::seconds(buffer.timestamp.tv_sec) + std::chrono::microseconds(buffer.timestamp.tv_usec) + std::chrono::nanoseconds(999)};
     const bool of_start = (buffer.flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK) == V4L2_BUF_FLAG_TSTAMP_SRC_SOE;
     const auto began = [&](const hal::ExposureRequest& asked) { return of_start ? stamp : stamp - asked.length; };
-    if (waiting_.empty() || began(waiting_.front()) + options_.timestamp_tolerance < waiting_.front().start) {
+    if (waiting_.empty() || began(waiting_.front()) < waiting_.front().start) {
         ++unasked_;
         ++unasked_now_;
         if (stream->queue(buffer.index) != 0) lose("a buffer cannot be queued", errno);

@@ -1,9 +1,10 @@
 // A lenslet sensor behind a V4L2 video device: mmap streaming, nothing copied.
 //
 // The pipeline reads the driver's own buffer; giving the lease back queues it again. GREY, Y10, Y12 and Y16 (two bytes a
-// sample, right-aligned); a device that has Y10P or Y12P alone has them unpacked, which is a copy. The camera runs free or is triggered by wire: a frame is delivered to the oldest trigger that
-// waits and whose start it does not precede; a frame that nobody asked for goes straight back
-// and is counted, and is not a gap in the sequence.
+// sample, right-aligned); a device that has Y10P or Y12P alone has them unpacked, which is a copy. The camera runs free or is
+// triggered by wire: a frame is delivered to the oldest trigger that waits, unless by the device's stamp it began before that
+// trigger's start, by however little; a frame that nobody asked for goes straight back and is counted, and is not a gap in the
+// sequence.
 #pragma once
 
 #include <memory>
@@ -22,8 +23,7 @@ struct V4l2SensorOptions {
     int height_px = 0;
     int bits = 8;       // 8: GREY, 10: Y10 or Y10P, 12: Y12 or Y12P, 16: Y16
     int buffers = 4;    // 2..32; frames that may be lent at the same time is one less
-    hal::Duration timestamp_tolerance = std::chrono::microseconds(500);  // the device's clock may be early by this
-    std::vector<std::pair<std::string, std::int64_t>> controls;          // by name, as v4l2-ctl prints it; set at start
+    std::vector<std::pair<std::string, std::int64_t>> controls;  // by name, as v4l2-ctl prints it; set at start
 };
 
 class V4l2Sensor final : public hal::Sensor {

@@ -9,6 +9,7 @@ namespace {
 using namespace std::chrono_literals;
 using hal::ExposureRequest;
 using hal::FrameLease;
+using hal::TimePoint;
 
 struct Ear final : hal::Sensor::Listener {
     void on_frame(FrameLease frame) override {
@@ -71,6 +72,31 @@ TEST_P(SensorContract, a_trigger_brings_one_whole_frame_of_the_format_exposed_no
     }
     h_->run_for(kQuiet);
     EXPECT_TRUE(ear.frames.empty());
+    h_->device().stop();
+}
+
+// A camera that runs free is asked shortly after each of its frames began.
+TEST_P(SensorContract, no_frame_is_taken_that_began_shortly_before_the_start_asked_for) {
+    Ear ear;
+    ASSERT_TRUE(h_->device().start(ear));
+    std::uint32_t number = 0;
+    const auto start_of = [&](const ExposureRequest& asked) -> TimePoint {
+        EXPECT_TRUE(h_->device().trigger(asked));
+        EXPECT_TRUE(h_->run_until([&] { return !ear.frames.empty(); })) << (ear.losses.empty() ? "not lost" : ear.losses[0].message());
+        if (ear.frames.empty()) return {};
+        const TimePoint began = ear.frames[0].info().exposure_start;
+        ear.frames.clear();
+        return began;
+    };
+    const TimePoint first = start_of(exposure(*h_, ++number));
+    TimePoint last = start_of(exposure(*h_, ++number));
+    const auto period = last - first;
+    ASSERT_GT(period, 0ns);
+    for (const auto after : {50us, 100us, 150us, 200us, 250us, 300us, 350us, 400us}) {
+        const ExposureRequest asked{.exposure = ++number, .start = last + period + after, .length = 200us};
+        last = start_of(asked);
+        ASSERT_GE(last, asked.start) << after.count();
+    }
     h_->device().stop();
 }
 
