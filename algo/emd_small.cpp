@@ -65,30 +65,35 @@ struct Batch {
         bits.template bits_as<float>().to(key[cell]);
     }
 
+    // Of two columns the one of lower key comes first; its mass is added to what is before the other.
+    HORD_ALWAYS_INLINE static void add_before(const float* key_a, const float* key_b, const Mass* mass_a, const Mass* mass_b, Mass* before_a, Mass* before_b) {
+        std::int32_t a_first[kWide];
+        Floats::at(key_a).below(Floats::at(key_b)).to(a_first);
+        if constexpr (sizeof(Mass) == sizeof(std::int32_t)) {
+            const Ints first = Ints::at(a_first);
+            (Ints::at(before_b) + (first & Ints::at(mass_a))).to(before_b);
+            (Ints::at(before_a) + choose(first, Ints::all(0), Ints::at(mass_b))).to(before_a);
+        } else {
+            for (int l = 0; l < kWide; ++l) before_b[l] += a_first[l] != 0 ? mass_a[l] : Mass{0};
+            for (int l = 0; l < kWide; ++l) before_a[l] += a_first[l] != 0 ? Mass{0} : mass_b[l];
+        }
+    }
+
     // Two rows: how much of each column comes from the first. Keys order columns roughly: the plan is proven where no column that the first
     // row serves gains less by it than one that the second serves.
     HORD_ALWAYS_INLINE void knapsack() {
-        Mass left[kWide], taken[kSmallSide][kWide] = {};
-        for (int l = 0; l < kWide; ++l) left[l] = mass[0][l];
         for (int j = 0; j < cols; ++j) {
             float gain[kWide];
             for (int l = 0; l < kWide; ++l) gain[l] = static_cast<float>(cost[cell(0, j)][l] - cost[cell(1, j)][l]);
             set_key(j, Floats::at(gain));
         }
-        for (int step = 0; step < cols; ++step) {
-            Floats least = Floats::at(key[0]);
-            for (int j = 1; j < cols; ++j) least = lower(least, Floats::at(key[j]));
-            float best[kWide];
-            least.to(best);
-            for (int j = 0; j < cols; ++j) {
-                for (int l = 0; l < kWide; ++l) {
-                    const bool here = key[j][l] == best[l];
-                    const Mass share = lower(left[l], mass[column(j)][l]);
-                    taken[j][l] = here ? share : taken[j][l];
-                    left[l] -= here ? share : Mass{0};
-                    key[j][l] = here ? kClosed : key[j][l];
-                }
-            }
+        // Of each column, what those before it want; of two keys, which no two columns share, one is the lower.
+        Mass before[kSmallSide][kWide] = {}, taken[kSmallSide][kWide];
+        for (int j = 0; j < cols; ++j) {
+            for (int k = 0; k < j; ++k) add_before(key[j], key[k], mass[column(j)], mass[column(k)], before[j], before[k]);
+        }
+        for (int j = 0; j < cols; ++j) {
+            for (int l = 0; l < kWide; ++l) taken[j][l] = lower(higher(mass[0][l] - before[j][l], Mass{0}), mass[column(j)][l]);
         }
         double sum[kWide] = {};
         double most_served[kWide], least_left[kWide];  // cost by the first row, less that by the second

@@ -38,6 +38,10 @@ template <class V>
 HORD_ALWAYS_INLINE V lower(const V& a, const V& b) {
     return b < a ? b : a;
 }
+template <class V>
+HORD_ALWAYS_INLINE V higher(const V& a, const V& b) {
+    return a < b ? b : a;
+}
 
 }  // namespace hord::algo
 

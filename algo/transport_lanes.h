@@ -65,6 +65,11 @@ struct Lanes<T, Count, Bytes, std::index_sequence<I...>> {
     // All bits where it is true, else none.
     HORD_ALWAYS_INLINE Lanes equals(const Lanes& b) const { return {{(part[I] == b.part[I])...}}; }
     HORD_ALWAYS_INLINE Lanes above(const Lanes& b) const { return {{(part[I] > b.part[I])...}}; }
+    HORD_ALWAYS_INLINE Lanes<std::int32_t, Count, Bytes> below(const Lanes& b) const
+        requires(sizeof(T) == sizeof(std::int32_t))
+    {
+        return {{static_cast<Vector<std::int32_t, Bytes>>(part[I] < b.part[I])...}};
+    }
     HORD_ALWAYS_INLINE friend Lanes choose(const Lanes& bits, const Lanes& yes, const Lanes& no) {
         return {{((bits.part[I] & yes.part[I]) | (~bits.part[I] & no.part[I]))...}};
     }
