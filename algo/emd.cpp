@@ -12,6 +12,8 @@
 namespace hord::algo {
 namespace {
 
+constexpr int kStartsThatPay = 8;  // fewer are found sooner one by one
+
 std::size_t index(int k) { return static_cast<std::size_t>(k); }
 
 template <class Mass>
@@ -68,6 +70,49 @@ struct Format {
     std::vector<Bucket<Mass>> buckets;
 };
 
+// Larger problems of one shape, whose starts are found side by side.
+struct StartBucket {
+    TransportBatch batch;
+    std::array<double, kMostStarts> mass;  // on either side
+    std::array<double*, kMostStarts> out;
+
+    template <class Mass>
+    void add(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols, double on_either_side, double* answer) {
+        const std::size_t place = index(batch.filled++);
+        put(rows, batch.problem[place].rows);
+        put(cols, batch.problem[place].cols);
+        mass[place] = on_either_side;
+        out[place] = answer;
+    }
+
+  private:
+    template <class Mass>
+    static void put(const ResidualSide<Mass>& from, TransportBatch::Side& to) {
+        for (std::size_t k = 0; k < kMostStartSide; ++k) to.mass[k] = static_cast<double>(from.mass[k]);
+        std::copy_n(from.bin.begin(), kMostStartSide, to.bin.begin());
+    }
+};
+
+// One for every shape.
+class StartBuckets {
+  public:
+    StartBuckets() : buckets_(index((kMostStartSide - kSmallSide) * (kMostStartSide + 1))) {
+        for (int cols = kSmallSide + 1; cols <= kMostStartSide; ++cols) {
+            for (int rows = 2; rows <= cols; ++rows) {
+                TransportBatch& batch = of(rows, cols).batch;
+                batch.rows = rows;
+                batch.cols = cols;
+            }
+        }
+    }
+    StartBucket& of(int rows, int cols) { return buckets_[index((cols - kSmallSide - 1) * (kMostStartSide + 1) + rows)]; }
+    auto begin() { return buckets_.begin(); }
+    auto end() { return buckets_.end(); }
+
+  private:
+    std::vector<StartBucket> buckets_;
+};
+
 }  // namespace
 
 struct EmdSolver::State {
@@ -89,12 +134,15 @@ struct EmdSolver::State {
     template <class Mass>
     double by_simplex(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols);
     double by_simplex(const Transport& problem, const TransportStep* start);
+    void solve_started(StartBucket& bucket);
 
     GroundDistance ground;
     TransportSimplex simplex;
     SmallCosts costs;
     Format<std::int32_t> light;
     Format<double> heavy;
+    StartBuckets starts;
+    TransportStarts found;
     Work work;
 };
 
@@ -126,8 +174,12 @@ void EmdSolver::State::submit_as(Format<Mass>& format, const Hord& a, const Hord
     const ResidualSide<Mass>&rows = residual.side[of_rows], &cols = residual.side[1 - of_rows];
     if (rows.count == 1) {
         *out = from_one(rows, cols) / mass;
-    } else if (cols.count > kSmallSide) {
+    } else if (cols.count > kMostStartSide || (at_once && cols.count > kSmallSide)) {
         *out = by_simplex(rows, cols) / mass;
+    } else if (cols.count > kSmallSide) {
+        StartBucket& bucket = starts.of(rows.count, cols.count);
+        bucket.add(rows, cols, mass, out);
+        if (bucket.batch.filled == kMostStarts) solve_started(bucket);
     } else {
         Bucket<Mass>& bucket = format.bucket(rows.count, cols.count);
         bucket.add(rows, cols, mass, out);
@@ -161,10 +213,11 @@ void EmdSolver::State::solve_bucket(Format<Mass>& format, Bucket<Mass>& full) {
 // From the plan of a lane on.
 template <class Mass>
 double EmdSolver::State::improve(const SmallBatch<Mass>& batch, const SmallAnswer<Mass>& answer, int lane) {
-    const auto node_of = [&](std::int32_t small) { return small < kFirstSmallColumn ? small : small - kFirstSmallColumn + batch.rows; };
     std::array<TransportStep, kMostSmallSteps> steps;
     for (int step = 0; step < batch.rows + batch.cols - 1; ++step) {
-        steps[index(step)] = {static_cast<double>(answer.flow[step][lane]), node_of(answer.child[step][lane]), node_of(answer.parent[step][lane])};
+        const std::int32_t child = answer.child[step][lane], parent = answer.parent[step][lane];
+        steps[index(step)] = {static_cast<double>(answer.flow[step][lane]), static_cast<std::int16_t>(std::min(child, parent)),
+                              static_cast<std::int16_t>(std::max(child, parent) - kFirstSmallColumn), child < parent};
     }
     const std::uint8_t* bin = batch.problem[lane].bin;
     return by_simplex({batch.rows, batch.cols, nullptr, nullptr, bin, bin + kFirstSmallColumn}, steps.data());
@@ -186,7 +239,19 @@ double EmdSolver::State::by_simplex(const Transport& problem, const TransportSte
     return outcome.cost;
 }
 
+void EmdSolver::State::solve_started(StartBucket& bucket) {
+    TransportBatch& batch = bucket.batch;
+    const bool many = batch.filled >= kStartsThatPay;
+    if (many) simplex.find_starts(batch, found);
+    for (std::size_t k = 0; k < index(batch.filled); ++k) {
+        const auto& [rows, cols] = batch.problem[k];
+        *bucket.out[k] = by_simplex({batch.rows, batch.cols, rows.mass.data(), cols.mass.data(), rows.bin.data(), cols.bin.data()}, many ? found[k].data() : nullptr) / bucket.mass[k];
+    }
+    batch.filled = 0;
+}
+
 void EmdSolver::State::finish() {
+    for (StartBucket& bucket : starts) solve_started(bucket);
     const auto solve_rest = [this](auto& format) {
         for (auto& bucket : format.buckets) {
             if (bucket.batch.filled > 0) solve_bucket(format, bucket);

@@ -19,7 +19,6 @@ constexpr int kLanes = 8;
 constexpr int kPivotsANode = 200;
 constexpr int kRowsToPrice = 48;  // all of them before the best of their cells enters; where there are more
 constexpr int kRowsAtOnce = 20;   // so many
-constexpr std::int32_t kLargestCost = 1 << 27;    // as a cell
 constexpr std::int32_t kPadding = 1 << 30;        // the cost of what is no column
 constexpr std::int32_t kLargestDual = 1 << 29;    // so that a reduced cost is below 2^31, and that of padding above 0
 // Costs are made so many bits coarser where dual variables leave that range, at most three times: no tree's leave it then, for on a path of
@@ -30,7 +29,6 @@ constexpr std::int32_t kClosed = std::numeric_limits<std::int32_t>::max();
 constexpr double kNoCost = 1e30;                  // of padding, in double precision
 
 constexpr int padded(int count) { return (count + kLanes - 1) / kLanes * kLanes; }
-constexpr int bits_for(int count) { return std::bit_width(static_cast<unsigned>(count - 1)); }
 std::size_t size(int count) { return static_cast<std::size_t>(count); }
 
 constexpr int kMostWords = 15;  // 32 arcs each: rows and columns of 15 x 15 bins
@@ -39,7 +37,7 @@ constexpr int kMostWords = 15;  // 32 arcs each: rows and columns of 15 x 15 bin
 
 struct TransportWorkspace {
     TransportWorkspace(const double* costs, int most_bins, double largest_cost)
-        : bins(most_bins), tolerance(largest_cost * TransportSimplex::kTolerance), scale(largest_cost > 0 ? kLargestCost / largest_cost : 0) {
+        : bins(most_bins), tolerance(largest_cost * TransportSimplex::kTolerance), scale(largest_cost > 0 ? TransportCosts::kLargest / largest_cost : 0) {
         const int side = padded(bins);
         cost.resize(size(bins * (bins + 1)), kNoCost);
         rough_cost.resize(cost.size(), kPadding);
@@ -65,7 +63,7 @@ struct TransportWorkspace {
     double tolerance;
     double scale;                          // from a cost to a rough one
     std::vector<double> cost;              // bins x (bins + 1): padding is bin number `bins`
-    std::vector<std::int32_t> rough_cost;  // the same, of kLargestCost
+    std::vector<std::int32_t> rough_cost;  // the same, of TransportCosts::kLargest
 
     std::vector<std::int32_t> cell;  // costs, rows x stride
     std::vector<std::int32_t> col_bin;
@@ -94,13 +92,14 @@ struct Problem {
     const Transport& p;
     const int stride;         // of cells
     const int first_column;   // among nodes
+    const TransportTag tag;
     const int col_bits;       // of a cell's tag
     const std::int32_t tags;  // all of its bits
     std::int32_t* const cells;
 
     HORD_ALWAYS_INLINE Problem(TransportWorkspace& workspace, const Transport& problem)
-        : w(workspace), p(problem), stride(padded(problem.cols)), first_column(padded(problem.rows)), col_bits(bits_for(stride)),
-          tags((1 << (col_bits + bits_for(problem.rows))) - 1), cells(workspace.cell.data()) {}
+        : w(workspace), p(problem), stride(padded(problem.cols)), first_column(padded(problem.rows)), tag(problem.rows, problem.cols),
+          col_bits(tag.col_bits), tags(tag.all), cells(workspace.cell.data()) {}
 
     HORD_ALWAYS_INLINE std::int32_t* cells_of(int row) const { return cells + row * stride; }
     HORD_ALWAYS_INLINE const double* exact_costs_of(int row) const { return w.cost.data() + static_cast<std::ptrdiff_t>(p.row_bin[row]) * (w.bins + 1); }
@@ -230,7 +229,7 @@ struct Problem {
             w.left_row[size(i)] = left_row - flow;
             w.left_col[size(j)] = left_col - flow;
             const bool row_used_up = left_row < left_col || cols == 1;
-            steps[step] = row_used_up ? TransportStep{flow, i, p.rows + j} : TransportStep{flow, p.rows + j, i};
+            steps[step] = {flow, static_cast<std::int16_t>(i), static_cast<std::int16_t>(j), row_used_up};
             if (step++ == last) return;
             if (row_used_up) {
                 --rows;
@@ -258,13 +257,12 @@ struct Problem {
     template <int Words>
     HORD_ALWAYS_INLINE void plant(Tree<Words>& tree, const TransportStep* steps) {
         const int last = p.rows + p.cols - 2;
-        tree.plant(steps[last].parent < p.rows ? steps[last].parent : steps[last].parent - p.rows + first_column);
+        tree.plant(steps[last].row_used_up ? first_column + steps[last].column : steps[last].row);
         for (int step = last; step >= 0; --step) {
             const TransportStep& s = steps[step];
-            const bool row_below = s.child < p.rows;
-            const int swap = (s.child ^ s.parent) & -static_cast<int>(row_below);
-            const int row = s.parent ^ swap, col = (s.child ^ swap) - p.rows;
-            tree.hang(step, row, first_column + col, row_below, s.flow, cells_of(row)[col] & ~tags, 2 * kLargestDual);
+            std::int32_t& cell = cells_of(s.row)[s.column];
+            tree.hang(step, s.row, first_column + s.column, s.row_used_up, s.flow, cell & ~tags, 2 * kLargestDual);
+            cell += kSetAside;
         }
     }
 
@@ -289,9 +287,16 @@ struct Problem {
         return -std::int64_t{(Ints::all(0) - largest).least()};
     }
 
-    // Pivots until no cell is below zero. False: dual variables have left their range.
+    // The cell enters the tree; what is in it is set aside.
     template <int Words>
-    HORD_ALWAYS_INLINE bool improve(Tree<Words>& tree, int most_pivots, int& pivots) {
+    HORD_ALWAYS_INLINE void pivot(Tree<Words>& tree, const TransportArc& enters, std::int32_t reduced) {
+        cell(enters) += kSetAside;
+        cell(tree.pivot(enters.row, enters.column, reduced)) -= kSetAside;
+    }
+
+    // Pivots until no cell is below zero; `least` is that of all cells then. False: dual variables have left their range.
+    template <int Words>
+    HORD_ALWAYS_INLINE bool improve(Tree<Words>& tree, int most_pivots, int& pivots, std::int32_t& least) {
         const int at_once = p.rows <= kRowsToPrice ? p.rows : kRowsAtOnce;
         std::int64_t bound = largest_of(tree.dual, tree.nodes);
         for (int first = 0, without = 0; without < p.rows && pivots < most_pivots;) {
@@ -303,10 +308,12 @@ struct Problem {
             const std::int32_t best = price(tree.dual, first, last);
             without += last - first;
             first = last == p.rows ? 0 : last;
+            least = lower(least, best);
             if (best >= 0) continue;
             without = 0;
+            least = kClosed;
             const std::int32_t reduced = best & ~tags;
-            tree.pivot(row_of(best), first_column + col_of(best), reduced);
+            pivot(tree, {row_of(best), first_column + col_of(best)}, reduced);
             bound -= reduced;
             ++pivots;
         }
@@ -371,13 +378,12 @@ struct Problem {
     template <int Words>
     HORD_ALWAYS_INLINE bool optimize(Tree<Words>& tree, Outcome& outcome) {
         const int most_pivots = outcome.pivots + kPivotsANode * (p.rows + p.cols);
-        if (!improve(tree, most_pivots, outcome.pivots)) return false;
-        for (int a = 0; a < p.rows + p.cols - 1; ++a) cell(tree.arc[a]) += kSetAside;
+        std::int32_t least = kClosed;
+        if (!improve(tree, most_pivots, outcome.pivots, least)) return false;
         outcome.proven = outcome.pivots < most_pivots;
-        for (TransportArc enters; outcome.proven && price_exactly(tree, enters);) {
+        for (TransportArc enters; outcome.proven && least <= doubtful(longest_cycle(tree)) && price_exactly(tree, enters);) {
             const std::int32_t reduced = rough_reduced(tree.dual, enters);
-            cell(enters) += kSetAside;
-            cell(tree.pivot(enters.row, enters.column, reduced & ~tags)) -= kSetAside;
+            pivot(tree, enters, reduced & ~tags);
             outcome.proven = ++outcome.pivots < most_pivots;
             if (largest_of(tree.dual, tree.nodes) > kLargestDual) return false;
         }
@@ -403,7 +409,7 @@ struct Problem {
             start = w.steps.data();
         }
         const int arcs = p.rows + p.cols - 1;
-        if (arcs <= 32) return solve_with<1>(start);
+        if (arcs <= 30) return solve_with<1>(start);
         if (arcs <= 64) return solve_with<2>(start);
         if (arcs <= 96) return solve_with<3>(start);
         if (arcs <= 224) return solve_with<7>(start);
@@ -422,11 +428,14 @@ HORD_FOR_EACH_ISA(solve_for, Outcome, solve_body, (TransportWorkspace& workspace
 }  // namespace
 
 TransportSimplex::TransportSimplex(const double* cost, int bins, double largest_cost, Isa isa)
-    : workspace_(std::make_unique<TransportWorkspace>(cost, bins, largest_cost)), solve_(solve_for(isa)) {}
+    : workspace_(std::make_unique<TransportWorkspace>(cost, bins, largest_cost)), solve_(solve_for(isa)), find_starts_(find_starts_for(isa)) {}
 TransportSimplex::~TransportSimplex() = default;
 TransportSimplex::TransportSimplex(TransportSimplex&&) noexcept = default;
 TransportSimplex& TransportSimplex::operator=(TransportSimplex&&) noexcept = default;
 
 Outcome TransportSimplex::solve(const Transport& problem, const TransportStep* start) { return solve_(*workspace_, problem, start); }
+void TransportSimplex::find_starts(const TransportBatch& batch, TransportStarts& starts) const {
+    find_starts_({workspace_->rough_cost.data(), workspace_->bins + 1}, batch, starts);
+}
 
 }  // namespace hord::algo

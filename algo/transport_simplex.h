@@ -18,6 +18,7 @@
 #include <memory>
 
 #include "algo/isa.h"
+#include "algo/transport_start.h"
 
 namespace hord::algo {
 
@@ -29,13 +30,6 @@ struct Transport {
     const double* demand = nullptr;
     const std::uint8_t* row_bin = nullptr;
     const std::uint8_t* col_bin = nullptr;
-};
-
-// A step of a start: a row and a column exchange `flow`, which uses up one of them, the child. Nodes: rows, then columns.
-struct TransportStep {
-    double flow = 0;
-    std::int32_t child = 0;
-    std::int32_t parent = 0;
 };
 
 struct TransportWorkspace;
@@ -58,11 +52,14 @@ class TransportSimplex {
     // `start`: rows + cols - 1 steps that use up one row or column each (of a tie the column, unless it is the last), the
     // last of them the last row; supply and demand are not read then. nullptr: it is found here.
     Outcome solve(const Transport& problem, const TransportStep* start = nullptr);
+    // The starts that would be found of these problems, side by side.
+    void find_starts(const TransportBatch& batch, TransportStarts& starts) const;
 
   private:
     using Solve = Outcome (*)(TransportWorkspace& workspace, const Transport& problem, const TransportStep* start);
     std::unique_ptr<TransportWorkspace> workspace_;
     Solve solve_;
+    FindStarts find_starts_;
 };
 
 }  // namespace hord::algo

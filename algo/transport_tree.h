@@ -100,7 +100,8 @@ struct TransportTree {
             path[w * nodes + child] = path[w * nodes + parent] | static_cast<std::int32_t>(a / 32 == w ? 1U << (a % 32) : 0U);
         }
         row_is_below.pair[a / 64] |= std::uint64_t{row_below} << (a % 64);
-        dual[child] = lower(largest, -lower(largest, cost + dual[parent]));
+        // Of at most 30 arcs, on a path there are 15 costs of either sign: below 2^31, if a cost is below 2^27.
+        dual[child] = Words == 1 ? -(cost + dual[parent]) : lower(largest, -lower(largest, cost + dual[parent]));
         flow[a] = carries;
         arc[a] = {row, column};
     }
