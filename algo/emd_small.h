@@ -2,8 +2,8 @@
 //
 // All problems of a batch have the same number of rows and columns, so that they take the same steps, a lane each.
 //
-//   two rows    a fractional knapsack: the columns that gain most from the first row take from it until it is used up. Keys order
-//               columns roughly; where that is not enough to prove the plan, as with more rows.
+//   two rows    a fractional knapsack: the columns that gain most from the first row take from it until it is used up: each what those before
+//               it leave. Keys order columns roughly; where that is not enough to prove the plan, as with more rows.
 //   more rows   the plan that least reduced costs give (as in transport_simplex.h), and its duals; where a cell could still
 //               lower the cost, `proven` is false: the simplex goes on from the steps of this plan.
 //
@@ -46,7 +46,7 @@ template <class Mass>
 struct SmallAnswer {
     double cost[kWide];  // mass times cost of the plan
     bool proven[kWide];  // it is optimal
-    // Where it is not: the plan, a step a row or column that is used up (TransportStep).
+    // Where it is not: the plan, a step a row or column that is used up, the child (transport_start.h).
     std::int32_t child[kMostSmallSteps][kWide], parent[kMostSmallSteps][kWide];
     Mass flow[kMostSmallSteps][kWide];
 };

@@ -92,14 +92,13 @@ struct Problem {
     const Transport& p;
     const int stride;         // of cells
     const int first_column;   // among nodes
-    const TransportTag tag;
     const int col_bits;       // of a cell's tag
     const std::int32_t tags;  // all of its bits
     std::int32_t* const cells;
 
     HORD_ALWAYS_INLINE Problem(TransportWorkspace& workspace, const Transport& problem)
-        : w(workspace), p(problem), stride(padded(problem.cols)), first_column(padded(problem.rows)), tag(problem.rows, problem.cols),
-          col_bits(tag.col_bits), tags(tag.all), cells(workspace.cell.data()) {}
+        : w(workspace), p(problem), stride(padded(problem.cols)), first_column(padded(problem.rows)),
+          col_bits(TransportTag(problem.rows, problem.cols).col_bits), tags(TransportTag(problem.rows, problem.cols).all), cells(workspace.cell.data()) {}
 
     HORD_ALWAYS_INLINE std::int32_t* cells_of(int row) const { return cells + row * stride; }
     HORD_ALWAYS_INLINE const double* exact_costs_of(int row) const { return w.cost.data() + static_cast<std::ptrdiff_t>(p.row_bin[row]) * (w.bins + 1); }

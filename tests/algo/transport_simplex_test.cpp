@@ -1,7 +1,12 @@
 #include "algo/transport_simplex.h"
 
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
 #include <gtest/gtest.h>
 
+#include "algo/ground.h"
 #include "histograms.h"
 
 namespace hord::algo {
@@ -36,11 +41,11 @@ struct Problem {
 // From the first row and column to the last, whatever it costs.
 std::vector<TransportStep> staircase(const Problem& p) {
     std::vector<TransportStep> steps;
-    int i = 0, j = 0;
+    std::int16_t i = 0, j = 0;
     for (double row = p.supply[0], col = p.demand[0]; static_cast<int>(steps.size()) < p.rows + p.cols - 1;) {
         const double flow = std::min(row, col);
         const bool row_used_up = row < col || j + 1 == p.cols;
-        steps.push_back(row_used_up ? TransportStep{flow, i, p.rows + j} : TransportStep{flow, p.rows + j, i});
+        steps.push_back({flow, i, j, row_used_up});
         row -= flow;
         col -= flow;
         if (row_used_up) {
@@ -64,6 +69,50 @@ TEST(TransportSimplex, comes_to_the_same_cost_from_any_start) {
             const auto given = simplex.solve(p.transport(), staircase(p).data());
             ASSERT_TRUE(found.proven && given.proven) << rows << "x" << cols;
             ASSERT_NEAR(given.cost, found.cost, 1e-10 * 100000) << rows << "x" << cols;
+        }
+    }
+}
+
+// One after the other or side by side, a plan begins with the same steps: it takes as many pivots to the same bits. Costs are those between bins.
+TEST(TransportSimplex, begins_with_the_same_steps_side_by_side) {
+    Random random(6);
+    const auto ground = *GroundDistance::between_bins(15, 15);
+    const std::pair<int, int> shapes[] = {{2, 13}, {7, 13}, {13, 13}, {8, 16}, {16, 17}, {17, 24}, {24, 24}, {3, 24}, {5, 2}, {23, 9}};
+    for (const auto& [rows, cols] : shapes) {
+        for (const int most : {3, 100000, 1 << 30}) {  // few units make ties
+            TransportBatch batch;
+            batch.rows = rows;
+            batch.cols = cols;
+            batch.filled = pick(random, 1, kMostStarts);
+            for (auto& problem : batch.problem) {
+                std::vector<std::uint8_t> bins(225);
+                std::iota(bins.begin(), bins.end(), std::uint8_t{0});
+                std::shuffle(bins.begin(), bins.end(), random);
+                std::copy_n(bins.begin(), rows, problem.rows.bin.begin());
+                std::copy_n(bins.begin() + rows, cols, problem.cols.bin.begin());
+                double total = 0;
+                for (int i = 0; i < rows; ++i) total += problem.rows.mass[static_cast<std::size_t>(i)] = pick(random, 1, most) + cols;
+                for (int j = 0; j < cols; ++j) {
+                    const double rest = total - (cols - 1 - j);
+                    problem.cols.mass[static_cast<std::size_t>(j)] = j + 1 == cols ? rest : std::floor(1 + (rest - 1) * 2 * pick(random, 0, 1000) / (1000.0 * cols));
+                    total -= problem.cols.mass[static_cast<std::size_t>(j)];
+                }
+                ASSERT_EQ(total, 0);
+            }
+            for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
+                if (!has(isa)) continue;
+                TransportSimplex simplex(ground.row(0), ground.bins(), ground.largest(), isa);
+                TransportStarts starts;
+                simplex.find_starts(batch, starts);
+                for (int k = 0; k < batch.filled; ++k) {
+                    const auto& problem = batch.problem[static_cast<std::size_t>(k)];
+                    const Transport transport{rows, cols, problem.rows.mass.data(), problem.cols.mass.data(), problem.rows.bin.data(), problem.cols.bin.data()};
+                    const auto alone = simplex.solve(transport), beside = simplex.solve(transport, starts[static_cast<std::size_t>(k)].data());
+                    ASSERT_TRUE(alone.proven) << rows << "x" << cols;
+                    ASSERT_EQ(beside.pivots, alone.pivots) << rows << "x" << cols << ", " << k;
+                    ASSERT_EQ(beside.cost, alone.cost) << rows << "x" << cols << ", " << k;
+                }
+            }
         }
     }
 }
