@@ -82,6 +82,31 @@ struct TransportWorkspace {
 
 namespace {
 
+// Loops of single numbers, in functions of their own: inside the one below they would not have the registers they need.
+
+// Costs of a problem's cells, row by row.
+[[gnu::noinline]] void gather(const std::int32_t* table, int bins, const Transport& p, int stride, const std::int32_t* col_bin, std::int32_t* cells) {
+    for (int i = 0; i < p.rows; ++i, cells += stride) {
+        const std::int32_t* const from = table + static_cast<std::ptrdiff_t>(p.row_bin[i]) * (bins + 1);
+        for (int j = 0; j < stride; j += kLanes) {
+            for (int l = 0; l < kLanes; ++l) cells[j + l] = from[col_bin[j + l]];
+        }
+    }
+}
+
+// The tree from its root on: what a step used up hangs from the other. Its cells are set aside.
+template <class Tree>
+[[gnu::noinline]] void hang_steps(Tree& planted, const TransportStep* steps, int last, std::int32_t* cells, int stride, std::int32_t tags) {
+    Tree tree = planted;
+    for (int step = last; step >= 0; --step) {
+        const TransportStep s = steps[step];
+        std::int32_t& cell = cells[s.row * stride + s.column];
+        tree.hang(step, s.row, tree.first_column + s.column, s.row_used_up, s.flow, cell & ~tags, 2 * kLargestDual);
+        cell += kSetAside;
+    }
+    planted.row_is_below = tree.row_is_below;
+}
+
 // One problem, for one instruction set. All inlined into the function that is compiled for it.
 template <int Bytes>
 struct Problem {
@@ -110,13 +135,9 @@ struct Problem {
         std::int32_t* const bin = w.col_bin.data();
         for (int j = 0; j < p.cols; ++j) bin[j] = p.col_bin[j];
         for (int j = p.cols; j < stride; ++j) bin[j] = w.bins;
-        for (int i = 0; i < p.rows; ++i) {
-            const std::int32_t* from = w.rough_cost.data() + static_cast<std::ptrdiff_t>(p.row_bin[i]) * (w.bins + 1);
-            std::int32_t* to = cells_of(i);
-            for (int j = 0; j < stride; j += kLanes) {
-                for (int l = 0; l < kLanes; ++l) to[j + l] = from[bin[j + l]];
-            }
-            for (int j = 0; coarser != 0 && j < p.cols; ++j) to[j] >>= coarser;
+        gather(w.rough_cost.data(), w.bins, p, stride, bin, cells);
+        for (int i = 0; coarser != 0 && i < p.rows; ++i) {
+            for (int j = 0; j < p.cols; ++j) cells_of(i)[j] >>= coarser;
         }
         // In a loop of its own, when what was written is no longer on its way.
         const Ints half = Ints::all(tags / 2 + 1), no_tag = Ints::all(~tags), next = Ints::all(kLanes);
@@ -257,12 +278,7 @@ struct Problem {
     HORD_ALWAYS_INLINE void plant(Tree<Words>& tree, const TransportStep* steps) {
         const int last = p.rows + p.cols - 2;
         tree.plant(steps[last].row_used_up ? first_column + steps[last].column : steps[last].row);
-        for (int step = last; step >= 0; --step) {
-            const TransportStep& s = steps[step];
-            std::int32_t& cell = cells_of(s.row)[s.column];
-            tree.hang(step, s.row, first_column + s.column, s.row_used_up, s.flow, cell & ~tags, 2 * kLargestDual);
-            cell += kSetAside;
-        }
+        hang_steps(tree, steps, last, cells, stride, tags);
     }
 
     // The least reduced cost of some rows, with the tag of its cell.
@@ -344,26 +360,29 @@ struct Problem {
 
     HORD_ALWAYS_INLINE std::int32_t rough_reduced(const std::int32_t* dual, const TransportArc& arc) const { return cell(arc) + dual[arc.row] + dual[arc.column]; }
 
-    // A cell that is below zero in double precision. The tree's are set aside.
+    // A cell that is below zero in double precision. The tree's are set aside. Few columns have any that may be.
     template <int Words>
     HORD_ALWAYS_INLINE bool price_exactly(const Tree<Words>& tree, TransportArc& enters) const {
-        const Ints doubt = Ints::all(doubtful(longest_cycle(tree)));
-        for (int i = 0; i < p.rows; ++i) {
-            const Ints of_row = Ints::all_of(tree.dual + i);
-            for (int first = 0; first < stride; first += 32) {
-                Ints bits = Ints::all(0), bit = Ints::powers_of_two();
-                for (int j = first; j < lower(stride, first + 32); j += kLanes) {
-                    const Ints clear = (Ints::at(cells_of(i) + j) + of_row + Ints::at(tree.dual + first_column + j)).above(doubt);
-                    bits = bits | choose(clear, Ints::all(0), bit);
-                    bit = bit << kLanes;
-                }
-                for (auto doubted = static_cast<std::uint32_t>(bits.all_bits()); doubted != 0; doubted &= doubted - 1) {
-                    enters = {i, first_column + first + std::countr_zero(doubted)};
-                    if (is_negative(tree, enters, rough_reduced(tree.dual, enters))) return true;
+        const std::int32_t clear_from = doubtful(longest_cycle(tree));
+        bool found = false;
+        for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
+            Ints best[vectors];
+            least_of_columns<vectors>(p.rows, [&](int i) __attribute__((always_inline)) { return cells_of(i) + first; }, tree.dual, best);
+            Ints bits = Ints::all(0), bit = Ints::powers_of_two();
+            for (int k = 0; k < vectors; ++k) {
+                const Ints clear = (best[k] + Ints::at(tree.dual + first_column + first + k * kLanes)).above(Ints::all(clear_from));
+                bits = bits | choose(clear, Ints::all(0), bit);
+                bit = bit << kLanes;
+            }
+            for (auto doubted = static_cast<std::uint32_t>(bits.all_bits()); doubted != 0 && !found; doubted &= doubted - 1) {
+                enters.column = first_column + first + std::countr_zero(doubted);
+                for (enters.row = 0; enters.row < p.rows && !found; enters.row += found ? 0 : 1) {
+                    const std::int32_t reduced = rough_reduced(tree.dual, enters);
+                    found = reduced <= clear_from && is_negative(tree, enters, reduced);
                 }
             }
-        }
-        return false;
+        });
+        return found;
     }
 
     template <int Words>

@@ -97,7 +97,7 @@ struct TransportTree {
         const int swap = (row ^ column) & -static_cast<int>(row_below);
         const int child = column ^ swap, parent = row ^ swap;
         for (int w = 0; w < Words; ++w) {
-            path[w * nodes + child] = path[w * nodes + parent] | static_cast<std::int32_t>(a / 32 == w ? 1U << (a % 32) : 0U);
+            path[w * nodes + child] = path[w * nodes + parent] | static_cast<std::int32_t>(Words == 1 || a / 32 == w ? 1U << (a % 32) : 0U);
         }
         row_is_below.pair[a / 64] |= std::uint64_t{row_below} << (a % 64);
         // Of at most 30 arcs, on a path there are 15 costs of either sign: below 2^31, if a cost is below 2^27.
