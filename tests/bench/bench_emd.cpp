@@ -127,8 +127,9 @@ Work two_lobes() {
         return [=](int i, int j) { return s * gauss(i - x0, j - y0, 0.5) + (1 - s) * gauss(i - x1, j - y1, 0.5); };
     });
 }
+// So many that each shape of a problem comes often, as in a frame.
 Work mid() {
-    return synthetic(1000, 100, [](auto& random, std::size_t) {
+    return synthetic(4000, 100, [](auto& random, std::size_t) {
         std::uniform_real_distribution<double> at(3.5, 4.5);
         const double x0 = at(random), y0 = at(random);
         return [=, &random](int i, int j) {
