@@ -7,7 +7,7 @@ namespace {
 
 constexpr int kWide = kMostStarts;
 constexpr int kNodes = 2 * kMostStartSide;
-constexpr std::int32_t kClosed = 1 << 29;  // is added to cells of a row or column that is used up: two of them and a cell stay below 2^31
+constexpr std::int32_t kClosed = 1 << 29;  // is added to keys, -2^28 to 2^27, of a row or column that is used up: above all open ones, and twice below 2^31
 constexpr int kPartialSums = 8;            // in which the simplex adds up a row
 
 // Always inlined, so that it is compiled for the instruction set of its caller.
