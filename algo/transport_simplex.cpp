@@ -360,10 +360,12 @@ struct Problem {
 
     HORD_ALWAYS_INLINE std::int32_t rough_reduced(const std::int32_t* dual, const TransportArc& arc) const { return cell(arc) + dual[arc.row] + dual[arc.column]; }
 
-    // A cell that is below zero in double precision. The tree's are set aside. Few columns have any that may be.
+    // A cell that is below zero in double precision. The tree's are set aside. Few columns have any that may be, and none where `least`, below which no
+    // cell is, is clear of zero.
     template <int Words>
-    HORD_ALWAYS_INLINE bool price_exactly(const Tree<Words>& tree, TransportArc& enters) const {
+    HORD_ALWAYS_INLINE bool price_exactly(const Tree<Words>& tree, std::int32_t least, TransportArc& enters) const {
         const std::int32_t clear_from = doubtful(longest_cycle(tree));
+        if (least > clear_from) return false;
         bool found = false;
         for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
             Ints best[vectors];
@@ -399,9 +401,10 @@ struct Problem {
         std::int32_t least = kClosed;
         if (!improve(tree, most_pivots, outcome.pivots, least)) return false;
         outcome.proven = outcome.pivots < most_pivots;
-        for (TransportArc enters; outcome.proven && least <= doubtful(longest_cycle(tree)) && price_exactly(tree, enters);) {
+        for (TransportArc enters; outcome.proven && price_exactly(tree, least, enters);) {
             const std::int32_t reduced = rough_reduced(tree.dual, enters);
             pivot(tree, enters, reduced & ~tags);
+            least = 0;  // not known any more: any cell may be in doubt
             outcome.proven = ++outcome.pivots < most_pivots;
             if (largest_of(tree.dual, tree.nodes) > kLargestDual) return false;
         }

@@ -100,7 +100,7 @@ struct TransportTree {
             path[w * nodes + child] = path[w * nodes + parent] | static_cast<std::int32_t>(Words == 1 || a / 32 == w ? 1U << (a % 32) : 0U);
         }
         row_is_below.pair[a / 64] |= std::uint64_t{row_below} << (a % 64);
-        // Of at most 30 arcs, on a path there are 15 costs of either sign: below 2^31, if a cost is below 2^27.
+        // Of at most 30 arcs, a path has 15 of either sign: below 2^31, for a cost is at most 2^27 and half a tag.
         dual[child] = Words == 1 ? -(cost + dual[parent]) : lower(largest, -lower(largest, cost + dual[parent]));
         flow[a] = carries;
         arc[a] = {row, column};
