@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <cstring>
+#include <limits>
 #include <string>
 
 namespace hord::algo {
@@ -29,7 +30,7 @@ HordRow::HordRow(const Extents& extents)
 // `samples` is the lenslet's first; sixteen may be read from the start of each of its lines.
 template <class Sample, class Column>
 void HordRow::decode_lenslet(const Sample* samples, std::ptrdiff_t line_stride, const Extents& extents, const LightLevels& levels, std::size_t m) {
-    const Lanes<Sample> dark = Lanes<Sample>{} + static_cast<Sample>(levels.dark);
+    const Lanes<Sample> dark = Lanes<Sample>{} + static_cast<Sample>(std::min<std::uint32_t>(levels.dark, std::numeric_limits<Sample>::max()));
     Lanes<Sample> peak{};
     Lanes<Column> column{}, weighted{};  // sums of the columns; of the masses times (J - j)
     std::uint16_t* mass = masses_.data() + m * bins_;

@@ -128,9 +128,9 @@ bool PlaneFeature::covers(Feature feature) {
 
 PlaneFeature::PlaneFeature(const Extents& extents, Feature feature, Isa isa, bool keeps_deflections)
     : extents_(extents), feature_(feature), along_x_(extents.i - 1), divide_(divide_for(isa)), slopes_(slopes_for(isa)) {
-    for (int place = 0; place < 3; ++place) rows_.emplace_back(extents, use_of(feature), isa);
-    const bool of_sums = use_of(feature) == PlaneUse::sums;
-    if (of_sums || keeps_deflections) {
+    const bool of_sums = use_of(feature) == PlaneUse::sums, moments = of_sums || keeps_deflections;
+    for (int place = 0; place < 3; ++place) rows_.emplace_back(extents, use_of(feature), isa, moments);
+    if (moments) {
         for (Means& means : means_) {
             means.x.resize(rows_[0].sums().size());
             means.y.resize(rows_[0].sums().size());

@@ -5,10 +5,9 @@
 // root; each is wrong by less than 2^-22 of itself (a mass and a sum are below 2^24 and so exact floats; reciprocal, product and root
 // each round by 2^-24 at most). Everything is computed lane by lane in a fixed order: the same bits on every instruction set.
 //
-// Test: tests/algo/plane_row_test.cpp.
+// Test: tests/algo/plane_feature_test.cpp.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -16,7 +15,7 @@
 
 #include "algo/decode.h"
 #include "algo/isa.h"
-#include "algo/lit_bins.h"
+#include "algo/plane_block.h"
 
 namespace hord::algo {
 
@@ -29,10 +28,11 @@ enum class PlaneUse : std::uint8_t {
 
 class PlaneRow {
   public:
-    static constexpr int kLanes = 16;  // lenslets of a block
-    static constexpr int kPad = 16;    // floats before the first lenslet and after the last, always 0
+    static constexpr int kLanes = PlaneBlock::kLanes;  // lenslets of a block
+    static constexpr int kPad = 16;                    // floats before the first lenslet and after the last, always 0
 
-    PlaneRow(const Extents& extents, PlaneUse use, Isa isa);
+    // Without `moments` they are all 0, and decoding is faster.
+    PlaneRow(const Extents& extents, PlaneUse use, Isa isa, bool moments = true);
     PlaneRow(PlaneRow&&) noexcept;
     ~PlaneRow();
 
@@ -45,10 +45,10 @@ class PlaneRow {
     [[nodiscard]] int blocks() const { return blocks_; }
     [[nodiscard]] int planes() const { return planes_; }
     // The value of plane k for lenslet 0; the others follow. 0 for lenslets without a HORD.
-    [[nodiscard]] const float* plane(int k) const { return planes_of_.data() + static_cast<std::size_t>(k) * stride_ + kPad; }
+    [[nodiscard]] const float* plane(int k) const { return planes_of_.data()->of + static_cast<std::size_t>(k) * stride_ + kPad; }
 
     // Planes that are not 0 in all lenslets of a block.
-    using Lit = std::array<std::uint64_t, (kMostBins + 63) / 64>;
+    using Lit = PlaneBlock::Lit;
     [[nodiscard]] const Lit& lit(int block) const { return lit_[static_cast<std::size_t>(block)]; }
 
     // One value a lenslet (and some more, to a whole number of blocks).
@@ -58,28 +58,31 @@ class PlaneRow {
     [[nodiscard]] const std::vector<std::uint8_t>& mask() const { return mask_; }
     [[nodiscard]] bool has_hord(int m) const { return mask_[static_cast<std::size_t>(m)] == kValid; }
 
-    // What a block's decode works with; algo/plane_row.cpp.
-    struct Block;
-
   private:
+    struct Work;
+
     template <class Sample>
     void decode_samples(const FrameView& frame, const LightLevels& levels, int n);
     void store_block(int block);
 
     Extents extents_;
     PlaneUse use_;
+    PlaneBlock::Wanted wanted_;
     int blocks_, planes_;
     std::size_t stride_;
-    std::vector<float> planes_of_;
+    struct alignas(64) Lanes {
+        float of[kLanes];
+    };
+    std::vector<Lanes> planes_of_;
     std::vector<Lit> lit_;
     std::vector<std::uint32_t> sums_;
     std::vector<std::int32_t> moments_x_, moments_y_;
     std::vector<std::uint8_t> mask_;
-    std::unique_ptr<Block> work_;
-    void (*gather8_)(const std::uint8_t* samples, std::ptrdiff_t stride, const Extents& extents, const LightLevels& levels, bool keep, Block& block);
-    void (*gather16_)(const std::uint16_t* samples, std::ptrdiff_t stride, const Extents& extents, const LightLevels& levels, bool keep, Block& block);
-    void (*shares_)(const Block& block, std::size_t stride, bool roots, float* first);
-    void (*marginals_)(const Block& block, const Extents& extents, std::size_t stride, float* first);
+    std::unique_ptr<Work> work_;
+    PlaneBlock::Gather<std::uint8_t> gather8_;
+    PlaneBlock::Gather<std::uint16_t> gather16_;
+    PlaneBlock::Shares shares_;
+    PlaneBlock::Marginals marginals_;
 };
 
 }  // namespace hord::algo

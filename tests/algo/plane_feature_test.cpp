@@ -94,6 +94,75 @@ TEST(PlaneRow, holds_what_decode_row_gives) {
     }
 }
 
+// Windows of bins begin and end differently for every number of bins; half a lenslet at full scale has the largest moments there are.
+TEST(PlaneRow, holds_for_every_number_of_bins_however_the_light_lies) {
+    std::mt19937 random(6);
+    for (int i = kMinBins; i <= kMaxBins; ++i) {
+        for (const int bits : {8, 16}) {
+            const Extents e{19, 5, i, kMaxBins};
+            const std::uint32_t full = (1U << bits) - 1;
+            const LightLevels levels{0, 1, 1U << bits};
+            Frame frame(e.width_px(), e.height_px(), bits);
+            for (int y = 0; y < e.height_px(); ++y) {
+                // A line's lit bins are a stretch that is the same for all lenslets of its row, or another for each.
+                for (int m = 0; m < e.m; ++m) {
+                    const int n = y / e.j;
+                    int from = 0, to = i / 2;
+                    if (n == 1) from = i - i / 2, to = i;
+                    if (n == 2) from = y % i, to = std::min(from + 1 + y / i % 3, i);
+                    if (n >= 3) from = static_cast<int>(random() % static_cast<unsigned>(i)), to = std::min(from + static_cast<int>(random() % 9), i);
+                    for (int k = from; k < to; ++k) frame.set(m * i + k, y, n < 2 ? full : 1 + static_cast<std::uint32_t>(random() % full));
+                }
+            }
+            HordRow right(e);
+            for (const Isa isa : isas()) {
+                PlaneRow shares(e, PlaneUse::shares, isa), sums(e, PlaneUse::sums, isa), marginals(e, PlaneUse::marginals, isa, false);
+                for (int n = 0; n < e.n; ++n) {
+                    decode_row(frame.view(), e, levels, n, right);
+                    for (PlaneRow* row : {&shares, &sums, &marginals}) row->decode(frame.view(), levels, n);
+                    for (int m = 0; m < e.m; ++m) {
+                        const auto at = static_cast<std::size_t>(m);
+                        for (const PlaneRow* row : {&shares, &sums, &marginals}) {
+                            ASSERT_EQ(row->sums()[at], right.sums()[at]) << i << " bins, row " << n;
+                            ASSERT_EQ(row->mask()[at], right.mask()[at]);
+                            ASSERT_EQ(row->moments_x()[at], row == &marginals ? 0 : right.moments_x()[at]) << i << " bins, row " << n;
+                            ASSERT_EQ(row->moments_y()[at], row == &marginals ? 0 : right.moments_y()[at]);
+                        }
+                        const Hord hord = right.hord(m);
+                        std::uint32_t passed = 0;
+                        for (int k = 0; k < e.bins(); ++k) {
+                            const float share = static_cast<float>(hord.mass[k]) * (1.0F / static_cast<float>(hord.sum));
+                            ASSERT_EQ(shares.plane(k)[m], right.has_hord(m) ? share : 0.0F);
+                        }
+                        for (int k = 0; k + 1 < i; ++k) {
+                            for (int j = 0; j < e.j; ++j) passed += hord.mass[j * i + k];
+                            ASSERT_EQ(marginals.plane(k)[m], right.has_hord(m) ? static_cast<float>(passed) * (1.0F / static_cast<float>(hord.sum)) : 0.0F);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+TEST(PlaneRow, a_dark_level_above_the_full_scale_leaves_no_light) {
+    const Extents e{20, 3, 9, 9};
+    for (const int bits : {8, 16}) {
+        const Frame frame = hostile(e, bits, 8);
+        const LightLevels levels{(1U << bits) + 40, 1, 1U << 17};
+        HordRow right(e);
+        PlaneRow planes(e, PlaneUse::shares, best_isa());
+        decode_row(frame.view(), e, levels, 1, right);
+        planes.decode(frame.view(), levels, 1);
+        for (std::size_t m = 0; m < static_cast<std::size_t>(e.m); ++m) {
+            EXPECT_EQ(right.sums()[m], 0U);
+            EXPECT_EQ(planes.sums()[m], 0U);
+            EXPECT_EQ(right.mask()[m], kDark);
+            EXPECT_EQ(planes.mask()[m], kDark);
+        }
+    }
+}
+
 double bound(Feature feature, double right, double of_others) { return feature == Feature::centroid ? kSlopeError + 0x1p-24 * right : of_others; }
 
 TEST(PlaneFeature, keeps_its_error_bounds_on_hostile_frames) {
