@@ -14,6 +14,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "algo/aligned.h"
 #include "algo/decode.h"
 #include "algo/isa.h"
 #include "algo/lit_bins.h"
@@ -34,7 +35,7 @@ struct PlaneBlock {
     };
 
     // What is not wanted holds no meaning, moments apart: they are 0. Lanes of dark or missing lenslets are 0 too.
-    alignas(64) std::int32_t column[kMaxBins][kLanes];  // sums over the lines, of each bin column
+    alignas(kAlignment) std::int32_t column[kMaxBins][kLanes];  // sums over the lines, of each bin column
     std::int32_t line[kMaxBins][kLanes];                // and over the columns, of each line
     std::int32_t sum[kLanes], moment_x[kLanes], moment_y[kLanes];
     std::int32_t saturated[kLanes];
@@ -43,7 +44,7 @@ struct PlaneBlock {
     Lit lit;                                // bins lit in any of the lenslets
     int count = 0;                          // those bins, and their masses; one more is written than counts
     std::uint8_t bin[kMostBins + 1];
-    alignas(64) std::uint16_t mass[kMostBins + 1][kLanes];
+    alignas(kAlignment) std::uint16_t mass[kMostBins + 1][kLanes];
 
     template <class Sample>
     using Gather = void (*)(const Sample* samples, std::ptrdiff_t stride, const Extents& extents, const LightLevels& levels, Wanted wanted, PlaneBlock& block);

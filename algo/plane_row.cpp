@@ -23,7 +23,7 @@ std::size_t lenslets_of(const Extents& extents) { return static_cast<std::size_t
 PlaneRow::PlaneRow(const Extents& extents, PlaneUse use, Isa isa, bool moments)
     : extents_(extents), use_(use), wanted_{use == PlaneUse::shares || use == PlaneUse::roots, use == PlaneUse::marginals, moments}, blocks_(blocks_of(extents)),
       planes_(use == PlaneUse::sums ? 0 : use == PlaneUse::marginals ? extents.i + extents.j - 2 : extents.bins()),
-      stride_(lenslets_of(extents) + 2 * kPad), planes_of_(static_cast<std::size_t>(planes_) * stride_ / kLanes), lit_(static_cast<std::size_t>(blocks_)),
+      stride_(lenslets_of(extents) + 2 * kPad), planes_of_(static_cast<std::size_t>(planes_) * stride_), lit_(static_cast<std::size_t>(blocks_)),
       sums_(lenslets_of(extents)), moments_x_(sums_.size()), moments_y_(sums_.size()), mask_(sums_.size()), work_(std::make_unique<Work>()), gather8_(PlaneBlock::gather8(isa)),
       gather16_(PlaneBlock::gather16(isa)), shares_(PlaneBlock::shares(isa)), marginals_(PlaneBlock::marginals(isa)) {
     if (use != PlaneUse::marginals) return;
@@ -77,7 +77,7 @@ void PlaneRow::store_block(int block) {
     std::copy_n(work.moment_x, kLanes, moments_x_.begin() + static_cast<std::ptrdiff_t>(m));
     std::copy_n(work.moment_y, kLanes, moments_y_.begin() + static_cast<std::ptrdiff_t>(m));
     if (use_ == PlaneUse::sums) return;
-    float* const first = planes_of_.data()->of + kPad + m;
+    float* const first = planes_of_.data() + kPad + m;
     if (use_ == PlaneUse::marginals) return marginals_(work, extents_, stride_, first);
     Lit& before = lit_[static_cast<std::size_t>(block)];
     for (std::size_t w = 0; w < before.size(); ++w) {

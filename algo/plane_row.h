@@ -13,6 +13,7 @@
 #include <span>
 #include <vector>
 
+#include "algo/aligned.h"
 #include "algo/decode.h"
 #include "algo/isa.h"
 #include "algo/plane_block.h"
@@ -45,7 +46,7 @@ class PlaneRow {
     [[nodiscard]] int blocks() const { return blocks_; }
     [[nodiscard]] int planes() const { return planes_; }
     // The value of plane k for lenslet 0; the others follow. 0 for lenslets without a HORD.
-    [[nodiscard]] const float* plane(int k) const { return planes_of_.data()->of + static_cast<std::size_t>(k) * stride_ + kPad; }
+    [[nodiscard]] const float* plane(int k) const { return planes_of_.data() + static_cast<std::size_t>(k) * stride_ + kPad; }
 
     // Planes that are not 0 in all lenslets of a block.
     using Lit = PlaneBlock::Lit;
@@ -70,10 +71,7 @@ class PlaneRow {
     PlaneBlock::Wanted wanted_;
     int blocks_, planes_;
     std::size_t stride_;
-    struct alignas(64) Lanes {
-        float of[kLanes];
-    };
-    std::vector<Lanes> planes_of_;
+    AlignedVector<float> planes_of_;
     std::vector<Lit> lit_;
     std::vector<std::uint32_t> sums_;
     std::vector<std::int32_t> moments_x_, moments_y_;

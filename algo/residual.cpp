@@ -112,35 +112,51 @@ HORD_AVX2 void add(Side& side, std::size_t set, __m256i mass, __m128i first) {
     side.count += static_cast<std::size_t>(__builtin_popcountll(set));
 }
 
-// Eight bins from `first` on, of which the first few were there before.
-HORD_AVX2 void add_eight(const Hord& a, const Hord& b, int first, int before, Side& has_more, Side& has_less) {
-    const __m256i from = _mm256_mullo_epi32(eight(a, first), _mm256_set1_epi32(static_cast<int>(b.sum)));
-    const __m256i to = _mm256_mullo_epi32(eight(b, first), _mm256_set1_epi32(static_cast<int>(a.sum)));
-    const __m256i more = _mm256_sub_epi32(from, to), less = _mm256_sub_epi32(to, from);
+// Differences of eight bins from `first` on, of which the first few were there before.
+HORD_AVX2 void add_eight(__m256i more, int first, int before, Side& has_more, Side& has_less) {
+    const __m256i less = _mm256_sub_epi32(_mm256_setzero_si256(), more);
     const __m128i bin = _mm_set1_epi8(static_cast<char>(first));
     add(has_more, negative(less) >> before << before, more, bin);
     add(has_less, negative(more) >> before << before, less, bin);
 }
+
+HORD_AVX2 __m256i difference(const Hord& a, const Hord& b, int first) {
+    return _mm256_sub_epi32(_mm256_mullo_epi32(eight(a, first), _mm256_set1_epi32(static_cast<int>(b.sum))),
+                            _mm256_mullo_epi32(eight(b, first), _mm256_set1_epi32(static_cast<int>(a.sum))));
+}
+
+// Below it sums, and so masses, are 16 bits with a sign: both products of a bin and their difference are one instruction.
+constexpr std::uint32_t kNarrowSum = 1U << 15;
 
 // The same integers, eight bins at once.
 [[gnu::target("avx2,popcnt")]] void find_residual_avx2(const Hord& of_a, const Hord& of_b, int bins, Residual<std::int32_t>& residual) {
     const Hord a = of_a, b = of_b;
     auto& [has_more, has_less] = residual.side;
     Side more{has_more.mass.data(), has_more.bin.data()}, less{has_less.mass.data(), has_less.bin.data()};
+    const bool narrow = (a.sum | b.sum) < kNarrowSum;
+    const __m256i factors = _mm256_set1_epi32(static_cast<int>(b.sum | (0U - a.sum) << 16));  // S_b, -S_a
     int k = 0;
     for (; k + 16 <= bins; k += 16) {
-        const __m256i either = _mm256_or_si256(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(a.mass + k)), _mm256_loadu_si256(reinterpret_cast<const __m256i*>(b.mass + k)));
+        const __m256i in_a = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(a.mass + k)), in_b = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(b.mass + k));
+        const __m256i either = _mm256_or_si256(in_a, in_b);
         if (_mm256_testz_si256(either, either) != 0) continue;  // neighbours mostly are dark in the same places: this is seldom a wrong guess
-        add_eight(a, b, k, 0, more, less);
-        add_eight(a, b, k + 8, 0, more, less);
+        if (narrow) [[likely]] {
+            // Interleaving goes by halves of a vector: quarters are brought where it leaves bins in order.
+            const __m256i quarters_a = _mm256_permute4x64_epi64(in_a, 0b11011000), quarters_b = _mm256_permute4x64_epi64(in_b, 0b11011000);
+            add_eight(_mm256_madd_epi16(_mm256_unpacklo_epi16(quarters_a, quarters_b), factors), k, 0, more, less);
+            add_eight(_mm256_madd_epi16(_mm256_unpackhi_epi16(quarters_a, quarters_b), factors), k + 8, 0, more, less);
+        } else {
+            add_eight(difference(a, b, k), k, 0, more, less);
+            add_eight(difference(a, b, k + 8), k + 8, 0, more, less);
+        }
     }
     if (k + 8 <= bins) {
-        add_eight(a, b, k, 0, more, less);
+        add_eight(difference(a, b, k), k, 0, more, less);
         k += 8;
     }
     std::uint32_t rest = 0;
     for (int at = k; at < bins; ++at) rest |= a.mass[at] | b.mass[at];
-    if (rest != 0) add_eight(a, b, bins - 8, 8 - (bins - k), more, less);
+    if (rest != 0) add_eight(difference(a, b, bins - 8), bins - 8, 8 - (bins - k), more, less);
     has_more.count = static_cast<int>(more.count);
     has_less.count = static_cast<int>(less.count);
 }

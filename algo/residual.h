@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "algo/aligned.h"
 #include "algo/hord.h"
 #include "algo/isa.h"
 #include "algo/lit_bins.h"
@@ -16,16 +17,20 @@ namespace hord::algo {
 // d are std::int32_t, and nothing overflows. Else the products are std::int64_t, below 2^40, and the masses doubles.
 constexpr double kLightMass = 0x1p31;
 
+constexpr std::size_t kPage = 4096;  // bytes
+
 // Bins that have too much, or too little, over the common denominator, in order.
 template <class Mass>
-struct ResidualSide {
+struct alignas(kAlignment) ResidualSide {
     int count = 0;
     std::array<Mass, kMostBins + 8> mass{};  // integers; eight more: they are written before it is decided
     std::array<std::uint8_t, kMostBins + 8> bin{};
 };
 
+// The masses of either side lie within one page: they are written as vectors that overlap, and one that begins on a page and ends on the next takes as
+// long as all the others.
 template <class Mass>
-struct Residual {
+struct alignas(kPage) Residual {
     static constexpr std::size_t kMore = 0, kLess = 1;
     std::array<ResidualSide<Mass>, 2> side;  // what has too much, what has too little
 

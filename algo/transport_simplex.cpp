@@ -4,8 +4,8 @@
 #include <bit>
 #include <cmath>
 #include <limits>
-#include <vector>
 
+#include "algo/aligned.h"
 #include "algo/fixed.h"
 #include "algo/transport_lanes.h"
 #include "algo/transport_tree.h"
@@ -62,22 +62,22 @@ struct TransportWorkspace {
     int bins;
     double tolerance;
     double scale;                          // from a cost to a rough one
-    std::vector<double> cost;              // bins x (bins + 1): padding is bin number `bins`
-    std::vector<std::int32_t> rough_cost;  // the same, of TransportCosts::kLargest
+    AlignedVector<double> cost;              // bins x (bins + 1): padding is bin number `bins`
+    AlignedVector<std::int32_t> rough_cost;  // the same, of TransportCosts::kLargest
 
-    std::vector<std::int32_t> cell;  // costs, rows x stride
-    std::vector<std::int32_t> col_bin;
+    AlignedVector<std::int32_t> cell;  // costs, rows x stride
+    AlignedVector<std::int32_t> col_bin;
 
     // The tree.
-    std::vector<std::int32_t> path, dual;
-    std::vector<double> flow;
-    std::vector<TransportArc> arcs;
+    AlignedVector<std::int32_t> path, dual;
+    AlignedVector<double> flow;
+    AlignedVector<TransportArc> arcs;
 
     // For the start.
-    std::vector<TransportStep> steps;
-    std::vector<std::int32_t> mean_row, mean_col, best_of_col, open_rows, place_of_row;
-    std::vector<float> share_col, rough_mean_col;
-    std::vector<double> left_row, left_col;
+    AlignedVector<TransportStep> steps;
+    AlignedVector<std::int32_t> mean_row, mean_col, best_of_col, open_rows, place_of_row;
+    AlignedVector<float> share_col, rough_mean_col;
+    AlignedVector<double> left_row, left_col;
 };
 
 namespace {

@@ -76,6 +76,28 @@ TEST(Residual, holds_light_masses_as_integers_on_every_instruction_set) {
     }
 }
 
+// Around 2^15, where products of 16 bits with a sign end.
+TEST(Residual, holds_light_masses_of_any_sum) {
+    std::mt19937 random(8);
+    for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
+        if (!has(isa)) continue;
+        Residual<std::int32_t> residual;
+        for (const std::uint16_t sum : {std::uint16_t{1}, std::uint16_t{32766}, std::uint16_t{32767}, std::uint16_t{32768}, std::uint16_t{46340}}) {
+            for (const std::uint32_t others : {1U, 2U, 32767U, 32768U, 46340U}) {
+                std::vector<std::uint16_t> a(81), b(81);
+                const std::size_t at = random() % 81;
+                a[at] = sum;  // all in one bin, against all but one there
+                b[at] = static_cast<std::uint16_t>(others - 1);
+                b[(at + 1 + random() % 80) % 81] = 1;
+                SCOPED_TRACE(std::to_string(sum) + " against " + std::to_string(others));
+                find_residual_for(isa)(hord_of(a), hord_of(b), 81, residual);
+                expect_side(residual.side[residual.kMore], by_definition(hord_of(a), hord_of(b), 81, 1));
+                expect_side(residual.side[residual.kLess], by_definition(hord_of(a), hord_of(b), 81, -1));
+            }
+        }
+    }
+}
+
 TEST(Residual, becomes_the_same_rows_whichever_histogram_comes_first) {
     std::mt19937 random(7);
     Residual<std::int32_t> one, other;
