@@ -26,14 +26,27 @@ struct BandCrew::State {
     unsigned round = 0;
     Call call = nullptr;
     void* context = nullptr;
-    int bands = 0;
-    int next_band = 0;
-    int busy = 0;  // others that have not finished this round
+    struct Share {
+        int next, end;  // bands
+        [[nodiscard]] int left() const { return end - next; }
+    };
+    std::vector<Share> shares;  // one a worker
+    int busy = 0;               // others that have not finished this round
 
+    void share(int bands) {
+        const int workers = static_cast<int>(shares.size());
+        for (int k = 0; k < workers; ++k) shares[static_cast<std::size_t>(k)] = {bands * k / workers, bands * (k + 1) / workers};
+    }
+    // The next band of a worker's own share, then the last of whoever has most left; -1: none is.
+    int take(int worker) {
+        Share& own = shares[static_cast<std::size_t>(worker)];
+        if (own.left() > 0) return own.next++;
+        Share& most = *std::ranges::max_element(shares, {}, &Share::left);
+        return most.left() > 0 ? --most.end : -1;
+    }
     // Takes bands until none is left.
     void work(int worker, std::unique_lock<std::mutex>& lock) {
-        while (next_band < bands) {
-            const int band = next_band++;
+        for (int band = take(worker); band >= 0; band = take(worker)) {
             lock.unlock();
             call(context, worker, band);
             lock.lock();
@@ -58,6 +71,7 @@ Result<std::unique_ptr<BandCrew>> BandCrew::create(int threads) {
     }
     std::unique_ptr<BandCrew> crew(new BandCrew(std::make_unique<State>()));
     State& state = *crew->state_;
+    state.shares.resize(static_cast<std::size_t>(threads));
     try {
         for (int worker = 1; worker < threads; ++worker) state.others.emplace_back([&state, worker] { state.serve(worker); });
     } catch (const std::system_error& e) {
@@ -89,8 +103,7 @@ void BandCrew::share_out(int bands, Call call, void* context) {
     std::unique_lock lock(state.mutex);
     state.call = call;
     state.context = context;
-    state.bands = bands;
-    state.next_band = 0;
+    state.share(bands);
     state.busy = static_cast<int>(state.others.size());
     ++state.round;
     state.wake.notify_all();

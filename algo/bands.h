@@ -1,7 +1,7 @@
 // A crew of threads that shares out bands of rows.
 //
-// The threads live as long as the crew and sleep between calls; sharing out allocates nothing. Which thread works on
-// which band is left to chance, so a band's result must not depend on it.
+// The threads live as long as the crew and sleep between calls; sharing out allocates nothing. Each thread has a run of bands, one after the other; who
+// is done with it takes from others' ends. So which thread works on which band is left to chance, and a band's result must not depend on it.
 #pragma once
 
 #include <memory>

@@ -92,7 +92,7 @@ void AnytimeEmdMap::State::bound_round() {
 
 void AnytimeEmdMap::State::bound_band(Worker& worker, int first, int last) {
     RowWindow& window = worker.window;
-    window.stream(frame, levels, first, last, [&](int n) {
+    window.stream(frame, levels, first, last, false, [&](int n) {
         for (int m = 0; m < extents.m; ++m) {
             const auto near = window.neighbours(m, n);
             const std::size_t k = at(m, n);

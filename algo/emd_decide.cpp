@@ -85,7 +85,7 @@ void EmdDecisions::State::decide_open(Worker& worker) {
 
 void EmdDecisions::State::decide_band(Worker& worker, const FrameView& frame, int first, int last) {
     RowWindow& window = worker.window;
-    window.stream(frame, levels, first, last, [&](int n) {
+    window.stream(frame, levels, first, last, false, [&](int n) {
         for (int m = 0; m < extents.m; ++m) {
             const auto near = window.neighbours(m, n);
             const std::size_t k = at(m, n);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "algo/bands.h"
@@ -38,6 +39,7 @@ struct Worker {
     };
     std::unique_ptr<ByPairs> by_pairs;
     std::unique_ptr<PlaneFeature> by_planes;
+    int went_to = -1;  // the row after its last band of this frame
 };
 
 }  // namespace
@@ -57,21 +59,25 @@ struct FeatureMapper::State {
     template <class Band>
     FeatureMap in_bands(Band compute);
     void finish(Worker::ByPairs& worker, int first, int last);
-    void neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last);
+    void neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last, bool goes_on);
     template <class ReferenceRow>
     void reference_band(Worker::ByPairs& worker, const FrameView& frame, ReferenceRow reference_row, int first, int last);
     [[nodiscard]] Result<void> check_reference() const;
 };
 
-// Shares the rows out; the result does not depend on how.
+// Shares the rows out: compute(worker, first row, row after the last, whether they follow the worker's rows before). The result does not depend on how.
 template <class Band>
 FeatureMap FeatureMapper::State::in_bands(Band compute) {
     for (Worker& worker : workers) {
+        worker.went_to = -1;
         if (worker.by_pairs) worker.by_pairs->at_limit = 0;
     }
     const int rows = workers[0].by_planes ? crew->rows_a_band(extents.n) : kBandRows;
     crew->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
-        compute(workers[static_cast<std::size_t>(worker)], band * rows, std::min((band + 1) * rows, extents.n));
+        Worker& w = workers[static_cast<std::size_t>(worker)];
+        const int first = band * rows, last = std::min((band + 1) * rows, extents.n);
+        const bool goes_on = std::exchange(w.went_to, last) == first;
+        compute(w, first, last, goes_on);
     });
     FeatureMap map{values, mask, 0};
     for (const Worker& worker : workers) map.at_limit += worker.by_pairs ? worker.by_pairs->at_limit : 0;
@@ -88,9 +94,9 @@ void FeatureMapper::State::finish(Worker::ByPairs& worker, int first, int last) 
     }
 }
 
-void FeatureMapper::State::neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last) {
+void FeatureMapper::State::neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last, bool goes_on) {
     RowWindow& window = worker.window;
-    window.stream(frame, levels, first, last, [&](int n) {
+    window.stream(frame, levels, first, last, goes_on, [&](int n) {
         for (int m = 0; m < extents.m; ++m) {
             const auto near = window.neighbours(m, n);
             const std::size_t k = at(m, n);
@@ -167,11 +173,11 @@ Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, co
 Result<FeatureMap> FeatureMapper::over_neighbours(const FrameView& frame) {
     State& s = *state_;
     if (auto fine = check_frame(frame, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
-    return s.in_bands([&](Worker& worker, int first, int last) {
+    return s.in_bands([&](Worker& worker, int first, int last, bool goes_on) {
         if (worker.by_planes) {
-            worker.by_planes->over_neighbours(frame, s.levels, first, last, s.values.data(), s.mask.data());
+            worker.by_planes->over_neighbours(frame, s.levels, first, last, s.values.data(), s.mask.data(), goes_on);
         } else {
-            s.neighbours_band(*worker.by_pairs, frame, first, last);
+            s.neighbours_band(*worker.by_pairs, frame, first, last, goes_on);
         }
     });
 }
@@ -182,7 +188,7 @@ Result<FeatureMap> FeatureMapper::against(const FrameView& frame, const FrameVie
         if (auto fine = check_frame(view, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
     }
     if (auto fine = s.check_reference(); !fine) return tl::unexpected(fine.error());
-    return s.in_bands([&](Worker& worker, int first, int last) {
+    return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
         if (worker.by_planes) return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
         const auto decoded = [&](int n) {
             HordRow& row = worker.by_pairs->reference;
@@ -200,7 +206,7 @@ Result<FeatureMap> FeatureMapper::against(const FrameView& frame, std::span<cons
     if (reference.size() != s.extents.lenslets()) {
         return fail(ErrorCode::invalid_argument, std::to_string(reference.size()) + " reference HORDs", "give one a lenslet: " + std::to_string(s.extents.lenslets()));
     }
-    return s.in_bands([&](Worker& worker, int first, int last) {
+    return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
         if (worker.by_planes) return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
         const auto given = [&](int n) { return [row = reference.subspan(s.at(0, n))](int m) { return row[static_cast<std::size_t>(m)]; }; };
         s.reference_band(*worker.by_pairs, frame, given, first, last);

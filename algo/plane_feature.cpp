@@ -285,13 +285,13 @@ void PlaneFeature::slopes_row(Feature which, int n, float* values, const std::ui
     values[0] = values[extents_.m - 1] = 0;
 }
 
-void PlaneFeature::over_neighbours(const FrameView& frame, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask) {
+void PlaneFeature::over_neighbours(const FrameView& frame, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask, bool goes_on) {
     const auto compare = [&](int n) {
         const std::ptrdiff_t at = std::ptrdiff_t{n} * extents_.m;
         mark_row(n, mask + at);
         compare_row(n, values + at, mask + at);
     };
-    for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents_.n); ++n) {
+    for (int n = goes_on ? first + 1 : std::max(first - 1, 0); n < std::min(last + 1, extents_.n); ++n) {
         load(frame, levels, n);
         if (n > first) compare(n - 1);
     }

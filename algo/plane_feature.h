@@ -31,8 +31,9 @@ class PlaneFeature {
     // A feature that is covered. Mean deflections are kept if it is made of them, or somebody wants them.
     PlaneFeature(const Extents& extents, Feature feature, Isa isa, bool keeps_deflections = false);
 
-    // Rows first .. last-1 of a whole field's map; algo/feature_map.h says what is in it. No allocation.
-    void over_neighbours(const FrameView& frame, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask);
+    // Rows first .. last-1 of a whole field's map; algo/feature_map.h says what is in it. No allocation. `goes_on`: the call before was of the rows
+    // before, of this frame.
+    void over_neighbours(const FrameView& frame, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask, bool goes_on = false);
     void against(const FrameView& frame, const FrameView& reference, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask);
     void against(const FrameView& frame, std::span<const Hord> reference, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask);
 

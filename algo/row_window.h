@@ -19,10 +19,10 @@ class RowWindow {
     explicit RowWindow(const Extents& extents, bool with_deflections = false);
 
     // Decodes rows first-1 .. last of the frame, those that exist, and calls visit(n) for n = first .. last-1, each as soon as rows
-    // n-1, n and n+1 are here. The frame fits the extents (check_frame).
+    // n-1, n and n+1 are here. The frame fits the extents (check_frame). `goes_on`: the call before was of the rows before, of this frame.
     template <class Visit>
-    void stream(const FrameView& frame, const LightLevels& levels, int first, int last, Visit&& visit) {
-        for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents_.n); ++n) {
+    void stream(const FrameView& frame, const LightLevels& levels, int first, int last, bool goes_on, Visit&& visit) {
+        for (int n = goes_on ? first + 1 : std::max(first - 1, 0); n < std::min(last + 1, extents_.n); ++n) {
             load(frame, levels, n);
             if (n > first) visit(n - 1);
         }
