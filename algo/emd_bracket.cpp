@@ -19,78 +19,91 @@ double norm(double x, double y) { return std::sqrt(x * x + y * y); }
 EmdBounds::EmdBounds(const GroundDistance& ground)
     : ground_(ground), x_(ground.directions(), 1.0, 0.0), y_(ground.directions(), 0.0, 1.0), margin_(ground.largest() * kMargin) {
     const auto bins = static_cast<std::size_t>(ground.bins());
-    for (int order = 0; order < 2; ++order) {
-        auto& bin_at = bin_at_[order];
+    for (const Order order : {Order::by_lines, Order::by_columns}) {
+        auto& [bin_at, place_of, as_numbered] = orders_[static_cast<std::size_t>(order)];
         bin_at.resize(bins);
         std::iota(bin_at.begin(), bin_at.end(), std::uint8_t{0});
         std::stable_sort(bin_at.begin(), bin_at.end(), [&](std::uint8_t p, std::uint8_t q) {
             const Direction a = ground.directions()[p], b = ground.directions()[q];
-            return order == 0 ? std::pair(a.y, a.x) < std::pair(b.y, b.x) : std::pair(a.x, a.y) < std::pair(b.x, b.y);
+            return order == Order::by_lines ? std::pair(a.y, a.x) < std::pair(b.y, b.x) : std::pair(a.x, a.y) < std::pair(b.x, b.y);
         });
-        place_of_[order].resize(bins);
-        for (std::size_t at = 0; at < bins; ++at) place_of_[order][bin_at[at]] = static_cast<std::uint8_t>(at);
+        place_of.resize(bins);
+        for (std::size_t at = 0; at < bins; ++at) place_of[bin_at[at]] = static_cast<std::uint8_t>(at);
+        as_numbered = std::is_sorted(bin_at.begin(), bin_at.end());
     }
 }
 
-Bracket EmdBounds::operator()(const Hord& a, const Hord& b) {
-    if (a.sum == 0 || b.sum == 0) return {};
-    expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
-    const LitBins lit(a.mass, b.mass, ground_.bins());
+void EmdBounds::take(const Hord& a, const Hord& b) {
     difference_.count = 0;
+    if (a.sum == 0 || b.sum == 0) return;
+    expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
+    unit_ = static_cast<double>(a.sum) * static_cast<double>(b.sum);
+    const LitBins lit(a.mass, b.mass, ground_.bins());
     for (int w = 0; w < lit.words(); ++w) {
         for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);
             const std::int64_t d = std::int64_t{a.mass[k]} * b.sum - std::int64_t{b.mass[k]} * a.sum;
-            if (d == 0) continue;
             difference_.bin[static_cast<std::size_t>(difference_.count)] = static_cast<std::uint8_t>(k);
             difference_.mass[static_cast<std::size_t>(difference_.count)] = static_cast<double>(d);
-            ++difference_.count;
+            difference_.count += d != 0 ? 1 : 0;
         }
     }
-    if (difference_.count == 0) return {};
+}
 
-    const double unit = static_cast<double>(a.sum) * static_cast<double>(b.sum);
-    const double x = x_.distance(difference_) / unit;
-    const double y = y_.distance(difference_) / unit;
-    const double lower = ground_.threshold() != GroundDistance::kNoThreshold  ? 0
-                         : ground_.norm() == GroundNorm::euclidean ? norm(x, y)
-                         : ground_.norm() == GroundNorm::manhattan ? x + y
-                                                                   : x * x + y * y;
-    const double upper = std::min(plan_in_order(bin_at_[0], place_of_[0]), plan_in_order(bin_at_[1], place_of_[1])) / unit;
-    return {std::max(0.0, lower - margin_), upper + margin_};
+double EmdBounds::lower() const {
+    if (difference_.count == 0 || ground_.threshold() != GroundDistance::kNoThreshold) return 0;
+    const double x = x_.distance(difference_) / unit_;
+    const double y = y_.distance(difference_) / unit_;
+    const double least = ground_.norm() == GroundNorm::euclidean ? norm(x, y) : ground_.norm() == GroundNorm::manhattan ? x + y : x * x + y * y;
+    return std::max(0.0, least - margin_);
+}
+
+double EmdBounds::upper(Order order) const {
+    return difference_.count == 0 ? 0 : plan_in_order(orders_[static_cast<std::size_t>(order)]) / unit_ + margin_;
+}
+
+Bracket EmdBounds::operator()(const Hord& a, const Hord& b) {
+    take(a, b);
+    return {lower(), std::min(upper(Order::by_lines), upper(Order::by_columns))};
 }
 
 // The first that has too much gives to the first that has too little, until both are even; and so on.
-double EmdBounds::plan_in_order(const std::vector<std::uint8_t>& bin_at, const std::vector<std::uint8_t>& place_of) const {
-    std::uint64_t differs[(kMostBins + 63) / 64] = {};
-    std::array<double, kMostBins> mass;
-    for (std::size_t k = 0; k < static_cast<std::size_t>(difference_.count); ++k) {
-        const auto place = place_of[difference_.bin[k]];
-        mass[place] = difference_.mass[k];
-        differs[place / 64] |= std::uint64_t{1} << (place % 64);
-    }
+double EmdBounds::plan_in_order(const Places& places) const {
     // What has been passed and is not yet even: all of it too much, or all of it too little.
     std::array<std::uint8_t, kMostBins> waiting_bin;
     std::array<double, kMostBins> waiting_mass;
     std::size_t first = 0, last = 0;
     double work = 0;
+    const auto pass = [&](std::uint8_t bin, double left) {
+        while (left != 0 && first < last && (waiting_mass[first] < 0) != (left < 0)) {
+            const double moved = std::min(std::abs(left), std::abs(waiting_mass[first]));
+            work += moved * ground_(waiting_bin[first], bin);
+            const double sign = left < 0 ? 1.0 : -1.0;
+            left += sign * moved;
+            waiting_mass[first] -= sign * moved;
+            if (waiting_mass[first] == 0) ++first;
+        }
+        if (left != 0) {
+            waiting_bin[last] = bin;
+            waiting_mass[last++] = left;
+        }
+    };
+    const auto count = static_cast<std::size_t>(difference_.count);
+    if (places.as_numbered) {
+        for (std::size_t k = 0; k < count; ++k) pass(difference_.bin[k], difference_.mass[k]);
+        return work;
+    }
+    std::uint64_t differs[(kMostBins + 63) / 64] = {};
+    std::array<double, kMostBins> mass;
+    for (std::size_t k = 0; k < count; ++k) {
+        const auto place = places.place_of[difference_.bin[k]];
+        mass[place] = difference_.mass[k];
+        differs[place / 64] |= std::uint64_t{1} << (place % 64);
+    }
     for (std::size_t w = 0; w < std::size(differs); ++w) {
         for (std::uint64_t rest = differs[w]; rest != 0; rest &= rest - 1) {
             const auto place = w * 64 + static_cast<std::size_t>(__builtin_ctzll(rest));
-            const auto bin = bin_at[place];
-            double left = mass[place];
-            while (left != 0 && first < last && (waiting_mass[first] < 0) != (left < 0)) {
-                const double moved = std::min(std::abs(left), std::abs(waiting_mass[first]));
-                work += moved * ground_(waiting_bin[first], bin);
-                const double sign = left < 0 ? 1.0 : -1.0;
-                left += sign * moved;
-                waiting_mass[first] -= sign * moved;
-                if (waiting_mass[first] == 0) ++first;
-            }
-            if (left != 0) {
-                waiting_bin[last] = bin;
-                waiting_mass[last++] = left;
-            }
+            pass(places.bin_at[place], mass[place]);
         }
     }
     return work;

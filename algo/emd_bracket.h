@@ -30,16 +30,29 @@ struct Bracket {
 class EmdBounds {
   public:
     explicit EmdBounds(const GroundDistance& ground);
-    // [0, 0] when either HORD is dark.
+
+    // What the bounds are of, one by one: each costs as much as a small exact solve side by side, and often one is enough. All are 0
+    // when either HORD is dark.
+    void take(const Hord& a, const Hord& b);
+    [[nodiscard]] double lower() const;
+    enum class Order : std::uint8_t { by_lines, by_columns };
+    [[nodiscard]] double upper(Order order) const;
+
     [[nodiscard]] Bracket operator()(const Hord& a, const Hord& b);
 
   private:
-    [[nodiscard]] double plan_in_order(const std::vector<std::uint8_t>& bin_at, const std::vector<std::uint8_t>& place_of) const;
+    // An order of bins, and where each is in it.
+    struct Places {
+        std::vector<std::uint8_t> bin_at, place_of;
+        bool as_numbered = false;
+    };
+    [[nodiscard]] double plan_in_order(const Places& places) const;
 
     GroundDistance ground_;
     Projection x_, y_;
-    std::vector<std::uint8_t> bin_at_[2], place_of_[2];  // the two orders: by line, by column
+    Places orders_[2];
     Difference difference_;
+    double unit_ = 1;  // S_a * S_b
     double margin_;
 };
 

@@ -17,10 +17,10 @@ constexpr int kBandRows = 16;  // decided together; as many rows of undecided pa
 
 struct Worker {
     Worker(const Extents& e, const GroundDistance& ground, EmdSolver s)
-        : window(e), reference(e), bounds(ground), solver(std::move(s)), asked(static_cast<std::size_t>(kBandRows * e.m)), open(asked.size()) {}
+        : window(e), reference(e), across(ground), down(ground), solver(std::move(s)), asked(static_cast<std::size_t>(kBandRows * e.m)), open(asked.size()) {}
     RowWindow window;
     HordRow reference;
-    EmdBounds bounds;
+    EmdBounds across, down;  // of a lenslet; against a reference the first alone
     EmdSolver solver;
     std::vector<EmdGradient> asked;  // of the undecided lenslets
     std::vector<std::size_t> open;   // which those are
@@ -45,7 +45,7 @@ struct EmdDecisions::State {
     DecisionMap in_bands(float the_limit, Band compute);
     void decide_band(Worker& worker, const FrameView& frame, int first, int last);
     void decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference, int first, int last);
-    EmdGradient* decide_by_bounds(Worker& worker, std::size_t k, const Bracket& x, const Bracket& y, int weight_x, int weight_y);
+    EmdGradient* decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y);
     void decide_open(Worker& worker);
 };
 
@@ -66,15 +66,21 @@ DecisionMap EmdDecisions::State::in_bands(float the_limit, Band compute) {
     return map;
 }
 
-// Null when the bounds decided; else where the exact distances belong.
-EmdGradient* EmdDecisions::State::decide_by_bounds(Worker& worker, std::size_t k, const Bracket& x, const Bracket& y, int weight_x, int weight_y) {
-    EmdGradient& least = worker.asked[worker.undecided];
-    least = {x.lower, y.lower, weight_x, weight_y};
-    const EmdGradient most{x.upper, y.upper, weight_x, weight_y};
-    reached[k] = static_cast<float>(least.norm()) >= limit ? 1 : 0;
-    if (reached[k] != 0 || static_cast<float>(most.norm()) < limit) return nullptr;
-    worker.open[worker.undecided++] = k;
-    return &least;
+// What the bounds were given, cheapest first. Null when they decided; else where the exact distances belong.
+EmdGradient* EmdDecisions::State::decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y) {
+    using Order = EmdBounds::Order;
+    const EmdBounds &across = worker.across, &down = worker.down;
+    const auto is_below = [&](double x, double y) { return static_cast<float>(EmdGradient{x, y, weight_x, weight_y}.norm()) < limit; };
+    reached[k] = 0;
+    const double most_x = across.upper(Order::by_lines), most_y = down.upper(Order::by_lines);
+    if (is_below(most_x, most_y)) return nullptr;
+    reached[k] = is_below(across.lower(), down.lower()) ? 0 : 1;
+    if (reached[k] != 0) return nullptr;
+    if (is_below(std::min(most_x, across.upper(Order::by_columns)), std::min(most_y, down.upper(Order::by_columns)))) return nullptr;
+    worker.open[worker.undecided] = k;
+    EmdGradient& asked = worker.asked[worker.undecided++];
+    asked = {0, 0, weight_x, weight_y};
+    return &asked;
 }
 
 void EmdDecisions::State::decide_open(Worker& worker) {
@@ -95,8 +101,9 @@ void EmdDecisions::State::decide_band(Worker& worker, const FrameView& frame, in
             const Hord left = window.row(n).hord(near.left), right = window.row(n).hord(near.right);
             const Hord above = window.row(near.above).hord(m), below = window.row(near.below).hord(m);
             worker.pairs += 2;
-            EmdGradient* open =
-                decide_by_bounds(worker, k, worker.bounds(left, right), worker.bounds(above, below), near.across.weight(), near.down.weight());
+            worker.across.take(left, right);
+            worker.down.take(above, below);
+            EmdGradient* open = decide_by_bounds(worker, k, near.across.weight(), near.down.weight());
             if (open == nullptr) continue;
             worker.solver.submit(left, right, &open->x);
             worker.solver.submit(above, below, &open->y);
@@ -106,6 +113,7 @@ void EmdDecisions::State::decide_band(Worker& worker, const FrameView& frame, in
 }
 
 void EmdDecisions::State::decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference, int first, int last) {
+    worker.down.take({}, {});
     for (int n = first; n < last; ++n) {
         const HordRow& row = worker.window.decode(frame, levels, n);
         decode_row(reference, extents, levels, n, worker.reference);
@@ -116,7 +124,8 @@ void EmdDecisions::State::decide_band_against(Worker& worker, const FrameView& f
             if ((mask[k] & kNoGradient) != 0) continue;
             const Hord here = row.hord(m), wanted = worker.reference.hord(m);
             ++worker.pairs;
-            EmdGradient* open = decide_by_bounds(worker, k, worker.bounds(here, wanted), {}, 1, 0);
+            worker.across.take(here, wanted);
+            EmdGradient* open = decide_by_bounds(worker, k, 1, 0);
             if (open == nullptr) continue;
             worker.solver.submit(here, wanted, &open->x);
             ++worker.solved;

@@ -2,8 +2,9 @@
 // threshold. Usage: bench_growth OUT  writes OUT/growth.csv, and prints the table. tests/bench/growth.gp plots it.
 //
 // Frames: a spot of light in every lenslet that moves smoothly over the field, at 8 bits and up to 250 DN, dark threshold 3 DN; 64x64
-// lenslets are drawn and repeated. CPU time of one thread, with decoding. Every frame is measured once a round, so that what else the machine
-// does for a while meets all rows of the table alike, and the median of the rounds counts.
+// lenslets are drawn and repeated. `decided`: whether the EMD's gradient reaches 1 bin (algo/emd_decide.h). CPU time of one thread, with
+// decoding. Every frame is measured once a round, so that what else the machine does for a while meets all rows of the table alike, and the
+// median of the rounds counts.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -15,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "algo/emd_decide.h"
 #include "algo/feature_map.h"
 
 namespace {
@@ -24,6 +26,8 @@ using namespace hord::algo;
 constexpr int kTile = 64;  // lenslets a side that are drawn
 constexpr int kRounds = 5;
 constexpr Feature kFeatures[] = {Feature::emd, Feature::chi2, Feature::jacobian_frobenius};
+constexpr std::size_t kDecided = std::size(kFeatures), kColumns = kDecided + 1;  // whether the EMD's gradient reaches
+constexpr float kLimit = 1;                                                      // bins
 
 struct Scene {
     int lenslets = 256, bins = 9;
@@ -74,23 +78,31 @@ struct Point {
     std::string what;
     Scene scene;
     double lit = 0;
-    std::vector<double> ns[std::size(kFeatures)] = {};  // a lenslet, one a round
+    std::vector<double> ns[kColumns] = {};  // a lenslet, one a round
 };
 
 bool measure_once(Point& point) {
     const Scene& scene = point.scene;
     const Extents e{scene.lenslets, scene.lenslets, scene.bins, scene.bins};
+    constexpr LightLevels kLevels{3, 16, 255};
     const Frame frame = drawn(scene);
     point.lit = lit_bins(frame, e);
-    for (std::size_t f = 0; f < std::size(kFeatures); ++f) {
-        auto mapper = FeatureMapper::create(e, 8, {3, 16, 255}, kFeatures[f]);
-        // What is first touched is paid for by the first run; it counts only where it hardly matters.
-        if (!mapper || (scene.lenslets <= 512 && !mapper->over_neighbours(frame.view()))) return false;
+    // What is first touched is paid for by the first run; it counts only where it hardly matters.
+    const auto measure = [&](std::size_t column, auto once) {
+        if (scene.lenslets <= 512 && !once()) return false;
         const double start = cpu_ns();
-        if (!mapper->over_neighbours(frame.view())) return false;
-        point.ns[f].push_back((cpu_ns() - start) / static_cast<double>(e.lenslets()));
+        if (!once()) return false;
+        point.ns[column].push_back((cpu_ns() - start) / static_cast<double>(e.lenslets()));
+        return true;
+    };
+    for (std::size_t f = 0; f < std::size(kFeatures); ++f) {
+        auto mapper = FeatureMapper::create(e, 8, kLevels, kFeatures[f]);
+        if (!mapper || !measure(f, [&] { return mapper->over_neighbours(frame.view()).has_value(); })) return false;
     }
-    return true;
+    const auto ground = GroundDistance::between_bins(scene.bins, scene.bins);
+    if (!ground) return false;
+    auto decisions = EmdDecisions::create(e, 8, kLevels, *ground);
+    return decisions && measure(kDecided, [&] { return decisions->decide(frame.view(), kLimit).has_value(); });
 }
 
 double median(std::vector<double> values) {
@@ -139,8 +151,8 @@ int main(int argc, char** argv) {
         csv << ',' << name_of(f) << "_ns_a_lenslet";
         std::printf(" %s, ns a lenslet |", std::string(name_of(f)).c_str());
     }
-    csv << '\n';
-    std::printf("\n|---|---|---|---|---|---|\n");
+    csv << ",emd_decided_ns_a_lenslet\n";
+    std::printf(" emd decided, ns a lenslet |\n|---|---|---|---|---|---|---|\n");
     std::vector<Point> points = all_points();
     for (int round = 0; round < kRounds; ++round) {
         for (Point& point : points) {
