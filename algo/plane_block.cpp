@@ -17,6 +17,7 @@ namespace hord::algo {
 constexpr int kLanes = PlaneBlock::kLanes;
 constexpr int kCacheLine = 64;  // bytes; the same samples of the next lenslet row are fetched while this one is worked on
 constexpr int kWindow = 8;      // neighbouring bins that are transposed at once
+constexpr int kColumns = kMaxBins - 1 + kWindow / 2;  // half a window may begin at the last bin
 
 namespace {
 
@@ -187,7 +188,7 @@ HORD_ALWAYS_INLINE void gather_line(const std::uint8_t* line, int j, std::uint32
             }
         }
     };
-    // Lit bins lie close together: one window mostly has all of a line's, and the first half of it. Bins beyond I become 0.
+    // Lit bins lie close together: one window mostly has all of a line's, and its first half does. Bins beyond I become 0.
     for (int first = std::min(__builtin_ctz(lit), std::max(extents.i - kWindow, 0)); lit >> first != 0; first += kWindow) {
         std::uint64_t dark[2];
         std::memcpy(&dark[0], darkness + first, kWindow);
@@ -247,11 +248,11 @@ HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, con
     }
     Sample darkness[kMaxBins + kWindow];
     for (int i = 0; i < kMaxBins + kWindow; ++i) darkness[i] = i < bins_i ? dark : std::numeric_limits<Sample>::max();
-    Sums sum{}, columns[kMaxBins + 1];
+    Sums sum{}, columns[kColumns];
     Ints<Bytes> moment_x{}, moment_y{};
     Ints<Bytes>{}.write(block.saturated);
     if (wanted.margins) {
-        for (int i = 0; i <= kMaxBins; ++i) columns[i] = Sums{};
+        for (Sums& column : columns) column = Sums{};
         for (int j = 0; j < bins_j; ++j) Ints<Bytes>{}.write(block.line[j]);
     }
     block.lit = {};
