@@ -3,7 +3,7 @@ set datafile separator ','
 set terminal pngcairo noenhanced size 1200,900
 set output folder.'/growth.png'
 data = folder.'/growth.csv'
-set key top left
+set key above horizontal font ",9"
 set logscale y
 set ylabel 'ns a lenslet'
 set grid
