@@ -189,7 +189,7 @@ HORD_ALWAYS_INLINE void gather_line(const std::uint8_t* line, int j, std::uint32
         }
     };
     // Lit bins lie close together: one window mostly has all of a line's, and its first half does. Bins beyond I become 0.
-    for (int first = std::min(__builtin_ctz(lit), std::max(extents.i - kWindow, 0)); lit >> first != 0; first += kWindow) {
+    for (int first = __builtin_ctz(lit); lit >> first != 0; first += kWindow) {
         std::uint64_t dark[2];
         std::memcpy(&dark[0], darkness + first, kWindow);
         dark[1] = dark[0];

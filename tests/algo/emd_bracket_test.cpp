@@ -45,6 +45,23 @@ TEST(EmdBounds, hold_what_the_solver_returns) {
     }
 }
 
+// From (0,0) and (2,0) to (0,2) and (2,1). Line by line the first goes to (2,1), the second to (0,2); column by column each stays in its own.
+TEST(EmdBounds, are_those_of_plans_line_by_line_and_column_by_column) {
+    Histogram a(81), b(81);
+    a[0] = a[2] = 7;
+    b[2 * 9 + 0] = b[1 * 9 + 2] = 7;
+    const double by_lines = (std::sqrt(5.0) + std::sqrt(8.0)) / 2, by_columns = 1.5;
+    EmdBounds bounds(grounds()[0]);
+    bounds.take(hord_of(a), hord_of(b));
+    EXPECT_NEAR(bounds.upper(EmdBounds::Order::by_lines), by_lines, 1e-9);
+    EXPECT_NEAR(bounds.upper(EmdBounds::Order::by_columns), by_columns, 1e-9);
+    EXPECT_NEAR(bounds.lower(), 1.5, 1e-9);  // the marginal along y moves by 1.5, that along x not at all
+    EXPECT_NEAR(bounds(hord_of(a), hord_of(b)).upper, by_columns, 1e-9);
+    bounds.take(hord_of(a), hord_of(Histogram(81)));
+    EXPECT_EQ(bounds.lower(), 0);
+    EXPECT_EQ(bounds.upper(EmdBounds::Order::by_lines), 0);
+}
+
 // Limits are drawn near the distance itself, where a wrong bound would show, and exactly at it. With HORD_LONG_TESTS in the
 // environment: two million decisions.
 TEST(EmdDecider, decides_as_the_exact_distance_does) {
