@@ -3,7 +3,7 @@
 //
 // Numbers, all exact integers until a share is made:
 //   samples of one byte   a mass < 2^8; sums over a line, a column or a lenslet <= 15 * 15 * 255 < 2^16: words without a sign. A line's moment along
-//                         x is at most 255 * (14 + 12 + ... + 14) = 28560 half bins times DN < 2^15: words with one
+//                         x is at most 255 * (14 + 12 + ... + 2) = 14280 half bins times DN < 2^15, of either sign: words with one
 //   of two bytes          a mass < 2^16; sums < 2^24, moments < 14 * 2^24 < 2^28: 32 bits
 // Sums and moments of a lenslet are 32 bits in either case (algo/decode.h). Whatever the instruction set, the same operations come in the same order.
 //
@@ -34,7 +34,7 @@ struct PlaneBlock {
         bool moments;
     };
 
-    // What is not wanted holds no meaning, moments apart: they are 0. Lanes of dark or missing lenslets are 0 too.
+    // Lanes of lenslets that are not there are 0. What is not wanted holds no meaning, moments apart: they are 0.
     alignas(kAlignment) std::int32_t column[kMaxBins][kLanes];  // sums over the lines, of each bin column
     std::int32_t line[kMaxBins][kLanes];                // and over the columns, of each line
     std::int32_t sum[kLanes], moment_x[kLanes], moment_y[kLanes];
