@@ -3,16 +3,15 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <vector>
+#include <utility>
 
+#include "algo/aligned.h"
 #include "algo/fixed.h"
 #include "algo/residual.h"
 #include "algo/transport_simplex.h"
 
 namespace hord::algo {
 namespace {
-
-constexpr int kStartsThatPay = 8;  // fewer are found sooner one by one
 
 std::size_t index(int k) { return static_cast<std::size_t>(k); }
 
@@ -23,23 +22,42 @@ double total(const ResidualSide<Mass>& side) {
     return sum;
 }
 
-// Small problems of one shape, and where their answers go.
+// Problems whose masses have one format: what is found of a pair, and the small ones, a batch for every shape.
 template <class Mass>
-struct Bucket {
-    SmallBatch<Mass> batch;
-    std::array<double, kWide> mass;  // on either side
-    std::array<double*, kWide> out;
-
-    void add(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols, double on_either_side, double* answer) {
-        const int place = batch.filled++;
-        SmallProblem<Mass>& problem = batch.problem[place];
-        put(rows, problem.mass, problem.bin);
-        put(cols, problem.mass + kFirstSmallColumn, problem.bin + kFirstSmallColumn);
-        mass[index(place)] = on_either_side;
-        out[index(place)] = answer;
+struct Format {
+    Format(FindResidual<Mass> find_it, Isa isa) : find(find_it), solve(solve_small<Mass>(isa)), batches(kShapes) {
+        for (int rows = 2; rows <= kSmallSide; ++rows) {
+            for (int cols = rows; cols <= kSmallSide; ++cols) {
+                batches[shape(rows, cols)].rows = rows;
+                batches[shape(rows, cols)].cols = cols;
+            }
+        }
     }
-    // Once more the first, where there is no other.
-    void fill_up() { std::fill(batch.problem + batch.filled, batch.problem + kWide, batch.problem[0]); }
+    static std::size_t shape(int rows, int cols) { return index(rows * (kSmallSide + 1) + cols); }
+
+    // Until it is solved, the mass on either side is where the answer goes.
+    void put(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols, double on_either_side, double* out, std::size_t shape) {
+        SmallProblem<Mass>& problem = batches[shape].problem[filled[shape]++];
+        put(rows, problem.mass[0], problem.bin[0]);
+        put(cols, problem.mass[1], problem.bin[1]);
+        problem.out = out;
+        *out = on_either_side;
+    }
+    // That of a shape, as it is solved: once more the first problem, where there is no other.
+    SmallBatch<Mass>& take(std::size_t shape) {
+        SmallBatch<Mass>& batch = batches[shape];
+        batch.filled = std::exchange(filled[shape], std::uint8_t{0});
+        std::fill(batch.problem + batch.filled, batch.problem + kWide, batch.problem[0]);
+        return batch;
+    }
+
+    static constexpr std::size_t kShapes = (kSmallSide + 1) * (kSmallSide + 1);
+    FindResidual<Mass> find;
+    Residual<Mass> residual;
+    SolveSmall<Mass> solve;
+    SmallAnswer<Mass> answer;
+    std::array<std::uint8_t, kShapes> filled{};  // of each batch: within three cache lines, which every pair needs
+    AlignedVector<SmallBatch<Mass>> batches;
 
   private:
     // As many as there may be: a count that is known is faster than the right one.
@@ -49,76 +67,13 @@ struct Bucket {
     }
 };
 
-// Problems whose masses have one format: what is found of a pair, and the small ones, a bucket for every shape.
-template <class Mass>
-struct Format {
-    Format(FindResidual<Mass> find_it, Isa isa) : find(find_it), solve(solve_small<Mass>(isa)), buckets(index((kSmallSide + 1) * (kSmallSide + 1))) {
-        for (int rows = 2; rows <= kSmallSide; ++rows) {
-            for (int cols = rows; cols <= kSmallSide; ++cols) {
-                auto& batch = bucket(rows, cols).batch;
-                batch.rows = rows;
-                batch.cols = cols;
-            }
-        }
-    }
-    Bucket<Mass>& bucket(int rows, int cols) { return buckets[index(rows * (kSmallSide + 1) + cols)]; }
-
-    FindResidual<Mass> find;
-    Residual<Mass> residual;
-    SolveSmall<Mass> solve;
-    SmallAnswer<Mass> answer;
-    std::vector<Bucket<Mass>> buckets;
-};
-
-// Larger problems of one shape, whose starts are found side by side.
-struct StartBucket {
-    TransportBatch batch;
-    std::array<double, kMostStarts> mass;  // on either side
-    std::array<double*, kMostStarts> out;
-
-    template <class Mass>
-    void add(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols, double on_either_side, double* answer) {
-        const std::size_t place = index(batch.filled++);
-        put(rows, batch.problem[place].rows);
-        put(cols, batch.problem[place].cols);
-        mass[place] = on_either_side;
-        out[place] = answer;
-    }
-
-  private:
-    template <class Mass>
-    static void put(const ResidualSide<Mass>& from, TransportBatch::Side& to) {
-        for (std::size_t k = 0; k < kMostStartSide; ++k) to.mass[k] = static_cast<double>(from.mass[k]);
-        std::copy_n(from.bin.begin(), kMostStartSide, to.bin.begin());
-    }
-};
-
-// One for every shape.
-class StartBuckets {
-  public:
-    StartBuckets() : buckets_(index((kMostStartSide - kSmallSide) * (kMostStartSide + 1))) {
-        for (int cols = kSmallSide + 1; cols <= kMostStartSide; ++cols) {
-            for (int rows = 2; rows <= cols; ++rows) {
-                TransportBatch& batch = of(rows, cols).batch;
-                batch.rows = rows;
-                batch.cols = cols;
-            }
-        }
-    }
-    StartBucket& of(int rows, int cols) { return buckets_[index((cols - kSmallSide - 1) * (kMostStartSide + 1) + rows)]; }
-    auto begin() { return buckets_.begin(); }
-    auto end() { return buckets_.end(); }
-
-  private:
-    std::vector<StartBucket> buckets_;
-};
-
 }  // namespace
 
 struct EmdSolver::State {
     State(const GroundDistance& g, Isa isa)
         : ground(g), simplex(ground.row(0), ground.bins(), ground.largest(), isa),
-          costs{ground.row(0), ground.bins(), ground.largest() * TransportSimplex::kTolerance}, light(find_residual_for(isa), isa),
+          costs{ground.row(0), ground.bins(), ground.largest() * TransportSimplex::kTolerance},
+          light(find_residual_for(isa == Isa::portable ? isa : widest_isa()), isa),
           heavy(find_residual<double>, isa) {}
 
     void submit(const Hord& a, const Hord& b, double* out, bool at_once);
@@ -128,21 +83,18 @@ struct EmdSolver::State {
     template <class Mass>
     double from_one(const ResidualSide<Mass>& one, const ResidualSide<Mass>& others) const;
     template <class Mass>
-    void solve_bucket(Format<Mass>& format, Bucket<Mass>& full);
+    void solve_batch(Format<Mass>& format, std::size_t shape);
     template <class Mass>
     double improve(const SmallBatch<Mass>& batch, const SmallAnswer<Mass>& answer, int lane);
     template <class Mass>
     double by_simplex(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols);
     double by_simplex(const Transport& problem, const TransportStep* start);
-    void solve_started(StartBucket& bucket);
 
     GroundDistance ground;
     TransportSimplex simplex;
     SmallCosts costs;
     Format<std::int32_t> light;
     Format<double> heavy;
-    StartBuckets starts;
-    TransportStarts found;
     Work work;
 };
 
@@ -174,16 +126,12 @@ void EmdSolver::State::submit_as(Format<Mass>& format, const Hord& a, const Hord
     const ResidualSide<Mass>&rows = residual.side[of_rows], &cols = residual.side[1 - of_rows];
     if (rows.count == 1) {
         *out = from_one(rows, cols) / mass;
-    } else if (cols.count > kMostStartSide || (at_once && cols.count > kSmallSide)) {
-        *out = by_simplex(rows, cols) / mass;
     } else if (cols.count > kSmallSide) {
-        StartBucket& bucket = starts.of(rows.count, cols.count);
-        bucket.add(rows, cols, mass, out);
-        if (bucket.batch.filled == kMostStarts) solve_started(bucket);
+        *out = by_simplex(rows, cols) / mass;
     } else {
-        Bucket<Mass>& bucket = format.bucket(rows.count, cols.count);
-        bucket.add(rows, cols, mass, out);
-        if (at_once || bucket.batch.filled == kWide) solve_bucket(format, bucket);
+        const std::size_t shape = format.shape(rows.count, cols.count);
+        format.put(rows, cols, mass, out, shape);
+        if (at_once || format.filled[shape] == kWide) solve_batch(format, shape);
     }
 }
 
@@ -197,17 +145,15 @@ double EmdSolver::State::from_one(const ResidualSide<Mass>& one, const ResidualS
 }
 
 template <class Mass>
-void EmdSolver::State::solve_bucket(Format<Mass>& format, Bucket<Mass>& full) {
-    SmallBatch<Mass>& batch = full.batch;
+void EmdSolver::State::solve_batch(Format<Mass>& format, std::size_t shape) {
+    const SmallBatch<Mass>& batch = format.take(shape);
     SmallAnswer<Mass>& answer = format.answer;
     work.small += static_cast<std::uint64_t>(batch.filled);
-    if (batch.filled < kWide) full.fill_up();
     format.solve(batch, costs, answer);
     for (int lane = 0; lane < batch.filled; ++lane) {
-        const double cost = answer.proven[lane] ? answer.cost[lane] : improve(batch, answer, lane);
-        *full.out[index(lane)] = cost / full.mass[index(lane)];
+        double& out = *batch.problem[lane].out;
+        out = (answer.proven[lane] ? answer.cost[lane] : improve(batch, answer, lane)) / out;
     }
-    batch.filled = 0;
 }
 
 // From the plan of a lane on.
@@ -219,8 +165,8 @@ double EmdSolver::State::improve(const SmallBatch<Mass>& batch, const SmallAnswe
         steps[index(step)] = {static_cast<double>(answer.flow[step][lane]), static_cast<std::int16_t>(std::min(child, parent)),
                               static_cast<std::int16_t>(std::max(child, parent) - kFirstSmallColumn), child < parent};
     }
-    const std::uint8_t* bin = batch.problem[lane].bin;
-    return by_simplex({batch.rows, batch.cols, nullptr, nullptr, bin, bin + kFirstSmallColumn}, steps.data());
+    const auto& [row_bin, col_bin] = batch.problem[lane].bin;
+    return by_simplex({batch.rows, batch.cols, nullptr, nullptr, row_bin, col_bin}, steps.data());
 }
 
 template <class Mass>
@@ -239,22 +185,10 @@ double EmdSolver::State::by_simplex(const Transport& problem, const TransportSte
     return outcome.cost;
 }
 
-void EmdSolver::State::solve_started(StartBucket& bucket) {
-    TransportBatch& batch = bucket.batch;
-    const bool many = batch.filled >= kStartsThatPay;
-    if (many) simplex.find_starts(batch, found);
-    for (std::size_t k = 0; k < index(batch.filled); ++k) {
-        const auto& [rows, cols] = batch.problem[k];
-        *bucket.out[k] = by_simplex({batch.rows, batch.cols, rows.mass.data(), cols.mass.data(), rows.bin.data(), cols.bin.data()}, many ? found[k].data() : nullptr) / bucket.mass[k];
-    }
-    batch.filled = 0;
-}
-
 void EmdSolver::State::finish() {
-    for (StartBucket& bucket : starts) solve_started(bucket);
     const auto solve_rest = [this](auto& format) {
-        for (auto& bucket : format.buckets) {
-            if (bucket.batch.filled > 0) solve_bucket(format, bucket);
+        for (std::size_t shape = 0; shape < format.kShapes; ++shape) {
+            if (format.filled[shape] > 0) solve_batch(format, shape);
         }
     };
     solve_rest(light);

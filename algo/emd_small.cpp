@@ -37,12 +37,12 @@ struct Batch {
 
     HORD_ALWAYS_INLINE void gather() {
         std::int32_t bin[kSmallNodes][kWide];  // of rows: where their costs begin
-        const auto transpose = [&](int node, std::int32_t times) __attribute__((always_inline)) {
-            for (int l = 0; l < kWide; ++l) mass[node][l] = b.problem[l].mass[node];
-            for (int l = 0; l < kWide; ++l) bin[node][l] = b.problem[l].bin[node] * times;
+        const auto transpose = [&](int node, int side, int k, std::int32_t times) __attribute__((always_inline)) {
+            for (int l = 0; l < kWide; ++l) mass[node][l] = b.problem[l].mass[side][k];
+            for (int l = 0; l < kWide; ++l) bin[node][l] = b.problem[l].bin[side][k] * times;
         };
-        for (int i = 0; i < rows; ++i) transpose(i, costs.bins);
-        for (int j = 0; j < cols; ++j) transpose(column(j), 1);
+        for (int i = 0; i < rows; ++i) transpose(i, 0, i, costs.bins);
+        for (int j = 0; j < cols; ++j) transpose(column(j), 1, j, 1);
         for (int i = 0; i < rows; ++i) {
             const Ints begin = Ints::at(bin[i]);
             for (int j = 0; j < cols; ++j) {

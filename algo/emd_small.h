@@ -15,6 +15,7 @@
 
 #include <cstdint>
 
+#include "algo/aligned.h"
 #include "algo/isa.h"
 
 namespace hord::algo {
@@ -27,12 +28,14 @@ constexpr int kFirstSmallColumn = 16;
 constexpr int kSmallNodes = kFirstSmallColumn + kSmallSide;
 constexpr int kMostSmallSteps = 2 * kSmallSide - 1;
 
-// Rows, then columns from kFirstSmallColumn. Masses are positive, and those of either add up to the same.
+// Rows, then columns; masses are positive, and those of either add up to the same. Light ones take two cache lines, of which nothing is left over.
 template <class Mass>
-struct SmallProblem {
-    Mass mass[kSmallNodes];
-    std::uint8_t bin[kSmallNodes];
+struct alignas(kAlignment) SmallProblem {
+    Mass mass[2][kSmallSide];
+    std::uint8_t bin[2][kSmallSide];
+    double* out;  // where its answer goes; not read here
 };
+static_assert(sizeof(SmallProblem<std::int32_t>) == 2 * kAlignment);
 
 // Problems of one shape.
 template <class Mass>
@@ -46,7 +49,7 @@ template <class Mass>
 struct SmallAnswer {
     double cost[kWide];  // mass times cost of the plan
     bool proven[kWide];  // it is optimal
-    // Where it is not: the plan, a step a row or column that is used up, the child (transport_start.h).
+    // Where it is not: the plan, a step a row or column that is used up, the child (TransportStep).
     std::int32_t child[kMostSmallSteps][kWide], parent[kMostSmallSteps][kWide];
     Mass flow[kMostSmallSteps][kWide];
 };

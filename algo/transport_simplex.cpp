@@ -7,7 +7,8 @@
 
 #include "algo/aligned.h"
 #include "algo/fixed.h"
-#include "algo/transport_lanes.h"
+#include "algo/transport_cells.h"
+#include "algo/transport_start.h"
 #include "algo/transport_tree.h"
 
 namespace hord::algo {
@@ -15,20 +16,20 @@ namespace {
 
 using Outcome = TransportSimplex::Outcome;
 
-constexpr int kLanes = 8;
+constexpr int kLanes = TransportCosts::kLanes;
 constexpr int kPivotsANode = 200;
 constexpr int kRowsToPrice = 48;  // all of them before the best of their cells enters; where there are more
 constexpr int kRowsAtOnce = 20;   // so many
-constexpr std::int32_t kPadding = 1 << 30;        // the cost of what is no column
+constexpr std::int32_t kPadding = TransportCosts::kPadding;
 constexpr std::int32_t kLargestDual = 1 << 29;    // so that a reduced cost is below 2^31, and that of padding above 0
 // Costs are made so many bits coarser where dual variables leave that range, at most three times: no tree's leave it then, for on a path of
 // 449 arcs they are at most 225 of the largest cost, 2^21.
 constexpr int kCoarser = 2;
 constexpr std::int32_t kSetAside = 1 << 28;       // is added to what is to be the least no longer
-constexpr std::int32_t kClosed = std::numeric_limits<std::int32_t>::max();
+constexpr std::int32_t kNoCell = TransportCosts::kNoCell;
 constexpr double kNoCost = 1e30;                  // of padding, in double precision
 
-constexpr int padded(int count) { return (count + kLanes - 1) / kLanes * kLanes; }
+constexpr int padded(int count) { return TransportCosts::padded(count); }
 std::size_t size(int count) { return static_cast<std::size_t>(count); }
 
 constexpr int kMostWords = 15;  // 32 arcs each: rows and columns of 15 x 15 bins
@@ -37,7 +38,8 @@ constexpr int kMostWords = 15;  // 32 arcs each: rows and columns of 15 x 15 bin
 
 struct TransportWorkspace {
     TransportWorkspace(const double* costs, int most_bins, double largest_cost)
-        : bins(most_bins), tolerance(largest_cost * TransportSimplex::kTolerance), scale(largest_cost > 0 ? TransportCosts::kLargest / largest_cost : 0) {
+        : bins(most_bins), tolerance(largest_cost * TransportSimplex::kTolerance), scale(largest_cost > 0 ? TransportCosts::kLargest / largest_cost : 0),
+          start(size(padded(most_bins))) {
         const int side = padded(bins);
         cost.resize(size(bins * (bins + 1)), kNoCost);
         rough_cost.resize(cost.size(), kPadding);
@@ -49,14 +51,11 @@ struct TransportWorkspace {
             }
         }
         cell.resize(size(side * side));
-        for (auto* values : {&col_bin, &mean_row, &mean_col, &best_of_col, &open_rows, &place_of_row}) values->resize(size(side + kLanes));
-        for (auto* values : {&share_col, &rough_mean_col}) values->resize(size(side));
-        for (auto* values : {&left_row, &left_col}) values->resize(size(side));
+        col_bin.resize(size(side));
         flow.resize(size(2 * side));
         path.resize(size(2 * side * kMostWords));
         dual.resize(size(2 * side));
         arcs.resize(size(2 * side));
-        steps.resize(size(2 * side));
     }
 
     int bins;
@@ -73,11 +72,7 @@ struct TransportWorkspace {
     AlignedVector<double> flow;
     AlignedVector<TransportArc> arcs;
 
-    // For the start.
-    AlignedVector<TransportStep> steps;
-    AlignedVector<std::int32_t> mean_row, mean_col, best_of_col, open_rows, place_of_row;
-    AlignedVector<float> share_col, rough_mean_col;
-    AlignedVector<double> left_row, left_col;
+    TransportStartSpace start;
 };
 
 namespace {
@@ -110,167 +105,44 @@ template <class Tree>
 // One problem, for one instruction set. All inlined into the function that is compiled for it.
 template <int Bytes>
 struct Problem {
-    using Ints = Lanes<std::int32_t, kLanes, Bytes>;
-    using Floats = Lanes<float, kLanes, Bytes>;
+    using Cells = TransportCells<Bytes>;
+    using Ints = typename Cells::Ints;
 
     TransportWorkspace& w;
     const Transport& p;
-    const int stride;         // of cells
-    const int first_column;   // among nodes
-    const int col_bits;       // of a cell's tag
-    const std::int32_t tags;  // all of its bits
-    std::int32_t* const cells;
+    const Cells cells;
+    const int first_column;  // among nodes
 
     HORD_ALWAYS_INLINE Problem(TransportWorkspace& workspace, const Transport& problem)
-        : w(workspace), p(problem), stride(padded(problem.cols)), first_column(padded(problem.rows)),
-          col_bits(TransportTag(problem.rows, problem.cols).col_bits), tags(TransportTag(problem.rows, problem.cols).all), cells(workspace.cell.data()) {}
+        : w(workspace), p(problem), cells(problem.rows, problem.cols, workspace.cell.data()), first_column(padded(problem.rows)) {}
 
-    HORD_ALWAYS_INLINE std::int32_t* cells_of(int row) const { return cells + row * stride; }
     HORD_ALWAYS_INLINE const double* exact_costs_of(int row) const { return w.cost.data() + static_cast<std::ptrdiff_t>(p.row_bin[row]) * (w.bins + 1); }
-    HORD_ALWAYS_INLINE int row_of(std::int32_t cell) const { return (cell & tags) >> col_bits; }
-    HORD_ALWAYS_INLINE int col_of(std::int32_t cell) const { return cell & ((1 << col_bits) - 1); }
 
     // `coarser`: by so many bits.
     HORD_ALWAYS_INLINE void gather_costs(int coarser) {
         std::int32_t* const bin = w.col_bin.data();
         for (int j = 0; j < p.cols; ++j) bin[j] = p.col_bin[j];
-        for (int j = p.cols; j < stride; ++j) bin[j] = w.bins;
-        gather(w.rough_cost.data(), w.bins, p, stride, bin, cells);
+        for (int j = p.cols; j < cells.stride; ++j) bin[j] = w.bins;
+        gather(w.rough_cost.data(), w.bins, p, cells.stride, bin, cells.cell);
         for (int i = 0; coarser != 0 && i < p.rows; ++i) {
-            for (int j = 0; j < p.cols; ++j) cells_of(i)[j] >>= coarser;
+            for (int j = 0; j < p.cols; ++j) cells.row(i)[j] >>= coarser;
         }
         // In a loop of its own, when what was written is no longer on its way.
-        const Ints half = Ints::all(tags / 2 + 1), no_tag = Ints::all(~tags), next = Ints::all(kLanes);
+        const Ints half = Ints::all(cells.tags / 2 + 1), no_tag = Ints::all(~cells.tags), next = Ints::all(kLanes);
         for (int i = 0; i < p.rows; ++i) {
-            std::int32_t* here = cells_of(i);
-            Ints tag = Ints::numbers() + Ints::all(i << col_bits);
-            for (int j = 0; j < stride; j += kLanes) {
+            std::int32_t* here = cells.row(i);
+            Ints tag = Ints::numbers() + Ints::all(i << cells.col_bits);
+            for (int j = 0; j < cells.stride; j += kLanes) {
                 (((Ints::at(here + j) + half) & no_tag) + tag).to(here + j);
                 tag = tag + next;
             }
         }
     }
 
-    // For each column the least of `cells` + `dual` over rows.
-    template <int Vectors, class Row>
-    HORD_ALWAYS_INLINE static void least_of_columns(int rows, Row row, const std::int32_t* dual, Ints (&best)[Vectors]) {
-        for (Ints& b : best) b = Ints::all(kPadding);
-        for (int i = 0; i < rows; ++i) {
-            const std::int32_t* const at = row(i);
-            const Ints of_row = Ints::all_of(dual + i);
-            for (int k = 0; k < Vectors; ++k) best[k] = lower(best[k], Ints::at(at + k * kLanes) + of_row);
-        }
-    }
-    // do_it(column, Vectors) for all columns, as many vectors at once as registers hold.
-    template <class Do>
-    HORD_ALWAYS_INLINE void for_columns(Do do_it) const {
-        int j = 0;
-        for (; j + 3 * kLanes <= stride; j += 3 * kLanes) do_it(j, std::integral_constant<int, 3>{});
-        if (j + 2 * kLanes <= stride) {
-            do_it(j, std::integral_constant<int, 2>{});
-        } else if (j + kLanes <= stride) {
-            do_it(j, std::integral_constant<int, 1>{});
-        }
-    }
-
-    // -- the start --------------------------------------------------------------------------------------------------
-
-    // Mass-weighted mean costs of rows and columns, negative.
-    HORD_ALWAYS_INLINE void find_means() {
-        double total = 0;
-        for (int i = 0; i < p.rows; ++i) total += p.supply[i];
-        const double share = 1 / total;
-        float* const share_col = w.share_col.data();
-        float* const mean_col = w.rough_mean_col.data();
-        for (int j = 0; j < p.cols; ++j) share_col[j] = static_cast<float>(p.demand[j] * share);
-        for (int j = p.cols; j < stride; ++j) share_col[j] = 0;
-        for (int j = 0; j < stride; j += kLanes) Floats::all(0).to(mean_col + j);
-        for (int i = 0; i < p.rows; ++i) {
-            const Floats weight = Floats::all(static_cast<float>(p.supply[i] * share));
-            const std::int32_t* of_row = cells_of(i);
-            Floats sum = Floats::all(0);
-            for (int j = 0; j < stride; j += kLanes) {
-                const Floats c = Ints::at(of_row + j).template converted<float>();
-                sum = sum + c * Floats::at(share_col + j);
-                (Floats::at(mean_col + j) + c * weight).to(mean_col + j);
-            }
-            w.mean_row[size(i)] = -(static_cast<std::int32_t>(sum.sum()) & ~tags);
-        }
-        for (int j = 0; j < stride; j += kLanes) {
-            (Ints::all(0) - (Floats::at(mean_col + j).template converted<std::int32_t>() & Ints::all(~tags))).to(w.mean_col.data() + j);
-        }
-        for (int j = p.cols; j < stride; ++j) w.mean_col[size(j)] = 0;
-    }
-
-    // The best cell of some columns among the open rows.
-    template <int Vectors>
-    HORD_ALWAYS_INLINE void find_best_of_cols(int first, int rows) {
-        const std::int32_t* const open = w.open_rows.data();
-        Ints best[Vectors];
-        least_of_columns<Vectors>(rows, [&](int k) __attribute__((always_inline)) { return cells + open[k] + first; }, w.mean_row.data(), best);
-        for (int k = 0; k < Vectors; ++k) {
-            const int j = first + k * kLanes;
-            (best[k] + Ints::at(w.mean_col.data() + j)).to(w.best_of_col.data() + j);
-        }
-    }
-
-    // The cell of least reduced cost whose row and column are open is served; what is used up by it closes.
-    HORD_ALWAYS_INLINE void find_start(TransportStep* steps) {
-        find_means();
-        std::int32_t* const best_of_col = w.best_of_col.data();
-        std::int32_t* const mean_col = w.mean_col.data();
-        // Open rows, in any order: where their cells are, their means beside them; and the place of each.
-        for (int i = 0; i < p.rows; ++i) w.open_rows[size(i)] = i * stride;
-        for (int i = 0; i < p.rows; ++i) w.place_of_row[size(i)] = i;
-        for (int i = 0; i < p.rows; ++i) w.left_row[size(i)] = p.supply[i];
-        for (int j = 0; j < p.cols; ++j) w.left_col[size(j)] = p.demand[j];
-        const int last = p.rows + p.cols - 2;
-        int rows = p.rows, cols = p.cols;  // open
-        for_columns([&](int first, auto vectors) __attribute__((always_inline)) { find_best_of_cols<vectors>(first, rows); });
-        Ints closing = Ints::all(-1);  // the column
-        for (int step = 0;;) {
-            Ints least = Ints::all(kClosed);
-            for (int j = 0; j < stride; j += kLanes) {
-                const Ints closes = (Ints::numbers() + Ints::all(j)).equals(closing);
-                const Ints best = choose(closes, Ints::all(kClosed), Ints::at(best_of_col + j));
-                best.to(best_of_col + j);
-                least = lower(least, best);
-            }
-            closing = Ints::all(-1);
-            const std::int32_t best = least.least();
-            const int i = row_of(best), j = col_of(best);
-            const int place = w.place_of_row[size(i)];
-            if (place < 0) {  // its row has closed: what is best now is not below it
-                find_best_of_cols<1>(j / kLanes * kLanes, rows);
-                continue;
-            }
-            const double left_row = w.left_row[size(i)], left_col = w.left_col[size(j)];
-            const double flow = lower(left_row, left_col);  // the last column has what all rows have left
-            w.left_row[size(i)] = left_row - flow;
-            w.left_col[size(j)] = left_col - flow;
-            const bool row_used_up = left_row < left_col || cols == 1;
-            steps[step] = {flow, static_cast<std::int16_t>(i), static_cast<std::int16_t>(j), row_used_up};
-            if (step++ == last) return;
-            if (row_used_up) {
-                --rows;
-                w.place_of_row[size(row_of(cells[w.open_rows[size(rows)]]))] = place;
-                w.open_rows[size(place)] = w.open_rows[size(rows)];
-                w.mean_row[size(place)] = w.mean_row[size(rows)];
-                w.place_of_row[size(i)] = -1;
-            } else {
-                --cols;
-                mean_col[j] = kPadding / 2;
-                closing = Ints::all(j);
-            }
-        }
-    }
-
-    // -- the simplex ------------------------------------------------------------------------------------------------
-
     template <int Words>
     using Tree = TransportTree<Words, Bytes>;
 
-    HORD_ALWAYS_INLINE std::int32_t& cell(const TransportArc& arc) const { return cells_of(arc.row)[arc.column - first_column]; }
+    HORD_ALWAYS_INLINE std::int32_t& cell(const TransportArc& arc) const { return cells.row(arc.row)[arc.column - first_column]; }
     HORD_ALWAYS_INLINE double exact_cost(const TransportArc& arc) const { return exact_costs_of(arc.row)[p.col_bin[arc.column - first_column]]; }
 
     // What is used up hangs from the other.
@@ -278,16 +150,16 @@ struct Problem {
     HORD_ALWAYS_INLINE void plant(Tree<Words>& tree, const TransportStep* steps) {
         const int last = p.rows + p.cols - 2;
         tree.plant(steps[last].row_used_up ? first_column + steps[last].column : steps[last].row);
-        hang_steps(tree, steps, last, cells, stride, tags);
+        hang_steps(tree, steps, last, cells.cell, cells.stride, cells.tags);
     }
 
     // The least reduced cost of some rows, with the tag of its cell.
     HORD_ALWAYS_INLINE std::int32_t price(const std::int32_t* dual, int first_row, int last_row) const {
-        Ints least = Ints::all(kClosed);
-        for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
+        Ints least = Ints::all(kNoCell);
+        cells.for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
             Ints best[vectors];
-            const std::int32_t* const top = cells_of(first_row) + first;
-            least_of_columns<vectors>(last_row - first_row, [&](int i) __attribute__((always_inline)) { return top + i * stride; }, dual + first_row, best);
+            const std::int32_t* const top = cells.row(first_row) + first;
+            Cells::template least_of_columns<vectors>(last_row - first_row, [&](int i) __attribute__((always_inline)) { return top + i * cells.stride; }, dual + first_row, best);
             for (int k = 0; k < vectors; ++k) least = lower(least, best[k] + Ints::at(dual + first_column + first + k * kLanes));
         });
         return least.least();
@@ -326,9 +198,9 @@ struct Problem {
             least = lower(least, best);
             if (best >= 0) continue;
             without = 0;
-            least = kClosed;
-            const std::int32_t reduced = best & ~tags;
-            pivot(tree, {row_of(best), first_column + col_of(best)}, reduced);
+            least = kNoCell;
+            const std::int32_t reduced = best & ~cells.tags;
+            pivot(tree, {cells.row_of(best), first_column + cells.col_of(best)}, reduced);
             bound -= reduced;
             ++pivots;
         }
@@ -336,7 +208,7 @@ struct Problem {
     }
 
     // How far above zero a cell may be that is below it but for rounding: each cost of its cycle by half a unit and one.
-    HORD_ALWAYS_INLINE std::int32_t doubtful(int arcs) const { return arcs * (tags / 2 + 2) | tags; }
+    HORD_ALWAYS_INLINE std::int32_t doubtful(int arcs) const { return arcs * (cells.tags / 2 + 2) | cells.tags; }
 
     // Whether the reduced cost of a cell, a rough one above its tag, is below zero in double precision.
     template <int Words>
@@ -367,9 +239,9 @@ struct Problem {
         const std::int32_t clear_from = doubtful(longest_cycle(tree));
         if (least > clear_from) return false;
         bool found = false;
-        for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
+        cells.for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
             Ints best[vectors];
-            least_of_columns<vectors>(p.rows, [&](int i) __attribute__((always_inline)) { return cells_of(i) + first; }, tree.dual, best);
+            Cells::template least_of_columns<vectors>(p.rows, [&](int i) __attribute__((always_inline)) { return cells.row(i) + first; }, tree.dual, best);
             Ints bits = Ints::all(0), bit = Ints::powers_of_two();
             for (int k = 0; k < vectors; ++k) {
                 const Ints clear = (best[k] + Ints::at(tree.dual + first_column + first + k * kLanes)).above(Ints::all(clear_from));
@@ -398,12 +270,12 @@ struct Problem {
     template <int Words>
     HORD_ALWAYS_INLINE bool optimize(Tree<Words>& tree, Outcome& outcome) {
         const int most_pivots = outcome.pivots + kPivotsANode * (p.rows + p.cols);
-        std::int32_t least = kClosed;
+        std::int32_t least = kNoCell;
         if (!improve(tree, most_pivots, outcome.pivots, least)) return false;
         outcome.proven = outcome.pivots < most_pivots;
         for (TransportArc enters; outcome.proven && price_exactly(tree, least, enters);) {
             const std::int32_t reduced = rough_reduced(tree.dual, enters);
-            pivot(tree, enters, reduced & ~tags);
+            pivot(tree, enters, reduced & ~cells.tags);
             least = 0;  // not known any more: any cell may be in doubt
             outcome.proven = ++outcome.pivots < most_pivots;
             if (largest_of(tree.dual, tree.nodes) > kLargestDual) return false;
@@ -417,7 +289,7 @@ struct Problem {
         Outcome outcome;
         for (int coarser = 0;; coarser += kCoarser) {
             if (coarser != 0) gather_costs(coarser);
-            Tree<Words> tree{first_column, first_column + stride, w.path.data(), w.dual.data(), w.flow.data(), w.arcs.data(), {}};
+            Tree<Words> tree{first_column, first_column + cells.stride, w.path.data(), w.dual.data(), w.flow.data(), w.arcs.data(), {}};
             plant(tree, start);
             if (optimize(tree, outcome)) return outcome;
         }
@@ -425,10 +297,7 @@ struct Problem {
 
     HORD_ALWAYS_INLINE Outcome solve(const TransportStep* start) {
         gather_costs(0);
-        if (start == nullptr) {
-            find_start(w.steps.data());
-            start = w.steps.data();
-        }
+        if (start == nullptr) start = TransportStart<Bytes>{cells, w.start}.find(p.supply, p.demand);
         const int arcs = p.rows + p.cols - 1;
         if (arcs <= 30) return solve_with<1>(start);
         if (arcs <= 64) return solve_with<2>(start);
@@ -449,14 +318,11 @@ HORD_FOR_EACH_ISA(solve_for, Outcome, solve_body, (TransportWorkspace& workspace
 }  // namespace
 
 TransportSimplex::TransportSimplex(const double* cost, int bins, double largest_cost, Isa isa)
-    : workspace_(std::make_unique<TransportWorkspace>(cost, bins, largest_cost)), solve_(solve_for(isa)), find_starts_(find_starts_for(isa)) {}
+    : workspace_(std::make_unique<TransportWorkspace>(cost, bins, largest_cost)), solve_(solve_for(isa)) {}
 TransportSimplex::~TransportSimplex() = default;
 TransportSimplex::TransportSimplex(TransportSimplex&&) noexcept = default;
 TransportSimplex& TransportSimplex::operator=(TransportSimplex&&) noexcept = default;
 
 Outcome TransportSimplex::solve(const Transport& problem, const TransportStep* start) { return solve_(*workspace_, problem, start); }
-void TransportSimplex::find_starts(const TransportBatch& batch, TransportStarts& starts) const {
-    find_starts_({workspace_->rough_cost.data(), workspace_->bins + 1}, batch, starts);
-}
 
 }  // namespace hord::algo

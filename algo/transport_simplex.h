@@ -1,7 +1,6 @@
 // The transportation simplex: least-cost transport of integer masses from rows (sources) to columns (sinks).
 //
-// Start: the open cell of least reduced cost c_ij - R_i - K_j is served until its row or column is used up, which closes; R_i and K_j are the
-// mass-weighted mean costs of a row and a column. Then the cell of least reduced cost (of more than 48 rows, in some of them) enters a strongly feasible spanning tree
+// Start: transport_start.h. Then the cell of least reduced cost (of more than 48 rows, in some of them) enters a strongly feasible spanning tree
 // (transport_tree.h), which ends: no tree ever comes twice. Pivots are bounded besides (kPivotsANode).
 //
 // Numbers. Masses are integers below 2^53 held in doubles, exact. To choose pivots, costs are integers: the largest is 2^27, and the
@@ -18,9 +17,16 @@
 #include <memory>
 
 #include "algo/isa.h"
-#include "algo/transport_start.h"
 
 namespace hord::algo {
+
+// A row and a column exchange `flow`, which uses up one of them: of a tie the column, unless it is the last.
+struct TransportStep {
+    double flow = 0;
+    std::int16_t row = 0;
+    std::int16_t column = 0;
+    bool row_used_up = false;  // else the column
+};
 
 // A problem: masses of rows and columns, all positive integers with equal sums, and the bin each belongs to.
 struct Transport {
@@ -52,14 +58,11 @@ class TransportSimplex {
     // `start`: rows + cols - 1 steps that use up one row or column each (of a tie the column, unless it is the last), the
     // last of them the last row; supply and demand are not read then. nullptr: it is found here.
     Outcome solve(const Transport& problem, const TransportStep* start = nullptr);
-    // The starts that would be found of these problems, side by side.
-    void find_starts(const TransportBatch& batch, TransportStarts& starts) const;
 
   private:
     using Solve = Outcome (*)(TransportWorkspace& workspace, const Transport& problem, const TransportStep* start);
     std::unique_ptr<TransportWorkspace> workspace_;
     Solve solve_;
-    FindStarts find_starts_;
 };
 
 }  // namespace hord::algo

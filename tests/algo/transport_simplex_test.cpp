@@ -1,8 +1,7 @@
 #include "algo/transport_simplex.h"
 
 #include <algorithm>
-#include <cmath>
-#include <numeric>
+#include <tuple>
 
 #include <gtest/gtest.h>
 
@@ -57,9 +56,75 @@ std::vector<TransportStep> staircase(const Problem& p) {
     return steps;
 }
 
+std::vector<std::size_t> members(const std::vector<bool>& of) {
+    std::vector<std::size_t> in;
+    for (std::size_t k = 0; k < of.size(); ++k) {
+        if (of[k]) in.push_back(k);
+    }
+    return in;
+}
+
+// The open cell of least reduced cost c_ij - R_i - K_j, one after the other, R_i and K_j the mean costs of its row and its column: as transport_start.h
+// says it, and nothing saved.
+std::vector<TransportStep> least_reduced_costs(Problem p) {
+    double total = 0;
+    for (const double mass : p.supply) total += mass;
+    std::vector<double> mean_row(p.supply.size()), mean_col(p.demand.size());
+    for (int i = 0; i < p.rows; ++i) {
+        for (int j = 0; j < p.cols; ++j) {
+            mean_row[static_cast<std::size_t>(i)] += p.cost_of(i, j) * p.demand[static_cast<std::size_t>(j)] / total;
+            mean_col[static_cast<std::size_t>(j)] += p.cost_of(i, j) * p.supply[static_cast<std::size_t>(i)] / total;
+        }
+    }
+    std::vector<TransportStep> steps;
+    std::vector<bool> row_open(p.supply.size(), true), col_open(p.demand.size(), true);
+    for (int cols = p.cols; static_cast<int>(steps.size()) < p.rows + p.cols - 1;) {
+        std::size_t row = 0, col = 0;
+        for (double least = 1e9; const std::size_t i : members(row_open)) {
+            for (const std::size_t j : members(col_open)) {
+                const double reduced = p.cost_of(static_cast<int>(i), static_cast<int>(j)) - mean_row[i] - mean_col[j];
+                if (reduced < least) std::tie(least, row, col) = std::tuple(reduced, i, j);
+            }
+        }
+        const double flow = std::min(p.supply[row], p.demand[col]);
+        const bool row_used_up = p.supply[row] < p.demand[col] || cols == 1;
+        steps.push_back({flow, static_cast<std::int16_t>(row), static_cast<std::int16_t>(col), row_used_up});
+        p.supply[row] -= flow;
+        p.demand[col] -= flow;
+        (row_used_up ? row_open[row] : col_open[col]) = false;
+        cols -= row_used_up ? 0 : 1;
+    }
+    return steps;
+}
+
+// A column more or less than fill a vector, up to six in registers, and in memory. Rounding of costs may swap two cells now and then.
+TEST(TransportSimplex, begins_with_the_cells_of_least_reduced_cost) {
+    Random random(6);
+    for (const int cols : {2, 8, 9, 16, 17, 24, 25, 32, 33, 40, 41, 48, 49, 70}) {
+        for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
+            if (!has(isa)) continue;
+            int found = 0, given = 0, differ = 0;
+            constexpr int kProblems = 40;
+            for (int n = 0; n < kProblems; ++n) {
+                const int rows = pick(random, 2, cols + 3);
+                Problem p(random, rows, cols);
+                p.share_out(random, n % 2 == 0 ? 100000 : std::max(rows, cols) + n);  // few units make ties
+                auto simplex = p.simplex(isa);
+                const auto alone = simplex.solve(p.transport()), from = simplex.solve(p.transport(), least_reduced_costs(p).data());
+                ASSERT_TRUE(alone.proven && from.proven) << rows << "x" << cols;
+                ASSERT_NEAR(alone.cost, from.cost, 1e-10 * 100000) << rows << "x" << cols;
+                found += alone.pivots;
+                given += from.pivots;
+                differ += alone.pivots != from.pivots ? 1 : 0;
+            }
+            EXPECT_LE(differ, kProblems / 8) << cols << " columns: " << found << " pivots, " << given << " from the plain start";
+        }
+    }
+}
+
 TEST(TransportSimplex, comes_to_the_same_cost_from_any_start) {
     Random random(3);
-    const std::pair<int, int> sizes[] = {{2, 2}, {5, 3}, {16, 17}, {17, 17}, {33, 32}, {40, 57}, {60, 50}};
+    const std::pair<int, int> sizes[] = {{2, 2}, {5, 3}, {9, 14}, {16, 17}, {17, 17}, {33, 32}, {35, 38}, {40, 45}, {40, 57}, {60, 50}};
     for (const auto& [rows, cols] : sizes) {
         for (int n = 0; n < 20; ++n) {
             Problem p(random, rows, cols);
@@ -69,50 +134,6 @@ TEST(TransportSimplex, comes_to_the_same_cost_from_any_start) {
             const auto given = simplex.solve(p.transport(), staircase(p).data());
             ASSERT_TRUE(found.proven && given.proven) << rows << "x" << cols;
             ASSERT_NEAR(given.cost, found.cost, 1e-10 * 100000) << rows << "x" << cols;
-        }
-    }
-}
-
-// One after the other or side by side, a plan begins with the same steps: it takes as many pivots to the same bits. Costs are those between bins.
-TEST(TransportSimplex, begins_with_the_same_steps_side_by_side) {
-    Random random(6);
-    const auto ground = *GroundDistance::between_bins(15, 15);
-    const std::pair<int, int> shapes[] = {{2, 13}, {7, 13}, {13, 13}, {8, 16}, {16, 17}, {17, 24}, {24, 24}, {3, 24}, {5, 2}, {23, 9}};
-    for (const auto& [rows, cols] : shapes) {
-        for (const int most : {3, 100000, 1 << 30}) {  // few units make ties
-            TransportBatch batch;
-            batch.rows = rows;
-            batch.cols = cols;
-            batch.filled = pick(random, 1, kMostStarts);
-            for (auto& problem : batch.problem) {
-                std::vector<std::uint8_t> bins(225);
-                std::iota(bins.begin(), bins.end(), std::uint8_t{0});
-                std::shuffle(bins.begin(), bins.end(), random);
-                std::copy_n(bins.begin(), rows, problem.rows.bin.begin());
-                std::copy_n(bins.begin() + rows, cols, problem.cols.bin.begin());
-                double total = 0;
-                for (int i = 0; i < rows; ++i) total += problem.rows.mass[static_cast<std::size_t>(i)] = pick(random, 1, most) + cols;
-                for (int j = 0; j < cols; ++j) {
-                    const double rest = total - (cols - 1 - j);
-                    problem.cols.mass[static_cast<std::size_t>(j)] = j + 1 == cols ? rest : std::floor(1 + (rest - 1) * 2 * pick(random, 0, 1000) / (1000.0 * cols));
-                    total -= problem.cols.mass[static_cast<std::size_t>(j)];
-                }
-                ASSERT_EQ(total, 0);
-            }
-            for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
-                if (!has(isa)) continue;
-                TransportSimplex simplex(ground.row(0), ground.bins(), ground.largest(), isa);
-                TransportStarts starts;
-                simplex.find_starts(batch, starts);
-                for (int k = 0; k < batch.filled; ++k) {
-                    const auto& problem = batch.problem[static_cast<std::size_t>(k)];
-                    const Transport transport{rows, cols, problem.rows.mass.data(), problem.cols.mass.data(), problem.rows.bin.data(), problem.cols.bin.data()};
-                    const auto alone = simplex.solve(transport), beside = simplex.solve(transport, starts[static_cast<std::size_t>(k)].data());
-                    ASSERT_TRUE(alone.proven) << rows << "x" << cols;
-                    ASSERT_EQ(beside.pivots, alone.pivots) << rows << "x" << cols << ", " << k;
-                    ASSERT_EQ(beside.cost, alone.cost) << rows << "x" << cols << ", " << k;
-                }
-            }
         }
     }
 }
