@@ -46,14 +46,15 @@ HORD_ALWAYS_INLINE V higher(const V& a, const V& b) {
 }  // namespace hord::algo
 
 #if defined(__x86_64__)
+#define HORD_AVX2 "avx2,bmi,bmi2,popcnt"
 // Clang does not know the preference, and would ignore the instruction sets with it.
 #if defined(__clang__)
-#define HORD_AVX512 "avx512f,avx512bw,avx512dq,avx512vl"
+#define HORD_AVX512 HORD_AVX2 ",avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi2"
 #else
-#define HORD_AVX512 "avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512"
+#define HORD_AVX512 HORD_AVX2 ",avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi2,prefer-vector-width=512"
 #endif
 #define HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS)                                                          \
-    [[gnu::target("avx2")]] static RETURN NAME##_avx2 SIGNATURE { return BODY<32> ARGUMENTS; }                               \
+    [[gnu::target(HORD_AVX2)]] static RETURN NAME##_avx2 SIGNATURE { return BODY<32> ARGUMENTS; }                            \
     [[gnu::target(HORD_AVX512)]] static RETURN NAME##_avx512 SIGNATURE {                                                     \
         return BODY<64> ARGUMENTS;                                                                                           \
     }                                                                                                                        \

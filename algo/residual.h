@@ -23,8 +23,8 @@ constexpr std::size_t kPage = 4096;  // bytes
 template <class Mass>
 struct alignas(kAlignment) ResidualSide {
     int count = 0;
-    std::array<Mass, kMostBins + 8> mass{};  // integers; eight more: they are written before it is decided
-    std::array<std::uint8_t, kMostBins + 8> bin{};
+    alignas(kAlignment) std::array<Mass, kMostBins + 16> mass{};  // integers; sixteen more: they are written before it is decided
+    alignas(16) std::array<std::uint8_t, kMostBins + 16> bin{};
 };
 
 // The masses of either side lie within one page: they are written as vectors that overlap, and one that begins on a page and ends on the next takes as
@@ -50,7 +50,7 @@ struct alignas(kPage) Residual {
 template <class Mass>
 void find_residual(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual);
 
-// For light masses, S_a * S_b < kLightMass: one bin after the other, or eight at once; the same integers.
+// For light masses, S_a * S_b < kLightMass: one bin after the other, eight or sixteen at once; the same integers.
 template <class Mass>
 using FindResidual = void (*)(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual);
 FindResidual<std::int32_t> find_residual_for(Isa isa);
