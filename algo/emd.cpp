@@ -73,8 +73,7 @@ struct EmdSolver::State {
     State(const GroundDistance& g, Isa isa)
         : ground(g), simplex(ground.row(0), ground.bins(), ground.largest(), isa),
           costs{ground.row(0), ground.bins(), ground.largest() * TransportSimplex::kTolerance},
-          light(find_residual_for(isa == Isa::portable ? isa : widest_isa()), isa),
-          heavy(find_residual<double>, isa) {}
+          light(find_residual_for(isa == Isa::portable ? isa : widest_isa()), isa), heavy(find_residual<double>, isa) {}
 
     void submit(const Hord& a, const Hord& b, double* out, bool at_once);
     void finish();

@@ -28,7 +28,8 @@ namespace hord::algo {
 class EmdSolver {
   public:
     // Cannot fail for a GroundDistance that was made; a Result so that it reads like its siblings.
-    // `isa`: the widest instruction set to use; the results are the same to the last bit.
+    // `isa`: what its vectors are made for; the results are the same to the last bit. Not `portable`, it takes the residual's instruction of AVX-512
+    // where there is one, too.
     static Result<EmdSolver> create(const GroundDistance& ground, Isa isa = best_isa());
 
     // The distance between two HORDs with the ground distance's number of bins, in its unit; exactly symmetric.
@@ -36,8 +37,8 @@ class EmdSolver {
     [[nodiscard]] double distance(const Hord& a, const Hord& b);
 
     // The same for many pairs, several times faster: small problems of one shape are collected and solved side by side.
-    // *out is written by submit() or a later call, at the latest by finish(); it must stay valid until then. The HORDs need
-    // not outlive submit(). Same bits as distance(). Call finish() as rarely as the memory for `out` allows.
+    // *out is written by submit() or a later call, at the latest by finish(); it must stay valid until then, belongs to this pair alone, and is no distance
+    // before. The HORDs need not outlive submit(). Same bits as distance(). Call finish() as rarely as the memory for `out` allows.
     void submit(const Hord& a, const Hord& b, double* out);
     void finish();
 
