@@ -51,7 +51,7 @@ struct TransportWorkspace {
             }
         }
         cell.resize(size(side * side));
-        col_bin.resize(size(side));
+        for (auto* values : {&row_begin, &col_bin}) values->resize(size(side));
         flow.resize(size(2 * side));
         path.resize(size(2 * side * kMostWords));
         dual.resize(size(2 * side));
@@ -65,7 +65,7 @@ struct TransportWorkspace {
     AlignedVector<std::int32_t> rough_cost;  // the same, of TransportCosts::kLargest
 
     AlignedVector<std::int32_t> cell;  // costs, rows x stride
-    AlignedVector<std::int32_t> col_bin;
+    AlignedVector<std::int32_t> row_begin, col_bin;  // of a row: where its costs begin in `cost`
 
     // The tree.
     AlignedVector<std::int32_t> path, dual;
@@ -80,9 +80,9 @@ namespace {
 // Loops of single numbers, in functions of their own: inside the one below they would not have the registers they need.
 
 // Costs of a problem's cells, row by row.
-[[gnu::noinline]] void gather(const std::int32_t* table, int bins, const Transport& p, int stride, const std::int32_t* col_bin, std::int32_t* cells) {
-    for (int i = 0; i < p.rows; ++i, cells += stride) {
-        const std::int32_t* const from = table + static_cast<std::ptrdiff_t>(p.row_bin[i]) * (bins + 1);
+[[gnu::noinline]] void gather(const std::int32_t* table, int rows, int stride, const std::int32_t* row_begin, const std::int32_t* col_bin, std::int32_t* cells) {
+    for (int i = 0; i < rows; ++i, cells += stride) {
+        const std::int32_t* const from = table + row_begin[i];
         for (int j = 0; j < stride; j += kLanes) {
             for (int l = 0; l < kLanes; ++l) cells[j + l] = from[col_bin[j + l]];
         }
@@ -116,14 +116,14 @@ struct Problem {
     HORD_ALWAYS_INLINE Problem(TransportWorkspace& workspace, const Transport& problem)
         : w(workspace), p(problem), cells(problem.rows, problem.cols, workspace.cell.data()), first_column(padded(problem.rows)) {}
 
-    HORD_ALWAYS_INLINE const double* exact_costs_of(int row) const { return w.cost.data() + static_cast<std::ptrdiff_t>(p.row_bin[row]) * (w.bins + 1); }
-
     // `coarser`: by so many bits.
     HORD_ALWAYS_INLINE void gather_costs(int coarser) {
         std::int32_t* const bin = w.col_bin.data();
+        std::int32_t* const begin = w.row_begin.data();
+        for (int i = 0; i < p.rows; ++i) begin[i] = p.row_bin[i] * (w.bins + 1);
         for (int j = 0; j < p.cols; ++j) bin[j] = p.col_bin[j];
         for (int j = p.cols; j < cells.stride; ++j) bin[j] = w.bins;
-        gather(w.rough_cost.data(), w.bins, p, cells.stride, bin, cells.cell);
+        gather(w.rough_cost.data(), p.rows, cells.stride, begin, bin, cells.cell);
         for (int i = 0; coarser != 0 && i < p.rows; ++i) {
             for (int j = 0; j < p.cols; ++j) cells.row(i)[j] >>= coarser;
         }
@@ -143,7 +143,7 @@ struct Problem {
     using Tree = TransportTree<Words, Bytes>;
 
     HORD_ALWAYS_INLINE std::int32_t& cell(const TransportArc& arc) const { return cells.row(arc.row)[arc.column - first_column]; }
-    HORD_ALWAYS_INLINE double exact_cost(const TransportArc& arc) const { return exact_costs_of(arc.row)[p.col_bin[arc.column - first_column]]; }
+    HORD_ALWAYS_INLINE double exact_cost(const TransportArc& arc) const { return w.cost.data()[w.row_begin.data()[arc.row] + w.col_bin.data()[arc.column - first_column]]; }
 
     // What is used up hangs from the other.
     template <int Words>
