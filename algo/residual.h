@@ -27,8 +27,8 @@ struct alignas(kAlignment) ResidualSide {
     alignas(16) std::array<std::uint8_t, kMostBins + 16> bin{};
 };
 
-// The masses of either side lie within one page: they are written as vectors that overlap, and one that begins on a page and ends on the next takes as
-// long as all the others.
+// Light masses of both sides lie within one page: they are written as vectors that overlap, and one that begins on a page and ends on the next takes as
+// long as all the others. Heavy ones are written one by one.
 template <class Mass>
 struct alignas(kPage) Residual {
     static constexpr std::size_t kMore = 0, kLess = 1;
@@ -45,6 +45,8 @@ struct alignas(kPage) Residual {
   private:
     [[nodiscard]] std::size_t rows_of_alike() const;
 };
+
+static_assert(sizeof(Residual<std::int32_t>) == kPage);
 
 // Both HORDs have light. `bins` of them, at most kMostBins.
 template <class Mass>

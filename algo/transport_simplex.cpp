@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
-#include <limits>
 
 #include "algo/aligned.h"
 #include "algo/fixed.h"
@@ -64,8 +62,8 @@ struct TransportWorkspace {
     AlignedVector<double> cost;              // bins x (bins + 1): padding is bin number `bins`
     AlignedVector<std::int32_t> rough_cost;  // the same, of TransportCosts::kLargest
 
-    AlignedVector<std::int32_t> cell;  // costs, rows x stride
-    AlignedVector<std::int32_t> row_begin, col_bin;  // of a row: where its costs begin in `cost`
+    AlignedVector<std::int32_t> cell;                // costs, rows x stride
+    AlignedVector<std::int32_t> row_begin, col_bin;  // of a row: where its costs begin, in either table; of a column, padding included: its bin
 
     // The tree.
     AlignedVector<std::int32_t> path, dual;

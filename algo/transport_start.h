@@ -190,6 +190,7 @@ struct TransportStart {
         for (int i = 0; i < cells.rows; ++i) space.place_of_row.data()[i] = i;
         for (int i = 0; i < cells.rows; ++i) space.left_row.data()[i] = supply[i];
         for (int j = 0; j < cells.cols; ++j) space.left_col.data()[j] = demand[j];
+        // One vector is not worth code of its own: problems of up to eight columns come with their start (algo/emd_small.h).
         switch (cells.stride / kLanes) {
             case 2: serve<2>(); break;
             case 3: serve<3>(); break;
