@@ -167,6 +167,16 @@ void Distance::submit(const Hord& a, const Hord& b, double* out) {
     }
 }
 
+void Distance::submit(const ClosedHord& a, const ClosedHord& b, double* out) {
+    if (state_->emd) {
+        state_->emd->submit(a, b, out);
+    } else {
+        *out = state_->evaluate(a.hord(), b.hord());
+    }
+}
+
+CloseUp Distance::close_up() const { return state_->emd ? state_->emd->close_up() : closed_kernels(Isa::portable).close_up; }
+
 void Distance::finish() {
     if (state_->emd) state_->emd->finish();
 }

@@ -21,6 +21,7 @@
 #include <memory>
 #include <span>
 
+#include "algo/closed_hord.h"
 #include "algo/feature.h"
 #include "algo/ground.h"
 #include "algo/hord.h"
@@ -49,6 +50,8 @@ class Distance {
 
     // The same, where that is faster for many: *out is written at the latest by finish() (see EmdSolver::submit).
     void submit(const Hord& a, const Hord& b, double* out);
+    void submit(const ClosedHord& a, const ClosedHord& b, double* out);
+    [[nodiscard]] CloseUp close_up() const;
     void finish();
 
     [[nodiscard]] Feature feature() const;

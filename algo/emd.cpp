@@ -6,6 +6,8 @@
 #include <utility>
 
 #include "algo/aligned.h"
+#include "algo/closed_hord.h"
+#include "algo/emd_few.h"
 #include "algo/fixed.h"
 #include "algo/residual.h"
 #include "algo/transport_simplex.h"
@@ -22,50 +24,24 @@ double total(const ResidualSide<Mass>& side) {
     return sum;
 }
 
-// Problems whose masses have one format: what is found of a pair, and the small ones, a batch for every shape.
+// Problems whose masses have one format: what is found of a pair, and the small ones.
 template <class Mass>
 struct Format {
-    Format(FindResidual<Mass> find_it, Isa isa) : find(find_it), solve(solve_small<Mass>(isa)), batches(kShapes) {
-        for (int rows = 2; rows <= kSmallSide; ++rows) {
-            for (int cols = rows; cols <= kSmallSide; ++cols) {
-                batches[shape(rows, cols)].rows = rows;
-                batches[shape(rows, cols)].cols = cols;
-            }
-        }
-    }
-    static std::size_t shape(int rows, int cols) { return index(rows * (kSmallSide + 1) + cols); }
+    Format(FindResidual<Mass> find_it, Isa isa) : find(find_it), solve(solve_small<Mass>(isa)) {}
 
-    // Until it is solved, the mass on either side is where the answer goes.
-    void put(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols, double on_either_side, double* out, std::size_t shape) {
-        SmallProblem<Mass>& problem = batches[shape].problem[filled[shape]++];
-        put(rows, problem.mass[0], problem.bin[0]);
-        put(cols, problem.mass[1], problem.bin[1]);
-        problem.out = out;
-        *out = on_either_side;
-    }
-    // That of a shape, as it is solved: once more the first problem, where there is no other.
-    SmallBatch<Mass>& take(std::size_t shape) {
-        SmallBatch<Mass>& batch = batches[shape];
-        batch.filled = std::exchange(filled[shape], std::uint8_t{0});
-        std::fill(batch.problem + batch.filled, batch.problem + kWide, batch.problem[0]);
-        return batch;
-    }
-
-    static constexpr std::size_t kShapes = (kSmallSide + 1) * (kSmallSide + 1);
     FindResidual<Mass> find;
     Residual<Mass> residual;
     SolveSmall<Mass> solve;
     SmallAnswer<Mass> answer;
-    std::array<std::uint8_t, kShapes> filled{};  // of each batch: within three cache lines, which every pair needs
-    AlignedVector<SmallBatch<Mass>> batches;
-
-  private:
-    // As many as there may be: a count that is known is faster than the right one.
-    static void put(const ResidualSide<Mass>& side, Mass* to_mass, std::uint8_t* to_bin) {
-        std::memcpy(to_mass, side.mass.data(), kSmallSide * sizeof(Mass));
-        std::memcpy(to_bin, side.bin.data(), kSmallSide);
-    }
+    SmallBatches<Mass> small;
 };
+
+// As many as there may be: a count that is known is faster than the right one.
+template <class Mass>
+void put(const ResidualSide<Mass>& side, Mass* to_mass, std::uint8_t* to_bin) {
+    std::memcpy(to_mass, side.mass.data(), kSmallSide * sizeof(Mass));
+    std::memcpy(to_bin, side.bin.data(), kSmallSide);
+}
 
 }  // namespace
 
@@ -73,12 +49,18 @@ struct EmdSolver::State {
     State(const GroundDistance& g, Isa isa)
         : ground(g), simplex(ground.row(0), ground.bins(), ground.largest(), isa),
           costs{ground.row(0), ground.bins(), ground.largest() * TransportSimplex::kTolerance},
-          light(find_residual_for(isa == Isa::portable ? isa : widest_isa()), isa), heavy(find_residual<double>, isa) {}
+          closed(closed_kernels(widest(isa))), light(find_residual_for(widest(isa)), isa), heavy(find_residual<double>, isa), solve_few_of(solve_few(isa)) {}
+
+    // For what a wider instruction set has an instruction for.
+    static Isa widest(Isa isa) { return isa == Isa::portable ? isa : widest_isa(); }
 
     void submit(const Hord& a, const Hord& b, double* out, bool at_once);
+    void submit(const ClosedHord& a, const ClosedHord& b, double* out);
     void finish();
     template <class Mass>
     void submit_as(Format<Mass>& format, const Hord& a, const Hord& b, double mass, double* out, bool at_once);
+    void submit_difference(const ClosedDifference& difference);
+    void solve_few_batch();
     template <class Mass>
     double from_one(const ResidualSide<Mass>& one, const ResidualSide<Mass>& others) const;
     template <class Mass>
@@ -92,8 +74,11 @@ struct EmdSolver::State {
     GroundDistance ground;
     TransportSimplex simplex;
     SmallCosts costs;
+    ClosedKernels closed;
     Format<std::int32_t> light;
     Format<double> heavy;
+    SolveFew solve_few_of;
+    FewBatch few;
     Work work;
 };
 
@@ -128,10 +113,43 @@ void EmdSolver::State::submit_as(Format<Mass>& format, const Hord& a, const Hord
     } else if (cols.count > kSmallSide) {
         *out = by_simplex(rows, cols) / mass;
     } else {
-        const std::size_t shape = format.shape(rows.count, cols.count);
-        format.put(rows, cols, mass, out, shape);
-        if (at_once || format.filled[shape] == kWide) solve_batch(format, shape);
+        const std::size_t shape = format.small.shape(rows.count, cols.count);
+        SmallProblem<Mass>& problem = format.small.add(shape);
+        put(rows, problem.mass[0], problem.bin[0]);
+        put(cols, problem.mass[1], problem.bin[1]);
+        problem.out = out;
+        *out = mass;  // until it is solved
+        if (at_once || format.small.filled[shape] == kWide) solve_batch(format, shape);
     }
+}
+
+void EmdSolver::State::submit(const ClosedHord& a, const ClosedHord& b, double* out) {
+    ClosedDifference& next = few.difference[few.filled];
+    const int bins = closed.subtract(a, b, next);
+    if (bins == 0) return submit(a.hord(), b.hord(), out, false);
+    ++work.pairs;
+    *out = 0;
+    next.out = out;
+    if (bins > kFewBins) return submit_difference(next);
+    if (++few.filled == kWide) solve_few_batch();
+}
+
+// As one of the small problems.
+void EmdSolver::State::submit_difference(const ClosedDifference& difference) {
+    const std::size_t shape = closed.put(difference, light.small);
+    if (shape != 0 && light.small.filled[shape] == kWide) solve_batch(light, shape);
+}
+
+void EmdSolver::State::solve_few_batch() {
+    FewAnswer answer;
+    solve_few_of(few, costs, answer);
+    for (int lane = 0; lane < few.filled; ++lane) *few.difference[lane].out = answer.distance[lane];
+    work.few += static_cast<std::uint64_t>(few.filled);
+    for (std::uint32_t rest = ~answer.proven & ((1U << few.filled) - 1); rest != 0; rest &= rest - 1) {
+        --work.few;
+        submit_difference(few.difference[__builtin_ctz(rest)]);
+    }
+    few.filled = 0;
 }
 
 // All that the one bin has goes to, or comes from, the others.
@@ -145,7 +163,7 @@ double EmdSolver::State::from_one(const ResidualSide<Mass>& one, const ResidualS
 
 template <class Mass>
 void EmdSolver::State::solve_batch(Format<Mass>& format, std::size_t shape) {
-    const SmallBatch<Mass>& batch = format.take(shape);
+    const SmallBatch<Mass>& batch = format.small.take(shape);
     SmallAnswer<Mass>& answer = format.answer;
     work.small += static_cast<std::uint64_t>(batch.filled);
     format.solve(batch, costs, answer);
@@ -186,10 +204,11 @@ double EmdSolver::State::by_simplex(const Transport& problem, const TransportSte
 
 void EmdSolver::State::finish() {
     const auto solve_rest = [this](auto& format) {
-        for (std::size_t shape = 0; shape < format.kShapes; ++shape) {
-            if (format.filled[shape] > 0) solve_batch(format, shape);
+        for (std::size_t shape = 0; shape < format.small.kShapes; ++shape) {
+            if (format.small.filled[shape] > 0) solve_batch(format, shape);
         }
     };
+    if (few.filled > 0) solve_few_batch();
     solve_rest(light);
     solve_rest(heavy);
 }
@@ -206,6 +225,9 @@ double EmdSolver::distance(const Hord& a, const Hord& b) {
 }
 
 void EmdSolver::submit(const Hord& a, const Hord& b, double* out) { state_->submit(a, b, out, false); }
+void EmdSolver::submit(const ClosedHord& a, const ClosedHord& b, double* out) { state_->submit(a, b, out); }
+// What both share must not be cancelled where it may have to move.
+CloseUp EmdSolver::close_up() const { return state_->ground.is_metric() ? state_->closed.close_up : closed_kernels(Isa::portable).close_up; }
 void EmdSolver::finish() { state_->finish(); }
 
 const EmdSolver::Work& EmdSolver::work() const { return state_->work; }

@@ -65,6 +65,15 @@ struct Batch {
         bits.template bits_as<float>().to(key[cell]);
     }
 
+    HORD_ALWAYS_INLINE void from_one() {
+        double sum[kWide] = {};
+        for (int j = 0; j < cols; ++j) {
+            for (int l = 0; l < kWide; ++l) sum[l] += static_cast<double>(mass[column(j)][l]) * cost[cell(0, j)][l];
+        }
+        for (int l = 0; l < kWide; ++l) answer.cost[l] = sum[l];
+        for (int l = 0; l < kWide; ++l) answer.proven[l] = true;
+    }
+
     // Of two columns the one of lower key comes first; its mass is added to what is before the other.
     HORD_ALWAYS_INLINE static void add_before(const float* key_a, const float* key_b, const Mass* mass_a, const Mass* mass_b, Mass* before_a, Mass* before_b) {
         std::int32_t a_first[kWide];
@@ -254,6 +263,7 @@ struct Batch {
 
     HORD_ALWAYS_INLINE void solve() {
         gather();
+        if (rows == 1) return from_one();
         if (rows > 2) return by_least_cost();
         knapsack();
         // What it did not prove is planned like the others, so that the simplex has steps to go on from; what it proved stays.

@@ -2,6 +2,7 @@
 //
 // All problems of a batch have the same number of rows and columns, so that they take the same steps, a lane each.
 //
+//   one row     all it has goes to, or comes from, the columns.
 //   two rows    a fractional knapsack: the columns that gain most from the first row take from it until it is used up: each what those before
 //               it leave. Keys order columns roughly; where that is not enough to prove the plan, as with more rows.
 //   more rows   the plan that least reduced costs give (as in transport_simplex.h), and its duals; where a cell could still
@@ -13,7 +14,11 @@
 // order for each problem: one result, to the last bit, whichever problems are its neighbours.
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <cstddef>
 #include <cstdint>
+#include <utility>
 
 #include "algo/aligned.h"
 #include "algo/isa.h"
@@ -40,9 +45,37 @@ static_assert(sizeof(SmallProblem<std::int32_t>) == 2 * kAlignment);
 // Problems of one shape.
 template <class Mass>
 struct SmallBatch {
-    int rows = 0, cols = 0;  // 2 <= rows <= cols <= kSmallSide
+    int rows = 0, cols = 0;  // 1 <= rows <= cols <= kSmallSide
     int filled = 0;          // problems; those after them must be problems, too: what is computed of them is not looked at
     SmallProblem<Mass> problem[kWide];
+};
+
+// Problems that wait until there are enough of their shape.
+template <class Mass>
+struct SmallBatches {
+    SmallBatches() : batch(kShapes) {
+        for (int rows = 1; rows <= kSmallSide; ++rows) {
+            for (int cols = rows; cols <= kSmallSide; ++cols) {
+                batch[shape(rows, cols)].rows = rows;
+                batch[shape(rows, cols)].cols = cols;
+            }
+        }
+    }
+    static constexpr std::size_t kShapes = (kSmallSide + 1) * (kSmallSide + 1);
+    static std::size_t shape(int rows, int cols) { return static_cast<std::size_t>(rows * (kSmallSide + 1) + cols); }
+
+    // One more of a shape; a batch that is full is taken before the next.
+    SmallProblem<Mass>& add(std::size_t shape) { return batch[shape].problem[filled[shape]++]; }
+    // That of a shape, as it is solved: once more the first problem, where there is no other.
+    SmallBatch<Mass>& take(std::size_t shape) {
+        SmallBatch<Mass>& taken = batch[shape];
+        taken.filled = std::exchange(filled[shape], std::uint8_t{0});
+        std::fill(taken.problem + taken.filled, taken.problem + kWide, taken.problem[0]);
+        return taken;
+    }
+
+    std::array<std::uint8_t, kShapes> filled{};  // of each batch: within three cache lines, which every pair needs
+    AlignedVector<SmallBatch<Mass>> batch;
 };
 
 template <class Mass>

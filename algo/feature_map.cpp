@@ -24,14 +24,15 @@ struct Worker {
     Worker(const Extents& e, Feature feature, Isa isa) : by_planes(std::make_unique<PlaneFeature>(e, feature, isa)) {}
 
     struct ByPairs {
-        ByPairs(const Extents& e, Distance d) : window(e), reference(e), distance(std::move(d)), asked(static_cast<std::size_t>(kBandRows * e.m)) {}
+        ByPairs(const Extents& e, Distance d) : window(e, d.close_up()), reference(e), distance(std::move(d)), asked(static_cast<std::size_t>(kBandRows * e.m)) {}
         RowWindow window;
         HordRow reference;
         Distance distance;
         std::vector<EmdGradient> asked;  // of a band's lenslets; against a reference x alone is used
         std::uint64_t at_limit = 0;
 
-        void submit(const Hord& a, const Hord& b, double* out, std::uint8_t& flags) {
+        template <class AnyHord>
+        void submit(const AnyHord& a, const AnyHord& b, double* out, std::uint8_t& flags) {
             const std::uint64_t before = distance.saturated();
             distance.submit(a, b, out);
             if (distance.saturated() != before) flags |= kAtLimit;
@@ -106,8 +107,8 @@ void FeatureMapper::State::neighbours_band(Worker::ByPairs& worker, const FrameV
             if ((near.mask & kNoGradient) == 0) {
                 gradient.weight_x = near.across.weight();
                 gradient.weight_y = near.down.weight();
-                worker.submit(window.row(n).hord(near.left), window.row(n).hord(near.right), &gradient.x, flags);
-                worker.submit(window.row(near.above).hord(m), window.row(near.below).hord(m), &gradient.y, flags);
+                worker.submit(window.closed(near.left, n), window.closed(near.right, n), &gradient.x, flags);
+                worker.submit(window.closed(m, near.above), window.closed(m, near.below), &gradient.y, flags);
             }
             mask[k] = flags;
         }

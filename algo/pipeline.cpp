@@ -58,19 +58,23 @@ std::string joined(const std::vector<std::string>& lines) {
 // are asked for before they are finished, so that the solver finds many small problems alike.
 constexpr int kBandRows = 16;
 
-// For the EMD: three rows of HORDs and their mean deflections, row n in place n % 3.
+// For the EMD: three rows of HORDs, closed up too, and their mean deflections, row n in place n % 3.
 struct EmdRows {
     EmdRows(const Extents& e, EmdSolver emd_solver) : solver(std::move(emd_solver)), hords{HordRow(e), HordRow(e), HordRow(e)}, gradients(static_cast<std::size_t>(kBandRows * e.m)) {
         for (auto& row : deflections) row.resize(static_cast<std::size_t>(e.m));
+        for (auto& row : closed) row.resize(static_cast<std::size_t>(e.m));
     }
     EmdSolver solver;
     std::array<HordRow, 3> hords;
+    std::array<AlignedVector<ClosedHord>, 3> closed;
     std::array<std::vector<Deflection>, 3> deflections;
     std::vector<EmdGradient> gradients;  // of the rows asked for, one after the other
     std::size_t asked = 0;
 
     [[nodiscard]] HordRow& hords_of(int n) { return hords[static_cast<std::size_t>(n % 3)]; }
     [[nodiscard]] std::vector<Deflection>& deflections_of(int n) { return deflections[static_cast<std::size_t>(n % 3)]; }
+    [[nodiscard]] AlignedVector<ClosedHord>& closed_of(int n) { return closed[static_cast<std::size_t>(n % 3)]; }
+    [[nodiscard]] const ClosedHord& closed_hord(int m, int n) { return closed_of(n)[static_cast<std::size_t>(m)]; }
     [[nodiscard]] Deflection deflection(int m, int n) { return deflections_of(n)[static_cast<std::size_t>(m)]; }
 };
 
@@ -158,6 +162,7 @@ void Pipeline::Workspace::compute_band(EmdRows& rows, const FrameView& frame, in
         decode_row(frame, extents, levels, n, rows.hords_of(n));
         watch.lap(times.decode_ns);
         mean_deflections(hords, rows.deflections_of(n));
+        rows.solver.close_up()(hords.hord(0).mass, hords.sums(), extents.bins(), rows.closed_of(n).data());
         if (ours(n)) {
             const auto row = static_cast<std::ptrdiff_t>(at(0, n));
             std::ranges::copy(rows.deflections_of(n), deflections.begin() + row);
@@ -189,8 +194,8 @@ void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
             const Stencil down = stencil(rows.hords_of(n - 1).has_hord(m), rows.hords_of(n + 1).has_hord(m));
             if (across.valid() && down.valid()) {
                 const int left = m + across.before, right = m + across.after, above = n + down.before, below = n + down.after;
-                submit_emd_gradient(rows.solver, across, row.hord(left), row.hord(right), down, rows.hords_of(above).hord(m),
-                                    rows.hords_of(below).hord(m), wanted);
+                submit_emd_gradient(rows.solver, across, rows.closed_hord(left, n), rows.closed_hord(right, n), down, rows.closed_hord(m, above),
+                                    rows.closed_hord(m, below), wanted);
                 jacobian = jacobian_of(across, rows.deflection(left, n), rows.deflection(right, n), down, rows.deflection(m, above),
                                        rows.deflection(m, below));
             } else {

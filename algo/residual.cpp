@@ -4,6 +4,7 @@
 #include <type_traits>
 
 #include "algo/isa_targets.h"
+#include "algo/members.h"
 
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -78,20 +79,6 @@ void keep_all(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual) 
 
 #if defined(__x86_64__)
 namespace {
-
-// For each set of eight, its members in order.
-constexpr auto kMembers = [] {
-    std::array<std::array<std::uint8_t, 8>, 256> members{};
-    for (std::size_t set = 0; set < 256; ++set) {
-        std::size_t count = 0;
-        for (std::size_t k = 0; k < 8; ++k) {
-            if ((set >> k & 1U) != 0) members[set][count++] = static_cast<std::uint8_t>(k);
-        }
-    }
-    return members;
-}();
-
-[[gnu::target(HORD_AVX2)]] inline __m128i members(std::size_t set) { return _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kMembers[set].data())); }
 
 [[gnu::target(HORD_AVX2)]] inline __m256i eight(const Hord& h, int first) { return _mm256_cvtepu16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(h.mass + first))); }
 

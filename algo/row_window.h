@@ -5,18 +5,17 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
-#include <vector>
 
+#include "algo/closed_hord.h"
 #include "algo/decode.h"
-#include "algo/deflection.h"
 #include "algo/stencil.h"
 
 namespace hord::algo {
 
 class RowWindow {
   public:
-    // `with_deflections`: the rows' mean deflections are kept, too.
-    explicit RowWindow(const Extents& extents, bool with_deflections = false);
+    // `close_up`: the rows are closed up, too.
+    explicit RowWindow(const Extents& extents, CloseUp close_up = nullptr);
 
     // Decodes rows first-1 .. last of the frame, those that exist, and calls visit(n) for n = first .. last-1, each as soon as rows
     // n-1, n and n+1 are here. The frame fits the extents (check_frame). `goes_on`: the call before was of the rows before, of this frame.
@@ -36,7 +35,7 @@ class RowWindow {
     }
 
     [[nodiscard]] const HordRow& row(int n) const { return rows_[static_cast<std::size_t>(n % 3)]; }
-    [[nodiscard]] const Deflection& deflection(int m, int n) const { return deflections_[static_cast<std::size_t>(n % 3)][static_cast<std::size_t>(m)]; }
+    [[nodiscard]] const ClosedHord& closed(int m, int n) const { return closed_[static_cast<std::size_t>(n % 3)][static_cast<std::size_t>(m)]; }
 
     // What a gradient at (m, n) compares, by the rules of algo/stencil.h. `mask` says why there is none.
     struct Neighbours {
@@ -50,8 +49,9 @@ class RowWindow {
     void load(const FrameView& frame, const LightLevels& levels, int n);
 
     Extents extents_;
+    CloseUp close_up_;
     std::array<HordRow, 3> rows_;  // row n in place n % 3
-    std::array<std::vector<Deflection>, 3> deflections_;
+    std::array<AlignedVector<ClosedHord>, 3> closed_;
 };
 
 }  // namespace hord::algo

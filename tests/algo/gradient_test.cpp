@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -33,7 +34,13 @@ EmdSolver solver_for(int i, int j) { return std::move(*EmdSolver::create(*Ground
 EmdGradient emd_gradient(EmdSolver& solver, const Stencil& across, const Masses& left, const Masses& right, const Stencil& down, const Masses& above,
                          const Masses& below) {
     EmdGradient gradient;
-    submit_emd_gradient(solver, across, left.hord(), right.hord(), down, above.hord(), below.hord(), gradient);
+    const auto closed = [&](const Masses& m) {
+        ClosedHord hord;
+        const std::array sum{m.hord().sum};
+        solver.close_up()(m.mass.data(), std::span(sum), static_cast<int>(m.mass.size()), &hord);
+        return hord;
+    };
+    submit_emd_gradient(solver, across, closed(left), closed(right), down, closed(above), closed(below), gradient);
     solver.finish();
     return gradient;
 }

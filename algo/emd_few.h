@@ -1,0 +1,31 @@
+// Transport problems of at most five bins, side by side: what a lens's neighbours mostly come down to (algo/closed_hord.h).
+//
+// One of the two sides has at most two bins, so that the problem is a fractional knapsack (algo/emd_small.h), whose other row may be empty. Shapes need
+// not be told apart: a bin without mass is a column that takes nothing, and changes no bit of any sum. Formats, ranges and bits are those of emd_small.h.
+#pragma once
+
+#include <cstdint>
+
+#include "algo/closed_hord.h"
+#include "algo/emd_small.h"
+#include "algo/isa.h"
+
+namespace hord::algo {
+
+constexpr int kFewBins = 5;
+
+// Of each difference the first five bins count.
+struct FewBatch {
+    int filled = 0;  // those after them may hold anything that was there before
+    ClosedDifference difference[kWide] = {};
+};
+
+struct FewAnswer {
+    double distance[kWide];
+    std::uint32_t proven;  // a bit a problem; what is not proven must be solved otherwise: keys had too few bits to tell two columns apart
+};
+
+using SolveFew = void (*)(const FewBatch& batch, const SmallCosts& costs, FewAnswer& answer);
+SolveFew solve_few(Isa isa);
+
+}  // namespace hord::algo
