@@ -186,6 +186,7 @@ struct Opened {
     const __m128i bin = eight_bytes(difference.bin);
     const auto negative = [](__m256i v) __attribute__((target(HORD_AVX2))) { return static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(v))); };
     const unsigned set[2] = {negative(mass[1]), negative(mass[0])};
+    *difference.out = 0;
     if (set[0] == 0) return 0;
     const auto rank = [](unsigned bins) __attribute__((target(HORD_AVX2))) { return static_cast<unsigned>(__builtin_popcount(bins)) << 8 | (bins & (0U - bins)); };
     const unsigned less_are_rows = (rank(set[1]) - rank(set[0])) >> 31;

@@ -128,7 +128,6 @@ void EmdSolver::State::submit(const ClosedHord& a, const ClosedHord& b, double* 
     const int bins = closed.subtract(a, b, next);
     if (bins == 0) return submit(a.hord(), b.hord(), out, false);
     ++work.pairs;
-    *out = 0;
     next.out = out;
     if (bins > kFewBins) return submit_difference(next);
     if (++few.filled == kWide) solve_few_batch();

@@ -20,8 +20,8 @@ struct Few {
 
     const SmallCosts& costs;
     std::int32_t denominator[kWide];
-    Ints more[kFewBins], bin[kFewBins];  // after find_rows(): columns, their masses negative
-    Ints row_mass[2], row_bin[2];
+    Ints more[kFewBins], bin[kFewBins];  // after find_rows(), the bins of columns
+    Ints row_mass[2], row_bin[2], column[kCols];
     Doubles cost[2][kCols];
     Doubles gain[kCols];  // by the first row instead of the second
     Ints before[kCols];   // what the columns before one want
@@ -79,6 +79,8 @@ struct Few {
             }
             more[kCols] = choose(is_row, none, more[kCols]);
         }
+#pragma GCC unroll 4
+        for (int j = 0; j < kCols; ++j) column[j] = none - more[j];
     }
 
     HORD_ALWAYS_INLINE void look_up_costs() {
@@ -96,8 +98,6 @@ struct Few {
         }
     }
 
-    HORD_ALWAYS_INLINE Ints column(int j) const { return Ints::all(0) - more[j]; }
-
     HORD_ALWAYS_INLINE void order_columns() {
         Floats key[kCols];
 #pragma GCC unroll 4
@@ -114,31 +114,34 @@ struct Few {
 #pragma GCC unroll 4
             for (int k = 0; k < j; ++k) {
                 const Ints j_first = key[j].below(key[k]);
-                before[k] = before[k] + (j_first & column(j));
-                before[j] = before[j] + choose(j_first, Ints::all(0), column(k));
+                before[k] = before[k] + (j_first & column[j]);
+                before[j] = before[j] + choose(j_first, Ints::all(0), column[k]);
             }
         }
     }
 
     HORD_ALWAYS_INLINE void answer(FewAnswer& to) const {
+        constexpr double kInfinity = std::numeric_limits<double>::infinity();
         double sum[kWide] = {}, most_served[kWide], least_left[kWide];  // gains
-        for (int l = 0; l < kWide; ++l) most_served[l] = -std::numeric_limits<double>::infinity();
-        for (int l = 0; l < kWide; ++l) least_left[l] = std::numeric_limits<double>::infinity();
+        for (int l = 0; l < kWide; ++l) most_served[l] = -kInfinity;
+        for (int l = 0; l < kWide; ++l) least_left[l] = kInfinity;
 #pragma GCC unroll 4
         for (int j = 0; j < kCols; ++j) {
-            std::int32_t by_first[kWide], by_second[kWide];
+            std::int32_t taken[kWide], left[kWide];
             double by[kWide], first[kWide], second[kWide];
-            const Ints taken = lower(higher(row_mass[0] - before[j], Ints::all(0)), column(j));
-            taken.to(by_first);
-            (column(j) - taken).to(by_second);
+            const Ints by_first = lower(higher(row_mass[0] - before[j], Ints::all(0)), column[j]);
+            by_first.to(taken);
+            (column[j] - by_first).to(left);
             gain[j].to(by);
             cost[0][j].to(first);
             cost[1][j].to(second);
             for (int l = 0; l < kWide; ++l) {
-                most_served[l] = by_first[l] != 0 && most_served[l] < by[l] ? by[l] : most_served[l];
-                least_left[l] = by_second[l] != 0 && by[l] < least_left[l] ? by[l] : least_left[l];
+                const auto of_first = static_cast<double>(taken[l]), of_second = static_cast<double>(left[l]);
+                const double served = of_first > 0 ? by[l] : -kInfinity, not_served = of_second > 0 ? by[l] : kInfinity;
+                most_served[l] = most_served[l] < served ? served : most_served[l];
+                least_left[l] = not_served < least_left[l] ? not_served : least_left[l];
+                sum[l] += of_first * first[l] + of_second * second[l];
             }
-            for (int l = 0; l < kWide; ++l) sum[l] += static_cast<double>(by_first[l]) * first[l] + static_cast<double>(by_second[l]) * second[l];
         }
         for (int l = 0; l < kWide; ++l) to.distance[l] = sum[l] / static_cast<double>(denominator[l]);
         to.proven = 0;

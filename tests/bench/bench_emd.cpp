@@ -198,7 +198,13 @@ void ours(benchmark::State& state, const std::string& name, algo::Isa isa) {
     per_pair(state, pairs.size());
 }
 
-// The whole frame as a station does it: each row of lenslets is closed up, and compared with itself and with the row above, which is still in cache.
+void fetch(const Hord& h) {
+    constexpr int kLine = algo::kAlignment / sizeof(h.mass[0]);
+    for (int k = 0; k < kBins * kBins; k += kLine) __builtin_prefetch(h.mass + k);
+}
+
+// The whole frame as a station does it: each row of lenslets is closed up, and compared with itself and with the row above. A station's rows are in
+// cache, because it has just decoded them; here they come from memory, so that the next one is fetched while this one is worked on.
 void ours_frame(benchmark::State& state, const Work& work, algo::Isa isa) {
     const auto m = static_cast<std::size_t>(work.columns), n = work.field.sum.size() / m;
     auto solver = *algo::EmdSolver::create(ground(), isa);
@@ -210,6 +216,7 @@ void ours_frame(benchmark::State& state, const Work& work, algo::Isa isa) {
             std::swap(here, above);
             solver.close_up()(work.field.at(y * m).mass, std::span(work.field.sum).subspan(y * m, m), kBins * kBins, here.data());
             for (std::size_t x = 0; x < m; ++x) {
+                if (y + 1 < n) fetch(work.field.at((y + 1) * m + x));
                 if (x > 0) solver.submit(here[x - 1], here[x], to++);
                 if (y > 0) solver.submit(above[x], here[x], to++);
             }
