@@ -3,12 +3,13 @@
 // Work: frame_555_9x9.png (from $HORD_DATA/bench or ../shared/data/bench; dark threshold 3 DN), from samples to one value a lenslet:
 // decoding is part of it. `bytes summed` is the fastest sum we know (SAD instructions on x86-64): it is bound by memory. Repetitions of all
 // benchmarks are interleaved; the tables are made of medians of CPU time, so that other load on the machine meets all of them alike. Two
-// threads against one is a ratio of elapsed times, and needs a machine with two idle cores: there the quietest repetition counts.
+// threads against one is a ratio of elapsed times, and needs a machine with two idle cores.
+// Repetitions are many and short: what a shared machine takes away for a while, it takes from all of them.
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
-#include <limits>
 #include <map>
 #include <string>
 #include <thread>
@@ -69,19 +70,36 @@ void bytes_summed(benchmark::State& state) {
     for (auto _ : state) benchmark::DoNotOptimize(sum_of_bytes(image().data, image().total()));
 }
 
-void feature_map(benchmark::State& state, Feature feature, Isa isa, int threads) {
-    auto mapper = FeatureMapper::create(extents(), 8, kLevels, feature, {.threads = threads, .isa = isa});
+void feature_map(benchmark::State& state, Feature feature, Isa isa) {
+    auto mapper = FeatureMapper::create(extents(), 8, kLevels, feature, {.isa = isa});
     if (!mapper) return state.SkipWithError(mapper.error().message().c_str());
     for (auto _ : state) benchmark::DoNotOptimize(mapper->over_neighbours(frame())->values.data());
 }
 
-// Two maps at once, each by a mapper and a thread of its own that share nothing: what two cores of this machine give.
-void two_maps(benchmark::State& state, Feature feature) {
-    std::vector<FeatureMapper> mappers;
-    for (int k = 0; k < 2; ++k) mappers.push_back(*FeatureMapper::create(extents(), 8, kLevels, feature, {.threads = 1}));
+struct Threads {
+    std::vector<double> one_ms, two_ms, maps_ms;  // elapsed; the same index: one right after the other
+};
+std::map<Feature, Threads> of_threads;
+
+// One map by one thread; one by two; and two maps at once, each by a mapper and a thread of its own that share nothing: what two cores of this machine
+// give. In turn, so that what others leave of the machine is the same for all three.
+void threads(benchmark::State& state, Feature feature) {
+    const auto mapper = [&](int count) { return *FeatureMapper::create(extents(), 8, kLevels, feature, {.threads = count}); };
+    const auto elapsed_ms = [](auto work) {
+        const auto begin = std::chrono::steady_clock::now();
+        work();
+        return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+    };
+    const auto compute = [](FeatureMapper& by) { benchmark::DoNotOptimize(by.over_neighbours(frame())->values.data()); };
+    FeatureMapper one = mapper(1), another = mapper(1), two = mapper(2);
+    Threads& seen = of_threads[feature];
     for (auto _ : state) {
-        std::jthread other([&] { benchmark::DoNotOptimize(mappers[1].over_neighbours(frame())->values.data()); });
-        benchmark::DoNotOptimize(mappers[0].over_neighbours(frame())->values.data());
+        seen.one_ms.push_back(elapsed_ms([&] { compute(one); }));
+        seen.two_ms.push_back(elapsed_ms([&] { compute(two); }));
+        seen.maps_ms.push_back(elapsed_ms([&] {
+            std::jthread beside([&] { compute(another); });
+            compute(one);
+        }));
     }
 }
 
@@ -95,6 +113,11 @@ void decisions(benchmark::State& state, float limit) {
     state.counters["solved"] = solved;
 }
 
+double median_of(std::vector<double> all) {
+    std::sort(all.begin(), all.end());
+    return all[all.size() / 2];
+}
+
 class Collected : public benchmark::ConsoleReporter {
   public:
     void ReportRuns(const std::vector<Run>& runs) override {
@@ -102,19 +125,13 @@ class Collected : public benchmark::ConsoleReporter {
             if (run.run_type == Run::RT_Iteration) {
                 const std::string name = run.run_name.function_name;
                 cpu_ms[name].push_back(run.GetAdjustedCPUTime());
-                real_ms[name].push_back(run.GetAdjustedRealTime());
                 if (const auto found = run.counters.find("solved"); found != run.counters.end()) solved[name] = found->second.value;
             }
         }
         ConsoleReporter::ReportRuns(runs);
     }
-    [[nodiscard]] double median(const std::string& name) const {
-        std::vector<double> all = cpu_ms.at(name);
-        std::sort(all.begin(), all.end());
-        return all[all.size() / 2];
-    }
-    [[nodiscard]] double quietest(const std::string& name) const { return *std::min_element(real_ms.at(name).begin(), real_ms.at(name).end()); }
-    std::map<std::string, std::vector<double>> cpu_ms, real_ms;
+    [[nodiscard]] double median(const std::string& name) const { return median_of(cpu_ms.at(name)); }
+    std::map<std::string, std::vector<double>> cpu_ms;
     std::map<std::string, double> solved;
 };
 
@@ -135,11 +152,19 @@ void print_tables(const Collected& seen) {
         }
         std::printf("\n");
     }
-    std::printf("\nTwo threads against one: elapsed time, the quietest repetition. What the machine gives: two maps at once by one thread each, which share\n"
-                "nothing, against one after the other\n\n| feature | one, ms | two, ms | ratio | the machine gives |\n|---|---|---|---|---|\n");
-    for (const Feature f : {Feature::emd, Feature::chi2, Feature::jacobian_frobenius}) {
-        const double one = seen.quietest(map_name(f, "here")), two = seen.quietest(map_name(f, "two threads"));
-        std::printf("| %s | %.1f | %.1f | %.2fx | %.2fx |\n", std::string(algo::name_of(f)).c_str(), one, two, one / two, 2 * one / seen.quietest(map_name(f, "two maps")));
+    std::printf("\nTwo threads against one: elapsed time. What the machine gives: two maps at once by one thread each, which share nothing, against one after the\n"
+                "other. Quietest: of all runs; median: of the ratios of runs one right after the other\n\n"
+                "| feature | one, ms | two, ms | quietest | median | the machine gives, quietest | median |\n|---|---|---|---|---|---|---|\n");
+    for (const auto& [f, t] : of_threads) {
+        const auto ratios = [&](const std::vector<double>& of, double maps) {
+            std::vector<double> all;
+            for (std::size_t k = 0; k < of.size(); ++k) all.push_back(maps * t.one_ms[k] / of[k]);
+            return median_of(all);
+        };
+        const auto least = [](const std::vector<double>& all) { return *std::min_element(all.begin(), all.end()); };
+        const double one = least(t.one_ms), two = least(t.two_ms);
+        std::printf("| %s | %.1f | %.1f | %.2fx | %.2fx | %.2fx | %.2fx |\n", std::string(algo::name_of(f)).c_str(), one, two, one / two, ratios(t.two_ms, 1),
+                    2 * one / least(t.maps_ms), ratios(t.maps_ms, 2));
     }
     const double exact = seen.median(map_name(Feature::emd, "here"));
     std::printf("\nDeciding the EMD gradient (CPU time, median, one thread); the exact map takes %.0f ms, decoding included\n\n"
@@ -161,18 +186,17 @@ int main(int argc, char** argv) {
         return 0;
     }
     const auto add = [](const std::string& name, auto run) {
-        return benchmark::RegisterBenchmark(name.c_str(), run)->Unit(benchmark::kMillisecond)->Repetitions(9)->MinTime(0.05)->MeasureProcessCPUTime();
+        return benchmark::RegisterBenchmark(name.c_str(), run)->Unit(benchmark::kMillisecond)->Repetitions(31)->MinTime(0.02)->MeasureProcessCPUTime();
     };
     add("bytes summed", bytes_summed);
     for (const Feature f : kCheap) {
-        add(map_name(f, "here"), [f](benchmark::State& s) { feature_map(s, f, hord::algo::best_isa(), 1); });
-        add(map_name(f, "avx2"), [f](benchmark::State& s) { feature_map(s, f, hord::algo::has(Isa::avx2) ? Isa::avx2 : Isa::portable, 1); });
-        add(map_name(f, "portable"), [f](benchmark::State& s) { feature_map(s, f, Isa::portable, 1); });
+        add(map_name(f, "here"), [f](benchmark::State& s) { feature_map(s, f, hord::algo::best_isa()); });
+        add(map_name(f, "avx2"), [f](benchmark::State& s) { feature_map(s, f, hord::algo::has(Isa::avx2) ? Isa::avx2 : Isa::portable); });
+        add(map_name(f, "portable"), [f](benchmark::State& s) { feature_map(s, f, Isa::portable); });
     }
-    add(map_name(Feature::emd, "here"), [](benchmark::State& s) { feature_map(s, Feature::emd, hord::algo::best_isa(), 1); });
+    add(map_name(Feature::emd, "here"), [](benchmark::State& s) { feature_map(s, Feature::emd, hord::algo::best_isa()); });
     for (const Feature f : {Feature::emd, Feature::chi2, Feature::jacobian_frobenius}) {
-        add(map_name(f, "two threads"), [f](benchmark::State& s) { feature_map(s, f, hord::algo::best_isa(), 2); });
-        add(map_name(f, "two maps"), [f](benchmark::State& s) { two_maps(s, f); });
+        benchmark::RegisterBenchmark(map_name(f, "threads").c_str(), [f](benchmark::State& s) { threads(s, f); })->Iterations(f == Feature::emd ? 50 : 400);
     }
     for (const float limit : kLimits) add("decide/" + std::to_string(limit), [limit](benchmark::State& s) { decisions(s, limit); });
     std::vector<char*> arguments(argv, argv + argc);
