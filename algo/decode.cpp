@@ -1,10 +1,15 @@
 #include "algo/decode.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <cstring>
 #include <limits>
 #include <string>
+#include <type_traits>
+
+#include "algo/isa_targets.h"
+#include "algo/lanes.h"
 
 namespace hord::algo {
 namespace {
@@ -15,49 +20,85 @@ constexpr int kLanes = 16;
 static_assert(kLanes >= kMaxBins);
 
 template <class T>
-struct LanesOf {
-    typedef T Type __attribute__((vector_size(kLanes * sizeof(T))));
+using Sixteen = Vector<T, kLanes * sizeof(T)>;
+
+// Of a column of masses: for 8-bit samples at most 15 * 255, and weighted with the row 120 * 255: below 2^15, so that sums of products take one
+// instruction. For 16-bit samples below 2^23.
+template <class Sample>
+using Column = std::conditional_t<sizeof(Sample) == 1, std::int16_t, std::int32_t>;
+
+// Where lenslets go, one after the other.
+struct Decoded {
+    std::uint16_t* mass;
+    std::uint32_t* sum;
+    std::int32_t *moment_x, *moment_y;
+    std::uint8_t* mask;
 };
-template <class T>
-using Lanes = typename LanesOf<T>::Type;
+
+// Of lanes as wide as the instruction set has them.
+template <int Bytes, class Number>
+HORD_ALWAYS_INLINE std::int32_t sum_of(const Sixteen<Number>& numbers) {
+    std::int32_t wide[kLanes];
+    store(__builtin_convertvector(numbers, Sixteen<std::int32_t>), wide);
+    return Lanes<std::int32_t, kLanes, Bytes>::at(wide).sum();
+}
+template <int Bytes, class Number>
+HORD_ALWAYS_INLINE std::int32_t sum_of_products(const Sixteen<Number>& a, const Sixteen<std::int32_t>& b) {
+    return sum_of<Bytes, std::int32_t>(__builtin_convertvector(a, Sixteen<std::int32_t>) * b);
+}
+
+// `samples` is the first lenslet's first; sixteen may be read from the start of each line of each lenslet.
+template <int Bytes, class Sample>
+HORD_ALWAYS_INLINE void lenslets(const Sample* samples, std::ptrdiff_t line_stride, const Extents& extents, const LightLevels& levels, int count, Decoded to) {
+    using Sums = Sixteen<Column<Sample>>;
+    const int bins_i = extents.i, bins_j = extents.j;
+    const Sixteen<Sample> dark = Sixteen<Sample>{} + static_cast<Sample>(std::min<std::uint32_t>(levels.dark, std::numeric_limits<Sample>::max()));
+    const bool can_saturate = levels.saturated <= std::numeric_limits<Sample>::max();
+    const Sixteen<Sample> saturated = Sixteen<Sample>{} + static_cast<Sample>(std::min<std::uint32_t>(levels.saturated, std::numeric_limits<Sample>::max()));
+    Sixteen<Sample> inside{};
+    Sums there{};                   // all bits of bins along the line
+    Sixteen<std::int32_t> place{};  // and where they are, in half bins from the centre
+    for (int i = 0; i < bins_i; ++i) {
+        inside[i] = std::numeric_limits<Sample>::max();
+        there[i] = -1;
+        place[i] = 2 * i - (bins_i - 1);
+    }
+    for (int m = 0; m < count; ++m, samples += bins_i) {
+        Sixteen<Sample> peak{};
+        Sums column{}, weighted{};  // sums of the columns; of the masses times (J - j)
+        for (int j = 0; j < bins_j; ++j, to.mass += bins_i) {
+            auto line = load<Sixteen<Sample>>(samples + j * line_stride);
+            peak = higher(peak, line);
+            line = higher(line, dark) - dark;
+            store(__builtin_convertvector(line, Sixteen<std::uint16_t>), to.mass);
+            column += __builtin_convertvector(line, Sums);
+            weighted += column;
+        }
+        Sample peaks[kLanes];
+        store(Sixteen<Sample>((higher(peak, saturated) == peak) & inside), peaks);
+        std::array<std::uint64_t, kLanes * sizeof(Sample) / 8> hot;
+        std::memcpy(hot.data(), peaks, sizeof peaks);
+        std::uint64_t any = 0;
+        for (const std::uint64_t h : hot) any |= h;
+        const std::int32_t sum = sum_of<Bytes, Column<Sample>>(column & there), weighted_sum = sum_of<Bytes, Column<Sample>>(weighted & there);
+        to.sum[m] = static_cast<std::uint32_t>(sum);
+        to.moment_x[m] = sum_of_products<Bytes, Column<Sample>>(column, place);
+        // 2j - (J-1) = (J+1) - 2(J-j)
+        to.moment_y[m] = (bins_j + 1) * sum - 2 * weighted_sum;
+        to.mask[m] = static_cast<std::uint8_t>((to.sum[m] < levels.min_sum ? kDark : kValid) | (can_saturate && any != 0 ? kSaturated : kValid));
+    }
+}
+
+HORD_FOR_EACH_ISA(lenslets8, void, lenslets, (const std::uint8_t* samples, std::ptrdiff_t line_stride, const Extents& extents, const LightLevels& levels, int count, Decoded to),
+                  (samples, line_stride, extents, levels, count, to))
+HORD_FOR_EACH_ISA(lenslets16, void, lenslets, (const std::uint16_t* samples, std::ptrdiff_t line_stride, const Extents& extents, const LightLevels& levels, int count, Decoded to),
+                  (samples, line_stride, extents, levels, count, to))
 
 }  // namespace
 
 HordRow::HordRow(const Extents& extents)
     : bins_(static_cast<std::size_t>(extents.bins())), masses_(static_cast<std::size_t>(extents.m) * bins_ + kLanes),
       sums_(static_cast<std::size_t>(extents.m)), moments_x_(sums_.size()), moments_y_(sums_.size()), mask_(sums_.size()) {}
-
-// `samples` is the lenslet's first; sixteen may be read from the start of each of its lines.
-template <class Sample, class Column>
-void HordRow::decode_lenslet(const Sample* samples, std::ptrdiff_t line_stride, const Extents& extents, const LightLevels& levels, std::size_t m) {
-    const Lanes<Sample> dark = Lanes<Sample>{} + static_cast<Sample>(std::min<std::uint32_t>(levels.dark, std::numeric_limits<Sample>::max()));
-    Lanes<Sample> peak{};
-    Lanes<Column> column{}, weighted{};  // sums of the columns; of the masses times (J - j)
-    std::uint16_t* mass = masses_.data() + m * bins_;
-    for (int j = 0; j < extents.j; ++j, mass += extents.i) {
-        Lanes<Sample> line;
-        std::memcpy(&line, samples + j * line_stride, sizeof line);
-        peak = line > peak ? line : peak;
-        line = (line > dark ? line : dark) - dark;
-        const auto wide = __builtin_convertvector(line, Lanes<std::uint16_t>);
-        std::memcpy(mass, &wide, sizeof wide);
-        column += __builtin_convertvector(line, Lanes<Column>);
-        weighted += column;
-    }
-    std::uint32_t sum = 0, weighted_sum = 0, brightest = 0;
-    std::int32_t moment_x = 0;
-    for (int i = 0; i < extents.i; ++i) {
-        sum += column[i];
-        weighted_sum += weighted[i];
-        moment_x += (2 * i - (extents.i - 1)) * static_cast<std::int32_t>(column[i]);
-        brightest = std::max<std::uint32_t>(brightest, peak[i]);
-    }
-    sums_[m] = sum;
-    moments_x_[m] = moment_x;
-    // 2j - (J-1) = (J+1) - 2(J-j)
-    moments_y_[m] = (extents.j + 1) * static_cast<std::int32_t>(sum) - 2 * static_cast<std::int32_t>(weighted_sum);
-    mask_[m] = static_cast<std::uint8_t>((sum < levels.min_sum ? kDark : kValid) | (brightest >= levels.saturated ? kSaturated : kValid));
-}
 
 Result<void> check_bits(int bits) {
     if (bits >= 8 && bits <= 16) return {};
@@ -94,29 +135,28 @@ Hord decode_hord(const FrameView& frame, const Extents& extents, const LightLeve
     return {masses.data(), sum};
 }
 
-void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row) {
-    const auto decode = [&](auto sample, auto column) {
+void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row, Isa isa) {
+    const auto decode = [&](auto kernel, auto sample) {
         using Sample = decltype(sample);
-        using Column = decltype(column);
         const std::ptrdiff_t stride = frame.stride_bytes / static_cast<std::ptrdiff_t>(sizeof(Sample));
         const auto* first = reinterpret_cast<const Sample*>(frame.data) + n * extents.j * stride;
+        const auto from = [&](int m) {
+            const auto k = static_cast<std::size_t>(m);
+            return Decoded{row.masses_.data() + k * row.bins_, row.sums_.data() + k, row.moments_x_.data() + k, row.moments_y_.data() + k, row.mask_.data() + k};
+        };
         // The last lenslets have fewer than sixteen samples before the end of the line: theirs are copied.
-        const int lenslets_read_in_place = std::max(0, (frame.width_px - kLanes) / extents.i + 1);
-        for (int m = 0; m < extents.m; ++m) {
-            const Sample* samples = first + m * extents.i;
-            if (m < lenslets_read_in_place) {
-                row.decode_lenslet<Sample, Column>(samples, stride, extents, levels, static_cast<std::size_t>(m));
-                continue;
-            }
+        const int in_place = std::clamp((frame.width_px - kLanes) / extents.i + 1, 0, extents.m);
+        kernel(first, stride, extents, levels, in_place, from(0));
+        for (int m = in_place; m < extents.m; ++m) {
             Sample copied[kMaxBins][kLanes] = {};
-            for (int j = 0; j < extents.j; ++j) std::copy_n(samples + j * stride, extents.i, copied[j]);
-            row.decode_lenslet<Sample, Column>(copied[0], kLanes, extents, levels, static_cast<std::size_t>(m));
+            for (int j = 0; j < extents.j; ++j) std::copy_n(first + m * extents.i + j * stride, extents.i, copied[j]);
+            kernel(copied[0], kLanes, extents, levels, 1, from(m));
         }
     };
     if (frame.bits > 8) {
-        decode(std::uint16_t{}, std::uint32_t{});
+        decode(lenslets16(isa), std::uint16_t{});
     } else {
-        decode(std::uint8_t{}, std::uint16_t{});
+        decode(lenslets8(isa), std::uint8_t{});
     }
 }
 

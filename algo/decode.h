@@ -22,6 +22,7 @@
 
 #include "algo/frame.h"
 #include "algo/hord.h"
+#include "algo/isa.h"
 #include "algo/light_field.h"
 #include "algo/mask.h"
 
@@ -48,9 +49,7 @@ class HordRow {
     [[nodiscard]] std::span<const std::uint8_t> mask() const { return mask_; }  // kDark, kSaturated
 
   private:
-    friend void decode_row(const FrameView&, const Extents&, const LightLevels&, int, HordRow&);
-    template <class Sample, class Column>
-    void decode_lenslet(const Sample* samples, std::ptrdiff_t line_stride, const Extents& extents, const LightLevels& levels, std::size_t m);
+    friend void decode_row(const FrameView&, const Extents&, const LightLevels&, int, HordRow&, Isa);
 
     std::size_t bins_;
     std::vector<std::uint16_t> masses_;  // and room for one store of a whole vector past the end
@@ -67,7 +66,7 @@ Result<void> check_bits(int bits);
 // One lenslet's HORD alone, to the bit that of decode_row; `masses` has room for all bins.
 Hord decode_hord(const FrameView& frame, const Extents& extents, const LightLevels& levels, int m, int n, std::span<std::uint16_t> masses);
 
-// Decodes lenslet row n of a frame that was checked.
-void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row);
+// Decodes lenslet row n of a frame that was checked. `isa`: the same integers by any.
+void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row, Isa isa = best_isa());
 
 }  // namespace hord::algo

@@ -3,7 +3,7 @@
 #include <cstring>
 #include <limits>
 
-#include "algo/transport_lanes.h"
+#include "algo/lanes.h"
 
 namespace hord::algo {
 namespace {

@@ -3,7 +3,7 @@
 #include <bit>
 #include <limits>
 
-#include "algo/transport_lanes.h"
+#include "algo/lanes.h"
 
 namespace hord::algo {
 namespace {

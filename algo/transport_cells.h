@@ -10,7 +10,7 @@
 #include <limits>
 #include <type_traits>
 
-#include "algo/transport_lanes.h"
+#include "algo/lanes.h"
 
 namespace hord::algo {
 

@@ -14,7 +14,7 @@
 #include <cstdint>
 #include <limits>
 
-#include "algo/transport_lanes.h"
+#include "algo/lanes.h"
 
 namespace hord::algo {
 

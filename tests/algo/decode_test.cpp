@@ -83,27 +83,34 @@ TEST(Decode, follows_padded_rows_and_rows_that_run_backwards) {
     }
 }
 
-// Every number of bins, odd, even and rectangular, 8 to 16 bits: masses as defined, sums exact.
+// Every number of bins, odd, even and rectangular, 8 to 16 bits: masses as defined, sums exact, by whatever instruction set.
 TEST(Decode, holds_for_every_number_of_bins_and_every_bit_depth) {
     std::mt19937 random(2);
+    std::vector<Isa> isas;
+    for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
+        if (has(isa)) isas.push_back(isa);
+    }
     for (int i = kMinBins; i <= kMaxBins; ++i) {
-        for (const int j : {3, 4, 9, 15}) {
+        for (const int j : {3, 4, 5, 7, 8, 9, 12, 14, 15}) {
             for (const int bits : {8, 10, 12, 16}) {
                 const Extents e{5, 3, i, j};
                 Frame frame(e.width_px(), e.height_px(), bits);
                 for (int y = 0; y < e.height_px(); ++y) {
                     for (int x = 0; x < e.width_px(); ++x) frame.set(x, y, static_cast<std::uint32_t>(random()) & frame.view().full_scale());
                 }
-                const std::uint32_t dark = frame.view().full_scale() / 7;
+                const std::uint32_t dark = frame.view().full_scale() / 7, saturated = frame.view().full_scale() - static_cast<std::uint32_t>(i);
+                const Isa isa = isas[random() % isas.size()];
                 HordRow row(e);
-                decode_row(frame.view(), e, {dark, 1, 1U << 16}, 1, row);
+                decode_row(frame.view(), e, {dark, 1, saturated}, 1, row, isa);
                 for (int m = 0; m < e.m; ++m) {
                     std::int64_t sum = 0, moment_x = 0, moment_y = 0;
+                    bool is_saturated = false;
                     for (int k = 0; k < e.bins(); ++k) {
                         const std::uint32_t sample = frame.view().sample(m * i + k % i, j + k / i);
                         const std::uint32_t mass = sample > dark ? sample - dark : 0;
                         ASSERT_EQ(row.hord(m).mass[k], mass);
                         sum += mass;
+                        is_saturated = is_saturated || sample >= saturated;
                         moment_x += std::int64_t{2 * (k % i) - (i - 1)} * mass;
                         moment_y += std::int64_t{2 * (k / i) - (j - 1)} * mass;
                     }
@@ -111,6 +118,7 @@ TEST(Decode, holds_for_every_number_of_bins_and_every_bit_depth) {
                     ASSERT_EQ(row.hord(m).sum, sum);
                     ASSERT_EQ(row.moments_x()[at], moment_x);
                     ASSERT_EQ(row.moments_y()[at], moment_y);
+                    ASSERT_EQ(row.mask()[at], is_saturated ? kSaturated : kValid);
                 }
             }
         }
