@@ -35,6 +35,7 @@ EmdBounds::EmdBounds(const GroundDistance& ground)
 
 void EmdBounds::take(const Hord& a, const Hord& b) {
     difference_.count = 0;
+    not_shared_ = 0;
     if (a.sum == 0 || b.sum == 0) return;
     expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
     unit_ = static_cast<double>(a.sum) * static_cast<double>(b.sum);
@@ -46,6 +47,7 @@ void EmdBounds::take(const Hord& a, const Hord& b) {
             difference_.bin[static_cast<std::size_t>(difference_.count)] = static_cast<std::uint8_t>(k);
             difference_.mass[static_cast<std::size_t>(difference_.count)] = static_cast<double>(d);
             difference_.count += d != 0 ? 1 : 0;
+            not_shared_ += std::max(d, std::int64_t{0});
         }
     }
 }
@@ -57,6 +59,8 @@ double EmdBounds::lower() const {
     const double least = ground_.norm() == GroundNorm::euclidean ? norm(x, y) : ground_.norm() == GroundNorm::manhattan ? x + y : x * x + y * y;
     return std::max(0.0, least - margin_);
 }
+
+double EmdBounds::upper_by_mass() const { return not_shared_ == 0 ? 0 : static_cast<double>(not_shared_) / unit_ * ground_.largest() + margin_; }
 
 double EmdBounds::upper(Order order) const {
     return difference_.count == 0 ? 0 : plan_in_order(orders_[static_cast<std::size_t>(order)]) / unit_ + margin_;

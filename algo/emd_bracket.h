@@ -2,7 +2,8 @@
 //
 //   lower   from W1 of the two marginals (Jensen): sqrt(x^2 + y^2) for the Euclidean ground, x + y for Manhattan, x^2 + y^2 for
 //           squared Euclidean; 0 where the ground is cut off at a threshold.
-//   upper   the cheaper of two plans that move what is not shared in order: line by line, and column by column.
+//   upper   what is not shared, times the largest cost: nearly for nothing, and enough where neighbours agree. Else the cheaper of two plans that
+//           move it in order: line by line, and column by column.
 // Both are widened by 2^-35 of the largest cost, so that they hold the very value EmdSolver returns, rounding included:
 // decisions are the same as from exact distances, for every pair. Formats and ranges are those of emd.h.
 //
@@ -35,6 +36,7 @@ class EmdBounds {
     // when either HORD is dark.
     void take(const Hord& a, const Hord& b);
     [[nodiscard]] double lower() const;
+    [[nodiscard]] double upper_by_mass() const;
     enum class Order : std::uint8_t { by_lines, by_columns };
     [[nodiscard]] double upper(Order order) const;
 
@@ -53,6 +55,7 @@ class EmdBounds {
     Places orders_[2];
     Difference difference_;
     double unit_ = 1;  // S_a * S_b
+    std::int64_t not_shared_ = 0;
     double margin_;
 };
 

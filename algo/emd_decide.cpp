@@ -72,6 +72,7 @@ EmdGradient* EmdDecisions::State::decide_by_bounds(Worker& worker, std::size_t k
     const EmdBounds &across = worker.across, &down = worker.down;
     const auto is_below = [&](double x, double y) { return static_cast<float>(EmdGradient{x, y, weight_x, weight_y}.norm()) < limit; };
     reached[k] = 0;
+    if (is_below(across.upper_by_mass(), down.upper_by_mass())) return nullptr;
     const double most_x = across.upper(Order::by_lines), most_y = down.upper(Order::by_lines);
     if (is_below(most_x, most_y)) return nullptr;
     reached[k] = is_below(across.lower(), down.lower()) ? 0 : 1;
