@@ -14,6 +14,8 @@ void leave_open(const std::uint16_t* masses, std::span<const std::uint32_t> sums
         to[l].closed_sum = ClosedHord::kNotClosed;
     }
 }
+// Never where nothing can be subtracted.
+std::size_t cannot_put(const ClosedDifference& /*difference*/, SmallBatches<std::int32_t>& /*to*/) { __builtin_trap(); }
 int cannot_subtract(const ClosedHord& /*a*/, const ClosedHord& /*b*/, ClosedDifference& /*to*/) { return 0; }
 
 #if defined(__x86_64__)
@@ -179,7 +181,7 @@ struct Opened {
     return count;
 }
 
-// Rows are those of `more`, or of `less`: fewer bins, of as many those of which one comes first. Without branches: they would be guesses.
+// Rows as Residual::rows() says. Without branches: they would be guesses.
 [[gnu::target(HORD_AVX2)]] std::size_t put(const ClosedDifference& difference, SmallBatches<std::int32_t>& to) {
     const __m256i more = _mm256_load_si256(reinterpret_cast<const __m256i*>(difference.more));
     const __m256i mass[2] = {more, _mm256_sub_epi32(_mm256_setzero_si256(), more)};
@@ -212,7 +214,7 @@ ClosedKernels closed_kernels([[maybe_unused]] Isa isa) {
     if (isa == Isa::avx512) return {close_up_avx512, subtract, put};
     if (isa == Isa::avx2) return {close_up, subtract, put};
 #endif
-    return {leave_open, cannot_subtract, nullptr};
+    return {leave_open, cannot_subtract, cannot_put};
 }
 
 }  // namespace hord::algo

@@ -1,8 +1,10 @@
 // A HORD by its lit bins alone, closed up: most lenslets have few, and each is compared with four neighbours. Its lit bins are found once, and a
 // difference is one vector, where find_residual() would look at every bin of both for every pair.
 //
-// Formats, ranges: a mass is below 2^16, a difference d = a * S_b - b * S_a is a std::int32_t, because S_a * S_b < 2^31 (kLightMass of algo/residual.h).
-// The same integers on every instruction set. Test: tests/algo/closed_hord_test.cpp.
+// Formats, ranges: a mass is below 2^16 and at most its HORD's sum, so that where S_a * S_b < 2^31 (kLightMass of algo/residual.h) both products of
+// d = a * S_b - b * S_a, d, and the sum of what has too much, are std::int32_t; pairs of more light are left to find_residual(). Lit bins are one word, from
+// the first on: 48 of them, moved by at most 16, are at most 64, and none is lost. The same integers on every instruction set.
+// Test: tests/algo/closed_hord_test.cpp.
 #pragma once
 
 #include <array>
@@ -28,8 +30,8 @@ struct alignas(kAlignment) ClosedHord {
     const std::uint16_t* masses = nullptr;
     std::uint32_t sum = 0;
     std::uint32_t closed_sum = kNotClosed;  // the sum again, or kNotClosed: whatever it is multiplied with is not light
-    std::uint64_t lit = 0;                  // bit k: bin first + k is lit
-    // Of the lit bins in order; what is behind them means nothing.
+    // Of the lit bins, in order; what is behind them means nothing. Where it is not closed up, nothing does.
+    std::uint64_t lit = 0;  // bit k: bin[0] + k is lit
     std::array<std::int32_t, kMostClosed> mass{};
     std::array<std::uint8_t, kMostClosed> bin{};
 
@@ -47,7 +49,8 @@ struct alignas(kAlignment) ClosedDifference {
 };
 static_assert(sizeof(ClosedDifference) == kAlignment);
 
-// HORDs of `bins` bins, the masses of one after those of the other, as many as there are sums; there they must stay while hord() is of use.
+// HORDs of `bins` bins, the masses of one after those of the other, as many as there are sums; valid while hord() is used:
+// until submit() returns.
 using CloseUp = void (*)(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins, ClosedHord* to);
 
 // With AVX2; elsewhere nothing is closed up: bit by bit it would cost more than it saves.

@@ -22,10 +22,10 @@ static_assert(kLanes >= kMaxBins);
 template <class T>
 using Sixteen = Vector<T, kLanes * sizeof(T)>;
 
-// Of a column of masses: for 8-bit samples at most 15 * 255, and weighted with the row 120 * 255: below 2^15, so that sums of products take one
-// instruction. For 16-bit samples below 2^23.
+// Of a column of masses: for 8-bit samples at most 15 * 255, and weighted with the row 120 * 255, below 2^15; for 16-bit samples below 2^23.
 template <class Sample>
 using Column = std::conditional_t<sizeof(Sample) == 1, std::int16_t, std::int32_t>;
+static_assert(kMaxBins * (kMaxBins + 1) / 2 * 255 < 1 << 15);
 
 // Where lenslets go, one after the other.
 struct Decoded {
@@ -145,7 +145,7 @@ void decode_row(const FrameView& frame, const Extents& extents, const LightLevel
             return Decoded{row.masses_.data() + k * row.bins_, row.sums_.data() + k, row.moments_x_.data() + k, row.moments_y_.data() + k, row.mask_.data() + k};
         };
         // The last lenslets have fewer than sixteen samples before the end of the line: theirs are copied.
-        const int in_place = std::clamp((frame.width_px - kLanes) / extents.i + 1, 0, extents.m);
+        const int in_place = frame.width_px < kLanes ? 0 : std::min((frame.width_px - kLanes) / extents.i + 1, extents.m);
         kernel(first, stride, extents, levels, in_place, from(0));
         for (int m = in_place; m < extents.m; ++m) {
             Sample copied[kMaxBins][kLanes] = {};

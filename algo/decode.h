@@ -66,7 +66,7 @@ Result<void> check_bits(int bits);
 // One lenslet's HORD alone, to the bit that of decode_row; `masses` has room for all bins.
 Hord decode_hord(const FrameView& frame, const Extents& extents, const LightLevels& levels, int m, int n, std::span<std::uint16_t> masses);
 
-// Decodes lenslet row n of a frame that was checked. `isa`: the same integers by any.
+// Decodes lenslet row n of a frame that was checked. `isa`: one that this processor has; the same integers by any.
 void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row, Isa isa = best_isa());
 
 }  // namespace hord::algo

@@ -5,7 +5,6 @@
 #include <cstring>
 #include <utility>
 
-#include "algo/aligned.h"
 #include "algo/closed_hord.h"
 #include "algo/emd_few.h"
 #include "algo/fixed.h"
@@ -36,6 +35,13 @@ struct Format {
     SmallBatches<Mass> small;
 };
 
+// What one has too much is what the other has too little, and no more than there is.
+bool adds_up(const ClosedDifference& difference) {
+    std::int64_t more = 0, less = 0;
+    for (const std::int32_t d : difference.more) (d > 0 ? more : less) += d;
+    return more == -less && more <= difference.denominator;
+}
+
 // As many as there may be: a count that is known is faster than the right one.
 template <class Mass>
 void put(const ResidualSide<Mass>& side, Mass* to_mass, std::uint8_t* to_bin) {
@@ -49,7 +55,7 @@ struct EmdSolver::State {
     State(const GroundDistance& g, Isa isa)
         : ground(g), simplex(ground.row(0), ground.bins(), ground.largest(), isa),
           costs{ground.row(0), ground.bins(), ground.largest() * TransportSimplex::kTolerance},
-          closed(closed_kernels(widest(isa))), light(find_residual_for(widest(isa)), isa), heavy(find_residual<double>, isa), solve_few_of(solve_few(isa)) {}
+          closed(closed_kernels(ground.is_metric() ? widest(isa) : Isa::portable)), light(find_residual_for(widest(isa)), isa), heavy(find_residual<double>, isa), solve_few_of(solve_few(isa)) {}
 
     // For what a wider instruction set has an instruction for.
     static Isa widest(Isa isa) { return isa == Isa::portable ? isa : widest_isa(); }
@@ -74,7 +80,7 @@ struct EmdSolver::State {
     GroundDistance ground;
     TransportSimplex simplex;
     SmallCosts costs;
-    ClosedKernels closed;
+    ClosedKernels closed;  // of a metric: what both share must not be cancelled where it may have to move
     Format<std::int32_t> light;
     Format<double> heavy;
     SolveFew solve_few_of;
@@ -127,6 +133,7 @@ void EmdSolver::State::submit(const ClosedHord& a, const ClosedHord& b, double* 
     ClosedDifference& next = few.difference[few.filled];
     const int bins = closed.subtract(a, b, next);
     if (bins == 0) return submit(a.hord(), b.hord(), out, false);
+    expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit && adds_up(next));
     ++work.pairs;
     next.out = out;
     if (bins > kFewBins) return submit_difference(next);
@@ -225,8 +232,7 @@ double EmdSolver::distance(const Hord& a, const Hord& b) {
 
 void EmdSolver::submit(const Hord& a, const Hord& b, double* out) { state_->submit(a, b, out, false); }
 void EmdSolver::submit(const ClosedHord& a, const ClosedHord& b, double* out) { state_->submit(a, b, out); }
-// What both share must not be cancelled where it may have to move.
-CloseUp EmdSolver::close_up() const { return state_->ground.is_metric() ? state_->closed.close_up : closed_kernels(Isa::portable).close_up; }
+CloseUp EmdSolver::close_up() const { return state_->closed.close_up; }
 void EmdSolver::finish() { state_->finish(); }
 
 const EmdSolver::Work& EmdSolver::work() const { return state_->work; }

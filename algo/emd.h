@@ -11,7 +11,7 @@
 //   bits     the same on every instruction set and compiler: only +, -, *, /, sqrt, in a fixed order, not contracted.
 // Where the ground distance is a metric the mass both share bin by bin is cancelled; otherwise it is kept.
 //
-// Tests: tests/algo/emd_test.cpp (literals, LEMON as oracle, degenerate ties, properties).
+// Tests: tests/algo/closed_hord_test.cpp, emd_test.cpp (literals, LEMON as oracle, degenerate ties, properties).
 #pragma once
 
 #include <cstdint>
@@ -28,8 +28,8 @@ namespace hord::algo {
 class EmdSolver {
   public:
     // Cannot fail for a GroundDistance that was made; a Result so that it reads like its siblings.
-    // `isa`: what its vectors are made for; the results are the same to the last bit. Not `portable`, it takes the residual's instruction of AVX-512
-    // where there is one, too.
+    // `isa`: what its vectors are made for; the results are the same to the last bit. Not `portable`, it takes the instructions of AVX-512 that find and
+    // close up what has to move, where there are any, too.
     static Result<EmdSolver> create(const GroundDistance& ground, Isa isa = best_isa());
 
     // The distance between two HORDs with the ground distance's number of bins, in its unit; exactly symmetric.
@@ -42,7 +42,8 @@ class EmdSolver {
     void submit(const Hord& a, const Hord& b, double* out);
     void finish();
 
-    // The same of HORDs that close_up() has closed up: twice as fast where few bins are lit and each HORD belongs to several pairs.
+    // The same of HORDs that a close_up() has closed up: faster where few bins are lit and each HORD belongs to several pairs
+    // (docs/results/features.md).
     void submit(const ClosedHord& a, const ClosedHord& b, double* out);
     [[nodiscard]] CloseUp close_up() const;
 

@@ -32,8 +32,8 @@ class EmdBounds {
   public:
     explicit EmdBounds(const GroundDistance& ground);
 
-    // What the bounds are of, one by one: each costs as much as a small exact solve side by side, and often one is enough. All are 0
-    // when either HORD is dark.
+    // What the bounds are of, one by one: but for upper_by_mass() each costs as much as a small exact solve side by side, and often one is
+    // enough. All are 0 when either HORD is dark.
     void take(const Hord& a, const Hord& b);
     [[nodiscard]] double lower() const;
     [[nodiscard]] double upper_by_mass() const;
@@ -55,7 +55,7 @@ class EmdBounds {
     Places orders_[2];
     Difference difference_;
     double unit_ = 1;  // S_a * S_b
-    std::int64_t not_shared_ = 0;
+    std::int64_t not_shared_ = 0;  // < 2^48
     double margin_;
 };
 

@@ -9,7 +9,8 @@ namespace hord::algo {
 namespace {
 
 constexpr int kCols = kFewBins - 1;  // without a row there is nothing to move
-constexpr std::int32_t kColumnBits = 0xFF;  // of a key, as in emd_small.cpp
+// Of a key, as many as in emd_small.cpp, and columns in the same order: so that columns of as much gain are served in the same order, too, to the same bits.
+constexpr std::int32_t kColumnBits = 0xFF;
 
 // Always inlined, so that it is compiled for the instruction set of its caller.
 template <int Bytes>
@@ -47,7 +48,7 @@ struct Few {
         }
     }
 
-    // All bits where rows are what has too little: where that has fewer bins; of equals the one that comes first.
+    // All bits where rows are what has too little, as Residual::rows() says: where that has fewer bins; of equals the one that comes first.
     HORD_ALWAYS_INLINE Ints less_are_rows() const {
         const Ints none = Ints::all(0);
         Ints bins_more = none, first = none;

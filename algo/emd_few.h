@@ -14,9 +14,10 @@ namespace hord::algo {
 
 constexpr int kFewBins = 5;
 
-// Of each difference the first five bins count.
+// Of each difference the first five bins count; of those filled the others are 0. Idle ones are as they were made, or hold an earlier difference of
+// the same ground: so their bins are in the table of costs, and their masses in range; what comes out of them is not looked at.
 struct FewBatch {
-    int filled = 0;  // those after them may hold anything that was there before
+    int filled = 0;
     ClosedDifference difference[kWide] = {};
 };
 

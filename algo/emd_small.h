@@ -74,7 +74,7 @@ struct SmallBatches {
         return taken;
     }
 
-    std::array<std::uint8_t, kShapes> filled{};  // of each batch: within three cache lines, which every pair needs
+    alignas(kAlignment) std::array<std::uint8_t, kShapes> filled{};  // of each batch: three cache lines, which every pair needs
     AlignedVector<SmallBatch<Mass>> batch;
 };
 

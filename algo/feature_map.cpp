@@ -20,14 +20,15 @@ constexpr int kBandRows = 16;
 
 // A worker has one or the other: most of what is cheap goes by planes, the rest pair by pair.
 struct Worker {
-    Worker(const Extents& e, Distance d) : by_pairs(std::make_unique<ByPairs>(e, std::move(d))) {}
+    Worker(const Extents& e, Distance d, Isa isa) : by_pairs(std::make_unique<ByPairs>(e, std::move(d), isa)) {}
     Worker(const Extents& e, Feature feature, Isa isa) : by_planes(std::make_unique<PlaneFeature>(e, feature, isa)) {}
 
     struct ByPairs {
-        ByPairs(const Extents& e, Distance d) : window(e, d.close_up()), reference(e), distance(std::move(d)), asked(static_cast<std::size_t>(kBandRows * e.m)) {}
+        ByPairs(const Extents& e, Distance d, Isa an_isa) : isa(an_isa), distance(std::move(d)), window(e, distance.close_up(), isa), reference(e), asked(static_cast<std::size_t>(kBandRows * e.m)) {}
+        Isa isa;
+        Distance distance;
         RowWindow window;
         HordRow reference;
-        Distance distance;
         std::vector<EmdGradient> asked;  // of a band's lenslets; against a reference x alone is used
         std::uint64_t at_limit = 0;
 
@@ -164,7 +165,7 @@ Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, co
         }
         auto distance = Distance::create(feature, extents.i, extents.j, options.distance, options.isa);
         if (!distance) return tl::unexpected(distance.error());
-        state->workers.emplace_back(extents, std::move(*distance));
+        state->workers.emplace_back(extents, std::move(*distance), options.isa);
     }
     state->values.resize(extents.lenslets());
     state->mask.resize(extents.lenslets());
@@ -193,7 +194,7 @@ Result<FeatureMap> FeatureMapper::against(const FrameView& frame, const FrameVie
         if (worker.by_planes) return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
         const auto decoded = [&](int n) {
             HordRow& row = worker.by_pairs->reference;
-            decode_row(reference, s.extents, s.levels, n, row);
+            decode_row(reference, s.extents, s.levels, n, row, worker.by_pairs->isa);
             return [&row](int m) { return row.has_hord(m) ? row.hord(m) : Hord{}; };
         };
         s.reference_band(*worker.by_pairs, frame, decoded, first, last);

@@ -14,7 +14,7 @@ bool has(Isa isa);
 // bookkeeping between short vectors.
 Isa best_isa();
 // The widest: for what is lanes from beginning to end, as comparing with a reference (algo/bin_fit.h), which AVX-512 makes an eighth faster, or what it
-// has an instruction for (algo/residual.h).
+// has an instruction for (algo/residual.h, algo/closed_hord.h).
 Isa widest_isa();
 
 }  // namespace hord::algo

@@ -2,17 +2,14 @@
 
 namespace hord::algo {
 
-RowWindow::RowWindow(const Extents& extents, CloseUp close_up)
-    : extents_(extents), close_up_(close_up), rows_{HordRow(extents), HordRow(extents), HordRow(extents)} {
+RowWindow::RowWindow(const Extents& extents, CloseUp close_up, Isa isa)
+    : extents_(extents), close_up_(close_up), isa_(isa), rows_{HordRow(extents), HordRow(extents), HordRow(extents)} {
     if (close_up == nullptr) return;
     for (auto& row : closed_) row.resize(static_cast<std::size_t>(extents.m));
 }
 
 void RowWindow::load(const FrameView& frame, const LightLevels& levels, int n) {
-    const auto place = static_cast<std::size_t>(n % 3);
-    HordRow& row = rows_[place];
-    decode_row(frame, extents_, levels, n, row);
-    if (close_up_ != nullptr) close_up_(row.hord(0).mass, row.sums(), extents_.bins(), closed_[place].data());
+    decode_row(frame, extents_, levels, n, rows_[static_cast<std::size_t>(n % 3)], isa_);
 }
 
 RowWindow::Neighbours RowWindow::neighbours(int m, int n) const {
