@@ -108,6 +108,7 @@ TEST(ClosedDifference, is_found_up_to_its_limits) {
         const ClosedKernels kernels = closed_kernels(best_isa());
         row.close_up(kernels.close_up);
         ClosedDifference difference{};
+        EXPECT_EQ(kernels.subtract(row.closed[1], row.closed[0], difference) > 0, kernels.subtract(row.closed[0], row.closed[1], difference) > 0);
         const int bins = kernels.subtract(row.closed[0], row.closed[1], difference);
         if (bins > 0) {
             EXPECT_EQ(difference.more[bins - 1], -static_cast<std::int64_t>(sum_b - sum_b / 2) * sum_a);
