@@ -7,11 +7,15 @@
 namespace hord::algo {
 namespace {
 
-void leave_open(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins, ClosedHord* to) {
+HORD_ALWAYS_INLINE void leave_open(ClosedHord& closed, const std::uint16_t* masses, std::uint32_t sum) {
+    closed.masses = masses;
+    closed.sum = sum;
+    closed.closed_sum = ClosedHord::kNotClosed;
+}
+
+void leave_all_open(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins, ClosedHord* to) {
     for (std::size_t l = 0; l < sums.size(); ++l, masses += bins) {
-        to[l].masses = masses;
-        to[l].sum = sums[l];
-        to[l].closed_sum = ClosedHord::kNotClosed;
+        leave_open(to[l], masses, sums[l]);
     }
 }
 // Never where nothing can be subtracted.
@@ -70,9 +74,7 @@ template <int Words>
 [[gnu::target(HORD_AVX2)]] void close_up_words(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins, ClosedHord* to) {
     for (std::size_t l = 0; l < sums.size(); ++l, masses += bins) {
         ClosedHord& closed = to[l];
-        closed.masses = masses;
-        closed.sum = sums[l];
-        closed.closed_sum = ClosedHord::kNotClosed;
+        leave_open(closed, masses, sums[l]);
         std::uint64_t word[Words];
         find_lit(masses, bins, word);
         const auto [first, lit] = span_of(word);
@@ -111,9 +113,7 @@ template <int Words>
     for (int w = 0; w < Words; ++w) there[w] = bins > w * 64 ? _bzhi_u64(~std::uint64_t{0}, static_cast<unsigned>(bins - w * 64)) : 0;
     for (std::size_t l = 0; l < sums.size(); ++l, masses += bins) {
         ClosedHord& closed = to[l];
-        closed.masses = masses;
-        closed.sum = sums[l];
-        closed.closed_sum = ClosedHord::kNotClosed;
+        leave_open(closed, masses, sums[l]);
         std::uint64_t word[Words];
         for (int w = 0; w < Words; ++w) {
             const __m512i low = _mm512_maskz_loadu_epi16(static_cast<__mmask32>(there[w]), masses + w * 64);
@@ -214,7 +214,7 @@ ClosedKernels closed_kernels([[maybe_unused]] Isa isa) {
     if (isa == Isa::avx512) return {close_up_avx512, subtract, put};
     if (isa == Isa::avx2) return {close_up, subtract, put};
 #endif
-    return {leave_open, cannot_subtract, cannot_put};
+    return {leave_all_open, cannot_subtract, cannot_put};
 }
 
 }  // namespace hord::algo
