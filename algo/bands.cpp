@@ -35,7 +35,8 @@ struct BandCrew::State {
 
     void share(int bands) {
         const int workers = static_cast<int>(shares.size());
-        for (int k = 0; k < workers; ++k) shares[static_cast<std::size_t>(k)] = {bands * k / workers, bands * (k + 1) / workers};
+        for (int k = 0; k < workers; ++k)
+            shares[static_cast<std::size_t>(k)] = {bands * k / workers, bands * (k + 1) / workers};
     }
     // The next band of a worker's own share, then the last of whoever has most left; -1: none is.
     int take(int worker) {
@@ -67,13 +68,15 @@ struct BandCrew::State {
 
 Result<std::unique_ptr<BandCrew>> BandCrew::create(int threads) {
     if (threads < 1 || threads > kMaxThreads) {
-        return fail(ErrorCode::invalid_argument, std::to_string(threads) + " threads", "use 1 to " + std::to_string(kMaxThreads));
+        return fail(ErrorCode::invalid_argument, std::to_string(threads) + " threads",
+                    "use 1 to " + std::to_string(kMaxThreads));
     }
     std::unique_ptr<BandCrew> crew(new BandCrew(std::make_unique<State>()));
     State& state = *crew->state_;
     state.shares.resize(static_cast<std::size_t>(threads));
     try {
-        for (int worker = 1; worker < threads; ++worker) state.others.emplace_back([&state, worker] { state.serve(worker); });
+        for (int worker = 1; worker < threads; ++worker)
+            state.others.emplace_back([&state, worker] { state.serve(worker); });
     } catch (const std::system_error& e) {
         return fail(ErrorCode::busy, "no thread for a band of rows", e.what());
     }

@@ -10,11 +10,13 @@ namespace hord::algo {
 namespace {
 
 constexpr int kLanes = BinFitter::kLanes;
-constexpr int kReach = 2;                      // bins that scattering reaches
-constexpr int kCacheLine = 64;                 // bytes
+constexpr int kReach = 2;       // bins that scattering reaches
+constexpr int kCacheLine = 64;  // bytes
 constexpr int kMostBins = kMaxBins * kMaxBins;
-// Golden bins have room for the reach around them, along their rows for that of the bins which are reached; rows that are scattered, twice the reach above and below.
-constexpr int kMostGolden = (kMaxBins + 2 * kReach) * (kMaxBins + 4 * kReach), kMostHalf = (kMaxBins + 4 * kReach) * kMaxBins;
+// Golden bins have room for the reach around them, along their rows for that of the bins which are reached; rows that
+// are scattered, twice the reach above and below.
+constexpr int kMostGolden = (kMaxBins + 2 * kReach) * (kMaxBins + 4 * kReach),
+              kMostHalf = (kMaxBins + 4 * kReach) * kMaxBins;
 
 }  // namespace
 
@@ -25,12 +27,14 @@ struct BinFitter::Work {
     int golden_pitch = 0;              // bins
     BinRect golden_clear, half_clear;  // of this size what is around the bins is 0
     alignas(64) float golden[kMostGolden * kLanes];
-    alignas(64) float half[kMostHalf * kLanes];       // scattered along the rows
-    alignas(64) float blur[kMostBins * kLanes];       // of the window: the template b,
-    alignas(64) float residual[kMostBins * kLanes];   // and r
-    alignas(64) float mass[kMostBins][kLanes];        // of all sixteen lanes
+    alignas(64) float half[kMostHalf * kLanes];      // scattered along the rows
+    alignas(64) float blur[kMostBins * kLanes];      // of the window: the template b,
+    alignas(64) float residual[kMostBins * kLanes];  // and r
+    alignas(64) float mass[kMostBins][kLanes];       // of all sixteen lanes
 
-    [[nodiscard]] float* golden_at(int i, int j) { return golden + std::ptrdiff_t{(j - lit.top + kReach) * golden_pitch + i - lit.left + 2 * kReach} * lanes; }
+    [[nodiscard]] float* golden_at(int i, int j) {
+        return golden + std::ptrdiff_t{(j - lit.top + kReach) * golden_pitch + i - lit.left + 2 * kReach} * lanes;
+    }
 };
 
 namespace {
@@ -54,7 +58,8 @@ HORD_ALWAYS_INLINE void store_floats(const Eight& v, float* to) {
     using FourInts = Vector<std::int32_t, 16>;
     using Four = Vector<float, 16>;
     const Eight nothing{};
-    const auto low = __builtin_shufflevector(v, nothing, 0, 8, 1, 9, 2, 10, 3, 11), high = __builtin_shufflevector(v, nothing, 4, 12, 5, 13, 6, 14, 7, 15);
+    const auto low = __builtin_shufflevector(v, nothing, 0, 8, 1, 9, 2, 10, 3, 11),
+               high = __builtin_shufflevector(v, nothing, 4, 12, 5, 13, 6, 14, 7, 15);
     const auto floats = [](const auto& pairs) {  // little-endian
         FourInts ints;
         std::memcpy(&ints, &pairs, sizeof ints);
@@ -65,7 +70,8 @@ HORD_ALWAYS_INLINE void store_floats(const Eight& v, float* to) {
 }
 
 template <int Bytes, class Sample>
-HORD_ALWAYS_INLINE void take(const LensletSamples<Sample> (&samples)[kLanes], const Extents& extents, std::uint32_t dark_dn, Work& work) {
+HORD_ALWAYS_INLINE void take(const LensletSamples<Sample> (&samples)[kLanes], const Extents& extents,
+                             std::uint32_t dark_dn, Work& work) {
     constexpr int kFew = 2;  // columns that are not worth a transposition
     const auto dark = static_cast<std::uint16_t>(dark_dn);
     const Eight dark_all = Eight{} + dark;
@@ -79,9 +85,11 @@ HORD_ALWAYS_INLINE void take(const LensletSamples<Sample> (&samples)[kLanes], co
             int i = 0;
             for (; i + kFew < columns; i += 8) {
                 Eight v[8];
-                for (int l = 0; l < 8; ++l) v[l] = __builtin_convertvector((load<Vector<Sample, 8 * sizeof(Sample)>>(line[l] + i)), Eight);
+                for (int l = 0; l < 8; ++l)
+                    v[l] = __builtin_convertvector((load<Vector<Sample, 8 * sizeof(Sample)>>(line[l] + i)), Eight);
                 transpose(v);
-                for (int k = 0; k < std::min(8, columns - i); ++k) store_floats((v[k] > dark_all ? v[k] : dark_all) - dark_all, out[i + k] + half);
+                for (int k = 0; k < std::min(8, columns - i); ++k)
+                    store_floats((v[k] > dark_all ? v[k] : dark_all) - dark_all, out[i + k] + half);
             }
             for (; i < columns; ++i) {
                 for (int l = 0; l < 8; ++l) {
@@ -91,7 +99,8 @@ HORD_ALWAYS_INLINE void take(const LensletSamples<Sample> (&samples)[kLanes], co
             }
             // The next sixteen lenslets' line.
             const char* const ahead = reinterpret_cast<const char*>(line[0] + (kLanes - half) * columns);
-            for (int at = 0; half == 0 && at <= kLanes * columns * static_cast<int>(sizeof(Sample)); at += kCacheLine) __builtin_prefetch(ahead + at);
+            for (int at = 0; half == 0 && at <= kLanes * columns * static_cast<int>(sizeof(Sample)); at += kCacheLine)
+                __builtin_prefetch(ahead + at);
             for (int l = 0; l < 8; ++l) line[l] += stride[l];
         }
     }
@@ -107,14 +116,20 @@ HORD_ALWAYS_INLINE void scatter(Work& work) {
     for (int j = lit.top; j <= lit.bottom; ++j) {
         const float* at = work.golden_at(window.left, j);
         for (int i = window.left; i <= window.right; ++i, at += kWide, half += kWide) {
-            const Floats beside = load<Floats>(at - kWide) + load<Floats>(at + kWide), outer = load<Floats>(at - 2 * kWide) + load<Floats>(at + 2 * kWide);
+            const Floats beside = load<Floats>(at - kWide) + load<Floats>(at + kWide),
+                         outer = load<Floats>(at - 2 * kWide) + load<Floats>(at + 2 * kWide);
             store(((outer + 6.0F * load<Floats>(at)) + 4.0F * beside) * 0x1p-8F, half);
         }
     }
 }
 
 // Which of the templates is not 0 in a bin, and whether light is expected there, depends on where it lies.
-enum class Part : std::uint8_t { reached, beside, above, bright };  // by scattering alone; a row's ends, next to the light; the rows next to it
+enum class Part : std::uint8_t {
+    reached,
+    beside,
+    above,
+    bright
+};  // by scattering alone; a row's ends, next to the light; the rows next to it
 
 // run<Part>(end) for the parts of row j of the window, from left to right.
 template <class Run>
@@ -137,7 +152,8 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits&
     using Floats = Vector<float, Bytes>;
     const BinRect lit = work.lit, window = work.window;
     const int first = work.first, columns = window.columns(), bin_columns = extents.i;
-    const std::ptrdiff_t pitch = std::ptrdiff_t{work.golden_pitch} * kWide, half_pitch = std::ptrdiff_t{columns} * kWide;
+    const std::ptrdiff_t pitch = std::ptrdiff_t{work.golden_pitch} * kWide,
+                         half_pitch = std::ptrdiff_t{columns} * kWide;
     const BinNoise noise = fits.noise;
     const float a_dn = noise.a_dn, soft = noise.soft;
     const auto n = load<Floats>(fits.light + first), empty = load<Floats>(fits.empty + first);
@@ -147,8 +163,10 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits&
     const Floats linear = (a_dn * soft + empty) + noise.lit, constant = empty * soft, dark_weight = 1.0F / empty;
     Floats rx{}, ry{}, rb{}, xx{}, xy{}, xb{}, yy{}, yb{}, bb{};
     // What a bin adds to the sums.
-    const auto add = [&]<Part part>(int bin, const float* g, const float* half, float* blur, float* residual) __attribute__((always_inline)) {
-        const Floats outer = load<Floats>(half - 2 * half_pitch) + load<Floats>(half + 2 * half_pitch), inner = load<Floats>(half - half_pitch) + load<Floats>(half + half_pitch);
+    const auto add = [&]<Part part>(int bin, const float* g, const float* half, float* blur, float* residual)
+        __attribute__((always_inline)) {
+        const Floats outer = load<Floats>(half - 2 * half_pitch) + load<Floats>(half + 2 * half_pitch),
+                     inner = load<Floats>(half - half_pitch) + load<Floats>(half + half_pitch);
         Floats b = (outer + 6.0F * load<Floats>(half)) + 4.0F * inner;
         Floats r = mass_of(bin), w = dark_weight;
         if constexpr (part == Part::bright) {
@@ -183,7 +201,8 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits&
         int i = window.left, bin = j * bin_columns + i;
         const float* g = work.golden_at(i, j);
         const auto run = [&]<Part part>(int end) __attribute__((always_inline)) {
-            for (; i < end; ++i, ++bin, g += kWide, half += kWide, blur += kWide, residual += kWide) add.template operator()<part>(bin, g, half, blur, residual);
+            for (; i < end; ++i, ++bin, g += kWide, half += kWide, blur += kWide, residual += kWide)
+                add.template operator()<part>(bin, g, half, blur, residual);
         };
         for_parts(j, lit, window, run);
     }
@@ -199,30 +218,40 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits&
             store(sum, all);
             return __builtin_convertvector(load<Halves>(all + h * kHalf), Doubles);
         };
-        const Doubles s_xx = of(xx), s_xy = of(xy), s_xb = of(xb), s_yy = of(yy), s_yb = of(yb), s_bb = of(bb), s_rx = of(rx), s_ry = of(ry), s_rb = of(rb);
-        const Doubles c_xx = s_yy * s_bb - s_yb * s_yb, c_xy = s_xb * s_yb - s_xy * s_bb, c_xb = s_xy * s_yb - s_yy * s_xb;
-        const Doubles c_yy = s_xx * s_bb - s_xb * s_xb, c_yb = s_xy * s_xb - s_xx * s_yb, c_bb = s_xx * s_yy - s_xy * s_xy;
+        const Doubles s_xx = of(xx), s_xy = of(xy), s_xb = of(xb), s_yy = of(yy), s_yb = of(yb), s_bb = of(bb),
+                      s_rx = of(rx), s_ry = of(ry), s_rb = of(rb);
+        const Doubles c_xx = s_yy * s_bb - s_yb * s_yb, c_xy = s_xb * s_yb - s_xy * s_bb,
+                      c_xb = s_xy * s_yb - s_yy * s_xb;
+        const Doubles c_yy = s_xx * s_bb - s_xb * s_xb, c_yb = s_xy * s_xb - s_xx * s_yb,
+                      c_bb = s_xx * s_yy - s_xy * s_xy;
         const Doubles determinant = s_xx * c_xx + s_xy * c_xy + s_xb * c_xb;
         const Doubles nothing{}, least = 1e-9 * s_xx * s_yy * s_bb;
         const auto fine = (determinant > least) & (determinant > nothing);
         const Doubles inverse = 1 / (fine ? determinant : nothing + 1.0);
-        const Doubles of_a = (c_xx * s_rx + c_xy * s_ry + c_xb * s_rb) * inverse, of_b = (c_xy * s_rx + c_yy * s_ry + c_yb * s_rb) * inverse;
+        const Doubles of_a = (c_xx * s_rx + c_xy * s_ry + c_xb * s_rb) * inverse,
+                      of_b = (c_xy * s_rx + c_yy * s_ry + c_yb * s_rb) * inverse;
         const Doubles of_c = (c_xb * s_rx + c_yb * s_ry + c_bb * s_rb) * inverse;
-        const auto halves = [&](const Doubles& v, float* to) __attribute__((always_inline)) { store(__builtin_convertvector(v, Halves), to); };
+        const auto halves = [&](const Doubles& v, float* to) __attribute__((always_inline)) {
+            store(__builtin_convertvector(v, Halves), to);
+        };
         halves(of_a, a + h * kHalf), halves(of_b, b + h * kHalf), halves(of_c, c + h * kHalf);
         const Doubles per_dn = 1 / of(n), of_shift = 2 * per_dn;  // differences are over two bins
         const int at = first + h * kHalf;
-        halves(of_a * of_shift, fits.x + at), halves(of_b * of_shift, fits.y + at), halves(of_c * per_dn, fits.blur + at);
+        halves(of_a * of_shift, fits.x + at), halves(of_b * of_shift, fits.y + at),
+            halves(of_c * per_dn, fits.blur + at);
         const Doubles to_shift = inverse * of_shift, to_variance = to_shift * of_shift;
-        halves(c_xx * to_variance, fits.x_variance + at), halves(c_yy * to_variance, fits.y_variance + at), halves(c_bb * inverse * (per_dn * per_dn), fits.blur_variance + at);
-        halves(c_xx * to_shift, fits.xx + at), halves(c_xy * to_shift, fits.xy + at), halves(c_xb * to_shift, fits.xb + at), halves(c_yy * to_shift, fits.yy + at), halves(c_yb * to_shift, fits.yb + at);
+        halves(c_xx * to_variance, fits.x_variance + at), halves(c_yy * to_variance, fits.y_variance + at),
+            halves(c_bb * inverse * (per_dn * per_dn), fits.blur_variance + at);
+        halves(c_xx * to_shift, fits.xx + at), halves(c_xy * to_shift, fits.xy + at),
+            halves(c_xb * to_shift, fits.xb + at), halves(c_yy * to_shift, fits.yy + at),
+            halves(c_yb * to_shift, fits.yb + at);
         std::int64_t found[kHalf];
         store(fine, found);
         for (int l = 0; l < kHalf; ++l) fits.found[at + l] = found[l] != 0 ? 1 : 0;
     }
 
-    // Chi-square of what is left. In dark bins it is weighed with the whole reading noise: one outlying reading does not move it far. `narrowed`: by how much, in
-    // units of lit soft, noise alone makes it less than one a lit bin.
+    // Chi-square of what is left. In dark bins it is weighed with the whole reading noise: one outlying reading does
+    // not move it far. `narrowed`: by how much, in units of lit soft, noise alone makes it less than one a lit bin.
     const auto of_a = load<Floats>(a), of_b = load<Floats>(b), of_c = load<Floats>(c);
     const float read = noise.quiet + noise.lit, per_read = 1.0F / read;
     Floats squares{}, dark{}, narrowed{};
@@ -233,8 +262,10 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits&
         const auto run = [&]<Part part>(int end) __attribute__((always_inline)) {
             for (; i < end; ++i, g += kWide, blur += kWide, residual += kWide) {
                 Floats rest = load<Floats>(residual);
-                if constexpr (part == Part::bright || part == Part::beside) rest -= of_a * (load<Floats>(g - kWide) - load<Floats>(g + kWide));
-                if constexpr (part == Part::bright || part == Part::above) rest -= of_b * (load<Floats>(g - pitch) - load<Floats>(g + pitch));
+                if constexpr (part == Part::bright || part == Part::beside)
+                    rest -= of_a * (load<Floats>(g - kWide) - load<Floats>(g + kWide));
+                if constexpr (part == Part::bright || part == Part::above)
+                    rest -= of_b * (load<Floats>(g - pitch) - load<Floats>(g + pitch));
                 rest -= of_c * load<Floats>(blur);
                 if constexpr (part == Part::bright) {
                     const Floats e = n * load<Floats>(g), more = e + soft, w = 1.0F / ((a_dn * e + read) * more);
@@ -260,26 +291,39 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits&
     }
     add_outside((window.bottom + 1) * bin_columns, extents.bins());
     store(squares + per_read * dark, fits.chi2 + first);
-    const auto all = static_cast<float>(extents.bins()), not_lit = static_cast<float>(extents.bins() - lit.columns() * lit.rows());
+    const auto all = static_cast<float>(extents.bins()),
+               not_lit = static_cast<float>(extents.bins() - lit.columns() * lit.rows());
     store(all - noise.lit * (not_lit * per_read + soft * narrowed), fits.degrees + first);
 }
 
-HORD_FOR_EACH_ISA(take8_for, void, take, (const LensletSamples<std::uint8_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark, Work& work), (samples, extents, dark, work))
-HORD_FOR_EACH_ISA(take16_for, void, take, (const LensletSamples<std::uint16_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark, Work& work), (samples, extents, dark, work))
+HORD_FOR_EACH_ISA(take8_for, void, take,
+                  (const LensletSamples<std::uint8_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,
+                   Work& work),
+                  (samples, extents, dark, work))
+HORD_FOR_EACH_ISA(take16_for, void, take,
+                  (const LensletSamples<std::uint16_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,
+                   Work& work),
+                  (samples, extents, dark, work))
 HORD_FOR_EACH_ISA(scatter_for, void, scatter, (Work & work), (work))
-HORD_FOR_EACH_ISA(fit_for, void, fit, (Work & work, const Extents& extents, BinFitter::Fits& fits), (work, extents, fits))
+HORD_FOR_EACH_ISA(fit_for, void, fit, (Work & work, const Extents& extents, BinFitter::Fits& fits),
+                  (work, extents, fits))
 
 }  // namespace
 
 BinFitter::BinFitter(const Extents& extents, Isa isa)
-    : extents_(extents), at_once_(lanes_at_once(isa)), work_(std::make_unique<Work>()), take8_(take8_for(isa)), take16_(take16_for(isa)), scatter_(scatter_for(isa)), fit_(fit_for(isa)) {
+    : extents_(extents), at_once_(lanes_at_once(isa)), work_(std::make_unique<Work>()), take8_(take8_for(isa)),
+      take16_(take16_for(isa)), scatter_(scatter_for(isa)), fit_(fit_for(isa)) {
     work_->lanes = at_once_;
 }
 BinFitter::BinFitter(BinFitter&&) noexcept = default;
 BinFitter::~BinFitter() = default;
 
-void BinFitter::take(const LensletSamples<std::uint8_t> (&samples)[kLanes], std::uint32_t dark) { take8_(samples, extents_, dark, *work_); }
-void BinFitter::take(const LensletSamples<std::uint16_t> (&samples)[kLanes], std::uint32_t dark) { take16_(samples, extents_, dark, *work_); }
+void BinFitter::take(const LensletSamples<std::uint8_t> (&samples)[kLanes], std::uint32_t dark) {
+    take8_(samples, extents_, dark, *work_);
+}
+void BinFitter::take(const LensletSamples<std::uint16_t> (&samples)[kLanes], std::uint32_t dark) {
+    take16_(samples, extents_, dark, *work_);
+}
 
 void BinFitter::start(int first, const BinRect& lit) {
     Work& w = *work_;
@@ -289,7 +333,9 @@ void BinFitter::start(int first, const BinRect& lit) {
     const auto most = [](int v, int end) { return static_cast<std::int16_t>(std::min(v + kReach, end - 1)); };
     w.window = {least(lit.left), most(lit.right, extents_.i), least(lit.top), most(lit.bottom, extents_.j)};
     w.golden_pitch = lit.columns() + 4 * kReach;
-    const auto same_size = [](const BinRect& a, const BinRect& b) { return a.columns() == b.columns() && a.rows() == b.rows(); };
+    const auto same_size = [](const BinRect& a, const BinRect& b) {
+        return a.columns() == b.columns() && a.rows() == b.rows();
+    };
     if (!same_size(w.golden_clear, lit)) {
         std::fill_n(w.golden, w.golden_pitch * (lit.rows() + 2 * kReach) * w.lanes, 0.0F);
         w.golden_clear = lit;
@@ -305,7 +351,9 @@ float* BinFitter::golden(int i, int j) { return work_->golden_at(i, j); }
 int BinFitter::golden_pitch() const { return work_->golden_pitch; }
 
 float BinFitter::mass(int lane, int i, int j) const { return work_->mass[j * extents_.i + i][lane]; }
-float BinFitter::golden(int lane, int i, int j) const { return work_->lit.has(i, j) ? work_->golden_at(i, j)[lane - work_->first] : 0.0F; }
+float BinFitter::golden(int lane, int i, int j) const {
+    return work_->lit.has(i, j) ? work_->golden_at(i, j)[lane - work_->first] : 0.0F;
+}
 
 float BinFitter::blur_of(int lane, int i, int j) const {
     const BinRect& window = work_->window;
@@ -320,7 +368,9 @@ void BinFitter::limit_largest_dark(Fits& fits, int lane) const {
     for (int j = window.top; j <= window.bottom; ++j) {
         for (int i = window.left; i <= window.right; ++i) {
             const float reading = mass(lane, i, j);
-            if (reading <= second || blur_of(lane, i, j) == 0 || fits.light[lane] * golden(lane, i, j) >= fits.noise.soft) continue;
+            if (reading <= second || blur_of(lane, i, j) == 0 ||
+                fits.light[lane] * golden(lane, i, j) >= fits.noise.soft)
+                continue;
             if (reading > largest) second = largest, largest = reading, at_i = i, at_j = j;
             else second = reading;
         }
@@ -328,8 +378,11 @@ void BinFitter::limit_largest_dark(Fits& fits, int lane) const {
     if (!(largest > second)) return;
     const BinNoise& noise = fits.noise;
     const float e = fits.light[lane] * golden(lane, at_i, at_j), empty = fits.empty[lane];
-    const float w = (e + noise.soft) / ((noise.a_dn * e + ((noise.a_dn * noise.soft + empty) + noise.lit)) * e + empty * noise.soft), less = w * (second - largest);
-    const float x = golden(lane, at_i - 1, at_j) - golden(lane, at_i + 1, at_j), y = golden(lane, at_i, at_j - 1) - golden(lane, at_i, at_j + 1);
+    const float w = (e + noise.soft) /
+        ((noise.a_dn * e + ((noise.a_dn * noise.soft + empty) + noise.lit)) * e + empty * noise.soft),
+                less = w * (second - largest);
+    const float x = golden(lane, at_i - 1, at_j) - golden(lane, at_i + 1, at_j),
+                y = golden(lane, at_i, at_j - 1) - golden(lane, at_i, at_j + 1);
     const float b = blur_of(lane, at_i, at_j);
     fits.x[lane] += less * (fits.xx[lane] * x + fits.xy[lane] * y + fits.xb[lane] * b);
     fits.y[lane] += less * (fits.xy[lane] * x + fits.yy[lane] * y + fits.yb[lane] * b);

@@ -46,13 +46,17 @@ HORD_ALWAYS_INLINE LitSpan span_of(const std::uint64_t (&word)[Words]) {
 }
 
 [[gnu::target(HORD_AVX2)]] inline std::uint64_t lit_of_sixteen(const std::uint16_t* mass) {
-    const __m256i dark = _mm256_cmpeq_epi16(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(mass)), _mm256_setzero_si256());
-    return static_cast<std::uint64_t>(_mm_movemask_epi8(_mm_packs_epi16(_mm256_castsi256_si128(dark), _mm256_extracti128_si256(dark, 1)))) ^ 0xFFFFU;
+    const __m256i dark =
+        _mm256_cmpeq_epi16(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(mass)), _mm256_setzero_si256());
+    return static_cast<std::uint64_t>(
+               _mm_movemask_epi8(_mm_packs_epi16(_mm256_castsi256_si128(dark), _mm256_extracti128_si256(dark, 1)))) ^
+        0xFFFFU;
 }
 
 // The last sixteen overlap those before them.
 template <int Words>
-[[gnu::target(HORD_AVX2), gnu::always_inline]] inline void find_lit(const std::uint16_t* masses, int bins, std::uint64_t (&word)[Words]) {
+[[gnu::target(HORD_AVX2), gnu::always_inline]] inline void find_lit(const std::uint16_t* masses, int bins,
+                                                                    std::uint64_t (&word)[Words]) {
     if (bins < 16) {
         word[0] = 0;
         for (int k = 0; k < bins; ++k) word[0] |= std::uint64_t{masses[k] != 0} << k;
@@ -71,7 +75,8 @@ template <int Words>
 }
 
 template <int Words>
-[[gnu::target(HORD_AVX2)]] void close_up_words(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins, ClosedHord* to) {
+[[gnu::target(HORD_AVX2)]] void close_up_words(const std::uint16_t* masses, std::span<const std::uint32_t> sums,
+                                               int bins, ClosedHord* to) {
     for (std::size_t l = 0; l < sums.size(); ++l, masses += bins) {
         ClosedHord& closed = to[l];
         leave_open(closed, masses, sums[l]);
@@ -81,7 +86,8 @@ template <int Words>
         if (lit == 0) continue;
         closed.closed_sum = sums[l];
         closed.lit = lit;
-        // As many as there may be, the last one again where there is no other: a number that is known is faster than the right one.
+        // As many as there may be, the last one again where there is no other: a number that is known is faster than
+        // the right one.
         std::uint64_t rest = lit;
         for (std::size_t k = 0; k < kMostClosed; ++k) {
             const int bin = first + __builtin_ctzll(rest);
@@ -93,7 +99,8 @@ template <int Words>
     }
 }
 
-[[gnu::target(HORD_AVX2)]] void close_up(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins, ClosedHord* to) {
+[[gnu::target(HORD_AVX2)]] void close_up(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins,
+                                         ClosedHord* to) {
     if (bins <= 64) return close_up_words<1>(masses, sums, bins, to);
     if (bins <= 128) return close_up_words<2>(masses, sums, bins, to);
     close_up_words<4>(masses, sums, bins, to);
@@ -107,10 +114,12 @@ alignas(kAlignment) constexpr auto kNumbers = [] {
 
 // The same, by instructions that close up.
 template <int Words>
-[[gnu::target(HORD_AVX512)]] void close_up_words_avx512(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins, ClosedHord* to) {
+[[gnu::target(HORD_AVX512)]] void close_up_words_avx512(const std::uint16_t* masses,
+                                                        std::span<const std::uint32_t> sums, int bins, ClosedHord* to) {
     const __m512i numbers = _mm512_load_si512(kNumbers.data());
     std::uint64_t there[Words];
-    for (int w = 0; w < Words; ++w) there[w] = bins > w * 64 ? _bzhi_u64(~std::uint64_t{0}, static_cast<unsigned>(bins - w * 64)) : 0;
+    for (int w = 0; w < Words; ++w)
+        there[w] = bins > w * 64 ? _bzhi_u64(~std::uint64_t{0}, static_cast<unsigned>(bins - w * 64)) : 0;
     for (std::size_t l = 0; l < sums.size(); ++l, masses += bins) {
         ClosedHord& closed = to[l];
         leave_open(closed, masses, sums[l]);
@@ -130,12 +139,14 @@ template <int Words>
         const auto behind = static_cast<__mmask8>(0xFFU << __builtin_popcount(low));
         const __m128i all = _mm_mask_expand_epi16(_mm512_castsi512_si128(some), behind, _mm512_castsi512_si128(others));
         _mm256_storeu_si256(reinterpret_cast<__m256i*>(closed.mass.data()), _mm256_cvtepu16_epi32(all));
-        const __m512i bin = _mm512_maskz_compress_epi8(lit, _mm512_add_epi8(numbers, _mm512_set1_epi8(static_cast<char>(first))));
+        const __m512i bin =
+            _mm512_maskz_compress_epi8(lit, _mm512_add_epi8(numbers, _mm512_set1_epi8(static_cast<char>(first))));
         _mm_storel_epi64(reinterpret_cast<__m128i*>(closed.bin.data()), _mm512_castsi512_si128(bin));
     }
 }
 
-[[gnu::target(HORD_AVX512)]] void close_up_avx512(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins, ClosedHord* to) {
+[[gnu::target(HORD_AVX512)]] void close_up_avx512(const std::uint16_t* masses, std::span<const std::uint32_t> sums,
+                                                  int bins, ClosedHord* to) {
     if (bins <= 64) return close_up_words_avx512<1>(masses, sums, bins, to);
     if (bins <= 128) return close_up_words_avx512<2>(masses, sums, bins, to);
     close_up_words_avx512<4>(masses, sums, bins, to);
@@ -151,7 +162,9 @@ alignas(kAlignment) constexpr auto kRanks = [] {
     return ranks;
 }();
 
-[[gnu::target(HORD_AVX2)]] inline __m128i eight_bytes(const void* from) { return _mm_loadl_epi64(static_cast<const __m128i*>(from)); }
+[[gnu::target(HORD_AVX2)]] inline __m128i eight_bytes(const void* from) {
+    return _mm_loadl_epi64(static_cast<const __m128i*>(from));
+}
 
 // Bins and masses of one, each where the set has it, 0 elsewhere.
 struct Opened {
@@ -161,16 +174,20 @@ struct Opened {
 [[gnu::target(HORD_AVX2), gnu::always_inline]] inline Opened opened(const ClosedHord& h, std::size_t set) {
     const __m128i rank = eight_bytes(kRanks[set].data());
     const __m256i wide = _mm256_cvtepi8_epi32(rank);
-    const __m256i mass = _mm256_permutevar8x32_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(h.mass.data())), wide);
+    const __m256i mass =
+        _mm256_permutevar8x32_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(h.mass.data())), wide);
     return {_mm_shuffle_epi8(eight_bytes(h.bin.data()), rank), _mm256_andnot_si256(_mm256_srai_epi32(wide, 31), mass)};
 }
 
 [[gnu::target(HORD_AVX2)]] int subtract(const ClosedHord& a, const ClosedHord& b, ClosedDifference& to) {
     const int after = a.bin[0] - b.bin[0];
-    const std::uint64_t in_a = a.lit << (after & ~(after >> 31) & 63), in_b = b.lit << (-after & (after >> 31) & 63), in_either = in_a | in_b;
+    const std::uint64_t in_a = a.lit << (after & ~(after >> 31) & 63), in_b = b.lit << (-after & (after >> 31) & 63),
+                        in_either = in_a | in_b;
     const std::uint64_t denominator = std::uint64_t{a.closed_sum} * b.closed_sum;
     const int count = __builtin_popcountll(in_either);
-    if (denominator >= static_cast<std::uint64_t>(kLightMass) || after > kClosedApart || after < -kClosedApart || count > kMostClosed) return 0;
+    if (denominator >= static_cast<std::uint64_t>(kLightMass) || after > kClosedApart || after < -kClosedApart ||
+        count > kMostClosed)
+        return 0;
     static_assert(kClosedSpan + kClosedApart <= 64);
     const Opened of_a = opened(a, _pext_u64(in_a, in_either)), of_b = opened(b, _pext_u64(in_b, in_either));
     const __m256i has = _mm256_mullo_epi32(of_a.mass, _mm256_set1_epi32(static_cast<int>(b.closed_sum)));
@@ -186,11 +203,15 @@ struct Opened {
     const __m256i more = _mm256_load_si256(reinterpret_cast<const __m256i*>(difference.more));
     const __m256i mass[2] = {more, _mm256_sub_epi32(_mm256_setzero_si256(), more)};
     const __m128i bin = eight_bytes(difference.bin);
-    const auto negative = [](__m256i v) __attribute__((target(HORD_AVX2))) { return static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(v))); };
+    const auto negative = [](__m256i v) __attribute__((target(HORD_AVX2))) {
+        return static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(v)));
+    };
     const unsigned set[2] = {negative(mass[1]), negative(mass[0])};
     *difference.out = 0;
     if (set[0] == 0) return 0;
-    const auto rank = [](unsigned bins) __attribute__((target(HORD_AVX2))) { return static_cast<unsigned>(__builtin_popcount(bins)) << 8 | (bins & (0U - bins)); };
+    const auto rank = [](unsigned bins) __attribute__((target(HORD_AVX2))) {
+        return static_cast<unsigned>(__builtin_popcount(bins)) << 8 | (bins & (0U - bins));
+    };
     const unsigned less_are_rows = (rank(set[1]) - rank(set[0])) >> 31;
     const int counts[2] = {__builtin_popcount(set[0]), __builtin_popcount(set[1])};
     const std::size_t shape = to.shape(counts[less_are_rows], counts[1 - less_are_rows]);
@@ -198,7 +219,8 @@ struct Opened {
     for (std::size_t side = 0; side < 2; ++side) {
         const __m128i which = members(set[side]);
         const std::size_t as = side ^ less_are_rows;
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(problem.mass[as]), _mm256_permutevar8x32_epi32(mass[side], _mm256_cvtepu8_epi32(which)));
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(problem.mass[as]),
+                            _mm256_permutevar8x32_epi32(mass[side], _mm256_cvtepu8_epi32(which)));
         _mm_storel_epi64(reinterpret_cast<__m128i*>(problem.bin[as]), _mm_shuffle_epi8(bin, which));
     }
     problem.out = difference.out;

@@ -11,7 +11,8 @@ namespace {
 
 constexpr int kCopiedLine = 16, kCopied = kCopiedLine * kMaxBins;  // samples: of a copied lenslet's line; of all
 static_assert(kCopiedLine >= (kMaxBins + 7) / 8 * 8);
-constexpr float kEdgeBins = 0.2F, kEdgeLight = 0.1F;  // second differences of a golden map: what interpolation cannot follow
+constexpr float kEdgeBins = 0.2F,
+                kEdgeLight = 0.1F;  // second differences of a golden map: what interpolation cannot follow
 
 constexpr int floor_of(double v) {
     const int towards_zero = static_cast<int>(v);
@@ -43,22 +44,28 @@ double clipped_variance(double variance, double clip) {
 }  // namespace
 
 Comparer::Comparer(const Reference& reference, Isa isa, std::shared_ptr<const GoldenPlanes> planes)
-    : reference_(reference), planes_(planes ? std::move(planes) : std::make_shared<const GoldenPlanes>(reference)), row_(reference, *planes_, isa), reader_(reference, isa),
-      fitter_(reference.extents, isa), edge_(reference.extents.lenslets()), read_(kLanes * reference.stride()), copied_(static_cast<std::size_t>(kLanes * kCopied)) {
-    const double clip = static_cast<double>(reference.sensor.clip_dn), gain = static_cast<double>(reference.sensor.electrons_per_dn), read = static_cast<double>(reference.sensor.read_dn);
+    : reference_(reference), planes_(planes ? std::move(planes) : std::make_shared<const GoldenPlanes>(reference)),
+      row_(reference, *planes_, isa), reader_(reference, isa), fitter_(reference.extents, isa),
+      edge_(reference.extents.lenslets()), read_(kLanes * reference.stride()),
+      copied_(static_cast<std::size_t>(kLanes * kCopied)) {
+    const double clip = static_cast<double>(reference.sensor.clip_dn),
+                 gain = static_cast<double>(reference.sensor.electrons_per_dn),
+                 read = static_cast<double>(reference.sensor.read_dn);
     double clipped = 0, light = 0;
     for (std::size_t k = 0; k < edge_.size(); ++k) {
         if (reference.mask[k] != kValid) continue;
         const std::uint16_t* share = reference.shares.data() + k * reference.stride();
         double cut = 0;
-        for (std::size_t b = 0; b < reference.stride(); ++b) cut += std::min(clip, static_cast<double>(share[b]) * 0x1p-15 * static_cast<double>(reference.light[k]));
+        for (std::size_t b = 0; b < reference.stride(); ++b)
+            cut += std::min(clip, static_cast<double>(share[b]) * 0x1p-15 * static_cast<double>(reference.light[k]));
         clipped += cut, light += static_cast<double>(reference.light[k]);
     }
     clipped_ = light > 0 ? clipped / light : 0;
     find_edges();
     floor_ = read * read + 1.0 / 12;
     const double quiet = clipped_variance(floor_, clip), empty = std::max({2 * quiet, floor_ / 16, 1.0 / 12});
-    noise_ = {0, static_cast<float>(clip / gain + floor_ - quiet), static_cast<float>(std::sqrt(floor_)), static_cast<float>(empty), static_cast<float>(quiet)};
+    noise_ = {0, static_cast<float>(clip / gain + floor_ - quiet), static_cast<float>(std::sqrt(floor_)),
+              static_cast<float>(empty), static_cast<float>(quiet)};
     noise_at_edges_ = noise_;
     noise_at_edges_.empty = static_cast<float>(floor_);
 }
@@ -72,8 +79,11 @@ void Comparer::find_edges() {
             bool edge = reference_.mask[at(m, n)] != kValid;
             const auto bends = [&](std::size_t before, std::size_t k, std::size_t after) {
                 if ((reference_.mask[before] | reference_.mask[k] | reference_.mask[after]) != kValid) return;
-                const auto second = [&](const std::vector<float>& map) { return std::abs(map[before] - 2 * map[k] + map[after]); };
-                edge = edge || second(reference_.x) > kEdgeBins || second(reference_.y) > kEdgeBins || second(reference_.light) > kEdgeLight * reference_.light[k];
+                const auto second = [&](const std::vector<float>& map) {
+                    return std::abs(map[before] - 2 * map[k] + map[after]);
+                };
+                edge = edge || second(reference_.x) > kEdgeBins || second(reference_.y) > kEdgeBins ||
+                    second(reference_.light) > kEdgeLight * reference_.light[k];
             };
             if (m > 0 && m + 1 < e.m) bends(at(m - 1, n), at(m, n), at(m + 1, n));
             if (n > 0 && n + 1 < e.n) bends(at(m, n - 1), at(m, n), at(m, n + 1));
@@ -104,7 +114,8 @@ void Comparer::start_row(const PoseMap& pose, int n, double light) {
 
 std::uint32_t Comparer::nearest(const PoseMap::Place& at) const {
     const Extents& e = reference_.extents;
-    return static_cast<std::uint32_t>(std::clamp(floor_of(at.n + 0.5), 0, e.n - 1) * e.m + std::clamp(floor_of(at.m + 0.5), 0, e.m - 1));
+    return static_cast<std::uint32_t>(std::clamp(floor_of(at.n + 0.5), 0, e.n - 1) * e.m +
+                                      std::clamp(floor_of(at.m + 0.5), 0, e.m - 1));
 }
 
 // The lane of a lenslet among those that wait; -1: those that do are to be compared first.
@@ -132,7 +143,9 @@ int Comparer::join(int m, int n, std::uint32_t sum, bool has_hord, Difference& o
 template <class Sample>
 LensletSamples<Sample> Comparer::copy_of(const LensletSamples<Sample>& samples, int lane) {
     auto* const copied = reinterpret_cast<Sample*>(copied_.data() + std::ptrdiff_t{lane} * kCopied);
-    for (int j = 0; j < reference_.extents.j; ++j) std::copy_n(samples.first + j * samples.line_stride, reference_.extents.i, copied + std::ptrdiff_t{j} * kCopiedLine);
+    for (int j = 0; j < reference_.extents.j; ++j)
+        std::copy_n(samples.first + j * samples.line_stride, reference_.extents.i,
+                    copied + std::ptrdiff_t{j} * kCopiedLine);
     return {copied, kCopiedLine};
 }
 
@@ -154,7 +167,8 @@ void Comparer::compare_row(const HordRow& row, int n, const PoseMap& pose, doubl
     compare(group_.wide, 0);
 }
 
-void Comparer::compare_row(const FrameView& frame, std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
+void Comparer::compare_row(const FrameView& frame, std::span<const std::uint32_t> sums,
+                           std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
                            std::span<Difference> out) {
     start_row(pose, n, light);
     const Extents& e = reference_.extents;
@@ -193,7 +207,8 @@ void Comparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::uint32_t 
     for (std::uint32_t left = g.live & ~plain; left != 0; left &= left - 1) {
         const int l = __builtin_ctz(left);
         GoldenReader::Golden& golden = alone[l];
-        golden = reader_.read(g.at[l].m, g.at[l].n, light_, read_.data() + static_cast<std::size_t>(l) * reference_.stride());
+        golden = reader_.read(g.at[l].m, g.at[l].n, light_,
+                              read_.data() + static_cast<std::size_t>(l) * reference_.stride());
         if (!golden.has_hord) continue;
         const auto bin = [](int place) { return static_cast<std::int16_t>(place - 1); };
         lit.cover({bin(golden.lit.left()), bin(golden.lit.right()), bin(golden.lit.top()), bin(golden.lit.bottom())});
@@ -216,7 +231,8 @@ void Comparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::uint32_t 
             const int l = __builtin_ctz(left);
             bool has_hord = true;
             if ((plain >> l & 1U) != 0) {
-                has_hord = look_at_light(l, static_cast<double>(golden_.light[l]), static_cast<double>(golden_.share[l]));
+                has_hord =
+                    look_at_light(l, static_cast<double>(golden_.light[l]), static_cast<double>(golden_.share[l]));
             } else {
                 const GoldenReader::Golden& golden = alone[l];
                 has_hord = golden.known && look_at_light(l, golden.light, golden.share) && golden.has_hord;
@@ -225,7 +241,8 @@ void Comparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::uint32_t 
                 for (int j = lit.top; j <= lit.bottom; ++j) {
                     for (int i = lit.left; i <= lit.right; ++i) {
                         const auto place = static_cast<int>(reference_.place(i, j));
-                        fitter_.golden(i, j)[l - first] = place >= golden.written.first && place < golden.written.end() ? bins[place] : 0.0F;
+                        fitter_.golden(i, j)[l - first] =
+                            place >= golden.written.first && place < golden.written.end() ? bins[place] : 0.0F;
                     }
                 }
             }
@@ -255,7 +272,8 @@ bool Comparer::look_at_light(int lane, double light, double share) {
     const double per_expected = 1 / expected, a_dn = static_cast<double>(noise_now_.a_dn);
     out.light = static_cast<float>(static_cast<double>(sum) * per_expected - 1);
     constexpr double kBinsLit = 9;  // that add their floor to the sum
-    out.light_variance = static_cast<float>((a_dn * expected + kBinsLit * floor_ * golden_share_) * per_expected * per_expected);
+    out.light_variance =
+        static_cast<float>((a_dn * expected + kBinsLit * floor_ * golden_share_) * per_expected * per_expected);
     fits_.light[lane] = static_cast<float>(static_cast<double>(sum) / share);
     fits_.empty[lane] = (edge_[out.at] != 0 ? noise_at_edges_now_ : noise_now_).empty;
     return true;
@@ -266,7 +284,8 @@ void Comparer::finish(int l) {
     Difference& out = *group_.out[l];
     out.has_hord = true;
     out.x = fits_.x[l], out.y = fits_.y[l], out.blur = fits_.blur[l];
-    out.x_variance = fits_.x_variance[l], out.y_variance = fits_.y_variance[l], out.blur_variance = fits_.blur_variance[l];
+    out.x_variance = fits_.x_variance[l], out.y_variance = fits_.y_variance[l],
+    out.blur_variance = fits_.blur_variance[l];
     out.chi2 = fits_.chi2[l];
     out.degrees = std::max(1.0F, fits_.degrees[l] - 3);
     if (std::sqrt(2 * out.chi2) > std::sqrt(2 * out.degrees) + kMuch) look_how_far(l, out);
@@ -279,10 +298,13 @@ void Comparer::finish(int l) {
 
 // Where a fit of small shifts does not say how far light went: by the mean of all bins.
 void Comparer::look_how_far(int lane, Difference& out) const {
-    const double a_dn = golden_share_ / static_cast<double>(reference_.sensor.electrons_per_dn), quiet = static_cast<double>(noise_.quiet);
+    const double a_dn = golden_share_ / static_cast<double>(reference_.sensor.electrons_per_dn),
+                 quiet = static_cast<double>(noise_.quiet);
     struct Moments {
         double light = 0, x = 0, y = 0, xx = 0, yy = 0;
-        void add(double v, double at_x, double at_y) { light += v, x += v * at_x, y += v * at_y, xx += v * at_x * at_x, yy += v * at_y * at_y; }
+        void add(double v, double at_x, double at_y) {
+            light += v, x += v * at_x, y += v * at_y, xx += v * at_x * at_x, yy += v * at_y * at_y;
+        }
     } seen, wanted, places;
     for (int j = 0; j < reference_.extents.j; ++j) {
         for (int i = 0; i < reference_.extents.i; ++i) {
@@ -295,7 +317,8 @@ void Comparer::look_how_far(int lane, Difference& out) const {
     const double mean_x = wanted.x / wanted.light, mean_y = wanted.y / wanted.light;
     const double moved_x = seen.x / seen.light - mean_x, moved_y = seen.y / seen.light - mean_y;
     // At an edge the mean moves with how the edge lies in the lenslet.
-    const int columns = reference_.extents.m, at_m = static_cast<int>(out.at) % columns, at_n = static_cast<int>(out.at) / columns;
+    const int columns = reference_.extents.m, at_m = static_cast<int>(out.at) % columns,
+              at_n = static_cast<int>(out.at) / columns;
     float least_x = 8, most_x = -8, least_y = 8, most_y = -8;
     for (int y = std::max(0, at_n - 1); y <= std::min(reference_.extents.n - 1, at_n + 1); ++y) {
         for (int x = std::max(0, at_m - 1); x <= std::min(columns - 1, at_m + 1); ++x) {
@@ -309,9 +332,14 @@ void Comparer::look_how_far(int lane, Difference& out) const {
     if (moved_x * moved_x + moved_y * moved_y <= far * far) return;
     out.x = static_cast<float>(moved_x);
     out.y = static_cast<float>(moved_y);
-    const auto variance = [&](double squares, double mean, double of_places) { return (squares / wanted.light - mean * mean) * a_dn / seen.light + quiet * of_places / (seen.light * seen.light); };
-    out.x_variance = static_cast<float>(std::max(variance(wanted.xx, mean_x, places.xx), static_cast<double>(out.x_variance)));
-    out.y_variance = static_cast<float>(std::max(variance(wanted.yy, mean_y, places.yy), static_cast<double>(out.y_variance)));
+    const auto variance = [&](double squares, double mean, double of_places) {
+        return (squares / wanted.light - mean * mean) * a_dn / seen.light +
+            quiet * of_places / (seen.light * seen.light);
+    };
+    out.x_variance =
+        static_cast<float>(std::max(variance(wanted.xx, mean_x, places.xx), static_cast<double>(out.x_variance)));
+    out.y_variance =
+        static_cast<float>(std::max(variance(wanted.yy, mean_y, places.yy), static_cast<double>(out.y_variance)));
 }
 
 Scores scores_of(const Difference& d, const Reference& reference) {

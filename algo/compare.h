@@ -1,25 +1,30 @@
 // How a lenslet differs from the golden HORD of its place, told apart and in units of noise.
 //
-// With the golden shares g at the place where the registered part has this lenslet (cubic interpolation between golden HORDs) and n the light
-// that the lenslet has, n g is expected in the bins. What remains, r = mass - n g, is explained by weighted least squares as
+// With the golden shares g at the place where the registered part has this lenslet (cubic interpolation between golden
+// HORDs) and n the light that the lenslet has, n g is expected in the bins. What remains, r = mass - n g, is explained
+// by weighted least squares as
 //
 //     r = n (a G_x + b G_y + c G_s) + rest       weights 1 / variance of the bin
 //
-// G_x, G_y: what a shift of the light by one bin changes (central differences of g). G_s: what scattering all of it changes (by the
-// binomial 1 4 6 4 1 along each axis, whose variance is one bin squared), so that c is the share of the light that is scattered, and by how
-// much the variance along each axis grows. So a, b are the change of the mean deflection, c that of the spread, and neither disturbs the
-// other; the rest is chi-square. Scattered light falls mostly into bins that were dark, where interpolation errs little: that is why c
-// is seen on steep parts, too. Missing light is judged apart: n over what the reference has, at the part's typical light.
+// G_x, G_y: what a shift of the light by one bin changes (central differences of g). G_s: what scattering all of it
+// changes (by the binomial 1 4 6 4 1 along each axis, whose variance is one bin squared), so that c is the share of the
+// light that is scattered, and by how much the variance along each axis grows. So a, b are the change of the mean
+// deflection, c that of the spread, and neither disturbs the other; the rest is chi-square. Scattered light falls
+// mostly into bins that were dark, where interpolation errs little: that is why c is seen on steep parts, too. Missing
+// light is judged apart: n over what the reference has, at the part's typical light.
 //
-// Variances. A bin that expects e = n g DN had e + clip before the dark level was cut off, and varies by (e + clip) / electrons_per_dn +
-// read^2 + 1/12. One that expects nothing reads nothing unless its noise exceeds the clip: the variance of what a normal number has above it, far
-// less; in the fit it counts with a sixteenth of the reading noise at least, for single readings are not normal, and within
-// two lenslets of an edge with all of it, for interpolation puts light there that is none. In between it is mixed by e / (e + soft), soft
-// one standard deviation of the reading. The golden bin's own variance is 1/parts of the photon noise. Each of the four deviations, divided by
-// its expected standard deviation, with the good parts' own spread added, is a z-score: about normal for good parts at any light, less in the spread.
+// Variances. A bin that expects e = n g DN had e + clip before the dark level was cut off, and varies by (e + clip) /
+// electrons_per_dn + read^2 + 1/12. One that expects nothing reads nothing unless its noise exceeds the clip: the
+// variance of what a normal number has above it, far less; in the fit it counts with a sixteenth of the reading noise
+// at least, for single readings are not normal, and within two lenslets of an edge with all of it, for interpolation
+// puts light there that is none. In between it is mixed by e / (e + soft), soft one standard deviation of the reading.
+// The golden bin's own variance is 1/parts of the photon noise. Each of the four deviations, divided by its expected
+// standard deviation, with the good parts' own spread added, is a z-score: about normal for good parts at any light,
+// less in the spread.
 //
-// Chi-square is that of the rest with the whole reading noise in dark bins, too. Where it is much (kMuch), a fit of small shifts does not say how far light went:
-// where the mean of all bins moved by more than kFarBins beyond what the reference's does from neighbour to neighbour, that is the bend.
+// Chi-square is that of the rest with the whole reading noise in dark bins, too. Where it is much (kMuch), a fit of
+// small shifts does not say how far light went: where the mean of all bins moved by more than kFarBins beyond what the
+// reference's does from neighbour to neighbour, that is the bend.
 #pragma once
 
 #include <array>
@@ -45,9 +50,9 @@ struct Difference {
     float light = 0, light_variance = 1;  // light / expected - 1
     float x = 0, y = 0, x_variance = 1, y_variance = 1;
     float blur = 0, blur_variance = 1;
-    float chi2 = 0, degrees = 1;          // the rest, and what noise alone would give
-    float sum = 0;                        // DN
-    std::uint32_t at = 0;                 // the reference's nearest lenslet
+    float chi2 = 0, degrees = 1;  // the rest, and what noise alone would give
+    float sum = 0;                // DN
+    std::uint32_t at = 0;         // the reference's nearest lenslet
 };
 
 constexpr float kMuch = 3;  // standard deviations
@@ -55,19 +60,22 @@ constexpr double kFarBins = 0.5;
 
 class Comparer {
   public:
-    // `reference` outlives it. Takes all memory. Comparers of one reference, one a thread, may share its planes; else it makes its own.
-    explicit Comparer(const Reference& reference, Isa isa = widest_isa(), std::shared_ptr<const GoldenPlanes> planes = nullptr);
+    // `reference` outlives it. Takes all memory. Comparers of one reference, one a thread, may share its planes; else
+    // it makes its own.
+    explicit Comparer(const Reference& reference, Isa isa = widest_isa(),
+                      std::shared_ptr<const GoldenPlanes> planes = nullptr);
 
     // Compares row n of a part: `light` is its typical sum over the reference's. One Difference a lenslet.
     void compare_row(const HordRow& row, int n, const PoseMap& pose, double light, std::span<Difference> out);
-    // The same from the frame that was decoded with the reference's light levels, when the lenslets' sums and masks are known already. Those that are
-    // kOutside are not looked at: their Difference stays as it is.
-    void compare_row(const FrameView& frame, std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
-                     std::span<Difference> out);
+    // The same from the frame that was decoded with the reference's light levels, when the lenslets' sums and masks are
+    // known already. Those that are kOutside are not looked at: their Difference stays as it is.
+    void compare_row(const FrameView& frame, std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
+                     int n, const PoseMap& pose, double light, std::span<Difference> out);
 
   private:
     static constexpr int kLanes = kGoldenLanes;
-    // Lenslets that lie between the same columns of the reference, lane l after column 16 block + l + 1, waiting to be compared together.
+    // Lenslets that lie between the same columns of the reference, lane l after column 16 block + l + 1, waiting to be
+    // compared together.
     struct Group {
         int block = 0;
         std::uint32_t live = 0, with_hord = 0;  // bit l: lane l
@@ -96,11 +104,11 @@ class Comparer {
     GoldenRow row_;
     GoldenReader reader_;  // where a row does not reach
     BinFitter fitter_;
-    std::vector<std::uint8_t> edge_;      // one a lenslet: whether it is within two lenslets of an edge
-    std::vector<float> read_;             // golden bins that a row does not reach, a Reference's stride a lane
-    std::vector<std::uint16_t> copied_;   // samples of lenslets at the end of the frame's lines, lane by lane
-    double clipped_ = 0;                  // of a typical lenslet's light, by the dark level
-    double floor_ = 0;                    // variance of a reading
+    std::vector<std::uint8_t> edge_;     // one a lenslet: whether it is within two lenslets of an edge
+    std::vector<float> read_;            // golden bins that a row does not reach, a Reference's stride a lane
+    std::vector<std::uint16_t> copied_;  // samples of lenslets at the end of the frame's lines, lane by lane
+    double clipped_ = 0;                 // of a typical lenslet's light, by the dark level
+    double floor_ = 0;                   // variance of a reading
     BinNoise noise_{}, noise_at_edges_{};
 
     // Of the row at hand.
@@ -112,7 +120,8 @@ class Comparer {
     BinFitter::Fits fits_;
 };
 
-// The four scores of a lenslet: deviation over its standard deviation. Light and blur are signed (less light, less spread: negative).
+// The four scores of a lenslet: deviation over its standard deviation. Light and blur are signed (less light, less
+// spread: negative).
 using Scores = std::array<float, kDeviations>;
 Scores scores_of(const Difference& difference, const Reference& reference);
 

@@ -14,15 +14,17 @@
 namespace hord::algo {
 namespace {
 
-// A line of a macro-pixel is worked on sixteen samples at a time: its I bins and, to the right of them, whatever follows.
-// Those extra lanes are never looked at; in the row of masses they are overwritten by the line or the lenslet that comes next.
+// A line of a macro-pixel is worked on sixteen samples at a time: its I bins and, to the right of them, whatever
+// follows. Those extra lanes are never looked at; in the row of masses they are overwritten by the line or the lenslet
+// that comes next.
 constexpr int kLanes = 16;
 static_assert(kLanes >= kMaxBins);
 
 template <class T>
 using Sixteen = Vector<T, kLanes * sizeof(T)>;
 
-// Of a column of masses: for 8-bit samples at most 15 * 255, and weighted with the row 120 * 255, below 2^15; for 16-bit samples below 2^23.
+// Of a column of masses: for 8-bit samples at most 15 * 255, and weighted with the row 120 * 255, below 2^15; for
+// 16-bit samples below 2^23.
 template <class Sample>
 using Column = std::conditional_t<sizeof(Sample) == 1, std::int16_t, std::int32_t>;
 static_assert(kMaxBins * (kMaxBins + 1) / 2 * 255 < 1 << 15);
@@ -49,12 +51,15 @@ HORD_ALWAYS_INLINE std::int32_t sum_of_products(const Sixteen<Number>& a, const 
 
 // `samples` is the first lenslet's first; sixteen may be read from the start of each line of each lenslet.
 template <int Bytes, class Sample>
-HORD_ALWAYS_INLINE void lenslets(const Sample* samples, std::ptrdiff_t line_stride, const Extents& extents, const LightLevels& levels, int count, Decoded to) {
+HORD_ALWAYS_INLINE void lenslets(const Sample* samples, std::ptrdiff_t line_stride, const Extents& extents,
+                                 const LightLevels& levels, int count, Decoded to) {
     using Sums = Sixteen<Column<Sample>>;
     const int bins_i = extents.i, bins_j = extents.j;
-    const Sixteen<Sample> dark = Sixteen<Sample>{} + static_cast<Sample>(std::min<std::uint32_t>(levels.dark, std::numeric_limits<Sample>::max()));
+    const Sixteen<Sample> dark = Sixteen<Sample>{} +
+        static_cast<Sample>(std::min<std::uint32_t>(levels.dark, std::numeric_limits<Sample>::max()));
     const bool can_saturate = levels.saturated <= std::numeric_limits<Sample>::max();
-    const Sixteen<Sample> saturated = Sixteen<Sample>{} + static_cast<Sample>(std::min<std::uint32_t>(levels.saturated, std::numeric_limits<Sample>::max()));
+    const Sixteen<Sample> saturated = Sixteen<Sample>{} +
+        static_cast<Sample>(std::min<std::uint32_t>(levels.saturated, std::numeric_limits<Sample>::max()));
     Sixteen<Sample> inside{};
     Sums there{};                   // all bits of bins along the line
     Sixteen<std::int32_t> place{};  // and where they are, in half bins from the centre
@@ -80,25 +85,32 @@ HORD_ALWAYS_INLINE void lenslets(const Sample* samples, std::ptrdiff_t line_stri
         std::memcpy(hot.data(), peaks, sizeof peaks);
         std::uint64_t any = 0;
         for (const std::uint64_t h : hot) any |= h;
-        const std::int32_t sum = sum_of<Bytes, Column<Sample>>(column & there), weighted_sum = sum_of<Bytes, Column<Sample>>(weighted & there);
+        const std::int32_t sum = sum_of<Bytes, Column<Sample>>(column & there),
+                           weighted_sum = sum_of<Bytes, Column<Sample>>(weighted & there);
         to.sum[m] = static_cast<std::uint32_t>(sum);
         to.moment_x[m] = sum_of_products<Bytes, Column<Sample>>(column, place);
         // 2j - (J-1) = (J+1) - 2(J-j)
         to.moment_y[m] = (bins_j + 1) * sum - 2 * weighted_sum;
-        to.mask[m] = static_cast<std::uint8_t>((to.sum[m] < levels.min_sum ? kDark : kValid) | (can_saturate && any != 0 ? kSaturated : kValid));
+        to.mask[m] = static_cast<std::uint8_t>((to.sum[m] < levels.min_sum ? kDark : kValid) |
+                                               (can_saturate && any != 0 ? kSaturated : kValid));
     }
 }
 
-HORD_FOR_EACH_ISA(lenslets8, void, lenslets, (const std::uint8_t* samples, std::ptrdiff_t line_stride, const Extents& extents, const LightLevels& levels, int count, Decoded to),
+HORD_FOR_EACH_ISA(lenslets8, void, lenslets,
+                  (const std::uint8_t* samples, std::ptrdiff_t line_stride, const Extents& extents,
+                   const LightLevels& levels, int count, Decoded to),
                   (samples, line_stride, extents, levels, count, to))
-HORD_FOR_EACH_ISA(lenslets16, void, lenslets, (const std::uint16_t* samples, std::ptrdiff_t line_stride, const Extents& extents, const LightLevels& levels, int count, Decoded to),
+HORD_FOR_EACH_ISA(lenslets16, void, lenslets,
+                  (const std::uint16_t* samples, std::ptrdiff_t line_stride, const Extents& extents,
+                   const LightLevels& levels, int count, Decoded to),
                   (samples, line_stride, extents, levels, count, to))
 
 }  // namespace
 
 HordRow::HordRow(const Extents& extents)
     : bins_(static_cast<std::size_t>(extents.bins())), masses_(static_cast<std::size_t>(extents.m) * bins_ + kLanes),
-      sums_(static_cast<std::size_t>(extents.m)), moments_x_(sums_.size()), moments_y_(sums_.size()), mask_(sums_.size()) {}
+      sums_(static_cast<std::size_t>(extents.m)), moments_x_(sums_.size()), moments_y_(sums_.size()),
+      mask_(sums_.size()) {}
 
 Result<void> check_bits(int bits) {
     if (bits >= 8 && bits <= 16) return {};
@@ -108,21 +120,27 @@ Result<void> check_bits(int bits) {
 Result<void> check_frame(const FrameView& frame, const Extents& extents, int bits) {
     const auto size_of = [](int width, int height) { return std::to_string(width) + "x" + std::to_string(height); };
     if (frame.width_px != extents.width_px() || frame.height_px != extents.height_px() || frame.bits != bits) {
-        return fail(ErrorCode::invalid_argument, "a frame of " + size_of(frame.width_px, frame.height_px) + " pixels at " + std::to_string(frame.bits) + " bits",
-                    "give one of " + size_of(extents.width_px(), extents.height_px()) + " at " + std::to_string(bits) + ", as was set up");
+        return fail(ErrorCode::invalid_argument,
+                    "a frame of " + size_of(frame.width_px, frame.height_px) + " pixels at " +
+                        std::to_string(frame.bits) + " bits",
+                    "give one of " + size_of(extents.width_px(), extents.height_px()) + " at " + std::to_string(bits) +
+                        ", as was set up");
     }
     const std::ptrdiff_t row_bytes = std::ptrdiff_t{frame.width_px} * frame.sample_bytes();
     if (frame.data == nullptr || std::abs(frame.stride_bytes) < row_bytes) {
-        return fail(ErrorCode::invalid_argument, "a frame whose rows are " + std::to_string(frame.stride_bytes) + " bytes apart",
+        return fail(ErrorCode::invalid_argument,
+                    "a frame whose rows are " + std::to_string(frame.stride_bytes) + " bytes apart",
                     "rows of this frame need " + std::to_string(row_bytes));
     }
     if (frame.bits > 8 && (reinterpret_cast<std::uintptr_t>(frame.data) % 2 != 0 || frame.stride_bytes % 2 != 0)) {
-        return fail(ErrorCode::invalid_argument, "two-byte samples at an odd address", "align the frame's rows to two bytes");
+        return fail(ErrorCode::invalid_argument, "two-byte samples at an odd address",
+                    "align the frame's rows to two bytes");
     }
     return {};
 }
 
-Hord decode_hord(const FrameView& frame, const Extents& extents, const LightLevels& levels, int m, int n, std::span<std::uint16_t> masses) {
+Hord decode_hord(const FrameView& frame, const Extents& extents, const LightLevels& levels, int m, int n,
+                 std::span<std::uint16_t> masses) {
     std::uint32_t sum = 0;
     std::size_t k = 0;
     for (int j = 0; j < extents.j; ++j) {
@@ -135,17 +153,20 @@ Hord decode_hord(const FrameView& frame, const Extents& extents, const LightLeve
     return {masses.data(), sum};
 }
 
-void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row, Isa isa) {
+void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row,
+                Isa isa) {
     const auto decode = [&](auto kernel, auto sample) {
         using Sample = decltype(sample);
         const std::ptrdiff_t stride = frame.stride_bytes / static_cast<std::ptrdiff_t>(sizeof(Sample));
         const auto* first = reinterpret_cast<const Sample*>(frame.data) + n * extents.j * stride;
         const auto from = [&](int m) {
             const auto k = static_cast<std::size_t>(m);
-            return Decoded{row.masses_.data() + k * row.bins_, row.sums_.data() + k, row.moments_x_.data() + k, row.moments_y_.data() + k, row.mask_.data() + k};
+            return Decoded{row.masses_.data() + k * row.bins_, row.sums_.data() + k, row.moments_x_.data() + k,
+                           row.moments_y_.data() + k, row.mask_.data() + k};
         };
         // The last lenslets have fewer than sixteen samples before the end of the line: theirs are copied.
-        const int in_place = frame.width_px < kLanes ? 0 : std::min((frame.width_px - kLanes) / extents.i + 1, extents.m);
+        const int in_place =
+            frame.width_px < kLanes ? 0 : std::min((frame.width_px - kLanes) / extents.i + 1, extents.m);
         kernel(first, stride, extents, levels, in_place, from(0));
         for (int m = in_place; m < extents.m; ++m) {
             Sample copied[kMaxBins][kLanes] = {};

@@ -38,9 +38,12 @@ Reason reason_of(const Severity& s) {
 // Length and width of a uniform bar with the region's second moments, lenslets.
 std::pair<double, double> length_and_width(const Region& r) {
     const double mean_m = r.m / r.area, mean_n = r.n / r.area;
-    const double mm = r.mm / r.area - mean_m * mean_m, nn = r.nn / r.area - mean_n * mean_n, mn = r.mn / r.area - mean_m * mean_n;
+    const double mm = r.mm / r.area - mean_m * mean_m, nn = r.nn / r.area - mean_n * mean_n,
+                 mn = r.mn / r.area - mean_m * mean_n;
     const double middle = (mm + nn) / 2, spread = std::hypot((mm - nn) / 2, mn);
-    const auto side = [](double variance) { return std::sqrt(12 * std::max(variance, 0.0) + 1); };  // + 1: a lenslet has a width
+    const auto side = [](double variance) {
+        return std::sqrt(12 * std::max(variance, 0.0) + 1);
+    };  // + 1: a lenslet has a width
     return {side(middle + spread), side(middle - spread)};
 }
 
@@ -80,9 +83,19 @@ struct DefectFinder::Workspace {
 };
 
 DefectFinder::DefectFinder(const Extents& extents, const Recipe& recipe)
-    : workspace_(std::make_unique<Workspace>(Workspace{extents, limit_of_gradient(recipe), recipe.frobenius_limit_bins, recipe.light ? recipe.transmission_limit : 0,
-                                                       recipe.min_area, cv::Mat1b(extents.n, extents.m), {}, {}, {}, {}, {}})) {
-    // The library would start a pool of threads of its own, with the signals and the scheduling policy of whoever comes first.
+    : workspace_(std::make_unique<Workspace>(Workspace{extents,
+                                                       limit_of_gradient(recipe),
+                                                       recipe.frobenius_limit_bins,
+                                                       recipe.light ? recipe.transmission_limit : 0,
+                                                       recipe.min_area,
+                                                       cv::Mat1b(extents.n, extents.m),
+                                                       {},
+                                                       {},
+                                                       {},
+                                                       {},
+                                                       {}})) {
+    // The library would start a pool of threads of its own, with the signals and the scheduling policy of whoever comes
+    // first.
     static const bool alone = (cv::setNumThreads(1), true);
     static_cast<void>(alone);
 }
@@ -114,8 +127,12 @@ Result<FoundDefects> DefectFinder::find(const Features& features) {
     for (const Region& r : w.regions) {
         if (r.area < std::max(w.min_area, 1U)) continue;
         const Reason reason = reason_of(r.severity);
-        const float peak = reason == Reason::absorption ? r.peak.absorption : reason == Reason::slope ? r.peak.slope : r.peak.deflection;
-        w.found.push_back({{static_cast<float>(r.m / r.area), static_cast<float>(r.n / r.area), r.area, peak, kind_of(r)}, r.severity});
+        const float peak = reason == Reason::absorption ? r.peak.absorption
+            : reason == Reason::slope                   ? r.peak.slope
+                                                        : r.peak.deflection;
+        w.found.push_back(
+            {{static_cast<float>(r.m / r.area), static_cast<float>(r.n / r.area), r.area, peak, kind_of(r)},
+             r.severity});
     }
     if (w.found.empty()) return FoundDefects{{}, Reason::none, below};
     std::ranges::sort(w.found, [](const auto& a, const auto& b) {
@@ -144,7 +161,8 @@ void DefectFinder::Workspace::gather(const Features& features) {
             r.severity = {std::max(r.severity.deflection, s.deflection), std::max(r.severity.slope, s.slope),
                           std::max(r.severity.absorption, s.absorption)};
             r.peak = {std::max(r.peak.deflection, features.gradient.empty() ? 0 : features.gradient[k]),
-                      std::max(r.peak.slope, features.frobenius.empty() ? 0 : features.frobenius[k]), std::max(r.peak.absorption, s.absorption * (1 - transmission_limit))};
+                      std::max(r.peak.slope, features.frobenius.empty() ? 0 : features.frobenius[k]),
+                      std::max(r.peak.absorption, s.absorption * (1 - transmission_limit))};
         }
     }
 }

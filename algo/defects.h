@@ -5,12 +5,12 @@
 //     gradient / its limit        frobenius / frobenius_limit        (1 - transmission) / (1 - transmission_limit)
 //
 // of those that the recipe chooses.
-// Flagged lenslets that touch, at sides or corners, or have one lenslet between them, are one region: central differences
-// skip a lenslet, so one defect may leave a ring or a double line.
-// Regions with fewer flagged lenslets than `min_area` are dropped. OpenCV finds the regions; the rest is ours.
+// Flagged lenslets that touch, at sides or corners, or have one lenslet between them, are one region: central
+// differences skip a lenslet, so one defect may leave a ring or a double line. Regions with fewer flagged lenslets than
+// `min_area` are dropped. OpenCV finds the regions; the rest is ours.
 //
-// A defect's position is the centroid of its flagged lenslets, its peak the largest value of the feature that exceeds its
-// limit most (for missing light: the share that is missing, 0..1). Its kind is a guess for people:
+// A defect's position is the centroid of its flagged lenslets, its peak the largest value of the feature that exceeds
+// its limit most (for missing light: the share that is missing, 0..1). Its kind is a guess for people:
 //   scratch     at least 8 lenslets long and 4 times as long as wide
 //   absorbing   only light is missing: no gradient is above its limit
 //   scattering  neighbours disagree while the mean deflection and the light do not change too much

@@ -16,8 +16,8 @@ namespace {
 constexpr int kSlices = 8;
 // cos and sin of k * 22.5 degrees and sin(pi/16), as literals: library functions do not round alike everywhere.
 constexpr double kC1 = 0.92387953251128674, kS1 = 0.38268343236508977, kC2 = 0.70710678118654752;
-constexpr double kSliceDirections[kSlices][2] = {{1, 0},   {kC1, kS1},  {kC2, kC2},  {kS1, kC1},
-                                                 {0, 1},   {-kS1, kC1}, {-kC2, kC2}, {-kC1, kS1}};
+constexpr double kSliceDirections[kSlices][2] = {{1, 0}, {kC1, kS1},  {kC2, kC2},  {kS1, kC1},
+                                                 {0, 1}, {-kS1, kC1}, {-kC2, kC2}, {-kC1, kS1}};
 constexpr double kSliceScale = 0.19509032201612825;
 
 // Products of a mass (below 2^16) and a sum (below 2^24), exact.
@@ -28,7 +28,8 @@ void for_each_lit(const Hord& a, const Hord& b, int bins, Visit visit) {
     for (int w = 0; w < lit.words(); ++w) {
         for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);
-            visit(k, static_cast<double>(std::int64_t{a.mass[k]} * b.sum), static_cast<double>(std::int64_t{b.mass[k]} * a.sum));
+            visit(k, static_cast<double>(std::int64_t{a.mass[k]} * b.sum),
+                  static_cast<double>(std::int64_t{b.mass[k]} * a.sum));
         }
     }
 }
@@ -131,11 +132,12 @@ Result<Distance> Distance::create(Feature feature, int bins_i, int bins_j, const
         return fail(ErrorCode::invalid_argument, std::string(name_of(feature)) + " is not a distance between two HORDs",
                     "use one of emd, emd-l1, emd-sq, centroid, marginal, sliced, bhattacharyya, hellinger, chi2");
     }
-    const auto norm = feature == Feature::emd_l1   ? GroundNorm::manhattan
-                      : feature == Feature::emd_sq ? GroundNorm::squared_euclidean
-                                                   : GroundNorm::euclidean;
-    const auto ground = options.directions.empty() ? GroundDistance::between_bins(bins_i, bins_j, norm, options.threshold)
-                                                   : GroundDistance::between_directions(bins_i, bins_j, options.directions, norm, options.threshold);
+    const auto norm = feature == Feature::emd_l1 ? GroundNorm::manhattan
+        : feature == Feature::emd_sq             ? GroundNorm::squared_euclidean
+                                                 : GroundNorm::euclidean;
+    const auto ground = options.directions.empty()
+        ? GroundDistance::between_bins(bins_i, bins_j, norm, options.threshold)
+        : GroundDistance::between_directions(bins_i, bins_j, options.directions, norm, options.threshold);
     if (!ground) return tl::unexpected(ground.error());
 
     auto state = std::make_unique<State>();
@@ -175,7 +177,9 @@ void Distance::submit(const ClosedHord& a, const ClosedHord& b, double* out) {
     }
 }
 
-CloseUp Distance::close_up() const { return state_->emd ? state_->emd->close_up() : closed_kernels(Isa::portable).close_up; }
+CloseUp Distance::close_up() const {
+    return state_->emd ? state_->emd->close_up() : closed_kernels(Isa::portable).close_up;
+}
 
 void Distance::finish() {
     if (state_->emd) state_->emd->finish();

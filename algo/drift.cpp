@@ -19,16 +19,19 @@ constexpr int kLeastSeen = DriftEstimator::kWindow / 2;
 }  // namespace
 
 DriftEstimator::DriftEstimator(const Extents& extents, const LightLevels& levels, DriftZero zero)
-    : extents_(extents), levels_(levels), row_(extents), columns_(spread(extents.m, kSampled)), rows_(spread(extents.n, kSampled)),
-      samples_(columns_.size() * rows_.size()), window_x_(samples_.size() * kWindow), window_y_(window_x_.size()), shift_x_(samples_.size()),
-      shift_y_(samples_.size()), trust_(samples_.size()), scratch_(std::max(samples_.size(), std::size_t{kWindow})), zero_(zero) {
+    : extents_(extents), levels_(levels), row_(extents), columns_(spread(extents.m, kSampled)),
+      rows_(spread(extents.n, kSampled)), samples_(columns_.size() * rows_.size()),
+      window_x_(samples_.size() * kWindow), window_y_(window_x_.size()), shift_x_(samples_.size()),
+      shift_y_(samples_.size()), trust_(samples_.size()), scratch_(std::max(samples_.size(), std::size_t{kWindow})),
+      zero_(zero) {
     residuals_.reserve(samples_.size());
     std::size_t k = 0;
     for (const int n : rows_) {
         for (const int m : columns_) {
             samples_[k].x_bins = (m - 0.5 * (extents.m - 1)) * extents.i;
             samples_[k].y_bins = (n - 0.5 * (extents.n - 1)) * extents.j;
-            samples_[k].outermost = m == columns_.front() || m == columns_.back() || n == rows_.front() || n == rows_.back();
+            samples_[k].outermost =
+                m == columns_.front() || m == columns_.back() || n == rows_.front() || n == rows_.back();
             ++k;
         }
     }
@@ -101,9 +104,11 @@ DriftEstimator::Centre DriftEstimator::centre_of(std::size_t k) {
     // The median distance from the median, as a standard deviation of the median of a window.
     for (int part = 0; part < seen; ++part) {
         const auto place = k * kWindow + static_cast<std::size_t>(part);
-        scratch_[static_cast<std::size_t>(part)] = std::max(std::abs(window_x_[place] - centre.x), std::abs(window_y_[place] - centre.y));
+        scratch_[static_cast<std::size_t>(part)] =
+            std::max(std::abs(window_x_[place] - centre.x), std::abs(window_y_[place] - centre.y));
     }
-    const float sigma = std::max(kLeastSigma, 1.4826F * 1.2533F * median(scratch_.data(), seen) / std::sqrt(static_cast<float>(seen)));
+    const float sigma =
+        std::max(kLeastSigma, 1.4826F * 1.2533F * median(scratch_.data(), seen) / std::sqrt(static_cast<float>(seen)));
     centre.weight = 1 / (sigma * sigma);
     return centre;
 }
@@ -161,7 +166,8 @@ bool DriftEstimator::outermost_agree(Drift& start) {
     if (!std::isfinite(start.shift_x_bins)) return false;
     int alike = 0;
     for (std::size_t k = 0; k < samples_.size(); ++k) {
-        if (samples_[k].outermost && trust_[k] > 0 && std::abs(shift_x_[k] - start.shift_x_bins) <= kFreeToleranceBins &&
+        if (samples_[k].outermost && trust_[k] > 0 &&
+            std::abs(shift_x_[k] - start.shift_x_bins) <= kFreeToleranceBins &&
             std::abs(shift_y_[k] - start.shift_y_bins) <= kFreeToleranceBins) {
             ++alike;
         }
@@ -170,8 +176,10 @@ bool DriftEstimator::outermost_agree(Drift& start) {
 }
 
 double DriftEstimator::residual(const Drift& drift, std::size_t k) const {
-    const double rx = shift_x_[k] - (drift.shift_x_bins + drift.growth * samples_[k].x_bins - drift.turn_rad * samples_[k].y_bins);
-    const double ry = shift_y_[k] - (drift.shift_y_bins + drift.turn_rad * samples_[k].x_bins + drift.growth * samples_[k].y_bins);
+    const double rx =
+        shift_x_[k] - (drift.shift_x_bins + drift.growth * samples_[k].x_bins - drift.turn_rad * samples_[k].y_bins);
+    const double ry =
+        shift_y_[k] - (drift.shift_y_bins + drift.turn_rad * samples_[k].x_bins + drift.growth * samples_[k].y_bins);
     return std::sqrt((rx * rx + ry * ry) * trust_[k]);
 }
 
@@ -211,7 +219,8 @@ void DriftEstimator::fit_round(Drift& drift, double& scale, bool first, bool of_
     drift.noise_bins = scale / std::sqrt(sum);
 }
 
-// From the outermost lenslets alone first, where they are the free light; then all that follow the fit. Against a baseline, all at once.
+// From the outermost lenslets alone first, where they are the free light; then all that follow the fit. Against a
+// baseline, all at once.
 void DriftEstimator::fit(Drift drift, bool from_outermost) {
     drift.parts = parts_;
     double scale = 0;
@@ -238,8 +247,9 @@ void DriftEstimator::fit(Drift drift, bool from_outermost) {
     for (const double sx : {-1.0, 1.0}) {
         for (const double sy : {-1.0, 1.0}) {
             const double px = sx * 0.5 * (extents_.m - 1) * extents_.i, py = sy * 0.5 * (extents_.n - 1) * extents_.j;
-            drift.largest_bins = std::max(drift.largest_bins, std::hypot(drift.shift_x_bins + drift.growth * px - drift.turn_rad * py,
-                                                                         drift.shift_y_bins + drift.turn_rad * px + drift.growth * py));
+            drift.largest_bins = std::max(drift.largest_bins,
+                                          std::hypot(drift.shift_x_bins + drift.growth * px - drift.turn_rad * py,
+                                                     drift.shift_y_bins + drift.turn_rad * px + drift.growth * py));
         }
     }
     // At a corner the fit is as uncertain as three parameters together: shift, turn and growth weigh about alike there.

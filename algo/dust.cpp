@@ -7,10 +7,10 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kTile = 16;       // lenslets a side, or a little more
-constexpr int kReach = 4;       // lenslets
-constexpr int kTogether = 2;    // lenslets so far apart belong to one speck
-constexpr int kLargest = 64;    // a defect of more than this part of the field is no speck
+constexpr int kTile = 16;     // lenslets a side, or a little more
+constexpr int kReach = 4;     // lenslets
+constexpr int kTogether = 2;  // lenslets so far apart belong to one speck
+constexpr int kLargest = 64;  // a defect of more than this part of the field is no speck
 enum Now : std::uint8_t { kLookedAt = 1, kHasLight = 2, kResponds = 4 };
 enum Found : std::uint8_t { kSpeck = 1, kWaits = 2 };
 
@@ -19,8 +19,9 @@ double square(double v) { return v * v; }
 }  // namespace
 
 DustEstimator::DustEstimator(const Extents& extents, int window)
-    : extents_(extents), window_(window), reach_(std::clamp(std::min(extents.m, extents.n) / 6, 1, kReach)), tiles_m_(std::max(extents.m / kTile, 1)),
-      tiles_n_(std::max(extents.n / kTile, 1)), now_(extents.lenslets()), looked_at_(now_.size()), responded_(now_.size()), speck_(now_.size()),
+    : extents_(extents), window_(window), reach_(std::clamp(std::min(extents.m, extents.n) / 6, 1, kReach)),
+      tiles_m_(std::max(extents.m / kTile, 1)), tiles_n_(std::max(extents.n / kTile, 1)), now_(extents.lenslets()),
+      looked_at_(now_.size()), responded_(now_.size()), speck_(now_.size()),
       tile_looked_at_(static_cast<std::size_t>(tiles_m_ * tiles_n_)), tile_responded_(tile_looked_at_.size()),
       evidence_(std::log(static_cast<double>(now_.size()) / kFalseAlarms)) {
     queue_.reserve(now_.size());
@@ -69,14 +70,20 @@ void DustEstimator::mark_dips(const Inspection& inspection) {
 
 void DustEstimator::mark_defects(const Inspection& inspection) {
     for (const Defect& defect : inspection.defects) {
-        if (defect.area * std::size_t{kLargest} > extents_.lenslets() || !(std::abs(defect.m) < 1e6F) || !(std::abs(defect.n) < 1e6F)) continue;
+        if (defect.area * std::size_t{kLargest} > extents_.lenslets() || !(std::abs(defect.m) < 1e6F) ||
+            !(std::abs(defect.n) < 1e6F))
+            continue;
         const float radius = std::sqrt(static_cast<float>(defect.area) / 3.14159265F);
         const auto from = [&](float centre) { return std::max(0, static_cast<int>(std::ceil(centre - radius))); };
-        const auto to = [&](float centre, int count) { return std::min(count - 1, static_cast<int>(std::floor(centre + radius))); };
+        const auto to = [&](float centre, int count) {
+            return std::min(count - 1, static_cast<int>(std::floor(centre + radius)));
+        };
         for (int n = from(defect.n); n <= to(defect.n, extents_.n); ++n) {
             for (int m = from(defect.m); m <= to(defect.m, extents_.m); ++m) {
                 const float right = static_cast<float>(m) - defect.m, below = static_cast<float>(n) - defect.n;
-                if (right * right + below * below <= radius * radius) now_[static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m)] |= kResponds;
+                if (right * right + below * below <= radius * radius)
+                    now_[static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) +
+                         static_cast<std::size_t>(m)] |= kResponds;
             }
         }
     }
@@ -87,7 +94,8 @@ bool DustEstimator::add(const Inspection& inspection) {
     const bool against_reference = inspection.surprise.size() == now_.size();
     for (std::size_t k = 0; k < now_.size(); ++k) {
         const std::uint8_t mask = inspection.mask[k];
-        now_[k] = static_cast<std::uint8_t>(((mask & (kSaturated | kNotJudged)) == 0 ? kLookedAt : 0) | ((mask & (kNoHord | kNotJudged)) == 0 ? kHasLight : 0));
+        now_[k] = static_cast<std::uint8_t>(((mask & (kSaturated | kNotJudged)) == 0 ? kLookedAt : 0) |
+                                            ((mask & (kNoHord | kNotJudged)) == 0 ? kHasLight : 0));
         if (against_reference && inspection.surprise[k] >= kNotable) now_[k] |= kResponds;
     }
     if (!against_reference) mark_dips(inspection);
@@ -135,7 +143,8 @@ bool DustEstimator::is_speck(std::size_t k, std::size_t tile) const {
     const double of_tile = static_cast<double>(tile_responded_[tile]) / std::max(1U, tile_looked_at_[tile]);
     const double rate = std::max(rate_, of_tile);
     if (!(share > rate) || rate <= 0) return false;
-    const double divergence = share * std::log(share / rate) + (share < 1 ? (1 - share) * std::log((1 - share) / (1 - rate)) : 0);
+    const double divergence =
+        share * std::log(share / rate) + (share < 1 ? (1 - share) * std::log((1 - share) / (1 - rate)) : 0);
     return parts * divergence >= evidence_;
 }
 
@@ -169,9 +178,11 @@ Speck DustEstimator::gather(std::size_t seed) {
     speck.m = static_cast<float>(m_sum / weights);
     speck.n = static_cast<float>(n_sum / weights);
     speck.share = static_cast<float>(best);
-    const double at_least = std::clamp(std::min(best - 2 * std::sqrt(best * (1 - best) / parts), 1 - 3 / parts), 0.0, 1.0);
+    const double at_least =
+        std::clamp(std::min(best - 2 * std::sqrt(best * (1 - best) / parts), 1 - 3 / parts), 0.0, 1.0);
     const double of_flaw = std::max(0.0, -2 * std::log(1 - at_least) - 2 * std::log(2.0));
-    speck.tells_apart = latest_->pose_spread && std::sqrt(speck.lenslets / 3.14159265) + 0.5 < *latest_->pose_spread * std::sqrt(of_flaw);
+    speck.tells_apart = latest_->pose_spread &&
+        std::sqrt(speck.lenslets / 3.14159265) + 0.5 < *latest_->pose_spread * std::sqrt(of_flaw);
     return speck;
 }
 
@@ -195,7 +206,8 @@ void DustEstimator::close_window() {
     latest_->parts = parts_;
     if (2 * posed_ >= window_) {
         const double count = posed_;
-        latest_->pose_spread = std::sqrt(std::max(0.0, std::min(xx_ / count - square(x_ / count), yy_ / count - square(y_ / count))));
+        latest_->pose_spread =
+            std::sqrt(std::max(0.0, std::min(xx_ / count - square(x_ / count), yy_ / count - square(y_ / count))));
     }
     for (k = 0; k < speck_.size(); ++k) {
         if (speck_[k] != kWaits) continue;

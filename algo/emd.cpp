@@ -53,9 +53,12 @@ void put(const ResidualSide<Mass>& side, Mass* to_mass, std::uint8_t* to_bin) {
 
 struct EmdSolver::State {
     State(const GroundDistance& g, Isa isa)
-        : ground(g), simplex(ground.row(0), ground.bins(), ground.largest(), isa),
-          costs{ground.row(0), ground.bins(), ground.largest() * TransportSimplex::kTolerance},
-          closed(closed_kernels(ground.is_metric() ? widest(isa) : Isa::portable)), light(find_residual_for(widest(isa)), isa), heavy(find_residual<double>, isa), solve_few_of(solve_few(isa)) {}
+        : ground(g),
+          simplex(ground.row(0), ground.bins(), ground.largest(), isa), costs{ground.row(0), ground.bins(),
+                                                                              ground.largest() *
+                                                                                  TransportSimplex::kTolerance},
+          closed(closed_kernels(ground.is_metric() ? widest(isa) : Isa::portable)),
+          light(find_residual_for(widest(isa)), isa), heavy(find_residual<double>, isa), solve_few_of(solve_few(isa)) {}
 
     // For what a wider instruction set has an instruction for.
     static Isa widest(Isa isa) { return isa == Isa::portable ? isa : widest_isa(); }
@@ -103,7 +106,8 @@ void EmdSolver::State::submit(const Hord& a, const Hord& b, double* out, bool at
 
 // `mass`: what either side has in all, the shared mass included.
 template <class Mass>
-void EmdSolver::State::submit_as(Format<Mass>& format, const Hord& a, const Hord& b, double mass, double* out, bool at_once) {
+void EmdSolver::State::submit_as(Format<Mass>& format, const Hord& a, const Hord& b, double mass, double* out,
+                                 bool at_once) {
     Residual<Mass>& residual = format.residual;
     if (ground.is_metric()) {
         format.find(a, b, ground.bins(), residual);
@@ -163,7 +167,8 @@ template <class Mass>
 double EmdSolver::State::from_one(const ResidualSide<Mass>& one, const ResidualSide<Mass>& others) const {
     const double* cost = ground.row(one.bin[0]);
     double sum = 0;
-    for (int j = 0; j < others.count; ++j) sum += static_cast<double>(others.mass[index(j)]) * cost[others.bin[index(j)]];
+    for (int j = 0; j < others.count; ++j)
+        sum += static_cast<double>(others.mass[index(j)]) * cost[others.bin[index(j)]];
     return sum;
 }
 
@@ -185,7 +190,8 @@ double EmdSolver::State::improve(const SmallBatch<Mass>& batch, const SmallAnswe
     std::array<TransportStep, kMostSmallSteps> steps;
     for (int step = 0; step < batch.rows + batch.cols - 1; ++step) {
         const std::int32_t child = answer.child[step][lane], parent = answer.parent[step][lane];
-        steps[index(step)] = {static_cast<double>(answer.flow[step][lane]), static_cast<std::int16_t>(std::min(child, parent)),
+        steps[index(step)] = {static_cast<double>(answer.flow[step][lane]),
+                              static_cast<std::int16_t>(std::min(child, parent)),
                               static_cast<std::int16_t>(std::max(child, parent) - kFirstSmallColumn), child < parent};
     }
     const auto& [row_bin, col_bin] = batch.problem[lane].bin;
@@ -197,7 +203,8 @@ double EmdSolver::State::by_simplex(const ResidualSide<Mass>& rows, const Residu
     std::array<double, kMostBins> supply, demand;
     std::copy_n(rows.mass.begin(), rows.count, supply.begin());
     std::copy_n(cols.mass.begin(), cols.count, demand.begin());
-    return by_simplex({rows.count, cols.count, supply.data(), demand.data(), rows.bin.data(), cols.bin.data()}, nullptr);
+    return by_simplex({rows.count, cols.count, supply.data(), demand.data(), rows.bin.data(), cols.bin.data()},
+                      nullptr);
 }
 
 double EmdSolver::State::by_simplex(const Transport& problem, const TransportStep* start) {
@@ -220,7 +227,8 @@ void EmdSolver::State::finish() {
 }
 
 Result<EmdSolver> EmdSolver::create(const GroundDistance& ground, Isa isa) {
-    if (!has(isa)) return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
+    if (!has(isa))
+        return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
     return EmdSolver(std::make_unique<State>(ground, isa));
 }
 

@@ -14,9 +14,10 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kBandRows = 8;  // of bounds, shared out
-constexpr int kShare = 32;    // lenslets of a piece of exact solves, shared out
-constexpr double kSqrt8 = 2.8284271247461907;  // two components, each counted twice: the most a gradient can be of the largest cost, rounded up
+constexpr int kBandRows = 8;                   // of bounds, shared out
+constexpr int kShare = 32;                     // lenslets of a piece of exact solves, shared out
+constexpr double kSqrt8 = 2.8284271247461907;  // two components, each counted twice: the most a gradient can be of the
+                                               // largest cost, rounded up
 
 float rounded_down(double value) {
     const auto f = static_cast<float>(value);
@@ -28,7 +29,8 @@ float rounded_up(double value) {
 }
 
 struct Worker {
-    Worker(const Extents& e, const GroundDistance& ground, EmdSolver s) : window(e), bounds(ground), solver(std::move(s)) {}
+    Worker(const Extents& e, const GroundDistance& ground, EmdSolver s)
+        : window(e), bounds(ground), solver(std::move(s)) {}
     RowWindow window;
     EmdBounds bounds;
     EmdSolver solver;
@@ -51,7 +53,9 @@ struct AnytimeEmdMap::State {
     std::vector<std::uint32_t> open;  // a heap once all rows are bounded, the widest first
     int rows_bounded = 0;
 
-    [[nodiscard]] std::size_t at(int m, int n) const { return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m); }
+    [[nodiscard]] std::size_t at(int m, int n) const {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
+    }
     [[nodiscard]] bool narrower(std::uint32_t a, std::uint32_t b) const {
         const float width_a = upper[a] - lower[a], width_b = upper[b] - lower[b];
         return width_a != width_b ? width_a < width_b : a > b;
@@ -118,7 +122,8 @@ void AnytimeEmdMap::State::solve_piece() {
     crew->share_out((count + kShare - 1) / kShare, [&](int worker, int share) {
         const int from = share * kShare;
         solve_share(workers[static_cast<std::size_t>(worker)],
-                    std::span(widest).subspan(static_cast<std::size_t>(from), static_cast<std::size_t>(std::min(kShare, count - from))));
+                    std::span(widest).subspan(static_cast<std::size_t>(from),
+                                              static_cast<std::size_t>(std::min(kShare, count - from))));
     });
 }
 
@@ -127,18 +132,23 @@ void AnytimeEmdMap::State::solve_share(Worker& worker, std::span<const std::uint
     for (std::size_t l = 0; l < lenslets.size(); ++l) {
         const std::size_t k = lenslets[l], columns = static_cast<std::size_t>(extents.m);
         const int m = static_cast<int>(k % columns), n = static_cast<int>(k / columns);
-        const Stencil across = stencil(has_hord(k - 1), has_hord(k + 1)), down = stencil(has_hord(k - columns), has_hord(k + columns));
-        const auto hord = [&](std::size_t place, int column, int row) { return decode_hord(frame, extents, levels, column, row, worker.masses[place]); };
+        const Stencil across = stencil(has_hord(k - 1), has_hord(k + 1)),
+                      down = stencil(has_hord(k - columns), has_hord(k + columns));
+        const auto hord = [&](std::size_t place, int column, int row) {
+            return decode_hord(frame, extents, levels, column, row, worker.masses[place]);
+        };
         EmdGradient& gradient = worker.asked[l];
         gradient = {0, 0, across.weight(), down.weight()};
         worker.solver.submit(hord(0, m + across.before, n), hord(1, m + across.after, n), &gradient.x);
         worker.solver.submit(hord(0, m, n + down.before), hord(1, m, n + down.after), &gradient.y);
     }
     worker.solver.finish();
-    for (std::size_t l = 0; l < lenslets.size(); ++l) lower[lenslets[l]] = upper[lenslets[l]] = static_cast<float>(worker.asked[l].norm());
+    for (std::size_t l = 0; l < lenslets.size(); ++l)
+        lower[lenslets[l]] = upper[lenslets[l]] = static_cast<float>(worker.asked[l].norm());
 }
 
-Result<AnytimeEmdMap> AnytimeEmdMap::create(const Extents& extents, int bits, const LightLevels& levels, const GroundDistance& ground, int threads) {
+Result<AnytimeEmdMap> AnytimeEmdMap::create(const Extents& extents, int bits, const LightLevels& levels,
+                                            const GroundDistance& ground, int threads) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bins(ground, extents); !fine) return tl::unexpected(fine.error());

@@ -17,7 +17,8 @@ double norm(double x, double y) { return std::sqrt(x * x + y * y); }
 }  // namespace
 
 EmdBounds::EmdBounds(const GroundDistance& ground)
-    : ground_(ground), x_(ground.directions(), 1.0, 0.0), y_(ground.directions(), 0.0, 1.0), margin_(ground.largest() * kMargin) {
+    : ground_(ground), x_(ground.directions(), 1.0, 0.0), y_(ground.directions(), 0.0, 1.0),
+      margin_(ground.largest() * kMargin) {
     const auto bins = static_cast<std::size_t>(ground.bins());
     for (const Order order : {Order::by_lines, Order::by_columns}) {
         auto& [bin_at, place_of, as_numbered] = orders_[static_cast<std::size_t>(order)];
@@ -25,7 +26,8 @@ EmdBounds::EmdBounds(const GroundDistance& ground)
         std::iota(bin_at.begin(), bin_at.end(), std::uint8_t{0});
         std::stable_sort(bin_at.begin(), bin_at.end(), [&](std::uint8_t p, std::uint8_t q) {
             const Direction a = ground.directions()[p], b = ground.directions()[q];
-            return order == Order::by_lines ? std::pair(a.y, a.x) < std::pair(b.y, b.x) : std::pair(a.x, a.y) < std::pair(b.x, b.y);
+            return order == Order::by_lines ? std::pair(a.y, a.x) < std::pair(b.y, b.x)
+                                            : std::pair(a.x, a.y) < std::pair(b.x, b.y);
         });
         place_of.resize(bins);
         for (std::size_t at = 0; at < bins; ++at) place_of[bin_at[at]] = static_cast<std::uint8_t>(at);
@@ -56,11 +58,15 @@ double EmdBounds::lower() const {
     if (difference_.count == 0 || ground_.threshold() != GroundDistance::kNoThreshold) return 0;
     const double x = x_.distance(difference_) / unit_;
     const double y = y_.distance(difference_) / unit_;
-    const double least = ground_.norm() == GroundNorm::euclidean ? norm(x, y) : ground_.norm() == GroundNorm::manhattan ? x + y : x * x + y * y;
+    const double least = ground_.norm() == GroundNorm::euclidean ? norm(x, y)
+        : ground_.norm() == GroundNorm::manhattan                ? x + y
+                                                                 : x * x + y * y;
     return std::max(0.0, least - margin_);
 }
 
-double EmdBounds::upper_by_mass() const { return not_shared_ == 0 ? 0 : static_cast<double>(not_shared_) / unit_ * ground_.largest() + margin_; }
+double EmdBounds::upper_by_mass() const {
+    return not_shared_ == 0 ? 0 : static_cast<double>(not_shared_) / unit_ * ground_.largest() + margin_;
+}
 
 double EmdBounds::upper(Order order) const {
     return difference_.count == 0 ? 0 : plan_in_order(orders_[static_cast<std::size_t>(order)]) / unit_ + margin_;
@@ -126,7 +132,8 @@ bool EmdDecider::exceeds(const Hord& a, const Hord& b, double limit) {
     return solver_.distance(a, b) > limit;
 }
 
-bool EmdDecider::gradient_exceeds(const Hord& left, const Hord& right, const Hord& above, const Hord& below, double limit) {
+bool EmdDecider::gradient_exceeds(const Hord& left, const Hord& right, const Hord& above, const Hord& below,
+                                  double limit) {
     Bracket x = bounds_(left, right);
     Bracket y = bounds_(above, below);
     for (int solved = 0;; ++solved) {
@@ -150,7 +157,8 @@ AnytimeEmd::AnytimeEmd(const GroundDistance& ground, EmdSolver solver, std::size
 
 Result<AnytimeEmd> AnytimeEmd::create(const GroundDistance& ground, std::size_t most_pairs) {
     if (most_pairs > std::numeric_limits<std::uint32_t>::max()) {
-        return fail(ErrorCode::invalid_argument, "room for " + std::to_string(most_pairs) + " pairs", "use less than 2^32");
+        return fail(ErrorCode::invalid_argument, "room for " + std::to_string(most_pairs) + " pairs",
+                    "use less than 2^32");
     }
     auto solver = EmdSolver::create(ground);
     if (!solver) return tl::unexpected(solver.error());

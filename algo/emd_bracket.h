@@ -1,8 +1,10 @@
 // Decide without computing everything: brackets of the earth mover's distance, and exact solves only where they matter.
 //
-//   lower   from W1 of the two marginals (Jensen): sqrt(x^2 + y^2) for the Euclidean ground, x + y for Manhattan, x^2 + y^2 for
+//   lower   from W1 of the two marginals (Jensen): sqrt(x^2 + y^2) for the Euclidean ground, x + y for Manhattan, x^2 +
+//   y^2 for
 //           squared Euclidean; 0 where the ground is cut off at a threshold.
-//   upper   what is not shared, times the largest cost: nearly for nothing, and enough where neighbours agree. Else the cheaper of two plans that
+//   upper   what is not shared, times the largest cost: nearly for nothing, and enough where neighbours agree. Else the
+//   cheaper of two plans that
 //           move it in order: line by line, and column by column.
 // Both are widened by 2^-35 of the largest cost, so that they hold the very value EmdSolver returns, rounding included:
 // decisions are the same as from exact distances, for every pair. Formats and ranges are those of emd.h.
@@ -32,8 +34,8 @@ class EmdBounds {
   public:
     explicit EmdBounds(const GroundDistance& ground);
 
-    // What the bounds are of, one by one: but for upper_by_mass() each costs as much as a small exact solve side by side, and often one is
-    // enough. All are 0 when either HORD is dark.
+    // What the bounds are of, one by one: but for upper_by_mass() each costs as much as a small exact solve side by
+    // side, and often one is enough. All are 0 when either HORD is dark.
     void take(const Hord& a, const Hord& b);
     [[nodiscard]] double lower() const;
     [[nodiscard]] double upper_by_mass() const;
@@ -54,7 +56,7 @@ class EmdBounds {
     Projection x_, y_;
     Places orders_[2];
     Difference difference_;
-    double unit_ = 1;  // S_a * S_b
+    double unit_ = 1;              // S_a * S_b
     std::int64_t not_shared_ = 0;  // < 2^48
     double margin_;
 };
@@ -66,7 +68,8 @@ class EmdDecider {
 
     [[nodiscard]] bool exceeds(const Hord& a, const Hord& b, double limit);
     // The same for a gradient's norm: sqrt(EMD(left, right)^2 + EMD(above, below)^2) > limit.
-    [[nodiscard]] bool gradient_exceeds(const Hord& left, const Hord& right, const Hord& above, const Hord& below, double limit);
+    [[nodiscard]] bool gradient_exceeds(const Hord& left, const Hord& right, const Hord& above, const Hord& below,
+                                        double limit);
 
     [[nodiscard]] std::uint64_t solved() const { return solver_.work().pairs; }
 
@@ -76,8 +79,8 @@ class EmdDecider {
     EmdSolver solver_;
 };
 
-// As good as the time allows: a bracket for every pair at once, then the widest ones solved until a deadline. Whoever judges by
-// `upper` never misses what the exact distance would have found, whenever the deadline came.
+// As good as the time allows: a bracket for every pair at once, then the widest ones solved until a deadline. Whoever
+// judges by `upper` never misses what the exact distance would have found, whenever the deadline came.
 class AnytimeEmd {
   public:
     // Room for so many pairs; nothing is allocated later.

@@ -17,7 +17,8 @@ constexpr int kBandRows = 16;  // decided together; as many rows of undecided pa
 
 struct Worker {
     Worker(const Extents& e, const GroundDistance& ground, EmdSolver s)
-        : window(e), reference(e), across(ground), down(ground), solver(std::move(s)), asked(static_cast<std::size_t>(kBandRows * e.m)), open(asked.size()) {}
+        : window(e), reference(e), across(ground), down(ground), solver(std::move(s)),
+          asked(static_cast<std::size_t>(kBandRows * e.m)), open(asked.size()) {}
     RowWindow window;
     HordRow reference;
     EmdBounds across, down;  // of a lenslet; against a reference the first alone
@@ -39,7 +40,9 @@ struct EmdDecisions::State {
     std::vector<std::uint8_t> reached, mask;
     float limit = 0;
 
-    [[nodiscard]] std::size_t at(int m, int n) const { return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m); }
+    [[nodiscard]] std::size_t at(int m, int n) const {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
+    }
 
     template <class Band>
     DecisionMap in_bands(float the_limit, Band compute);
@@ -70,14 +73,17 @@ DecisionMap EmdDecisions::State::in_bands(float the_limit, Band compute) {
 EmdGradient* EmdDecisions::State::decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y) {
     using Order = EmdBounds::Order;
     const EmdBounds &across = worker.across, &down = worker.down;
-    const auto is_below = [&](double x, double y) { return static_cast<float>(EmdGradient{x, y, weight_x, weight_y}.norm()) < limit; };
+    const auto is_below = [&](double x, double y) {
+        return static_cast<float>(EmdGradient{x, y, weight_x, weight_y}.norm()) < limit;
+    };
     reached[k] = 0;
     if (is_below(across.upper_by_mass(), down.upper_by_mass())) return nullptr;
     const double most_x = across.upper(Order::by_lines), most_y = down.upper(Order::by_lines);
     if (is_below(most_x, most_y)) return nullptr;
     reached[k] = is_below(across.lower(), down.lower()) ? 0 : 1;
     if (reached[k] != 0) return nullptr;
-    if (is_below(std::min(most_x, across.upper(Order::by_columns)), std::min(most_y, down.upper(Order::by_columns)))) return nullptr;
+    if (is_below(std::min(most_x, across.upper(Order::by_columns)), std::min(most_y, down.upper(Order::by_columns))))
+        return nullptr;
     worker.open[worker.undecided] = k;
     EmdGradient& asked = worker.asked[worker.undecided++];
     asked = {0, 0, weight_x, weight_y};
@@ -86,7 +92,8 @@ EmdGradient* EmdDecisions::State::decide_by_bounds(Worker& worker, std::size_t k
 
 void EmdDecisions::State::decide_open(Worker& worker) {
     worker.solver.finish();
-    for (std::size_t u = 0; u < worker.undecided; ++u) reached[worker.open[u]] = static_cast<float>(worker.asked[u].norm()) >= limit ? 1 : 0;
+    for (std::size_t u = 0; u < worker.undecided; ++u)
+        reached[worker.open[u]] = static_cast<float>(worker.asked[u].norm()) >= limit ? 1 : 0;
     worker.undecided = 0;
 }
 
@@ -113,14 +120,16 @@ void EmdDecisions::State::decide_band(Worker& worker, const FrameView& frame, in
     });
 }
 
-void EmdDecisions::State::decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference, int first, int last) {
+void EmdDecisions::State::decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference,
+                                              int first, int last) {
     worker.down.take({}, {});
     for (int n = first; n < last; ++n) {
         const HordRow& row = worker.window.decode(frame, levels, n);
         decode_row(reference, extents, levels, n, worker.reference);
         for (int m = 0; m < extents.m; ++m) {
             const std::size_t k = at(m, n);
-            mask[k] = static_cast<std::uint8_t>(row.mask()[static_cast<std::size_t>(m)] | (worker.reference.has_hord(m) ? kValid : kBorder));
+            mask[k] = static_cast<std::uint8_t>(row.mask()[static_cast<std::size_t>(m)] |
+                                                (worker.reference.has_hord(m) ? kValid : kBorder));
             reached[k] = 0;
             if ((mask[k] & kNoGradient) != 0) continue;
             const Hord here = row.hord(m), wanted = worker.reference.hord(m);
@@ -134,7 +143,8 @@ void EmdDecisions::State::decide_band_against(Worker& worker, const FrameView& f
     }
 }
 
-Result<EmdDecisions> EmdDecisions::create(const Extents& extents, int bits, const LightLevels& levels, const GroundDistance& ground, int threads) {
+Result<EmdDecisions> EmdDecisions::create(const Extents& extents, int bits, const LightLevels& levels,
+                                          const GroundDistance& ground, int threads) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bins(ground, extents); !fine) return tl::unexpected(fine.error());
@@ -158,7 +168,9 @@ Result<EmdDecisions> EmdDecisions::create(const Extents& extents, int bits, cons
 Result<DecisionMap> EmdDecisions::decide(const FrameView& frame, float limit) {
     State& s = *state_;
     if (auto fine = check_frame(frame, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
-    if (std::isnan(limit)) return fail(ErrorCode::invalid_argument, "a limit that is not a number", "give one in the ground distance's unit");
+    if (std::isnan(limit))
+        return fail(ErrorCode::invalid_argument, "a limit that is not a number",
+                    "give one in the ground distance's unit");
     return s.in_bands(limit, [&](Worker& worker, int first, int last) { s.decide_band(worker, frame, first, last); });
 }
 
@@ -167,8 +179,12 @@ Result<DecisionMap> EmdDecisions::decide_against(const FrameView& frame, const F
     for (const FrameView& view : {frame, reference}) {
         if (auto fine = check_frame(view, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
     }
-    if (std::isnan(limit)) return fail(ErrorCode::invalid_argument, "a limit that is not a number", "give one in the ground distance's unit");
-    return s.in_bands(limit, [&](Worker& worker, int first, int last) { s.decide_band_against(worker, frame, reference, first, last); });
+    if (std::isnan(limit))
+        return fail(ErrorCode::invalid_argument, "a limit that is not a number",
+                    "give one in the ground distance's unit");
+    return s.in_bands(limit, [&](Worker& worker, int first, int last) {
+        s.decide_band_against(worker, frame, reference, first, last);
+    });
 }
 
 EmdDecisions::EmdDecisions(std::unique_ptr<State> state) : state_(std::move(state)) {}

@@ -9,7 +9,8 @@ namespace hord::algo {
 namespace {
 
 constexpr int kCols = kFewBins - 1;  // without a row there is nothing to move
-// Of a key, as many as in emd_small.cpp, and columns in the same order: so that columns of as much gain are served in the same order, too, to the same bits.
+// Of a key, as many as in emd_small.cpp, and columns in the same order: so that columns of as much gain are served in
+// the same order, too, to the same bits.
 constexpr std::int32_t kColumnBits = 0xFF;
 
 // Always inlined, so that it is compiled for the instruction set of its caller.
@@ -48,7 +49,8 @@ struct Few {
         }
     }
 
-    // All bits where rows are what has too little, as Residual::rows() says: where that has fewer bins; of equals the one that comes first.
+    // All bits where rows are what has too little, as Residual::rows() says: where that has fewer bins; of equals the
+    // one that comes first.
     HORD_ALWAYS_INLINE Ints less_are_rows() const {
         const Ints none = Ints::all(0);
         Ints bins_more = none, first = none;
@@ -107,7 +109,8 @@ struct Few {
             float rough[kWide];
             gain[j].to(exact);
             for (int l = 0; l < kWide; ++l) rough[l] = static_cast<float>(exact[l]);
-            key[j] = ((Floats::at(rough).template bits_as<std::int32_t>() & Ints::all(~kColumnBits)) | Ints::all(j)).template bits_as<float>();
+            key[j] = ((Floats::at(rough).template bits_as<std::int32_t>() & Ints::all(~kColumnBits)) | Ints::all(j))
+                         .template bits_as<float>();
             before[j] = Ints::all(0);
         }
 #pragma GCC unroll 4
@@ -160,7 +163,8 @@ HORD_ALWAYS_INLINE void solve(const FewBatch& batch, const SmallCosts& costs, Fe
     few.answer(answer);
 }
 
-HORD_FOR_EACH_ISA(few_for, void, solve, (const FewBatch& batch, const SmallCosts& costs, FewAnswer& answer), (batch, costs, answer))
+HORD_FOR_EACH_ISA(few_for, void, solve, (const FewBatch& batch, const SmallCosts& costs, FewAnswer& answer),
+                  (batch, costs, answer))
 
 }  // namespace
 

@@ -75,7 +75,8 @@ struct Batch {
     }
 
     // Of two columns the one of lower key comes first; its mass is added to what is before the other.
-    HORD_ALWAYS_INLINE static void add_before(const float* key_a, const float* key_b, const Mass* mass_a, const Mass* mass_b, Mass* before_a, Mass* before_b) {
+    HORD_ALWAYS_INLINE static void add_before(const float* key_a, const float* key_b, const Mass* mass_a,
+                                              const Mass* mass_b, Mass* before_a, Mass* before_b) {
         std::int32_t a_first[kWide];
         Floats::at(key_a).below(Floats::at(key_b)).to(a_first);
         if constexpr (sizeof(Mass) == sizeof(std::int32_t)) {
@@ -88,8 +89,8 @@ struct Batch {
         }
     }
 
-    // Two rows: how much of each column comes from the first. Keys order columns roughly: the plan is proven where no column that the first
-    // row serves gains less by it than one that the second serves.
+    // Two rows: how much of each column comes from the first. Keys order columns roughly: the plan is proven where no
+    // column that the first row serves gains less by it than one that the second serves.
     HORD_ALWAYS_INLINE void knapsack() {
         for (int j = 0; j < cols; ++j) {
             float gain[kWide];
@@ -99,10 +100,12 @@ struct Batch {
         // Of each column, what those before it want; of two keys, which no two columns share, one is the lower.
         Mass before[kSmallSide][kWide] = {}, taken[kSmallSide][kWide];
         for (int j = 0; j < cols; ++j) {
-            for (int k = 0; k < j; ++k) add_before(key[j], key[k], mass[column(j)], mass[column(k)], before[j], before[k]);
+            for (int k = 0; k < j; ++k)
+                add_before(key[j], key[k], mass[column(j)], mass[column(k)], before[j], before[k]);
         }
         for (int j = 0; j < cols; ++j) {
-            for (int l = 0; l < kWide; ++l) taken[j][l] = lower(higher(mass[0][l] - before[j][l], Mass{0}), mass[column(j)][l]);
+            for (int l = 0; l < kWide; ++l)
+                taken[j][l] = lower(higher(mass[0][l] - before[j][l], Mass{0}), mass[column(j)][l]);
         }
         double sum[kWide] = {};
         double most_served[kWide], least_left[kWide];  // cost by the first row, less that by the second
@@ -117,7 +120,7 @@ struct Batch {
             }
             for (int l = 0; l < kWide; ++l) {
                 sum[l] += static_cast<double>(taken[j][l]) * cost[cell(0, j)][l] +
-                          static_cast<double>(mass[column(j)][l] - taken[j][l]) * cost[cell(1, j)][l];
+                    static_cast<double>(mass[column(j)][l] - taken[j][l]) * cost[cell(1, j)][l];
             }
         }
         for (int l = 0; l < kWide; ++l) answer.cost[l] = sum[l];
@@ -156,7 +159,8 @@ struct Batch {
         }
         for (int i = 0; i < rows; ++i) {
             const Floats mean_row = Floats::at(mean[i]);
-            for (int j = 0; j < cols; ++j) set_key(cell(i, j), Floats::at(key[cell(i, j)]) - mean_row - Floats::at(mean[column(j)]));
+            for (int j = 0; j < cols; ++j)
+                set_key(cell(i, j), Floats::at(key[cell(i, j)]) - mean_row - Floats::at(mean[column(j)]));
         }
     }
 
@@ -165,13 +169,15 @@ struct Batch {
         Floats in_all = Floats::all(kClosed);
         for (int i = 0; i < rows; ++i) {
             Floats in_row = Floats::all(kClosed);
-            for (int j = 0; j < cols; ++j) in_row = lower(in_row, Floats::at(key[cell(i, j)]) + Floats::at(closed[column(j)]));
+            for (int j = 0; j < cols; ++j)
+                in_row = lower(in_row, Floats::at(key[cell(i, j)]) + Floats::at(closed[column(j)]));
             in_all = lower(in_all, in_row + Floats::at(closed[i]));
         }
         return in_all.template bits_as<std::int32_t>() & Ints::all(kCellBits);
     }
 
-    // The plan: every step uses up one row or one column (of a tie the column, unless it is the last), which then hangs from the other.
+    // The plan: every step uses up one row or one column (of a tie the column, unless it is the last), which then hangs
+    // from the other.
     HORD_ALWAYS_INLINE void serve(std::int32_t (*served)[kWide]) {
         float closed[kSmallNodes][kWide];  // 0, or kClosed once it is used up
         Mass left[kSmallNodes][kWide];
@@ -209,7 +215,8 @@ struct Batch {
         }
     }
 
-    HORD_ALWAYS_INLINE void serve_lanes(int step, Ints cells, std::int32_t (*left)[kWide], float (*closed)[kWide], std::int32_t* open_cols) {
+    HORD_ALWAYS_INLINE void serve_lanes(int step, Ints cells, std::int32_t (*left)[kWide], float (*closed)[kWide],
+                                        std::int32_t* open_cols) {
         const Ints row = cells >> 4;
         const Ints col = (cells & Ints::all(kFirstSmallColumn - 1)) + Ints::all(kFirstSmallColumn);
         Ints in_row = Ints::all(0), in_col = Ints::all(0);
@@ -241,7 +248,9 @@ struct Batch {
         for (int l = 0; l < kWide; ++l) dual[answer.parent[steps - 1][l]][l] = 0;
         for (int step = steps - 1; step >= 0; --step) {
             std::uint32_t child[kWide], parent[kWide], by[kWide];  // where a lane's are, from the first on
-            const auto place = [](const std::int32_t* of) __attribute__((always_inline)) { return ((Ints::at(of) << 4) + Ints::numbers()).template bits_as<std::uint32_t>(); };
+            const auto place = [](const std::int32_t* of) __attribute__((always_inline)) {
+                return ((Ints::at(of) << 4) + Ints::numbers()).template bits_as<std::uint32_t>();
+            };
             static_assert(kWide == 1 << 4);
             place(answer.child[step]).to(child);
             place(answer.parent[step]).to(parent);
@@ -251,7 +260,8 @@ struct Batch {
         Doubles least = Doubles::all(0), sum = Doubles::all(0);
         for (int i = 0; i < rows; ++i) {
             const Doubles of_row = Doubles::at(dual[i]);
-            for (int j = 0; j < cols; ++j) least = lower(least, Doubles::at(cost[cell(i, j)]) - of_row - Doubles::at(dual[column(j)]));
+            for (int j = 0; j < cols; ++j)
+                least = lower(least, Doubles::at(cost[cell(i, j)]) - of_row - Doubles::at(dual[column(j)]));
             sum = sum + masses(i) * of_row;
         }
         for (int j = 0; j < cols; ++j) sum = sum + masses(column(j)) * Doubles::at(dual[column(j)]);
@@ -266,7 +276,8 @@ struct Batch {
         if (rows == 1) return from_one();
         if (rows > 2) return by_least_cost();
         knapsack();
-        // What it did not prove is planned like the others, so that the simplex has steps to go on from; what it proved stays.
+        // What it did not prove is planned like the others, so that the simplex has steps to go on from; what it proved
+        // stays.
         double proven_cost[kWide];
         bool proven[kWide], all = true;
         for (int l = 0; l < kWide; ++l) proven_cost[l] = answer.cost[l];
@@ -291,23 +302,32 @@ HORD_ALWAYS_INLINE void solve_batch(const SmallBatch<Mass>& batch, const SmallCo
     Batch<Bytes, Mass>(batch, costs, answer).solve();
 }
 template <int Bytes>
-HORD_ALWAYS_INLINE void solve_ints(const SmallBatch<std::int32_t>& batch, const SmallCosts& costs, SmallAnswer<std::int32_t>& answer) {
+HORD_ALWAYS_INLINE void solve_ints(const SmallBatch<std::int32_t>& batch, const SmallCosts& costs,
+                                   SmallAnswer<std::int32_t>& answer) {
     solve_batch<Bytes>(batch, costs, answer);
 }
 template <int Bytes>
-HORD_ALWAYS_INLINE void solve_doubles(const SmallBatch<double>& batch, const SmallCosts& costs, SmallAnswer<double>& answer) {
+HORD_ALWAYS_INLINE void solve_doubles(const SmallBatch<double>& batch, const SmallCosts& costs,
+                                      SmallAnswer<double>& answer) {
     solve_batch<Bytes>(batch, costs, answer);
 }
 
-HORD_FOR_EACH_ISA(ints_for, void, solve_ints, (const SmallBatch<std::int32_t>& batch, const SmallCosts& costs, SmallAnswer<std::int32_t>& answer),
+HORD_FOR_EACH_ISA(ints_for, void, solve_ints,
+                  (const SmallBatch<std::int32_t>& batch, const SmallCosts& costs, SmallAnswer<std::int32_t>& answer),
                   (batch, costs, answer))
-HORD_FOR_EACH_ISA(doubles_for, void, solve_doubles, (const SmallBatch<double>& batch, const SmallCosts& costs, SmallAnswer<double>& answer), (batch, costs, answer))
+HORD_FOR_EACH_ISA(doubles_for, void, solve_doubles,
+                  (const SmallBatch<double>& batch, const SmallCosts& costs, SmallAnswer<double>& answer),
+                  (batch, costs, answer))
 
 }  // namespace
 
 template <>
-SolveSmall<std::int32_t> solve_small(Isa isa) { return ints_for(isa); }
+SolveSmall<std::int32_t> solve_small(Isa isa) {
+    return ints_for(isa);
+}
 template <>
-SolveSmall<double> solve_small(Isa isa) { return doubles_for(isa); }
+SolveSmall<double> solve_small(Isa isa) {
+    return doubles_for(isa);
+}
 
 }  // namespace hord::algo

@@ -3,15 +3,17 @@
 // All problems of a batch have the same number of rows and columns, so that they take the same steps, a lane each.
 //
 //   one row     all it has goes to, or comes from, the columns.
-//   two rows    a fractional knapsack: the columns that gain most from the first row take from it until it is used up: each what those before
+//   two rows    a fractional knapsack: the columns that gain most from the first row take from it until it is used up:
+//   each what those before
 //               it leave. Keys order columns roughly; where that is not enough to prove the plan, as with more rows.
-//   more rows   the plan that least reduced costs give (as in transport_simplex.h), and its duals; where a cell could still
+//   more rows   the plan that least reduced costs give (as in transport_simplex.h), and its duals; where a cell could
+//   still
 //               lower the cost, `proven` is false: the simplex goes on from the steps of this plan.
 //
 // Formats, ranges and error bound are those of emd.h. Masses are std::int32_t where those on either side add up to less
-// than 2^31 (8-bit frames of 9x9 bins do), else doubles: the same integers, and the same results. Keys that only choose an
-// order are floats, whose 8 low bits are replaced by the cell's number. Every instruction set does the same operations in the same
-// order for each problem: one result, to the last bit, whichever problems are its neighbours.
+// than 2^31 (8-bit frames of 9x9 bins do), else doubles: the same integers, and the same results. Keys that only choose
+// an order are floats, whose 8 low bits are replaced by the cell's number. Every instruction set does the same
+// operations in the same order for each problem: one result, to the last bit, whichever problems are its neighbours.
 #pragma once
 
 #include <algorithm>
@@ -33,7 +35,8 @@ constexpr int kFirstSmallColumn = 16;
 constexpr int kSmallNodes = kFirstSmallColumn + kSmallSide;
 constexpr int kMostSmallSteps = 2 * kSmallSide - 1;
 
-// Rows, then columns; masses are positive, and those of either add up to the same. Light ones take two cache lines, of which nothing is left over.
+// Rows, then columns; masses are positive, and those of either add up to the same. Light ones take two cache lines, of
+// which nothing is left over.
 template <class Mass>
 struct alignas(kAlignment) SmallProblem {
     Mass mass[2][kSmallSide];
@@ -46,7 +49,7 @@ static_assert(sizeof(SmallProblem<std::int32_t>) == 2 * kAlignment);
 template <class Mass>
 struct SmallBatch {
     int rows = 0, cols = 0;  // 1 <= rows <= cols <= kSmallSide
-    int filled = 0;          // problems; those after them must be problems, too: what is computed of them is not looked at
+    int filled = 0;  // problems; those after them must be problems, too: what is computed of them is not looked at
     SmallProblem<Mass> problem[kWide];
 };
 
@@ -74,7 +77,8 @@ struct SmallBatches {
         return taken;
     }
 
-    alignas(kAlignment) std::array<std::uint8_t, kShapes> filled{};  // of each batch: three cache lines, which every pair needs
+    alignas(kAlignment)
+        std::array<std::uint8_t, kShapes> filled{};  // of each batch: three cache lines, which every pair needs
     AlignedVector<SmallBatch<Mass>> batch;
 };
 

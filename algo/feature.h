@@ -1,7 +1,8 @@
 // What can be computed for every lenslet, and the names people use for it.
 //
-// A distance says how much two HORDs disagree: over neighbours it is a gradient, and against a reference HORD of the same
-// place it is that distance itself (`reference-` before its name). The others are features of one lenslet's surroundings.
+// A distance says how much two HORDs disagree: over neighbours it is a gradient, and against a reference HORD of the
+// same place it is that distance itself (`reference-` before its name). The others are features of one lenslet's
+// surroundings.
 #pragma once
 
 #include <array>
@@ -25,13 +26,14 @@ enum class Feature : std::uint8_t {
     jacobian_frobenius,  // of the mean deflection; bin pitches a lenslet
     jacobian_spectral,
     jacobian_nuclear,
-    anisotropy,          // 0..1
-    transmission,        // 1 is the part's typical lenslet
+    anisotropy,    // 0..1
+    transmission,  // 1 is the part's typical lenslet
 };
 
 inline constexpr std::array<std::string_view, 14> kFeatureNames = {
-    "emd",     "emd-l1", "emd-sq", "centroid", "marginal", "sliced", "bhattacharyya", "hellinger",
-    "chi2",    "jacobian-frobenius", "jacobian-spectral", "jacobian-nuclear", "anisotropy", "transmission"};
+    "emd",           "emd-l1",      "emd-sq", "centroid",           "marginal",          "sliced",
+    "bhattacharyya", "hellinger",   "chi2",   "jacobian-frobenius", "jacobian-spectral", "jacobian-nuclear",
+    "anisotropy",    "transmission"};
 
 struct FeatureChoice {
     Feature feature = Feature::emd;
@@ -54,7 +56,8 @@ constexpr std::optional<FeatureChoice> feature_named(std::string_view name) {
     if (against_reference) name.remove_prefix(kReference.size());
     for (std::size_t k = 0; k < kFeatureNames.size(); ++k) {
         const auto feature = static_cast<Feature>(k);
-        if (kFeatureNames[k] == name && (is_distance(feature) || !against_reference)) return FeatureChoice{feature, against_reference};
+        if (kFeatureNames[k] == name && (is_distance(feature) || !against_reference))
+            return FeatureChoice{feature, against_reference};
     }
     return std::nullopt;
 }

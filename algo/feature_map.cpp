@@ -14,8 +14,8 @@
 namespace hord::algo {
 namespace {
 
-// Rows a band has pair by pair; it decodes one row more at either end. The distances of a band are asked for before they are finished, so that
-// the solver finds many small problems alike.
+// Rows a band has pair by pair; it decodes one row more at either end. The distances of a band are asked for before
+// they are finished, so that the solver finds many small problems alike.
 constexpr int kBandRows = 16;
 
 // A worker has one or the other: most of what is cheap goes by planes, the rest pair by pair.
@@ -24,7 +24,9 @@ struct Worker {
     Worker(const Extents& e, Feature feature, Isa isa) : by_planes(std::make_unique<PlaneFeature>(e, feature, isa)) {}
 
     struct ByPairs {
-        ByPairs(const Extents& e, Distance d, Isa an_isa) : isa(an_isa), distance(std::move(d)), window(e, distance.close_up(), isa), reference(e), asked(static_cast<std::size_t>(kBandRows * e.m)) {}
+        ByPairs(const Extents& e, Distance d, Isa an_isa)
+            : isa(an_isa), distance(std::move(d)), window(e, distance.close_up(), isa), reference(e),
+              asked(static_cast<std::size_t>(kBandRows * e.m)) {}
         Isa isa;
         Distance distance;
         RowWindow window;
@@ -56,18 +58,22 @@ struct FeatureMapper::State {
     std::vector<float> values;
     std::vector<std::uint8_t> mask;
 
-    [[nodiscard]] std::size_t at(int m, int n) const { return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m); }
+    [[nodiscard]] std::size_t at(int m, int n) const {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
+    }
 
     template <class Band>
     FeatureMap in_bands(Band compute);
     void finish(Worker::ByPairs& worker, int first, int last);
     void neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last, bool goes_on);
     template <class ReferenceRow>
-    void reference_band(Worker::ByPairs& worker, const FrameView& frame, ReferenceRow reference_row, int first, int last);
+    void reference_band(Worker::ByPairs& worker, const FrameView& frame, ReferenceRow reference_row, int first,
+                        int last);
     [[nodiscard]] Result<void> check_reference() const;
 };
 
-// Shares the rows out: compute(worker, first row, row after the last, whether they follow the worker's rows before). The result does not depend on how.
+// Shares the rows out: compute(worker, first row, row after the last, whether they follow the worker's rows before).
+// The result does not depend on how.
 template <class Band>
 FeatureMap FeatureMapper::State::in_bands(Band compute) {
     for (Worker& worker : workers) {
@@ -96,7 +102,8 @@ void FeatureMapper::State::finish(Worker::ByPairs& worker, int first, int last) 
     }
 }
 
-void FeatureMapper::State::neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last, bool goes_on) {
+void FeatureMapper::State::neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last,
+                                           bool goes_on) {
     RowWindow& window = worker.window;
     window.stream(frame, levels, first, last, goes_on, [&](int n) {
         for (int m = 0; m < extents.m; ++m) {
@@ -119,7 +126,8 @@ void FeatureMapper::State::neighbours_band(Worker::ByPairs& worker, const FrameV
 
 // reference_row(n) returns a function that gives the reference's HORD in column m.
 template <class ReferenceRow>
-void FeatureMapper::State::reference_band(Worker::ByPairs& worker, const FrameView& frame, ReferenceRow reference_row, int first, int last) {
+void FeatureMapper::State::reference_band(Worker::ByPairs& worker, const FrameView& frame, ReferenceRow reference_row,
+                                          int first, int last) {
     for (int n = first; n < last; ++n) {
         const HordRow& row = worker.window.decode(frame, levels, n);
         const auto reference = reference_row(n);
@@ -139,16 +147,20 @@ void FeatureMapper::State::reference_band(Worker::ByPairs& worker, const FrameVi
 
 Result<void> FeatureMapper::State::check_reference() const {
     if (is_distance(feature)) return {};
-    return fail(ErrorCode::invalid_argument, std::string(name_of(feature)) + " compares neighbours", "give a distance to compare with a reference");
+    return fail(ErrorCode::invalid_argument, std::string(name_of(feature)) + " compares neighbours",
+                "give a distance to compare with a reference");
 }
 
-Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, const LightLevels& levels, Feature feature, const Options& options) {
+Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, const LightLevels& levels,
+                                            Feature feature, const Options& options) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
     if (feature == Feature::transmission) {
-        return fail(ErrorCode::invalid_argument, "transmission compares a lenslet with the whole part", "take it from an inspection");
+        return fail(ErrorCode::invalid_argument, "transmission compares a lenslet with the whole part",
+                    "take it from an inspection");
     }
-    if (!has(options.isa)) return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
+    if (!has(options.isa))
+        return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
     auto crew = BandCrew::create(options.threads);
     if (!crew) return tl::unexpected(crew.error());
     auto state = std::make_unique<State>();
@@ -157,7 +169,8 @@ Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, co
     state->levels = levels;
     state->feature = feature;
     state->crew = std::move(*crew);
-    const bool by_planes = PlaneFeature::covers(feature) && (options.distance.directions.empty() || !is_distance(feature));
+    const bool by_planes =
+        PlaneFeature::covers(feature) && (options.distance.directions.empty() || !is_distance(feature));
     for (int worker = 0; worker < options.threads; ++worker) {
         if (by_planes) {
             state->workers.emplace_back(extents, feature, options.isa);
@@ -191,7 +204,8 @@ Result<FeatureMap> FeatureMapper::against(const FrameView& frame, const FrameVie
     }
     if (auto fine = s.check_reference(); !fine) return tl::unexpected(fine.error());
     return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
-        if (worker.by_planes) return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
+        if (worker.by_planes)
+            return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
         const auto decoded = [&](int n) {
             HordRow& row = worker.by_pairs->reference;
             decode_row(reference, s.extents, s.levels, n, row, worker.by_pairs->isa);
@@ -206,11 +220,15 @@ Result<FeatureMap> FeatureMapper::against(const FrameView& frame, std::span<cons
     if (auto fine = check_frame(frame, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
     if (auto fine = s.check_reference(); !fine) return tl::unexpected(fine.error());
     if (reference.size() != s.extents.lenslets()) {
-        return fail(ErrorCode::invalid_argument, std::to_string(reference.size()) + " reference HORDs", "give one a lenslet: " + std::to_string(s.extents.lenslets()));
+        return fail(ErrorCode::invalid_argument, std::to_string(reference.size()) + " reference HORDs",
+                    "give one a lenslet: " + std::to_string(s.extents.lenslets()));
     }
     return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
-        if (worker.by_planes) return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
-        const auto given = [&](int n) { return [row = reference.subspan(s.at(0, n))](int m) { return row[static_cast<std::size_t>(m)]; }; };
+        if (worker.by_planes)
+            return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
+        const auto given = [&](int n) {
+            return [row = reference.subspan(s.at(0, n))](int m) { return row[static_cast<std::size_t>(m)]; };
+        };
         s.reference_band(*worker.by_pairs, frame, given, first, last);
     });
 }

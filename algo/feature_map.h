@@ -1,15 +1,16 @@
 // One value a lenslet, of any feature that compares: over neighbours, or against a reference of the same place.
 //
-//   over neighbours     a distance: the gradient norm sqrt(x^2 + y^2) of the distances left-right and above-below (algo/gradient.h, with
+//   over neighbours     a distance: the gradient norm sqrt(x^2 + y^2) of the distances left-right and above-below
+//   (algo/gradient.h, with
 //                       the distance chosen); a norm of the Jacobian, or its anisotropy (algo/jacobian.h)
 //   against a reference the distance between the frame's HORD and the reference's at the same place; no border
 //
-// Rows are streamed through three rows of HORDs a thread; nothing is allocated after create(). Values do not depend on the
-// number of threads nor on the instruction set, to the bit. They are never NaN, never infinite, 0 where `mask` says there is no value;
-// its bit kAtLimit flags values that are a limit instead of a distance. emd, emd-l1, emd-sq, sliced and bhattacharyya are floats of the
-// doubles that algo/distance.h defines, and so is every distance on a direction map; the others, 6e-5 at most from those, are
-// made sixteen lenslets at a time (algo/plane_feature.h).
-// Transmission compares a lenslet with the whole part: that is the Pipeline's.
+// Rows are streamed through three rows of HORDs a thread; nothing is allocated after create(). Values do not depend on
+// the number of threads nor on the instruction set, to the bit. They are never NaN, never infinite, 0 where `mask` says
+// there is no value; its bit kAtLimit flags values that are a limit instead of a distance. emd, emd-l1, emd-sq, sliced
+// and bhattacharyya are floats of the doubles that algo/distance.h defines, and so is every distance on a direction
+// map; the others, 6e-5 at most from those, are made sixteen lenslets at a time (algo/plane_feature.h). Transmission
+// compares a lenslet with the whole part: that is the Pipeline's.
 #pragma once
 
 #include <cstdint>
@@ -39,15 +40,16 @@ class FeatureMapper {
         Isa isa = best_isa();             // the widest instruction set to use; the values are the same to the last bit
     };
 
-    // Fails with invalid_argument when the feature compares nothing (transmission), or the extents, bits, number of threads or
-    // the ground distance are impossible; with busy when the system gives no thread.
-    static Result<FeatureMapper> create(const Extents& extents, int bits, const LightLevels& levels, Feature feature, const Options& options);
+    // Fails with invalid_argument when the feature compares nothing (transmission), or the extents, bits, number of
+    // threads or the ground distance are impossible; with busy when the system gives no thread.
+    static Result<FeatureMapper> create(const Extents& extents, int bits, const LightLevels& levels, Feature feature,
+                                        const Options& options);
     static Result<FeatureMapper> create(const Extents& extents, int bits, const LightLevels& levels, Feature feature) {
         return create(extents, bits, levels, feature, Options{});
     }
 
-    // The spans in the answer stay valid until the next call. Both fail with invalid_argument when a frame's size or depth is not
-    // what create() was told.
+    // The spans in the answer stay valid until the next call. Both fail with invalid_argument when a frame's size or
+    // depth is not what create() was told.
     Result<FeatureMap> over_neighbours(const FrameView& frame);
 
     // Also fails when the feature is not a distance. A reference as a frame is decoded like the frame itself; as HORDs

@@ -19,8 +19,12 @@ struct FrameView {
 
     [[nodiscard]] int sample_bytes() const { return bits > 8 ? 2 : 1; }
     [[nodiscard]] std::uint32_t full_scale() const { return (1U << bits) - 1U; }
-    [[nodiscard]] const std::uint8_t* row8(int y) const { return reinterpret_cast<const std::uint8_t*>(data + y * stride_bytes); }
-    [[nodiscard]] const std::uint16_t* row16(int y) const { return reinterpret_cast<const std::uint16_t*>(data + y * stride_bytes); }
+    [[nodiscard]] const std::uint8_t* row8(int y) const {
+        return reinterpret_cast<const std::uint8_t*>(data + y * stride_bytes);
+    }
+    [[nodiscard]] const std::uint16_t* row16(int y) const {
+        return reinterpret_cast<const std::uint16_t*>(data + y * stride_bytes);
+    }
     [[nodiscard]] std::uint32_t sample(int x, int y) const { return bits > 8 ? row16(y)[x] : row8(y)[x]; }
 };
 
@@ -33,7 +37,8 @@ class Frame {
           bytes_(static_cast<std::size_t>(width_px) * static_cast<std::size_t>(height_px) * (bits > 8 ? 2U : 1U)) {}
 
     [[nodiscard]] FrameView view() const {
-        return {bytes_.data(), width_px_, height_px_, static_cast<std::ptrdiff_t>(width_px_) * (bits_ > 8 ? 2 : 1), bits_};
+        return {bytes_.data(), width_px_, height_px_, static_cast<std::ptrdiff_t>(width_px_) * (bits_ > 8 ? 2 : 1),
+                bits_};
     }
     [[nodiscard]] int width_px() const { return width_px_; }
     [[nodiscard]] int height_px() const { return height_px_; }

@@ -28,7 +28,9 @@ HORD_ALWAYS_INLINE Eight at_light(const Eight& share, float light, float clip) {
     const Eight seen = light * g - (1.0F - light) * (g < clip ? g : nothing + clip);
     return seen > nothing ? seen : nothing;
 }
-HORD_ALWAYS_INLINE Eight at_light(const EightInts& sum, float light, float clip) { return at_light(__builtin_convertvector(sum, Eight) * 0x1p-29F, light, clip); }
+HORD_ALWAYS_INLINE Eight at_light(const EightInts& sum, float light, float clip) {
+    return at_light(__builtin_convertvector(sum, Eight) * 0x1p-29F, light, clip);
+}
 HORD_ALWAYS_INLINE float total(const Eight& lanes) {
     const auto pair = [&](int k) { return lanes[k] + lanes[k + 4]; };
     return (pair(0) + pair(1)) + (pair(2) + pair(3));
@@ -53,7 +55,9 @@ float gather_portable(const GoldenReader::Taps& taps, GoldenLines lines, float* 
 #if defined(__x86_64__)
 // The same integers, two taps in one multiplication.
 [[gnu::target("avx2")]] float gather_avx2(const GoldenReader::Taps& taps, GoldenLines lines, float* __restrict out) {
-    const auto sixteen = [](const std::uint16_t* from) __attribute__((target("avx2"), always_inline)) { return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from)); };
+    const auto sixteen = [](const std::uint16_t* from) __attribute__((target("avx2"), always_inline)) {
+        return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from));
+    };
     __m256i weights[8];
     for (int t = 0; t < 8; ++t) {
         std::int32_t two;
@@ -68,8 +72,10 @@ float gather_portable(const GoldenReader::Taps& taps, GoldenLines lines, float* 
             even = _mm256_add_epi32(even, _mm256_madd_epi16(_mm256_unpacklo_epi16(a, b), weights[t]));
             odd = _mm256_add_epi32(odd, _mm256_madd_epi16(_mm256_unpackhi_epi16(a, b), weights[t]));
         }
-        const Eight first = at_light(reinterpret_cast<EightInts>(_mm256_permute2x128_si256(even, odd, 0x20)), taps.light, taps.clip);
-        const Eight second = at_light(reinterpret_cast<EightInts>(_mm256_permute2x128_si256(even, odd, 0x31)), taps.light, taps.clip);
+        const Eight first =
+            at_light(reinterpret_cast<EightInts>(_mm256_permute2x128_si256(even, odd, 0x20)), taps.light, taps.clip);
+        const Eight second =
+            at_light(reinterpret_cast<EightInts>(_mm256_permute2x128_si256(even, odd, 0x31)), taps.light, taps.clip);
         store(first, out + k);
         store(second, out + k + kLanes);
         all += first;
@@ -89,7 +95,8 @@ constexpr int floor_of(double v) {
 
 }  // namespace
 
-GoldenReader::GoldenReader(const Reference& reference, Isa isa) : reference_(reference), lit_(reference.extents.lenslets()), gather_(gather_for(isa)) {
+GoldenReader::GoldenReader(const Reference& reference, Isa isa)
+    : reference_(reference), lit_(reference.extents.lenslets()), gather_(gather_for(isa)) {
     const auto stride = reference.stride(), pitch = static_cast<std::size_t>(reference.extents.i + 2);
     for (std::size_t k = 0; k < lit_.size(); ++k) {
         const std::uint16_t* share = reference.shares.data() + k * stride;
@@ -103,17 +110,23 @@ GoldenReader::GoldenReader(const Reference& reference, Isa isa) : reference_(ref
 GoldenReader::Golden GoldenReader::read(double m, double n, double light, float* bins) const {
     const Extents& e = reference_.extents;
     const auto columns = static_cast<std::size_t>(e.m), stride = reference_.stride();
-    const auto index = [&](int x, int y) { return static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x); };
+    const auto index = [&](int x, int y) {
+        return static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x);
+    };
     const int floor_m = floor_of(m), floor_n = floor_of(n);
     Taps taps;
     double sum = 0;
     std::uint8_t mask = 0;
     Golden golden;
-    const auto near = Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & (kOutside | kDark)) == 0; });
+    const auto near = Surroundings::of(
+        m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & (kOutside | kDark)) == 0; });
     // Dark ones nearby: the light alone, evenly.
-    const auto around = near.found ? near : Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & kOutside) == 0; });
+    const auto around = near.found
+        ? near
+        : Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & kOutside) == 0; });
     if (!around.found) return golden;
-    const QuantisedCubic along = quantised(near.found ? around.along : CubicWeights::linear_at(m - floor_m)), across = quantised(near.found ? around.across : CubicWeights::linear_at(n - floor_n));
+    const QuantisedCubic along = quantised(near.found ? around.along : CubicWeights::linear_at(m - floor_m)),
+                         across = quantised(near.found ? around.across : CubicWeights::linear_at(n - floor_n));
     int count = 0;
     for (int r = 0; r < 4; ++r) {
         for (int c = 0; c < 4; ++c) {

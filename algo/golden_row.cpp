@@ -9,7 +9,8 @@ namespace hord::algo {
 
 namespace {
 
-constexpr int kLanes = kGoldenLanes, kSides = GoldenRow::kSides, kAcross = GoldenPlanes::kAcross, kRowsTogether = GoldenPlanes::kRowsTogether;
+constexpr int kLanes = kGoldenLanes, kSides = GoldenRow::kSides, kAcross = GoldenPlanes::kAcross,
+              kRowsTogether = GoldenPlanes::kRowsTogether;
 
 constexpr int floor_of(double v) {
     const int towards_zero = static_cast<int>(v);
@@ -38,7 +39,8 @@ constexpr CubicTable kCubic;
 
 // The bins `bins` of a block's columns where the line crosses them: sums over the rows where `lit`, else nothing.
 template <int Bytes>
-HORD_ALWAYS_INLINE void join(const GoldenRow::Join& from, const BinRect& bins, const BinRect& lit, int bin_columns, float* __restrict out) {
+HORD_ALWAYS_INLINE void join(const GoldenRow::Join& from, const BinRect& bins, const BinRect& lit, int bin_columns,
+                             float* __restrict out) {
     constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
     using Floats = Vector<float, Bytes>;
     const auto clear = [&](int j, int left, int right) {
@@ -56,16 +58,23 @@ HORD_ALWAYS_INLINE void join(const GoldenRow::Join& from, const BinRect& bins, c
         for (int r = 0; r < kRowsTogether; ++r) weights[r] = load<Floats>(from.weights[r] + l);
         for (int j = lit.top; j <= lit.bottom; ++j) {
             const float* at[kRowsTogether];
-            for (int r = 0; r < from.rows; ++r) at[r] = from.from[r] + std::ptrdiff_t{(j - from.stored[r].top) * from.stored[r].columns() + lit.left - from.stored[r].left} * kLanes + l;
+            for (int r = 0; r < from.rows; ++r)
+                at[r] = from.from[r] +
+                    std::ptrdiff_t{(j - from.stored[r].top) * from.stored[r].columns() + lit.left -
+                                   from.stored[r].left} *
+                        kLanes +
+                    l;
             float* to = out + std::ptrdiff_t{j * bin_columns + lit.left} * kSides + l;
             const int end = lit.columns() * kLanes;
             const auto four = [&](int k) __attribute__((always_inline)) {
-                return (weights[0] * load<Floats>(at[0] + k) + weights[1] * load<Floats>(at[1] + k)) + (weights[2] * load<Floats>(at[2] + k) + weights[3] * load<Floats>(at[3] + k));
+                return (weights[0] * load<Floats>(at[0] + k) + weights[1] * load<Floats>(at[1] + k)) +
+                    (weights[2] * load<Floats>(at[2] + k) + weights[3] * load<Floats>(at[3] + k));
             };
             if (from.rows == kAcross) {
                 for (int k = 0; k < end; k += kLanes, to += kSides) store(four(k), to);
             } else {
-                for (int k = 0; k < end; k += kLanes, to += kSides) store(four(k) + weights[4] * load<Floats>(at[4] + k), to);
+                for (int k = 0; k < end; k += kLanes, to += kSides)
+                    store(four(k) + weights[4] * load<Floats>(at[4] + k), to);
             }
         }
     }
@@ -73,14 +82,16 @@ HORD_ALWAYS_INLINE void join(const GoldenRow::Join& from, const BinRect& bins, c
 
 // Between four columns: the share at the part's light. Nothing where the dark level leaves nothing.
 template <int Bytes>
-HORD_ALWAYS_INLINE void interpolate(const GoldenRow::Between& between, int first, const BinRect& bins, const float* light, GoldenRow::Lanes& lanes, float* __restrict out, int pitch) {
+HORD_ALWAYS_INLINE void interpolate(const GoldenRow::Between& between, int first, const BinRect& bins,
+                                    const float* light, GoldenRow::Lanes& lanes, float* __restrict out, int pitch) {
     constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
     using Floats = Vector<float, Bytes>;
     const Floats nothing{};
     Floats weights[kAcross], sum{};
     for (int c = 0; c < kAcross; ++c) weights[c] = load<Floats>(lanes.weights[c] + first);
     const auto along = [&](const float* columns) {
-        return (weights[0] * load<Floats>(columns) + weights[1] * load<Floats>(columns + 1)) + (weights[2] * load<Floats>(columns + 2) + weights[3] * load<Floats>(columns + 3));
+        return (weights[0] * load<Floats>(columns) + weights[1] * load<Floats>(columns + 1)) +
+            (weights[2] * load<Floats>(columns + 2) + weights[3] * load<Floats>(columns + 3));
     };
     const Floats light_dn = along(light + first) * 0x1p-14F;
     store(light_dn, lanes.light + first);
@@ -102,9 +113,12 @@ HORD_ALWAYS_INLINE void interpolate(const GoldenRow::Between& between, int first
     store(sum, lanes.share + first);
 }
 
-HORD_FOR_EACH_ISA(join_for, void, join, (const GoldenRow::Join& from, const BinRect& bins, const BinRect& lit, int bin_columns, float* out), (from, bins, lit, bin_columns, out))
+HORD_FOR_EACH_ISA(join_for, void, join,
+                  (const GoldenRow::Join& from, const BinRect& bins, const BinRect& lit, int bin_columns, float* out),
+                  (from, bins, lit, bin_columns, out))
 HORD_FOR_EACH_ISA(interpolate_for, void, interpolate,
-                  (const GoldenRow::Between& between, int first, const BinRect& bins, const float* light, GoldenRow::Lanes& lanes, float* out, int pitch),
+                  (const GoldenRow::Between& between, int first, const BinRect& bins, const float* light,
+                   GoldenRow::Lanes& lanes, float* out, int pitch),
                   (between, first, bins, light, lanes, out, pitch))
 
 }  // namespace
@@ -113,11 +127,14 @@ QuantisedCubic quantised(const CubicWeights& weights) { return quantised_of(weig
 const QuantisedCubic& cubic_at(double t) { return kCubic.of[static_cast<int>(t * CubicTable::kPlaces + 0.5)]; }
 
 GoldenPlanes::GoldenPlanes(const Reference& reference)
-    : blocks_((reference.extents.m + kLanes - 1) / kLanes), blocks_of_(static_cast<std::size_t>(reference.extents.n) * static_cast<std::size_t>(blocks_)),
+    : blocks_((reference.extents.m + kLanes - 1) / kLanes),
+      blocks_of_(static_cast<std::size_t>(reference.extents.n) * static_cast<std::size_t>(blocks_)),
       light_(blocks_of_.size()) {
     const Extents& e = reference.extents;
     const std::size_t stride = reference.stride();
-    const auto lenslet = [&](int m, int n) { return static_cast<std::size_t>(n) * static_cast<std::size_t>(e.m) + static_cast<std::size_t>(m); };
+    const auto lenslet = [&](int m, int n) {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(e.m) + static_cast<std::size_t>(m);
+    };
     std::vector<BinRect> own(blocks_of_.size());  // of this row alone
     std::vector<std::uint16_t> has_hord(blocks_of_.size());
     for (int n = 0; n < e.n; ++n) {
@@ -133,7 +150,8 @@ GoldenPlanes::GoldenPlanes(const Reference& reference)
                 }
             }
             own[at].cover(lit);
-            if (reference.mask[k] == kValid && !lit.none()) has_hord[at] = static_cast<std::uint16_t>(has_hord[at] | 1U << (m % kLanes));
+            if (reference.mask[k] == kValid && !lit.none())
+                has_hord[at] = static_cast<std::uint16_t>(has_hord[at] | 1U << (m % kLanes));
         }
     }
     const auto last = [&](int n) { return std::min(n + kRowsTogether, e.n); };
@@ -144,7 +162,8 @@ GoldenPlanes::GoldenPlanes(const Reference& reference)
             for (int row = n; row < last(n); ++row) block.lit.cover(own[index(row, b)]);
             block.plain = n + kAcross <= e.n ? 0xFFFF : 0;
             for (int row = n; row < std::min(n + kAcross, e.n); ++row) block.plain &= has_hord[index(row, b)];
-            for (int row = std::max(0, n - kRowsTogether + 1); row <= n; ++row) block.stored.cover(blocks_of_[index(row, b)].lit);
+            for (int row = std::max(0, n - kRowsTogether + 1); row <= n; ++row)
+                block.stored.cover(blocks_of_[index(row, b)].lit);
             block.first = static_cast<std::uint32_t>(vectors);
             vectors += static_cast<std::size_t>(block.stored.columns() * block.stored.rows());
         }
@@ -157,7 +176,9 @@ GoldenPlanes::GoldenPlanes(const Reference& reference)
             const int columns = std::min(kLanes, e.m - b * kLanes);
             for (int j = stored.top; j <= stored.bottom; ++j) {
                 for (int i = stored.left; i <= stored.right; ++i, ++to) {
-                    for (int c = 0; c < columns; ++c) to->of[c] = static_cast<float>(reference.shares[lenslet(b * kLanes + c, n) * stride + reference.place(i, j)]);
+                    for (int c = 0; c < columns; ++c)
+                        to->of[c] = static_cast<float>(
+                            reference.shares[lenslet(b * kLanes + c, n) * stride + reference.place(i, j)]);
                 }
             }
         }
@@ -165,7 +186,8 @@ GoldenPlanes::GoldenPlanes(const Reference& reference)
 }
 
 GoldenRow::GoldenRow(const Reference& reference, const GoldenPlanes& planes, Isa isa)
-    : reference_(reference), planes_(planes), columns_(static_cast<std::size_t>(reference.extents.bins() * 2)), join_(join_for(isa)), interpolate_(interpolate_for(isa)) {}
+    : reference_(reference), planes_(planes), columns_(static_cast<std::size_t>(reference.extents.bins() * 2)),
+      join_(join_for(isa)), interpolate_(interpolate_for(isa)) {}
 
 void GoldenRow::start_row(const PoseMap& pose, int n, double light) {
     const auto first = pose.to_reference(0, n), last = pose.to_reference(reference_.extents.m - 1, n);
@@ -246,7 +268,8 @@ void GoldenRow::move_to(int block) {
 void GoldenRow::interpolate(int first, const BinRect& bins, Lanes& lanes, float* out, int pitch) {
     if (!here_.ready.has(bins)) write(bins, here_, 0);
     if (!next_.ready.has(bins)) write(bins, next_, kLanes);
-    const Between between{columns_.front().of, reference_.extents.i, static_cast<float>(row_light_), reference_.sensor.clip_dn};
+    const Between between{columns_.front().of, reference_.extents.i, static_cast<float>(row_light_),
+                          reference_.sensor.clip_dn};
     interpolate_(between, first, bins, light_, lanes, out, pitch);
 }
 

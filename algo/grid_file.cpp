@@ -69,9 +69,11 @@ std::string parameter_name(GridRung rung, int index) {
         int term = index % half;
         int degree = 0;
         while (term > degree) term -= ++degree;
-        return std::string(index < half ? "x" : "y") + "_u" + std::to_string(degree - term) + "v" + std::to_string(term);
+        return std::string(index < half ? "x" : "y") + "_u" + std::to_string(degree - term) + "v" +
+            std::to_string(term);
     }
-    static constexpr std::array<const char*, 12> kNames{"tx", "ty", "a", "b", "c", "d", "g", "h", "k1", "k2", "cx", "cy"};
+    static constexpr std::array<const char*, 12> kNames{"tx", "ty", "a",  "b",  "c",  "d",
+                                                        "g",  "h",  "k1", "k2", "cx", "cy"};
     return kNames[static_cast<std::size_t>(std::clamp(index, 0, 11))];
 }
 
@@ -123,7 +125,8 @@ LensletGrid::Steps LensletGrid::steps_px(Uv where) const {
 
 Result<void> check(const LensletGrid& grid) {
     const auto bad = [](std::string what) {
-        return fail(ErrorCode::invalid_argument, std::move(what), "calibrate again, or use an unchanged calibration file");
+        return fail(ErrorCode::invalid_argument, std::move(what),
+                    "calibrate again, or use an unchanged calibration file");
     };
     if (static_cast<int>(grid.parameters.size()) != parameter_count(grid.rung)) {
         return bad("a " + std::string(name_of(grid.rung)) + " grid with " + std::to_string(grid.parameters.size()) +
@@ -135,15 +138,18 @@ Result<void> check(const LensletGrid& grid) {
     if ((grid.kind == LatticeKind::square) != (grid.stagger == Stagger::none)) {
         return bad("a " + std::string(name_of(grid.kind)) + " grid with stagger " + std::string(name_of(grid.stagger)));
     }
-    if (grid.columns < 1 || grid.rows < 1 || grid.columns > 4096 || grid.rows > 4096 || grid.width_px < 1 || grid.height_px < 1) {
+    if (grid.columns < 1 || grid.rows < 1 || grid.columns > 4096 || grid.rows > 4096 || grid.width_px < 1 ||
+        grid.height_px < 1) {
         return bad("a grid of " + std::to_string(grid.columns) + "x" + std::to_string(grid.rows) + " lenslets");
     }
     if (!grid.shifts_px.empty()) {
         if (grid.shifts_px.size() != static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows)) {
-            return bad("shifts of " + std::to_string(grid.shifts_px.size()) + " lenslets in a grid of " + std::to_string(grid.columns) + "x" + std::to_string(grid.rows));
+            return bad("shifts of " + std::to_string(grid.shifts_px.size()) + " lenslets in a grid of " +
+                       std::to_string(grid.columns) + "x" + std::to_string(grid.rows));
         }
         for (const PixelPoint& shift : grid.shifts_px) {
-            if (!std::isfinite(shift.x_px) || !std::isfinite(shift.y_px)) return bad("a lenslet's shift that is not a number");
+            if (!std::isfinite(shift.x_px) || !std::isfinite(shift.y_px))
+                return bad("a lenslet's shift that is not a number");
         }
     }
     if (!(grid.span > 0) || !(grid.radius_px > 0)) return bad("a grid whose scale is not positive");

@@ -46,23 +46,25 @@ struct PixelPoint {
 };
 
 // Ideal lattice coordinates in units of the pitch, then normalised: u = (U - origin_u) / span, and v likewise.
-//   square: U = m, V = n.   rows staggered: U = m + s(n)/2, V = n sqrt(3)/2.   columns: U = m sqrt(3)/2, V = n + s(m)/2.
+//   square: U = m, V = n.   rows staggered: U = m + s(n)/2, V = n sqrt(3)/2.   columns: U = m sqrt(3)/2, V = n +
+//   s(m)/2.
 // s(k) is 1 where k + parity is odd, else 0.
 struct LensletGrid {
     LatticeKind kind = LatticeKind::square;
     Stagger stagger = Stagger::none;
-    int parity = 0;            // 0 or 1
+    int parity = 0;             // 0 or 1
     int columns = 0, rows = 0;  // lenslets m in [0, columns), n in [0, rows); not all need lie inside the frame
     double origin_u = 0, origin_v = 0, span = 1;
 
     GridRung rung = GridRung::similarity;
-    std::vector<double> parameters;         // parameter_count(rung) of them
+    std::vector<double> parameters;           // parameter_count(rung) of them
     double middle_x_px = 0, middle_y_px = 0;  // of radial distortion, before the fitted shift
-    double radius_px = 1;                   // where the radial terms are k1, k2
+    double radius_px = 1;                     // where the radial terms are k1, k2
 
     int width_px = 0, height_px = 0;  // of the raw frame
 
-    // Where single lenslets are not where the model has them: how far each is from there, row by row, columns x rows; empty: nowhere.
+    // Where single lenslets are not where the model has them: how far each is from there, row by row, columns x rows;
+    // empty: nowhere.
     std::vector<PixelPoint> shifts_px;
 
     // Normalised lattice coordinates of lenslet (m, n).
@@ -74,7 +76,8 @@ struct LensletGrid {
     [[nodiscard]] PixelPoint centre_px(int m, int n) const {
         const PixelPoint model = at(uv(m, n));
         if (shifts_px.empty() || m < 0 || n < 0 || m >= columns || n >= rows) return model;
-        const PixelPoint& shift = shifts_px[static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m)];
+        const PixelPoint& shift =
+            shifts_px[static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m)];
         return {model.x_px + shift.x_px, model.y_px + shift.y_px};
     }
 

@@ -1,5 +1,6 @@
-// HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS) compiles the always-inlined template BODY<vector bytes> once for each
-// instruction set, and defines NAME(Isa), which returns a pointer to the fitting one. For kernels' .cpp files only.
+// HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS) compiles the always-inlined template BODY<vector bytes>
+// once for each instruction set, and defines NAME(Isa), which returns a pointer to the fitting one. For kernels' .cpp
+// files only.
 #pragma once
 
 #include <cstring>
@@ -17,8 +18,7 @@ struct VectorOf {
     using type __attribute__((vector_size(Bytes))) = T;
 };
 template <class T, int Bytes>
-    requires(Bytes == sizeof(T))
-struct VectorOf<T, Bytes> {
+requires(Bytes == sizeof(T)) struct VectorOf<T, Bytes> {
     using type = T;
 };
 template <class T, int Bytes>
@@ -53,17 +53,17 @@ HORD_ALWAYS_INLINE V higher(const V& a, const V& b) {
 #else
 #define HORD_AVX512 HORD_AVX2 ",avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi2,prefer-vector-width=512"
 #endif
-#define HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS)                                                          \
-    [[gnu::target(HORD_AVX2)]] static RETURN NAME##_avx2 SIGNATURE { return BODY<32> ARGUMENTS; }                            \
-    [[gnu::target(HORD_AVX512)]] static RETURN NAME##_avx512 SIGNATURE {                                                     \
-        return BODY<64> ARGUMENTS;                                                                                           \
-    }                                                                                                                        \
-    static RETURN NAME##_portable SIGNATURE { return BODY<16> ARGUMENTS; }                                                   \
-    static auto NAME(::hord::algo::Isa isa) {                                                                                   \
-        return isa == ::hord::algo::Isa::avx512 ? NAME##_avx512 : isa == ::hord::algo::Isa::avx2 ? NAME##_avx2 : NAME##_portable; \
+#define HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS)                                   \
+    [[gnu::target(HORD_AVX2)]] static RETURN NAME##_avx2 SIGNATURE { return BODY<32> ARGUMENTS; }     \
+    [[gnu::target(HORD_AVX512)]] static RETURN NAME##_avx512 SIGNATURE { return BODY<64> ARGUMENTS; } \
+    static RETURN NAME##_portable SIGNATURE { return BODY<16> ARGUMENTS; }                            \
+    static auto NAME(::hord::algo::Isa isa) {                                                         \
+        return isa == ::hord::algo::Isa::avx512 ? NAME##_avx512                                       \
+            : isa == ::hord::algo::Isa::avx2    ? NAME##_avx2                                         \
+                                                : NAME##_portable;                                       \
     }
 #else
-#define HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS)                    \
-    static RETURN NAME##_portable SIGNATURE { return BODY<16> ARGUMENTS; }             \
+#define HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS)        \
+    static RETURN NAME##_portable SIGNATURE { return BODY<16> ARGUMENTS; } \
     static auto NAME(::hord::algo::Isa) { return NAME##_portable; }
 #endif

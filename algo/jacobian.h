@@ -7,8 +7,9 @@
 //
 // Halving is exact (the point moves: Q7.24 becomes Q6.25). A deflection is at most 7, a weighted difference at most
 // 2 * 14 < 128, an entry at most 14 and wrong by less than 2^-23 where the deflections are by 2^-24. Norms are Q6.25: a
-// raw entry is below 2^29, exact in a double; the sum of four squares below 2^60, each operation rounded by 2^-53 of itself; its root is
-// below 2^30 and truncated, so the Frobenius norm is within 2 * 2^-23 + 2^-25 + 2^-45 < 2^-12 of exact (tests/algo/jacobian_test.cpp).
+// raw entry is below 2^29, exact in a double; the sum of four squares below 2^60, each operation rounded by 2^-53 of
+// itself; its root is below 2^30 and truncated, so the Frobenius norm is within 2 * 2^-23 + 2^-25 + 2^-45 < 2^-12 of
+// exact (tests/algo/jacobian_test.cpp).
 //
 // Frobenius alone cannot tell one strong direction from two moderate ones; the singular values s1 >= s2 can. With
 //
@@ -19,7 +20,8 @@
 // squares of such below 2^61; both roots are floored to Q6.25.
 //   nuclear     s1 + s2 = max(p, q)                 below 40; error below sqrt(2) * 2^-22 + 2^-25 < 2^-21
 //   spectral    s1 = (p + q) / 2, exact from p, q    at most 28; error below 2^-21
-//   anisotropy  (s1 - s2) / (s1 + s2) = min / max    0 (no direction) to 1 (one direction only); 0 for a zero Jacobian. Q0.24,
+//   anisotropy  (s1 - s2) / (s1 + s2) = min / max    0 (no direction) to 1 (one direction only); 0 for a zero Jacobian.
+//   Q0.24,
 //               rounded; its error is that of p and q over max(p, q): it means something only where the slope does.
 #pragma once
 
@@ -37,8 +39,8 @@ struct Jacobian {
 };
 
 // The mean deflections of the lenslets that the stencils name.
-Jacobian jacobian_of(const Stencil& across, const Deflection& left, const Deflection& right, const Stencil& down, const Deflection& above,
-                     const Deflection& below);
+Jacobian jacobian_of(const Stencil& across, const Deflection& left, const Deflection& right, const Stencil& down,
+                     const Deflection& above, const Deflection& below);
 
 // sqrt of the sum of the squared entries (Eq. 14); of their raw values, written so that a compiler can do many at once.
 inline std::int32_t frobenius_raw(std::int32_t x_m, std::int32_t x_n, std::int32_t y_m, std::int32_t y_n) {

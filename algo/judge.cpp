@@ -18,33 +18,37 @@ float score(const Scores& s, Deviation which) { return s[static_cast<std::size_t
 
 // The shape's score and that of the gradients are one-sided: less than expected is no defect.
 float worst_of(const Scores& s) {
-    return std::max({std::abs(score(s, Deviation::light)), score(s, Deviation::bend), std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
+    return std::max({std::abs(score(s, Deviation::light)), score(s, Deviation::bend),
+                     std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
 }
 
 // With operations alone that are rounded alike everywhere; x above 0.
 double log_of(double x) {
     int exponent = 0;
-    const double mantissa = std::frexp(x, &exponent), t = (mantissa - 0.75) / (mantissa + 0.75), t2 = t * t;  // 0.5 to 1, of 0.75
+    const double mantissa = std::frexp(x, &exponent), t = (mantissa - 0.75) / (mantissa + 0.75),
+                 t2 = t * t;  // 0.5 to 1, of 0.75
     constexpr double kLog2 = 0.6931471805599453, kLogOf075 = -0.2876820724517809;
     double sum = 0;
     for (int k = 21; k >= 1; k -= 2) sum = sum * t2 + 1.0 / k;
     return exponent * kLog2 + kLogOf075 + 2 * t * sum;
 }
 
-// How much surer than `d` over its standard deviation it is that light is missing: light is counted, and the root of twice the logarithm of the Poisson likelihood
-// ratio over that is sqrt(2 ((1 + d) ln(1 + d) - d)) / |d|. d from -1, all of it is missing: 1.41, to below 0.
+// How much surer than `d` over its standard deviation it is that light is missing: light is counted, and the root of
+// twice the logarithm of the Poisson likelihood ratio over that is sqrt(2 ((1 + d) ln(1 + d) - d)) / |d|. d from -1,
+// all of it is missing: 1.41, to below 0.
 float counted(float d) {
     const double v = static_cast<double>(d), left = 1 + v;
     if (v > -0.05) return 1 - d / 6;
     return static_cast<float>(std::sqrt(2 * ((left > 1e-9 ? left * log_of(left) : 0) - v)) / -v);
 }
 
-// How much that is for a good part at this place, with all its light: where so much of it is missing that it is a defect anyway, what is left is not excused
-// for being noisy, and what is missing is counted.
+// How much that is for a good part at this place, with all its light: where so much of it is missing that it is a
+// defect anyway, what is left is not excused for being noisy, and what is missing is counted.
 float surprise_of(const Scores& s, const Difference& d, float reject_score) {
     const float light = score(s, Deviation::light);
     if (light > -reject_score) return worst_of(s);
-    const float others = std::max({score(s, Deviation::bend), std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
+    const float others =
+        std::max({score(s, Deviation::bend), std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
     return std::max(-light * counted(d.light), others / std::sqrt(std::max(1 + d.light, 0.01F)));
 }
 
@@ -53,8 +57,9 @@ double square(float v) { return static_cast<double>(v) * static_cast<double>(v);
 }  // namespace
 
 Judge::Judge(const Extents& extents, const Recipe& recipe)
-    : extents_(extents), recipe_(recipe), reference_(*recipe.reference), scores_(extents.lenslets()), severity_(extents.lenslets()),
-      visited_(extents.lenslets()), queue_(extents.lenslets()), used_(recipe.tolerances.size()) {
+    : extents_(extents), recipe_(recipe), reference_(*recipe.reference), scores_(extents.lenslets()),
+      severity_(extents.lenslets()), visited_(extents.lenslets()), queue_(extents.lenslets()),
+      used_(recipe.tolerances.size()) {
     found_.reserve(1000);
     defects_.reserve(1000);
 }
@@ -74,11 +79,14 @@ void Judge::look(const Compared& c, std::span<float> surprise) {
         // Less light than the reference's has more noise; that is looked at where it matters.
         float emd = c.emd.empty() ? 0 : (c.emd[k] - reference_.emd[d.at]) / recipe_.emd_limit_bins;
         if (emd > severity_[k]) {
-            const float electrons = reference_.sensor.electrons_per_dn, here = std::max(d.sum, 1.0F), there = std::max(reference_.light[d.at], 1.0F);
-            const float noise = kEmdOfNoise * std::max(0.0F, 1 / std::sqrt(here * electrons) - 1 / std::sqrt(there * electrons));
+            const float electrons = reference_.sensor.electrons_per_dn, here = std::max(d.sum, 1.0F),
+                        there = std::max(reference_.light[d.at], 1.0F);
+            const float noise =
+                kEmdOfNoise * std::max(0.0F, 1 / std::sqrt(here * electrons) - 1 / std::sqrt(there * electrons));
             emd = (c.emd[k] - reference_.emd[d.at]) / (recipe_.emd_limit_bins + noise);
         }
-        const float slope = c.frobenius.empty() ? 0 : (c.frobenius[k] - reference_.frobenius[d.at]) / recipe_.frobenius_limit_bins;
+        const float slope =
+            c.frobenius.empty() ? 0 : (c.frobenius[k] - reference_.frobenius[d.at]) / recipe_.frobenius_limit_bins;
         severity_[k] = std::max({severity_[k], emd, slope});
     }
 }
@@ -102,7 +110,8 @@ Judge::Region Judge::gather(std::uint32_t seed, const Compared& c) {
             for (int x = m - 1; x <= m + 1; ++x) visit(x, y);
         }
         const Scores& s = scores_[k];
-        const float in_noise = severity_[k] * recipe_.reject_score, by_reference = surprise_of(s, c.differences[k], recipe_.reject_score);
+        const float in_noise = severity_[k] * recipe_.reject_score,
+                    by_reference = surprise_of(s, c.differences[k], recipe_.reject_score);
         const double weight = std::min(static_cast<double>(severity_[k]), 2.0);
         ++r.area;
         r.weight += weight;
@@ -133,21 +142,31 @@ Defect Judge::describe(const Region& r, Reason& reason) const {
     d.area = r.area;
     d.score = std::max(r.worst, static_cast<float>(std::sqrt(r.squares)) / recipe_.cluster_score);
     const double mean_m = r.m / r.weight, mean_n = r.n / r.weight;
-    const double mm = r.mm / r.weight - mean_m * mean_m, nn = r.nn / r.weight - mean_n * mean_n, mn = r.mn / r.weight - mean_m * mean_n;
+    const double mm = r.mm / r.weight - mean_m * mean_m, nn = r.nn / r.weight - mean_n * mean_n,
+                 mn = r.mn / r.weight - mean_m * mean_n;
     const double middle = (mm + nn) / 2, half = std::sqrt((mm - nn) * (mm - nn) / 4 + mn * mn);
     const auto side = [](double variance) { return std::sqrt(12 * std::max(variance, 0.0) + 1); };
     d.length = static_cast<float>(side(middle + half));
     d.width = static_cast<float>(side(middle - half));
     const double all = r.missing + r.added + r.bend + r.spread + r.shape;
     const double bent = r.bend + r.shape;
-    const bool dims = r.missing >= kMostOfIt * all, spreads = r.spread >= kSpreadOfIt * all && r.spread >= bent, bends = bent > r.spread && bent + r.spread >= kMostOfIt * all;
+    const bool dims = r.missing >= kMostOfIt * all, spreads = r.spread >= kSpreadOfIt * all && r.spread >= bent,
+               bends = bent > r.spread && bent + r.spread >= kMostOfIt * all;
     const double length = static_cast<double>(d.length), width = static_cast<double>(d.width);
     if (length >= kScratchLength && length >= kScratchRatio * width) d.kind = DefectKind::scratch;
     else if (all <= 0 || r.gradient > all) d.kind = DefectKind::unknown;
-    else d.kind = dims ? DefectKind::absorbing : spreads ? DefectKind::scattering : bends ? DefectKind::surface : DefectKind::unknown;
-    reason = r.missing >= r.bend + r.shape && r.missing >= r.spread ? Reason::absorption : r.bend + r.shape >= r.spread ? Reason::slope : Reason::deflection;
+    else
+        d.kind = dims ? DefectKind::absorbing
+            : spreads ? DefectKind::scattering
+            : bends   ? DefectKind::surface
+                      : DefectKind::unknown;
+    reason = r.missing >= r.bend + r.shape && r.missing >= r.spread ? Reason::absorption
+        : r.bend + r.shape >= r.spread                              ? Reason::slope
+                                                                    : Reason::deflection;
     if (all <= 0) reason = Reason::deflection;
-    d.peak = reason == Reason::absorption ? -r.least_light : reason == Reason::slope ? r.most_bend : std::max(r.most_blur, all <= 0 ? r.most_gradient : 0.0F);
+    d.peak = reason == Reason::absorption ? -r.least_light
+        : reason == Reason::slope         ? r.most_bend
+                                          : std::max(r.most_blur, all <= 0 ? r.most_gradient : 0.0F);
     return d;
 }
 
@@ -159,7 +178,8 @@ bool Judge::tolerated(const Defect& d, const Region& r, const PoseMap& pose) {
     for (std::size_t t = 0; t < used_.size(); ++t) {
         const Tolerance& tolerance = recipe_.tolerances[t];
         if (!tolerance.is_about(d.kind) || used_[t] >= tolerance.number) continue;
-        if (tolerance.where && !tolerance.where->contains(static_cast<float>(place.m), static_cast<float>(place.n))) continue;
+        if (tolerance.where && !tolerance.where->contains(static_cast<float>(place.m), static_cast<float>(place.n)))
+            continue;
         if (size_mm > tolerance.largest_mm || (tolerance.deepest_rad > 0 && deep_rad > tolerance.deepest_rad)) continue;
         ++used_[t];
         return true;
@@ -206,7 +226,8 @@ std::vector<std::string> problems_of_reference(const Recipe& recipe, const Exten
     level(recipe.grow_score, "grow_score");
     level(recipe.cluster_score, "cluster_score");
     if (recipe.grow_score > recipe.reject_score) lines.emplace_back("grow_score must be at most reject_score");
-    if (!(recipe.lenslet_mm >= 0) || !(recipe.bin_rad >= 0)) lines.emplace_back("lenslet_mm and bin_rad must be above 0, or 0: not known");
+    if (!(recipe.lenslet_mm >= 0) || !(recipe.bin_rad >= 0))
+        lines.emplace_back("lenslet_mm and bin_rad must be above 0, or 0: not known");
     for (const Tolerance& t : recipe.tolerances) {
         if (!recipe.reference) lines.emplace_back("a tolerance needs a reference to tell kinds and sizes");
         if (recipe.lenslet_mm == 0) lines.emplace_back("a tolerance in mm needs lenslet_mm");
@@ -215,14 +236,20 @@ std::vector<std::string> problems_of_reference(const Recipe& recipe, const Exten
     if (recipe.reference) {
         const Reference& r = *recipe.reference;
         const auto size = [](const Extents& e) {
-            return std::to_string(e.m) + "x" + std::to_string(e.n) + " lenslets of " + std::to_string(e.i) + "x" + std::to_string(e.j) + " bins";
+            return std::to_string(e.m) + "x" + std::to_string(e.n) + " lenslets of " + std::to_string(e.i) + "x" +
+                std::to_string(e.j) + " bins";
         };
-        if (!(r.extents == extents)) lines.push_back("the reference was learned from " + size(r.extents) + ", the frames have " + size(extents));
-        if (r.bits != bits) lines.push_back("the reference was learned from " + std::to_string(r.bits) + "-bit samples, the frames have " + std::to_string(bits) + " bits");
+        if (!(r.extents == extents))
+            lines.push_back("the reference was learned from " + size(r.extents) + ", the frames have " + size(extents));
+        if (r.bits != bits)
+            lines.push_back("the reference was learned from " + std::to_string(r.bits) +
+                            "-bit samples, the frames have " + std::to_string(bits) + " bits");
         const LightLevels levels = light_levels(recipe, bits);
-        if (r.levels.dark != levels.dark || r.levels.saturated != levels.saturated || r.levels.min_sum != levels.min_sum) {
-            lines.push_back("the reference was learned with other light levels (dark_dn " + std::to_string(r.levels.dark) + ", min_sum_dn " +
-                            std::to_string(r.levels.min_sum) + ", saturated_dn " + std::to_string(r.levels.saturated) + ")");
+        if (r.levels.dark != levels.dark || r.levels.saturated != levels.saturated ||
+            r.levels.min_sum != levels.min_sum) {
+            lines.push_back("the reference was learned with other light levels (dark_dn " +
+                            std::to_string(r.levels.dark) + ", min_sum_dn " + std::to_string(r.levels.min_sum) +
+                            ", saturated_dn " + std::to_string(r.levels.saturated) + ")");
         }
     }
     return lines;

@@ -1,5 +1,5 @@
-// A fixed number of lanes, in as many vectors as the instruction set needs, folded in a fixed order: every instruction set
-// gives the same bits. For kernels' .cpp files only.
+// A fixed number of lanes, in as many vectors as the instruction set needs, folded in a fixed order: every instruction
+// set gives the same bits. For kernels' .cpp files only.
 #pragma once
 
 #include <array>
@@ -26,7 +26,8 @@ struct Lanes<T, Count, Bytes, std::index_sequence<I...>> {
     HORD_ALWAYS_INLINE static Lanes all(T value) {
         V v{};
         v[0] = value;
-        v = first_everywhere(v, std::make_index_sequence<kEach>{});  // one broadcast; V{} + value is an insertion a lane in GCC 12
+        v = first_everywhere(
+            v, std::make_index_sequence<kEach>{});  // one broadcast; V{} + value is an insertion a lane in GCC 12
         return {{(static_cast<void>(I), v)...}};
     }
     // The same of *from, where whole vectors can be read: one instruction less.
@@ -66,16 +67,19 @@ struct Lanes<T, Count, Bytes, std::index_sequence<I...>> {
     HORD_ALWAYS_INLINE Lanes equals(const Lanes& b) const { return {{(part[I] == b.part[I])...}}; }
     HORD_ALWAYS_INLINE Lanes above(const Lanes& b) const { return {{(part[I] > b.part[I])...}}; }
     HORD_ALWAYS_INLINE Lanes<std::int32_t, Count, Bytes> below(const Lanes& b) const
-        requires(sizeof(T) == sizeof(std::int32_t))
-    {
+        requires(sizeof(T) == sizeof(std::int32_t)) {
         return {{static_cast<Vector<std::int32_t, Bytes>>(part[I] < b.part[I])...}};
     }
     HORD_ALWAYS_INLINE friend Lanes choose(const Lanes& bits, const Lanes& yes, const Lanes& no) {
         return {{((bits.part[I] & yes.part[I]) | (~bits.part[I] & no.part[I]))...}};
     }
     HORD_ALWAYS_INLINE Lanes operator<<(int bits) const { return {{(part[I] << bits)...}}; }
-    HORD_ALWAYS_INLINE friend Lanes lower(const Lanes& a, const Lanes& b) { return {{(b.part[I] < a.part[I] ? b.part[I] : a.part[I])...}}; }
-    HORD_ALWAYS_INLINE friend Lanes higher(const Lanes& a, const Lanes& b) { return {{(a.part[I] < b.part[I] ? b.part[I] : a.part[I])...}}; }
+    HORD_ALWAYS_INLINE friend Lanes lower(const Lanes& a, const Lanes& b) {
+        return {{(b.part[I] < a.part[I] ? b.part[I] : a.part[I])...}};
+    }
+    HORD_ALWAYS_INLINE friend Lanes higher(const Lanes& a, const Lanes& b) {
+        return {{(a.part[I] < b.part[I] ? b.part[I] : a.part[I])...}};
+    }
 
     // The same bits, or the same values towards zero, as another type.
     template <class To>

@@ -23,9 +23,10 @@ Result<void> check(const Extents& extents) {
 
 Result<Extents> extents_of_frame(int width_px, int height_px, int bins_i, int bins_j) {
     if (bins_i <= 0 || bins_j <= 0 || width_px % bins_i != 0 || height_px % bins_j != 0) {
-        return fail(ErrorCode::invalid_argument,
-                    "macro-pixels of " + times(bins_i, bins_j) + " do not divide a frame of " + times(width_px, height_px),
-                    "give the number of bins a lenslet that this frame was recorded with");
+        return fail(
+            ErrorCode::invalid_argument,
+            "macro-pixels of " + times(bins_i, bins_j) + " do not divide a frame of " + times(width_px, height_px),
+            "give the number of bins a lenslet that this frame was recorded with");
     }
     const Extents extents{width_px / bins_i, height_px / bins_j, bins_i, bins_j};
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());

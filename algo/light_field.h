@@ -20,7 +20,9 @@ struct Extents {
 
     friend bool operator==(const Extents&, const Extents&) = default;
 
-    [[nodiscard]] constexpr std::size_t lenslets() const { return static_cast<std::size_t>(m) * static_cast<std::size_t>(n); }
+    [[nodiscard]] constexpr std::size_t lenslets() const {
+        return static_cast<std::size_t>(m) * static_cast<std::size_t>(n);
+    }
     [[nodiscard]] constexpr int bins() const { return i * j; }
 
     // Image size of the macro-pixel frame of this light field: sample (m,n,i,j) is at column m*I+i, row n*J+j.

@@ -11,18 +11,21 @@ namespace hord::algo {
 namespace {
 
 constexpr int kDarkSide = 16, kLightSide = 32, kTileSide = 8, kLeastTile = 3;  // lenslets, lenslets, tiles, lenslets
-constexpr double kNews = 0.25;                                // weight of a window
-constexpr float kBrightest = 2;                               // times the part's typical light: brighter lenslets count as that
+constexpr double kNews = 0.25;                                                 // weight of a window
+constexpr float kBrightest = 2;  // times the part's typical light: brighter lenslets count as that
 
 }  // namespace
 
 LightTrend::LightTrend(const Extents& extents, int window)
-    : extents_(extents), window_(window), tiles_m_(std::clamp(extents.m / kLeastTile, 1, kTileSide)), tiles_n_(std::clamp(extents.n / kLeastTile, 1, kTileSide)),
-      dark_columns_(spread(extents.m, kDarkSide)), dark_rows_(spread(extents.n, kDarkSide)), light_columns_(spread(extents.m, kLightSide)),
+    : extents_(extents), window_(window), tiles_m_(std::clamp(extents.m / kLeastTile, 1, kTileSide)),
+      tiles_n_(std::clamp(extents.n / kLeastTile, 1, kTileSide)), dark_columns_(spread(extents.m, kDarkSide)),
+      dark_rows_(spread(extents.n, kDarkSide)), light_columns_(spread(extents.m, kLightSide)),
       light_rows_(spread(extents.n, kLightSide)), typical_(light_columns_.size() * light_rows_.size()),
-      dark_samples_(dark_columns_.size() * dark_rows_.size() * static_cast<std::size_t>(extents.bins())), light_(static_cast<std::size_t>(window)),
-      dark_(light_.size()), tiles_(static_cast<std::size_t>(tiles_m_ * tiles_n_) * light_.size()), tile_seen_(static_cast<std::size_t>(tiles_m_ * tiles_n_)),
-      tile_sums_(tile_seen_.size()), tile_counts_(tile_seen_.size()), tile_base_(tile_seen_.size()), tile_age_(tile_seen_.size()) {
+      dark_samples_(dark_columns_.size() * dark_rows_.size() * static_cast<std::size_t>(extents.bins())),
+      light_(static_cast<std::size_t>(window)), dark_(light_.size()),
+      tiles_(static_cast<std::size_t>(tiles_m_ * tiles_n_) * light_.size()),
+      tile_seen_(static_cast<std::size_t>(tiles_m_ * tiles_n_)), tile_sums_(tile_seen_.size()),
+      tile_counts_(tile_seen_.size()), tile_base_(tile_seen_.size()), tile_age_(tile_seen_.size()) {
     ratios_.reserve(tile_seen_.size());
 }
 
@@ -52,12 +55,15 @@ double LightTrend::dark_level(const FrameView& frame) {
     for (const int n : dark_rows_) {
         for (const int m : dark_columns_) {
             for (int j = 0; j < extents_.j; ++j) {
-                for (int i = 0; i < extents_.i; ++i) dark_samples_[count++] = static_cast<std::uint16_t>(frame.sample(m * extents_.i + i, n * extents_.j + j));
+                for (int i = 0; i < extents_.i; ++i)
+                    dark_samples_[count++] =
+                        static_cast<std::uint16_t>(frame.sample(m * extents_.i + i, n * extents_.j + j));
             }
         }
     }
     const std::size_t quarter = std::max<std::size_t>(count / 4, 1);
-    std::nth_element(dark_samples_.begin(), dark_samples_.begin() + static_cast<std::ptrdiff_t>(quarter - 1), dark_samples_.end());
+    std::nth_element(dark_samples_.begin(), dark_samples_.begin() + static_cast<std::ptrdiff_t>(quarter - 1),
+                     dark_samples_.end());
     std::uint64_t sum = 0;
     for (std::size_t k = 0; k < quarter; ++k) sum += dark_samples_[k];
     return static_cast<double>(sum) / static_cast<double>(quarter);
@@ -68,8 +74,10 @@ float LightTrend::typical_light(const Inspection& inspection) {
     int count = 0;
     for (const int n : light_rows_) {
         for (const int m : light_columns_) {
-            const auto k = static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m);
-            if ((inspection.mask[k] & (kNoHord | kNotJudged)) == 0) typical_[static_cast<std::size_t>(count++)] = static_cast<float>(inspection.sums[k]);
+            const auto k =
+                static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m);
+            if ((inspection.mask[k] & (kNoHord | kNotJudged)) == 0)
+                typical_[static_cast<std::size_t>(count++)] = static_cast<float>(inspection.sums[k]);
         }
     }
     return count == 0 ? 0 : median(typical_.data(), count);
@@ -84,7 +92,8 @@ void LightTrend::add_tiles(const Inspection& inspection, float typical) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
             if ((inspection.mask[k] & (kNoHord | kNotJudged)) != 0) continue;
             const std::size_t tile = row + static_cast<std::size_t>(m * tiles_m_ / extents_.m);
-            tile_sums_[tile] += static_cast<double>(std::min(static_cast<float>(inspection.sums[k]) / typical, kBrightest));
+            tile_sums_[tile] +=
+                static_cast<double>(std::min(static_cast<float>(inspection.sums[k]) / typical, kBrightest));
             ++tile_counts_[tile];
         }
     }
@@ -92,7 +101,8 @@ void LightTrend::add_tiles(const Inspection& inspection, float typical) {
         // A tile of which the part shows only a corner says more of where the part lies.
         const auto lenslets = extents_.lenslets() / tile_seen_.size();
         if (4 * static_cast<std::size_t>(tile_counts_[tile]) < lenslets || tile_counts_[tile] == 0) continue;
-        tiles_[tile * light_.size() + static_cast<std::size_t>(tile_seen_[tile]++)] = static_cast<float>(tile_sums_[tile] / tile_counts_[tile]);
+        tiles_[tile * light_.size() + static_cast<std::size_t>(tile_seen_[tile]++)] =
+            static_cast<float>(tile_sums_[tile] / tile_counts_[tile]);
     }
 }
 
@@ -114,7 +124,8 @@ bool LightTrend::add(const FrameView& frame, const Inspection& inspection) {
 }
 
 void LightTrend::close_window() {
-    const double light = static_cast<double>(median(light_.data(), window_)), dark = static_cast<double>(median(dark_.data(), window_));
+    const double light = static_cast<double>(median(light_.data(), window_)),
+                 dark = static_cast<double>(median(dark_.data(), window_));
     if (!base_light_) base_light_ = with_reference_ ? 1.0 : light;
     if (!base_dark_) base_dark_ = dark;
     LightAge age;
@@ -152,8 +163,10 @@ void LightTrend::look_at_tiles(LightAge& age) {
             const double change = static_cast<double>(aged / typical) - 1;
             if (std::abs(change) <= std::abs(age.uneven)) continue;
             age.uneven = change;
-            age.uneven_m = (static_cast<float>(tm) + 0.5F) * static_cast<float>(extents_.m) / static_cast<float>(tiles_m_) - 0.5F;
-            age.uneven_n = (static_cast<float>(tn) + 0.5F) * static_cast<float>(extents_.n) / static_cast<float>(tiles_n_) - 0.5F;
+            age.uneven_m =
+                (static_cast<float>(tm) + 0.5F) * static_cast<float>(extents_.m) / static_cast<float>(tiles_m_) - 0.5F;
+            age.uneven_n =
+                (static_cast<float>(tn) + 0.5F) * static_cast<float>(extents_.n) / static_cast<float>(tiles_n_) - 0.5F;
         }
     }
 }

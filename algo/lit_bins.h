@@ -42,10 +42,12 @@ class LitBins {
     static std::uint64_t sixteen(const std::uint16_t* a, const std::uint16_t* b) {
 #if defined(__SSE2__)
         const auto eight = [](const std::uint16_t* p, const std::uint16_t* q) {
-            return _mm_cmpeq_epi16(_mm_or_si128(_mm_loadu_si128(reinterpret_cast<const __m128i*>(p)), _mm_loadu_si128(reinterpret_cast<const __m128i*>(q))),
+            return _mm_cmpeq_epi16(_mm_or_si128(_mm_loadu_si128(reinterpret_cast<const __m128i*>(p)),
+                                                _mm_loadu_si128(reinterpret_cast<const __m128i*>(q))),
                                    _mm_setzero_si128());
         };
-        return static_cast<std::uint64_t>(_mm_movemask_epi8(_mm_packs_epi16(eight(a, b), eight(a + 8, b + 8)))) ^ 0xFFFFU;
+        return static_cast<std::uint64_t>(_mm_movemask_epi8(_mm_packs_epi16(eight(a, b), eight(a + 8, b + 8)))) ^
+            0xFFFFU;
 #else
         std::uint64_t bits = 0;
         for (int k = 0; k < 16; ++k) bits |= std::uint64_t{(a[k] | b[k]) != 0} << k;

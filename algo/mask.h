@@ -15,8 +15,8 @@ enum MaskBit : std::uint8_t {
     kAtLimit = 32,   // the value is a limit instead of a distance (algo/distance.h): valid
 };
 
-constexpr std::uint8_t kNoHord = kDark | kSaturated;          // the lenslet itself has no HORD
-constexpr std::uint8_t kNoGradient = kNoHord | kBorder;       // and so no value of a neighbour gradient
+constexpr std::uint8_t kNoHord = kDark | kSaturated;     // the lenslet itself has no HORD
+constexpr std::uint8_t kNoGradient = kNoHord | kBorder;  // and so no value of a neighbour gradient
 constexpr std::uint8_t kNotJudged = kRim | kOutside;
 
 }  // namespace hord::algo

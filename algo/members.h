@@ -1,4 +1,5 @@
-// For each set of eight, a bit each, its members in order: what closes up vectors where there is no instruction for it. For kernels' .cpp files only.
+// For each set of eight, a bit each, its members in order: what closes up vectors where there is no instruction for it.
+// For kernels' .cpp files only.
 #pragma once
 
 #include <array>
@@ -24,7 +25,9 @@ inline constexpr auto kMembers = [] {
 }();
 
 // Eight bytes; those after the last member are 0.
-[[gnu::target(HORD_AVX2)]] inline __m128i members(std::size_t set) { return _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kMembers[set].data())); }
+[[gnu::target(HORD_AVX2)]] inline __m128i members(std::size_t set) {
+    return _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kMembers[set].data()));
+}
 
 }  // namespace hord::algo
 #endif

@@ -44,7 +44,8 @@ std::vector<std::string> problems_of(const LightLevels& levels, int bits) {
     const std::uint32_t full_scale = (1U << bits) - 1U;
     const std::string of_bits = " of " + std::to_string(bits) + "-bit samples, " + std::to_string(full_scale);
     if (levels.saturated > full_scale) lines.push_back("saturated_dn must be at most the full scale" + of_bits);
-    if (levels.dark >= levels.saturated) lines.push_back("dark_dn must be below saturated_dn, or the full scale" + of_bits);
+    if (levels.dark >= levels.saturated)
+        lines.push_back("dark_dn must be below saturated_dn, or the full scale" + of_bits);
     return lines;
 }
 
@@ -60,7 +61,9 @@ constexpr int kBandRows = 16;
 
 // For the EMD: three rows of HORDs, closed up too, and their mean deflections, row n in place n % 3.
 struct EmdRows {
-    EmdRows(const Extents& e, EmdSolver emd_solver) : solver(std::move(emd_solver)), hords{HordRow(e), HordRow(e), HordRow(e)}, gradients(static_cast<std::size_t>(kBandRows * e.m)) {
+    EmdRows(const Extents& e, EmdSolver emd_solver)
+        : solver(std::move(emd_solver)), hords{HordRow(e), HordRow(e), HordRow(e)},
+          gradients(static_cast<std::size_t>(kBandRows * e.m)) {
         for (auto& row : deflections) row.resize(static_cast<std::size_t>(e.m));
         for (auto& row : closed) row.resize(static_cast<std::size_t>(e.m));
     }
@@ -72,7 +75,9 @@ struct EmdRows {
     std::size_t asked = 0;
 
     [[nodiscard]] HordRow& hords_of(int n) { return hords[static_cast<std::size_t>(n % 3)]; }
-    [[nodiscard]] std::vector<Deflection>& deflections_of(int n) { return deflections[static_cast<std::size_t>(n % 3)]; }
+    [[nodiscard]] std::vector<Deflection>& deflections_of(int n) {
+        return deflections[static_cast<std::size_t>(n % 3)];
+    }
     [[nodiscard]] AlignedVector<ClosedHord>& closed_of(int n) { return closed[static_cast<std::size_t>(n % 3)]; }
     [[nodiscard]] const ClosedHord& closed_hord(int m, int n) { return closed_of(n)[static_cast<std::size_t>(m)]; }
     [[nodiscard]] Deflection deflection(int m, int n) { return deflections_of(n)[static_cast<std::size_t>(m)]; }
@@ -88,12 +93,14 @@ struct Worker {
 }  // namespace
 
 struct Pipeline::Workspace {
-    Workspace(const Extents& e, int sample_bits, const Recipe& r, MapSet maps, std::unique_ptr<BandCrew> the_crew, std::vector<Worker> the_workers)
+    Workspace(const Extents& e, int sample_bits, const Recipe& r, MapSet maps, std::unique_ptr<BandCrew> the_crew,
+              std::vector<Worker> the_workers)
         : extents(e), bits(sample_bits), recipe(r), levels(light_levels(r, sample_bits)), crew(std::move(the_crew)),
-          workers(std::move(the_workers)), zones(e.lenslets()), deflections(e.lenslets()), sums(e.lenslets()), scratch(e.lenslets()),
-          mask(e.lenslets()), gradient(r.gradient ? e.lenslets() : 0), frobenius(r.slopes || maps == MapSet::all ? e.lenslets() : 0),
-          transmission(r.light || maps == MapSet::all ? e.lenslets() : 0), spectral(maps == MapSet::all ? e.lenslets() : 0), nuclear(spectral.size()),
-          anisotropy(spectral.size()),
+          workers(std::move(the_workers)), zones(e.lenslets()), deflections(e.lenslets()), sums(e.lenslets()),
+          scratch(e.lenslets()), mask(e.lenslets()), gradient(r.gradient ? e.lenslets() : 0),
+          frobenius(r.slopes || maps == MapSet::all ? e.lenslets() : 0),
+          transmission(r.light || maps == MapSet::all ? e.lenslets() : 0),
+          spectral(maps == MapSet::all ? e.lenslets() : 0), nuclear(spectral.size()), anisotropy(spectral.size()),
           rim(e, r.rim_margin < 0 ? default_rim_margin(e) : r.rim_margin), defect_finder(e, r) {
         paint_zones(recipe.zones, extents, zones, recipe.lenslet_mm);
         if (recipe.reference) against.emplace(e, recipe);
@@ -119,7 +126,8 @@ struct Pipeline::Workspace {
 
     // What a reference needs.
     struct AgainstReference {
-        AgainstReference(const Extents& e, const Recipe& r) : registrar(e), judge(e, r), differences(e.lenslets()), surprise(e.lenslets()) {}
+        AgainstReference(const Extents& e, const Recipe& r)
+            : registrar(e), judge(e, r), differences(e.lenslets()), surprise(e.lenslets()) {}
         Registrar registrar;
         Judge judge;
         std::vector<Difference> differences;
@@ -127,14 +135,19 @@ struct Pipeline::Workspace {
     };
     std::optional<AgainstReference> against;
 
-    [[nodiscard]] std::size_t at(int m, int n) const { return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m); }
+    [[nodiscard]] std::size_t at(int m, int n) const {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
+    }
     void compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times);
     void compute_band(EmdRows& rows, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
     void compare_row(EmdRows& rows, int n);
     void finish_rows(EmdRows& rows, int last);
-    void compute_band(PlaneFeature& planes, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
+    void compute_band(PlaneFeature& planes, const FrameView& frame, int first, int last, Stopwatch& watch,
+                      StageTimes& times);
     void compare_row(PlaneFeature& planes, int n);
-    [[nodiscard]] std::span<const float> judged_slopes() const { return recipe.slopes ? std::span<const float>(frobenius) : std::span<const float>(); }
+    [[nodiscard]] std::span<const float> judged_slopes() const {
+        return recipe.slopes ? std::span<const float>(frobenius) : std::span<const float>();
+    }
     [[nodiscard]] Reason unfit_reason() const;
     Registered compare_with_reference(const FrameView& frame);
 };
@@ -155,7 +168,8 @@ void Pipeline::Workspace::compute_maps(const FrameView& frame, Stopwatch& watch,
 }
 
 // Streams rows first..last-1, and one more at either end to compare with, through three rows.
-void Pipeline::Workspace::compute_band(EmdRows& rows, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times) {
+void Pipeline::Workspace::compute_band(EmdRows& rows, const FrameView& frame, int first, int last, Stopwatch& watch,
+                                       StageTimes& times) {
     const auto ours = [&](int n) { return n >= first && n < last; };
     for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents.n); ++n) {
         const HordRow& hords = rows.hords_of(n);
@@ -193,11 +207,12 @@ void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
             const Stencil across = stencil(row.has_hord(m - 1), row.has_hord(m + 1));
             const Stencil down = stencil(rows.hords_of(n - 1).has_hord(m), rows.hords_of(n + 1).has_hord(m));
             if (across.valid() && down.valid()) {
-                const int left = m + across.before, right = m + across.after, above = n + down.before, below = n + down.after;
-                submit_emd_gradient(rows.solver, across, rows.closed_hord(left, n), rows.closed_hord(right, n), down, rows.closed_hord(m, above),
-                                    rows.closed_hord(m, below), wanted);
-                jacobian = jacobian_of(across, rows.deflection(left, n), rows.deflection(right, n), down, rows.deflection(m, above),
-                                       rows.deflection(m, below));
+                const int left = m + across.before, right = m + across.after, above = n + down.before,
+                          below = n + down.after;
+                submit_emd_gradient(rows.solver, across, rows.closed_hord(left, n), rows.closed_hord(right, n), down,
+                                    rows.closed_hord(m, above), rows.closed_hord(m, below), wanted);
+                jacobian = jacobian_of(across, rows.deflection(left, n), rows.deflection(right, n), down,
+                                       rows.deflection(m, above), rows.deflection(m, below));
             } else {
                 mask[k] |= kBorder;
             }
@@ -221,7 +236,8 @@ void Pipeline::Workspace::finish_rows(EmdRows& rows, int last) {
 }
 
 // The same where there is no EMD.
-void Pipeline::Workspace::compute_band(PlaneFeature& planes, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times) {
+void Pipeline::Workspace::compute_band(PlaneFeature& planes, const FrameView& frame, int first, int last,
+                                       Stopwatch& watch, StageTimes& times) {
     const auto ours = [&](int n) { return n >= first && n < last; };
     for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents.n); ++n) {
         planes.load(frame, levels, n);
@@ -230,7 +246,8 @@ void Pipeline::Workspace::compute_band(PlaneFeature& planes, const FrameView& fr
             const PlaneRow& row = planes.loaded(n);
             std::copy_n(row.sums().begin(), extents.m, sums.begin() + static_cast<std::ptrdiff_t>(at(0, n)));
             for (int m = 0; m < extents.m; ++m) {
-                deflections[at(m, n)] = (row.mask()[static_cast<std::size_t>(m)] & kDark) != 0 ? Deflection{} : planes.deflection(m, n);
+                deflections[at(m, n)] =
+                    (row.mask()[static_cast<std::size_t>(m)] & kDark) != 0 ? Deflection{} : planes.deflection(m, n);
             }
         }
         watch.lap(times.hord_ns);
@@ -248,7 +265,8 @@ void Pipeline::Workspace::compare_row(PlaneFeature& planes, int n) {
     if (!frobenius.empty()) planes.slopes_row(n, frobenius.data() + at(0, n), of_row);
     if (spectral.empty()) return;
     for (int m = 0; m < extents.m; ++m) {
-        const SingularNorms norms = (of_row[m] & kNoGradient) == 0 ? singular_norms(planes.jacobian(m, n)) : SingularNorms{};
+        const SingularNorms norms =
+            (of_row[m] & kNoGradient) == 0 ? singular_norms(planes.jacobian(m, n)) : SingularNorms{};
         spectral[at(m, n)] = norms.spectral.to_float_rounded();
         nuclear[at(m, n)] = norms.nuclear.to_float_rounded();
         anisotropy[at(m, n)] = norms.anisotropy.to_float_rounded();
@@ -265,7 +283,9 @@ Reason Pipeline::Workspace::unfit_reason() const {
         if ((bits_of_lenslet & kSaturated) != 0) ++saturated;
     }
     if (judged == 0) return Reason::nothing_to_see;
-    const auto share_of_judged = [&](std::size_t count) { return static_cast<float>(count) / static_cast<float>(judged); };
+    const auto share_of_judged = [&](std::size_t count) {
+        return static_cast<float>(count) / static_cast<float>(judged);
+    };
     if (lit == 0 || share_of_judged(lit) < recipe.min_lit_share) return Reason::too_dark;
     if (share_of_judged(saturated) > recipe.max_saturated_share) return Reason::saturated;
     return Reason::none;
@@ -274,15 +294,18 @@ Reason Pipeline::Workspace::unfit_reason() const {
 // Where the part lies, and how every lenslet of it differs from the reference's there.
 Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
     const Reference& reference = *recipe.reference;
-    const Registered found = against->registrar.find(reference.maps(), deflections, sums, mask, static_cast<double>(reference.sensor.electrons_per_dn), reference.parts);
+    const Registered found =
+        against->registrar.find(reference.maps(), deflections, sums, mask,
+                                static_cast<double>(reference.sensor.electrons_per_dn), reference.parts);
     if (!found.found()) return found;
     const PoseMap pose(found.pose, extents);
     crew->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
         Comparer& comparer = *workers[static_cast<std::size_t>(worker)].comparer;
         const auto columns = static_cast<std::size_t>(extents.m);
         for (int n = band * kBandRows; n < std::min((band + 1) * kBandRows, extents.n); ++n) {
-            comparer.compare_row(frame, std::span<const std::uint32_t>(sums).subspan(at(0, n), columns), std::span<const std::uint8_t>(mask).subspan(at(0, n), columns), n, pose,
-                                 found.light, std::span(against->differences).subspan(at(0, n), columns));
+            comparer.compare_row(frame, std::span<const std::uint32_t>(sums).subspan(at(0, n), columns),
+                                 std::span<const std::uint8_t>(mask).subspan(at(0, n), columns), n, pose, found.light,
+                                 std::span(against->differences).subspan(at(0, n), columns));
         }
     });
     return found;
@@ -334,7 +357,8 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     w.compute_maps(frame, watch, result.times);
     w.rim.mark(w.deflections, w.sums, w.mask);
     for (std::size_t k = 0; k < w.mask.size(); ++k) w.mask[k] |= w.zones[k];
-    if (!w.transmission.empty()) transmissions(w.sums, w.mask, typical_light(w.sums, w.mask, w.scratch), w.transmission);
+    if (!w.transmission.empty())
+        transmissions(w.sums, w.mask, typical_light(w.sums, w.mask, w.scratch), w.transmission);
     watch.lap(result.times.feature_ns);
 
     result.reason = w.unfit_reason();
@@ -344,7 +368,9 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
         watch.lap(result.times.feature_ns);
     }
     if (result.reason == Reason::none && w.against) {
-        const FoundDefects found = w.against->judge.find({w.against->differences, w.gradient, w.judged_slopes(), w.mask}, result.registered.pose, w.against->surprise);
+        const FoundDefects found =
+            w.against->judge.find({w.against->differences, w.gradient, w.judged_slopes(), w.mask},
+                                  result.registered.pose, w.against->surprise);
         result.defects = found.defects;
         result.reason = found.reason;
         result.score = found.score;

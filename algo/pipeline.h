@@ -1,8 +1,8 @@
 // From a frame to a judgement: decode, HORD, features, defects, verdict.
 //
 // One Pipeline belongs to one thread. All memory is taken in create(); inspect() streams rows through a
-// workspace of three HORD rows a thread, which stays in cache, and allocates nothing outside the blob search. No I/O, no
-// clock, no logging. A lenslet's values do not depend on the number of threads, to the bit.
+// workspace of three HORD rows a thread, which stays in cache, and allocates nothing outside the blob search. No I/O,
+// no clock, no logging. A lenslet's values do not depend on the number of threads, to the bit.
 #pragma once
 
 #include <cstdint>
@@ -19,12 +19,13 @@
 
 namespace hord::algo {
 
-// One value a lenslet, row by row; empty where the recipe does not choose the feature. Never NaN, never infinite. 0 where `mask` says there is no value: the gradients
-// at kDark, kSaturated and kBorder lenslets, the transmission at kSaturated ones (a dark lenslet has one: its missing light).
+// One value a lenslet, row by row; empty where the recipe does not choose the feature. Never NaN, never infinite. 0
+// where `mask` says there is no value: the gradients at kDark, kSaturated and kBorder lenslets, the transmission at
+// kSaturated ones (a dark lenslet has one: its missing light).
 using Map = std::span<const float>;
 
-// Time spent in each stage by the calling thread, in the ticks of the clock given to inspect(); 0 without one. Waiting for
-// other threads counts as feature time.
+// Time spent in each stage by the calling thread, in the ticks of the clock given to inspect(); 0 without one. Waiting
+// for other threads counts as feature time.
 struct StageTimes {
     std::int64_t decode_ns = 0, hord_ns = 0, feature_ns = 0, decide_ns = 0, total_ns = 0;
 };
@@ -44,9 +45,10 @@ struct Inspection {
     Map nuclear;                         //
     Map anisotropy;                      // 0..1: how much the Jacobian has one direction (algo/jacobian.h)
     std::span<const std::uint8_t> mask;  // MaskBit, one a lenslet
-    std::span<const std::uint32_t> sums; // DN, one a lenslet: its light above the dark level, whatever the recipe chooses
-    Map surprise;                        // with a reference: the worst score of a lenslet, in units of noise (algo/judge.h); else empty
-    Registered registered;               // and where the part lies
+    std::span<const std::uint32_t>
+        sums;      // DN, one a lenslet: its light above the dark level, whatever the recipe chooses
+    Map surprise;  // with a reference: the worst score of a lenslet, in units of noise (algo/judge.h); else empty
+    Registered registered;  // and where the part lies
     StageTimes times;
 };
 
@@ -59,7 +61,8 @@ class Pipeline {
   public:
     // Fails with invalid_argument when the extents, the recipe or the number of threads are impossible (all problems of
     // a recipe in one message), with busy when the system gives no thread. `threads` includes the calling one.
-    static Result<Pipeline> create(const Extents& extents, int bits, const Recipe& recipe, int threads = 1, MapSet maps = MapSet::judged);
+    static Result<Pipeline> create(const Extents& extents, int bits, const Recipe& recipe, int threads = 1,
+                                   MapSet maps = MapSet::judged);
 
     // Judges one macro-pixel frame. The spans in the answer stay valid until the next call.
     // Fails with invalid_argument when the frame's size or bit depth is not what create() was told.

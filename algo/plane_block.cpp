@@ -15,8 +15,9 @@
 namespace hord::algo {
 
 constexpr int kLanes = PlaneBlock::kLanes;
-constexpr int kCacheLine = 64;  // bytes; the same samples of the next lenslet row are fetched while this one is worked on
-constexpr int kWindow = 8;      // neighbouring bins that are transposed at once
+constexpr int kCacheLine =
+    64;                     // bytes; the same samples of the next lenslet row are fetched while this one is worked on
+constexpr int kWindow = 8;  // neighbouring bins that are transposed at once
 constexpr int kColumns = kMaxBins - 1 + kWindow / 2;  // half a window may begin at the last bin
 
 namespace {
@@ -31,25 +32,31 @@ HORD_ALWAYS_INLINE std::uint32_t bits_of(const Bytes16& bytes) {
 #else
     std::uint64_t halves[2];
     std::memcpy(halves, &bytes, sizeof halves);
-    const auto eight = [](std::uint64_t of_bytes) { return ((of_bytes & 0x8040201008040201U) * 0x0101010101010101U) >> 56; };
+    const auto eight = [](std::uint64_t of_bytes) {
+        return ((of_bytes & 0x8040201008040201U) * 0x0101010101010101U) >> 56;
+    };
     return static_cast<std::uint32_t>(eight(halves[0]) | eight(halves[1]) << 8);
 #endif
 }
 
 // Which of sixteen samples are above `dark`, as bits.
-HORD_ALWAYS_INLINE std::uint32_t lit_bits(const Bytes16& samples, std::uint8_t dark) { return bits_of(reinterpret_cast<Bytes16>(samples > Bytes16{} + dark)); }
+HORD_ALWAYS_INLINE std::uint32_t lit_bits(const Bytes16& samples, std::uint8_t dark) {
+    return bits_of(reinterpret_cast<Bytes16>(samples > Bytes16{} + dark));
+}
 HORD_ALWAYS_INLINE std::uint32_t lit_bits(const Vector<std::uint16_t, 32>& samples, std::uint16_t dark) {
     std::uint32_t bits = 0;
     for (int i = 0; i < kLanes; ++i) bits |= std::uint32_t{samples[i] > dark} << i;
     return bits;
 }
 
-// Whether one of `count` samples, or of the up to 63 bytes that follow, is above `dark`. The same samples `next` further on are fetched meanwhile.
+// Whether one of `count` samples, or of the up to 63 bytes that follow, is above `dark`. The same samples `next`
+// further on are fetched meanwhile.
 template <int Bytes, class Sample>
 HORD_ALWAYS_INLINE bool any_above(const Sample* samples, int count, Sample dark, std::ptrdiff_t next) {
     using Wide = Vector<Sample, Bytes>;
     using Narrow = Vector<Sample, 16>;
-    constexpr int kOfOne = Bytes / static_cast<int>(sizeof(Sample)), kOfLine = kCacheLine / static_cast<int>(sizeof(Sample));
+    constexpr int kOfOne = Bytes / static_cast<int>(sizeof(Sample)),
+                  kOfLine = kCacheLine / static_cast<int>(sizeof(Sample));
     Wide most{};
     for (const Sample* end = samples + count; samples < end; samples += kOfLine) {
         __builtin_prefetch(samples + next);
@@ -91,8 +98,9 @@ HORD_ALWAYS_INLINE Bytes16 interleaved_high(const Bytes16& a, const Bytes16& b) 
     return __builtin_shufflevector(a, b, 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31);
 }
 
-// Eight neighbouring samples of each of sixteen lenslets, `apart` samples from one to the next, become eight vectors of sixteen lenslets, less
-// what `dark` says of each of the eight (given twice). Four perfect shuffles of the 128 bytes; the last three for either four bins alone.
+// Eight neighbouring samples of each of sixteen lenslets, `apart` samples from one to the next, become eight vectors of
+// sixteen lenslets, less what `dark` says of each of the eight (given twice). Four perfect shuffles of the 128 bytes;
+// the last three for either four bins alone.
 struct Transposition {
     Bytes16 once[8];
 
@@ -113,7 +121,8 @@ struct Transposition {
     template <bool kLast>
     HORD_ALWAYS_INLINE void four(Bytes16 (&out)[4]) const {
         Bytes16 twice[4], thrice[4];
-        for (int k = 0; k < 4; ++k) twice[k] = kLast ? interleaved_high(once[k], once[k + 4]) : interleaved_low(once[k], once[k + 4]);
+        for (int k = 0; k < 4; ++k)
+            twice[k] = kLast ? interleaved_high(once[k], once[k + 4]) : interleaved_low(once[k], once[k + 4]);
         for (int k = 0; k < 2; ++k) {
             thrice[2 * k] = interleaved_low(twice[k], twice[k + 2]);
             thrice[2 * k + 1] = interleaved_high(twice[k], twice[k + 2]);
@@ -155,7 +164,9 @@ struct Ints {
     template <class Number>
     HORD_ALWAYS_INLINE static Ints of(const Number* from) {
         Ints all;
-        for (int p = 0; p < kParts; ++p) all.part[p] = __builtin_convertvector(load<Vector<Number, kOfOne * sizeof(Number)>>(from + p * kOfOne), Part);
+        for (int p = 0; p < kParts; ++p)
+            all.part[p] =
+                __builtin_convertvector(load<Vector<Number, kOfOne * sizeof(Number)>>(from + p * kOfOne), Part);
         return all;
     }
 };
@@ -173,9 +184,10 @@ struct LineSums {
 
 // Of bytes: a line's lit bins are gathered by transposing the samples around them.
 template <int Bytes>
-HORD_ALWAYS_INLINE void gather_line(const std::uint8_t* line, int j, std::uint32_t lit, const Extents& extents, const std::uint8_t* darkness, Wanted wanted, int& count,
-                                    EvenOdd* columns, LineSums<EvenOdd>& sums, PlaneBlock& block) {
-    const auto take = [&](const Bytes16 (&four)[4], int first) __attribute__((always_inline)) {
+HORD_ALWAYS_INLINE void gather_line(const std::uint8_t* line, int j, std::uint32_t lit, const Extents& extents,
+                                    const std::uint8_t* darkness, Wanted wanted, int& count, EvenOdd* columns,
+                                    LineSums<EvenOdd>& sums, PlaneBlock& block) {
+    const auto take = [&](const Bytes16(&four)[4], int first) __attribute__((always_inline)) {
         for (int k = 0; k < 4; ++k) {
             const auto masses = EvenOdd::of(four[k]);
             sums.mass.add(masses);
@@ -188,7 +200,8 @@ HORD_ALWAYS_INLINE void gather_line(const std::uint8_t* line, int j, std::uint32
             }
         }
     };
-    // Lit bins lie close together: one window mostly has all of a line's, and its first half does. Bins beyond I become 0.
+    // Lit bins lie close together: one window mostly has all of a line's, and its first half does. Bins beyond I become
+    // 0.
     for (int first = __builtin_ctz(lit); lit >> first != 0; first += kWindow) {
         std::uint64_t dark[2];
         std::memcpy(&dark[0], darkness + first, kWindow);
@@ -205,8 +218,9 @@ HORD_ALWAYS_INLINE void gather_line(const std::uint8_t* line, int j, std::uint32
 
 // Of words: each lit bin for itself.
 template <int Bytes>
-HORD_ALWAYS_INLINE void gather_line(const std::uint16_t* line, int j, std::uint32_t lit, const Extents& extents, const std::uint16_t* darkness, Wanted wanted, int& count,
-                                    Ints<Bytes>* columns, LineSums<Ints<Bytes>>& sums, PlaneBlock& block) {
+HORD_ALWAYS_INLINE void gather_line(const std::uint16_t* line, int j, std::uint32_t lit, const Extents& extents,
+                                    const std::uint16_t* darkness, Wanted wanted, int& count, Ints<Bytes>* columns,
+                                    LineSums<Ints<Bytes>>& sums, PlaneBlock& block) {
     using Words16 = Vector<std::uint16_t, 32>;
     const Words16 dark = Words16{} + darkness[0];
     for (; lit != 0; lit &= lit - 1) {
@@ -236,7 +250,8 @@ HORD_ALWAYS_INLINE const Ints<Bytes>& ints(const Ints<Bytes>& sums) {
 
 // Finds the bins that are lit in any of the sixteen lenslets, gathers those, and adds them up.
 template <int Bytes, class Sample>
-HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, const Extents& extents, const LightLevels& levels, Wanted wanted, PlaneBlock& block) {
+HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, const Extents& extents,
+                               const LightLevels& levels, Wanted wanted, PlaneBlock& block) {
     using Samples = Vector<Sample, kLanes * sizeof(Sample)>;
     using Sums = std::conditional_t<sizeof(Sample) == 1, EvenOdd, Ints<Bytes>>;
     const int bins_i = extents.i, bins_j = extents.j;
@@ -265,7 +280,8 @@ HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, con
         if (lit == 0) continue;  // what was above it lies behind the sixteen
         std::uint32_t hot = can_saturate ? lit_bits(brightest, static_cast<Sample>(levels.saturated - 1)) & of_bins : 0;
         for (; hot != 0; hot &= hot - 1) {
-            for (int l = 0; l < kLanes; ++l) block.saturated[l] |= line[l * bins_i + __builtin_ctz(hot)] >= levels.saturated ? kSaturated : kValid;
+            for (int l = 0; l < kLanes; ++l)
+                block.saturated[l] |= line[l * bins_i + __builtin_ctz(hot)] >= levels.saturated ? kSaturated : kValid;
         }
         light(block.lit, j * bins_i, lit);
         LineSums<Sums> of_line{};
@@ -316,8 +332,9 @@ HORD_ALWAYS_INLINE void make_shares(const PlaneBlock& block, std::size_t stride,
 
 // Cumulative sums are integers until they are scaled.
 template <int Bytes>
-HORD_ALWAYS_INLINE void make_marginals(const PlaneBlock& block, const Extents& extents, std::size_t stride, float* first) {
-    const auto along = [&](const std::int32_t (*sums)[kLanes], int count) __attribute__((always_inline)) {
+HORD_ALWAYS_INLINE void make_marginals(const PlaneBlock& block, const Extents& extents, std::size_t stride,
+                                       float* first) {
+    const auto along = [&](const std::int32_t(*sums)[kLanes], int count) __attribute__((always_inline)) {
         Ints<Bytes> passed{};
         for (int k = 0; k < count; ++k, first += stride) {
             passed.add(Ints<Bytes>::of(sums[k]));
@@ -333,13 +350,18 @@ HORD_ALWAYS_INLINE void make_marginals(const PlaneBlock& block, const Extents& e
 }
 
 HORD_FOR_EACH_ISA(gather8_for, void, gather,
-                  (const std::uint8_t* samples, std::ptrdiff_t stride, const Extents& extents, const LightLevels& levels, Wanted wanted, PlaneBlock& block),
+                  (const std::uint8_t* samples, std::ptrdiff_t stride, const Extents& extents,
+                   const LightLevels& levels, Wanted wanted, PlaneBlock& block),
                   (samples, stride, extents, levels, wanted, block))
 HORD_FOR_EACH_ISA(gather16_for, void, gather,
-                  (const std::uint16_t* samples, std::ptrdiff_t stride, const Extents& extents, const LightLevels& levels, Wanted wanted, PlaneBlock& block),
+                  (const std::uint16_t* samples, std::ptrdiff_t stride, const Extents& extents,
+                   const LightLevels& levels, Wanted wanted, PlaneBlock& block),
                   (samples, stride, extents, levels, wanted, block))
-HORD_FOR_EACH_ISA(shares_for, void, make_shares, (const PlaneBlock& block, std::size_t stride, bool roots, float* first), (block, stride, roots, first))
-HORD_FOR_EACH_ISA(marginals_for, void, make_marginals, (const PlaneBlock& block, const Extents& extents, std::size_t stride, float* first),
+HORD_FOR_EACH_ISA(shares_for, void, make_shares,
+                  (const PlaneBlock& block, std::size_t stride, bool roots, float* first),
+                  (block, stride, roots, first))
+HORD_FOR_EACH_ISA(marginals_for, void, make_marginals,
+                  (const PlaneBlock& block, const Extents& extents, std::size_t stride, float* first),
                   (block, extents, stride, first))
 
 }  // namespace

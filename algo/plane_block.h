@@ -1,11 +1,14 @@
-// Sixteen lenslets side by side, worked on at once: their lit bins are found and gathered, added up, and made into shares or marginals.
-// Most bins are dark in all of sixteen neighbouring lenslets: those cost a look at their line.
+// Sixteen lenslets side by side, worked on at once: their lit bins are found and gathered, added up, and made into
+// shares or marginals. Most bins are dark in all of sixteen neighbouring lenslets: those cost a look at their line.
 //
 // Numbers, all exact integers until a share is made:
-//   samples of one byte   a mass < 2^8; sums over a line, a column or a lenslet <= 15 * 15 * 255 < 2^16: words without a sign. A line's moment along
-//                         x is at most 255 * (14 + 12 + ... + 2) = 14280 half bins times DN < 2^15, of either sign: words with one
+//   samples of one byte   a mass < 2^8; sums over a line, a column or a lenslet <= 15 * 15 * 255 < 2^16: words without
+//   a sign. A line's moment along
+//                         x is at most 255 * (14 + 12 + ... + 2) = 14280 half bins times DN < 2^15, of either sign:
+//                         words with one
 //   of two bytes          a mass < 2^16; sums < 2^24, moments < 14 * 2^24 < 2^28: 32 bits
-// Sums and moments of a lenslet are 32 bits in either case (algo/decode.h). Whatever the instruction set, the same operations come in the same order.
+// Sums and moments of a lenslet are 32 bits in either case (algo/decode.h). Whatever the instruction set, the same
+// operations come in the same order.
 //
 // Test: tests/algo/plane_feature_test.cpp.
 #pragma once
@@ -36,18 +39,19 @@ struct PlaneBlock {
 
     // Lanes of lenslets that are not there are 0. What is not wanted holds no meaning, moments apart: they are 0.
     alignas(kAlignment) std::int32_t column[kMaxBins][kLanes];  // sums over the lines, of each bin column
-    std::int32_t line[kMaxBins][kLanes];                // and over the columns, of each line
+    std::int32_t line[kMaxBins][kLanes];                        // and over the columns, of each line
     std::int32_t sum[kLanes], moment_x[kLanes], moment_y[kLanes];
     std::int32_t saturated[kLanes];
     std::uint8_t mask[kLanes];
-    float inverse[kLanes];                  // 1 / sum; 0 without a HORD
-    Lit lit;                                // bins lit in any of the lenslets
-    int count = 0;                          // those bins, and their masses; one more is written than counts
+    float inverse[kLanes];  // 1 / sum; 0 without a HORD
+    Lit lit;                // bins lit in any of the lenslets
+    int count = 0;          // those bins, and their masses; one more is written than counts
     std::uint8_t bin[kMostBins + 1];
     alignas(kAlignment) std::uint16_t mass[kMostBins + 1][kLanes];
 
     template <class Sample>
-    using Gather = void (*)(const Sample* samples, std::ptrdiff_t stride, const Extents& extents, const LightLevels& levels, Wanted wanted, PlaneBlock& block);
+    using Gather = void (*)(const Sample* samples, std::ptrdiff_t stride, const Extents& extents,
+                            const LightLevels& levels, Wanted wanted, PlaneBlock& block);
     static Gather<std::uint8_t> gather8(Isa isa);
     static Gather<std::uint16_t> gather16(Isa isa);
 

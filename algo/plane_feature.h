@@ -1,14 +1,15 @@
-// The features that need little arithmetic, at the speed at which a frame can be read: chi2, hellinger, marginal, centroid, and the
-// Jacobian's. Sixteen lenslets are worked on at once (algo/plane_row.h); the bins' directions are one pitch apart.
+// The features that need little arithmetic, at the speed at which a frame can be read: chi2, hellinger, marginal,
+// centroid, and the Jacobian's. Sixteen lenslets are worked on at once (algo/plane_row.h); the bins' directions are one
+// pitch apart.
 //
-// Numbers. centroid and the Jacobian's are made of mean deflections (algo/deflection.h, algo/jacobian.h): centroid from their exact
-// differences, in double: within 2^-21 bin and 2^-24 of itself of exact. The others are floats of the shares (each within 2^-22 of itself), whose differences
-// and sums round by 2^-24 a step, 225 steps at most:
+// Numbers. centroid and the Jacobian's are made of mean deflections (algo/deflection.h, algo/jacobian.h): centroid from
+// their exact differences, in double: within 2^-21 bin and 2^-24 of itself of exact. The others are floats of the
+// shares (each within 2^-22 of itself), whose differences and sums round by 2^-24 a step, 225 steps at most:
 //   hellinger  of roots: |error| < 2^-22 * sqrt(2) + 225 * 2^-24 of itself < 2e-5   (contract: 1e-4)
-//   chi2       a term (h-g)^2 / (h+g) is off by at most 2 * 2^-22 * (h+g) + its own rounding: in all below 2e-5   (contract: 1e-4)
-//   marginal   of cumulative sums, exact before they are scaled: below 28 * 2^-22 + rounding: 2e-5 bin
-// A gradient's norm adds two such errors, twice each beside a hole: below 6e-5. Where the same lanes are computed one by one (beside
-// lenslets without a HORD) the order is the same: a value does not depend on how it was computed.
+//   chi2       a term (h-g)^2 / (h+g) is off by at most 2 * 2^-22 * (h+g) + its own rounding: in all below 2e-5
+//   (contract: 1e-4) marginal   of cumulative sums, exact before they are scaled: below 28 * 2^-22 + rounding: 2e-5 bin
+// A gradient's norm adds two such errors, twice each beside a hole: below 6e-5. Where the same lanes are computed one
+// by one (beside lenslets without a HORD) the order is the same: a value does not depend on how it was computed.
 //
 // Test: tests/algo/plane_feature_test.cpp, against the definitions in double.
 #pragma once
@@ -31,24 +32,30 @@ class PlaneFeature {
     // A feature that is covered. Mean deflections are kept if it is made of them, or somebody wants them.
     PlaneFeature(const Extents& extents, Feature feature, Isa isa, bool keeps_deflections = false);
 
-    // Rows first .. last-1 of a whole field's map; algo/feature_map.h says what is in it. No allocation. `goes_on`: the call before was of the rows
-    // before, of this frame.
-    void over_neighbours(const FrameView& frame, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask, bool goes_on = false);
-    void against(const FrameView& frame, const FrameView& reference, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask);
-    void against(const FrameView& frame, std::span<const Hord> reference, const LightLevels& levels, int first, int last, float* values, std::uint8_t* mask);
+    // Rows first .. last-1 of a whole field's map; algo/feature_map.h says what is in it. No allocation. `goes_on`: the
+    // call before was of the rows before, of this frame.
+    void over_neighbours(const FrameView& frame, const LightLevels& levels, int first, int last, float* values,
+                         std::uint8_t* mask, bool goes_on = false);
+    void against(const FrameView& frame, const FrameView& reference, const LightLevels& levels, int first, int last,
+                 float* values, std::uint8_t* mask);
+    void against(const FrameView& frame, std::span<const Hord> reference, const LightLevels& levels, int first,
+                 int last, float* values, std::uint8_t* mask);
 
-    // The same row by row, for whoever needs more of the rows (algo/pipeline.h): load(n-1), load(n) and load(n+1), those that exist, then what is
-    // asked of row n. Deflections and what is made of them: only of a PlaneFeature that keeps them.
+    // The same row by row, for whoever needs more of the rows (algo/pipeline.h): load(n-1), load(n) and load(n+1),
+    // those that exist, then what is asked of row n. Deflections and what is made of them: only of a PlaneFeature that
+    // keeps them.
     void load(const FrameView& frame, const LightLevels& levels, int n);
     [[nodiscard]] const PlaneRow& loaded(int n) const { return rows_[static_cast<std::size_t>(n % 3)]; }
     [[nodiscard]] Deflection deflection(int m, int n) const {
         const Means& means = means_[static_cast<std::size_t>(n % 3)];
-        return {DeflectionQ::from_raw(means.x[static_cast<std::size_t>(m)]), DeflectionQ::from_raw(means.y[static_cast<std::size_t>(m)])};
+        return {DeflectionQ::from_raw(means.x[static_cast<std::size_t>(m)]),
+                DeflectionQ::from_raw(means.y[static_cast<std::size_t>(m)])};
     }
     void mark_row(int n, std::uint8_t* mask) const;
-    void compare_row(int n, float* values, const std::uint8_t* mask);    // mask as mark_row() left it
-    void slopes_row(int n, float* frobenius, const std::uint8_t* mask);  // the Jacobian's Frobenius norm, whatever the feature
-    [[nodiscard]] Jacobian jacobian(int m, int n) const;                 // where the mask does not say kNoGradient
+    void compare_row(int n, float* values, const std::uint8_t* mask);  // mask as mark_row() left it
+    void slopes_row(int n, float* frobenius,
+                    const std::uint8_t* mask);            // the Jacobian's Frobenius norm, whatever the feature
+    [[nodiscard]] Jacobian jacobian(int m, int n) const;  // where the mask does not say kNoGradient
 
     // Raw mean deflections around lenslets 0, 1, ...; values come out for lenslets that have all four neighbours.
     struct MeanRows {
@@ -77,7 +84,8 @@ class PlaneFeature {
     void (*divide_)(const std::int32_t* moment, const std::uint32_t* sum, int count, std::int32_t* mean);
     void (*slopes_)(const MeanRows& rows, bool centroid, int count, float* values);
     // Squared distances of sixteen lenslets of a from sixteen of b, over the lit planes.
-    void (*add_up_)(const float* a, const float* b, std::size_t stride, const PlaneRow::Lit& lit, int along_x, float* squared);
+    void (*add_up_)(const float* a, const float* b, std::size_t stride, const PlaneRow::Lit& lit, int along_x,
+                    float* squared);
 };
 
 }  // namespace hord::algo

@@ -16,16 +16,23 @@ struct PlaneRow::Work {
 namespace {
 
 int blocks_of(const Extents& extents) { return (extents.m + PlaneRow::kLanes - 1) / PlaneRow::kLanes; }
-std::size_t lenslets_of(const Extents& extents) { return static_cast<std::size_t>(blocks_of(extents) * PlaneRow::kLanes); }
+std::size_t lenslets_of(const Extents& extents) {
+    return static_cast<std::size_t>(blocks_of(extents) * PlaneRow::kLanes);
+}
 
 }  // namespace
 
 PlaneRow::PlaneRow(const Extents& extents, PlaneUse use, Isa isa, bool moments)
-    : extents_(extents), use_(use), wanted_{use == PlaneUse::shares || use == PlaneUse::roots, use == PlaneUse::marginals, moments}, blocks_(blocks_of(extents)),
-      planes_(use == PlaneUse::sums ? 0 : use == PlaneUse::marginals ? extents.i + extents.j - 2 : extents.bins()),
-      stride_(lenslets_of(extents) + 2 * kPad), planes_of_(static_cast<std::size_t>(planes_) * stride_), lit_(static_cast<std::size_t>(blocks_)),
-      sums_(lenslets_of(extents)), moments_x_(sums_.size()), moments_y_(sums_.size()), mask_(sums_.size()), work_(std::make_unique<Work>()), gather8_(PlaneBlock::gather8(isa)),
-      gather16_(PlaneBlock::gather16(isa)), shares_(PlaneBlock::shares(isa)), marginals_(PlaneBlock::marginals(isa)) {
+    : extents_(extents),
+      use_(use), wanted_{use == PlaneUse::shares || use == PlaneUse::roots, use == PlaneUse::marginals, moments},
+      blocks_(blocks_of(extents)), planes_(use == PlaneUse::sums            ? 0
+                                               : use == PlaneUse::marginals ? extents.i + extents.j - 2
+                                                                            : extents.bins()),
+      stride_(lenslets_of(extents) + 2 * kPad), planes_of_(static_cast<std::size_t>(planes_) * stride_),
+      lit_(static_cast<std::size_t>(blocks_)), sums_(lenslets_of(extents)), moments_x_(sums_.size()),
+      moments_y_(sums_.size()), mask_(sums_.size()), work_(std::make_unique<Work>()),
+      gather8_(PlaneBlock::gather8(isa)), gather16_(PlaneBlock::gather16(isa)), shares_(PlaneBlock::shares(isa)),
+      marginals_(PlaneBlock::marginals(isa)) {
     if (use != PlaneUse::marginals) return;
     for (Lit& lit : lit_) {
         for (int k = 0; k < planes_; ++k) lit[static_cast<std::size_t>(k / 64)] |= std::uint64_t{1} << (k % 64);
@@ -52,7 +59,8 @@ void PlaneRow::decode_samples(const FrameView& frame, const LightLevels& levels,
             line_stride = of_a_block + kReadAhead;
             const int left = std::min(frame.width_px - at, of_a_block);
             for (int j = 0; j < extents_.j; ++j) {
-                std::fill(std::copy_n(samples + j * stride, left, copied + j * line_stride), copied + (j + 1) * line_stride, Sample{0});
+                std::fill(std::copy_n(samples + j * stride, left, copied + j * line_stride),
+                          copied + (j + 1) * line_stride, Sample{0});
             }
             samples = copied;
         }
@@ -70,7 +78,8 @@ void PlaneRow::store_block(int block) {
     const PlaneBlock& work = work_->block;
     for (int l = 0; l < kLanes; ++l) {
         expect_no_overflow(work.sum[l] >= 0 && static_cast<std::uint32_t>(work.sum[l]) < kSumLimit);
-        expect_no_overflow(std::abs(work.moment_x[l]) <= 14 * work.sum[l] && std::abs(work.moment_y[l]) <= 14 * work.sum[l]);
+        expect_no_overflow(std::abs(work.moment_x[l]) <= 14 * work.sum[l] &&
+                           std::abs(work.moment_y[l]) <= 14 * work.sum[l]);
     }
     std::copy_n(work.mask, kLanes, mask_.begin() + static_cast<std::ptrdiff_t>(m));
     std::copy_n(work.sum, kLanes, sums_.begin() + static_cast<std::ptrdiff_t>(m));
@@ -106,7 +115,8 @@ void PlaneRow::take(std::span<const Hord> row) {
         for (int l = 0; l < std::min(kLanes, extents_.m - block * kLanes); ++l) {
             const Hord& hord = row[static_cast<std::size_t>(block * kLanes + l)];
             if (hord.sum == 0) continue;
-            for (int j = 0; j < extents_.j; ++j) std::copy_n(hord.mass + j * extents_.i, extents_.i, samples + j * of_a_line + l * extents_.i);
+            for (int j = 0; j < extents_.j; ++j)
+                std::copy_n(hord.mass + j * extents_.i, extents_.i, samples + j * of_a_line + l * extents_.i);
         }
         gather16_(samples, of_a_line, extents_, kAsTheyAre, wanted_, work_->block);
         store_block(block);

@@ -1,9 +1,11 @@
-// A row of lenslets stored bin by bin: the same bin of neighbouring lenslets lies side by side, so that sixteen lenslets are worked on
-// at once. Most bins are dark in all of sixteen neighbouring lenslets: those are neither stored nor looked at.
+// A row of lenslets stored bin by bin: the same bin of neighbouring lenslets lies side by side, so that sixteen
+// lenslets are worked on at once. Most bins are dark in all of sixteen neighbouring lenslets: those are neither stored
+// nor looked at.
 //
-// Masses, sums and moments are the integers of algo/decode.h, exact. `share` values are floats: h = mass / sum (Eq. 8), or its
-// root; each is wrong by less than 2^-22 of itself (a mass and a sum are below 2^24 and so exact floats; reciprocal, product and root
-// each round by 2^-24 at most). Everything is computed lane by lane in a fixed order: the same bits on every instruction set.
+// Masses, sums and moments are the integers of algo/decode.h, exact. `share` values are floats: h = mass / sum (Eq. 8),
+// or its root; each is wrong by less than 2^-22 of itself (a mass and a sum are below 2^24 and so exact floats;
+// reciprocal, product and root each round by 2^-24 at most). Everything is computed lane by lane in a fixed order: the
+// same bits on every instruction set.
 //
 // Test: tests/algo/plane_feature_test.cpp.
 #pragma once
@@ -46,7 +48,9 @@ class PlaneRow {
     [[nodiscard]] int blocks() const { return blocks_; }
     [[nodiscard]] int planes() const { return planes_; }
     // The value of plane k for lenslet 0; the others follow. 0 for lenslets without a HORD.
-    [[nodiscard]] const float* plane(int k) const { return planes_of_.data() + static_cast<std::size_t>(k) * stride_ + kPad; }
+    [[nodiscard]] const float* plane(int k) const {
+        return planes_of_.data() + static_cast<std::size_t>(k) * stride_ + kPad;
+    }
 
     // Planes that are not 0 in all lenslets of a block.
     using Lit = PlaneBlock::Lit;

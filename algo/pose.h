@@ -2,7 +2,8 @@
 //
 // A place of the part's frame, in lenslets from the middle of the field, is at
 //     q = R(-turn) (p - shift)
-// in the reference. The turn is given by its sine, and the cosine is sqrt(1 - sine^2): operations that are rounded alike everywhere.
+// in the reference. The turn is given by its sine, and the cosine is sqrt(1 - sine^2): operations that are rounded
+// alike everywhere.
 #pragma once
 
 #include <cmath>
@@ -22,7 +23,8 @@ struct Pose {
 class PoseMap {
   public:
     PoseMap(const Pose& pose, const Extents& extents)
-        : pose_(pose), cosine_(std::sqrt(1 - pose.sine * pose.sine)), middle_m_(0.5 * (extents.m - 1)), middle_n_(0.5 * (extents.n - 1)) {}
+        : pose_(pose), cosine_(std::sqrt(1 - pose.sine * pose.sine)), middle_m_(0.5 * (extents.m - 1)),
+          middle_n_(0.5 * (extents.n - 1)) {}
 
     struct Place {
         double m, n;
@@ -36,15 +38,17 @@ class PoseMap {
         return {cosine_ * x - pose_.sine * y + middle_m_ + pose_.x, cosine_ * y + pose_.sine * x + middle_n_ + pose_.y};
     }
     // A deflection of the reference as the turned part has it.
-    [[nodiscard]] Place turned(double x, double y) const { return {cosine_ * x - pose_.sine * y, cosine_ * y + pose_.sine * x}; }
+    [[nodiscard]] Place turned(double x, double y) const {
+        return {cosine_ * x - pose_.sine * y, cosine_ * y + pose_.sine * x};
+    }
 
   private:
     Pose pose_;
     double cosine_, middle_m_, middle_n_;
 };
 
-// Catmull-Rom weights of the four lenslets around a place that lies `t` (0..1) after the second of them: they reproduce parabolas, so that
-// a HORD that moves evenly from lenslet to lenslet keeps its mean and its spread in between.
+// Catmull-Rom weights of the four lenslets around a place that lies `t` (0..1) after the second of them: they reproduce
+// parabolas, so that a HORD that moves evenly from lenslet to lenslet keeps its mean and its spread in between.
 struct CubicWeights {
     double of[4];
     static constexpr CubicWeights at(double t) {
@@ -53,7 +57,8 @@ struct CubicWeights {
     }
     static CubicWeights slope_at(double t) {
         const double t2 = t * t;
-        return {{0.5 * (4 * t - 1 - 3 * t2), 0.5 * (9 * t2 - 10 * t), 0.5 * (8 * t - 9 * t2 + 1), 0.5 * (3 * t2 - 2 * t)}};
+        return {
+            {0.5 * (4 * t - 1 - 3 * t2), 0.5 * (9 * t2 - 10 * t), 0.5 * (8 * t - 9 * t2 + 1), 0.5 * (3 * t2 - 2 * t)}};
     }
     static CubicWeights linear_at(double t) { return {{0, 1 - t, t, 0}}; }
     // Parabolas through three of them: without the last, without the first.
@@ -61,7 +66,8 @@ struct CubicWeights {
     static CubicWeights after_at(double t) { return {{0, 0.5 * (1 - t) * (2 - t), t * (2 - t), 0.5 * t * (t - 1)}}; }
 };
 
-// The lenslets around a place that an interpolation may use, and how: 4x4 of them, or where some have no value 3x4, 4x3, 3x3, at worst 2x2.
+// The lenslets around a place that an interpolation may use, and how: 4x4 of them, or where some have no value 3x4,
+// 4x3, 3x3, at worst 2x2.
 struct Surroundings {
     int m = 0, n = 0;            // of the first of 4x4
     CubicWeights along, across;  // by m, by n; 0: not used
@@ -84,14 +90,18 @@ struct Surroundings {
             }
         }
         constexpr unsigned kAll = 15, kBefore = 7, kAfter = 14, kMiddle = 6;
-        constexpr unsigned kTries[][2] = {{kAll, kAll},      {kAll, kBefore},   {kAll, kAfter},    {kBefore, kAll},    {kAfter, kAll},   {kBefore, kBefore},
-                                          {kBefore, kAfter}, {kAfter, kBefore}, {kAfter, kAfter}, {kMiddle, kMiddle}};
+        constexpr unsigned kTries[][2] = {{kAll, kAll},     {kAll, kBefore},    {kAll, kAfter},    {kBefore, kAll},
+                                          {kAfter, kAll},   {kBefore, kBefore}, {kBefore, kAfter}, {kAfter, kBefore},
+                                          {kAfter, kAfter}, {kMiddle, kMiddle}};
         for (const auto& [columns, rows] : kTries) {
             unsigned any = 0;
             for (int r = 0; r < 4; ++r) any |= (rows >> r & 1U) != 0 ? bad[r] & columns : 0;
             if (any != 0) continue;
             const auto weights = [](unsigned used, double at) {
-                return used == kAll ? CubicWeights::at(at) : used == kBefore ? CubicWeights::before_at(at) : used == kAfter ? CubicWeights::after_at(at) : CubicWeights::linear_at(at);
+                return used == kAll   ? CubicWeights::at(at)
+                    : used == kBefore ? CubicWeights::before_at(at)
+                    : used == kAfter  ? CubicWeights::after_at(at)
+                                      : CubicWeights::linear_at(at);
             };
             s.along = weights(columns, t), s.across = weights(rows, u);
             s.found = true;

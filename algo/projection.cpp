@@ -17,7 +17,8 @@ Projection::Projection(std::span<const Direction> directions, double x, double y
     std::sort(places.begin(), places.end());
     places.erase(std::unique(places.begin(), places.end()), places.end());
     for (std::size_t k = 0; k < at.size(); ++k) {
-        place_of_bin_[k] = static_cast<std::uint8_t>(std::lower_bound(places.begin(), places.end(), at[k]) - places.begin());
+        place_of_bin_[k] =
+            static_cast<std::uint8_t>(std::lower_bound(places.begin(), places.end(), at[k]) - places.begin());
     }
     for (std::size_t p = 0; p + 1 < places.size(); ++p) gap_.push_back(places[p + 1] - places[p]);
 }

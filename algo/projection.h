@@ -1,8 +1,9 @@
-// HORDs seen along a line: the W1 distance of two projections, from which bounds of the earth mover's distance are made.
+// HORDs seen along a line: the W1 distance of two projections, from which bounds of the earth mover's distance are
+// made.
 //
-// In one dimension the distance is the integral of |F_a - F_b| (cumulative sums). Over the common denominator the difference
-// is an exact integer: |sum of d| < 2^49, held in a double. Rounding is that of at most 224 products and sums: relative
-// error below 2^-44.
+// In one dimension the distance is the integral of |F_a - F_b| (cumulative sums). Over the common denominator the
+// difference is an exact integer: |sum of d| < 2^49, held in a double. Rounding is that of at most 224 products and
+// sums: relative error below 2^-44.
 #pragma once
 
 #include <array>

@@ -15,8 +15,8 @@ constexpr int kFarBins = 3;
 constexpr std::uint32_t kBright = 8, kSupport = 16;
 constexpr std::size_t kFrames = 8;
 constexpr std::uint64_t kLeastReadings = 1000;
-constexpr double kWithin = 5;           // standard deviations
-constexpr double kLeast = 0.25;         // DN: below, rounding leaves too little
+constexpr double kWithin = 5;    // standard deviations
+constexpr double kLeast = 0.25;  // DN: below, rounding leaves too little
 
 // How often each reading was seen.
 using Histogram = std::vector<std::uint64_t>;
@@ -37,7 +37,8 @@ void add_dark_bins(const FrameView& frame, const Extents& e, std::uint32_t dark,
                 for (int i = 0; i < e.i; ++i) {
                     if (sample(i, j) * kSupport < brightest) continue;
                     for (int y = std::max(0, j - kFarBins + 1); y < std::min(e.j, j + kFarBins); ++y) {
-                        for (int x = std::max(0, i - kFarBins + 1); x < std::min(e.i, i + kFarBins); ++x) is_far(x, y) = false;
+                        for (int x = std::max(0, i - kFarBins + 1); x < std::min(e.i, i + kFarBins); ++x)
+                            is_far(x, y) = false;
                     }
                 }
             }
@@ -71,7 +72,8 @@ double sigma_of(double square) {
 
 double noise_of(const Histogram& seen, std::uint64_t readings) {
     std::size_t median = 0;
-    for (std::uint64_t below = seen[0]; 2 * below < readings; below += seen[++median]) {}
+    for (std::uint64_t below = seen[0]; 2 * below < readings; below += seen[++median]) {
+    }
     const bool cut_off = seen[0] * 100 > readings;
     double sigma = std::numeric_limits<double>::infinity();
     for (int round = 0; round < 5; ++round) {
@@ -95,7 +97,8 @@ double noise_of(const Histogram& seen, std::uint64_t readings) {
 
 }  // namespace
 
-Result<float> read_noise_of(const Extents& extents, const LightLevels& levels, std::size_t count, const std::function<Result<Frame>(std::size_t)>& frame_of) {
+Result<float> read_noise_of(const Extents& extents, const LightLevels& levels, std::size_t count,
+                            const std::function<Result<Frame>(std::size_t)>& frame_of) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     Histogram seen;
     for (std::size_t k = 0; k < std::min(count, kFrames); ++k) {
@@ -108,7 +111,9 @@ Result<float> read_noise_of(const Extents& extents, const LightLevels& levels, s
     std::uint64_t readings = 0;
     for (const std::uint64_t n : seen) readings += n;
     if (readings < kLeastReadings) {
-        return fail(ErrorCode::invalid_argument, "too few bins of these frames are without light to tell the read noise from them", "give the sensor's, in DN, with --read-dn");
+        return fail(ErrorCode::invalid_argument,
+                    "too few bins of these frames are without light to tell the read noise from them",
+                    "give the sensor's, in DN, with --read-dn");
     }
     return static_cast<float>(noise_of(seen, readings));
 }

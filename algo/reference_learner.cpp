@@ -13,13 +13,16 @@ namespace hord::algo {
 namespace {
 
 constexpr double kShareOne = 1 << Reference::kShareBits;
-// A part is not strange for less: so much good parts differ where they are interpolated between lenslets, each by how it lies.
+// A part is not strange for less: so much good parts differ where they are interpolated between lenslets, each by how
+// it lies.
 constexpr float kStrange[kDeviations] = {0.05F, 0.05F, 0.02F, 0.05F};
-// Standard deviations of a bin's mean, with a sixteenth of the reading noise in dark bins (algo/compare.h), that noise alone has seldom.
+// Standard deviations of a bin's mean, with a sixteenth of the reading noise in dark bins (algo/compare.h), that noise
+// alone has seldom.
 constexpr double kNoise = 3;
 constexpr float kLeastSpread[kDeviations] = {1e-6F, 1e-5F, 1e-5F, 0};  // 0.1 % of light, 0.003 bin: rounding
 
-// Gives a vector's memory back: the sums and shares of a large light field are most of what learning takes, and no pass needs all of them.
+// Gives a vector's memory back: the sums and shares of a large light field are most of what learning takes, and no pass
+// needs all of them.
 template <class T>
 void release(std::vector<T>& what) {
     std::vector<T>().swap(what);
@@ -43,7 +46,8 @@ double median(std::vector<double> values) {
     return *middle;
 }
 
-// What share of the sum of `parts` squared normal numbers the largest may have (Grubbs; about one in a thousand lenslets has more).
+// What share of the sum of `parts` squared normal numbers the largest may have (Grubbs; about one in a thousand
+// lenslets has more).
 double grubbs_share(double parts) {
     const double t = 4.4 + 28 / (parts - 2), t2 = t * t;
     return (parts - 1) / parts * t2 / (parts - 2 + t2);
@@ -51,13 +55,15 @@ double grubbs_share(double parts) {
 
 class Learner {
   public:
-    Learner(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of, const LearnOptions& options)
-        : extents_(extents), count_(count), frame_of_(frame_of), options_(options), row_(extents), registrar_(extents), poses_(count), lights_(count, 1.0),
-          left_out_(count, false) {
+    Learner(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
+            const LearnOptions& options)
+        : extents_(extents), count_(count), frame_of_(frame_of), options_(options), row_(extents), registrar_(extents),
+          poses_(count), lights_(count, 1.0), left_out_(count, false) {
         reference_.extents = extents;
         reference_.bits = bits;
         reference_.levels = options.levels;
-        reference_.sensor = {options.electrons_per_dn.value_or(10.0F), options.read_dn, std::max(0.0F, static_cast<float>(options.levels.dark) - options.pedestal_dn)};
+        reference_.sensor = {options.electrons_per_dn.value_or(10.0F), options.read_dn,
+                             std::max(0.0F, static_cast<float>(options.levels.dark) - options.pedestal_dn)};
     }
     Result<Learned> run();
 
@@ -77,7 +83,9 @@ class Learner {
     void leave_out(std::size_t part, std::string why);
     [[nodiscard]] std::size_t left() const { return count_ - left_out_list_.size(); }
     [[nodiscard]] Result<void> enough() const;
-    void tick() { options_.progress(std::min(0.99, static_cast<double>(++ticks_) / (static_cast<double>(count_) * 6))); }
+    void tick() {
+        options_.progress(std::min(0.99, static_cast<double>(++ticks_) / (static_cast<double>(count_) * 6)));
+    }
 
     Extents extents_;
     std::size_t count_;
@@ -136,7 +144,8 @@ void Learner::decode(const FrameView& frame, Part& part, bool with_shares) {
             part.y[k] = part.deflections[k].y.to_float_rounded();
             if (!with_shares || !row_.has_hord(m)) continue;
             for (int b = 0; b < extents_.bins(); ++b) {
-                part.shares[k * stride + reference_.place(b % extents_.i, b / extents_.i)] = static_cast<std::uint16_t>(std::lround(hord.mass[b] * kShareOne / hord.sum));
+                part.shares[k * stride + reference_.place(b % extents_.i, b / extents_.i)] =
+                    static_cast<std::uint16_t>(std::lround(hord.mass[b] * kShareOne / hord.sum));
             }
         }
     }
@@ -151,8 +160,10 @@ void Learner::leave_out(std::size_t part, std::string why) {
 Result<void> Learner::enough() const {
     if (left() >= Reference::kMinParts) return {};
     std::string why;
-    for (const LeftOut& out : left_out_list_) why += (why.empty() ? ": part " : "; part ") + std::to_string(out.part + 1) + ": " + out.why;
-    return fail(ErrorCode::invalid_argument, std::to_string(left()) + " of " + std::to_string(count_) + " parts can be learned from" + why,
+    for (const LeftOut& out : left_out_list_)
+        why += (why.empty() ? ": part " : "; part ") + std::to_string(out.part + 1) + ": " + out.why;
+    return fail(ErrorCode::invalid_argument,
+                std::to_string(left()) + " of " + std::to_string(count_) + " parts can be learned from" + why,
                 "give at least " + std::to_string(Reference::kMinParts) + " frames of good parts that lie alike");
 }
 
@@ -167,7 +178,8 @@ Result<bool> Learner::find_poses_from(std::size_t origin) {
         auto one = frame(k);
         if (!one) return tl::unexpected(one.error());
         decode(one->view(), part, false);
-        const Registered found = registrar_.find(wanted.maps(), part.deflections, part.sums, part.mask, static_cast<double>(reference_.sensor.electrons_per_dn), 1);
+        const Registered found = registrar_.find(wanted.maps(), part.deflections, part.sums, part.mask,
+                                                 static_cast<double>(reference_.sensor.electrons_per_dn), 1);
         if (!found.found()) {
             out.push_back({k, explain(found.outcome)});
             continue;
@@ -202,13 +214,18 @@ void Learner::add_golden(const Part& part, const PoseMap& pose, double light) {
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
             const auto p = pose.to_part(m, n);
-            const auto at = [&](int x, int y) { return static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x); };
-            auto near = Surroundings::of(p.m, p.n, extents_, [&](int x, int y) { return (part.mask[at(x, y)] & kNoHord) == 0; });
+            const auto at = [&](int x, int y) {
+                return static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x);
+            };
+            auto near = Surroundings::of(p.m, p.n, extents_,
+                                         [&](int x, int y) { return (part.mask[at(x, y)] & kNoHord) == 0; });
             const bool dark = !near.found;
             if (dark) {
-                near = Surroundings::of(p.m, p.n, extents_, [&](int x, int y) { return (part.mask[at(x, y)] & kSaturated) == 0; });
+                near = Surroundings::of(p.m, p.n, extents_,
+                                        [&](int x, int y) { return (part.mask[at(x, y)] & kSaturated) == 0; });
                 if (!near.found) continue;
-                near.along = CubicWeights::linear_at(p.m - std::floor(p.m)), near.across = CubicWeights::linear_at(p.n - std::floor(p.n));
+                near.along = CubicWeights::linear_at(p.m - std::floor(p.m)),
+                near.across = CubicWeights::linear_at(p.n - std::floor(p.n));
             }
             float* to = golden_.data() + k * stride;
             double sum = 0;
@@ -231,8 +248,8 @@ void Learner::add_golden(const Part& part, const PoseMap& pose, double light) {
     }
 }
 
-// Forgets what single readings left in bins far from all light, for the comparison need not look where nothing is expected: of the sums of
-// shares, those below `least` but beside none that is as large, and those below a third of it.
+// Forgets what single readings left in bins far from all light, for the comparison need not look where nothing is
+// expected: of the sums of shares, those below `least` but beside none that is as large, and those below a third of it.
 void Learner::drop_noise(std::size_t k, double least) {
     float* const bins = golden_.data() + k * reference_.stride();
     const auto limit = static_cast<float>(least);
@@ -263,7 +280,8 @@ void Learner::finish_golden(double parts, double light) {
     r.x.assign(count, 0);
     r.y.assign(count, 0);
     r.mask.assign(count, kOutside);
-    const double read = static_cast<double>(r.sensor.read_dn), least_dn = kNoise * std::sqrt((read * read + 1.0 / 12) / 16 / parts);
+    const double read = static_cast<double>(r.sensor.read_dn),
+                 least_dn = kNoise * std::sqrt((read * read + 1.0 / 12) / 16 / parts);
     for (std::size_t k = 0; k < count; ++k) {
         if (2 * seen_light_[k] < parts) continue;
         r.mask[k] = kDark;
@@ -272,7 +290,8 @@ void Learner::finish_golden(double parts, double light) {
         if (r.light[k] > 0) drop_noise(k, seen_hord_[k] * least_dn / static_cast<double>(r.light[k]) * kShareOne);
         double sum = 0, x = 0, y = 0;
         for (int b = 0; b < extents_.bins(); ++b) {
-            const double share = std::max(0.0, static_cast<double>(golden_[k * stride + r.place(b % extents_.i, b / extents_.i)]));
+            const double share =
+                std::max(0.0, static_cast<double>(golden_[k * stride + r.place(b % extents_.i, b / extents_.i)]));
             sum += share;
             x += share * (b % extents_.i - 0.5 * (extents_.i - 1));
             y += share * (b / extents_.i - 0.5 * (extents_.j - 1));
@@ -282,7 +301,8 @@ void Learner::finish_golden(double parts, double light) {
         r.x[k] = static_cast<float>(x / sum);
         r.y[k] = static_cast<float>(y / sum);
         for (std::size_t b = 0; b < stride; ++b) {
-            const long share = std::lround(std::max(0.0, static_cast<double>(golden_[k * stride + b])) / sum * kShareOne);
+            const long share =
+                std::lround(std::max(0.0, static_cast<double>(golden_[k * stride + b])) / sum * kShareOne);
             r.shares[k * stride + b] = static_cast<std::uint16_t>(std::min(share, long{Reference::kMostShare}));
         }
     }
@@ -306,7 +326,9 @@ Result<void> Learner::learn_golden(bool register_again) {
         if (!one) return tl::unexpected(one.error());
         decode(one->view(), part, true);
         if (register_again) {
-            const Registered found = registrar_.find(reference_.maps(), part.deflections, part.sums, part.mask, static_cast<double>(reference_.sensor.electrons_per_dn), reference_.parts);
+            const Registered found =
+                registrar_.find(reference_.maps(), part.deflections, part.sums, part.mask,
+                                static_cast<double>(reference_.sensor.electrons_per_dn), reference_.parts);
             if (!found.found()) {
                 leave_out(k, explain(found.outcome));
                 continue;
@@ -357,10 +379,10 @@ void Learner::add_spread(std::uint32_t part, const Difference& d) {
 
 void Learner::finish_spread(double parts) {
     const std::size_t count = extents_.lenslets();
-    const double own = parts / (parts - 1);                                        // each part is part of the mean
-    const double largest = 2 * std::log(parts) - 0.6;                              // of squared normal numbers
-    const double trimmed = 1 / (parts - largest);                                  // and of their sum without it
-    std::vector<float> tail(count, 0);                                             // the excess that the largest alone would mean
+    const double own = parts / (parts - 1);            // each part is part of the mean
+    const double largest = 2 * std::log(parts) - 0.6;  // of squared normal numbers
+    const double trimmed = 1 / (parts - largest);      // and of their sum without it
+    std::vector<float> tail(count, 0);                 // the excess that the largest alone would mean
     std::vector<double> tails;
     std::array<std::vector<float>, kDeviations> alone;
     for (std::size_t w = 0; w < kDeviations; ++w) {
@@ -375,9 +397,11 @@ void Learner::finish_spread(double parts) {
                 excess = static_cast<double>(s.squares[w] - s.largest[w]) / std::max(1.0, seen - 1);
             } else {
                 const double noise = static_cast<double>(s.variance[w]) / seen;
-                // By as much as it may be larger than it looks (two standard deviations of nine lenslets): with more light that is what is left.
+                // By as much as it may be larger than it looks (two standard deviations of nine lenslets): with more
+                // light that is what is left.
                 const double unsure = 2 * noise * std::sqrt(2 / (9 * parts));
-                excess = unsure + own * static_cast<double>(s.squares[w] - s.largest[w]) * trimmed * parts / seen - noise;
+                excess =
+                    unsure + own * static_cast<double>(s.squares[w] - s.largest[w]) * trimmed * parts / seen - noise;
                 tail[k] = static_cast<float>(own * static_cast<double>(s.largest[w]) / largest - noise + unsure);
             }
             alone[w][k] = static_cast<float>(excess);
@@ -397,7 +421,8 @@ void Learner::finish_spread(double parts) {
                         tails.push_back(static_cast<double>(tail[k]));
                     }
                 }
-                spread[static_cast<std::size_t>(n * extents_.m + m)] = std::max(kLeastSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median(tails)) : 0));
+                spread[static_cast<std::size_t>(n * extents_.m + m)] = std::max(
+                    kLeastSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median(tails)) : 0));
             }
         }
     }
@@ -414,7 +439,9 @@ void Learner::finish_spread(double parts) {
 Result<void> Learner::learn_spread() {
     std::array<std::optional<FeatureMapper>, 2> mappers;
     for (std::size_t f = 0; f < 2; ++f) {
-        auto mapper = FeatureMapper::create(extents_, reference_.bits, reference_.levels, f == 0 ? Feature::emd : Feature::jacobian_frobenius, {{}, options_.threads, best_isa()});
+        auto mapper = FeatureMapper::create(extents_, reference_.bits, reference_.levels,
+                                            f == 0 ? Feature::emd : Feature::jacobian_frobenius,
+                                            {{}, options_.threads, best_isa()});
         if (!mapper) return tl::unexpected(mapper.error());
         mappers[f].emplace(std::move(*mapper));
     }
@@ -428,7 +455,9 @@ Result<void> Learner::learn_spread() {
         auto one = frame(p);
         if (!one) return tl::unexpected(one.error());
         decode(one->view(), part, false);
-        const Registered found = registrar_.find(reference_.maps(), part.deflections, part.sums, part.mask, static_cast<double>(reference_.sensor.electrons_per_dn), reference_.parts);
+        const Registered found =
+            registrar_.find(reference_.maps(), part.deflections, part.sums, part.mask,
+                            static_cast<double>(reference_.sensor.electrons_per_dn), reference_.parts);
         if (!found.found()) {
             leave_out(p, explain(found.outcome));
             continue;
@@ -462,7 +491,8 @@ bool Learner::name_outliers() {
     const double most = grubbs_share(static_cast<double>(left()));
     std::vector<double> alone(count_, 0);
     for (const Spread& s : spread_) {
-        if (s.largest_score > 25 && static_cast<double>(s.largest_score) > most * static_cast<double>(s.scores)) ++alone[s.largest_part];
+        if (s.largest_score > 25 && static_cast<double>(s.largest_score) > most * static_cast<double>(s.scores))
+            ++alone[s.largest_part];
     }
     std::vector<double> counts;
     for (std::size_t p = 0; p < count_; ++p) {
@@ -487,7 +517,8 @@ Result<Learned> Learner::run() {
         agreed = *done;
     }
     if (!agreed) {
-        return fail(ErrorCode::invalid_argument, "most of the parts do not lie where the others do, or do not look alike",
+        return fail(ErrorCode::invalid_argument,
+                    "most of the parts do not lie where the others do, or do not look alike",
                     "give frames of one kind of part, placed within two lenslets and three degrees");
     }
     if (auto fine = enough(); !fine) return tl::unexpected(fine.error());
@@ -501,7 +532,8 @@ Result<Learned> Learner::run() {
             // Twice: the floor of read noise does not scale.
             for (int again = 0; again < 2; ++again) {
                 const double ratio = std::clamp(median(chi2_ratios_), 1e-3, 1e3);
-                reference_.sensor.electrons_per_dn = static_cast<float>(std::clamp(static_cast<double>(reference_.sensor.electrons_per_dn) / ratio, 1e-3, 1e5));
+                reference_.sensor.electrons_per_dn = static_cast<float>(
+                    std::clamp(static_cast<double>(reference_.sensor.electrons_per_dn) / ratio, 1e-3, 1e5));
                 if (auto done = learn_spread(); !done) return tl::unexpected(done.error());
             }
             calibrated = true;
@@ -516,11 +548,13 @@ Result<Learned> Learner::run() {
 
 }  // namespace
 
-Result<Learned> learn_reference(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of, const LearnOptions& options) {
+Result<Learned> learn_reference(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
+                                const LearnOptions& options) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
     if (count < Reference::kMinParts || count > 60'000) {
-        return fail(ErrorCode::invalid_argument, std::to_string(count) + " frames to learn from", "give at least " + std::to_string(Reference::kMinParts));
+        return fail(ErrorCode::invalid_argument, std::to_string(count) + " frames to learn from",
+                    "give at least " + std::to_string(Reference::kMinParts));
     }
     return Learner(extents, bits, count, frame_of, options).run();
 }

@@ -40,21 +40,26 @@ namespace {
 template <int>
 HORD_ALWAYS_INLINE void mixed(const Regridder::Four& f, int bins, std::uint16_t* to) {
     const std::uint16_t *a = f.from[0], *b = f.from[1], *c = f.from[2], *d = f.from[3];
-    for (int k = 0; k < bins; ++k) to[k] = static_cast<std::uint16_t>((f.weight[0] * a[k] + f.weight[1] * b[k] + f.weight[2] * c[k] + f.weight[3] * d[k] + 128U) >> 8U);
+    for (int k = 0; k < bins; ++k)
+        to[k] = static_cast<std::uint16_t>(
+            (f.weight[0] * a[k] + f.weight[1] * b[k] + f.weight[2] * c[k] + f.weight[3] * d[k] + 128U) >> 8U);
 }
-// Of 8-bit samples, in 16 bits: at most 256 * 255 + 128 < 2^16. The last vector may reach beyond the bins: there is room.
+// Of 8-bit samples, in 16 bits: at most 256 * 255 + 128 < 2^16. The last vector may reach beyond the bins: there is
+// room.
 template <int>
 HORD_ALWAYS_INLINE void mixed_8bit(const Regridder::Four& f, int bins, std::uint16_t* to) {
     typedef std::uint16_t Lanes __attribute__((vector_size(32)));
     const auto w = [&f](int k) { return Lanes{} + static_cast<std::uint16_t>(f.weight[k]); };
     const Lanes w0 = w(0), w1 = w(1), w2 = w(2), w3 = w(3);
     for (int k = 0; k < bins; k += 16) {
-        const Lanes sum = w0 * load<Lanes>(f.from[0] + k) + w1 * load<Lanes>(f.from[1] + k) + w2 * load<Lanes>(f.from[2] + k) + w3 * load<Lanes>(f.from[3] + k);
+        const Lanes sum = w0 * load<Lanes>(f.from[0] + k) + w1 * load<Lanes>(f.from[1] + k) +
+            w2 * load<Lanes>(f.from[2] + k) + w3 * load<Lanes>(f.from[3] + k);
         store<Lanes>((sum + std::uint16_t{128}) >> 8, to + k);
     }
 }
 HORD_FOR_EACH_ISA(mixed_for, void, mixed, (const Regridder::Four& f, int bins, std::uint16_t* to), (f, bins, to))
-HORD_FOR_EACH_ISA(mixed_8bit_for, void, mixed_8bit, (const Regridder::Four& f, int bins, std::uint16_t* to), (f, bins, to))
+HORD_FOR_EACH_ISA(mixed_8bit_for, void, mixed_8bit, (const Regridder::Four& f, int bins, std::uint16_t* to),
+                  (f, bins, to))
 
 }  // namespace
 
@@ -76,8 +81,12 @@ Regridder::Source Regridder::source_at(const LensletGrid& grid, LensletGrid::Uv 
         double weight;
     };
     const bool upper = fa + fb < 1;
-    const Corner triangle[kAround] = {upper ? Corner{0, 0, 1 - fa - fb} : Corner{1, 1, fa + fb - 1}, {1, 0, upper ? fa : 1 - fb}, {0, 1, upper ? fb : 1 - fa}, {0, 0, 0}};
-    const Corner cell[kAround] = {{0, 0, (1 - fa) * (1 - fb)}, {1, 0, fa * (1 - fb)}, {0, 1, (1 - fa) * fb}, {1, 1, fa * fb}};
+    const Corner triangle[kAround] = {upper ? Corner{0, 0, 1 - fa - fb} : Corner{1, 1, fa + fb - 1},
+                                      {1, 0, upper ? fa : 1 - fb},
+                                      {0, 1, upper ? fb : 1 - fa},
+                                      {0, 0, 0}};
+    const Corner cell[kAround] = {
+        {0, 0, (1 - fa) * (1 - fb)}, {1, 0, fa * (1 - fb)}, {0, 1, (1 - fa) * fb}, {1, 1, fa * fb}};
     const Corner* corners = hexagonal ? triangle : cell;
     Source source{};
     int left = 256;
@@ -105,7 +114,8 @@ Result<Regridder> Regridder::create(const LensletGrid& grid, const BinLayout& la
     if (!resampler) return tl::unexpected(resampler.error());
     Regridder out(std::move(*resampler));
     const LensletGrid::Steps steps = grid.steps_px({0, 0});
-    out.pitch_px_ = std::sqrt(std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px));
+    out.pitch_px_ =
+        std::sqrt(std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px));
     out.width_px_ = grid.width_px;
     out.height_px_ = grid.height_px;
     // As many whole pitches as fit, in the middle of the frame.
@@ -113,17 +123,21 @@ Result<Regridder> Regridder::create(const LensletGrid& grid, const BinLayout& la
     const int rows = static_cast<int>(std::floor(grid.height_px / out.pitch_px_));
     out.extents_ = {columns, rows, layout.bins_i, layout.bins_j};
     if (auto fine = check(out.extents_); !fine) return tl::unexpected(fine.error());
-    out.first_px_ = {0.5 * (grid.width_px - 1) - 0.5 * (columns - 1) * out.pitch_px_, 0.5 * (grid.height_px - 1) - 0.5 * (rows - 1) * out.pitch_px_};
+    out.first_px_ = {0.5 * (grid.width_px - 1) - 0.5 * (columns - 1) * out.pitch_px_,
+                     0.5 * (grid.height_px - 1) - 0.5 * (rows - 1) * out.pitch_px_};
 
     const auto middle = place_of(grid, {0.5 * (grid.width_px - 1), 0.5 * (grid.height_px - 1)}, {0, 0});
-    if (!middle) return fail(ErrorCode::invalid_argument, "a grid that does not reach the middle of its frame", "calibrate again");
+    if (!middle)
+        return fail(ErrorCode::invalid_argument, "a grid that does not reach the middle of its frame",
+                    "calibrate again");
     int most_rows = 1;
     for (int n = 0; n < rows; ++n) {
         int low = grid.rows;
         int high = -1;
         LensletGrid::Uv start = n > 0 ? LensletGrid::Uv{} : *middle;
         for (int m = 0; m < columns; ++m) {
-            const auto at = place_of(grid, {out.first_px_.x_px + m * out.pitch_px_, out.first_px_.y_px + n * out.pitch_px_}, start);
+            const auto at =
+                place_of(grid, {out.first_px_.x_px + m * out.pitch_px_, out.first_px_.y_px + n * out.pitch_px_}, start);
             if (at) start = *at;
             const Source source = at ? source_at(grid, *at) : Source{};
             for (int k = 0; k < kAround; ++k) {
@@ -137,7 +151,8 @@ Result<Regridder> Regridder::create(const LensletGrid& grid, const BinLayout& la
     }
     out.ring_rows_ = most_rows;
     out.ring_row_.assign(static_cast<std::size_t>(most_rows), -1);
-    out.ring_.resize(static_cast<std::size_t>(most_rows) * static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(out.extents_.bins()));
+    out.ring_.resize(static_cast<std::size_t>(most_rows) * static_cast<std::size_t>(grid.columns) *
+                     static_cast<std::size_t>(out.extents_.bins()));
     out.mixed_.resize(static_cast<std::size_t>(out.extents_.bins()) + kRoom);
     out.ring_.resize(out.ring_.size() + kRoom);
     out.mix_ = mixed_for(best_isa());
@@ -162,7 +177,8 @@ void Regridder::decode_row(const FrameView& raw, int n, std::span<std::uint16_t>
     const int bins = extents_.bins();
     const int stride = extents_.m * extents_.i;
     for (int m = 0; m < extents_.m; ++m) {
-        const Source& source = sources_[static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m)];
+        const Source& source =
+            sources_[static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m)];
         // Places without a weight read what the first one does.
         const std::uint16_t* from[kAround];
         std::uint32_t weight[kAround];
@@ -190,20 +206,22 @@ void Regridder::decode_row(const FrameView& raw, int n, std::span<std::uint16_t>
             if (raw.bits > 8) mix_(from_four, bins, to);
             else mix_8bit_(from_four, bins, to);
         }
-        for (int j = 0; j < extents_.j; ++j) std::copy_n(mixed_.data() + j * extents_.i, extents_.i, out.data() + j * stride + m * extents_.i);
+        for (int j = 0; j < extents_.j; ++j)
+            std::copy_n(mixed_.data() + j * extents_.i, extents_.i, out.data() + j * stride + m * extents_.i);
     }
 }
 
 Result<Frame> Regridder::decode(const FrameView& raw) {
     if (raw.width_px != width_px_ || raw.height_px != height_px_) {
         return fail(ErrorCode::invalid_argument,
-                    "a frame of " + std::to_string(raw.width_px) + "x" + std::to_string(raw.height_px) + " px for a calibration of " +
-                        std::to_string(width_px_) + "x" + std::to_string(height_px_),
+                    "a frame of " + std::to_string(raw.width_px) + "x" + std::to_string(raw.height_px) +
+                        " px for a calibration of " + std::to_string(width_px_) + "x" + std::to_string(height_px_),
                     "use the calibration of this camera and region");
     }
     begin_frame();
     Frame frame(extents_.width_px(), extents_.height_px(), raw.bits);
-    std::vector<std::uint16_t> row_of(static_cast<std::size_t>(extents_.width_px()) * static_cast<std::size_t>(extents_.j));
+    std::vector<std::uint16_t> row_of(static_cast<std::size_t>(extents_.width_px()) *
+                                      static_cast<std::size_t>(extents_.j));
     for (int n = 0; n < extents_.n; ++n) {
         decode_row(raw, n, row_of);
         std::size_t at = 0;

@@ -10,7 +10,7 @@ namespace {
 
 constexpr int kPhaseBits = 5;
 constexpr int kLanes = 16;
-constexpr int kWidestLenslet = 15 * 24 + 32;  // px: bins of the largest size, and the taps beyond
+constexpr int kWidestLenslet = 15 * 24 + 32;            // px: bins of the largest size, and the taps beyond
 constexpr double kSmallestBin = 0.5, kLargestBin = 24;  // px
 
 std::int32_t fixed(double px) { return static_cast<std::int32_t>(std::floor(px * (1 << kPhaseBits) + 0.5)); }
@@ -39,14 +39,17 @@ Result<Resampler> Resampler::create(const LensletGrid& grid, const BinLayout& la
     out.extents_ = {grid.columns, grid.rows, layout.bins_i, layout.bins_j};
     if (auto fine = check(out.extents_); !fine) return tl::unexpected(fine.error());
     if (layout.offsets_px.size() != static_cast<std::size_t>(out.extents_.bins())) {
-        return fail(ErrorCode::invalid_argument, std::to_string(layout.offsets_px.size()) + " places for " + std::to_string(out.extents_.bins()) + " bins",
-                    "give one place a bin");
+        return fail(
+            ErrorCode::invalid_argument,
+            std::to_string(layout.offsets_px.size()) + " places for " + std::to_string(out.extents_.bins()) + " bins",
+            "give one place a bin");
     }
     const double box_x = layout.box_x_px;
     const double box_y = layout.box_y_px;
     for (const double box : {box_x, box_y}) {
         if (!(box >= kSmallestBin && box <= kLargestBin)) {
-            return fail(ErrorCode::invalid_argument, "bins of " + std::to_string(box) + " px", "choose the number of bins so that one is 0.5 to 24 px");
+            return fail(ErrorCode::invalid_argument, "bins of " + std::to_string(box) + " px",
+                        "choose the number of bins so that one is 0.5 to 24 px");
         }
     }
     out.width_px_ = grid.width_px;
@@ -76,20 +79,26 @@ Result<Resampler> Resampler::create(const LensletGrid& grid, const BinLayout& la
         out.offset_y_.push_back(fixed(offset.y_px));
     }
     // Bins in rows and columns, each further right or down than the one before.
-    const auto at = [&](const std::vector<std::int32_t>& offsets, int i, int j) { return offsets[static_cast<std::size_t>(j * layout.bins_i + i)]; };
+    const auto at = [&](const std::vector<std::int32_t>& offsets, int i, int j) {
+        return offsets[static_cast<std::size_t>(j * layout.bins_i + i)];
+    };
     bool regular = true;
     for (int j = 0; j < layout.bins_j; ++j) {
         for (int i = 0; i < layout.bins_i; ++i) {
-            regular = regular && at(out.offset_x_, i, j) == at(out.offset_x_, i, 0) && at(out.offset_y_, i, j) == at(out.offset_y_, 0, j);
-            regular = regular && (i == 0 || at(out.offset_x_, i, 0) > at(out.offset_x_, i - 1, 0)) && (j == 0 || at(out.offset_y_, 0, j) > at(out.offset_y_, 0, j - 1));
+            regular = regular && at(out.offset_x_, i, j) == at(out.offset_x_, i, 0) &&
+                at(out.offset_y_, i, j) == at(out.offset_y_, 0, j);
+            regular = regular && (i == 0 || at(out.offset_x_, i, 0) > at(out.offset_x_, i - 1, 0)) &&
+                (j == 0 || at(out.offset_y_, 0, j) > at(out.offset_y_, 0, j - 1));
         }
     }
-    out.reach_x_ = ((at(out.offset_x_, layout.bins_i - 1, 0) - at(out.offset_x_, 0, 0)) >> kPhaseBits) + 1 + out.taps_x_;
+    out.reach_x_ =
+        ((at(out.offset_x_, layout.bins_i - 1, 0) - at(out.offset_x_, 0, 0)) >> kPhaseBits) + 1 + out.taps_x_;
     if (regular && out.reach_x_ <= kWidestLenslet) {
         for (int i = 0; i < layout.bins_i; ++i) out.column_.push_back(at(out.offset_x_, i, 0));
         for (int j = 0; j < layout.bins_j; ++j) out.row_.push_back(at(out.offset_y_, 0, j));
         out.decode_lanes_ = decode_lanes();
-        if (out.decode_lanes_ != nullptr) out.lanes_ = plan_lanes(out.column_, out.row_, out.weights_x_, out.taps_x_, out.taps_y_);
+        if (out.decode_lanes_ != nullptr)
+            out.lanes_ = plan_lanes(out.column_, out.row_, out.weights_x_, out.taps_x_, out.taps_y_);
     }
     return out;
 }
@@ -112,10 +121,11 @@ std::uint16_t Resampler::bin(const FrameView& raw, std::int32_t at_x, std::int32
     return static_cast<std::uint16_t>((sum + (1U << 13U)) >> 14U);
 }
 
-// A lenslet whose bins lie in rows and columns, wholly inside the frame: each row of bins first weighs whole raw rows, sixteen
-// pixels at a time, then its bins add up the columns. The sums are the same whole numbers as bin()'s.
+// A lenslet whose bins lie in rows and columns, wholly inside the frame: each row of bins first weighs whole raw rows,
+// sixteen pixels at a time, then its bins add up the columns. The sums are the same whole numbers as bin()'s.
 template <class Sample, class Sum>
-void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out, int stride) const {
+void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out,
+                               int stride) const {
     typedef Sample Samples __attribute__((vector_size(kLanes * sizeof(Sample))));
     typedef Sum Sums __attribute__((vector_size(kLanes * sizeof(Sum))));
     const int first = (place_x + column_[0]) >> kPhaseBits;
@@ -130,12 +140,16 @@ void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::
     for (int j = 0; j < extents_.j; ++j, out += stride) {
         const std::int32_t at_y = place_y + row_[static_cast<std::size_t>(j)];
         const std::uint8_t* down = &weights_y_[static_cast<std::size_t>((at_y & (kPhases - 1)) * taps_y_)];
-        const std::byte* line = raw.data + (at_y >> kPhaseBits) * raw.stride_bytes + static_cast<std::ptrdiff_t>(first) * static_cast<std::ptrdiff_t>(sizeof(Sample));
+        const std::byte* line = raw.data + (at_y >> kPhaseBits) * raw.stride_bytes +
+            static_cast<std::ptrdiff_t>(first) * static_cast<std::ptrdiff_t>(sizeof(Sample));
         for (int x = 0; x < reach_x_; x += kLanes) {
             Sums sum{};
             for (int row = 0; row < taps_y_; ++row) {
                 Samples samples;
-                std::memcpy(&samples, line + row * raw.stride_bytes + static_cast<std::ptrdiff_t>(x) * static_cast<std::ptrdiff_t>(sizeof(Sample)), sizeof samples);
+                std::memcpy(&samples,
+                            line + row * raw.stride_bytes +
+                                static_cast<std::ptrdiff_t>(x) * static_cast<std::ptrdiff_t>(sizeof(Sample)),
+                            sizeof samples);
                 sum += __builtin_convertvector(samples, Sums) * static_cast<Sum>(down[row]);
             }
             std::memcpy(weighed + x, &sum, sizeof sum);
@@ -153,15 +167,24 @@ void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::
     }
 }
 
-// The same by whole rows of bins (algo/resample_lanes.h); false where it cannot be. `room`: each line of `out` may be written 16 samples
-// long.
-bool Resampler::decode_8bit(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out, std::ptrdiff_t line_stride, bool room) const {
+// The same by whole rows of bins (algo/resample_lanes.h); false where it cannot be. `room`: each line of `out` may be
+// written 16 samples long.
+bool Resampler::decode_8bit(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out,
+                            std::ptrdiff_t line_stride, bool room) const {
     if (lanes_.phases.empty()) return false;
     const std::int32_t at_x = place_x + column_.front(), at_y = place_y + row_.front();
     const LanePlan::Phase& phase = lanes_.phases[static_cast<std::size_t>(at_x & (kPhases - 1))];
     const int x = at_x >> kPhaseBits, y = at_y >> kPhaseBits, last_y = (place_y + row_.back()) >> kPhaseBits;
-    if (!phase.usable || x < 0 || y < 0 || x + phase.second + LanePlan::kWindow > width_px_ || last_y + taps_y_ > height_px_) return false;
-    const LanesOf8Bit lenslet{raw.data + y * raw.stride_bytes + x, raw.stride_bytes, at_y & (kPhases - 1), row_, weights_y_.data(), taps_x_, taps_y_};
+    if (!phase.usable || x < 0 || y < 0 || x + phase.second + LanePlan::kWindow > width_px_ ||
+        last_y + taps_y_ > height_px_)
+        return false;
+    const LanesOf8Bit lenslet{raw.data + y * raw.stride_bytes + x,
+                              raw.stride_bytes,
+                              at_y & (kPhases - 1),
+                              row_,
+                              weights_y_.data(),
+                              taps_x_,
+                              taps_y_};
     if (room) {
         decode_lanes_(lenslet, phase, out, line_stride);
         return true;
@@ -173,17 +196,20 @@ bool Resampler::decode_8bit(const FrameView& raw, std::int32_t place_x, std::int
 }
 
 template <class Sample, class Sum>
-void Resampler::decode_lenslets(const FrameView& raw, int n, std::uint16_t* out, int line_stride, int lenslet_stride) const {
+void Resampler::decode_lenslets(const FrameView& raw, int n, std::uint16_t* out, int line_stride,
+                                int lenslet_stride) const {
     for (int m = 0; m < extents_.m; ++m) {
-        const auto lenslet = static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m);
+        const auto lenslet =
+            static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m);
         const std::int32_t place_x = place_x_[lenslet];
         const std::int32_t place_y = place_y_[lenslet];
         const std::ptrdiff_t from_start = static_cast<std::ptrdiff_t>(m) * lenslet_stride;
         std::uint16_t* to = out + from_start;
         if constexpr (sizeof(Sample) == 1) {
-            // What is written beyond the bins is written over by those that follow, where there are enough of them: in the same line, or,
-            // with whole lenslets one after the other, below.
-            const std::ptrdiff_t last_line = line_stride < lenslet_stride ? std::ptrdiff_t{extents_.j - 1} * line_stride : 0;
+            // What is written beyond the bins is written over by those that follow, where there are enough of them: in
+            // the same line, or, with whole lenslets one after the other, below.
+            const std::ptrdiff_t last_line =
+                line_stride < lenslet_stride ? std::ptrdiff_t{extents_.j - 1} * line_stride : 0;
             const bool room = from_start + last_line + kLanes <= std::ptrdiff_t{extents_.m} * lenslet_stride;
             if (decode_8bit(raw, place_x, place_y, to, line_stride, room)) continue;
         }
@@ -191,7 +217,8 @@ void Resampler::decode_lenslets(const FrameView& raw, int n, std::uint16_t* out,
             const int x = (place_x + column_.front()) >> kPhaseBits;
             const int y = (place_y + row_.front()) >> kPhaseBits;
             const int last_y = (place_y + row_.back()) >> kPhaseBits;
-            if (x >= 0 && y >= 0 && x + (reach_x_ + kLanes - 1) / kLanes * kLanes <= width_px_ && last_y + taps_y_ <= height_px_) {
+            if (x >= 0 && y >= 0 && x + (reach_x_ + kLanes - 1) / kLanes * kLanes <= width_px_ &&
+                last_y + taps_y_ <= height_px_) {
                 decode_lenslet<Sample, Sum>(raw, place_x, place_y, to, line_stride);
                 continue;
             }
@@ -205,7 +232,8 @@ void Resampler::decode_lenslets(const FrameView& raw, int n, std::uint16_t* out,
     }
 }
 
-void Resampler::decode_into(const FrameView& raw, int n, std::uint16_t* out, int line_stride, int lenslet_stride) const {
+void Resampler::decode_into(const FrameView& raw, int n, std::uint16_t* out, int line_stride,
+                            int lenslet_stride) const {
     // 8-bit samples times weights that sum to 128 fit 16 bits.
     if (raw.bits > 8) decode_lenslets<std::uint16_t, std::uint32_t>(raw, n, out, line_stride, lenslet_stride);
     else decode_lenslets<std::uint8_t, std::uint16_t>(raw, n, out, line_stride, lenslet_stride);
@@ -222,12 +250,13 @@ void Resampler::decode_row_by_lenslet(const FrameView& raw, int n, std::span<std
 Result<Frame> Resampler::decode(const FrameView& raw) const {
     if (raw.width_px != width_px_ || raw.height_px != height_px_) {
         return fail(ErrorCode::invalid_argument,
-                    "a frame of " + std::to_string(raw.width_px) + "x" + std::to_string(raw.height_px) + " px for a calibration of " +
-                        std::to_string(width_px_) + "x" + std::to_string(height_px_),
+                    "a frame of " + std::to_string(raw.width_px) + "x" + std::to_string(raw.height_px) +
+                        " px for a calibration of " + std::to_string(width_px_) + "x" + std::to_string(height_px_),
                     "use the calibration of this camera and region");
     }
     Frame frame(extents_.width_px(), extents_.height_px(), raw.bits);
-    std::vector<std::uint16_t> row(static_cast<std::size_t>(extents_.width_px()) * static_cast<std::size_t>(extents_.j));
+    std::vector<std::uint16_t> row(static_cast<std::size_t>(extents_.width_px()) *
+                                   static_cast<std::size_t>(extents_.j));
     for (int n = 0; n < extents_.n; ++n) {
         decode_row(raw, n, row);
         std::size_t at = 0;

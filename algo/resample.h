@@ -2,8 +2,8 @@
 //
 // Each bin (i, j) of lenslet (m, n) is the mean of the raw pixels under a box of one bin about
 //     centre(m, n) + r(i, j),
-// with the centre from the calibration file and r from the direction map, which may be as bent as it likes (algo/direction_map.h).
-// Boxes are laid along the sensor's axes, as i and j are.
+// with the centre from the calibration file and r from the direction map, which may be as bent as it likes
+// (algo/direction_map.h). Boxes are laid along the sensor's axes, as i and j are.
 //
 // Formats. A box is placed to 1/32 px; its weights along x and along y are Q0.7 each, both sum to exactly 128; a bin is
 // (sum w_x w_y sample + 2^13) >> 14. Range: at most 2^16 - 1 in, so the sum is below 2^30 and the bin never exceeds the
@@ -24,20 +24,21 @@ namespace hord::algo {
 
 class Resampler {
   public:
-    // Takes all memory. Fails with invalid_argument for a grid that check() refuses, extents beyond algo/light_field.h, or
-    // bins smaller than half a pixel or larger than 24.
+    // Takes all memory. Fails with invalid_argument for a grid that check() refuses, extents beyond algo/light_field.h,
+    // or bins smaller than half a pixel or larger than 24.
     static Result<Resampler> create(const LensletGrid& grid, const BinLayout& layout);
 
     [[nodiscard]] const Extents& extents() const { return extents_; }
 
-    // One row of lenslets: J image rows of I * M samples each, as a macro-pixel frame has them. Bins that reach beyond the
-    // raw frame are 0: no light. `raw` must have the size the grid was made for; `out` holds J * I * M samples.
+    // One row of lenslets: J image rows of I * M samples each, as a macro-pixel frame has them. Bins that reach beyond
+    // the raw frame are 0: no light. `raw` must have the size the grid was made for; `out` holds J * I * M samples.
     void decode_row(const FrameView& raw, int n, std::span<std::uint16_t> out) const;
 
     // The same lenslets one after the other, each with its I * J bins, j outer.
     void decode_row_by_lenslet(const FrameView& raw, int n, std::span<std::uint16_t> out) const;
 
-    // The whole frame, with the bit depth of `raw`. Fails with invalid_argument when the frame is not of the grid's size.
+    // The whole frame, with the bit depth of `raw`. Fails with invalid_argument when the frame is not of the grid's
+    // size.
     Result<Frame> decode(const FrameView& raw) const;
 
   private:
@@ -45,7 +46,8 @@ class Resampler {
     template <class Sample>
     [[nodiscard]] std::uint16_t bin(const FrameView& raw, std::int32_t at_x, std::int32_t at_y) const;
     template <class Sample, class Sum>
-    void decode_lenslet(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out, int stride) const;
+    void decode_lenslet(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out,
+                        int stride) const;
     template <class Sample, class Sum>
     void decode_lenslets(const FrameView& raw, int n, std::uint16_t* out, int line_stride, int lenslet_stride) const;
     void decode_into(const FrameView& raw, int n, std::uint16_t* out, int line_stride, int lenslet_stride) const;
@@ -60,7 +62,8 @@ class Resampler {
     int reach_x_ = 0;                                  // pixels from the first bin's to behind the last one's
     LanePlan lanes_;                                   // of 8-bit samples; empty: they go the general way
     DecodeLanes decode_lanes_ = nullptr;
-    [[nodiscard]] bool decode_8bit(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out, std::ptrdiff_t line_stride, bool room) const;
+    [[nodiscard]] bool decode_8bit(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out,
+                                   std::ptrdiff_t line_stride, bool room) const;
 };
 
 }  // namespace hord::algo

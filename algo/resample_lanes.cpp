@@ -16,7 +16,8 @@ constexpr int kHalf = 8;  // bins a window
 
 }  // namespace
 
-LanePlan plan_lanes(std::span<const std::int32_t> column, std::span<const std::int32_t> row, std::span<const std::uint8_t> weights_x, int taps_x, int taps_y) {
+LanePlan plan_lanes(std::span<const std::int32_t> column, std::span<const std::int32_t> row,
+                    std::span<const std::uint8_t> weights_x, int taps_x, int taps_y) {
     LanePlan plan;
     if (column.empty() || taps_x > LanePlan::kMostTaps || taps_y > LanePlan::kMostTaps) return plan;
     plan.rows = ((row.back() - row.front() + LanePlan::kPhases - 1) >> kPhaseBits) + 1 + LanePlan::kMostTaps;
@@ -34,7 +35,8 @@ LanePlan plan_lanes(std::span<const std::int32_t> column, std::span<const std::i
             if (start + taps_x > LanePlan::kWindow) return {};
             for (int tap = 0; tap < taps_x; ++tap) {
                 const auto at = static_cast<std::size_t>(2 * i + tap % 2);
-                const std::uint8_t weight = weights_x[static_cast<std::size_t>((place(i) & (LanePlan::kPhases - 1)) * taps_x + tap)];
+                const std::uint8_t weight =
+                    weights_x[static_cast<std::size_t>((place(i) & (LanePlan::kPhases - 1)) * taps_x + tap)];
                 lanes.usable = lanes.usable && weight < 128;
                 lanes.shuffle[tap / 2][at] = static_cast<std::uint8_t>(start + tap);
                 lanes.weight[tap / 2][at] = static_cast<std::int8_t>(weight);
@@ -48,12 +50,16 @@ LanePlan plan_lanes(std::span<const std::int32_t> column, std::span<const std::i
 #if defined(__x86_64__)
 namespace {
 
-[[gnu::target("avx2")]] void decode_lanes_avx2(const LanesOf8Bit& lenslet, const LanePlan::Phase& phase, std::uint16_t* out, std::ptrdiff_t stride) {
-    const auto vector = [](const auto& of) __attribute__((target("avx2"), always_inline)) { return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(of.data())); };
+[[gnu::target("avx2")]] void decode_lanes_avx2(const LanesOf8Bit& lenslet, const LanePlan::Phase& phase,
+                                               std::uint16_t* out, std::ptrdiff_t stride) {
+    const auto vector = [](const auto& of) __attribute__((target("avx2"), always_inline)) {
+        return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(of.data()));
+    };
     const __m256i shuffle0 = vector(phase.shuffle[0]), shuffle1 = vector(phase.shuffle[1]);
     const __m256i weight0 = vector(phase.weight[0]), weight1 = vector(phase.weight[1]);
     const bool two_pairs = lenslet.taps_x > 2;
-    const int rows = ((lenslet.place_y_fraction + lenslet.row.back() - lenslet.row.front()) >> kPhaseBits) + lenslet.taps_y;
+    const int rows =
+        ((lenslet.place_y_fraction + lenslet.row.back() - lenslet.row.front()) >> kPhaseBits) + lenslet.taps_y;
     __m256i weighed[LanePlan::kMostRows + 1];
     const std::byte* from = lenslet.first;
     for (int y = 0; y < rows; ++y, from += lenslet.row_bytes) {
@@ -61,7 +67,8 @@ namespace {
         const __m128i high = _mm_loadu_si128(reinterpret_cast<const __m128i*>(from + phase.second));
         const __m256i pixels = _mm256_inserti128_si256(_mm256_castsi128_si256(low), high, 1);
         __m256i sum = _mm256_maddubs_epi16(_mm256_shuffle_epi8(pixels, shuffle0), weight0);
-        if (two_pairs) sum = _mm256_add_epi16(sum, _mm256_maddubs_epi16(_mm256_shuffle_epi8(pixels, shuffle1), weight1));
+        if (two_pairs)
+            sum = _mm256_add_epi16(sum, _mm256_maddubs_epi16(_mm256_shuffle_epi8(pixels, shuffle1), weight1));
         weighed[y] = sum;
     }
     weighed[rows] = _mm256_setzero_si256();

@@ -26,7 +26,8 @@ void keep(const Hord& h, std::uint32_t other_sum, int bins, ResidualSide<Mass>& 
     for (int w = 0; w < lit.words(); ++w) {
         for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);
-            side.mass[index(side.count)] = static_cast<Mass>(Whole<Mass>{h.mass[k]} * static_cast<Whole<Mass>>(other_sum));
+            side.mass[index(side.count)] =
+                static_cast<Mass>(Whole<Mass>{h.mass[k]} * static_cast<Whole<Mass>>(other_sum));
             side.bin[index(side.count)] = static_cast<std::uint8_t>(k);
             ++side.count;
         }
@@ -40,8 +41,10 @@ std::size_t Residual<Mass>::rows_of_alike() const {
     const ResidualSide<Mass>&more = side[kMore], &less = side[kLess];
     const auto end = more.bin.begin() + more.count;
     const auto [of_more, of_less] = std::mismatch(more.bin.begin(), end, less.bin.begin());
-    const bool less_first = of_more != end ? *of_less < *of_more
-                                           : std::lexicographical_compare(less.mass.begin(), less.mass.begin() + less.count, more.mass.begin(), more.mass.begin() + more.count);
+    const bool less_first = of_more != end
+        ? *of_less < *of_more
+        : std::lexicographical_compare(less.mass.begin(), less.mass.begin() + less.count, more.mass.begin(),
+                                       more.mass.begin() + more.count);
     return less_first ? kLess : kMore;
 }
 
@@ -80,9 +83,13 @@ void keep_all(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual) 
 #if defined(__x86_64__)
 namespace {
 
-[[gnu::target(HORD_AVX2)]] inline __m256i eight(const Hord& h, int first) { return _mm256_cvtepu16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(h.mass + first))); }
+[[gnu::target(HORD_AVX2)]] inline __m256i eight(const Hord& h, int first) {
+    return _mm256_cvtepu16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(h.mass + first)));
+}
 
-[[gnu::target(HORD_AVX2)]] inline std::size_t negative(__m256i eight) { return static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(eight))); }
+[[gnu::target(HORD_AVX2)]] inline std::size_t negative(__m256i eight) {
+    return static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(eight)));
+}
 
 // One side, as it grows.
 struct Side {
@@ -112,11 +119,13 @@ struct Side {
                             _mm256_mullo_epi32(eight(b, first), _mm256_set1_epi32(static_cast<int>(a.sum))));
 }
 
-// Below it sums, and so masses, are 16 bits with a sign: both products of a bin and their difference are one instruction.
+// Below it sums, and so masses, are 16 bits with a sign: both products of a bin and their difference are one
+// instruction.
 constexpr std::uint32_t kNarrowSum = 1U << 15;
 
 // The same integers, eight bins at once.
-[[gnu::target(HORD_AVX2)]] void find_residual_avx2(const Hord& of_a, const Hord& of_b, int bins, Residual<std::int32_t>& residual) {
+[[gnu::target(HORD_AVX2)]] void find_residual_avx2(const Hord& of_a, const Hord& of_b, int bins,
+                                                   Residual<std::int32_t>& residual) {
     const Hord a = of_a, b = of_b;
     auto& [has_more, has_less] = residual.side;
     Side more{has_more.mass.data(), has_more.bin.data()}, less{has_less.mass.data(), has_less.bin.data()};
@@ -124,12 +133,15 @@ constexpr std::uint32_t kNarrowSum = 1U << 15;
     const __m256i factors = _mm256_set1_epi32(static_cast<int>(b.sum | (0U - a.sum) << 16));  // S_b, -S_a
     int k = 0;
     for (; k + 16 <= bins; k += 16) {
-        const __m256i in_a = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(a.mass + k)), in_b = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(b.mass + k));
+        const __m256i in_a = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(a.mass + k)),
+                      in_b = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(b.mass + k));
         const __m256i either = _mm256_or_si256(in_a, in_b);
-        if (_mm256_testz_si256(either, either) != 0) continue;  // neighbours mostly are dark in the same places: this is seldom a wrong guess
+        if (_mm256_testz_si256(either, either) != 0)
+            continue;  // neighbours mostly are dark in the same places: this is seldom a wrong guess
         if (narrow) [[likely]] {
             // Interleaving goes by halves of a vector: quarters are brought where it leaves bins in order.
-            const __m256i quarters_a = _mm256_permute4x64_epi64(in_a, 0b11011000), quarters_b = _mm256_permute4x64_epi64(in_b, 0b11011000);
+            const __m256i quarters_a = _mm256_permute4x64_epi64(in_a, 0b11011000),
+                          quarters_b = _mm256_permute4x64_epi64(in_b, 0b11011000);
             add_eight(_mm256_madd_epi16(_mm256_unpacklo_epi16(quarters_a, quarters_b), factors), k, 0, more, less);
             add_eight(_mm256_madd_epi16(_mm256_unpackhi_epi16(quarters_a, quarters_b), factors), k + 8, 0, more, less);
         } else {
@@ -149,29 +161,35 @@ constexpr std::uint32_t kNarrowSum = 1U << 15;
 }
 
 // Sixteen bins, those of `set`. Always inlined: a function of its own would take the sides through memory.
-[[gnu::target(HORD_AVX512), gnu::always_inline]] inline void add_sixteen(Side& side, __mmask16 set, __m512i mass, __m128i bin) {
+[[gnu::target(HORD_AVX512), gnu::always_inline]] inline void add_sixteen(Side& side, __mmask16 set, __m512i mass,
+                                                                         __m128i bin) {
     _mm512_storeu_si512(side.mass + side.count, _mm512_maskz_compress_epi32(set, mass));
     _mm_storeu_si128(reinterpret_cast<__m128i*>(side.bin + side.count), _mm_maskz_compress_epi8(set, bin));
     side.count += static_cast<std::size_t>(__builtin_popcount(set));
 }
 
 // The same integers, sixteen bins at once.
-[[gnu::target(HORD_AVX512)]] void find_residual_avx512(const Hord& of_a, const Hord& of_b, int bins, Residual<std::int32_t>& residual) {
+[[gnu::target(HORD_AVX512)]] void find_residual_avx512(const Hord& of_a, const Hord& of_b, int bins,
+                                                       Residual<std::int32_t>& residual) {
     const Hord a = of_a, b = of_b;
     auto& [has_more, has_less] = residual.side;
     Side more{has_more.mass.data(), has_more.bin.data()}, less{has_less.mass.data(), has_less.bin.data()};
     const bool narrow = (a.sum | b.sum) < kNarrowSum;
     const __m512i factors = _mm512_set1_epi32(static_cast<int>(b.sum | (0U - a.sum) << 16));  // S_b, -S_a
-    const __m512i sum_a = _mm512_set1_epi32(static_cast<int>(a.sum)), sum_b = _mm512_set1_epi32(static_cast<int>(b.sum));
+    const __m512i sum_a = _mm512_set1_epi32(static_cast<int>(a.sum)),
+                  sum_b = _mm512_set1_epi32(static_cast<int>(b.sum));
     const __m128i numbers = _mm_setr_epi8(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
     for (int k = 0; k < bins; k += 16) {
         const auto there = static_cast<__mmask16>(_bzhi_u32(0xFFFF, static_cast<unsigned>(bins - k)));
-        const __m256i in_a = _mm256_maskz_loadu_epi16(there, a.mass + k), in_b = _mm256_maskz_loadu_epi16(there, b.mass + k);
+        const __m256i in_a = _mm256_maskz_loadu_epi16(there, a.mass + k),
+                      in_b = _mm256_maskz_loadu_epi16(there, b.mass + k);
         const __m256i either = _mm256_or_si256(in_a, in_b);
-        if (_mm256_testz_si256(either, either) != 0) continue;  // neighbours mostly are dark in the same places: this is seldom a wrong guess
+        if (_mm256_testz_si256(either, either) != 0)
+            continue;  // neighbours mostly are dark in the same places: this is seldom a wrong guess
         const __m512i wide_a = _mm512_cvtepu16_epi32(in_a), wide_b = _mm512_cvtepu16_epi32(in_b);
-        const __m512i has_too_much = narrow ? _mm512_madd_epi16(_mm512_or_si512(wide_a, _mm512_slli_epi32(wide_b, 16)), factors)
-                                            : _mm512_sub_epi32(_mm512_mullo_epi32(wide_a, sum_b), _mm512_mullo_epi32(wide_b, sum_a));
+        const __m512i has_too_much = narrow
+            ? _mm512_madd_epi16(_mm512_or_si512(wide_a, _mm512_slli_epi32(wide_b, 16)), factors)
+            : _mm512_sub_epi32(_mm512_mullo_epi32(wide_a, sum_b), _mm512_mullo_epi32(wide_b, sum_a));
         const __m512i has_too_little = _mm512_sub_epi32(_mm512_setzero_si512(), has_too_much);
         const __m128i bin = _mm_add_epi8(numbers, _mm_set1_epi8(static_cast<char>(k)));
         add_sixteen(more, _mm512_movepi32_mask(has_too_little), has_too_much, bin);

@@ -1,5 +1,6 @@
-// What has to move between two HORDs: over the common denominator S_a * S_b their difference is d = a * S_b - b * S_a, an integer a bin
-// (formats and ranges: emd.h). A bin has too much where d > 0, too little where d < 0; what both share bin by bin is gone.
+// What has to move between two HORDs: over the common denominator S_a * S_b their difference is d = a * S_b - b * S_a,
+// an integer a bin (formats and ranges: emd.h). A bin has too much where d > 0, too little where d < 0; what both share
+// bin by bin is gone.
 #pragma once
 
 #include <array>
@@ -13,8 +14,9 @@
 
 namespace hord::algo {
 
-// Masses on either side add up to less than this (S_a * S_b, which also bounds a mass times a sum): they, all their sums and the two products of
-// d are std::int32_t, and nothing overflows. Else the products are std::int64_t, below 2^40, and the masses doubles.
+// Masses on either side add up to less than this (S_a * S_b, which also bounds a mass times a sum): they, all their
+// sums and the two products of d are std::int32_t, and nothing overflows. Else the products are std::int64_t, below
+// 2^40, and the masses doubles.
 constexpr double kLightMass = 0x1p31;
 
 constexpr std::size_t kPage = 4096;  // bytes
@@ -23,12 +25,13 @@ constexpr std::size_t kPage = 4096;  // bytes
 template <class Mass>
 struct alignas(kAlignment) ResidualSide {
     int count = 0;
-    alignas(kAlignment) std::array<Mass, kMostBins + 16> mass{};  // integers; sixteen more: they are written before it is decided
+    alignas(kAlignment)
+        std::array<Mass, kMostBins + 16> mass{};  // integers; sixteen more: they are written before it is decided
     alignas(16) std::array<std::uint8_t, kMostBins + 16> bin{};
 };
 
-// Light masses of both sides lie within one page: they are written as vectors that overlap, and one that begins on a page and ends on the next takes as
-// long as all the others. Heavy ones are written one by one.
+// Light masses of both sides lie within one page: they are written as vectors that overlap, and one that begins on a
+// page and ends on the next takes as long as all the others. Heavy ones are written one by one.
 template <class Mass>
 struct alignas(kPage) Residual {
     static constexpr std::size_t kMore = 0, kLess = 1;
@@ -37,8 +40,10 @@ struct alignas(kPage) Residual {
     // The side that becomes the rows: that with fewer bins; of equals the one that comes first in bins, then in masses.
     // So d(a,b) and d(b,a) are the same problem, and equal to the last bit. Neither side is empty.
     [[nodiscard]] std::size_t rows() const {
-        const int more = side[kMore].count << 8 | side[kMore].bin[0], less = side[kLess].count << 8 | side[kLess].bin[0];
-        if (more == less) [[unlikely]] return rows_of_alike();  // never, where what both share is gone
+        const int more = side[kMore].count << 8 | side[kMore].bin[0],
+                  less = side[kLess].count << 8 | side[kLess].bin[0];
+        if (more == less) [[unlikely]]
+            return rows_of_alike();  // never, where what both share is gone
         return less < more ? kLess : kMore;
     }
 

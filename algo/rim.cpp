@@ -19,7 +19,8 @@ enum Place : std::uint8_t {
     kSeen = 64,      // counted
 };
 
-constexpr std::int64_t kFreeTolerance = static_cast<std::int64_t>(kFreeToleranceBins * (1 << DeflectionQ::kFractionBits));
+constexpr std::int64_t kFreeTolerance =
+    static_cast<std::int64_t>(kFreeToleranceBins * (1 << DeflectionQ::kFractionBits));
 
 bool close(DeflectionQ a, DeflectionQ b) { return std::abs(std::int64_t{a.raw()} - b.raw()) <= kFreeTolerance; }
 
@@ -41,12 +42,14 @@ RimFinder::RimFinder(const Extents& extents, int margin)
       part_in_column_(static_cast<std::size_t>(extents.m)) {
     for (int n = 0; n < extents.n; ++n) {
         const bool whole_row = n == 0 || n == extents.n - 1;
-        for (int m = 0; m < extents.m; m += whole_row ? 1 : extents.m - 1) ring_.push_back(static_cast<std::uint32_t>(n * extents.m + m));
+        for (int m = 0; m < extents.m; m += whole_row ? 1 : extents.m - 1)
+            ring_.push_back(static_cast<std::uint32_t>(n * extents.m + m));
     }
     ring_values_.resize(ring_.size());
 }
 
-void RimFinder::mark(std::span<const Deflection> deflections, std::span<const std::uint32_t> sums, std::span<std::uint8_t> mask) {
+void RimFinder::mark(std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
+                     std::span<std::uint8_t> mask) {
     std::ranges::fill(place_, std::uint8_t{0});
     if (find_free_light(deflections, sums, mask)) {
         reach_free_field();
@@ -68,11 +71,14 @@ bool RimFinder::find_free_light(std::span<const Deflection> deflections, std::sp
     };
     const std::int64_t sum = median_of_ring([&](std::uint32_t k) { return std::int64_t{sums[k]}; });
     if (sum < 0) return false;
-    const auto x = DeflectionQ::from_raw(median_of_ring([&](std::uint32_t k) { return std::int64_t{deflections[k].x.raw()}; }));
-    const auto y = DeflectionQ::from_raw(median_of_ring([&](std::uint32_t k) { return std::int64_t{deflections[k].y.raw()}; }));
+    const auto x =
+        DeflectionQ::from_raw(median_of_ring([&](std::uint32_t k) { return std::int64_t{deflections[k].x.raw()}; }));
+    const auto y =
+        DeflectionQ::from_raw(median_of_ring([&](std::uint32_t k) { return std::int64_t{deflections[k].y.raw()}; }));
 
     for (std::size_t k = 0; k < place_.size(); ++k) {
-        const bool free = (mask[k] & kDark) == 0 && close(deflections[k].x, x) && close(deflections[k].y, y) && 2 * std::int64_t{sums[k]} >= sum;
+        const bool free = (mask[k] & kDark) == 0 && close(deflections[k].x, x) && close(deflections[k].y, y) &&
+            2 * std::int64_t{sums[k]} >= sum;
         place_[k] = static_cast<std::uint8_t>(free ? kFree : 0);
     }
     const auto agreeing = std::ranges::count_if(ring_, [&](std::uint32_t k) { return place_[k] == kFree; });
@@ -104,7 +110,8 @@ void RimFinder::reach_free_field() {
     k = 0;
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
-            const bool next_to_reached = !around(m, n, [](std::uint8_t place) { return (place & (kWide | kReached)) != (kWide | kReached); });
+            const bool next_to_reached =
+                !around(m, n, [](std::uint8_t place) { return (place & (kWide | kReached)) != (kWide | kReached); });
             if ((place_[k] & kFree) != 0 && next_to_reached) place_[k] |= kReached;
             if ((place_[k] & kReached) == 0) place_[k] |= kUnreached;
         }
@@ -173,10 +180,13 @@ void RimFinder::enclose() {
     }
 }
 
-// Step 4. A window of the margin's size around each lenslet that holds both part and other, or leaves the field, is rim.
+// Step 4. A window of the margin's size around each lenslet that holds both part and other, or leaves the field, is
+// rim.
 void RimFinder::mark_rim(std::span<std::uint8_t> mask) {
     const int side = 2 * margin_ + 1;
-    const auto part_at = [&](int m, int n) { return (place_[static_cast<std::size_t>(n * extents_.m + m)] & kPart) != 0 ? 1 : 0; };
+    const auto part_at = [&](int m, int n) {
+        return (place_[static_cast<std::size_t>(n * extents_.m + m)] & kPart) != 0 ? 1 : 0;
+    };
     std::ranges::fill(part_in_column_, 0);
     for (int n = 0; n < std::min(margin_, extents_.n); ++n) {
         for (int m = 0; m < extents_.m; ++m) part_in_column_[static_cast<std::size_t>(m)] += part_at(m, n);
@@ -189,11 +199,13 @@ void RimFinder::mark_rim(std::span<std::uint8_t> mask) {
             if (n - margin_ - 1 >= 0) column -= part_at(m, n - margin_ - 1);
         }
         int in_window = 0;
-        for (int m = 0; m < std::min(margin_, extents_.m); ++m) in_window += part_in_column_[static_cast<std::size_t>(m)];
+        for (int m = 0; m < std::min(margin_, extents_.m); ++m)
+            in_window += part_in_column_[static_cast<std::size_t>(m)];
         for (int m = 0; m < extents_.m; ++m, ++k) {
             if (m + margin_ < extents_.m) in_window += part_in_column_[static_cast<std::size_t>(m + margin_)];
             if (m - margin_ - 1 >= 0) in_window -= part_in_column_[static_cast<std::size_t>(m - margin_ - 1)];
-            const bool leaves_field = m < margin_ || n < margin_ || m >= extents_.m - margin_ || n >= extents_.n - margin_;
+            const bool leaves_field =
+                m < margin_ || n < margin_ || m >= extents_.m - margin_ || n >= extents_.n - margin_;
             const bool across_outline = in_window != 0 && in_window != side * side;
             if ((place_[k] & kInside) == 0) {
                 mask[k] |= kOutside;

@@ -6,7 +6,8 @@
 
 namespace hord::algo {
 
-std::uint32_t typical_light(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, std::span<std::uint32_t> scratch) {
+std::uint32_t typical_light(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
+                            std::span<std::uint32_t> scratch) {
     std::size_t count = 0;
     for (std::size_t k = 0; k < sums.size(); ++k) {
         if ((mask[k] & (kNoHord | kNotJudged)) == 0) scratch[count++] = sums[k];

@@ -14,7 +14,8 @@ namespace hord::algo {
 
 // Median (the lower one of an even number) of the sums whose mask is kValid or kBorder; 0 when there is none.
 // `scratch` is as long as `sums`.
-std::uint32_t typical_light(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, std::span<std::uint32_t> scratch);
+std::uint32_t typical_light(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
+                            std::span<std::uint32_t> scratch);
 
 // typical 0: all 0.
 void transmissions(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, std::uint32_t typical,

@@ -1,7 +1,8 @@
 // The cells of a transport problem. For transport_simplex.cpp and its parts only.
 //
-// Costs are integers: the largest is kLargest, and the low bits of each, as many as are needed, are its row and column (its tag: 10 bits of 19 x 22
-// cells, at most 16). So the least of some cells says which one it is, and no two are equal.
+// Costs are integers: the largest is kLargest, and the low bits of each, as many as are needed, are its row and column
+// (its tag: 10 bits of 19 x 22 cells, at most 16). So the least of some cells says which one it is, and no two are
+// equal.
 #pragma once
 
 #include <bit>
@@ -34,7 +35,8 @@ struct TransportCells : TransportCosts {
     std::int32_t* cell;  // row by row
 
     HORD_ALWAYS_INLINE TransportCells(int row_count, int col_count, std::int32_t* at)
-        : rows(row_count), cols(col_count), stride(padded(cols)), col_bits(bits_for(stride)), tags((1 << (col_bits + bits_for(rows))) - 1), cell(at) {}
+        : rows(row_count), cols(col_count), stride(padded(cols)), col_bits(bits_for(stride)),
+          tags((1 << (col_bits + bits_for(rows))) - 1), cell(at) {}
 
     HORD_ALWAYS_INLINE std::int32_t* row(int i) const { return cell + i * stride; }
     HORD_ALWAYS_INLINE int row_of(std::int32_t tagged) const { return (tagged & tags) >> col_bits; }
@@ -42,7 +44,8 @@ struct TransportCells : TransportCosts {
 
     // For each column the least of its cells, each with what its row adds. `at(i)`: where those of the i-th row begin.
     template <int Vectors, class At>
-    HORD_ALWAYS_INLINE static void least_of_columns(int row_count, At at, const std::int32_t* of_rows, Ints (&best)[Vectors]) {
+    HORD_ALWAYS_INLINE static void least_of_columns(int row_count, At at, const std::int32_t* of_rows,
+                                                    Ints (&best)[Vectors]) {
         for (Ints& b : best) b = Ints::all(kPadding);
         for (int i = 0; i < row_count; ++i) {
             const std::int32_t* const cells = at(i);

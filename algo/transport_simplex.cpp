@@ -19,13 +19,13 @@ constexpr int kPivotsANode = 200;
 constexpr int kRowsToPrice = 48;  // all of them before the best of their cells enters; where there are more
 constexpr int kRowsAtOnce = 20;   // so many
 constexpr std::int32_t kPadding = TransportCosts::kPadding;
-constexpr std::int32_t kLargestDual = 1 << 29;    // so that a reduced cost is below 2^31, and that of padding above 0
-// Costs are made so many bits coarser where dual variables leave that range, at most three times: no tree's leave it then, for on a path of
-// 449 arcs they are at most 225 of the largest cost, 2^21.
+constexpr std::int32_t kLargestDual = 1 << 29;  // so that a reduced cost is below 2^31, and that of padding above 0
+// Costs are made so many bits coarser where dual variables leave that range, at most three times: no tree's leave it
+// then, for on a path of 449 arcs they are at most 225 of the largest cost, 2^21.
 constexpr int kCoarser = 2;
-constexpr std::int32_t kSetAside = 1 << 28;       // is added to what is to be the least no longer
+constexpr std::int32_t kSetAside = 1 << 28;  // is added to what is to be the least no longer
 constexpr std::int32_t kNoCell = TransportCosts::kNoCell;
-constexpr double kNoCost = 1e30;                  // of padding, in double precision
+constexpr double kNoCost = 1e30;  // of padding, in double precision
 
 constexpr int padded(int count) { return TransportCosts::padded(count); }
 std::size_t size(int count) { return static_cast<std::size_t>(count); }
@@ -36,8 +36,8 @@ constexpr int kMostWords = 15;  // 32 arcs each: rows and columns of 15 x 15 bin
 
 struct TransportWorkspace {
     TransportWorkspace(const double* costs, int most_bins, double largest_cost)
-        : bins(most_bins), tolerance(largest_cost * TransportSimplex::kTolerance), scale(largest_cost > 0 ? TransportCosts::kLargest / largest_cost : 0),
-          start(size(padded(most_bins))) {
+        : bins(most_bins), tolerance(largest_cost * TransportSimplex::kTolerance),
+          scale(largest_cost > 0 ? TransportCosts::kLargest / largest_cost : 0), start(size(padded(most_bins))) {
         const int side = padded(bins);
         cost.resize(size(bins * (bins + 1)), kNoCost);
         rough_cost.resize(cost.size(), kPadding);
@@ -58,12 +58,13 @@ struct TransportWorkspace {
 
     int bins;
     double tolerance;
-    double scale;                          // from a cost to a rough one
+    double scale;                            // from a cost to a rough one
     AlignedVector<double> cost;              // bins x (bins + 1): padding is bin number `bins`
     AlignedVector<std::int32_t> rough_cost;  // the same, of TransportCosts::kLargest
 
-    AlignedVector<std::int32_t> cell;                // costs, rows x stride
-    AlignedVector<std::int32_t> row_begin, col_bin;  // of a row: where its costs begin, in either table; of a column, padding included: its bin
+    AlignedVector<std::int32_t> cell;  // costs, rows x stride
+    AlignedVector<std::int32_t> row_begin,
+        col_bin;  // of a row: where its costs begin, in either table; of a column, padding included: its bin
 
     // The tree.
     AlignedVector<std::int32_t> path, dual;
@@ -78,7 +79,8 @@ namespace {
 // Loops of single numbers, in functions of their own: inside the one below they would not have the registers they need.
 
 // Costs of a problem's cells, row by row.
-[[gnu::noinline]] void gather(const std::int32_t* table, int rows, int stride, const std::int32_t* row_begin, const std::int32_t* col_bin, std::int32_t* cells) {
+[[gnu::noinline]] void gather(const std::int32_t* table, int rows, int stride, const std::int32_t* row_begin,
+                              const std::int32_t* col_bin, std::int32_t* cells) {
     for (int i = 0; i < rows; ++i, cells += stride) {
         const std::int32_t* const from = table + row_begin[i];
         for (int j = 0; j < stride; j += kLanes) {
@@ -89,7 +91,8 @@ namespace {
 
 // The tree from its root on: what a step used up hangs from the other. Its cells are set aside.
 template <class Tree>
-[[gnu::noinline]] void hang_steps(Tree& planted, const TransportStep* steps, int last, std::int32_t* cells, int stride, std::int32_t tags) {
+[[gnu::noinline]] void hang_steps(Tree& planted, const TransportStep* steps, int last, std::int32_t* cells, int stride,
+                                  std::int32_t tags) {
     Tree tree = planted;
     for (int step = last; step >= 0; --step) {
         const TransportStep s = steps[step];
@@ -112,7 +115,8 @@ struct Problem {
     const int first_column;  // among nodes
 
     HORD_ALWAYS_INLINE Problem(TransportWorkspace& workspace, const Transport& problem)
-        : w(workspace), p(problem), cells(problem.rows, problem.cols, workspace.cell.data()), first_column(padded(problem.rows)) {}
+        : w(workspace), p(problem), cells(problem.rows, problem.cols, workspace.cell.data()),
+          first_column(padded(problem.rows)) {}
 
     // `coarser`: by so many bits.
     HORD_ALWAYS_INLINE void gather_costs(int coarser) {
@@ -140,8 +144,12 @@ struct Problem {
     template <int Words>
     using Tree = TransportTree<Words, Bytes>;
 
-    HORD_ALWAYS_INLINE std::int32_t& cell(const TransportArc& arc) const { return cells.row(arc.row)[arc.column - first_column]; }
-    HORD_ALWAYS_INLINE double exact_cost(const TransportArc& arc) const { return w.cost.data()[w.row_begin.data()[arc.row] + w.col_bin.data()[arc.column - first_column]]; }
+    HORD_ALWAYS_INLINE std::int32_t& cell(const TransportArc& arc) const {
+        return cells.row(arc.row)[arc.column - first_column];
+    }
+    HORD_ALWAYS_INLINE double exact_cost(const TransportArc& arc) const {
+        return w.cost.data()[w.row_begin.data()[arc.row] + w.col_bin.data()[arc.column - first_column]];
+    }
 
     // What is used up hangs from the other.
     template <int Words>
@@ -157,8 +165,11 @@ struct Problem {
         cells.for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
             Ints best[vectors];
             const std::int32_t* const top = cells.row(first_row) + first;
-            Cells::template least_of_columns<vectors>(last_row - first_row, [&](int i) __attribute__((always_inline)) { return top + i * cells.stride; }, dual + first_row, best);
-            for (int k = 0; k < vectors; ++k) least = lower(least, best[k] + Ints::at(dual + first_column + first + k * kLanes));
+            Cells::template least_of_columns<vectors>(
+                last_row - first_row, [&](int i) __attribute__((always_inline)) { return top + i * cells.stride; },
+                dual + first_row, best);
+            for (int k = 0; k < vectors; ++k)
+                least = lower(least, best[k] + Ints::at(dual + first_column + first + k * kLanes));
         });
         return least.least();
     }
@@ -179,7 +190,8 @@ struct Problem {
         cell(tree.pivot(enters.row, enters.column, reduced)) -= kSetAside;
     }
 
-    // Pivots until no cell is below zero; `least` is that of all cells then. False: dual variables have left their range.
+    // Pivots until no cell is below zero; `least` is that of all cells then. False: dual variables have left their
+    // range.
     template <int Words>
     HORD_ALWAYS_INLINE bool improve(Tree<Words>& tree, int most_pivots, int& pivots, std::int32_t& least) {
         const int at_once = p.rows <= kRowsToPrice ? p.rows : kRowsAtOnce;
@@ -205,7 +217,8 @@ struct Problem {
         return true;
     }
 
-    // How far above zero a cell may be that is below it but for rounding: each cost of its cycle by half a unit and one.
+    // How far above zero a cell may be that is below it but for rounding: each cost of its cycle by half a unit and
+    // one.
     HORD_ALWAYS_INLINE std::int32_t doubtful(int arcs) const { return arcs * (cells.tags / 2 + 2) | cells.tags; }
 
     // Whether the reduced cost of a cell, a rough one above its tag, is below zero in double precision.
@@ -214,7 +227,9 @@ struct Problem {
         const auto cycle = tree.cycle(enters.row, enters.column);
         if (rough > doubtful(1 + cycle.arcs.count())) return false;
         double sum = exact_cost(enters);
-        cycle.arcs.for_each([&](int a) __attribute__((always_inline)) { sum += negated_if(exact_cost(tree.arc[a]), cycle.gives.has(a)); });
+        cycle.arcs.for_each([&](int a) __attribute__((always_inline)) {
+            sum += negated_if(exact_cost(tree.arc[a]), cycle.gives.has(a));
+        });
         return sum < -w.tolerance;
     }
 
@@ -228,10 +243,12 @@ struct Problem {
         return 1 + row + col;
     }
 
-    HORD_ALWAYS_INLINE std::int32_t rough_reduced(const std::int32_t* dual, const TransportArc& arc) const { return cell(arc) + dual[arc.row] + dual[arc.column]; }
+    HORD_ALWAYS_INLINE std::int32_t rough_reduced(const std::int32_t* dual, const TransportArc& arc) const {
+        return cell(arc) + dual[arc.row] + dual[arc.column];
+    }
 
-    // A cell that is below zero in double precision. The tree's are set aside. Few columns have any that may be, and none where `least`, below which no
-    // cell is, is clear of zero.
+    // A cell that is below zero in double precision. The tree's are set aside. Few columns have any that may be, and
+    // none where `least`, below which no cell is, is clear of zero.
     template <int Words>
     HORD_ALWAYS_INLINE bool price_exactly(const Tree<Words>& tree, std::int32_t least, TransportArc& enters) const {
         const std::int32_t clear_from = doubtful(longest_cycle(tree));
@@ -239,14 +256,17 @@ struct Problem {
         bool found = false;
         cells.for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
             Ints best[vectors];
-            Cells::template least_of_columns<vectors>(p.rows, [&](int i) __attribute__((always_inline)) { return cells.row(i) + first; }, tree.dual, best);
+            Cells::template least_of_columns<vectors>(
+                p.rows, [&](int i) __attribute__((always_inline)) { return cells.row(i) + first; }, tree.dual, best);
             Ints bits = Ints::all(0), bit = Ints::powers_of_two();
             for (int k = 0; k < vectors; ++k) {
-                const Ints clear = (best[k] + Ints::at(tree.dual + first_column + first + k * kLanes)).above(Ints::all(clear_from));
+                const Ints clear =
+                    (best[k] + Ints::at(tree.dual + first_column + first + k * kLanes)).above(Ints::all(clear_from));
                 bits = bits | choose(clear, Ints::all(0), bit);
                 bit = bit << kLanes;
             }
-            for (auto doubted = static_cast<std::uint32_t>(bits.all_bits()); doubted != 0 && !found; doubted &= doubted - 1) {
+            for (auto doubted = static_cast<std::uint32_t>(bits.all_bits()); doubted != 0 && !found;
+                 doubted &= doubted - 1) {
                 enters.column = first_column + first + std::countr_zero(doubted);
                 for (enters.row = 0; enters.row < p.rows && !found; enters.row += found ? 0 : 1) {
                     const std::int32_t reduced = rough_reduced(tree.dual, enters);
@@ -287,7 +307,13 @@ struct Problem {
         Outcome outcome;
         for (int coarser = 0;; coarser += kCoarser) {
             if (coarser != 0) gather_costs(coarser);
-            Tree<Words> tree{first_column, first_column + cells.stride, w.path.data(), w.dual.data(), w.flow.data(), w.arcs.data(), {}};
+            Tree<Words> tree{first_column,
+                             first_column + cells.stride,
+                             w.path.data(),
+                             w.dual.data(),
+                             w.flow.data(),
+                             w.arcs.data(),
+                             {}};
             plant(tree, start);
             if (optimize(tree, outcome)) return outcome;
         }
@@ -306,11 +332,13 @@ struct Problem {
 };
 
 template <int Bytes>
-HORD_ALWAYS_INLINE Outcome solve_body(TransportWorkspace& workspace, const Transport& problem, const TransportStep* start) {
+HORD_ALWAYS_INLINE Outcome solve_body(TransportWorkspace& workspace, const Transport& problem,
+                                      const TransportStep* start) {
     return Problem<(Bytes < 32 ? Bytes : 32)>(workspace, problem).solve(start);
 }
 
-HORD_FOR_EACH_ISA(solve_for, Outcome, solve_body, (TransportWorkspace& workspace, const Transport& problem, const TransportStep* start),
+HORD_FOR_EACH_ISA(solve_for, Outcome, solve_body,
+                  (TransportWorkspace & workspace, const Transport& problem, const TransportStep* start),
                   (workspace, problem, start))
 
 }  // namespace
@@ -321,6 +349,8 @@ TransportSimplex::~TransportSimplex() = default;
 TransportSimplex::TransportSimplex(TransportSimplex&&) noexcept = default;
 TransportSimplex& TransportSimplex::operator=(TransportSimplex&&) noexcept = default;
 
-Outcome TransportSimplex::solve(const Transport& problem, const TransportStep* start) { return solve_(*workspace_, problem, start); }
+Outcome TransportSimplex::solve(const Transport& problem, const TransportStep* start) {
+    return solve_(*workspace_, problem, start);
+}
 
 }  // namespace hord::algo

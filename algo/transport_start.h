@@ -1,7 +1,8 @@
 // The start of a transportation simplex: a plan of little cost. For transport_simplex.cpp only.
 //
-// The open cell of least reduced cost c_ij - R_i - K_j is served until its row or column is used up, which closes; R_i and K_j are the
-// mass-weighted mean costs of a row and a column. Means are floats, added up in a fixed order, of which the bits above the tags are kept.
+// The open cell of least reduced cost c_ij - R_i - K_j is served until its row or column is used up, which closes; R_i
+// and K_j are the mass-weighted mean costs of a row and a column. Means are floats, added up in a fixed order, of which
+// the bits above the tags are kept.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +17,8 @@ namespace hord::algo {
 // What a start is found in, of problems of at most `side` rows and columns, padding included.
 struct TransportStartSpace {
     explicit TransportStartSpace(std::size_t side) {
-        for (auto* values : {&mean_row, &mean_col, &best_of_col, &open_rows, &place_of_row}) values->resize(side + TransportCosts::kLanes);
+        for (auto* values : {&mean_row, &mean_col, &best_of_col, &open_rows, &place_of_row})
+            values->resize(side + TransportCosts::kLanes);
         for (auto* values : {&share_col, &rough_mean_col}) values->resize(side);
         for (auto* values : {&left_row, &left_col}) values->resize(side);
         steps.resize(2 * side);
@@ -24,7 +26,8 @@ struct TransportStartSpace {
     AlignedVector<TransportStep> steps;
     AlignedVector<std::int32_t> mean_row, mean_col;  // negative, without tags
     AlignedVector<std::int32_t> best_of_col;
-    AlignedVector<std::int32_t> open_rows;     // in any order: where their cells are; their means are beside them in mean_row
+    AlignedVector<std::int32_t>
+        open_rows;  // in any order: where their cells are; their means are beside them in mean_row
     AlignedVector<std::int32_t> place_of_row;  // among open rows; -1: it has closed
     AlignedVector<float> share_col, rough_mean_col;
     AlignedVector<double> left_row, left_col;  // masses
@@ -45,7 +48,9 @@ struct BestOfColumns {
     }
     HORD_ALWAYS_INLINE void close(int column) {
         const Ints it = Ints::all(column);
-        for (int k = 0; k < Vectors; ++k) of[k] = choose((Ints::numbers() + Ints::all(k * Cells::kLanes)).equals(it), Ints::all(Cells::kNoCell), of[k]);
+        for (int k = 0; k < Vectors; ++k)
+            of[k] =
+                choose((Ints::numbers() + Ints::all(k * Cells::kLanes)).equals(it), Ints::all(Cells::kNoCell), of[k]);
     }
     HORD_ALWAYS_INLINE void put(int vector, const Ints& now) {
         const Ints it = Ints::all(vector);
@@ -111,7 +116,8 @@ struct TransportStart {
         }
         std::int32_t* const negative = space.mean_col.data();
         for (int j = 0; j < cells.stride; j += kLanes) {
-            (Ints::all(0) - (Floats::at(mean_col + j).template converted<std::int32_t>() & Ints::all(~cells.tags))).to(negative + j);
+            (Ints::all(0) - (Floats::at(mean_col + j).template converted<std::int32_t>() & Ints::all(~cells.tags)))
+                .to(negative + j);
         }
         for (int j = cells.cols; j < cells.stride; ++j) negative[j] = 0;
     }
@@ -120,7 +126,9 @@ struct TransportStart {
     template <int Vectors>
     HORD_ALWAYS_INLINE void best_of_columns(int first, Ints (&best)[Vectors]) const {
         const std::int32_t* const row = space.open_rows.data();
-        Cells::template least_of_columns<Vectors>(open_rows, [&](int k) __attribute__((always_inline)) { return cells.cell + row[k] + first; }, space.mean_row.data(), best);
+        Cells::template least_of_columns<Vectors>(
+            open_rows, [&](int k) __attribute__((always_inline)) { return cells.cell + row[k] + first; },
+            space.mean_row.data(), best);
         for (int k = 0; k < Vectors; ++k) best[k] = best[k] + Ints::at(space.mean_col.data() + first + k * kLanes);
     }
     template <class Best>
@@ -183,14 +191,16 @@ struct TransportStart {
         }
     }
 
-    // rows + cols - 1 steps, the last of them the last row. Masses are positive integers below 2^53; both sides add up to the same.
+    // rows + cols - 1 steps, the last of them the last row. Masses are positive integers below 2^53; both sides add up
+    // to the same.
     HORD_ALWAYS_INLINE const TransportStep* find(const double* supply, const double* demand) {
         find_means(supply, demand);
         for (int i = 0; i < cells.rows; ++i) space.open_rows.data()[i] = i * cells.stride;
         for (int i = 0; i < cells.rows; ++i) space.place_of_row.data()[i] = i;
         for (int i = 0; i < cells.rows; ++i) space.left_row.data()[i] = supply[i];
         for (int j = 0; j < cells.cols; ++j) space.left_col.data()[j] = demand[j];
-        // One vector is not worth code of its own: problems of up to eight columns come with their start (algo/emd_small.h).
+        // One vector is not worth code of its own: problems of up to eight columns come with their start
+        // (algo/emd_small.h).
         switch (cells.stride / kLanes) {
             case 2: serve<2>(); break;
             case 3: serve<3>(); break;

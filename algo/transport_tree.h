@@ -1,11 +1,13 @@
 // The spanning tree of a transportation simplex, and its pivot. For transport_simplex.cpp only.
 //
-// Nodes are rows and columns of the transport problem; its arcs, one fewer, are numbered. Of every node the tree keeps its path: the set of
-// arcs on the way to the root, as bits. So nothing has to be walked: the cycle that an arc closes is the difference of its ends' paths, and after a
-// pivot the nodes behind the arc that left, those whose path has it, differ from before by that cycle. Dual variables move in the same pass.
+// Nodes are rows and columns of the transport problem; its arcs, one fewer, are numbered. Of every node the tree keeps
+// its path: the set of arcs on the way to the root, as bits. So nothing has to be walked: the cycle that an arc closes
+// is the difference of its ends' paths, and after a pivot the nodes behind the arc that left, those whose path has it,
+// differ from before by that cycle. Dual variables move in the same pass.
 //
-// The tree is strongly feasible (Cunningham 1976): an arc that carries nothing always has its row below its column, and so points
-// to the root; the leaving arc is the last blocking one along the cycle from its apex. So no tree ever comes twice.
+// The tree is strongly feasible (Cunningham 1976): an arc that carries nothing always has its row below its column, and
+// so points to the root; the leaving arc is the last blocking one along the cycle from its apex. So no tree ever comes
+// twice.
 //
 // Flows are integers below 2^53 held in doubles: exact. Dual variables are integers, too: see transport_simplex.cpp.
 #pragma once
@@ -69,7 +71,7 @@ struct TransportTree {
     std::int32_t* dual;  // of nodes: on the tree, the cost of an arc and the dual variables of its ends add up to 0
     double* flow;        // of arcs
     TransportArc* arc;
-    Set row_is_below;    // arcs: else the column is
+    Set row_is_below;  // arcs: else the column is
 
     // The root alone. Nodes that hang() gives a path, which are all others but padding, need none before.
     HORD_ALWAYS_INLINE void plant(int root) {
@@ -86,18 +88,22 @@ struct TransportTree {
 
     HORD_ALWAYS_INLINE Set path_of(int node) const {
         return Set::made([&](int k) __attribute__((always_inline)) {
-            const auto word = [&](int w) __attribute__((always_inline)) { return std::uint64_t{static_cast<std::uint32_t>(path[w * nodes + node])}; };
+            const auto word = [&](int w) __attribute__((always_inline)) {
+                return std::uint64_t{static_cast<std::uint32_t>(path[w * nodes + node])};
+            };
             return 2 * k + 1 < Words ? word(2 * k) | word(lower(2 * k + 1, Words - 1)) << 32 : word(2 * k);
         });
     }
 
-    // Arc number `a` is between `row` and `column`. One of them is in the tree, the other now hangs from it; its dual variable is
-    // `largest` or -`largest` where it would be beyond.
-    HORD_ALWAYS_INLINE void hang(int a, int row, int column, bool row_below, double carries, std::int32_t cost, std::int32_t largest) {
+    // Arc number `a` is between `row` and `column`. One of them is in the tree, the other now hangs from it; its dual
+    // variable is `largest` or -`largest` where it would be beyond.
+    HORD_ALWAYS_INLINE void hang(int a, int row, int column, bool row_below, double carries, std::int32_t cost,
+                                 std::int32_t largest) {
         const int swap = (row ^ column) & -static_cast<int>(row_below);
         const int child = column ^ swap, parent = row ^ swap;
         for (int w = 0; w < Words; ++w) {
-            path[w * nodes + child] = path[w * nodes + parent] | static_cast<std::int32_t>(Words == 1 || a / 32 == w ? 1U << (a % 32) : 0U);
+            path[w * nodes + child] =
+                path[w * nodes + parent] | static_cast<std::int32_t>(Words == 1 || a / 32 == w ? 1U << (a % 32) : 0U);
         }
         row_is_below.pair[a / 64] |= std::uint64_t{row_below} << (a % 64);
         // Of at most 30 arcs, a path has 15 of either sign: below 2^31, for a cost is at most 2^27 and half a tag.
@@ -106,7 +112,8 @@ struct TransportTree {
         arc[a] = {row, column};
     }
 
-    // What the entry of the arc between `row` and `column` would change: mass circulates apex -> ... -> row -> column -> ... -> apex.
+    // What the entry of the arc between `row` and `column` would change: mass circulates apex -> ... -> row -> column
+    // -> ... -> apex.
     struct Cycle {
         Set arcs, of_row, of_column;  // all, and those on either side of the apex
         Set gives;                    // those that it runs against
@@ -114,16 +121,19 @@ struct TransportTree {
     HORD_ALWAYS_INLINE Cycle cycle(int row, int column) const {
         const Set above_row = path_of(row), above_column = path_of(column);
         Cycle c;
-        c.arcs = Set::made([&](int k) __attribute__((always_inline)) { return above_row.pair[k] ^ above_column.pair[k]; });
+        c.arcs =
+            Set::made([&](int k) __attribute__((always_inline)) { return above_row.pair[k] ^ above_column.pair[k]; });
         c.of_row = Set::made([&](int k) __attribute__((always_inline)) { return above_row.pair[k] & c.arcs.pair[k]; });
-        c.of_column = Set::made([&](int k) __attribute__((always_inline)) { return above_column.pair[k] & c.arcs.pair[k]; });
+        c.of_column =
+            Set::made([&](int k) __attribute__((always_inline)) { return above_column.pair[k] & c.arcs.pair[k]; });
         c.gives = Set::made([&](int k) __attribute__((always_inline)) {
             return (c.of_row.pair[k] & row_is_below.pair[k]) | (c.of_column.pair[k] & ~row_is_below.pair[k]);
         });
         return c;
     }
 
-    // The arc between `row` and `column` enters; `reduced` is its cost and its ends' dual variables. Returns the arc that leaves.
+    // The arc between `row` and `column` enters; `reduced` is its cost and its ends' dual variables. Returns the arc
+    // that leaves.
     HORD_ALWAYS_INLINE TransportArc pivot(int row, int column, std::int32_t reduced) {
         Cycle c = cycle(row, column);
         double least = std::numeric_limits<double>::infinity();
@@ -135,7 +145,8 @@ struct TransportTree {
             leaves ^= (leaves ^ a) & -(f < least ? 1 : 0);  // no branch: it would be a guess
             least = lower(least, f);
         });
-        if (tie) [[unlikely]] leaves = last_blocking(*this, c, least);
+        if (tie) [[unlikely]]
+            leaves = last_blocking(*this, c, least);
         c.arcs.for_each([&](int a) __attribute__((always_inline)) { flow[a] += negated_if(least, c.gives.has(a)); });
         const bool with_column = c.of_column.has(leaves);
         const TransportArc left = arc[leaves];
@@ -165,11 +176,13 @@ struct TransportTree {
             const Ints moves = (Ints::at(plane + x) & bit).equals(bit);
             if (Words > 3 && moves.all_bits() == 0) continue;  // where there are few words, asking takes longer
             (Ints::at(dual + x) + (moves & steps)).to(dual + x);
-            for (int w = 0; w < Words; ++w) (Ints::at(path + w * nodes + x) ^ (moves & changes[w])).to(path + w * nodes + x);
+            for (int w = 0; w < Words; ++w)
+                (Ints::at(path + w * nodes + x) ^ (moves & changes[w])).to(path + w * nodes + x);
         }
     }
 
-    // Of arcs that give way at once: on the column's side the one nearest to the apex, else on the row's side the one farthest from it.
+    // Of arcs that give way at once: on the column's side the one nearest to the apex, else on the row's side the one
+    // farthest from it.
     [[gnu::noinline]] static int last_blocking(TransportTree tree, Cycle c, double least) {
         int last = 0, best = std::numeric_limits<int>::min();
         for (int a = 0; a < Words * 32; ++a) {

@@ -25,14 +25,14 @@ enum class DefectKind : std::uint8_t { unknown, scattering, absorbing, surface, 
 
 // A connected region of lenslets above a limit. Position in lenslets, (0,0) the centre of the top-left lenslet.
 struct Defect {
-    float m = 0;             // centroid, lenslets
+    float m = 0;  // centroid, lenslets
     float n = 0;
     std::uint32_t area = 0;  // lenslets
     float peak = 0;          // largest value of the feature that found it, in that feature's unit
     DefectKind kind = DefectKind::unknown;
-    float length = 0;        // lenslets: of a bar with the region's second moments; 0: not known
+    float length = 0;  // lenslets: of a bar with the region's second moments; 0: not known
     float width = 0;
-    float score = 0;         // over its limit; 0: not known
+    float score = 0;  // over its limit; 0: not known
 };
 
 constexpr std::string_view name_of(Verdict v) {
@@ -40,7 +40,8 @@ constexpr std::string_view name_of(Verdict v) {
     return names[static_cast<unsigned>(v)];
 }
 constexpr std::string_view name_of(Reason r) {
-    constexpr std::string_view names[] = {"none", "deflection", "slope", "absorption", "too-dark", "saturated", "nothing-to-see", "not-registered"};
+    constexpr std::string_view names[] = {"none",     "deflection", "slope",          "absorption",
+                                          "too-dark", "saturated",  "nothing-to-see", "not-registered"};
     return names[static_cast<unsigned>(r)];
 }
 constexpr std::string_view name_of(DefectKind k) {

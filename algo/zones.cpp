@@ -22,7 +22,9 @@ bool Zone::contains(float m, float n) const {
 }
 
 void paint_zones(std::span<const Zone> zones, const Extents& extents, std::span<std::uint8_t> mask, float lenslet_mm) {
-    const auto mm = [&](int k, int count) { return static_cast<float>((k - 0.5 * (count - 1)) * static_cast<double>(lenslet_mm)); };
+    const auto mm = [&](int k, int count) {
+        return static_cast<float>((k - 0.5 * (count - 1)) * static_cast<double>(lenslet_mm));
+    };
     const bool only_inside = std::ranges::any_of(zones, [](const Zone& z) { return z.use == Zone::Use::inspect; });
     std::size_t k = 0;
     for (int n = 0; n < extents.n; ++n) {
@@ -31,7 +33,9 @@ void paint_zones(std::span<const Zone> zones, const Extents& extents, std::span<
             bool ignored = false;
             for (const Zone& zone : zones) {
                 const bool in_mm = zone.unit == Zone::Unit::mm;
-                if (!zone.contains(in_mm ? mm(m, extents.m) : static_cast<float>(m), in_mm ? mm(n, extents.n) : static_cast<float>(n))) continue;
+                if (!zone.contains(in_mm ? mm(m, extents.m) : static_cast<float>(m),
+                                   in_mm ? mm(n, extents.n) : static_cast<float>(n)))
+                    continue;
                 (zone.use == Zone::Use::inspect ? wanted : ignored) = true;
             }
             mask[k] = wanted && !ignored ? kValid : kOutside;

@@ -17,10 +17,10 @@ using algo::PixelPoint;
 
 constexpr double kLeastMatch = 0.5;       // correlation with the frame's own lenslets
 constexpr double kLeastAmplitude = 0.08;  // of the typical lenslet
-constexpr double kLeastNeighbours = 0.5;   // of measured lenslets, measured, too; random blots: their own share
-// Of the model where it was not fitted, an axis, against the pitch. Three standard deviations of a lenslet's place stay within half
-// a bin of the finest decode, so that its centre bin is the centre bin. What scatters more is no white frame: structure in the
-// light, seen through a part, moves centres by tenths of a pixel.
+constexpr double kLeastNeighbours = 0.5;  // of measured lenslets, measured, too; random blots: their own share
+// Of the model where it was not fitted, an axis, against the pitch. Three standard deviations of a lenslet's place stay
+// within half a bin of the finest decode, so that its centre bin is the centre bin. What scatters more is no white
+// frame: structure in the light, seen through a part, moves centres by tenths of a pixel.
 constexpr double kMostError = 0.5 / algo::kMaxBins / 3;
 constexpr double kGrowCentres = 900;
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
@@ -55,8 +55,10 @@ struct Index {
 };
 
 // The lenslets that `grid` places inside the frame. `steps` bounds the search: the model is smooth, so a lenslet that
-// lies far outside by the lattice's own steps is not folded back in by a polynomial. Only every `every`-th row and column.
-std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& steps, const WhiteImage& image, double reach_px = 1e9, int every = 1) {
+// lies far outside by the lattice's own steps is not folded back in by a polynomial. Only every `every`-th row and
+// column.
+std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& steps, const WhiteImage& image,
+                                   double reach_px = 1e9, int every = 1) {
     const std::vector<double>& p = steps.parameters;  // affine
     const double determinant = p[2] * p[5] - p[3] * p[4];
     double low_u = 1e300, high_u = -1e300, low_v = 1e300, high_v = -1e300;
@@ -81,7 +83,9 @@ std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& s
     const double m_step = (steps.stagger == algo::Stagger::columns ? std::numbers::sqrt3 / 2 : 1) / steps.span;
     const double n_step = (steps.stagger == algo::Stagger::rows ? std::numbers::sqrt3 / 2 : 1) / steps.span;
     std::vector<Index> out;
-    const auto first = [every](double low, double step) { return (static_cast<int>(std::floor(low / step)) - 1) / every * every; };
+    const auto first = [every](double low, double step) {
+        return (static_cast<int>(std::floor(low / step)) - 1) / every * every;
+    };
     for (int n = first(low_v, n_step); n <= static_cast<int>(std::ceil(high_v / n_step)) + 1; n += every) {
         for (int m = first(low_u, m_step); m <= static_cast<int>(std::ceil(high_u / m_step)) + 1; m += every) {
             const LensletGrid::Uv uv = grid.uv(m, n);
@@ -100,7 +104,8 @@ struct Growth {
 
 std::optional<Observation> observe(const CentreFinder& finder, const Index& k, double most_px) {
     const auto spot = finder.measure(k.at, most_px);
-    if (!spot || spot->match < kLeastMatch || spot->amplitude_dn < kLeastAmplitude * finder.typical_amplitude_dn()) return std::nullopt;
+    if (!spot || spot->match < kLeastMatch || spot->amplitude_dn < kLeastAmplitude * finder.typical_amplitude_dn())
+        return std::nullopt;
     return Observation{k.m, k.n, spot->centre_px, true};
 }
 
@@ -111,7 +116,8 @@ Result<Growth> grow(const WhiteImage& image, const Lattice& lattice) {
     const std::vector<Index> all = lenslets_inside(steps, steps, image, lattice.reach_px);
     std::vector<PixelPoint> seeds;
     std::vector<std::pair<double, Index>> by_distance;
-    for (const Index& k : all) by_distance.emplace_back(std::hypot(k.at.x_px - lattice.seed_px.x_px, k.at.y_px - lattice.seed_px.y_px), k);
+    for (const Index& k : all)
+        by_distance.emplace_back(std::hypot(k.at.x_px - lattice.seed_px.x_px, k.at.y_px - lattice.seed_px.y_px), k);
     std::sort(by_distance.begin(), by_distance.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     for (const auto& [far, k] : by_distance) {
         if (far > 0.7 * lattice.reach_px || seeds.size() == 400) break;
@@ -124,7 +130,8 @@ Result<Growth> grow(const WhiteImage& image, const Lattice& lattice) {
     const double farthest = std::hypot(image.width_px(), image.height_px());
     for (double reach = std::max(0.7 * lattice.reach_px, 3 * pitch);; reach *= 1.6) {
         // A regular part of the lenslets within reach: every k-th column of every k-th row.
-        const double area = std::min(std::numbers::pi * reach * reach, static_cast<double>(image.width_px()) * image.height_px());
+        const double area =
+            std::min(std::numbers::pi * reach * reach, static_cast<double>(image.width_px()) * image.height_px());
         const int every = std::max(1, static_cast<int>(std::sqrt(area / (pitch * pitch * kGrowCentres))));
         std::vector<Observation> seen;
         for (const Index& k : lenslets_inside(grid, steps, image, reach, every)) {
@@ -168,11 +175,14 @@ void count_from_zero(LensletGrid& grid, std::vector<Observation>& observations, 
     }
 }
 
-// Of the complete neighbours of measured lenslets, the share that is measured, too. Lenslets of a lattice come together,
-// also where only a part of the frame is lit; what was taken for lenslets in a picture does not.
-double neighbours_found(const LensletGrid& grid, const CentreFinder& finder, const std::vector<Observation>& observations) {
+// Of the complete neighbours of measured lenslets, the share that is measured, too. Lenslets of a lattice come
+// together, also where only a part of the frame is lit; what was taken for lenslets in a picture does not.
+double neighbours_found(const LensletGrid& grid, const CentreFinder& finder,
+                        const std::vector<Observation>& observations) {
     std::vector<bool> found(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
-    const auto at = [&](int m, int n) { return static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m); };
+    const auto at = [&](int m, int n) {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m);
+    };
     for (const Observation& seen : observations) found[at(seen.m, seen.n)] = true;
     std::int64_t asked = 0;
     std::int64_t answered = 0;
@@ -180,7 +190,8 @@ double neighbours_found(const LensletGrid& grid, const CentreFinder& finder, con
         for (const auto& [dm, dn] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
             const int m = seen.m + dm;
             const int n = seen.n + dn;
-            if (m < 0 || n < 0 || m >= grid.columns || n >= grid.rows || !finder.complete(grid.centre_px(m, n))) continue;
+            if (m < 0 || n < 0 || m >= grid.columns || n >= grid.rows || !finder.complete(grid.centre_px(m, n)))
+                continue;
             ++asked;
             if (found[at(m, n)]) ++answered;
         }
@@ -221,15 +232,18 @@ Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::
     }
     // Some of them twice, by halves: whether single lenslets have places of their own is asked of these.
     const double window_px = std::numbers::pi * grown->finder.window_radius_px() * grown->finder.window_radius_px();
-    const std::size_t asked = std::clamp(static_cast<std::size_t>(kSplitPixels / window_px), kFewestSplit, kSplitCentres);
+    const std::size_t asked =
+        std::clamp(static_cast<std::size_t>(kSplitPixels / window_px), kFewestSplit, kSplitCentres);
     const std::size_t every = std::max<std::size_t>(1, out.observations.size() / asked);
-    for (std::size_t k = 0; k < out.observations.size(); k += every) out.observations[k].split_px = grown->finder.split(out.observations[k].centre_px);
+    for (std::size_t k = 0; k < out.observations.size(); k += every)
+        out.observations[k].split_px = grown->finder.split(out.observations[k].centre_px);
     report(0.7);
     count_from_zero(grid, out.observations, all);
     const double together = neighbours_found(grid, grown->finder, out.observations);
     if (together < kLeastNeighbours) {
         return fail(ErrorCode::refused,
-                    fmt::format("the lenslets do not look like one another: only {:.0f} % of the neighbours of those measured can be measured",
+                    fmt::format("the lenslets do not look like one another: only {:.0f} % of the neighbours of those "
+                                "measured can be measured",
                                 100 * together),
                     "record an evenly lit white frame, without a part and below saturation");
     }
@@ -239,8 +253,9 @@ Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::
     const double pitches = std::max(out.fit.cv_x_rms_px, out.fit.cv_y_rms_px) / pitch;
     if (!(pitches < kMostError)) {
         return fail(ErrorCode::refused,
-                    fmt::format("this is no white frame: its centres scatter about the best grid by {:.1f} % of a pitch, {:.1f} % is the most", 100 * pitches,
-                                100 * kMostError),
+                    fmt::format("this is no white frame: its centres scatter about the best grid by {:.1f} % of a "
+                                "pitch, {:.1f} % is the most",
+                                100 * pitches, 100 * kMostError),
                     "record evenly lit lenslets, without a part in the light, in focus");
     }
     // Lenslets that do not fit are asked by halves, too, before they are left out: they may lie where they were seen.
@@ -254,16 +269,21 @@ Result<GridCalibration> calibrate_grid(const algo::FrameView& white, const std::
     out.whole = static_cast<int>(std::count(whole.begin(), whole.end(), 1));
     for (const Observation& seen : out.observations) {
         const bool in_grid = seen.m >= 0 && seen.n >= 0 && seen.m < out.fit.grid.columns && seen.n < out.fit.grid.rows;
-        if (!in_grid || whole[static_cast<std::size_t>(seen.n) * static_cast<std::size_t>(out.fit.grid.columns) + static_cast<std::size_t>(seen.m)] == 0) continue;
+        if (!in_grid ||
+            whole[static_cast<std::size_t>(seen.n) * static_cast<std::size_t>(out.fit.grid.columns) +
+                  static_cast<std::size_t>(seen.m)] == 0)
+            continue;
         ++out.whole_found;
         if (seen.used || seen.displaced) ++out.whole_placed;
     }
     report(0.95);
 
     const LensletGrid::Steps middle = out.fit.grid.steps_px({0, 0});
-    out.pitch_px = std::sqrt(std::abs(middle.along_u.x_px * middle.along_v.y_px - middle.along_u.y_px * middle.along_v.x_px));
-    out.rotation_rad = lattice->stagger == algo::Stagger::columns ? std::atan2(-middle.along_v.x_px, middle.along_v.y_px)
-                                                                  : std::atan2(middle.along_u.y_px, middle.along_u.x_px);
+    out.pitch_px =
+        std::sqrt(std::abs(middle.along_u.x_px * middle.along_v.y_px - middle.along_u.y_px * middle.along_v.x_px));
+    out.rotation_rad = lattice->stagger == algo::Stagger::columns
+        ? std::atan2(-middle.along_v.x_px, middle.along_v.y_px)
+        : std::atan2(middle.along_u.y_px, middle.along_u.x_px);
     for (const GridCalibration::Node& node : out.nodes()) {
         ++out.inside;
         if (grown->finder.complete(node.centre_px)) ++out.complete;

@@ -26,10 +26,10 @@ struct GridOptions {
 };
 
 struct GridCalibration {
-    Lattice lattice;                         // as first seen, before the fit
-    GridFit fit;                             // grid, ladder, covariance, residuals
-    std::vector<Observation> observations;   // every lenslet found; those not `used` are outliers of the fit
-    Immunity immunity;                       // of the centres against gradients
+    Lattice lattice;                        // as first seen, before the fit
+    GridFit fit;                            // grid, ladder, covariance, residuals
+    std::vector<Observation> observations;  // every lenslet found; those not `used` are outliers of the fit
+    Immunity immunity;                      // of the centres against gradients
 
     double pitch_px = 0;      // mean of the grid's two pitches at its middle
     double rotation_rad = 0;  // of the lattice's rows (columns where these are staggered), x towards y
@@ -37,12 +37,13 @@ struct GridCalibration {
     int complete = 0;         // those whose whole window does
     int found = 0;            // of the complete ones, those measured
     int missing = 0;          // of the complete ones, those without a centre: dead, dark, or unlike the others
-    int displaced = 0;        // of the found ones, those that lie off the model and have a place of their own (place_displaced)
-    int rejected = 0;         // of the found ones, those that do not fit otherwise
-    int saturated = 0;        // of the found ones, those with saturated samples
-    int whole = 0;            // of the complete ones, those that light reaches whole (calib/whole_lenslets.h)
-    int whole_found = 0;      // of these, those measured
-    int whole_placed = 0;     // of these, those that fit, or are displaced and have a place of their own
+    int displaced =
+        0;  // of the found ones, those that lie off the model and have a place of their own (place_displaced)
+    int rejected = 0;      // of the found ones, those that do not fit otherwise
+    int saturated = 0;     // of the found ones, those with saturated samples
+    int whole = 0;         // of the complete ones, those that light reaches whole (calib/whole_lenslets.h)
+    int whole_found = 0;   // of these, those measured
+    int whole_placed = 0;  // of these, those that fit, or are displaced and have a place of their own
 
     struct Node {
         int m = 0, n = 0;

@@ -13,12 +13,13 @@
 namespace hord::calib {
 namespace {
 
-constexpr double kStep = 0.05;         // of radial tables, px
-constexpr double kRing = 0.6;          // width of the rings that the profile is made of, px
-constexpr double kSmoothRing = 0.8;    // of those that the weight is made of: smooth enough to be sampled by pixels, however sharp a lenslet's edge
-constexpr double kStiffness = 1e-5;    // of neighbouring rings, against what is seen
-constexpr double kRingStep = 0.5;      // between them, px
-constexpr double kTaper = 2.0;        // over which the weight falls to zero at the window's rim, px
+constexpr double kStep = 0.05;  // of radial tables, px
+constexpr double kRing = 0.6;   // width of the rings that the profile is made of, px
+constexpr double kSmoothRing =
+    0.8;  // of those that the weight is made of: smooth enough to be sampled by pixels, however sharp a lenslet's edge
+constexpr double kStiffness = 1e-5;  // of neighbouring rings, against what is seen
+constexpr double kRingStep = 0.5;    // between them, px
+constexpr double kTaper = 2.0;       // over which the weight falls to zero at the window's rim, px
 constexpr double kPlateau = 0.92;
 constexpr double kMostVariance = 2.5;  // that an immunity may cost, against the most efficient weight
 constexpr std::size_t kMostSeeds = 400;
@@ -38,7 +39,8 @@ template <int>
 HORD_ALWAYS_INLINE Answers answers(const float* kernels, const float* light, std::ptrdiff_t size) {
     const float* of_window = kernels + 3 * size;
     Lanes sum{};
-    for (std::ptrdiff_t k = 0; k < size; k += kLanes) sum += algo::load<Lanes>(of_window + k) * algo::load<Lanes>(light + k);
+    for (std::ptrdiff_t k = 0; k < size; k += kLanes)
+        sum += algo::load<Lanes>(of_window + k) * algo::load<Lanes>(light + k);
     float mean = 0;
     for (int lane = 0; lane < kLanes; ++lane) mean += sum[lane];
     // Sums of differences to the mean: single precision then suffices.
@@ -59,7 +61,8 @@ HORD_ALWAYS_INLINE Answers answers(const float* kernels, const float* light, std
     }
     return out;
 }
-HORD_FOR_EACH_ISA(answers_for, Answers, answers, (const float* kernels, const float* light, std::ptrdiff_t size), (kernels, light, size))
+HORD_FOR_EACH_ISA(answers_for, Answers, answers, (const float* kernels, const float* light, std::ptrdiff_t size),
+                  (kernels, light, size))
 
 double lookup(const Table& table, double r) {
     const double at = r / kStep;
@@ -101,7 +104,8 @@ Ring ring_at(Eigen::Index index, double r) {
     const double near = (r - radius) / kSmoothRing;
     const double far = (r + radius) / kSmoothRing;
     const double share = kRing / kSmoothRing;  // of height: smoothing keeps the ring's area
-    return {gauss((r - radius) / kRing) + gauss((r + radius) / kRing), share * (near * gauss(near) + far * gauss(far)) / (kSmoothRing * r)};
+    return {gauss((r - radius) / kRing) + gauss((r + radius) / kRing),
+            share * (near * gauss(near) + far * gauss(far)) / (kSmoothRing * r)};
 }
 
 // The most efficient weight for `profile` inside `radius`, less the parts that answer to gradients.
@@ -132,12 +136,19 @@ Weights design(const Profile& profile, double radius, bool against_gradients) {
         }
         return total;
     };
-    const auto background = [&](const Table& w) { return sum([&](std::size_t k, double r) { return w[k] * r * r * r; }); };
-    const auto vignetting = [&](const Table& w) { return sum([&](std::size_t k, double r) { return w[k] * weights.profile[k] * r * r * r; }); };
-    const auto gain = [&](const Table& w) { return sum([&](std::size_t k, double r) { return w[k] * steepness[k] * r * r * r; }); };
+    const auto background = [&](const Table& w) {
+        return sum([&](std::size_t k, double r) { return w[k] * r * r * r; });
+    };
+    const auto vignetting = [&](const Table& w) {
+        return sum([&](std::size_t k, double r) { return w[k] * weights.profile[k] * r * r * r; });
+    };
+    const auto gain = [&](const Table& w) {
+        return sum([&](std::size_t k, double r) { return w[k] * steepness[k] * r * r * r; });
+    };
     const auto variance = [&](const Table& w) {
         const double g = gain(w);
-        return sum([&](std::size_t k, double r) { return w[k] * w[k] * (weights.profile[k] + 0.05) * r * r * r; }) / (g * g);
+        return sum([&](std::size_t k, double r) { return w[k] * w[k] * (weights.profile[k] + 0.05) * r * r * r; }) /
+            (g * g);
     };
     Table light(count);
     for (std::size_t k = 0; k < count; ++k) light[k] = weights.profile[k] * weights.window[k];
@@ -217,7 +228,8 @@ void CentreFinder::Kernels::sample(const Weights& from) {
     Eigen::VectorXf shape = Eigen::VectorXf::Zero(size);
     for (int phase = 0; phase < phases * phases; ++phase) {
         const double fx = (phase % phases + 0.5) / phases - 0.5;
-        const double fy = (phase / phases + 0.5) / phases - 0.5;  // NOLINT(bugprone-integer-division): the row of phases
+        const double fy =
+            (phase / phases + 0.5) / phases - 0.5;  // NOLINT(bugprone-integer-division): the row of phases
         const auto first = static_cast<Eigen::Index>(4) * phase;
         double share = 0;
         double mean = 0;
@@ -278,7 +290,8 @@ CentreFinder::Kernels::Moments CentreFinder::Kernels::moments(algo::PixelPoint a
 
 bool CentreFinder::Kernels::complete(algo::PixelPoint at) const {
     const double reach = weights.radius - 0.5;
-    return at.x_px >= reach && at.y_px >= reach && at.x_px <= image->width_px() - 1 - reach && at.y_px <= image->height_px() - 1 - reach;
+    return at.x_px >= reach && at.y_px >= reach && at.x_px <= image->width_px() - 1 - reach &&
+        at.y_px <= image->height_px() - 1 - reach;
 }
 
 std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double most_px) const {
@@ -302,7 +315,9 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
         const bool settled = std::max(std::abs(dx), std::abs(dy)) < 0.6 / phases;
         // Between two cells that each point into the other, the centre is half way.
         const double step = std::hypot(next.x_px - here.x_px, next.y_px - here.y_px);
-        here = k + 1 == kMostSteps && step < 2.0 / phases ? algo::PixelPoint{0.5 * (here.x_px + next.x_px), 0.5 * (here.y_px + next.y_px)} : next;
+        here = k + 1 == kMostSteps && step < 2.0 / phases
+            ? algo::PixelPoint{0.5 * (here.x_px + next.x_px), 0.5 * (here.y_px + next.y_px)}
+            : next;
         const double away = std::hypot(here.x_px - at.x_px, here.y_px - at.y_px);
         if (away > most_px) return std::nullopt;
         if (settled || (k + 1 == kMostSteps && step < 2.0 / phases)) return Spot{here, m.amplitude, m.match, away};
@@ -310,11 +325,12 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
     return std::nullopt;
 }
 
-// Of one half, with the weight itself (no table of phases): the light is a + b T + s . dT, and the moment of what is left after a and b
-// answers to the shift s alone.
+// Of one half, with the weight itself (no table of phases): the light is a + b T + s . dT, and the moment of what is
+// left after a and b answers to the shift s alone.
 std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint centre) const {
     if (!complete(centre)) return std::nullopt;
-    constexpr double kTurnX = 0.98006657784124163, kTurnY = 0.19866933079506122;  // sectors are turned by 0.2 rad: no pixel on their edges
+    constexpr double kTurnX = 0.98006657784124163,
+                     kTurnY = 0.19866933079506122;  // sectors are turned by 0.2 rad: no pixel on their edges
     struct Pixel {
         double dx, dy, shape, window, light, weight, steepness;
         bool second;
@@ -392,8 +408,9 @@ void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> cen
     gain = shift > 0 ? answered / shift : 0;
 }
 
-// The mean radial profile about known centres, 1 at its top: a sum of rings, each as wide as kRing, by least squares. Rings
-// are smooth and even in r, so that the weight made of them is smooth on the pixel grid wherever a centre lies in it.
+// The mean radial profile about known centres, 1 at its top: a sum of rings, each as wide as kRing, by least squares.
+// Rings are smooth and even in r, so that the weight made of them is smooth on the pixel grid wherever a centre lies in
+// it.
 Profile CentreFinder::Kernels::measure_profile(std::span<const Spot> spots, double reach) const {
     const auto count = static_cast<std::size_t>((reach + 2) / kStep) + 2;
     Table sums(count), hits(count);
@@ -420,7 +437,8 @@ Profile CentreFinder::Kernels::measure_profile(std::span<const Spot> spots, doub
     for (std::size_t k = 0; k < count; ++k) {
         if (hits[k] == 0) continue;
         const double weight = 1 / std::max(static_cast<double>(k) * kStep, 0.5);  // every radius counts alike
-        for (Eigen::Index ring = 0; ring < rings; ++ring) here(ring) = ring_at(ring, static_cast<double>(k) * kStep).value;
+        for (Eigen::Index ring = 0; ring < rings; ++ring)
+            here(ring) = ring_at(ring, static_cast<double>(k) * kStep).value;
         normal.selfadjointView<Eigen::Lower>().rankUpdate(here, weight * hits[k]);
         right += weight * sums[k] * here;
     }
@@ -429,7 +447,8 @@ Profile CentreFinder::Kernels::measure_profile(std::span<const Spot> spots, doub
     const double stiffness = kStiffness * normal.diagonal().mean();
     for (Eigen::Index ring = 1; ring + 1 < rings; ++ring) {
         for (int r = -1; r <= 1; ++r) {
-            for (int c = -1; c <= 1; ++c) normal(ring + r, ring + c) += stiffness * (r == 0 ? -2 : 1) * (c == 0 ? -2 : 1);
+            for (int c = -1; c <= 1; ++c)
+                normal(ring + r, ring + c) += stiffness * (r == 0 ? -2 : 1) * (c == 0 ? -2 : 1);
         }
     }
     normal.diagonal().array() += 1e-9 * normal.diagonal().mean();
@@ -452,7 +471,8 @@ Profile CentreFinder::Kernels::measure_profile(std::span<const Spot> spots, doub
     return profile;
 }
 
-Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds, double pitch_px) {
+Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds,
+                                         double pitch_px) {
     auto kernels = std::make_unique<Kernels>(image);
     std::vector<algo::PixelPoint> starts(seeds.begin(), seeds.end());
     if (starts.size() > kMostSeeds) starts.resize(kMostSeeds);
@@ -484,7 +504,8 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
         const auto middle = amplitudes.begin() + static_cast<std::ptrdiff_t>(amplitudes.size() / 2);
         std::nth_element(amplitudes.begin(), middle, amplitudes.end());
         kernels->typical_amplitude = *middle;
-        std::erase_if(spots, [&](const Spot& s) { return s.amplitude_dn < 0.3 * *middle || s.amplitude_dn > 3 * *middle; });
+        std::erase_if(spots,
+                      [&](const Spot& s) { return s.amplitude_dn < 0.3 * *middle || s.amplitude_dn > 3 * *middle; });
         if (spots.size() < 4) break;
         starts.clear();
         for (const Spot& spot : spots) starts.push_back(spot.centre_px);
@@ -499,7 +520,8 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
         while (last > 0 && profile.value[last] < 0.02) --last;
         radius = std::min(widest, static_cast<double>(last) * kStep + 1.5 + kTaper);
     }
-    return fail(ErrorCode::refused, fmt::format("only {} of {} lenslets near the middle look like one another", spots.size(), seeds.size()),
+    return fail(ErrorCode::refused,
+                fmt::format("only {} of {} lenslets near the middle look like one another", spots.size(), seeds.size()),
                 "light the lenslets evenly, below saturation, and focus the sensor on them");
 }
 
@@ -508,7 +530,9 @@ CentreFinder::CentreFinder(CentreFinder&&) noexcept = default;
 CentreFinder& CentreFinder::operator=(CentreFinder&&) noexcept = default;
 CentreFinder::~CentreFinder() = default;
 
-std::optional<Spot> CentreFinder::measure(algo::PixelPoint at, double most_px) const { return kernels_->measure(at, most_px); }
+std::optional<Spot> CentreFinder::measure(algo::PixelPoint at, double most_px) const {
+    return kernels_->measure(at, most_px);
+}
 std::optional<algo::PixelPoint> CentreFinder::split(algo::PixelPoint centre) const { return kernels_->split(centre); }
 bool CentreFinder::complete(algo::PixelPoint at) const { return kernels_->complete(at); }
 double CentreFinder::amplitude_dn(algo::PixelPoint at) const { return kernels_->moments(at).amplitude; }

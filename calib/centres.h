@@ -36,21 +36,24 @@ class CentreFinder {
   public:
     // Learns the profile from the lenslets near `seeds` (predicted to within a quarter pitch; at most 400 are used).
     // Fails with `refused` when fewer than 4 of them look like one another.
-    static Result<CentreFinder> learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds, double pitch_px);
+    static Result<CentreFinder> learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds,
+                                      double pitch_px);
 
     // The lenslet predicted at `at`, iterated until it moves less than 0.02 px. None where its window is not wholly
     // inside the frame, it holds no light, or it moved further than `most_px`.
     [[nodiscard]] std::optional<Spot> measure(algo::PixelPoint at, double most_px) const;
 
-    // What two halves of the lenslet's light say of its centre, each for itself: half of their difference, the first less the second.
-    // The halves are every second of eight sectors about the centre, so that each sees a shift along x and y alike and no pixel is in
-    // both: they share the lenslet's true place, and not their noise. None where it cannot be said.
+    // What two halves of the lenslet's light say of its centre, each for itself: half of their difference, the first
+    // less the second. The halves are every second of eight sectors about the centre, so that each sees a shift along x
+    // and y alike and no pixel is in both: they share the lenslet's true place, and not their noise. None where it
+    // cannot be said.
     [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
 
     // Whether the window of a lenslet at `at` lies wholly inside the frame.
     [[nodiscard]] bool complete(algo::PixelPoint at) const;
 
-    // The light of a lenslet at `at`, in DN: how much of the profile is there, over the background. Outside the frame it is dark.
+    // The light of a lenslet at `at`, in DN: how much of the profile is there, over the background. Outside the frame
+    // it is dark.
     [[nodiscard]] double amplitude_dn(algo::PixelPoint at) const;
 
     // Saturated samples inside the window, as a share of it.
@@ -58,7 +61,7 @@ class CentreFinder {
 
     [[nodiscard]] double window_radius_px() const;
     [[nodiscard]] Immunity immunity() const;
-    [[nodiscard]] double typical_amplitude_dn() const;  // median of the lenslets learned from
+    [[nodiscard]] double typical_amplitude_dn() const;      // median of the lenslets learned from
     [[nodiscard]] std::span<const double> profile() const;  // T(r), one value each 0.05 px, 1 at the top
 
     CentreFinder(CentreFinder&&) noexcept;

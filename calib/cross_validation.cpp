@@ -14,7 +14,8 @@ struct Rows {
     Eigen::Index first, count;
 };
 Rows rows_of(const Blocks& blocks, std::size_t b) {
-    return {static_cast<Eigen::Index>(2 * blocks.first[b]), static_cast<Eigen::Index>(2 * (blocks.first[b + 1] - blocks.first[b]))};
+    return {static_cast<Eigen::Index>(2 * blocks.first[b]),
+            static_cast<Eigen::Index>(2 * (blocks.first[b + 1] - blocks.first[b]))};
 }
 
 }  // namespace
@@ -42,7 +43,8 @@ Blocks sort_into_blocks(std::vector<Point>& points) {
     std::vector<std::size_t> next(static_cast<std::size_t>(side * side) + 1);
     for (const Point& p : points) ++next[cell_of(p) + 1];
     for (std::size_t cell = 1; cell < next.size(); ++cell) {
-        if (next[cell] > 0) blocks.first.push_back(blocks.first.back() + next[cell]);  // of cells without a point there is none
+        if (next[cell] > 0)
+            blocks.first.push_back(blocks.first.back() + next[cell]);  // of cells without a point there is none
     }
     std::partial_sum(next.begin(), next.end(), next.begin());
     std::vector<Point> sorted(points.size());
@@ -77,7 +79,8 @@ Validation leave_blocks_out(const Solved& solved, const Blocks& blocks) {
         if (inverse.size() == 0) return {};
         const Rows rows = rows_of(blocks, b);
         const Eigen::VectorXd change = -inverse * (pull - gradient[b]);
-        const Eigen::VectorXd off = solved.residuals.segment(rows.first, rows.count) + solved.jacobian.middleRows(rows.first, rows.count) * change;
+        const Eigen::VectorXd off = solved.residuals.segment(rows.first, rows.count) +
+            solved.jacobian.middleRows(rows.first, rows.count) * change;
         for (Eigen::Index k = 0; k < rows.count; k += 2) {
             x += off(k) * off(k);
             y += off(k + 1) * off(k + 1);
@@ -107,8 +110,8 @@ double inflation_of(const Solved& solved, const Blocks& blocks, const Eigen::Mat
     Eigen::MatrixXd pull(solved.jacobian.cols(), blocks.count());
     for (std::size_t b = 0; b + 1 < blocks.first.size(); ++b) {
         const Rows rows = rows_of(blocks, b);
-        pull.col(static_cast<Eigen::Index>(b)) =
-            solved.jacobian.middleRows(rows.first, rows.count).transpose() * solved.residuals.segment(rows.first, rows.count);
+        pull.col(static_cast<Eigen::Index>(b)) = solved.jacobian.middleRows(rows.first, rows.count).transpose() *
+            solved.residuals.segment(rows.first, rows.count);
     }
     const auto free = static_cast<double>(std::count(solved.fixed.begin(), solved.fixed.end(), false));
     const double spread = (pull.transpose() * inverse * pull).trace() / (variance * free);

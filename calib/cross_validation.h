@@ -15,7 +15,8 @@ struct Blocks {
     [[nodiscard]] int count() const { return static_cast<int>(first.size()) - 1; }
 };
 
-// Sorts the points by block. Up to 8 x 8 blocks of about 12 points or more; of fewer than about 108, every one is its own.
+// Sorts the points by block. Up to 8 x 8 blocks of about 12 points or more; of fewer than about 108, every one is its
+// own.
 Blocks sort_into_blocks(std::vector<Point>& points);
 
 struct Validation {

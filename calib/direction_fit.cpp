@@ -14,12 +14,13 @@ namespace {
 
 using algo::GridRung;
 
-constexpr std::array kRungs{GridRung::similarity, GridRung::affine, GridRung::homography, GridRung::radial1, GridRung::cubic};
-constexpr std::size_t kLeastTilts = 3;       // besides the empty field
+constexpr std::array kRungs{GridRung::similarity, GridRung::affine, GridRung::homography, GridRung::radial1,
+                            GridRung::cubic};
+constexpr std::size_t kLeastTilts = 3;  // besides the empty field
 constexpr std::size_t kLeastForCubic = 10;
-constexpr double kCaptureError = 0.02;       // px: what a capture is trusted to
-constexpr double kEdgeError = 0.1;           // px: what the map must be good to at the lenslet's edge, as is noticed as drift
-constexpr double kLeastTilt = 1e-9;          // rad
+constexpr double kCaptureError = 0.02;  // px: what a capture is trusted to
+constexpr double kEdgeError = 0.1;   // px: what the map must be good to at the lenslet's edge, as is noticed as drift
+constexpr double kLeastTilt = 1e-9;  // rad
 
 struct Plane {
     Eigen::Matrix2d map;  // px a rad
@@ -38,7 +39,8 @@ Plane plane_through(const std::vector<Point>& points) {
     return {solution.bottomRows(2).transpose(), solution.row(0).transpose()};
 }
 
-// The spread of the tilts across the line that they lie nearest to, root of the sum of squares, px: how well the map is known across it.
+// The spread of the tilts across the line that they lie nearest to, root of the sum of squares, px: how well the map is
+// known across it.
 double thin_spread_px(const std::vector<Point>& points) {
     Eigen::MatrixX2d of(static_cast<Eigen::Index>(points.size()), 2);
     Eigen::MatrixX2d seen(of.rows(), 2);
@@ -58,10 +60,14 @@ double thin_spread_px(const std::vector<Point>& points) {
 }  // namespace
 
 Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt> tilts, double pitch_px) {
-    const auto refuse = [](std::string what, std::string cure) { return fail(ErrorCode::refused, std::move(what), std::move(cure)); };
+    const auto refuse = [](std::string what, std::string cure) {
+        return fail(ErrorCode::refused, std::move(what), std::move(cure));
+    };
     if (tilts.size() < kLeastTilts) {
-        return refuse(fmt::format("{} tilts: fewer than {} do not determine a direction map", tilts.size(), kLeastTilts),
-                      "capture at least three directions that do not lie on one line; ten, all over the lenslet, for its distortion");
+        return refuse(
+            fmt::format("{} tilts: fewer than {} do not determine a direction map", tilts.size(), kLeastTilts),
+            "capture at least three directions that do not lie on one line; ten, all over the lenslet, for its "
+            "distortion");
     }
     std::vector<Point> points{{{0, 0}, empty.offset_px}};
     double span = kLeastTilt;
@@ -72,15 +78,18 @@ Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt
     const double needed = 0.5 * pitch_px * kCaptureError / kEdgeError;
     const double thin = thin_spread_px(points);
     if (!(thin > needed)) {
-        return refuse(fmt::format("the {} tilts lie nearly on one line: across it their spots spread over {:.2f} px (root of the sum of squares), {:.2f} px are needed",
+        return refuse(fmt::format("the {} tilts lie nearly on one line: across it their spots spread over {:.2f} px "
+                                  "(root of the sum of squares), {:.2f} px are needed",
                                   tilts.size(), thin, needed),
                       "capture directions on both sides of that line");
     }
 
-    // The gauge: directions along the sensor's axes make the linear part symmetric; polar decomposition gives the stage's turn.
+    // The gauge: directions along the sensor's axes make the linear part symmetric; polar decomposition gives the
+    // stage's turn.
     const Plane plane = plane_through(points);
     const Eigen::JacobiSVD<Eigen::Matrix2d> svd(plane.map, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    if (!(svd.singularValues()(1) > 0)) return refuse("the spots do not move with the tilts", "check the angles in tilts.toml");
+    if (!(svd.singularValues()(1) > 0))
+        return refuse("the spots do not move with the tilts", "check the angles in tilts.toml");
     const Eigen::Matrix2d turn = svd.matrixU() * svd.matrixV().transpose();
     DirectionFit fit;
     fit.mirrored = turn.determinant() < 0;
@@ -104,23 +113,26 @@ Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt
     fit.left_out_x_px = winner.cv_x_rms_px;
     fit.left_out_y_px = winner.cv_y_rms_px;
     if (!(std::max(fit.left_out_x_px, fit.left_out_y_px) < kEdgeError)) {
-        return refuse(fmt::format("the spots follow no map: a capture left out is predicted to {:.3f} / {:.3f} px (x / y), {:.1f} is the most", fit.left_out_x_px,
-                                  fit.left_out_y_px, kEdgeError),
+        return refuse(fmt::format("the spots follow no map: a capture left out is predicted to {:.3f} / {:.3f} px (x / "
+                                  "y), {:.1f} is the most",
+                                  fit.left_out_x_px, fit.left_out_y_px, kEdgeError),
                       "check the angles in tilts.toml, and that each frame belongs to its angle");
     }
     fit.captures = static_cast<int>(points.size());
     fit.unobservable = solved->unobservable;
     fit.map = {solved->grid.rung, solved->grid.parameters, span, frame.radius_px, empty.offset_px};
-    fit.reason = fmt::format("{}: {}; a capture left out is predicted to {:.4f} px in x, {:.4f} px in y", name_of(winner.rung), winner.verdict, fit.left_out_x_px,
-                             fit.left_out_y_px);
+    fit.reason = fmt::format("{}: {}; a capture left out is predicted to {:.4f} px in x, {:.4f} px in y",
+                             name_of(winner.rung), winner.verdict, fit.left_out_x_px, fit.left_out_y_px);
 
     const double variance = variance_of(*solved);
     fit.noise_px = std::sqrt(variance);
     const Eigen::MatrixXd inverse = inverse_normal(normal_of(*solved), solved->fixed);
     fit.sigma.assign(solved->grid.parameters.size(), 0.0);
-    for (Eigen::Index k = 0; k < inverse.rows(); ++k) fit.sigma[static_cast<std::size_t>(k)] = std::sqrt(std::max(0.0, inverse(k, k) * variance));
+    for (Eigen::Index k = 0; k < inverse.rows(); ++k)
+        fit.sigma[static_cast<std::size_t>(k)] = std::sqrt(std::max(0.0, inverse(k, k) * variance));
     const auto steps = fit.map.px_a_rad({});
-    fit.scale_px_a_rad = std::sqrt(std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px));
+    fit.scale_px_a_rad =
+        std::sqrt(std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px));
     // Scale and rotation are the symmetric and antisymmetric parts of four equally well known numbers.
     double moment = 0;
     for (const Point& p : points) moment += (p.uv.u * p.uv.u + p.uv.v * p.uv.v) * span * span;

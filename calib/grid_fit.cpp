@@ -14,8 +14,9 @@ namespace hord::calib {
 namespace {
 
 constexpr std::size_t kLadderCentres = 4000;  // enough to choose by
-constexpr std::size_t kFitCentres = 12000;    // that the chosen rung is fitted to: more add time and no accuracy that counts
-constexpr double kFarthest = 1e6;             // px
+constexpr std::size_t kFitCentres =
+    12000;                         // that the chosen rung is fitted to: more add time and no accuracy that counts
+constexpr double kFarthest = 1e6;  // px
 
 std::vector<Point> points_of(const algo::LensletGrid& frame, std::span<const Observation> observations) {
     std::vector<Point> points;
@@ -58,7 +59,9 @@ void reject_by(const algo::LensletGrid& grid, std::span<Observation> observation
 Result<void> finish(const algo::LensletGrid& start, std::vector<Point> points, GridFit& fit) {
     const Blocks blocks = sort_into_blocks(points);
     auto solved = solve(start, points);
-    if (!solved) return fail(ErrorCode::refused, "the chosen grid model does not settle on all centres", "record the white frame again");
+    if (!solved)
+        return fail(ErrorCode::refused, "the chosen grid model does not settle on all centres",
+                    "record the white frame again");
     fit.grid = solved->grid;
     fit.unobservable = solved->unobservable;
     const double variance = variance_of(*solved);
@@ -70,8 +73,11 @@ Result<void> finish(const algo::LensletGrid& start, std::vector<Point> points, G
     fit.covariance.assign(static_cast<std::size_t>(count * count), 0.0);
     if (inverse.size() == 0) return {};
     for (Eigen::Index r = 0; r < count; ++r) {
-        for (Eigen::Index c = 0; c < count; ++c) fit.covariance[static_cast<std::size_t>(r * count + c)] = inverse(r, c) * variance * fit.correlation_inflation;
-        fit.sigma[static_cast<std::size_t>(r)] = std::sqrt(std::max(0.0, inverse(r, r) * variance * fit.correlation_inflation));
+        for (Eigen::Index c = 0; c < count; ++c)
+            fit.covariance[static_cast<std::size_t>(r * count + c)] =
+                inverse(r, c) * variance * fit.correlation_inflation;
+        fit.sigma[static_cast<std::size_t>(r)] =
+            std::sqrt(std::max(0.0, inverse(r, r) * variance * fit.correlation_inflation));
     }
     return {};
 }
@@ -95,45 +101,55 @@ void count_residuals(const std::vector<Point>& points, GridFit& fit) {
 
 }  // namespace
 
-Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> observations, const FitOptions& options) {
+Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> observations,
+                         const FitOptions& options) {
     for (const Observation& seen : observations) {
         if (!(std::abs(seen.centre_px.x_px) < kFarthest) || !(std::abs(seen.centre_px.y_px) < kFarthest)) {
-            return fail(ErrorCode::invalid_argument, fmt::format("the centre of lenslet {},{} is no place on a sensor", seen.m, seen.n),
+            return fail(ErrorCode::invalid_argument,
+                        fmt::format("the centre of lenslet {},{} is no place on a sensor", seen.m, seen.n),
                         "give centres in pixels");
         }
     }
     if (observations.size() < 4) {
-        return fail(ErrorCode::invalid_argument, fmt::format("{} lenslet centres", observations.size()), "give at least 4 of them");
+        return fail(ErrorCode::invalid_argument, fmt::format("{} lenslet centres", observations.size()),
+                    "give at least 4 of them");
     }
     // Outliers are judged against a smooth surface, so that the choice of a rung does not decide who is one.
     const int order = observations.size() >= 60 ? 3 : observations.size() >= 20 ? 2 : 1;
     if (!robust_polynomial(frame, observations, order)) robust_polynomial(frame, observations, 1);
     std::vector<Point> points = points_of(frame, observations);
-    if (points.size() < 4) return fail(ErrorCode::refused, "fewer than 4 lenslet centres agree with one another", "record the white frame again");
+    if (points.size() < 4)
+        return fail(ErrorCode::refused, "fewer than 4 lenslet centres agree with one another",
+                    "record the white frame again");
 
     GridFit fit;
     Climbed climbed = climb(frame, part_of(points, kLadderCentres), options);
     fit.ladder = std::move(climbed.ladder);
     fit.blocks = climbed.blocks;
     const auto& choice = climbed.choice;
-    if (!choice) return fail(ErrorCode::refused, "no grid model fits the lenslet centres", "record the white frame again");
+    if (!choice)
+        return fail(ErrorCode::refused, "no grid model fits the lenslet centres", "record the white frame again");
 
     // The chosen model has the last word on outliers: the surface that judged them first is not exact.
     reject_by(choice->grid, observations);
     points = points_of(frame, observations);
-    if (points.size() < 4) return fail(ErrorCode::refused, "fewer than 4 lenslet centres agree with the model", "record the white frame again");
+    if (points.size() < 4)
+        return fail(ErrorCode::refused, "fewer than 4 lenslet centres agree with the model",
+                    "record the white frame again");
     if (auto done = finish(choice->grid, part_of(points, kFitCentres), fit); !done) return tl::unexpected(done.error());
     count_residuals(points, fit);
     fit.rejected = static_cast<int>(observations.size() - points.size());
     const RungReport winner = fit.ladder[choice->rung];
     fit.cv_x_rms_px = winner.cv_x_rms_px;
     fit.cv_y_rms_px = winner.cv_y_rms_px;
-    fit.reason = fmt::format("{}: {}; cross-validated over {} blocks {:.4f} px in x, {:.4f} px in y", name_of(winner.rung), winner.verdict,
-                             fit.blocks, fit.cv_x_rms_px, fit.cv_y_rms_px);
+    fit.reason = fmt::format("{}: {}; cross-validated over {} blocks {:.4f} px in x, {:.4f} px in y",
+                             name_of(winner.rung), winner.verdict, fit.blocks, fit.cv_x_rms_px, fit.cv_y_rms_px);
     if (options.single_lenslets && !options.only) climb_to_single_lenslets(observations, fit);
     return fit;
 }
 
-std::string_view name_of(const RungReport& report) { return report.single_lenslets ? "single lenslets" : name_of(report.rung); }
+std::string_view name_of(const RungReport& report) {
+    return report.single_lenslets ? "single lenslets" : name_of(report.rung);
+}
 
 }  // namespace hord::calib

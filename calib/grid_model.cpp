@@ -71,8 +71,8 @@ void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, dou
     const double r2 = dx * dx + dy * dy;
     const double k1 = p[8];
     const double k2 = full ? p[9] : 0.0;
-    const double stretch = (k1 + k2 * r2) * r2;         // of the step from the centre, dimensionless
-    const double slope = 2 * (k1 + 2 * k2 * r2);        // its derivative by dx, over dx
+    const double stretch = (k1 + k2 * r2) * r2;   // of the step from the centre, dimensionless
+    const double slope = 2 * (k1 + 2 * k2 * r2);  // its derivative by dx, over dx
     const double xx = 1 + stretch + dx * dx * slope;
     const double xy = dx * dy * slope;
     const double yy = 1 + stretch + dy * dy * slope;
@@ -92,13 +92,15 @@ void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, dou
     of_y[11] = -(stretch + dy * dy * slope) * radius;
 }
 
-std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& frame, std::span<Observation> observations, int order) {
+std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& frame, std::span<Observation> observations,
+                                                   int order) {
     constexpr int kRounds = 12;
     constexpr std::size_t kMostCentres = 4000;
     const int terms = (order + 1) * (order + 2) / 2;
     // A regular part of very many centres determines the surface as well; all of them are then judged by it.
     const std::size_t every = (observations.size() + kMostCentres - 1) / kMostCentres;
-    const auto count = every == 0 ? Eigen::Index{0} : static_cast<Eigen::Index>((observations.size() + every - 1) / every);
+    const auto count =
+        every == 0 ? Eigen::Index{0} : static_cast<Eigen::Index>((observations.size() + every - 1) / every);
     if (count < terms + 1) return std::nullopt;
     Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> basis(count, terms);
     Eigen::MatrixX2d target(count, 2);
@@ -145,7 +147,8 @@ std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& fram
         grid.parameters = {value(0, 0), value(0, 1), value(1, 0), value(2, 0), value(1, 1), value(2, 1)};
     } else {
         for (int axis = 0; axis < 2; ++axis) {
-            for (int term = 0; term < terms; ++term) grid.parameters[static_cast<std::size_t>(axis * 10 + term)] = value(term, axis);
+            for (int term = 0; term < terms; ++term)
+                grid.parameters[static_cast<std::size_t>(axis * 10 + term)] = value(term, axis);
         }
     }
     for (Observation& seen : observations) {

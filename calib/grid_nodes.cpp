@@ -8,9 +8,12 @@ using algo::PixelPoint;
 std::vector<GridCalibration::Node> GridCalibration::nodes() const {
     const LensletGrid& grid = fit.grid;
     std::vector<bool> measured(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
-    const auto at = [&](int m, int n) { return static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m); };
+    const auto at = [&](int m, int n) {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m);
+    };
     for (const Observation& seen : observations) {
-        if (seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows) measured[at(seen.m, seen.n)] = seen.used || seen.displaced;
+        if (seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows)
+            measured[at(seen.m, seen.n)] = seen.used || seen.displaced;
     }
     std::vector<Node> out;
     for (int n = 0; n < grid.rows; ++n) {

@@ -14,7 +14,8 @@ constexpr double kSingular = 1e-9;  // of the eigenvalues of the normalised norm
 
 // Models that are linear in their parameters have the same derivatives wherever they stand.
 bool linear(GridRung rung) {
-    return rung == GridRung::similarity || rung == GridRung::affine || rung == GridRung::cubic || rung == GridRung::quintic;
+    return rung == GridRung::similarity || rung == GridRung::affine || rung == GridRung::cubic ||
+        rung == GridRung::quintic;
 }
 
 // All residuals of a grid in one block, with their analytic derivatives.
@@ -77,7 +78,8 @@ bool fix_null_directions(Solved& solved) {
                 continue;
             }
             solved.fixed[static_cast<std::size_t>(k)] = any = true;
-            solved.unobservable.push_back({parameter_name(solved.grid.rung, static_cast<int>(k)), "no centre depends on it"});
+            solved.unobservable.push_back(
+                {parameter_name(solved.grid.rung, static_cast<int>(k)), "no centre depends on it"});
         }
         const auto n = static_cast<Eigen::Index>(free.size());
         if (n == 0) return any;
@@ -100,7 +102,8 @@ bool fix_null_directions(Solved& solved) {
             const Eigen::Index k = free[static_cast<std::size_t>(worst)];
             solved.fixed[static_cast<std::size_t>(k)] = any = again = true;
             solved.jacobian.col(k).setZero();
-            solved.unobservable.push_back({parameter_name(solved.grid.rung, static_cast<int>(k)), "the others can stand in for it"});
+            solved.unobservable.push_back(
+                {parameter_name(solved.grid.rung, static_cast<int>(k)), "the others can stand in for it"});
         }
         if (!again) return any;
     }
@@ -120,7 +123,8 @@ bool run(Solved& solved, const std::vector<Point>& points) {
         if (solved.fixed[k]) held.push_back(static_cast<int>(k));
     }
     if (held.size() == solved.fixed.size()) return true;
-    if (!held.empty()) problem.SetManifold(parameters.data(), new ceres::SubsetManifold(static_cast<int>(parameters.size()), held));
+    if (!held.empty())
+        problem.SetManifold(parameters.data(), new ceres::SubsetManifold(static_cast<int>(parameters.size()), held));
     ceres::Solver::Options options;
     options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;
     options.max_num_iterations = 30;
@@ -132,7 +136,8 @@ bool run(Solved& solved, const std::vector<Point>& points) {
     options.logging_type = ceres::SILENT;
     ceres::Solver::Summary summary;
     ceres::Solve(options, &problem, &summary);
-    return summary.IsSolutionUsable() && std::all_of(parameters.begin(), parameters.end(), [](double p) { return std::isfinite(p); });
+    return summary.IsSolutionUsable() &&
+        std::all_of(parameters.begin(), parameters.end(), [](double p) { return std::isfinite(p); });
 }
 
 }  // namespace
@@ -158,7 +163,9 @@ Eigen::MatrixXd inverse_normal(const Eigen::MatrixXd& normal, const std::vector<
         scale(r) = 1 / std::sqrt(diagonal);
     }
     for (Eigen::Index r = 0; r < n; ++r) {
-        for (Eigen::Index c = 0; c < n; ++c) part(r, c) = normal(free[static_cast<std::size_t>(r)], free[static_cast<std::size_t>(c)]) * scale(r) * scale(c);
+        for (Eigen::Index c = 0; c < n; ++c)
+            part(r, c) =
+                normal(free[static_cast<std::size_t>(r)], free[static_cast<std::size_t>(c)]) * scale(r) * scale(c);
     }
     const Eigen::LDLT<Eigen::MatrixXd> factor(part);
     if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 1e-12)) return {};
@@ -166,7 +173,8 @@ Eigen::MatrixXd inverse_normal(const Eigen::MatrixXd& normal, const std::vector<
     Eigen::MatrixXd out = Eigen::MatrixXd::Zero(normal.rows(), normal.cols());
     for (Eigen::Index r = 0; r < n; ++r) {
         for (Eigen::Index c = 0; c < n; ++c) {
-            out(free[static_cast<std::size_t>(r)], free[static_cast<std::size_t>(c)]) = inverse(r, c) * scale(r) * scale(c);
+            out(free[static_cast<std::size_t>(r)], free[static_cast<std::size_t>(c)]) =
+                inverse(r, c) * scale(r) * scale(c);
         }
     }
     return out;
@@ -199,7 +207,8 @@ std::optional<Solved> solve(algo::LensletGrid start, const std::vector<Point>& p
             if (!run(solved, points)) return std::nullopt;
             evaluate(solved, points);
         } else {
-            for (const char* name : {"cx", "cy"}) solved.unobservable.push_back({name, "k1 is not significant; held at the middle of the frame"});
+            for (const char* name : {"cx", "cy"})
+                solved.unobservable.push_back({name, "k1 is not significant; held at the middle of the frame"});
         }
     }
     if (fix_null_directions(solved)) {

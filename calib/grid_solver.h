@@ -1,5 +1,5 @@
-// One rung of the ladder, fitted to centres with Ceres: the parameters, what the centres do not determine, and what is left
-// over. Used by calib/grid_fit.cpp and calib/cross_validation.cpp only.
+// One rung of the ladder, fitted to centres with Ceres: the parameters, what the centres do not determine, and what is
+// left over. Used by calib/grid_fit.cpp and calib/cross_validation.cpp only.
 #pragma once
 
 #include <optional>
@@ -24,11 +24,12 @@ struct Solved {
     std::vector<bool> fixed;  // one a parameter
     std::vector<Unobservable> unobservable;
     Eigen::VectorXd residuals;  // x, y, x, y ... px
-    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> jacobian;  // of them; columns of fixed parameters are 0
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>
+        jacobian;  // of them; columns of fixed parameters are 0
 };
 
-// Fits the parameters of `start`, fixing those that the points do not determine. The centre of distortion is held while k1 is
-// not known to three of its standard errors. None where Ceres finds no usable answer.
+// Fits the parameters of `start`, fixing those that the points do not determine. The centre of distortion is held while
+// k1 is not known to three of its standard errors. None where Ceres finds no usable answer.
 std::optional<Solved> solve(algo::LensletGrid start, const std::vector<Point>& points);
 
 // J^T J, and its inverse over the free parameters, 0 elsewhere; empty where it cannot be inverted.

@@ -16,7 +16,7 @@ namespace {
 constexpr std::string_view kChecksumKey = "checksum = \"fnv1a64:";
 constexpr std::size_t kDigits = 16;
 constexpr double kAny = 1e12;
-constexpr double kShiftUnit = 0.001;  // px
+constexpr double kShiftUnit = 0.001;    // px
 constexpr double kMostShift = 100'000;  // units
 
 std::uint64_t fnv1a(std::string_view bytes) {
@@ -36,7 +36,8 @@ std::string number(double value) {
 
 std::string list(const std::vector<double>& values) {
     std::string out = "[";
-    for (std::size_t k = 0; k < values.size(); ++k) out += (k == 0 ? "" : k % 4 == 0 ? ",\n    " : ", ") + number(values[k]);
+    for (std::size_t k = 0; k < values.size(); ++k)
+        out += (k == 0 ? "" : k % 4 == 0 ? ",\n    " : ", ") + number(values[k]);
     return out + "]";
 }
 
@@ -52,12 +53,14 @@ std::string toml_string(std::string_view text) {
 
 std::string directions_to_toml(const algo::DirectionMap& map, const DirectionStatistics& s) {
     return fmt::format(
-        "\n[directions]\nname = \"{}\"\nreason = {}\nparameters = {}\nsigma = {}\nspan_rad = {}\nradius_px = {}\nzero_x_px = {}\nzero_y_px = {}\n"
+        "\n[directions]\nname = \"{}\"\nreason = {}\nparameters = {}\nsigma = {}\nspan_rad = {}\nradius_px = "
+        "{}\nzero_x_px = {}\nzero_y_px = {}\n"
         "captures = {}\nleft_out_x_px = {}\nleft_out_y_px = {}\nnoise_px = {}\nscale_px_a_rad = {}\nscale_sigma = {}\n"
         "stage_rotation_rad = {}\nstage_rotation_sigma = {}\nmirrored = {}\n",
-        name_of(map.rung), toml_string(s.reason), list(map.parameters), list(s.sigma), number(map.span_rad), number(map.radius_px), number(map.zero_px.x_px),
-        number(map.zero_px.y_px), s.captures, number(s.left_out_x_px), number(s.left_out_y_px), number(s.noise_px), number(s.scale_px_a_rad),
-        number(s.scale_sigma), number(s.stage_rotation_rad), number(s.stage_rotation_sigma), s.mirrored);
+        name_of(map.rung), toml_string(s.reason), list(map.parameters), list(s.sigma), number(map.span_rad),
+        number(map.radius_px), number(map.zero_px.x_px), number(map.zero_px.y_px), s.captures, number(s.left_out_x_px),
+        number(s.left_out_y_px), number(s.noise_px), number(s.scale_px_a_rad), number(s.scale_sigma),
+        number(s.stage_rotation_rad), number(s.stage_rotation_sigma), s.mirrored);
 }
 
 void read_rung(common::TomlTable& table, algo::GridRung& to) {
@@ -79,10 +82,13 @@ void read_directions(common::TomlTable table, GridFile& file) {
     table.number("zero_y_px", map.zero_px.y_px, -kAny, kAny);
     table.integer("captures", s.captures, 0, 1'000'000);
     table.boolean("mirrored", s.mirrored);
-    for (const auto& [key, value] :
-         {std::pair<const char*, double*>{"left_out_x_px", &s.left_out_x_px}, {"left_out_y_px", &s.left_out_y_px}, {"noise_px", &s.noise_px},
-          {"scale_px_a_rad", &s.scale_px_a_rad}, {"scale_sigma", &s.scale_sigma}, {"stage_rotation_rad", &s.stage_rotation_rad},
-          {"stage_rotation_sigma", &s.stage_rotation_sigma}}) {
+    for (const auto& [key, value] : {std::pair<const char*, double*>{"left_out_x_px", &s.left_out_x_px},
+                                     {"left_out_y_px", &s.left_out_y_px},
+                                     {"noise_px", &s.noise_px},
+                                     {"scale_px_a_rad", &s.scale_px_a_rad},
+                                     {"scale_sigma", &s.scale_sigma},
+                                     {"stage_rotation_rad", &s.stage_rotation_rad},
+                                     {"stage_rotation_sigma", &s.stage_rotation_sigma}}) {
         table.number(key, *value, -kAny, kAny);
     }
 }
@@ -98,24 +104,29 @@ std::string shifts_to_toml(const algo::LensletGrid& grid, double algo::PixelPoin
 }
 
 void read_shifts(common::TomlTable table, algo::LensletGrid& grid, LensletShifts& s) {
-    for (const auto& [key, value] :
-         {std::pair<const char*, double*>{"rms_px", &s.rms_px}, {"share", &s.share}, {"left_x_px", &s.left_x_px}, {"left_y_px", &s.left_y_px}}) {
+    for (const auto& [key, value] : {std::pair<const char*, double*>{"rms_px", &s.rms_px},
+                                     {"share", &s.share},
+                                     {"left_x_px", &s.left_x_px},
+                                     {"left_y_px", &s.left_y_px}}) {
         table.number(key, *value, 0, 1e300);
     }
     const std::size_t count = static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows);
     std::vector<double> x, y;
     table.numbers("x", x, count, count);
     table.numbers("y", y, count, count);
-    if (x.size() != count || y.size() != count) return table.problem("x", "does not shift every lenslet", "use an unchanged calibration file");
+    if (x.size() != count || y.size() != count)
+        return table.problem("x", "does not shift every lenslet", "use an unchanged calibration file");
     for (std::size_t k = 0; k < count; ++k) {
-        if (!(std::abs(x[k]) <= kMostShift && std::abs(y[k]) <= kMostShift)) return table.problem("x", "shifts a lenslet out of the frame", "use an unchanged calibration file");
+        if (!(std::abs(x[k]) <= kMostShift && std::abs(y[k]) <= kMostShift))
+            return table.problem("x", "shifts a lenslet out of the frame", "use an unchanged calibration file");
         grid.shifts_px.push_back({x[k] * kShiftUnit, y[k] * kShiftUnit});
     }
 }
 
 Result<void> replace(const std::filesystem::path& path, std::string_view text) {
     const auto failed = [&] {
-        return fail(ErrorCode::io, fmt::format("{}: cannot be written", path.string()), "check that the folder exists, may be written and is not full");
+        return fail(ErrorCode::io, fmt::format("{}: cannot be written", path.string()),
+                    "check that the folder exists, may be written and is not full");
     };
     std::filesystem::path fresh = path;
     fresh += ".new";
@@ -144,40 +155,62 @@ GridFile file_of(const GridCalibration& calibration, const GridStamp& stamp) {
     file.stamp = stamp;
     file.reason = fit.reason;
     file.sigma = fit.sigma;
-    for (const Unobservable& parameter : fit.unobservable) file.fixed += (file.fixed.empty() ? "" : ",") + parameter.name;
-    file.statistics = {calibration.complete, calibration.found, calibration.missing, calibration.rejected, calibration.saturated,
-                       fit.blocks,           fit.rms_x_px,      fit.rms_y_px,        fit.max_px,           fit.cv_x_rms_px,
-                       fit.cv_y_rms_px,      fit.noise_px,      fit.correlation_inflation, fit.shifts};
+    for (const Unobservable& parameter : fit.unobservable)
+        file.fixed += (file.fixed.empty() ? "" : ",") + parameter.name;
+    file.statistics = {calibration.complete,
+                       calibration.found,
+                       calibration.missing,
+                       calibration.rejected,
+                       calibration.saturated,
+                       fit.blocks,
+                       fit.rms_x_px,
+                       fit.rms_y_px,
+                       fit.max_px,
+                       fit.cv_x_rms_px,
+                       fit.cv_y_rms_px,
+                       fit.noise_px,
+                       fit.correlation_inflation,
+                       fit.shifts};
     return file;
 }
 
 void add_directions(GridFile& file, const DirectionFit& fit) {
     file.directions = fit.map;
-    file.direction_statistics = {fit.sigma,    fit.captures,       fit.left_out_x_px, fit.left_out_y_px,      fit.noise_px,
-                                 fit.scale_px_a_rad, fit.scale_sigma, fit.stage_rotation_rad, fit.stage_rotation_sigma, fit.mirrored, fit.reason};
+    file.direction_statistics = {
+        fit.sigma,          fit.captures,    fit.left_out_x_px,      fit.left_out_y_px,        fit.noise_px,
+        fit.scale_px_a_rad, fit.scale_sigma, fit.stage_rotation_rad, fit.stage_rotation_sigma, fit.mirrored,
+        fit.reason};
 }
 
 std::string to_toml(const GridFile& file) {
     const algo::LensletGrid& grid = file.grid;
     const GridStatistics& s = file.statistics;
     std::string body = fmt::format(
-        "version = {}\n\n[camera]\nidentity = {}\nwidth_px = {}\nheight_px = {}\n\n[made]\ndate = {}\nwhite = {}\ndark = {}\n\n",
-        grid.shifts_px.empty() ? 1 : kGridFileVersion, toml_string(file.stamp.camera), grid.width_px, grid.height_px, toml_string(file.stamp.date), toml_string(file.stamp.white),
-        toml_string(file.stamp.dark));
-    body += fmt::format("[lattice]\nkind = \"{}\"\nstagger = \"{}\"\nparity = {}\ncolumns = {}\nrows = {}\norigin_u = {}\norigin_v = {}\nspan = {}\n\n",
-                        name_of(grid.kind), name_of(grid.stagger), grid.parity, grid.columns, grid.rows, number(grid.origin_u),
-                        number(grid.origin_v), number(grid.span));
-    body += fmt::format("[model]\nname = \"{}\"\nreason = {}\nparameters = {}\nsigma = {}\nfixed = {}\nmiddle_x_px = {}\nmiddle_y_px = {}\nradius_px = {}\n\n",
-                        name_of(grid.rung), toml_string(file.reason), list(grid.parameters), list(file.sigma), toml_string(file.fixed),
-                        number(grid.middle_x_px), number(grid.middle_y_px), number(grid.radius_px));
+        "version = {}\n\n[camera]\nidentity = {}\nwidth_px = {}\nheight_px = {}\n\n[made]\ndate = {}\nwhite = {}\ndark "
+        "= {}\n\n",
+        grid.shifts_px.empty() ? 1 : kGridFileVersion, toml_string(file.stamp.camera), grid.width_px, grid.height_px,
+        toml_string(file.stamp.date), toml_string(file.stamp.white), toml_string(file.stamp.dark));
     body += fmt::format(
-        "[residuals]\ncomplete = {}\nfound = {}\nmissing = {}\nrejected = {}\nsaturated = {}\nblocks = {}\nrms_x_px = {}\nrms_y_px = {}\n"
+        "[lattice]\nkind = \"{}\"\nstagger = \"{}\"\nparity = {}\ncolumns = {}\nrows = {}\norigin_u = {}\norigin_v = "
+        "{}\nspan = {}\n\n",
+        name_of(grid.kind), name_of(grid.stagger), grid.parity, grid.columns, grid.rows, number(grid.origin_u),
+        number(grid.origin_v), number(grid.span));
+    body += fmt::format(
+        "[model]\nname = \"{}\"\nreason = {}\nparameters = {}\nsigma = {}\nfixed = {}\nmiddle_x_px = {}\nmiddle_y_px = "
+        "{}\nradius_px = {}\n\n",
+        name_of(grid.rung), toml_string(file.reason), list(grid.parameters), list(file.sigma), toml_string(file.fixed),
+        number(grid.middle_x_px), number(grid.middle_y_px), number(grid.radius_px));
+    body += fmt::format(
+        "[residuals]\ncomplete = {}\nfound = {}\nmissing = {}\nrejected = {}\nsaturated = {}\nblocks = {}\nrms_x_px = "
+        "{}\nrms_y_px = {}\n"
         "max_px = {}\ncv_x_rms_px = {}\ncv_y_rms_px = {}\nnoise_px = {}\ncorrelation_inflation = {}\n",
-        s.complete, s.found, s.missing, s.rejected, s.saturated, s.blocks, number(s.rms_x_px), number(s.rms_y_px), number(s.max_px),
-        number(s.cv_x_rms_px), number(s.cv_y_rms_px), number(s.noise_px), number(s.correlation_inflation));
+        s.complete, s.found, s.missing, s.rejected, s.saturated, s.blocks, number(s.rms_x_px), number(s.rms_y_px),
+        number(s.max_px), number(s.cv_x_rms_px), number(s.cv_y_rms_px), number(s.noise_px),
+        number(s.correlation_inflation));
     if (!grid.shifts_px.empty()) {
-        body += fmt::format("\n[lenslets]\nrms_px = {}\nshare = {}\nleft_x_px = {}\nleft_y_px = {}\nx = {}y = {}", number(s.shifts.rms_px), number(s.shifts.share),
-                            number(s.shifts.left_x_px), number(s.shifts.left_y_px), shifts_to_toml(grid, &algo::PixelPoint::x_px),
+        body += fmt::format("\n[lenslets]\nrms_px = {}\nshare = {}\nleft_x_px = {}\nleft_y_px = {}\nx = {}y = {}",
+                            number(s.shifts.rms_px), number(s.shifts.share), number(s.shifts.left_x_px),
+                            number(s.shifts.left_y_px), shifts_to_toml(grid, &algo::PixelPoint::x_px),
                             shifts_to_toml(grid, &algo::PixelPoint::y_px));
     }
     if (file.directions) body += directions_to_toml(*file.directions, file.direction_statistics);
@@ -187,10 +220,12 @@ std::string to_toml(const GridFile& file) {
 Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
     const std::size_t head = kChecksumKey.size() + kDigits + 2;
     if (text.size() < head || text.substr(0, kChecksumKey.size()) != kChecksumKey) {
-        return fail(ErrorCode::invalid_argument, fmt::format("{}:1: no checksum", name), "this is no calibration file; make one with hordctl calibrate");
+        return fail(ErrorCode::invalid_argument, fmt::format("{}:1: no checksum", name),
+                    "this is no calibration file; make one with hordctl calibrate");
     }
     if (text.substr(kChecksumKey.size(), kDigits) != fmt::format("{:016x}", fnv1a(text.substr(head)))) {
-        return fail(ErrorCode::invalid_argument, fmt::format("{}: the checksum does not fit: the file was changed after it was made", name),
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{}: the checksum does not fit: the file was changed after it was made", name),
                     "restore the file, or calibrate again");
     }
     common::TomlProblems problems;
@@ -200,7 +235,8 @@ Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
     int version = 0;
     root.integer("version", version, 0, 1'000'000);
     if (problems.empty() && (version < 1 || version > kGridFileVersion)) {
-        return fail(ErrorCode::unsupported, fmt::format("{}: calibration file version {}, not 1 to {}", name, version, kGridFileVersion),
+        return fail(ErrorCode::unsupported,
+                    fmt::format("{}: calibration file version {}, not 1 to {}", name, version, kGridFileVersion),
                     "calibrate again with this program");
     }
     GridFile file;
@@ -235,14 +271,21 @@ Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
     model.number("radius_px", grid.radius_px, 1e-9, kAny);
     auto residuals = root.table("residuals");
     GridStatistics& s = file.statistics;
-    for (const auto& [key, value] : {std::pair<const char*, int*>{"complete", &s.complete}, {"found", &s.found}, {"missing", &s.missing},
-                                     {"rejected", &s.rejected}, {"saturated", &s.saturated}, {"blocks", &s.blocks}}) {
+    for (const auto& [key, value] : {std::pair<const char*, int*>{"complete", &s.complete},
+                                     {"found", &s.found},
+                                     {"missing", &s.missing},
+                                     {"rejected", &s.rejected},
+                                     {"saturated", &s.saturated},
+                                     {"blocks", &s.blocks}}) {
         residuals.integer(key, *value, 0, 100'000'000);
     }
-    for (const auto& [key, value] :
-         {std::pair<const char*, double*>{"rms_x_px", &s.rms_x_px}, {"rms_y_px", &s.rms_y_px}, {"max_px", &s.max_px},
-          {"cv_x_rms_px", &s.cv_x_rms_px}, {"cv_y_rms_px", &s.cv_y_rms_px}, {"noise_px", &s.noise_px},
-          {"correlation_inflation", &s.correlation_inflation}}) {
+    for (const auto& [key, value] : {std::pair<const char*, double*>{"rms_x_px", &s.rms_x_px},
+                                     {"rms_y_px", &s.rms_y_px},
+                                     {"max_px", &s.max_px},
+                                     {"cv_x_rms_px", &s.cv_x_rms_px},
+                                     {"cv_y_rms_px", &s.cv_y_rms_px},
+                                     {"noise_px", &s.noise_px},
+                                     {"correlation_inflation", &s.correlation_inflation}}) {
         residuals.number(key, *value, 0, 1e300);
     }
     if (version >= 2 && root.has("lenslets")) read_shifts(root.table("lenslets"), grid, s.shifts);
@@ -255,13 +298,16 @@ Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
     return file;
 }
 
-Result<void> write_grid(const std::filesystem::path& path, const GridFile& file) { return replace(path, to_toml(file)); }
+Result<void> write_grid(const std::filesystem::path& path, const GridFile& file) {
+    return replace(path, to_toml(file));
+}
 
 Result<GridFile> read_grid(const std::filesystem::path& path) {
     std::ifstream in(path, std::ios::binary);
     const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
     if (!in.is_open() || in.bad() || std::filesystem::is_directory(path)) {
-        return fail(ErrorCode::unreadable, fmt::format("{}: cannot be read", path.string()), "check that the file exists and may be read");
+        return fail(ErrorCode::unreadable, fmt::format("{}: cannot be read", path.string()),
+                    "check that the file exists and may be read");
     }
     return parse_grid(text, path.string());
 }

@@ -1,8 +1,8 @@
 // The calibration file: a lenslet grid as TOML that a person can read, with where it comes from and how good it is.
 //
 // The first line is a checksum (FNV-1a, 64 bits) over every byte after it: a file edited by hand is refused, not
-// decoded with. `version` is 1, or 2 where single lenslets have shifts of their own (table [lenslets]: thousandths of a pixel, a line a
-// lattice row, where one was measured); a file of another version is refused with that reason.
+// decoded with. `version` is 1, or 2 where single lenslets have shifts of their own (table [lenslets]: thousandths of a
+// pixel, a line a lattice row, where one was measured); a file of another version is refused with that reason.
 #pragma once
 
 #include <filesystem>
@@ -23,8 +23,8 @@ inline constexpr int kGridFileVersion = 2;
 
 // What the frames cannot say; given by the caller, written as it is.
 struct GridStamp {
-    std::string camera;  // identity: model and serial number
-    std::string date;    // ISO 8601
+    std::string camera;       // identity: model and serial number
+    std::string date;         // ISO 8601
     std::string white, dark;  // names of the frames
 };
 

@@ -65,14 +65,17 @@ algo::LensletGrid first_similarity(const algo::LensletGrid& frame, const std::ve
 
 }  // namespace
 
-Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options, std::span<const GridRung> rungs) {
+Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
+              std::span<const GridRung> rungs) {
     Climbed out;
     const Blocks blocks = sort_into_blocks(sample);
     out.blocks = blocks.count();
     algo::LensletGrid previous = first_similarity(frame, sample);
     std::optional<Validation> best;
     for (const GridRung rung : rungs) {
-        if (rung > options.highest || (options.only && rung != *options.only && (rung > *options.only || rung >= GridRung::cubic))) continue;
+        if (rung > options.highest ||
+            (options.only && rung != *options.only && (rung > *options.only || rung >= GridRung::cubic)))
+            continue;
         RungReport& report = out.ladder.emplace_back();
         report.rung = rung;
         report.parameters = parameter_count(rung);
@@ -96,8 +99,13 @@ Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const F
         const bool take = options.only ? rung == *options.only : first || report.gain_t > kNeededGain;
         if (options.only) report.verdict = take ? "asked for" : "a step on the way to the one asked for";
         else if (first) report.verdict = "the simplest";
-        else if (take) report.verdict = fmt::format("needed: predicts unseen blocks better by {:.1f} standard errors", report.gain_t);
-        else report.verdict = fmt::format("not needed: predicts unseen blocks better by {:.1f} standard errors, less than {:.0f}", report.gain_t, kNeededGain);
+        else if (take)
+            report.verdict =
+                fmt::format("needed: predicts unseen blocks better by {:.1f} standard errors", report.gain_t);
+        else
+            report.verdict =
+                fmt::format("not needed: predicts unseen blocks better by {:.1f} standard errors, less than {:.0f}",
+                            report.gain_t, kNeededGain);
         if (take || first) {
             out.choice = Choice{solved->grid, out.ladder.size() - 1};
             best = validation;

@@ -1,5 +1,5 @@
-// Climbs the ladder of models, simplest first: fits each rung, lets it predict blocks of points that it has not seen, and keeps it
-// where it does so better than the one held. Used for lenslet grids and for direction maps.
+// Climbs the ladder of models, simplest first: fits each rung, lets it predict blocks of points that it has not seen,
+// and keeps it where it does so better than the one held. Used for lenslet grids and for direction maps.
 #pragma once
 
 #include <optional>
@@ -23,6 +23,7 @@ struct Climbed {
 };
 
 // `frame` gives what the model is made of besides its parameters; the sample is sorted into blocks.
-Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options, std::span<const algo::GridRung> rungs = algo::kGridRungs);
+Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
+              std::span<const algo::GridRung> rungs = algo::kGridRungs);
 
 }  // namespace hord::calib

@@ -88,7 +88,8 @@ cv::Mat1f flatten(const WhiteImage& image, const Part& part) {
     const std::vector<float> down = hann(part.height);
     for (int y = 0; y < part.height; ++y) {
         float* row = light.ptr<float>(y);
-        for (int x = 0; x < part.width; ++x) row[x] *= across[static_cast<std::size_t>(x)] * down[static_cast<std::size_t>(y)];
+        for (int x = 0; x < part.width; ++x)
+            row[x] *= across[static_cast<std::size_t>(x)] * down[static_cast<std::size_t>(y)];
     }
     return light;
 }
@@ -118,7 +119,8 @@ class Autocorrelation {
     [[nodiscard]] float at(int x, int y) const {
         const int column = x < 0 ? x + lags_.cols : x;
         const int row = y < 0 ? y + lags_.rows : y;
-        return lags_(row, column) / (zero_ * across_[static_cast<std::size_t>(std::abs(x))] * down_[static_cast<std::size_t>(std::abs(y))]);
+        return lags_(row, column) /
+            (zero_ * across_[static_cast<std::size_t>(std::abs(x))] * down_[static_cast<std::size_t>(std::abs(y))]);
     }
     [[nodiscard]] int reach_x() const { return reach_x_; }
     [[nodiscard]] int reach_y() const { return reach_y_; }
@@ -155,7 +157,9 @@ class Autocorrelation {
             const double bend = left - 2 * middle + right;
             return bend < 0 ? std::clamp(0.5 * (left - right) / bend, -0.5, 0.5) : 0.0;
         };
-        return Peak{{x + vertex(at(x - 1, y), at(x, y), at(x + 1, y)), y + vertex(at(x, y - 1), at(x, y), at(x, y + 1))}, at(x, y)};
+        return Peak{
+            {x + vertex(at(x - 1, y), at(x, y), at(x + 1, y)), y + vertex(at(x, y - 1), at(x, y), at(x, y + 1))},
+            at(x, y)};
     }
 
   private:
@@ -192,7 +196,8 @@ std::vector<Autocorrelation::Peak> peaks_of(const Autocorrelation& correlation, 
                 for (int dx = -2; dx <= 2 && highest; ++dx) highest = correlation.at(x + dx, y + dy) <= here;
             }
             if (!highest) continue;
-            if (auto peak = correlation.climb({static_cast<double>(x), static_cast<double>(y)}, 2)) peaks.push_back(*peak);
+            if (auto peak = correlation.climb({static_cast<double>(x), static_cast<double>(y)}, 2))
+                peaks.push_back(*peak);
         }
     }
     std::sort(peaks.begin(), peaks.end(), [](const auto& a, const auto& b) { return norm(a.lag) < norm(b.lag); });
@@ -254,7 +259,8 @@ Vec place(const cv::Mat1f& windowed, const Basis& basis) {
     for (int k = 0; k < 2; ++k) {
         std::vector<std::complex<float>> across(static_cast<std::size_t>(windowed.cols));
         for (int x = 0; x < windowed.cols; ++x) {
-            across[static_cast<std::size_t>(x)] = std::polar(1.0F, static_cast<float>(-2 * std::numbers::pi * std::remainder(frequency[k].x * x, 1.0)));
+            across[static_cast<std::size_t>(x)] =
+                std::polar(1.0F, static_cast<float>(-2 * std::numbers::pi * std::remainder(frequency[k].x * x, 1.0)));
         }
         std::complex<double> sum = 0;
         for (int y = 0; y < windowed.rows; ++y) {
@@ -265,7 +271,8 @@ Vec place(const cv::Mat1f& windowed, const Basis& basis) {
                 re += row[x] * across[static_cast<std::size_t>(x)].real();
                 im += row[x] * across[static_cast<std::size_t>(x)].imag();
             }
-            sum += std::complex<double>(re, im) * std::polar(1.0, -2 * std::numbers::pi * std::remainder(frequency[k].y * y, 1.0));
+            sum += std::complex<double>(re, im) *
+                std::polar(1.0, -2 * std::numbers::pi * std::remainder(frequency[k].y * y, 1.0));
         }
         turns[k] = -std::arg(sum) / (2 * std::numbers::pi);
     }
@@ -299,14 +306,14 @@ Vec nearest(const std::vector<Vec>& vectors, Vec direction) {
 
 }  // namespace
 
-double Lattice::pitch_px() const {
-    return std::sqrt(std::abs(step_u.x_px * step_v.y_px - step_u.y_px * step_v.x_px));
-}
+double Lattice::pitch_px() const { return std::sqrt(std::abs(step_u.x_px * step_v.y_px - step_u.y_px * step_v.x_px)); }
 
 double Lattice::rotation_rad() const { return std::atan2(step_u.y_px, step_u.x_px); }
 
 Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
-    const auto refuse = [](std::string what, std::string cure) { return fail(ErrorCode::refused, std::move(what), std::move(cure)); };
+    const auto refuse = [](std::string what, std::string cure) {
+        return fail(ErrorCode::refused, std::move(what), std::move(cure));
+    };
     const Part part = choose_part(image);
     const cv::Mat1f windowed = flatten(image, part);
     const Autocorrelation correlation(windowed);
@@ -316,8 +323,10 @@ Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
     double highest = 0;
     for (const auto& peak : peaks) highest = std::max(highest, peak.height);
     if (highest < kLeastStrength) {
-        return refuse(fmt::format("the white frame shows no lattice: its autocorrelation reaches {:.3f} of {:.2f} needed", highest, kLeastStrength),
-                      "light the lenslets evenly, below saturation, and focus the sensor on them");
+        return refuse(
+            fmt::format("the white frame shows no lattice: its autocorrelation reaches {:.3f} of {:.2f} needed",
+                        highest, kLeastStrength),
+            "light the lenslets evenly, below saturation, and focus the sensor on them");
     }
     std::optional<Basis> found;
     for (std::size_t first = 0; first < peaks.size() && !found; ++first) {
@@ -336,18 +345,21 @@ Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
     }
     const Basis basis = refine(correlation, reduce(*found), 0.3 * highest);
     const double ratio = norm(basis.b) / norm(basis.a);
-    const double angle = std::acos(std::clamp(dot(basis.a, basis.b) / (norm(basis.a) * norm(basis.b)), -1.0, 1.0)) * 180 / std::numbers::pi;
+    const double angle = std::acos(std::clamp(dot(basis.a, basis.b) / (norm(basis.a) * norm(basis.b)), -1.0, 1.0)) *
+        180 / std::numbers::pi;
     const bool square = std::abs(angle - 90) < 6 && ratio < 1.15;
     const bool hexagonal = std::abs(angle - 60) < 6 && ratio < 1.15;
     if (!square && !hexagonal) {
-        return refuse(fmt::format("the lattice is neither square nor hexagonal: steps of {:.2f} and {:.2f} px at {:.1f} degrees",
-                                  norm(basis.a), norm(basis.b), angle),
-                      "check that the frame shows one lenslet array, undistorted by its optics");
+        return refuse(
+            fmt::format("the lattice is neither square nor hexagonal: steps of {:.2f} and {:.2f} px at {:.1f} degrees",
+                        norm(basis.a), norm(basis.b), angle),
+            "check that the frame shows one lenslet array, undistorted by its optics");
     }
     Lattice lattice;
     lattice.kind = square ? algo::LatticeKind::square : algo::LatticeKind::hexagonal;
     if (hint.kind && *hint.kind != lattice.kind) {
-        return refuse(fmt::format("the lattice is {}, not {}", name_of(lattice.kind), name_of(*hint.kind)), "correct the hint, or leave it away");
+        return refuse(fmt::format("the lattice is {}, not {}", name_of(lattice.kind), name_of(*hint.kind)),
+                      "correct the hint, or leave it away");
     }
     std::vector<Vec> vectors{basis.a, basis.b};
     Vec u;

@@ -12,12 +12,12 @@
 namespace hord::calib {
 namespace {
 
-constexpr double kNeededGain = 2.0;  // standard errors, as for every rung
+constexpr double kNeededGain = 2.0;                            // standard errors, as for every rung
 constexpr double kLeastShift = 1.0 / 32 / 3.4641016151377544;  // px: rms of what algo/resample.h rounds places by
 constexpr int kLeastBlocks = 9;
 constexpr double kLeastDisplaced = 0.002, kMostDisplaced = 0.05;  // of a pitch: less is noise or not worth a place
 constexpr double kMostDisagreement = 0.5;  // of a displacement: how far each half may lie from it, along it
-constexpr double kUnit = 0.001;  // px: shifts are whole thousandths, as the calibration file has them
+constexpr double kUnit = 0.001;            // px: shifts are whole thousandths, as the calibration file has them
 
 // The halves' residuals of one point along one axis.
 struct Halves {
@@ -94,7 +94,8 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
             for (const int axis : {0, 1}) {
                 const Halves h = halves_of(model, points, k, axis);
                 without.squared[b] += h.a * h.a + h.b * h.b;
-                with.squared[b] += (h.b - share * h.a) * (h.b - share * h.a) + (h.a - share * h.b) * (h.a - share * h.b);
+                with.squared[b] +=
+                    (h.b - share * h.a) * (h.b - share * h.a) + (h.a - share * h.b) * (h.a - share * h.b);
             }
         }
     }
@@ -104,11 +105,15 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
     shifts.rms_px = std::sqrt(std::max(0.0, all.common / (2 * n)));
     shifts.share = std::max(0.0, all.common / std::max(all.common + noise[0] + noise[1], 1e-300));
     // Another frame's centre: the model's error there, less what is now known of it.
-    const auto left = [&](double cv, double of_axis) { return std::sqrt(std::max(0.0, cv * cv - shifts.share * std::max(0.0, of_axis / n))); };
+    const auto left = [&](double cv, double of_axis) {
+        return std::sqrt(std::max(0.0, cv * cv - shifts.share * std::max(0.0, of_axis / n)));
+    };
     shifts.left_x_px = report.cv_x_rms_px = left(fit.cv_x_rms_px, common[0]);
     shifts.left_y_px = report.cv_y_rms_px = left(fit.cv_y_rms_px, common[1]);
     report.parameters = static_cast<int>(fit.grid.parameters.size()) + 2 * fit.used;
-    const std::string agree = fmt::format("both halves of a lenslet's light agree on shifts of {:.4f} px, {:.1f} standard errors", shifts.rms_px, report.gain_t);
+    const std::string agree =
+        fmt::format("both halves of a lenslet's light agree on shifts of {:.4f} px, {:.1f} standard errors",
+                    shifts.rms_px, report.gain_t);
     if (!(report.gain_t > kNeededGain) || !(shifts.rms_px > kLeastShift)) {
         report.verdict = fmt::format("not needed: {}, of {:.0f} and {:.4f} px needed", agree, kNeededGain, kLeastShift);
         return;
@@ -121,16 +126,19 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
     for (const Observation& seen : observations) {
         if (!seen.used || !in_grid(fit.grid, seen)) continue;
         const algo::PixelPoint model_px = fit.grid.at(fit.grid.uv(seen.m, seen.n));
-        fit.grid.shifts_px[index_of(fit.grid, seen)] = {whole_units(shifts.share * (seen.centre_px.x_px - model_px.x_px)),
-                                                        whole_units(shifts.share * (seen.centre_px.y_px - model_px.y_px))};
+        fit.grid.shifts_px[index_of(fit.grid, seen)] = {
+            whole_units(shifts.share * (seen.centre_px.x_px - model_px.x_px)),
+            whole_units(shifts.share * (seen.centre_px.y_px - model_px.y_px))};
     }
-    fit.reason += fmt::format("; and every lenslet's own shift: {}, {:.0f} % of a residual is taken for true", agree, 100 * shifts.share);
+    fit.reason += fmt::format("; and every lenslet's own shift: {}, {:.0f} % of a residual is taken for true", agree,
+                              100 * shifts.share);
 }
 
 void place_displaced(std::span<Observation> observations, std::span<const std::uint8_t> whole, GridFit& fit) {
     algo::LensletGrid& grid = fit.grid;
     const algo::LensletGrid::Steps steps = grid.steps_px({0, 0});
-    const double pitch = std::sqrt(std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px));
+    const double pitch =
+        std::sqrt(std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px));
     std::vector<std::uint8_t> off_model(whole.size());
     for (const Observation& seen : observations) {
         if (!seen.used && in_grid(grid, seen)) off_model[index_of(grid, seen)] = 1;
@@ -139,19 +147,22 @@ void place_displaced(std::span<Observation> observations, std::span<const std::u
         int off = 0;
         for (int n = std::max(0, seen.n - 1); n <= std::min(grid.rows - 1, seen.n + 1); ++n) {
             for (int m = std::max(0, seen.m - 1); m <= std::min(grid.columns - 1, seen.m + 1); ++m) {
-                off += off_model[static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m)];
+                off += off_model[static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) +
+                                 static_cast<std::size_t>(m)];
             }
         }
         return off == 1;
     };
     for (Observation& seen : observations) {
-        if (seen.used || !seen.split_px || !in_grid(grid, seen) || whole[index_of(grid, seen)] == 0 || !alone(seen)) continue;
+        if (seen.used || !seen.split_px || !in_grid(grid, seen) || whole[index_of(grid, seen)] == 0 || !alone(seen))
+            continue;
         const algo::PixelPoint model_px = grid.at(grid.uv(seen.m, seen.n));
         const double off_x = seen.centre_px.x_px - model_px.x_px;
         const double off_y = seen.centre_px.y_px - model_px.y_px;
         const double off = std::hypot(off_x, off_y);
         const double along = std::abs(seen.split_px->x_px * off_x + seen.split_px->y_px * off_y) / off;
-        if (!(off >= kLeastDisplaced * pitch && off <= kMostDisplaced * pitch) || !(along <= kMostDisagreement * off)) continue;
+        if (!(off >= kLeastDisplaced * pitch && off <= kMostDisplaced * pitch) || !(along <= kMostDisagreement * off))
+            continue;
         make_room_for_shifts(grid);
         grid.shifts_px[index_of(grid, seen)] = {whole_units(off_x), whole_units(off_y)};
         seen.displaced = true;

@@ -12,7 +12,7 @@ namespace {
 using algo::PixelPoint;
 
 constexpr std::size_t kFoldLenslets = 3000;
-constexpr double kLeastMatch = 0.5;       // as of the white frame's lenslets
+constexpr double kLeastMatch = 0.5;  // as of the white frame's lenslets
 constexpr double kLeastAmplitude = 0.08;
 
 // The light of many lenslets laid over one another, one pixel a cell: the place of the spot to a pixel or so.
@@ -71,11 +71,12 @@ Mean robust_mean(std::vector<double> values) {
 
 }  // namespace
 
-Result<SpotPlace> measure_spots(const algo::FrameView& frame, const std::optional<algo::FrameView>& dark, const std::optional<algo::FrameView>& flat,
-                                const GridCalibration& grid) {
+Result<SpotPlace> measure_spots(const algo::FrameView& frame, const std::optional<algo::FrameView>& dark,
+                                const std::optional<algo::FrameView>& flat, const GridCalibration& grid) {
     if (frame.width_px != grid.fit.grid.width_px || frame.height_px != grid.fit.grid.height_px) {
         return fail(ErrorCode::invalid_argument,
-                    fmt::format("a capture of {}x{} px for a grid of {}x{} px", frame.width_px, frame.height_px, grid.fit.grid.width_px, grid.fit.grid.height_px),
+                    fmt::format("a capture of {}x{} px for a grid of {}x{} px", frame.width_px, frame.height_px,
+                                grid.fit.grid.width_px, grid.fit.grid.height_px),
                     "capture with the same region of the sensor");
     }
     const auto image = WhiteImage::open(frame, dark, flat);
@@ -85,28 +86,38 @@ Result<SpotPlace> measure_spots(const algo::FrameView& frame, const std::optiona
         if (node.found) centres.push_back(node.centre_px);
     }
     const auto coarse = coarse_place(*image, centres, grid.pitch_px);
-    if (!coarse) return fail(ErrorCode::refused, "the capture shows no spot in the lenslets", "let collimated light in, below saturation");
+    if (!coarse)
+        return fail(ErrorCode::refused, "the capture shows no spot in the lenslets",
+                    "let collimated light in, below saturation");
     // Learned from the lenslets nearest to the middle.
     const PixelPoint middle{0.5 * frame.width_px, 0.5 * frame.height_px};
     const auto far = [&](const PixelPoint& p) { return std::hypot(p.x_px - middle.x_px, p.y_px - middle.y_px); };
-    std::sort(centres.begin(), centres.end(), [&](const PixelPoint& a, const PixelPoint& b) { return far(a) < far(b); });
+    std::sort(centres.begin(), centres.end(),
+              [&](const PixelPoint& a, const PixelPoint& b) { return far(a) < far(b); });
     std::vector<PixelPoint> seeds;
-    for (std::size_t k = 0; k < std::min<std::size_t>(centres.size(), 400); ++k) seeds.push_back({centres[k].x_px + coarse->x_px, centres[k].y_px + coarse->y_px});
+    for (std::size_t k = 0; k < std::min<std::size_t>(centres.size(), 400); ++k)
+        seeds.push_back({centres[k].x_px + coarse->x_px, centres[k].y_px + coarse->y_px});
     const auto finder = CentreFinder::learn(*image, seeds, grid.pitch_px);
     if (!finder) return tl::unexpected(finder.error());
     std::vector<double> x, y;
     for (const PixelPoint& centre : centres) {
-        const auto spot = finder->measure({centre.x_px + coarse->x_px, centre.y_px + coarse->y_px}, 0.3 * grid.pitch_px);
-        if (!spot || spot->match < kLeastMatch || spot->amplitude_dn < kLeastAmplitude * finder->typical_amplitude_dn()) continue;
+        const auto spot =
+            finder->measure({centre.x_px + coarse->x_px, centre.y_px + coarse->y_px}, 0.3 * grid.pitch_px);
+        if (!spot || spot->match < kLeastMatch || spot->amplitude_dn < kLeastAmplitude * finder->typical_amplitude_dn())
+            continue;
         x.push_back(spot->centre_px.x_px - centre.x_px);
         y.push_back(spot->centre_px.y_px - centre.y_px);
     }
     if (x.size() < 4) {
-        return fail(ErrorCode::refused, fmt::format("only {} lenslets show a spot", x.size()), "let collimated light in over the whole field, below saturation");
+        return fail(ErrorCode::refused, fmt::format("only {} lenslets show a spot", x.size()),
+                    "let collimated light in over the whole field, below saturation");
     }
     const Mean mean_x = robust_mean(x);
     const Mean mean_y = robust_mean(y);
-    return SpotPlace{{mean_x.value, mean_y.value}, {mean_x.sigma, mean_y.sigma}, std::hypot(mean_x.spread, mean_y.spread) / std::sqrt(2.0), static_cast<int>(x.size())};
+    return SpotPlace{{mean_x.value, mean_y.value},
+                     {mean_x.sigma, mean_y.sigma},
+                     std::hypot(mean_x.spread, mean_y.spread) / std::sqrt(2.0),
+                     static_cast<int>(x.size())};
 }
 
 }  // namespace hord::calib

@@ -37,7 +37,8 @@ Result<TiltList> parse_tilts(std::string_view text, std::string_view name) {
     root.text("dark", list.dark);
     root.text("flat", list.flat);
     if (list.empty.empty() && problems.empty()) {
-        root.problem("empty", "the empty field's collimated frame is missing", "capture collimated light without a part and without a tilt: it defines zero");
+        root.problem("empty", "the empty field's collimated frame is missing",
+                     "capture collimated light without a part and without a tilt: it defines zero");
     }
     for (auto& table : root.tables("tilt")) {
         TiltEntry entry;
@@ -56,7 +57,8 @@ Result<TiltList> read_tilts(const std::filesystem::path& file) {
     std::ifstream in(file, std::ios::binary);
     const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
     if (!in.is_open() || in.bad() || std::filesystem::is_directory(file)) {
-        return fail(ErrorCode::unreadable, fmt::format("{}: cannot be read", file.string()), "list the captures in tilts.toml, beside the frames");
+        return fail(ErrorCode::unreadable, fmt::format("{}: cannot be read", file.string()),
+                    "list the captures in tilts.toml, beside the frames");
     }
     return parse_tilts(text, file.string());
 }

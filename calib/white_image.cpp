@@ -35,7 +35,8 @@ void subtract_row(const Sample* from, float* to, int count) {
     each_of_row(from, to, count, [](auto light, auto sample) { return light - sample; });
 }
 
-// Clipping below full scale: every 4th pixel is looked at; a maximum shared by more than 1 in 2000 of them is a ceiling.
+// Clipping below full scale: every 4th pixel is looked at; a maximum shared by more than 1 in 2000 of them is a
+// ceiling.
 std::uint32_t ceiling(const algo::FrameView& frame, bool& any) {
     std::uint32_t top = 0;
     std::int64_t count = 0;
@@ -62,21 +63,23 @@ std::uint32_t ceiling(const algo::FrameView& frame, bool& any) {
 Result<WhiteImage> WhiteImage::open(const algo::FrameView& white, const std::optional<algo::FrameView>& dark,
                                     const std::optional<algo::FrameView>& flat) {
     if (white.data == nullptr || white.width_px < kSmallestSide || white.height_px < kSmallestSide) {
-        return fail(ErrorCode::invalid_argument, fmt::format("a white frame of {}x{} px", white.width_px, white.height_px),
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("a white frame of {}x{} px", white.width_px, white.height_px),
                     "use a frame of at least 24x24 px");
     }
     for (const auto& [name, frame] : {std::pair{"dark", &dark}, {"flat", &flat}}) {
         if (!*frame || ((*frame)->width_px == white.width_px && (*frame)->height_px == white.height_px)) continue;
         return fail(ErrorCode::invalid_argument,
-                    fmt::format("a {} frame of {}x{} px for a white frame of {}x{} px", name, (*frame)->width_px, (*frame)->height_px, white.width_px,
-                                white.height_px),
+                    fmt::format("a {} frame of {}x{} px for a white frame of {}x{} px", name, (*frame)->width_px,
+                                (*frame)->height_px, white.width_px, white.height_px),
                     "record all of them with the same region of the sensor");
     }
     WhiteImage image;
     image.white_ = white;
     image.dark_ = dark;
     if (flat && !image.learn_gain(*flat)) {
-        return fail(ErrorCode::invalid_argument, "the flat frame is as dark as the dark one", "record it in even light, without lenslets, below saturation");
+        return fail(ErrorCode::invalid_argument, "the flat frame is as dark as the dark one",
+                    "record it in even light, without lenslets, below saturation");
     }
     image.saturated_dn_ = ceiling(white, image.any_saturated_);
     return image;
@@ -85,7 +88,9 @@ Result<WhiteImage> WhiteImage::open(const algo::FrameView& white, const std::opt
 float WhiteImage::at(int x, int y) const {
     const auto light = static_cast<float>(white_.sample(x, y));
     const float net = dark_ ? light - static_cast<float>(dark_->sample(x, y)) : light;
-    return gain_.empty() ? net : net * gain_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_px()) + static_cast<std::size_t>(x)];
+    return gain_.empty()
+        ? net
+        : net * gain_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_px()) + static_cast<std::size_t>(x)];
 }
 
 // Pixels that answer less than a tenth of the mean are dead: they count as no light.
@@ -120,8 +125,10 @@ void WhiteImage::window(int x, int y, int width, int height, float* out, int str
         std::fill(to, to + first, 0.0F);
         std::fill(to + last, to + width, 0.0F);
         const int count = last - first;
-        // Windows are asked for from left to right, and their rows lie pages apart: no machine fetches them ahead by itself.
-        __builtin_prefetch(white_.data + from_y * white_.stride_bytes + std::clamp(x + 2 * width, 0, width_px() - 1) * white_.sample_bytes());
+        // Windows are asked for from left to right, and their rows lie pages apart: no machine fetches them ahead by
+        // itself.
+        __builtin_prefetch(white_.data + from_y * white_.stride_bytes +
+                           std::clamp(x + 2 * width, 0, width_px() - 1) * white_.sample_bytes());
         const auto copy = [&](const algo::FrameView& frame, auto action8, auto action16) {
             if (frame.bits > 8) action16(frame.row16(from_y) + x + first, to + first, count);
             else action8(frame.row8(from_y) + x + first, to + first, count);

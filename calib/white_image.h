@@ -12,9 +12,10 @@ namespace hord::calib {
 
 class WhiteImage {
   public:
-    // The frames are borrowed. A flat frame shows what each pixel makes of even light (no lenslets in front of it); with one, light is
-    // multiplied by the flat's mean over the flat, less its dark level. Fails with invalid_argument when the sizes of `white`, `dark`
-    // and `flat` differ, a side is below 24 px (three lenslets of the smallest pitch), or the flat is dark.
+    // The frames are borrowed. A flat frame shows what each pixel makes of even light (no lenslets in front of it);
+    // with one, light is multiplied by the flat's mean over the flat, less its dark level. Fails with invalid_argument
+    // when the sizes of `white`, `dark` and `flat` differ, a side is below 24 px (three lenslets of the smallest
+    // pitch), or the flat is dark.
     static Result<WhiteImage> open(const algo::FrameView& white, const std::optional<algo::FrameView>& dark,
                                    const std::optional<algo::FrameView>& flat = {});
 

@@ -15,10 +15,14 @@ struct Places {
     std::vector<std::uint8_t> inside, dark;
 
     explicit Places(const algo::LensletGrid& grid)
-        : columns(grid.columns), rows(grid.rows), inside(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows)), dark(inside) {}
-    [[nodiscard]] std::size_t at(int m, int n) const { return static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m); }
+        : columns(grid.columns), rows(grid.rows),
+          inside(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows)), dark(inside) {}
+    [[nodiscard]] std::size_t at(int m, int n) const {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m);
+    }
 
-    // Whether `test` holds for every place (or, with `any`, for some) about (m, n) that is inside the frame, (m, n) among them.
+    // Whether `test` holds for every place (or, with `any`, for some) about (m, n) that is inside the frame, (m, n)
+    // among them.
     template <class Test>
     [[nodiscard]] bool about(int m, int n, bool any, Test test) const {
         for (int row = std::max(0, n - 1); row <= std::min(rows - 1, n + 1); ++row) {
@@ -34,16 +38,20 @@ struct Places {
 }  // namespace
 
 std::vector<std::uint8_t> whole_lenslets(const algo::LensletGrid& grid, std::span<const Observation> observations,
-                                         const std::function<bool(PixelPoint)>& complete, const LensletLight& light, double typical_dn) {
+                                         const std::function<bool(PixelPoint)>& complete, const LensletLight& light,
+                                         double typical_dn) {
     Places places(grid);
     std::vector<std::uint8_t> found(places.inside.size()), whole(found);
     for (const Observation& seen : observations) {
-        if (seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows) found[places.at(seen.m, seen.n)] = 1;
+        if (seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows)
+            found[places.at(seen.m, seen.n)] = 1;
     }
     for (int n = 0; n < places.rows; ++n) {
         for (int m = 0; m < places.columns; ++m) {
             const PixelPoint at = grid.centre_px(m, n);
-            if (!(at.x_px >= -0.5 && at.y_px >= -0.5 && at.x_px < grid.width_px - 0.5 && at.y_px < grid.height_px - 0.5)) continue;
+            if (!(at.x_px >= -0.5 && at.y_px >= -0.5 && at.x_px < grid.width_px - 0.5 &&
+                  at.y_px < grid.height_px - 0.5))
+                continue;
             const std::size_t k = places.at(m, n);
             places.inside[k] = 1;
             whole[k] = complete(at) ? 1 : 0;
@@ -59,9 +67,13 @@ std::vector<std::uint8_t> whole_lenslets(const algo::LensletGrid& grid, std::spa
             }
         }
     };
-    each_place([&](int m, int n, std::size_t k) { core[k] = places.about(m, n, false, [&](std::size_t other) { return places.dark[other] != 0; }) ? 1 : 0; });
     each_place([&](int m, int n, std::size_t k) {
-        region[k] = places.dark[k] != 0 && places.about(m, n, true, [&](std::size_t other) { return core[other] != 0; }) ? 1 : 0;
+        core[k] = places.about(m, n, false, [&](std::size_t other) { return places.dark[other] != 0; }) ? 1 : 0;
+    });
+    each_place([&](int m, int n, std::size_t k) {
+        region[k] = places.dark[k] != 0 && places.about(m, n, true, [&](std::size_t other) { return core[other] != 0; })
+            ? 1
+            : 0;
     });
     each_place([&](int m, int n, std::size_t k) {
         if (places.about(m, n, true, [&](std::size_t other) { return region[other] != 0; })) whole[k] = 0;

@@ -11,7 +11,8 @@ namespace hord::common {
 namespace {
 
 tl::unexpected<Error> io_error(const std::filesystem::path& file) {
-    return fail(ErrorCode::io, file.string() + " cannot be written: " + std::strerror(errno), "check the folder's owner and the space on its disk");
+    return fail(ErrorCode::io, file.string() + " cannot be written: " + std::strerror(errno),
+                "check the folder's owner and the space on its disk");
 }
 
 bool write_all(int fd, std::string_view text) {
@@ -37,7 +38,8 @@ Result<void> write_durably(const std::filesystem::path& file, std::string_view t
         ::unlink(beside.c_str());
         return error;
     }
-    const int folder = ::open(file.parent_path().empty() ? "." : file.parent_path().c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    const int folder =
+        ::open(file.parent_path().empty() ? "." : file.parent_path().c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (folder < 0) return io_error(file);
     const bool synced = ::fsync(folder) == 0;
     ::close(folder);

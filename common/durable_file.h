@@ -8,7 +8,8 @@
 
 namespace hord::common {
 
-// Writes beside it, syncs, renames, syncs the folder. Fails with io (names the file); the old file is whole then, and nothing lies beside it.
+// Writes beside it, syncs, renames, syncs the folder. Fails with io (names the file); the old file is whole then, and
+// nothing lies beside it.
 Result<void> write_durably(const std::filesystem::path& file, std::string_view text);
 
 }  // namespace hord::common

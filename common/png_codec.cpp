@@ -19,8 +19,8 @@ constexpr std::uint64_t kMostUnpacked = 258 * 8 / 2;
 constexpr int kMostTexts = 16;
 constexpr png_alloc_size_t kLongestText = 8'000'000;
 
-// What libpng is given and gives back. It leaves by longjmp, past any destructor: so everything that it works on lives here,
-// outside of the functions that call it.
+// What libpng is given and gives back. It leaves by longjmp, past any destructor: so everything that it works on lives
+// here, outside of the functions that call it.
 struct Job {
     std::string why;
     std::vector<png_bytep> rows;
@@ -98,8 +98,9 @@ void write_all(const Writer& to, Job& job, const Layout& layout, const PngPackin
     png_set_compression_level(to.png, packing.level);
     if (packing.runs_only) png_set_compression_strategy(to.png, Z_RLE);
     png_set_filter(to.png, PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB);
-    png_set_IHDR(to.png, to.info, static_cast<png_uint_32>(layout.width_px), static_cast<png_uint_32>(layout.height_px), layout.depth,
-                 layout.colour ? PNG_COLOR_TYPE_RGB : PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+    png_set_IHDR(to.png, to.info, static_cast<png_uint_32>(layout.width_px), static_cast<png_uint_32>(layout.height_px),
+                 layout.depth, layout.colour ? PNG_COLOR_TYPE_RGB : PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE,
+                 PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     if (layout.significant_bits != 0) {
         png_color_8 depth{};
         depth.gray = static_cast<png_byte>(layout.significant_bits);
@@ -141,14 +142,18 @@ void read_all(const Reader& from, Job& job, const std::string& keyword) {
     }
     int bits = depth;
     png_color_8p significant = nullptr;
-    if (png_get_sBIT(from.png, from.info, &significant) != 0 && depth == 16 && significant->gray > 8 && significant->gray <= 16) bits = significant->gray;
+    if (png_get_sBIT(from.png, from.info, &significant) != 0 && depth == 16 && significant->gray > 8 &&
+        significant->gray <= 16)
+        bits = significant->gray;
     if (depth == 16) png_set_swap(from.png);
     const auto width = png_get_image_width(from.png, from.info), height = png_get_image_height(from.png, from.info);
     const std::size_t row_bytes = static_cast<std::size_t>(width) * (depth == 16 ? 2U : 1U);
-    if (std::uint64_t{row_bytes} * height > kMostUnpacked * job.to_read.size()) png_error(from.png, "it is too short for the size that it says");
+    if (std::uint64_t{row_bytes} * height > kMostUnpacked * job.to_read.size())
+        png_error(from.png, "it is too short for the size that it says");
     job.read.frame = algo::Frame(static_cast<int>(width), static_cast<int>(height), bits);
     job.rows.resize(height);
-    for (std::size_t y = 0; y < height; ++y) job.rows[y] = reinterpret_cast<png_bytep>(job.read.frame.bytes().data()) + y * row_bytes;
+    for (std::size_t y = 0; y < height; ++y)
+        job.rows[y] = reinterpret_cast<png_bytep>(job.read.frame.bytes().data()) + y * row_bytes;
     png_read_image(from.png, job.rows.data());
     png_read_end(from.png, from.info);
     png_textp texts = nullptr;
@@ -161,14 +166,19 @@ void read_all(const Reader& from, Job& job, const std::string& keyword) {
 
 }  // namespace
 
-Result<std::vector<std::uint8_t>> encode_grey_png(const algo::FrameView& frame, const PngPacking& packing, const std::optional<PngNote>& note) {
-    if (frame.data == nullptr || frame.width_px <= 0 || frame.height_px <= 0) return fail(ErrorCode::invalid_argument, "the frame is empty");
+Result<std::vector<std::uint8_t>> encode_grey_png(const algo::FrameView& frame, const PngPacking& packing,
+                                                  const std::optional<PngNote>& note) {
+    if (frame.data == nullptr || frame.width_px <= 0 || frame.height_px <= 0)
+        return fail(ErrorCode::invalid_argument, "the frame is empty");
     Job job;
     job.rows.reserve(static_cast<std::size_t>(frame.height_px));
     for (int y = 0; y < frame.height_px; ++y) {
         job.rows.push_back(reinterpret_cast<png_bytep>(const_cast<std::byte*>(frame.data + y * frame.stride_bytes)));
     }
-    const Layout layout{.width_px = frame.width_px, .height_px = frame.height_px, .depth = frame.bits > 8 ? 16 : 8, .significant_bits = note ? frame.bits : 0};
+    const Layout layout{.width_px = frame.width_px,
+                        .height_px = frame.height_px,
+                        .depth = frame.bits > 8 ? 16 : 8,
+                        .significant_bits = note ? frame.bits : 0};
     png_text text{};
     if (note) {  // png_set_text copies both
         text.compression = PNG_ITXT_COMPRESSION_NONE;
@@ -182,20 +192,27 @@ Result<std::vector<std::uint8_t>> encode_grey_png(const algo::FrameView& frame, 
 Result<std::vector<std::uint8_t>> encode_bgr_png(int width_px, int height_px, std::span<const std::uint8_t> bgr) {
     const std::size_t row_bytes = 3 * static_cast<std::size_t>(width_px);
     if (width_px <= 0 || height_px <= 0 || bgr.size() != row_bytes * static_cast<std::size_t>(height_px)) {
-        return fail(ErrorCode::invalid_argument, "a picture of " + std::to_string(width_px) + "x" + std::to_string(height_px) + " pixels has " + std::to_string(bgr.size()) + " bytes, and cannot be made a PNG", "report it");
+        return fail(ErrorCode::invalid_argument,
+                    "a picture of " + std::to_string(width_px) + "x" + std::to_string(height_px) + " pixels has " +
+                        std::to_string(bgr.size()) + " bytes, and cannot be made a PNG",
+                    "report it");
     }
     Job job;
     job.rows.reserve(static_cast<std::size_t>(height_px));
-    for (std::size_t at = 0; at < bgr.size(); at += row_bytes) job.rows.push_back(const_cast<png_bytep>(bgr.data() + at));
+    for (std::size_t at = 0; at < bgr.size(); at += row_bytes)
+        job.rows.push_back(const_cast<png_bytep>(bgr.data() + at));
     return encode(job, {.width_px = width_px, .height_px = height_px, .colour = true}, {}, nullptr);
 }
 
-Result<GreyPng> decode_grey_png(std::span<const std::uint8_t> bytes, std::string_view name, const std::string& note_keyword) {
+Result<GreyPng> decode_grey_png(std::span<const std::uint8_t> bytes, std::string_view name,
+                                const std::string& note_keyword) {
     Job job;
     job.to_read = bytes;
     const Reader reader(job);
     if (reader.info != nullptr) read_all(reader, job, note_keyword);
-    if (!job.done) return fail(ErrorCode::unreadable, std::string(name) + " is damaged (" + job.why + ")", "record or copy it again");
+    if (!job.done)
+        return fail(ErrorCode::unreadable, std::string(name) + " is damaged (" + job.why + ")",
+                    "record or copy it again");
     return std::move(job.read);
 }
 

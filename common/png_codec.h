@@ -25,12 +25,13 @@ struct PngNote {
     std::string text;     // UTF-8
 };
 
-// 8- or 16-bit grey; 9- to 15-bit samples are right-aligned. With a note the frame's bits stand in sBIT, too; without one the file holds
-// the samples alone. Fails with invalid_argument (an empty frame), internal.
+// 8- or 16-bit grey; 9- to 15-bit samples are right-aligned. With a note the frame's bits stand in sBIT, too; without
+// one the file holds the samples alone. Fails with invalid_argument (an empty frame), internal.
 Result<std::vector<std::uint8_t>> encode_grey_png(const algo::FrameView& frame, const PngPacking& packing = {},
                                                   const std::optional<PngNote>& note = std::nullopt);
 
-// 8-bit colour from blue, green, red; rows unpadded. Fails with invalid_argument (no pixels, or not 3 bytes each), internal.
+// 8-bit colour from blue, green, red; rows unpadded. Fails with invalid_argument (no pixels, or not 3 bytes each),
+// internal.
 Result<std::vector<std::uint8_t>> encode_bgr_png(int width_px, int height_px, std::span<const std::uint8_t> bgr);
 
 struct GreyPng {
@@ -39,8 +40,10 @@ struct GreyPng {
     std::size_t length = 0;           // of the PNG: what is behind it in the bytes is not its own
 };
 
-// Grey of 8 or 16 bits, interlaced or not. Every chunk's checksum is compared. No more memory is taken for the samples than the bytes can
-// unpack to, and for a note 8 MB; other chunks are skipped. `name` goes into the message. Fails with unreadable.
-Result<GreyPng> decode_grey_png(std::span<const std::uint8_t> bytes, std::string_view name, const std::string& note_keyword = {});
+// Grey of 8 or 16 bits, interlaced or not. Every chunk's checksum is compared. No more memory is taken for the samples
+// than the bytes can unpack to, and for a note 8 MB; other chunks are skipped. `name` goes into the message. Fails with
+// unreadable.
+Result<GreyPng> decode_grey_png(std::span<const std::uint8_t> bytes, std::string_view name,
+                                const std::string& note_keyword = {});
 
 }  // namespace hord::common

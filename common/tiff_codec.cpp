@@ -20,7 +20,8 @@ constexpr std::uint32_t kLargestSide = 65'536;
 constexpr std::uint64_t kMostUnpacked = 4096 * 8 / 12;
 // What libtiff may take at once beside the file's own size: its tables.
 constexpr tmsize_t kTables = 16 << 20;
-// A file whose tags and parts do not overlap is read once, its directory a few times. libtiff keeps every tag's values, known or not.
+// A file whose tags and parts do not overlap is read once, its directory a few times. libtiff keeps every tag's values,
+// known or not.
 constexpr std::uint64_t kMostReadings = 2;
 constexpr std::uint64_t kDirectoryReadings = 1 << 20;
 
@@ -40,7 +41,8 @@ MemoryFile& file_of(thandle_t handle) { return *static_cast<MemoryFile*>(handle)
 tmsize_t on_read(thandle_t handle, void* to, tmsize_t count) {
     MemoryFile& file = file_of(handle);
     const std::uint64_t left = file.size() - std::min(file.at, file.size());
-    const auto copied = static_cast<std::size_t>(std::min(left, static_cast<std::uint64_t>(std::max<tmsize_t>(count, 0))));
+    const auto copied =
+        static_cast<std::size_t>(std::min(left, static_cast<std::uint64_t>(std::max<tmsize_t>(count, 0))));
     file.have_read += copied;
     if (!file.writing && file.have_read > kMostReadings * file.size() + kDirectoryReadings) {
         if (file.why.empty()) file.why = "its tags or parts overlap";
@@ -65,9 +67,7 @@ tmsize_t on_write(thandle_t handle, void* from, tmsize_t count) {
 }
 toff_t on_seek(thandle_t handle, toff_t offset, int from) {
     MemoryFile& file = file_of(handle);
-    file.at = (from == SEEK_SET ? 0 : from == SEEK_CUR ? file.at
-                                                       : file.size()) +
-        offset;
+    file.at = (from == SEEK_SET ? 0 : from == SEEK_CUR ? file.at : file.size()) + offset;
     return file.at;
 }
 int on_close(thandle_t /*handle*/) { return 0; }
@@ -78,7 +78,9 @@ int on_error(TIFF* /*tiff*/, void* user, const char* /*module*/, const char* for
     if (why.empty() && std::vsnprintf(text.data(), text.size(), format, values) > 0) why = text.data();
     return 1;
 }
-int on_warning(TIFF* /*tiff*/, void* /*user*/, const char* /*module*/, const char* /*format*/, va_list /*values*/) { return 1; }
+int on_warning(TIFF* /*tiff*/, void* /*user*/, const char* /*module*/, const char* /*format*/, va_list /*values*/) {
+    return 1;
+}
 
 struct Close {
     void operator()(TIFF* tiff) const { TIFFClose(tiff); }
@@ -86,11 +88,13 @@ struct Close {
 using Tiff = std::unique_ptr<TIFF, Close>;
 
 Tiff open(MemoryFile& file) {
-    const std::unique_ptr<TIFFOpenOptions, decltype(&TIFFOpenOptionsFree)> options(TIFFOpenOptionsAlloc(), &TIFFOpenOptionsFree);
+    const std::unique_ptr<TIFFOpenOptions, decltype(&TIFFOpenOptionsFree)> options(TIFFOpenOptionsAlloc(),
+                                                                                   &TIFFOpenOptionsFree);
     TIFFOpenOptionsSetMaxSingleMemAlloc(options.get(), kTables + 2 * static_cast<tmsize_t>(file.to_read.size()));
     TIFFOpenOptionsSetErrorHandlerExtR(options.get(), on_error, &file);
     TIFFOpenOptionsSetWarningHandlerExtR(options.get(), on_warning, &file);
-    return Tiff(TIFFClientOpenExt("", file.writing ? "w" : "rm", &file, on_read, on_write, on_seek, on_close, on_size, nullptr, nullptr, options.get()));
+    return Tiff(TIFFClientOpenExt("", file.writing ? "w" : "rm", &file, on_read, on_write, on_seek, on_close, on_size,
+                                  nullptr, nullptr, options.get()));
 }
 
 template <class T>
@@ -100,7 +104,8 @@ T tag(const Tiff& tiff, std::uint32_t which) {  // 0: absent, and without a defa
     return value;
 }
 
-// Where the samples of a file go in the frame, counted in samples: sample (x, y) to origin + x * per_column + y * per_row.
+// Where the samples of a file go in the frame, counted in samples: sample (x, y) to origin + x * per_column + y *
+// per_row.
 struct Orientation {
     bool transposed = false;
     std::ptrdiff_t origin = 0, per_column = 1, per_row = 0;
@@ -128,21 +133,28 @@ struct Part {
 class GreyReader {
   public:
     GreyReader(const Tiff& tiff, const MemoryFile& file)
-        : tiff_(tiff), file_(file), width_(tag<std::uint32_t>(tiff, TIFFTAG_IMAGEWIDTH)), height_(tag<std::uint32_t>(tiff, TIFFTAG_IMAGELENGTH)),
+        : tiff_(tiff), file_(file), width_(tag<std::uint32_t>(tiff, TIFFTAG_IMAGEWIDTH)),
+          height_(tag<std::uint32_t>(tiff, TIFFTAG_IMAGELENGTH)),
           bits_(tag<std::uint16_t>(tiff, TIFFTAG_BITSPERSAMPLE)), tiled_(TIFFIsTiled(tiff.get()) != 0),
           part_width_(tiled_ ? tag<std::uint32_t>(tiff, TIFFTAG_TILEWIDTH) : width_),
-          part_height_(tiled_ ? tag<std::uint32_t>(tiff, TIFFTAG_TILELENGTH) : std::min(tag<std::uint32_t>(tiff, TIFFTAG_ROWSPERSTRIP), height_)) {}
+          part_height_(tiled_ ? tag<std::uint32_t>(tiff, TIFFTAG_TILELENGTH)
+                              : std::min(tag<std::uint32_t>(tiff, TIFFTAG_ROWSPERSTRIP), height_)) {}
 
     // Empty when it can be read, else what it is.
     [[nodiscard]] std::string unsupported() const {
-        if (const auto samples = tag<std::uint16_t>(tiff_, TIFFTAG_SAMPLESPERPIXEL); samples != 1) return std::to_string(samples) + " samples a pixel";
+        if (const auto samples = tag<std::uint16_t>(tiff_, TIFFTAG_SAMPLESPERPIXEL); samples != 1)
+            return std::to_string(samples) + " samples a pixel";
         if (bits_ != 8 && bits_ != 16) return std::to_string(bits_) + " bits a sample";
         std::uint16_t shown = PHOTOMETRIC_MINISBLACK;
-        if (TIFFGetField(tiff_.get(), TIFFTAG_PHOTOMETRIC, &shown) == 1 && shown != PHOTOMETRIC_MINISBLACK) return "palette, colour or inverted grey";
-        if (tag<std::uint16_t>(tiff_, TIFFTAG_SAMPLEFORMAT) != SAMPLEFORMAT_UINT) return "samples are not unsigned integers";
-        constexpr std::array<std::uint16_t, 5> known = {COMPRESSION_NONE, COMPRESSION_LZW, COMPRESSION_ADOBE_DEFLATE, COMPRESSION_DEFLATE, COMPRESSION_PACKBITS};
+        if (TIFFGetField(tiff_.get(), TIFFTAG_PHOTOMETRIC, &shown) == 1 && shown != PHOTOMETRIC_MINISBLACK)
+            return "palette, colour or inverted grey";
+        if (tag<std::uint16_t>(tiff_, TIFFTAG_SAMPLEFORMAT) != SAMPLEFORMAT_UINT)
+            return "samples are not unsigned integers";
+        constexpr std::array<std::uint16_t, 5> known = {COMPRESSION_NONE, COMPRESSION_LZW, COMPRESSION_ADOBE_DEFLATE,
+                                                        COMPRESSION_DEFLATE, COMPRESSION_PACKBITS};
         const auto packing = tag<std::uint16_t>(tiff_, TIFFTAG_COMPRESSION);
-        if (std::ranges::find(known, packing) == known.end()) return "packed with TIFF's method " + std::to_string(packing);
+        if (std::ranges::find(known, packing) == known.end())
+            return "packed with TIFF's method " + std::to_string(packing);
         return {};
     }
 
@@ -151,7 +163,9 @@ class GreyReader {
         for (const std::uint32_t side : {width_, height_, part_width_, part_height_}) {
             if (side == 0 || side > kLargestSide) return "it has no size that an image can have";
         }
-        const auto whole = [this](std::uint32_t side, std::uint32_t part) { return tiled_ ? std::uint64_t{(side - 1) / part + 1} * part : side; };
+        const auto whole = [this](std::uint32_t side, std::uint32_t part) {
+            return tiled_ ? std::uint64_t{(side - 1) / part + 1} * part : side;
+        };
         const std::uint64_t unpacked = whole(width_, part_width_) * whole(height_, part_height_) * (bits_ / 8U);
         if (unpacked > kMostUnpacked * file_.size()) return "it is too short for the size that it says";
         return {};
@@ -160,7 +174,8 @@ class GreyReader {
     // False: libtiff says why, or it had fewer samples.
     bool read(algo::Frame& frame) const {
         const Orientation to = orientation(tag<std::uint16_t>(tiff_, TIFFTAG_ORIENTATION), width_, height_);
-        frame = algo::Frame(static_cast<int>(to.transposed ? height_ : width_), static_cast<int>(to.transposed ? width_ : height_), bits_);
+        frame = algo::Frame(static_cast<int>(to.transposed ? height_ : width_),
+                            static_cast<int>(to.transposed ? width_ : height_), bits_);
         std::vector<std::byte> samples;
         Part part{.width = part_width_, .height = part_height_};
         for (part.y = 0; part.y < height_; part.y += std::min(part_height_, height_ - part.y)) {
@@ -183,16 +198,20 @@ class GreyReader {
     }
 
     template <class Sample>
-    void place(const std::vector<std::byte>& samples, const Part& part, const Orientation& to, algo::Frame& frame) const {
-        const std::uint32_t columns = std::min(part.width, width_ - part.x), rows = std::min(part.height, height_ - part.y);
+    void place(const std::vector<std::byte>& samples, const Part& part, const Orientation& to,
+               algo::Frame& frame) const {
+        const std::uint32_t columns = std::min(part.width, width_ - part.x),
+                            rows = std::min(part.height, height_ - part.y);
         const auto* from = reinterpret_cast<const Sample*>(samples.data());
         auto* out = reinterpret_cast<Sample*>(frame.bytes().data());
         for (std::uint32_t y = 0; y < rows; ++y, from += part.width) {
-            Sample* row = out + to.origin + static_cast<std::ptrdiff_t>(part.y + y) * to.per_row + static_cast<std::ptrdiff_t>(part.x) * to.per_column;
+            Sample* row = out + to.origin + static_cast<std::ptrdiff_t>(part.y + y) * to.per_row +
+                static_cast<std::ptrdiff_t>(part.x) * to.per_column;
             if (to.per_column == 1) {
                 std::copy_n(from, columns, row);
             } else {
-                for (std::uint32_t x = 0; x < columns; ++x) row[static_cast<std::ptrdiff_t>(x) * to.per_column] = from[x];
+                for (std::uint32_t x = 0; x < columns; ++x)
+                    row[static_cast<std::ptrdiff_t>(x) * to.per_column] = from[x];
             }
         }
     }
@@ -208,10 +227,13 @@ class GreyReader {
 bool write(const Tiff& tiff, int width_px, int height_px, std::span<const float> values) {
     const auto width = static_cast<std::uint32_t>(width_px), height = static_cast<std::uint32_t>(height_px);
     TIFF* to = tiff.get();
-    bool good = TIFFSetField(to, TIFFTAG_IMAGEWIDTH, width) == 1 && TIFFSetField(to, TIFFTAG_IMAGELENGTH, height) == 1 &&
-        TIFFSetField(to, TIFFTAG_SAMPLESPERPIXEL, 1) == 1 && TIFFSetField(to, TIFFTAG_BITSPERSAMPLE, 32) == 1 &&
-        TIFFSetField(to, TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_IEEEFP) == 1 && TIFFSetField(to, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK) == 1 &&
-        TIFFSetField(to, TIFFTAG_COMPRESSION, COMPRESSION_NONE) == 1 && TIFFSetField(to, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG) == 1 &&
+    bool good = TIFFSetField(to, TIFFTAG_IMAGEWIDTH, width) == 1 &&
+        TIFFSetField(to, TIFFTAG_IMAGELENGTH, height) == 1 && TIFFSetField(to, TIFFTAG_SAMPLESPERPIXEL, 1) == 1 &&
+        TIFFSetField(to, TIFFTAG_BITSPERSAMPLE, 32) == 1 &&
+        TIFFSetField(to, TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_IEEEFP) == 1 &&
+        TIFFSetField(to, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK) == 1 &&
+        TIFFSetField(to, TIFFTAG_COMPRESSION, COMPRESSION_NONE) == 1 &&
+        TIFFSetField(to, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG) == 1 &&
         TIFFSetField(to, TIFFTAG_ROWSPERSTRIP, TIFFDefaultStripSize(to, 0)) == 1;
     for (std::uint32_t y = 0; good && y < height; ++y) {
         good = TIFFWriteScanline(to, const_cast<float*>(values.data() + std::size_t{y} * width), y, 0) == 1;
@@ -224,7 +246,9 @@ bool write(const Tiff& tiff, int width_px, int height_px, std::span<const float>
 Result<algo::Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_view name) {
     MemoryFile file{.to_read = bytes};
     const auto damaged = [&](const std::string& why) {
-        return fail(ErrorCode::unreadable, std::string(name) + " is damaged (" + (why.empty() ? "its samples are cut off" : why) + ")", "record or copy it again");
+        return fail(ErrorCode::unreadable,
+                    std::string(name) + " is damaged (" + (why.empty() ? "its samples are cut off" : why) + ")",
+                    "record or copy it again");
     };
     const Tiff tiff = open(file);
     if (!tiff) return damaged(file.why);
@@ -240,13 +264,18 @@ Result<algo::Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::s
 }
 
 Result<std::vector<std::uint8_t>> encode_float_tiff(int width_px, int height_px, std::span<const float> values) {
-    if (width_px <= 0 || height_px <= 0 || values.size() != static_cast<std::size_t>(width_px) * static_cast<std::size_t>(height_px)) {
-        return fail(ErrorCode::invalid_argument, "a map of " + std::to_string(width_px) + "x" + std::to_string(height_px) + " has " + std::to_string(values.size()) + " values, and cannot be made a TIFF", "report it");
+    if (width_px <= 0 || height_px <= 0 ||
+        values.size() != static_cast<std::size_t>(width_px) * static_cast<std::size_t>(height_px)) {
+        return fail(ErrorCode::invalid_argument,
+                    "a map of " + std::to_string(width_px) + "x" + std::to_string(height_px) + " has " +
+                        std::to_string(values.size()) + " values, and cannot be made a TIFF",
+                    "report it");
     }
     MemoryFile file{.writing = true};
     bool good = false;
     if (const Tiff tiff = open(file); tiff) good = write(tiff, width_px, height_px, values);
-    if (!good || !file.why.empty()) return fail(ErrorCode::internal, "a map cannot be made a TIFF (" + file.why + ")", "report it");
+    if (!good || !file.why.empty())
+        return fail(ErrorCode::internal, "a map cannot be made a TIFF (" + file.why + ")", "report it");
     return std::move(file.written);
 }
 

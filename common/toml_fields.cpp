@@ -86,8 +86,8 @@ std::optional<double> TomlTable::read_number(std::string_view key, double low, d
     const toml::node* node = node_->find(key);
     if (node == nullptr) return std::nullopt;
     const auto value = node->is_integer() ? std::optional(static_cast<double>(node->as_integer()->get()))
-                       : node->is_floating_point() ? std::optional(node->as_floating_point()->get())
-                                                   : std::nullopt;
+        : node->is_floating_point()       ? std::optional(node->as_floating_point()->get())
+                                          : std::nullopt;
     if (!value) {
         node_->report(*node, key, "is not a number: write one without quotes");
         return std::nullopt;
@@ -136,7 +136,8 @@ void TomlTable::text(std::string_view key, std::string& value) {
     value = node->as_string()->get();
 }
 
-void TomlTable::numbers(std::string_view key, std::vector<double>& values, std::size_t min_count, std::size_t max_count) {
+void TomlTable::numbers(std::string_view key, std::vector<double>& values, std::size_t min_count,
+                        std::size_t max_count) {
     const toml::node* node = node_->find(key);
     if (node == nullptr) return;
     std::vector<double> read;
@@ -191,7 +192,8 @@ TomlTable TomlTable::table(std::string_view key) {
     static const toml::table empty;
     const toml::node* node = node_->find(key);
     const toml::table* sub = node != nullptr ? node->as_table() : nullptr;
-    if (node != nullptr && sub == nullptr) node_->report(*node, key, fmt::format("is not a table: write [{}{}]", node_->path, key));
+    if (node != nullptr && sub == nullptr)
+        node_->report(*node, key, fmt::format("is not a table: write [{}{}]", node_->path, key));
     return TomlTable(node_->take(sub != nullptr ? *sub : empty, fmt::format("{}{}.", node_->path, key)));
 }
 
@@ -200,7 +202,8 @@ std::vector<TomlTable> TomlTable::tables(std::string_view key) {
     const toml::node* node = node_->find(key);
     if (node == nullptr) return all;
     const toml::array* array = node->as_array();
-    if (array == nullptr || !std::all_of(array->begin(), array->end(), [](const toml::node& n) { return n.is_table(); })) {
+    if (array == nullptr ||
+        !std::all_of(array->begin(), array->end(), [](const toml::node& n) { return n.is_table(); })) {
         node_->report(*node, key, fmt::format("is not a list of tables: write [[{}{}]] for each", node_->path, key));
         return all;
     }
@@ -214,16 +217,22 @@ bool TomlTable::has(std::string_view key) const { return node_->find(key) != nul
 
 void TomlTable::problem(std::string_view key, std::string_view what, std::string_view cure) {
     const toml::node* node = node_->find(key);
-    node_->report(node != nullptr ? *node : *node_->table, key, cure.empty() ? std::string(what) : fmt::format("{}: {}", what, cure));
+    node_->report(node != nullptr ? *node : *node_->table, key,
+                  cure.empty() ? std::string(what) : fmt::format("{}: {}", what, cure));
 }
 
 void TomlTable::refuse_unknown_keys() {
     for (const auto& [key, value] : *node_->table) {
         const std::string_view unknown = key.str();
         if (node_->asked.contains(unknown)) continue;
-        const auto nearest = std::min_element(node_->asked.begin(), node_->asked.end(), [&](const auto& a, const auto& b) { return edits(a, unknown) < edits(b, unknown); });
-        const bool near = nearest != node_->asked.end() && edits(*nearest, unknown) <= std::max<std::size_t>(2, unknown.size() / 3);
-        node_->report(value, unknown, near ? fmt::format("is not a known key: did you mean {}?", *nearest) : std::string("is not a known key: remove it"));
+        const auto nearest =
+            std::min_element(node_->asked.begin(), node_->asked.end(),
+                             [&](const auto& a, const auto& b) { return edits(a, unknown) < edits(b, unknown); });
+        const bool near =
+            nearest != node_->asked.end() && edits(*nearest, unknown) <= std::max<std::size_t>(2, unknown.size() / 3);
+        node_->report(value, unknown,
+                      near ? fmt::format("is not a known key: did you mean {}?", *nearest)
+                           : std::string("is not a known key: remove it"));
     }
     for (const auto& sub : node_->taken) TomlTable(sub).refuse_unknown_keys();
 }

@@ -42,11 +42,12 @@ class TomlTable {
     static TomlTable parse_text(std::string_view text, std::string_view name, TomlProblems& problems);
 
     // Each reads one key. An absent key leaves `value` as it is; a present one of the wrong type, or outside
-    // [low, high], adds a problem and leaves `value` as it is. An integer is a good number; a number is not a good integer.
+    // [low, high], adds a problem and leaves `value` as it is. An integer is a good number; a number is not a good
+    // integer.
     void number(std::string_view key, double& value, double low, double high);
     void number(std::string_view key, float& value, double low, double high);
     template <class Int>
-        requires std::is_integral_v<Int>
+    requires std::is_integral_v<Int>
     void integer(std::string_view key, Int& value, std::int64_t low, std::int64_t high) {
         if (auto read = read_integer(key, low, high)) value = static_cast<Int>(*read);
     }

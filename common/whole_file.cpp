@@ -22,7 +22,8 @@ Result<void> write_whole(const fs::path& file, std::span<const std::uint8_t> byt
     if (out && !error) return {};
     const std::string why = error ? " (" + error.message() + ")" : "";
     fs::remove(unfinished, error);
-    return fail(ErrorCode::io, file.string() + " cannot be written" + why, "check that its folder may be written to and has space");
+    return fail(ErrorCode::io, file.string() + " cannot be written" + why,
+                "check that its folder may be written to and has space");
 }
 
 }  // namespace hord::common

@@ -1,4 +1,5 @@
-// A file that appears whole or not at all. Unlike write_durably() it does not wait for the disk: for what can be made again.
+// A file that appears whole or not at all. Unlike write_durably() it does not wait for the disk: for what can be made
+// again.
 #pragma once
 
 #include <cstdint>

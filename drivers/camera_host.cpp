@@ -1,16 +1,16 @@
 #include "drivers/camera_host.h"
 
-#include <poll.h>
-#include <sys/prctl.h>
-#include <sys/socket.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <mutex>
 #include <utility>
 #include <vector>
+
+#include <poll.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include "drivers/camera_wire.h"
 
@@ -19,8 +19,8 @@ namespace {
 
 constexpr int kBetweenLooksMs = 100;  // for a camera that went away
 
-// What the camera's thread tells. Frames may come before the answer is out: they are told behind it. The other end reads at once, and a camera
-// has few buffers: there is always room.
+// What the camera's thread tells. Frames may come before the answer is out: they are told behind it. The other end
+// reads at once, and a camera has few buffers: there is always room.
 class Notes final : public CameraPort::Listener {
   public:
     void on_camera_frame(const CameraFrame& frame) noexcept override { tell({CameraNote::What::frame, frame}); }
@@ -37,7 +37,9 @@ class Notes final : public CameraPort::Listener {
         if (open_) send(note);
         else early_.push_back(note);
     }
-    static void send(const CameraNote& note) noexcept { [[maybe_unused]] const auto sent = ::send(kCameraSocket, &note, sizeof note, MSG_DONTWAIT | MSG_NOSIGNAL); }
+    static void send(const CameraNote& note) noexcept {
+        [[maybe_unused]] const auto sent = ::send(kCameraSocket, &note, sizeof note, MSG_DONTWAIT | MSG_NOSIGNAL);
+    }
 
     std::mutex mutex_;
     bool open_ = false;
@@ -74,7 +76,8 @@ int host_camera(int argc, char** argv, const std::function<std::unique_ptr<Camer
     const auto camera = open(order->request);
     if (order->ask == CameraAsk::look) {
         const auto format = camera->look();
-        send_answer(kCameraSocket, format ? Result<CameraAnswer>(CameraAnswer{.format = *format}) : tl::unexpected(format.error()));
+        send_answer(kCameraSocket,
+                    format ? Result<CameraAnswer>(CameraAnswer{.format = *format}) : tl::unexpected(format.error()));
         return 0;
     }
     Notes notes;

@@ -11,8 +11,12 @@ struct Known {
     const char* name;
     bool packed;
 };
-constexpr std::array<Known, 6> kGrey = {
-    {{8, "R8", false}, {10, "R10", false}, {10, "R10_CSI2P", true}, {12, "R12", false}, {12, "R12_CSI2P", true}, {16, "R16", false}}};
+constexpr std::array<Known, 6> kGrey = {{{8, "R8", false},
+                                         {10, "R10", false},
+                                         {10, "R10_CSI2P", true},
+                                         {12, "R12", false},
+                                         {12, "R12_CSI2P", true},
+                                         {16, "R16", false}}};
 constexpr std::array<const char*, 2> kColour = {"BGR888", "RGB888"};
 
 std::string list_of(std::span<const std::string> names) {
@@ -23,7 +27,8 @@ std::string list_of(std::span<const std::string> names) {
 
 }  // namespace
 
-Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there, int bits, bool green) {
+Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there, int bits,
+                                      bool green) {
     std::string wanted;
     for (const Known& known : kGrey) {
         if (known.bits != bits) continue;
@@ -36,19 +41,24 @@ Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const
             if (std::ranges::find(there, colour) != there.end()) return GreyFormat{colour, bits, false, true};
         }
     }
-    if (wanted.empty()) return fail(ErrorCode::unsupported, camera + ": no format with " + std::to_string(bits) + " bits is known", "use 8, 10, 12 or 16");
+    if (wanted.empty())
+        return fail(ErrorCode::unsupported, camera + ": no format with " + std::to_string(bits) + " bits is known",
+                    "use 8, 10, 12 or 16");
     return fail(ErrorCode::unsupported, camera + " has no " + wanted + " frames; it has " + list_of(there),
-                "set sensor.bits to what the camera has (cam -c ID -I); of a colour camera's BGR888 or RGB888 frames sensor.green takes the green samples");
+                "set sensor.bits to what the camera has (cam -c ID -I); of a colour camera's BGR888 or RGB888 frames "
+                "sensor.green takes the green samples");
 }
 
 Result<std::string> choose_camera(std::span<const std::string> there, const std::string& wanted) {
     if (!wanted.empty()) {
         if (std::ranges::find(there, wanted) != there.end()) return wanted;
-        return fail(ErrorCode::not_found, "camera \"" + wanted + "\" is not there; cameras: " + list_of(there), "check its cable and sensor.camera (cam -l)");
+        return fail(ErrorCode::not_found, "camera \"" + wanted + "\" is not there; cameras: " + list_of(there),
+                    "check its cable and sensor.camera (cam -l)");
     }
     if (there.empty()) return fail(ErrorCode::not_found, "no camera is there", "check its cable; see cam -l");
     if (there.size() > 1) {
-        return fail(ErrorCode::invalid_argument, "several cameras are there: " + list_of(there), "say which one in sensor.camera");
+        return fail(ErrorCode::invalid_argument, "several cameras are there: " + list_of(there),
+                    "say which one in sensor.camera");
     }
     return there.front();
 }

@@ -1,5 +1,5 @@
-// What the libcamera sensor needs of a camera: so small that a test can be one. libcamera itself is in a process of its own
-// (camera_process.h, docs/adr/0005-libcamera-in-a-process-of-its-own.md).
+// What the libcamera sensor needs of a camera: so small that a test can be one. libcamera itself is in a process of its
+// own (camera_process.h, docs/adr/0005-libcamera-in-a-process-of-its-own.md).
 #pragma once
 
 #include <cstdint>
@@ -16,9 +16,9 @@ namespace hord::drivers {
 
 struct CameraRequest {
     std::string camera = {};  // its id, as `cam -l` prints it; empty: the only one there is
-    int width_px = 0;    // 0: as the camera proposes
+    int width_px = 0;         // 0: as the camera proposes
     int height_px = 0;
-    int bits = 8;        // 8, 10, 12 or 16
+    int bits = 8;  // 8, 10, 12 or 16
     int buffers = 4;
     bool green = false;  // 8 bits: where there are no grey frames, the green samples of BGR888 or RGB888 ones
     std::vector<std::pair<std::string, std::int64_t>> controls = {};  // by libcamera's names
@@ -32,12 +32,13 @@ struct GreyFormat {
     bool green = false;   // pixels of three bytes, of which the middle one is taken
 };
 
-// The first of `there` that holds grey samples of `bits`, unpacked ones before packed ones, colour (with `green`) last. Fails with
-// unsupported: says what was wanted and lists what there is.
-Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there, int bits, bool green = false);
+// The first of `there` that holds grey samples of `bits`, unpacked ones before packed ones, colour (with `green`) last.
+// Fails with unsupported: says what was wanted and lists what there is.
+Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there, int bits,
+                                      bool green = false);
 
-// The id of the camera that is meant. Fails with not_found (names what was asked for and lists what there is) and invalid_argument (none
-// was named, and there are several).
+// The id of the camera that is meant. Fails with not_found (names what was asked for and lists what there is) and
+// invalid_argument (none was named, and there are several).
 Result<std::string> choose_camera(std::span<const std::string> there, const std::string& wanted);
 
 struct CameraFormat {
@@ -73,8 +74,8 @@ class CameraPort {
     // Agrees on the format; holds nothing afterwards. Fails with not_found, busy, unsupported, io.
     virtual Result<CameraFormat> look() = 0;
 
-    // Takes the camera and streams; every buffer is with it. The memory stays readable for as long as somebody holds it, even after
-    // stop(). Fails as look() does, and where a control is unknown or refused.
+    // Takes the camera and streams; every buffer is with it. The memory stays readable for as long as somebody holds
+    // it, even after stop(). Fails as look() does, and where a control is unknown or refused.
     virtual Result<std::shared_ptr<const Memory>> start(Listener& listener) = 0;
 
     // Any thread, between start() and stop(). Gives a buffer back to be filled; does not block.

@@ -1,13 +1,5 @@
 #include "drivers/camera_process.h"
 
-#include <poll.h>
-#include <sched.h>
-#include <spawn.h>
-#include <sys/mman.h>
-#include <sys/socket.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <atomic>
 #include <cerrno>
 #include <csignal>
@@ -15,6 +7,14 @@
 #include <optional>
 #include <thread>
 #include <utility>
+
+#include <poll.h>
+#include <sched.h>
+#include <spawn.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "drivers/camera_host.h"
 #include "drivers/camera_wire.h"
@@ -40,15 +40,18 @@ struct Mapped {
 // The process and this end of its socket.
 class Helper {
   public:
-    static Result<std::unique_ptr<Helper>> start(const std::filesystem::path& program, const std::vector<std::string>& arguments) {
+    static Result<std::unique_ptr<Helper>> start(const std::filesystem::path& program,
+                                                 const std::vector<std::string>& arguments) {
         int ends[2];
-        if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0) return fail(ErrorCode::io, std::string("no sockets for a camera's process: ") + std::strerror(errno), "raise the limit of open files");
+        if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0)
+            return fail(ErrorCode::io, std::string("no sockets for a camera's process: ") + std::strerror(errno),
+                        "raise the limit of open files");
         posix_spawn_file_actions_t files;
         posix_spawn_file_actions_init(&files);
         posix_spawn_file_actions_adddup2(&files, ends[1], kCameraSocket);
         posix_spawn_file_actions_addclosefrom_np(&files, kCameraSocket + 1);
-        // Not the station's signals; and not its real-time policy: libcamera turns in circles while a camera that went away is still open, and
-        // would leave a processor to nobody.
+        // Not the station's signals; and not its real-time policy: libcamera turns in circles while a camera that went
+        // away is still open, and would leave a processor to nobody.
         posix_spawnattr_t how;
         posix_spawnattr_init(&how);
         sigset_t none, all;
@@ -72,7 +75,10 @@ class Helper {
         ::close(ends[1]);
         if (error != 0) {
             ::close(ends[0]);
-            return fail(error == ENOENT ? ErrorCode::not_found : ErrorCode::io, program.string() + ", which holds libcamera's cameras, cannot be started: " + std::strerror(error), "install the package again");
+            return fail(
+                error == ENOENT ? ErrorCode::not_found : ErrorCode::io,
+                program.string() + ", which holds libcamera's cameras, cannot be started: " + std::strerror(error),
+                "install the package again");
         }
         return std::unique_ptr<Helper>(new Helper(pid, ends[0]));
     }
@@ -91,11 +97,15 @@ class Helper {
         ::shutdown(socket_, SHUT_WR);
         const auto until = std::chrono::steady_clock::now() + patience;
         siginfo_t ended{};
-        while (::waitid(P_PID, static_cast<id_t>(pid_), &ended, WEXITED | WNOHANG | WNOWAIT) == 0 && ended.si_pid == 0 && std::chrono::steady_clock::now() < until) {
+        while (::waitid(P_PID, static_cast<id_t>(pid_), &ended, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+               ended.si_pid == 0 && std::chrono::steady_clock::now() < until) {
             std::this_thread::sleep_for(2ms);
         }
-        ::kill(pid_, SIGKILL);  // one that has ended feels nothing; it is reaped only here, so that the number is still its own
-        while (::waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {}
+        ::kill(
+            pid_,
+            SIGKILL);  // one that has ended feels nothing; it is reaped only here, so that the number is still its own
+        while (::waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
+        }
         pid_ = 0;
     }
 
@@ -134,8 +144,10 @@ class CameraProcess final : public CameraPort {
     }
 
     Result<void> queue(std::uint32_t buffer) override {
-        if (::send(helper_->socket(), &buffer, sizeof buffer, MSG_DONTWAIT | MSG_NOSIGNAL) != static_cast<ssize_t>(sizeof buffer)) {
-            return fail(ErrorCode::disconnected, "the camera's process takes no buffer", "stop the sensor and start it again");
+        if (::send(helper_->socket(), &buffer, sizeof buffer, MSG_DONTWAIT | MSG_NOSIGNAL) !=
+            static_cast<ssize_t>(sizeof buffer)) {
+            return fail(ErrorCode::disconnected, "the camera's process takes no buffer",
+                        "stop the sensor and start it again");
         }
         return {};
     }
@@ -155,7 +167,10 @@ class CameraProcess final : public CameraPort {
         auto answer = receive_answer(helper_->socket(), patience_);
         if (answer) return std::move(*answer);
         helper_->end({});
-        return fail(ErrorCode::io, program_.filename().string() + ", which holds libcamera's cameras, ended or hung when it was asked for one", "look at its lines in the journal; see cam -l");
+        return fail(
+            ErrorCode::io,
+            program_.filename().string() + ", which holds libcamera's cameras, ended or hung when it was asked for one",
+            "look at its lines in the journal; see cam -l");
     }
 
     static Result<std::shared_ptr<const Memory>> map(const CameraAnswer& answer) {
@@ -164,7 +179,8 @@ class CameraProcess final : public CameraPort {
         for (const CameraBuffer& buffer : answer.buffers) {
             void* const data = ::mmap(nullptr, buffer.offset + buffer.bytes, PROT_READ, MAP_SHARED, buffer.fd, 0);
             if (data == MAP_FAILED) {
-                good = fail(ErrorCode::io, std::string("a camera's buffer cannot be mapped: ") + std::strerror(errno), "look at the kernel's log");
+                good = fail(ErrorCode::io, std::string("a camera's buffer cannot be mapped: ") + std::strerror(errno),
+                            "look at the kernel's log");
                 continue;
             }
             mapped->maps.emplace_back(data, buffer.offset + buffer.bytes);
@@ -181,7 +197,8 @@ class CameraProcess final : public CameraPort {
             const ssize_t count = ::recv(socket, &note, sizeof note, 0);
             if (count < 0 && errno == EINTR) continue;
             if (stopping_) return;
-            if (count != static_cast<ssize_t>(sizeof note) || note.what != CameraNote::What::frame) return listener.on_camera_gone();
+            if (count != static_cast<ssize_t>(sizeof note) || note.what != CameraNote::What::frame)
+                return listener.on_camera_gone();
             listener.on_camera_frame(note.frame);
         }
     }
@@ -202,7 +219,8 @@ std::filesystem::path camera_program() {
     return !error && ::access(beside.c_str(), X_OK) == 0 ? beside : "/usr/libexec/hord/hord-camera";
 }
 
-std::unique_ptr<CameraPort> open_camera_process(CameraRequest request, std::filesystem::path program, hal::Duration patience) {
+std::unique_ptr<CameraPort> open_camera_process(CameraRequest request, std::filesystem::path program,
+                                                hal::Duration patience) {
     return std::make_unique<CameraProcess>(std::move(request), std::move(program), patience);
 }
 

@@ -1,9 +1,5 @@
 #include "drivers/camera_wire.h"
 
-#include <poll.h>
-#include <sys/socket.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -11,6 +7,10 @@
 #include <cstring>
 #include <sstream>
 #include <string_view>
+
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 namespace hord::drivers {
 namespace {
@@ -44,7 +44,9 @@ std::optional<Result<CameraAnswer>> understand(const std::string& text, std::vec
     CameraAnswer answer;
     CameraFormat& format = answer.format;
     std::size_t buffers = 0;
-    if (!(in >> format.width_px >> format.height_px >> format.stride_bytes >> format.grey.bits >> format.grey.packed >> format.grey.green >> buffers)) return std::nullopt;
+    if (!(in >> format.width_px >> format.height_px >> format.stride_bytes >> format.grey.bits >> format.grey.packed >>
+          format.grey.green >> buffers))
+        return std::nullopt;
     if (buffers != fds.size()) return std::nullopt;
     for (const int fd : fds) {
         CameraBuffer buffer{fd};
@@ -60,7 +62,8 @@ std::optional<Result<CameraAnswer>> understand(const std::string& text, std::vec
 
 std::vector<std::string> camera_arguments(CameraAsk ask, const CameraRequest& r) {
     std::vector<std::string> out{ask == CameraAsk::look ? "look" : "start", r.camera};
-    for (const int number : {r.width_px, r.height_px, r.bits, r.buffers, r.green ? 1 : 0}) out.push_back(std::to_string(number));
+    for (const int number : {r.width_px, r.height_px, r.bits, r.buffers, r.green ? 1 : 0})
+        out.push_back(std::to_string(number));
     for (const auto& [name, value] : r.controls) {
         out.push_back(name);
         out.push_back(std::to_string(value));
@@ -69,11 +72,13 @@ std::vector<std::string> camera_arguments(CameraAsk ask, const CameraRequest& r)
 }
 
 std::optional<CameraOrder> camera_order(const std::vector<std::string>& arguments) {
-    if (arguments.size() < 7 || arguments.size() % 2 == 0 || (arguments[0] != "look" && arguments[0] != "start")) return std::nullopt;
+    if (arguments.size() < 7 || arguments.size() % 2 == 0 || (arguments[0] != "look" && arguments[0] != "start"))
+        return std::nullopt;
     CameraOrder order{arguments[0] == "look" ? CameraAsk::look : CameraAsk::start, {.camera = arguments[1]}};
     CameraRequest& r = order.request;
     int green = 0;
-    if (!read_number(arguments[2], r.width_px) || !read_number(arguments[3], r.height_px) || !read_number(arguments[4], r.bits) || !read_number(arguments[5], r.buffers) ||
+    if (!read_number(arguments[2], r.width_px) || !read_number(arguments[3], r.height_px) ||
+        !read_number(arguments[4], r.bits) || !read_number(arguments[5], r.buffers) ||
         !read_number(arguments[6], green)) {
         return std::nullopt;
     }
@@ -91,14 +96,19 @@ bool send_answer(int socket, const Result<CameraAnswer>& answer) {
     std::vector<int> fds;
     if (answer) {
         const CameraFormat& f = answer->format;
-        out << "ok\n" << f.width_px << ' ' << f.height_px << ' ' << f.stride_bytes << ' ' << f.grey.bits << ' ' << f.grey.packed << ' ' << f.grey.green << ' ' << answer->buffers.size();
+        out << "ok\n"
+            << f.width_px << ' ' << f.height_px << ' ' << f.stride_bytes << ' ' << f.grey.bits << ' ' << f.grey.packed
+            << ' ' << f.grey.green << ' ' << answer->buffers.size();
         for (const CameraBuffer& buffer : answer->buffers) {
             out << ' ' << buffer.offset << ' ' << buffer.bytes;
             fds.push_back(buffer.fd);
         }
         out << ' ' << f.grey.name;
     } else {
-        out << "error\n" << static_cast<int>(answer.error().code) << '\n' << line_of(answer.error().what) << '\n' << line_of(answer.error().cure);
+        out << "error\n"
+            << static_cast<int>(answer.error().code) << '\n'
+            << line_of(answer.error().what) << '\n'
+            << line_of(answer.error().cure);
     }
     std::string text = out.str();
     text.resize(std::min(text.size(), kTextMax));
@@ -124,7 +134,8 @@ std::optional<Result<CameraAnswer>> receive_answer(int socket, hal::Duration pat
     pollfd ready{socket, POLLIN, 0};
     const auto wait_ms = std::chrono::duration_cast<std::chrono::milliseconds>(patience).count();
     int polled = 0;
-    while ((polled = ::poll(&ready, 1, static_cast<int>(wait_ms))) < 0 && errno == EINTR) {}
+    while ((polled = ::poll(&ready, 1, static_cast<int>(wait_ms))) < 0 && errno == EINTR) {
+    }
     if (polled <= 0) return std::nullopt;
     std::string text(kTextMax, '\0');
     iovec part{text.data(), text.size()};

@@ -1,6 +1,7 @@
-// Between the station and the process that holds its camera (camera_process.h, camera_host.h): a pair of SOCK_SEQPACKET sockets. The request
-// is the process's arguments; its first message is what came of it, as text, with the buffers' descriptors; then it sends CameraNotes, and
-// takes numbers of buffers to be filled again. Both ends are of the same package.
+// Between the station and the process that holds its camera (camera_process.h, camera_host.h): a pair of SOCK_SEQPACKET
+// sockets. The request is the process's arguments; its first message is what came of it, as text, with the buffers'
+// descriptors; then it sends CameraNotes, and takes numbers of buffers to be filled again. Both ends are of the same
+// package.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +22,7 @@ static_assert(std::is_trivially_copyable_v<CameraNote>);
 
 enum class CameraAsk : std::uint8_t { look, start };
 struct CameraAnswer {
-    CameraFormat format{};               // to look
+    CameraFormat format{};                // to look
     std::vector<CameraBuffer> buffers{};  // to start; the descriptors are the receiver's, which closes them
 };
 
@@ -31,7 +32,8 @@ struct CameraOrder {
     CameraAsk ask;
     CameraRequest request;
 };
-std::optional<CameraOrder> camera_order(const std::vector<std::string>& arguments);  // nothing where they are not such arguments
+std::optional<CameraOrder> camera_order(
+    const std::vector<std::string>& arguments);  // nothing where they are not such arguments
 
 bool send_answer(int socket, const Result<CameraAnswer>& answer);
 // Waits so long. Nothing: the other end is gone, or said nothing that can be understood.

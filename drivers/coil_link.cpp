@@ -1,9 +1,5 @@
 #include "drivers/coil_link.h"
 
-#include <modbus/modbus.h>
-#include <poll.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -11,21 +7,31 @@
 #include <cstring>
 #include <thread>
 
+#include <modbus/modbus.h>
+#include <poll.h>
+#include <unistd.h>
+
 namespace hord::drivers {
 namespace {
 
 using namespace std::chrono_literals;
 using hal::Duration;
 
-// A frame ends with 3.5 characters of silence, 1.75 ms from 19200 baud up; a little more, for adapters that hand bytes over in batches.
+// A frame ends with 3.5 characters of silence, 1.75 ms from 19200 baud up; a little more, for adapters that hand bytes
+// over in batches.
 Duration frame_gap(const ModuleAddress& address) {
     if (!address.serial) return 0ns;
-    const Duration characters = address.serial->baud > 0 ? Duration(std::chrono::seconds(1)) * 39 / address.serial->baud : 0ns;  // 3.5 of 11 bits
+    const Duration characters = address.serial->baud > 0 ? Duration(std::chrono::seconds(1)) * 39 / address.serial->baud
+                                                         : 0ns;  // 3.5 of 11 bits
     return std::max<Duration>(2ms, characters);
 }
 
-bool is_exception(int error) { return error > MODBUS_ENOBASE && error < MODBUS_ENOBASE + MODBUS_EXCEPTION_MAX; }  // EMBBADCRC is the next one
-bool is_damage(int error) { return error == EMBBADCRC || error == EMBBADDATA || error == EMBMDATA || error == EMBBADSLAVE || error == EMBBADEXC; }
+bool is_exception(int error) {
+    return error > MODBUS_ENOBASE && error < MODBUS_ENOBASE + MODBUS_EXCEPTION_MAX;
+}  // EMBBADCRC is the next one
+bool is_damage(int error) {
+    return error == EMBBADCRC || error == EMBBADDATA || error == EMBMDATA || error == EMBBADSLAVE || error == EMBBADEXC;
+}
 
 }  // namespace
 
@@ -55,9 +61,12 @@ std::string CoilLink::which(const char* thing, int number) const {
 
 void CoilLink::wait_at_most(Duration timeout) {
     if (give_up_ != hal::TimePoint::max()) timeout = std::min(timeout, give_up_ - clock_.now());
-    const auto us = std::max<std::int64_t>(1000, std::chrono::duration_cast<std::chrono::microseconds>(timeout).count());
-    modbus_set_response_timeout(context_->modbus, static_cast<std::uint32_t>(us / 1000000), static_cast<std::uint32_t>(us % 1000000));
-    // No time-out between bytes: the one above then holds for the whole answer, and a module that drips cannot stretch it.
+    const auto us =
+        std::max<std::int64_t>(1000, std::chrono::duration_cast<std::chrono::microseconds>(timeout).count());
+    modbus_set_response_timeout(context_->modbus, static_cast<std::uint32_t>(us / 1000000),
+                                static_cast<std::uint32_t>(us % 1000000));
+    // No time-out between bytes: the one above then holds for the whole answer, and a module that drips cannot stretch
+    // it.
     modbus_set_byte_timeout(context_->modbus, 0, 0);
 }
 
@@ -68,12 +77,14 @@ Result<void> CoilLink::connect(Duration timeout) {
         serial ? modbus_new_rtu(serial->device.c_str(), serial->baud, serial->parity, 8, serial->parity == 'N' ? 2 : 1)
                : modbus_new_tcp_pi(address_.host.c_str(), std::to_string(address_.port).c_str()));
     const char* keys = serial ? "rejector.device and rejector.baud" : "rejector.host and rejector.port";
-    if (context_->modbus == nullptr) return fail(ErrorCode::io, "no Modbus context for the rejector at " + name(), std::string("check ") + keys);
+    if (context_->modbus == nullptr)
+        return fail(ErrorCode::io, "no Modbus context for the rejector at " + name(), std::string("check ") + keys);
     modbus_set_slave(context_->modbus, address_.unit);
     wait_at_most(timeout);
     int error = 0;
     if (modbus_connect(context_->modbus) != 0) error = errno;
-    if (error == 0 && serial && serial->rs485 && modbus_rtu_set_serial_mode(context_->modbus, MODBUS_RTU_RS485) != 0) error = errno;
+    if (error == 0 && serial && serial->rs485 && modbus_rtu_set_serial_mode(context_->modbus, MODBUS_RTU_RS485) != 0)
+        error = errno;
     if (error == 0) {
         connected_ = true;
         if (serial) discard(gap_, timeout);  // what was on the line before
@@ -82,12 +93,15 @@ Result<void> CoilLink::connect(Duration timeout) {
     context_.reset();
     if (serial) {
         const bool absent = error == ENOENT || error == ENODEV || error == ENXIO;
-        return fail(absent ? ErrorCode::not_found : ErrorCode::io, "the rejector's serial line " + serial->device + " cannot be opened: " + std::strerror(error),
-                    error == EACCES ? "join the group dialout" : "check the adapter, rejector.device, and whether rejector.rs485 fits it");
+        return fail(absent ? ErrorCode::not_found : ErrorCode::io,
+                    "the rejector's serial line " + serial->device + " cannot be opened: " + std::strerror(error),
+                    error == EACCES ? "join the group dialout"
+                                    : "check the adapter, rejector.device, and whether rejector.rs485 fits it");
     }
     const bool unanswered = error == ETIMEDOUT || error == EINPROGRESS;
     return fail(unanswered ? ErrorCode::timeout : ErrorCode::disconnected,
-                "the rejector module at " + name() + (unanswered ? " does not answer" : std::string(" cannot be reached: ") + modbus_strerror(error)),
+                "the rejector module at " + name() +
+                    (unanswered ? " does not answer" : std::string(" cannot be reached: ") + modbus_strerror(error)),
                 std::string("check its power and cable, ") + keys);
 }
 
@@ -98,7 +112,8 @@ void CoilLink::close() {
 
 tl::unexpected<Error> CoilLink::failed(const std::string& what, int error) {
     if (is_exception(error)) {
-        return fail(ErrorCode::refused, what + ": " + modbus_strerror(error), "check the address and the module's own fault display");
+        return fail(ErrorCode::refused, what + ": " + modbus_strerror(error),
+                    "check the address and the module's own fault display");
     }
     close();
     return fail(error == ETIMEDOUT ? ErrorCode::timeout : ErrorCode::disconnected, what + ": " + modbus_strerror(error),
@@ -146,7 +161,8 @@ Result<void> CoilLink::exchange(const std::string& what, Duration timeout, Again
         if (!address_.serial || (!damaged && error != ETIMEDOUT)) return failed(what, error);
         discard(damaged ? gap_ : timeout, timeout);
         if (again == Again::no) {
-            return fail(ErrorCode::io, what + ": " + modbus_strerror(error), "check the line's cable, termination and shield");
+            return fail(ErrorCode::io, what + ": " + modbus_strerror(error),
+                        "check the line's cable, termination and shield");
         }
         if (attempt == 1) return failed(what, error);
     }
@@ -169,8 +185,9 @@ Result<bool> CoilLink::read_input(int number, Duration timeout) {
 }
 
 Result<void> CoilLink::write_register(int number, int value, Duration timeout) {
-    return exchange(which("register", number) + " cannot be written", timeout, Again::yes,
-                    [&](modbus_t* m) { return modbus_write_register(m, number, static_cast<std::uint16_t>(value)) == 1; });
+    return exchange(which("register", number) + " cannot be written", timeout, Again::yes, [&](modbus_t* m) {
+        return modbus_write_register(m, number, static_cast<std::uint16_t>(value)) == 1;
+    });
 }
 
 Result<std::uint16_t> CoilLink::read_register(int number, Duration timeout) {
@@ -183,22 +200,28 @@ Result<std::uint16_t> CoilLink::read_register(int number, Duration timeout) {
 
 Result<std::vector<std::uint16_t>> CoilLink::read_input_registers(int number, int count, Duration timeout) {
     std::vector<std::uint16_t> values(static_cast<std::size_t>(count));
-    auto done = exchange(which("input register", number) + " cannot be read", timeout, Again::yes,
-                         [&](modbus_t* m) { return modbus_read_input_registers(m, number, count, values.data()) == count; });
+    auto done = exchange(which("input register", number) + " cannot be read", timeout, Again::yes, [&](modbus_t* m) {
+        return modbus_read_input_registers(m, number, count, values.data()) == count;
+    });
     if (!done) return tl::unexpected(done.error());
     return values;
 }
 
-Result<void> CoilLink::write_and_look(const std::string& what, int coil, bool on, int read_at, Duration timeout, bool must_read_back) {
+Result<void> CoilLink::write_and_look(const std::string& what, int coil, bool on, int read_at, Duration timeout,
+                                      bool must_read_back) {
     const hal::TimePoint by = clock_.now() + timeout;
-    const auto written = exchange(what, timeout, Again::no, [&](modbus_t* m) { return modbus_write_bit(m, coil, on ? 1 : 0) == 1; });
+    const auto written =
+        exchange(what, timeout, Again::no, [&](modbus_t* m) { return modbus_write_bit(m, coil, on ? 1 : 0) == 1; });
     if (!written && (!connected_ || written.error().code == ErrorCode::refused)) return written;
     acknowledged_ = clock_.now();
     if (written && !must_read_back) return {};
     std::uint8_t value = 0;
     const auto read_it = [&](modbus_t* m) { return modbus_read_bits(m, read_at, 1, &value) == 1; };
-    const auto back = exchange(which("coil", read_at) + " cannot be read back", address_.serial ? timeout : by - clock_.now(), written ? Again::yes : Again::no, read_it);
-    if (!back && !written && connected_ && back.error().code == ErrorCode::io) return failed(what, ETIMEDOUT);  // twice nothing
+    const auto back =
+        exchange(which("coil", read_at) + " cannot be read back", address_.serial ? timeout : by - clock_.now(),
+                 written ? Again::yes : Again::no, read_it);
+    if (!back && !written && connected_ && back.error().code == ErrorCode::io)
+        return failed(what, ETIMEDOUT);  // twice nothing
     if (!back) return back;
     if (!written) acknowledged_ = clock_.now();
     if ((value != 0) == on) return {};
@@ -227,7 +250,9 @@ Result<std::string> CoilLink::identify(Duration timeout) {
     if (modbus_send_raw_request(context_->modbus, request.data(), static_cast<int>(request.size())) > 0) {
         const hal::TimePoint end = clock_.now() + timeout;
         for (hal::TimePoint at = clock_.now(); at < end && answer.size() < 260; at = clock_.now()) {
-            const bool complete = address_.serial ? false : answer.size() >= 6 && answer.size() >= 6U + static_cast<std::size_t>(answer[4] << 8 | answer[5]);
+            const bool complete = address_.serial
+                ? false
+                : answer.size() >= 6 && answer.size() >= 6U + static_cast<std::size_t>(answer[4] << 8 | answer[5]);
             if (complete) break;
             pollfd ready{modbus_get_socket(context_->modbus), POLLIN, 0};
             const Duration wait = address_.serial && !answer.empty() ? std::min<Duration>(end - at, 20ms) : end - at;
@@ -241,7 +266,8 @@ Result<std::string> CoilLink::identify(Duration timeout) {
     }
     close();
     if (answer.size() < head + 2) return fail(ErrorCode::timeout, what + " does not say what it is", "see its label");
-    if (answer[head] != 43 || answer.size() < head + 7) return fail(ErrorCode::unsupported, what + " has no device identification", "see its label");
+    if (answer[head] != 43 || answer.size() < head + 7)
+        return fail(ErrorCode::unsupported, what + " has no device identification", "see its label");
     std::string text;
     std::size_t at = head + 7;
     for (int left = answer[head + 6]; left > 0 && at + 2 <= answer.size(); --left) {

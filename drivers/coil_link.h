@@ -1,9 +1,9 @@
 // The connection to a Modbus module, TCP or a serial line (RTU), over libmodbus. Blocking, one thread.
 //
-// What a lost or damaged answer means differs. Over TCP a late answer would be taken for that of every later request: after any
-// time-out the connection is closed. A serial line has no connection, but a late answer ends, too: what still comes within one more
-// time-out is thrown away, and the line is good again. A request whose answer was damaged is known by reading back, and only what
-// may be repeated is: a coil is never written twice.
+// What a lost or damaged answer means differs. Over TCP a late answer would be taken for that of every later request:
+// after any time-out the connection is closed. A serial line has no connection, but a late answer ends, too: what still
+// comes within one more time-out is thrown away, and the line is good again. A request whose answer was damaged is
+// known by reading back, and only what may be repeated is: a coil is never written twice.
 #pragma once
 
 #include <memory>
@@ -38,9 +38,9 @@ class CoilLink {
     CoilLink(const CoilLink&) = delete;
     CoilLink& operator=(const CoilLink&) = delete;
 
-    // Each waits for `timeout` at most, all its parts together (a name in `host` may take the resolver longer). On a serial line:
-    // twice that where one answer is lost or damaged, until the line is good again; four times where the module is gone.
-    // Fails with not_found (the name or the device), timeout, disconnected, io.
+    // Each waits for `timeout` at most, all its parts together (a name in `host` may take the resolver longer). On a
+    // serial line: twice that where one answer is lost or damaged, until the line is good again; four times where the
+    // module is gone. Fails with not_found (the name or the device), timeout, disconnected, io.
     Result<void> connect(hal::Duration timeout);
     void close();
     [[nodiscard]] bool connected() const { return connected_; }
@@ -52,7 +52,8 @@ class CoilLink {
 
     // Writes a coil and reads it back at `read_at`.
     Result<void> write(int coil, bool on, int read_at, hal::Duration timeout);
-    // Writes a coil that need not read back as written; on a serial line, where the answer is lost, it counts when it does.
+    // Writes a coil that need not read back as written; on a serial line, where the answer is lost, it counts when it
+    // does.
     Result<void> command(int coil, bool on, hal::Duration timeout);
     Result<bool> read(int coil, hal::Duration timeout);
     Result<bool> read_input(int number, hal::Duration timeout);
@@ -61,13 +62,15 @@ class CoilLink {
     Result<std::vector<std::uint16_t>> read_input_registers(int number, int count, hal::Duration timeout);
     Result<std::uint16_t> read_register(int number, hal::Duration timeout);
 
-    // "vendor product revision", by Read Device Identification (function 43/14); fails with unsupported where the module has none.
-    // Leaves the connection closed: what a module that does not know it may still say belongs to nobody.
+    // "vendor product revision", by Read Device Identification (function 43/14); fails with unsupported where the
+    // module has none. Leaves the connection closed: what a module that does not know it may still say belongs to
+    // nobody.
     Result<std::string> identify(hal::Duration timeout);
 
     // How long an answer takes lately, rather too long; zero before the first.
     [[nodiscard]] hal::Duration usual() const { return usual_; }
-    // When the last write or command that succeeded was acknowledged, before it was read back: until then the output had moved.
+    // When the last write or command that succeeded was acknowledged, before it was read back: until then the output
+    // had moved.
     [[nodiscard]] hal::TimePoint acknowledged() const { return acknowledged_; }
     [[nodiscard]] std::string name() const;
 
@@ -78,7 +81,8 @@ class CoilLink {
     void wait_at_most(hal::Duration timeout);
     template <class Request>
     Result<void> exchange(const std::string& what, hal::Duration timeout, Again again, Request request);
-    Result<void> write_and_look(const std::string& what, int coil, bool on, int read_at, hal::Duration timeout, bool must_read_back);
+    Result<void> write_and_look(const std::string& what, int coil, bool on, int read_at, hal::Duration timeout,
+                                bool must_read_back);
     void keep_gap() const;
     void discard(hal::Duration silence, hal::Duration longest);
     [[nodiscard]] std::string which(const char* thing, int number) const;

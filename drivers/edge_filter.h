@@ -3,9 +3,10 @@
 // An edge counts once the line has kept still for `debounce` after it, and has the time of the first raw edge of that
 // unrest: waiting costs delay, not accuracy. Pure: no device, no clock.
 //
-// The kernel reads the level a little after the interrupt. So one that is answered too late shows a level that never was,
-// and an edge that reads as the level before it, all alone, means that the line was somewhere else and nobody saw it: the part's
-// two edges are counted as lost. A spike that is over sooner gives its two edges, both of them, and is a bounce.
+// The kernel reads the level a little after the interrupt. So one that is answered too late shows a level that never
+// was, and an edge that reads as the level before it, all alone, means that the line was somewhere else and nobody saw
+// it: the part's two edges are counted as lost. A spike that is over sooner gives its two edges, both of them, and is a
+// bounce.
 #pragma once
 
 #include <algorithm>
@@ -26,7 +27,8 @@ class EdgeFilter {
     };
 
     // The line is at `active` now. An unrest longer than `patience` makes it restless().
-    EdgeFilter(hal::Duration debounce, hal::Duration patience, bool active) : debounce_(debounce), patience_(patience), active_(active) {}
+    EdgeFilter(hal::Duration debounce, hal::Duration patience, bool active)
+        : debounce_(debounce), patience_(patience), active_(active) {}
 
     // Raw edges, in order. Appends to `edges` what became certain before this one.
     void feed(const GpioEdge& raw, std::vector<Edge>& edges);
@@ -34,9 +36,9 @@ class EdgeFilter {
     // When settle() is due; none: the line is still.
     [[nodiscard]] std::optional<hal::TimePoint> due() const;
 
-    // At `now`, `active` is the line's level, read after the last raw edge was fed. Ends an unrest that is due. A level that no edge
-    // has told of may be that of an edge that is still on its way: it is believed the second time, kDoubt later. On a line
-    // that is still it is an edge that was lost.
+    // At `now`, `active` is the line's level, read after the last raw edge was fed. Ends an unrest that is due. A level
+    // that no edge has told of may be that of an edge that is still on its way: it is believed the second time, kDoubt
+    // later. On a line that is still it is an edge that was lost.
     static constexpr hal::Duration kDoubt = std::chrono::milliseconds(20);
     void settle(hal::TimePoint now, bool active, std::vector<Edge>& edges);
 

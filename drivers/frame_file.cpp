@@ -24,7 +24,8 @@ using Bytes = std::vector<std::byte>;
 
 bool looks_like_a_frame(const fs::path& file) {
     std::string extension = file.extension().string();
-    std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    std::ranges::transform(extension, extension.begin(),
+                           [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
     constexpr std::array<std::string_view, 4> known = {".png", ".tif", ".tiff", ".pgm"};
     return std::ranges::find(known, extension) != known.end();
 }
@@ -41,7 +42,8 @@ Result<Bytes> read_bytes(const fs::path& file) {
         return fail(ErrorCode::unreadable, file.string() + " is a folder", "name the frames in it");
     }
     if (status.type() != fs::file_type::regular) {
-        return fail(ErrorCode::unreadable, file.string() + " is not a file that can be read", "check the path and its permissions");
+        return fail(ErrorCode::unreadable, file.string() + " is not a file that can be read",
+                    "check the path and its permissions");
     }
     std::ifstream in(file, std::ios::binary);
     Bytes bytes(in ? static_cast<std::size_t>(fs::file_size(file, error)) : 0);
@@ -56,14 +58,16 @@ Result<void> check_expected(const std::string& name, const FrameHeader& header, 
     const int height = expected.height_px > 0 ? expected.height_px : header.height_px;
     if (header.width_px != width || header.height_px != height) {
         return fail(ErrorCode::invalid_argument,
-                    name + " is " + size_text(header.width_px, header.height_px) + " pixels, expected " + size_text(width, height),
+                    name + " is " + size_text(header.width_px, header.height_px) + " pixels, expected " +
+                        size_text(width, height),
                     "give frames of the configured sensor, or correct the configured size");
     }
     // A file of 8-bit samples is 8 bits; one of two bytes a sample may hold any depth from 9 to 16.
     if (expected.bits != 0 && (expected.bits > 8) != (header.bits > 8)) {
-        return fail(ErrorCode::invalid_argument,
-                    name + " has " + std::to_string(header.bits) + "-bit samples, expected " + std::to_string(expected.bits),
-                    "correct the configured bits, or record the frame again");
+        return fail(
+            ErrorCode::invalid_argument,
+            name + " has " + std::to_string(header.bits) + "-bit samples, expected " + std::to_string(expected.bits),
+            "correct the configured bits, or record the frame again");
     }
     return {};
 }
@@ -106,15 +110,19 @@ Result<algo::Frame> decode(std::span<const std::byte> bytes, const FrameHeader& 
     } else {
         frame = common::decode_grey_png(packed, name).map([](common::GreyPng&& png) { return std::move(png.frame); });
     }
-    if (frame && (frame->width_px() != header.width_px || frame->height_px() != header.height_px || frame->bits() != header.bits)) {
-        return fail(ErrorCode::unreadable, name + " is damaged (its samples are not what its header says)", "record or copy it again");
+    if (frame &&
+        (frame->width_px() != header.width_px || frame->height_px() != header.height_px ||
+         frame->bits() != header.bits)) {
+        return fail(ErrorCode::unreadable, name + " is damaged (its samples are not what its header says)",
+                    "record or copy it again");
     }
     return frame;
 }
 
 }  // namespace
 
-Result<algo::Frame> decode_frame(std::span<const std::byte> bytes, const std::string& name, const ExpectedFrame& expected) {
+Result<algo::Frame> decode_frame(std::span<const std::byte> bytes, const std::string& name,
+                                 const ExpectedFrame& expected) {
     const auto header = read_frame_header(bytes, name);
     if (!header) return tl::unexpected(header.error());
     if (auto good = check_expected(name, *header, expected); !good) return tl::unexpected(good.error());
@@ -156,18 +164,23 @@ Result<std::vector<fs::path>> list_frames(const std::vector<fs::path>& files_or_
     std::vector<fs::path> out;
     for (const fs::path& path : files_or_folders) {
         std::error_code error;
-        if (!fs::exists(path, error)) return fail(ErrorCode::not_found, path.string() + " is not there", "check the name");
+        if (!fs::exists(path, error))
+            return fail(ErrorCode::not_found, path.string() + " is not there", "check the name");
         if (!fs::is_directory(path, error)) {
             out.push_back(path);
             continue;
         }
         std::vector<fs::path> in_folder;
-        for (auto entry = fs::directory_iterator(path, error); !error && entry != fs::directory_iterator(); entry.increment(error)) {
+        for (auto entry = fs::directory_iterator(path, error); !error && entry != fs::directory_iterator();
+             entry.increment(error)) {
             if (looks_like_a_frame(entry->path())) in_folder.push_back(entry->path());
         }
-        if (error) return fail(ErrorCode::unreadable, "the folder " + path.string() + " cannot be read", "check its permissions");
+        if (error)
+            return fail(ErrorCode::unreadable, "the folder " + path.string() + " cannot be read",
+                        "check its permissions");
         if (in_folder.empty()) {
-            return fail(ErrorCode::not_found, "the folder " + path.string() + " holds no frame", "put PNG, TIFF or PGM frames into it");
+            return fail(ErrorCode::not_found, "the folder " + path.string() + " holds no frame",
+                        "put PNG, TIFF or PGM frames into it");
         }
         std::ranges::sort(in_folder);
         out.insert(out.end(), in_folder.begin(), in_folder.end());

@@ -21,16 +21,19 @@ struct ExpectedFrame {
     int bits = 0;
 };
 
-// Reads PNG, TIFF (as it is, LZW, deflate or PackBits) or binary PGM, 8- or 16-bit grey. Fails with not_found; unreadable (no permission, not an image,
-// cut off, damaged); unsupported (colour, palette, alpha, JPEG, other depths or packings); invalid_argument (not what was
-// expected). The message names the file and the cure. Nothing of a cut-off file is ever returned.
+// Reads PNG, TIFF (as it is, LZW, deflate or PackBits) or binary PGM, 8- or 16-bit grey. Fails with not_found;
+// unreadable (no permission, not an image, cut off, damaged); unsupported (colour, palette, alpha, JPEG, other depths
+// or packings); invalid_argument (not what was expected). The message names the file and the cure. Nothing of a cut-off
+// file is ever returned.
 Result<algo::Frame> read_frame(const std::filesystem::path& file, const ExpectedFrame& expected = {});
 
 // The same of a file's bytes; `name` goes into the message.
-Result<algo::Frame> decode_frame(std::span<const std::byte> bytes, const std::string& name, const ExpectedFrame& expected = {});
+Result<algo::Frame> decode_frame(std::span<const std::byte> bytes, const std::string& name,
+                                 const ExpectedFrame& expected = {});
 
-// The files themselves; a folder stands for its PNG, TIFF and PGM files (.png .tif .tiff .pgm), sorted by name, everything else in it is left
-// alone. Fails with not_found (a folder without a frame, nothing named), unreadable (a folder).
+// The files themselves; a folder stands for its PNG, TIFF and PGM files (.png .tif .tiff .pgm), sorted by name,
+// everything else in it is left alone. Fails with not_found (a folder without a frame, nothing named), unreadable (a
+// folder).
 Result<std::vector<std::filesystem::path>> list_frames(const std::vector<std::filesystem::path>& files_or_folders);
 
 // Writes a PNG, 8- or 16-bit grey (9- to 15-bit samples right-aligned). The file appears whole or not at all.

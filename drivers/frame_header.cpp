@@ -49,9 +49,9 @@ std::uint64_t number(Bytes file, std::size_t at, std::size_t size, bool big_endi
 }
 
 bool begins_with(Bytes file, std::string_view magic) {
-    return file.size() >= magic.size() &&
-           std::equal(magic.begin(), magic.end(), file.begin(),
-                      [](char c, std::byte b) { return static_cast<unsigned char>(c) == std::to_integer<unsigned char>(b); });
+    return file.size() >= magic.size() && std::equal(magic.begin(), magic.end(), file.begin(), [](char c, std::byte b) {
+               return static_cast<unsigned char>(c) == std::to_integer<unsigned char>(b);
+           });
 }
 
 // CRC-32 of ISO 3309, as PNG uses it.
@@ -82,13 +82,15 @@ Result<FrameHeader> png_header(Bytes file, std::string_view name) {
             return damaged(name, "a chunk's checksum is wrong");
         }
         const bool first = at == 8;
-        if (first != begins_with(type_and_data, "IHDR") || (first && length != 13)) return damaged(name, "no PNG header");
+        if (first != begins_with(type_and_data, "IHDR") || (first && length != 13))
+            return damaged(name, "no PNG header");
         if (first) {
             width = number(file, at + 8, 4, true);
             height = number(file, at + 12, 4, true);
             const auto depth = static_cast<int>(number(file, at + 16, 1, true));
             const auto colour = number(file, at + 17, 1, true);
-            constexpr std::array<const char*, 7> kinds = {"grey", "", "colour", "palette", "grey with alpha", "", "colour with alpha"};
+            constexpr std::array<const char*, 7> kinds = {
+                "grey", "", "colour", "palette", "grey with alpha", "", "colour with alpha"};
             if (colour != 0) return not_grey(name, colour < kinds.size() ? kinds[colour] : "unknown colour type");
             if (depth != 8 && depth != 16) return not_grey(name, std::to_string(depth) + " bits a sample");
             header.bits = depth;
@@ -123,7 +125,8 @@ class TiffDirectory {
             const std::size_t size = type == 1 ? 1 : type == 3 ? 2 : type == 4 ? 4 : 0;
             if (size == 0 || count > file_.size()) return std::nullopt;
             const std::size_t bytes = size * static_cast<std::size_t>(count);
-            const std::size_t from = bytes <= 4 ? at + 8 : static_cast<std::size_t>(number(file_, at + 8, 4, big_endian_));
+            const std::size_t from =
+                bytes <= 4 ? at + 8 : static_cast<std::size_t>(number(file_, at + 8, 4, big_endian_));
             if (from > file_.size() || bytes > file_.size() - from) return std::nullopt;
             for (std::size_t k = 0; k < count; ++k) out.push_back(number(file_, from + k * size, size, big_endian_));
         }
@@ -142,27 +145,32 @@ class TiffDirectory {
 
 Result<FrameHeader> tiff_header(Bytes file, std::string_view name) {
     constexpr std::uint64_t kWidth = 256, kHeight = 257, kBits = 258, kPhotometric = 262, kStripOffsets = 273,
-                            kOrientation = 274, kSamplesPerPixel = 277, kStripBytes = 279, kTileOffsets = 324, kTileBytes = 325,
-                            kSampleFormat = 339;
+                            kOrientation = 274, kSamplesPerPixel = 277, kStripBytes = 279, kTileOffsets = 324,
+                            kTileBytes = 325, kSampleFormat = 339;
     constexpr std::uint64_t kMinIsBlack = 1, kUnsigned = 1, kTopLeft = 1, kTransposed = 5;  // and 6 to 8
     FrameHeader header{.format = FrameHeader::Format::tiff};
     TiffDirectory directory(file, begins_with(file, "MM"));
     if (file.size() < 8 || !directory.open()) return truncated(name, "its directory is missing");
     if (directory.has_next()) {
-        return fail(ErrorCode::unsupported, std::string(name) + " holds more than one image", "split it, one frame a file");
+        return fail(ErrorCode::unsupported, std::string(name) + " holds more than one image",
+                    "split it, one frame a file");
     }
     if (const auto samples = directory.value(kSamplesPerPixel, 1); samples != 1) {
         return not_grey(name, std::to_string(samples) + " samples a pixel");
     }
-    if (directory.value(kPhotometric, kMinIsBlack) != kMinIsBlack) return not_grey(name, "palette, colour or inverted grey");
+    if (directory.value(kPhotometric, kMinIsBlack) != kMinIsBlack)
+        return not_grey(name, "palette, colour or inverted grey");
     header.bits = static_cast<int>(directory.value(kBits, 1));
-    if (directory.value(kSampleFormat, kUnsigned) != kUnsigned) return not_grey(name, "samples are not unsigned integers");
+    if (directory.value(kSampleFormat, kUnsigned) != kUnsigned)
+        return not_grey(name, "samples are not unsigned integers");
     if (header.bits != 8 && header.bits != 16) return not_grey(name, std::to_string(header.bits) + " bits a sample");
 
     std::size_t parts = 0;
-    for (const auto& [offsets_tag, bytes_tag] : {std::pair{kStripOffsets, kStripBytes}, std::pair{kTileOffsets, kTileBytes}}) {
+    for (const auto& [offsets_tag, bytes_tag] :
+         {std::pair{kStripOffsets, kStripBytes}, std::pair{kTileOffsets, kTileBytes}}) {
         const auto offsets = directory.values(offsets_tag), bytes = directory.values(bytes_tag);
-        if (!offsets || !bytes || offsets->size() != bytes->size()) return truncated(name, "the table of its parts is cut off");
+        if (!offsets || !bytes || offsets->size() != bytes->size())
+            return truncated(name, "the table of its parts is cut off");
         for (std::size_t k = 0; k < offsets->size(); ++k, ++parts) {
             if ((*offsets)[k] > file.size() || (*bytes)[k] > file.size() - (*offsets)[k]) {
                 return truncated(name, "samples lie behind the end of the file");
@@ -183,17 +191,20 @@ Result<FrameHeader> pgm_header(Bytes file, std::string_view name) {
     const auto is_space = [](char c) { return c == ' ' || (c >= '\t' && c <= '\r'); };
     const auto next_number = [&]() -> std::optional<std::uint64_t> {
         while (is_space(byte()) || byte() == '#') {
-            if (byte() == '#') while (at < file.size() && byte() != '\n') ++at;
+            if (byte() == '#')
+                while (at < file.size() && byte() != '\n') ++at;
             else ++at;
         }
         if (byte() < '0' || byte() > '9') return std::nullopt;
         std::uint64_t value = 0;
-        for (; byte() >= '0' && byte() <= '9'; ++at) value = std::min<std::uint64_t>(value * 10 + static_cast<std::uint64_t>(byte() - '0'), 1U << 30U);
+        for (; byte() >= '0' && byte() <= '9'; ++at)
+            value = std::min<std::uint64_t>(value * 10 + static_cast<std::uint64_t>(byte() - '0'), 1U << 30U);
         return value;
     };
     const auto width = next_number(), height = next_number(), maximum = next_number();
     if (!width || !height || !maximum || !is_space(byte())) {
-        return at >= file.size() ? truncated(name, "its header is cut off") : damaged(name, "its PGM header has no size");
+        return at >= file.size() ? truncated(name, "its header is cut off")
+                                 : damaged(name, "its PGM header has no size");
     }
     if (*maximum == 0 || *maximum > 65535) return damaged(name, "its PGM maximum is not in 1..65535");
     header.samples_at = at + 1;
@@ -202,7 +213,9 @@ Result<FrameHeader> pgm_header(Bytes file, std::string_view name) {
     return checked_size(header, *width, *height, name).and_then([&](FrameHeader sized) -> Result<FrameHeader> {
         const std::uint64_t need = *width * *height * (sized.bits > 8 ? 2 : 1);
         if (file.size() - sized.samples_at < need) {
-            return truncated(name, std::to_string(file.size() - sized.samples_at) + " of " + std::to_string(need) + " bytes of samples");
+            return truncated(
+                name,
+                std::to_string(file.size() - sized.samples_at) + " of " + std::to_string(need) + " bytes of samples");
         }
         return sized;
     });
@@ -217,9 +230,11 @@ Result<FrameHeader> read_frame_header(Bytes file, std::string_view name) {
     if (begins_with(file, "II*\0"sv) || begins_with(file, "MM\0*"sv)) return tiff_header(file, name);
     if (begins_with(file, "P5"sv)) return pgm_header(file, name);
     if (begins_with(file, "P6"sv) || begins_with(file, "P3"sv)) return not_grey(name, "a colour PPM");
-    if (begins_with(file, "P2"sv)) return fail(ErrorCode::unsupported, std::string(name) + " is a text PGM", "save it as binary PGM (P5)");
+    if (begins_with(file, "P2"sv))
+        return fail(ErrorCode::unsupported, std::string(name) + " is a text PGM", "save it as binary PGM (P5)");
     if (begins_with(file, "\xFF\xD8\xFF"sv)) {
-        return fail(ErrorCode::unsupported, std::string(name) + " is a JPEG, which loses what is measured here", kUseGrey);
+        return fail(ErrorCode::unsupported, std::string(name) + " is a JPEG, which loses what is measured here",
+                    kUseGrey);
     }
     return fail(ErrorCode::unreadable, std::string(name) + " is not a PNG, TIFF or binary PGM image", kUseGrey);
 }

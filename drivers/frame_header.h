@@ -1,7 +1,8 @@
 // What an image file says of itself, checked before anything is decoded: PNG, TIFF, binary PGM.
 //
-// A decoder stops where it has what it wants: what is cut off or changed behind that, it never sees. So the file is walked
-// here first: every PNG chunk up to IEND with its checksum, every TIFF strip or tile inside the file, every PGM row.
+// A decoder stops where it has what it wants: what is cut off or changed behind that, it never sees. So the file is
+// walked here first: every PNG chunk up to IEND with its checksum, every TIFF strip or tile inside the file, every PGM
+// row.
 #pragma once
 
 #include <cstddef>
@@ -18,7 +19,7 @@ struct FrameHeader {
     Format format = Format::png;
     int width_px = 0;  // of the frame, turned to the orientation that a TIFF may name
     int height_px = 0;
-    int bits = 8;               // 8 or 16 for PNG and TIFF; a PGM's maximum says 8..16
+    int bits = 8;                // 8 or 16 for PNG and TIFF; a PGM's maximum says 8..16
     std::size_t samples_at = 0;  // PGM: where the samples begin
 };
 

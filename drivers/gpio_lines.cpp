@@ -13,7 +13,8 @@ std::vector<std::string> chip_paths() {
     std::vector<std::string> paths;
     std::error_code error;
     for (const auto& entry : std::filesystem::directory_iterator("/dev", error)) {
-        if (entry.path().filename().string().starts_with(kPrefix) && !entry.is_symlink(error)) paths.push_back(entry.path().string());
+        if (entry.path().filename().string().starts_with(kPrefix) && !entry.is_symlink(error))
+            paths.push_back(entry.path().string());
     }
     std::ranges::sort(paths, {}, [](const std::string& path) { return std::pair(path.size(), path); });
     return paths;
@@ -29,17 +30,20 @@ int offset_of(const std::string& line) {
 
 tl::unexpected<Error> no_chip(const GpioLine& line, const std::string& there_are, bool some_denied) {
     return fail(some_denied && there_are.empty() ? ErrorCode::io : ErrorCode::not_found,
-                name_of(line) + ": there is no such chip; " +
-                    (some_denied ? "some may not be opened; " : "") + (there_are.empty() ? "none was found" : "there are: " + there_are),
-                some_denied ? "give the service's user the GPIO chips (udev), or run as root" : "check the board's driver, and the label that gpiodetect prints");
+                name_of(line) + ": there is no such chip; " + (some_denied ? "some may not be opened; " : "") +
+                    (there_are.empty() ? "none was found" : "there are: " + there_are),
+                some_denied ? "give the service's user the GPIO chips (udev), or run as root"
+                            : "check the board's driver, and the label that gpiodetect prints");
 }
 
 tl::unexpected<Error> two_chips(const GpioLine& line, const std::string& one, const std::string& other) {
-    return fail(ErrorCode::invalid_argument, name_of(line) + ": " + one + " and " + other + " have this label, both", "name the chip by its path");
+    return fail(ErrorCode::invalid_argument, name_of(line) + ": " + one + " and " + other + " have this label, both",
+                "name the chip by its path");
 }
 
 tl::unexpected<Error> no_line(const GpioLine& line) {
-    return fail(ErrorCode::not_found, name_of(line) + " does not exist", "use a name or an offset that gpioinfo prints");
+    return fail(ErrorCode::not_found, name_of(line) + " does not exist",
+                "use a name or an offset that gpioinfo prints");
 }
 
 tl::unexpected<Error> named_twice(const GpioLine& line) {
@@ -48,11 +52,14 @@ tl::unexpected<Error> named_twice(const GpioLine& line) {
 
 tl::unexpected<Error> failed(const GpioLine& line, const char* what, int error, const std::string& holder) {
     if (error == EBUSY) {
-        return fail(ErrorCode::busy, name_of(line) + ": " + what + ": " + (holder.empty() ? "it is in use" : "\"" + holder + "\" holds it"),
-                    "stop the program or the kernel driver that holds it (gpioinfo), or name another line");
+        return fail(
+            ErrorCode::busy,
+            name_of(line) + ": " + what + ": " + (holder.empty() ? "it is in use" : "\"" + holder + "\" holds it"),
+            "stop the program or the kernel driver that holds it (gpioinfo), or name another line");
     }
     const bool gone = error == ENODEV || error == ENXIO;
-    return fail(gone ? ErrorCode::disconnected : ErrorCode::io, name_of(line) + ": " + what + ": " + (gone ? "the chip is gone" : std::strerror(error)),
+    return fail(gone ? ErrorCode::disconnected : ErrorCode::io,
+                name_of(line) + ": " + what + ": " + (gone ? "the chip is gone" : std::strerror(error)),
                 gone ? "check its cable and its driver" : "look at the kernel's log");
 }
 

@@ -1,8 +1,8 @@
 // GPIO lines of the kernel's character device, by libgpiod: outputs that are off from the moment they are taken, and
 // inputs that tell their edges with the kernel's time stamps.
 //
-// Two generations of the library stand behind this header, libgpiod 1.6 (gpio_lines_v1.cpp) and 2.x (gpio_lines_v2.cpp);
-// the build takes the one that fits what is installed.
+// Two generations of the library stand behind this header, libgpiod 1.6 (gpio_lines_v1.cpp) and 2.x
+// (gpio_lines_v2.cpp); the build takes the one that fits what is installed.
 //
 // What becomes of a line when its holder lets go of it, or is killed: the kernel closes the request either way, and the
 // chip's driver decides. Some turn the line into an input (a pull resistor then decides), some leave it as it was.
@@ -21,7 +21,12 @@
 namespace hord::drivers {
 
 struct GpioLine {
-    enum class Bias : std::uint8_t { as_is, disabled, pull_up, pull_down };  // of an input; as_is: as the board has set it
+    enum class Bias : std::uint8_t {
+        as_is,
+        disabled,
+        pull_up,
+        pull_down
+    };                        // of an input; as_is: as the board has set it
     std::string chip;         // its label, its name ("gpiochip0") or its path; see gpiodetect
     std::string line;         // its name, or its offset in digits; see gpioinfo
     bool active_low = false;  // active while the wire is at 0
@@ -38,9 +43,10 @@ class GpioOutputs {
 };
 
 struct GpioEdge {
-    bool active = false;     // the level after it, as the kernel read it: a little later than `at`
-    hal::TimePoint at;       // when the interrupt came
-    std::uint32_t lost = 0;  // at least so many edges, before this one or right after it, that the kernel could not keep
+    bool active = false;  // the level after it, as the kernel read it: a little later than `at`
+    hal::TimePoint at;    // when the interrupt came
+    std::uint32_t lost =
+        0;  // at least so many edges, before this one or right after it, that the kernel could not keep
 };
 
 class GpioInput {

@@ -1,11 +1,11 @@
 // libgpiod 1.6. The kernel keeps 16 edges of a line that nobody reads and forgets further ones without saying so.
-#include <fcntl.h>
-#include <gpiod.h>
-
 #include <array>
 #include <cerrno>
 #include <optional>
 #include <utility>
+
+#include <fcntl.h>
+#include <gpiod.h>
 
 #include "drivers/gpio_lines.h"
 
@@ -44,7 +44,8 @@ Result<Chip> open_chip(const GpioLine& line) {
 
 Result<gpiod_line*> find_line(gpiod_chip* chip, const GpioLine& line) {
     const int offset = gpio::offset_of(line.line);
-    gpiod_line* found = offset >= 0 ? gpiod_chip_get_line(chip, static_cast<unsigned>(offset)) : gpiod_chip_find_line(chip, line.line.c_str());
+    gpiod_line* found = offset >= 0 ? gpiod_chip_get_line(chip, static_cast<unsigned>(offset))
+                                    : gpiod_chip_find_line(chip, line.line.c_str());
     if (found == nullptr) return gpio::no_line(line);
     return found;
 }
@@ -97,7 +98,8 @@ class Outputs final : public GpioOutputs {
             std::size_t at = 0;
             std::string holder;
             for (unsigned k = 0; error == EBUSY && k < bank.lines.num_lines; ++k) {
-                if (holder = holder_of(bank.lines.lines[k]); !holder.empty() || gpiod_line_is_used(bank.lines.lines[k])) {
+                if (holder = holder_of(bank.lines.lines[k]);
+                    !holder.empty() || gpiod_line_is_used(bank.lines.lines[k])) {
                     at = k;
                     break;
                 }
@@ -143,7 +145,8 @@ class Input final : public GpioInput {
         if (!line) return tl::unexpected(line.error());
         gpiod_line_request_config config{};
         config.consumer = kConsumer;
-        config.request_type = edges == GpioEdges::both ? GPIOD_LINE_REQUEST_EVENT_BOTH_EDGES : GPIOD_LINE_REQUEST_EVENT_RISING_EDGE;
+        config.request_type =
+            edges == GpioEdges::both ? GPIOD_LINE_REQUEST_EVENT_BOTH_EDGES : GPIOD_LINE_REQUEST_EVENT_RISING_EDGE;
         if (wanted.active_low) config.flags |= GPIOD_LINE_REQUEST_FLAG_ACTIVE_LOW;
         if (wanted.bias == GpioLine::Bias::disabled) config.flags |= GPIOD_LINE_REQUEST_FLAG_BIAS_DISABLE;
         if (wanted.bias == GpioLine::Bias::pull_up) config.flags |= GPIOD_LINE_REQUEST_FLAG_BIAS_PULL_UP;
@@ -155,7 +158,8 @@ class Input final : public GpioInput {
         input->chip_ = std::move(*chip);
         input->line_ = *line;
         const int fd = input->fd();
-        if (fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK) != 0) return gpio::failed(wanted, "cannot be read without waiting", errno);
+        if (fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK) != 0)
+            return gpio::failed(wanted, "cannot be read without waiting", errno);
         return input;
     }
 
@@ -165,7 +169,8 @@ class Input final : public GpioInput {
         std::array<gpiod_line_event, kKernelKeeps> events{};
         std::size_t taken = 0;
         for (;;) {
-            const int count = gpiod_line_event_read_fd_multiple(fd(), events.data(), static_cast<unsigned>(events.size()));
+            const int count =
+                gpiod_line_event_read_fd_multiple(fd(), events.data(), static_cast<unsigned>(events.size()));
             if (count < 0) {
                 if (errno == EAGAIN || errno == EWOULDBLOCK) return {};
                 if (errno == EINTR) continue;
@@ -173,7 +178,8 @@ class Input final : public GpioInput {
             }
             for (int k = 0; k < count; ++k) {
                 const gpiod_line_event& event = events[static_cast<std::size_t>(k)];
-                const hal::TimePoint at{std::chrono::seconds(event.ts.tv_sec) + std::chrono::nanoseconds(event.ts.tv_nsec)};
+                const hal::TimePoint at{std::chrono::seconds(event.ts.tv_sec) +
+                                        std::chrono::nanoseconds(event.ts.tv_nsec)};
                 // The kernel's memory was full: what came then is forgotten, and nobody knows how much.
                 const bool was_full = ++taken == kKernelKeeps;
                 into.push_back({event.event_type == GPIOD_LINE_EVENT_RISING_EDGE, at, was_full ? 1U : 0U});
@@ -196,8 +202,12 @@ class Input final : public GpioInput {
 
 }  // namespace
 
-Result<std::unique_ptr<GpioOutputs>> request_outputs(const std::vector<GpioLine>& lines) { return Outputs::request(lines); }
-Result<std::unique_ptr<GpioInput>> request_input(const GpioLine& line, GpioEdges edges) { return Input::request(line, edges); }
+Result<std::unique_ptr<GpioOutputs>> request_outputs(const std::vector<GpioLine>& lines) {
+    return Outputs::request(lines);
+}
+Result<std::unique_ptr<GpioInput>> request_input(const GpioLine& line, GpioEdges edges) {
+    return Input::request(line, edges);
+}
 std::string gpiod_version() { return gpiod_version_string(); }
 
 }  // namespace hord::drivers

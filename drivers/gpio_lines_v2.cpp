@@ -1,11 +1,11 @@
 // libgpiod 2.x. The kernel numbers the edges of a line, so that those that it could not keep are counted.
-#include <fcntl.h>
-#include <gpiod.h>
-
 #include <array>
 #include <cerrno>
 #include <optional>
 #include <utility>
+
+#include <fcntl.h>
+#include <gpiod.h>
 
 #include "drivers/gpio_lines.h"
 
@@ -55,7 +55,8 @@ Result<Chip> open_chip(const GpioLine& line) {
 Result<unsigned> find_line(gpiod_chip* chip, const GpioLine& line) {
     int offset = gpio::offset_of(line.line);
     if (offset < 0) offset = gpiod_chip_get_line_offset_from_name(chip, line.line.c_str());
-    if (offset < 0 || !Owned<gpiod_line_info>(gpiod_chip_get_line_info(chip, static_cast<unsigned>(offset)))) return gpio::no_line(line);
+    if (offset < 0 || !Owned<gpiod_line_info>(gpiod_chip_get_line_info(chip, static_cast<unsigned>(offset))))
+        return gpio::no_line(line);
     return static_cast<unsigned>(offset);
 }
 
@@ -115,7 +116,8 @@ class Outputs final : public GpioOutputs {
         for (Bank& bank : banks_) {  // all of them, also after a failure: some may have to go off
             std::array<gpiod_line_value, 32> values{};
             for (std::size_t k = 0; k < bank.channels.size(); ++k) {
-                values[k] = ((active >> bank.channels[k]) & 1U) != 0 ? GPIOD_LINE_VALUE_ACTIVE : GPIOD_LINE_VALUE_INACTIVE;
+                values[k] =
+                    ((active >> bank.channels[k]) & 1U) != 0 ? GPIOD_LINE_VALUE_ACTIVE : GPIOD_LINE_VALUE_INACTIVE;
             }
             if (gpiod_line_request_set_values(bank.request.get(), values.data()) != 0 && !wrong) {
                 wrong = gpio::failed(lines_[bank.channels[0]], "cannot be set", errno).value();
@@ -169,24 +171,30 @@ class Input final : public GpioInput {
         const Owned<gpiod_request_config> request(gpiod_request_config_new());
         const Owned<gpiod_line_settings> settings(gpiod_line_settings_new());
         input->buffer_.reset(gpiod_edge_event_buffer_new(kKernelKeeps));
-        if (!config || !request || !settings || !input->buffer_) return gpio::failed(wanted, "no memory for its request", errno);
+        if (!config || !request || !settings || !input->buffer_)
+            return gpio::failed(wanted, "no memory for its request", errno);
         gpiod_request_config_set_consumer(request.get(), kConsumer);
         gpiod_request_config_set_event_buffer_size(request.get(), kKernelKeeps);
         gpiod_line_settings_set_direction(settings.get(), GPIOD_LINE_DIRECTION_INPUT);
-        gpiod_line_settings_set_edge_detection(settings.get(), edges == GpioEdges::both ? GPIOD_LINE_EDGE_BOTH : GPIOD_LINE_EDGE_RISING);
+        gpiod_line_settings_set_edge_detection(
+            settings.get(), edges == GpioEdges::both ? GPIOD_LINE_EDGE_BOTH : GPIOD_LINE_EDGE_RISING);
         gpiod_line_settings_set_event_clock(settings.get(), GPIOD_LINE_CLOCK_MONOTONIC);
         gpiod_line_settings_set_active_low(settings.get(), wanted.active_low);
-        constexpr std::array kBiases{GPIOD_LINE_BIAS_AS_IS, GPIOD_LINE_BIAS_DISABLED, GPIOD_LINE_BIAS_PULL_UP, GPIOD_LINE_BIAS_PULL_DOWN};
+        constexpr std::array kBiases{GPIOD_LINE_BIAS_AS_IS, GPIOD_LINE_BIAS_DISABLED, GPIOD_LINE_BIAS_PULL_UP,
+                                     GPIOD_LINE_BIAS_PULL_DOWN};
         gpiod_line_settings_set_bias(settings.get(), kBiases[static_cast<std::size_t>(wanted.bias)]);
-        if (gpiod_line_config_add_line_settings(config.get(), &*offset, 1, settings.get()) != 0) return gpio::failed(wanted, "cannot be described", errno);
+        if (gpiod_line_config_add_line_settings(config.get(), &*offset, 1, settings.get()) != 0)
+            return gpio::failed(wanted, "cannot be described", errno);
         input->request_.reset(gpiod_chip_request_lines(chip->get(), request.get(), config.get()));
         if (!input->request_) {
             const int error = errno;
-            return gpio::failed(wanted, "cannot be taken as an input with edges", error, error == EBUSY ? holder_of(chip->get(), *offset) : std::string());
+            return gpio::failed(wanted, "cannot be taken as an input with edges", error,
+                                error == EBUSY ? holder_of(chip->get(), *offset) : std::string());
         }
         input->offset_ = *offset;
         const int fd = input->fd();
-        if (fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK) != 0) return gpio::failed(wanted, "cannot be read without waiting", errno);
+        if (fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK) != 0)
+            return gpio::failed(wanted, "cannot be read without waiting", errno);
         return input;
     }
 
@@ -201,10 +209,12 @@ class Input final : public GpioInput {
                 return gpio::failed(name_, "its edges cannot be read", errno);
             }
             for (int k = 0; k < count; ++k) {
-                gpiod_edge_event* event = gpiod_edge_event_buffer_get_event(buffer_.get(), static_cast<unsigned long>(k));
+                gpiod_edge_event* event =
+                    gpiod_edge_event_buffer_get_event(buffer_.get(), static_cast<unsigned long>(k));
                 const auto number = static_cast<std::uint32_t>(gpiod_edge_event_get_line_seqno(event));
                 const hal::TimePoint at{std::chrono::nanoseconds(gpiod_edge_event_get_timestamp_ns(event))};
-                into.push_back({gpiod_edge_event_get_event_type(event) == GPIOD_EDGE_EVENT_RISING_EDGE, at, number - last_number_ - 1});
+                into.push_back({gpiod_edge_event_get_event_type(event) == GPIOD_EDGE_EVENT_RISING_EDGE, at,
+                                number - last_number_ - 1});
                 last_number_ = number;
             }
             if (static_cast<std::size_t>(count) < kKernelKeeps) return {};
@@ -227,8 +237,12 @@ class Input final : public GpioInput {
 
 }  // namespace
 
-Result<std::unique_ptr<GpioOutputs>> request_outputs(const std::vector<GpioLine>& lines) { return Outputs::request(lines); }
-Result<std::unique_ptr<GpioInput>> request_input(const GpioLine& line, GpioEdges edges) { return Input::request(line, edges); }
+Result<std::unique_ptr<GpioOutputs>> request_outputs(const std::vector<GpioLine>& lines) {
+    return Outputs::request(lines);
+}
+Result<std::unique_ptr<GpioInput>> request_input(const GpioLine& line, GpioEdges edges) {
+    return Input::request(line, edges);
+}
 std::string gpiod_version() { return gpiod_api_version(); }
 
 }  // namespace hord::drivers

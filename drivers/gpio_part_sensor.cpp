@@ -13,10 +13,13 @@ GpioPartSensor::GpioPartSensor(EventLoop& loop, const GpioPartSensorOptions& opt
     : loop_(loop), options_(options), lines_(std::move(lines)) {}
 GpioPartSensor::~GpioPartSensor() { stop(); }
 
-Result<std::unique_ptr<GpioPartSensor>> GpioPartSensor::open(EventLoop& loop, const GpioPartSensorOptions& options, Lines lines) {
+Result<std::unique_ptr<GpioPartSensor>> GpioPartSensor::open(EventLoop& loop, const GpioPartSensorOptions& options,
+                                                             Lines lines) {
     using namespace std::chrono_literals;
-    if (options.debounce < Duration::zero() || options.debounce > 100ms || options.encoder_every < 1ms || options.encoder_every > 1s) {
-        return fail(ErrorCode::invalid_argument, "part sensor: debounce must be 0 to 100 ms and encoder_every 1 ms to 1 s", "correct [part_sensor]");
+    if (options.debounce < Duration::zero() || options.debounce > 100ms || options.encoder_every < 1ms ||
+        options.encoder_every > 1s) {
+        return fail(ErrorCode::invalid_argument,
+                    "part sensor: debounce must be 0 to 100 ms and encoder_every 1 ms to 1 s", "correct [part_sensor]");
     }
     std::unique_ptr<GpioPartSensor> sensor(new GpioPartSensor(loop, options, std::move(lines)));
     const auto part = sensor->lines_(options.line, GpioEdges::both);
@@ -81,7 +84,8 @@ bool GpioPartSensor::take_edges() {
     }
     for (const GpioEdge& edge : raw_) filter_->feed(edge, edges_);
     if (filter_->restless()) {
-        lose({ErrorCode::io, gpio::name_of(options_.line) + " does not come to rest", "check the part sensor's wiring, alignment and shield"});
+        lose({ErrorCode::io, gpio::name_of(options_.line) + " does not come to rest",
+              "check the part sensor's wiring, alignment and shield"});
         return false;
     }
     if (edges_.empty()) return true;
@@ -93,7 +97,8 @@ bool GpioPartSensor::take_edges() {
         if (track_) {
             told.counts = track_->counts_at(edge.at);
             if (!told.counts) {
-                lose({ErrorCode::io, "the encoder's position at an edge of the part sensor is not known any more", "shorten part_sensor.debounce_us, or use an encoder with fewer counts"});
+                lose({ErrorCode::io, "the encoder's position at an edge of the part sensor is not known any more",
+                      "shorten part_sensor.debounce_us, or use an encoder with fewer counts"});
                 return false;
             }
         }
@@ -142,8 +147,10 @@ void GpioPartSensor::take_encoder() {
     if (const auto read = encoder_->read(counts); !read) return lose(read.error());
     for (const GpioEdge& edge : counts) {
         if (edge.lost > 0) {
-            return lose({ErrorCode::io, gpio::name_of(*options_.encoder) + " turns faster than its edges can be taken: counts were lost",
-                         "use an encoder with fewer counts, or track by time"});
+            return lose(
+                {ErrorCode::io,
+                 gpio::name_of(*options_.encoder) + " turns faster than its edges can be taken: counts were lost",
+                 "use an encoder with fewer counts, or track by time"});
         }
         track_->count(edge.at);
     }

@@ -1,9 +1,9 @@
 // A light barrier on a GPIO line, and an encoder's line where there is one.
 //
-// Edges have the kernel's time stamps, are debounced (edge_filter.h) and told when that is over; active means covered. A line
-// that does not come to rest, an edge that the kernel could not keep and a chip that went away are recognised: the
-// first and the last as a loss of the sensor, the other as a gap in the sequence. The chip's absence is noticed within
-// kLookEvery: the kernel wakes nobody for it.
+// Edges have the kernel's time stamps, are debounced (edge_filter.h) and told when that is over; active means covered.
+// A line that does not come to rest, an edge that the kernel could not keep and a chip that went away are recognised:
+// the first and the last as a loss of the sensor, the other as a gap in the sequence. The chip's absence is noticed
+// within kLookEvery: the kernel wakes nobody for it.
 //
 // An encoder with one line counts activations, and cannot tell backwards from forwards: tracking by it needs a
 // conveyor that never runs back. Counts that were lost lose the position, and so the sensor.
@@ -39,7 +39,8 @@ class GpioPartSensor final : public hal::PartSensor {
 
     // Loop thread; blocks for the chips' open. Takes the lines, and lets go of them again: start() holds them.
     // Fails as request_input() does, and with invalid_argument (debounce, encoder_every).
-    static Result<std::unique_ptr<GpioPartSensor>> open(hal::EventLoop& loop, const GpioPartSensorOptions& options, Lines lines = request_input);
+    static Result<std::unique_ptr<GpioPartSensor>> open(hal::EventLoop& loop, const GpioPartSensorOptions& options,
+                                                        Lines lines = request_input);
     ~GpioPartSensor() override;
 
     [[nodiscard]] std::uint64_t bounces() const { return filter_ ? filter_->bounces() : 0; }  // since start

@@ -15,8 +15,8 @@ using hal::StrobePulse;
 using hal::StrobeReport;
 using hal::TimePoint;
 
-// Both halves of a running driver. What crosses between them lies under the mutex; the loop's half may outlive the thread's by
-// what is still posted, hence shared.
+// Both halves of a running driver. What crosses between them lies under the mutex; the loop's half may outlive the
+// thread's by what is still posted, hence shared.
 struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
     struct News {  // from the thread to the loop
         std::optional<StrobeReport> report;
@@ -40,7 +40,8 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
     LightBudget spent;
     std::thread thread;
 
-    Session(hal::EventLoop& l, std::unique_ptr<GpioOutputs> lines, LightBudget budget) : loop(l), outputs(std::move(lines)), spent(std::move(budget)) {}
+    Session(hal::EventLoop& l, std::unique_ptr<GpioOutputs> lines, LightBudget budget)
+        : loop(l), outputs(std::move(lines)), spent(std::move(budget)) {}
 
     // ---- loop's thread
 
@@ -72,7 +73,8 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
             forgotten.swap(asked);
         }
         for (const StrobePulse& pulse : forgotten) {
-            if (listener != nullptr) listener->on_strobe({.exposure = pulse.exposure, .lit = false, .start = loop.now(), .width = {}});
+            if (listener != nullptr)
+                listener->on_strobe({.exposure = pulse.exposure, .lit = false, .start = loop.now(), .width = {}});
         }
     }
 
@@ -85,7 +87,9 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
         }
         loop.post([self = shared_from_this()] { self->take_news(); });
     }
-    void not_lit(const StrobePulse& pulse) { tell({StrobeReport{.exposure = pulse.exposure, .lit = false, .start = loop.now(), .width = {}}, {}}); }
+    void not_lit(const StrobePulse& pulse) {
+        tell({StrobeReport{.exposure = pulse.exposure, .lit = false, .start = loop.now(), .width = {}}, {}});
+    }
 
     // The thread waits until `due`, or until it is told to stop. Keeps the mutex but for the waiting; false: stop.
     bool wait_until(std::unique_lock<std::mutex>& lock, TimePoint due) {
@@ -97,7 +101,8 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
                 continue;
             }
             lock.unlock();
-            while (loop.now() < due) {}
+            while (loop.now() < due) {
+            }
             lock.lock();
         }
         return false;
@@ -108,7 +113,8 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
         TimePoint look_at = loop.now() + kLookEvery;
         while (!stopping) {
             const auto next = std::ranges::min_element(asked, {}, &StrobePulse::start);
-            const TimePoint begin = next == asked.end() ? TimePoint::max() : std::max(next->start, spent.rested(next->channels));
+            const TimePoint begin =
+                next == asked.end() ? TimePoint::max() : std::max(next->start, spent.rested(next->channels));
             const TimePoint now = loop.now();
             const bool time_to_look = begin - now > kLookClear;
             if (time_to_look && now >= look_at) {
@@ -119,7 +125,8 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
             if (const Duration left = begin - now; left > kWatch) {
                 const std::size_t known = asked.size();
                 const Duration longest = time_to_look ? look_at - now : Duration::max();
-                wake.wait_for(lock, std::min(left - kWatch, longest), [&] { return stopping || asked.size() != known; });
+                wake.wait_for(lock, std::min(left - kWatch, longest),
+                              [&] { return stopping || asked.size() != known; });
                 continue;
             }
             const StrobePulse pulse = *next;
@@ -165,8 +172,9 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
         return off.has_value();
     }
 
-    // The kernel wakes nobody when a chip goes away. Whoever brings it back and resets the station must not find the lines of the chip that
-    // was: so they are told to be off once more, while nothing is lit and no pulse is near. False: the lines are lost.
+    // The kernel wakes nobody when a chip goes away. Whoever brings it back and resets the station must not find the
+    // lines of the chip that was: so they are told to be off once more, while nothing is lit and no pulse is near.
+    // False: the lines are lost.
     bool look(std::unique_lock<std::mutex>& lock) {
         lock.unlock();
         const auto off = outputs->set(0);
@@ -195,7 +203,8 @@ GpioStrobe::~GpioStrobe() {
     stop();
 }
 
-Result<std::unique_ptr<GpioStrobe>> GpioStrobe::open(hal::EventLoop& loop, const std::vector<GpioStrobeChannel>& channels) {
+Result<std::unique_ptr<GpioStrobe>> GpioStrobe::open(hal::EventLoop& loop,
+                                                     const std::vector<GpioStrobeChannel>& channels) {
     std::vector<LightLimits> limits;
     std::vector<GpioLine> lines;
     for (const GpioStrobeChannel& channel : channels) {
@@ -205,7 +214,8 @@ Result<std::unique_ptr<GpioStrobe>> GpioStrobe::open(hal::EventLoop& loop, const
     return open(loop, std::move(limits), [lines] { return request_outputs(lines); });
 }
 
-Result<std::unique_ptr<GpioStrobe>> GpioStrobe::open(hal::EventLoop& loop, std::vector<LightLimits> limits, Lines lines) {
+Result<std::unique_ptr<GpioStrobe>> GpioStrobe::open(hal::EventLoop& loop, std::vector<LightLimits> limits,
+                                                     Lines lines) {
     std::string wrong;
     const auto need = [&](bool good, const std::string& what) {
         if (!good) wrong += (wrong.empty() ? "" : "; ") + what;
@@ -217,7 +227,8 @@ Result<std::unique_ptr<GpioStrobe>> GpioStrobe::open(hal::EventLoop& loop, std::
         need(limits[k].min_rest >= Duration::zero(), channel + "min_rest must not be negative");
         need(limits[k].max_duty > 0 && limits[k].max_duty <= 1, channel + "max_duty must be above 0 and at most 1");
     }
-    if (!wrong.empty()) return fail(ErrorCode::invalid_argument, "strobe: " + wrong, "correct the strobe's configuration");
+    if (!wrong.empty())
+        return fail(ErrorCode::invalid_argument, "strobe: " + wrong, "correct the strobe's configuration");
     std::unique_ptr<GpioStrobe> strobe(new GpioStrobe(loop, std::move(limits), std::move(lines)));
     auto outputs = strobe->lines_();
     if (!outputs) return tl::unexpected(outputs.error());
@@ -226,7 +237,8 @@ Result<std::unique_ptr<GpioStrobe>> GpioStrobe::open(hal::EventLoop& loop, std::
 }
 
 hal::StrobeLimits GpioStrobe::do_limits() const {
-    hal::StrobeLimits limits{Duration::zero(), Duration::max(), static_cast<int>(limits_.size())};  // of the strongest; fire() knows each
+    hal::StrobeLimits limits{Duration::zero(), Duration::max(),
+                             static_cast<int>(limits_.size())};  // of the strongest; fire() knows each
     for (const LightLimits& channel : limits_) {
         limits.max_on = std::max(limits.max_on, channel.max_on);
         limits.min_rest = std::min(limits.min_rest, channel.min_rest);
@@ -251,11 +263,13 @@ Result<void> GpioStrobe::do_start(Listener& listener) {
 }
 
 Result<void> GpioStrobe::do_fire(const StrobePulse& pulse) {
-    if (session_->lost) return fail(ErrorCode::disconnected, "the strobe's GPIO lines are lost", "stop it and start it again");
+    if (session_->lost)
+        return fail(ErrorCode::disconnected, "the strobe's GPIO lines are lost", "stop it and start it again");
     if (auto checked = planned_.check(pulse.channels, pulse.start, pulse.width); !checked) return checked;
     {
         const std::scoped_lock lock(session_->mutex);
-        if (session_->asked.size() >= kPending) return fail(ErrorCode::busy, "too many strobe pulses are waiting", "ask for them later");
+        if (session_->asked.size() >= kPending)
+            return fail(ErrorCode::busy, "too many strobe pulses are waiting", "ask for them later");
         session_->asked.push_back(pulse);
     }
     planned_.spend(pulse.channels, pulse.start, pulse.width);

@@ -1,17 +1,19 @@
 // Collimator LEDs on GPIO lines, one a channel.
 //
-// A thread of the driver's own turns them on and off: it sleeps until shortly before a pulse and then watches the clock, under
-// the policy of the thread that starts it. A pulse is reported with the times just before the line was told to go on and
-// just after it was told to go off: the light was on inside that.
+// A thread of the driver's own turns them on and off: it sleeps until shortly before a pulse and then watches the
+// clock, under the policy of the thread that starts it. A pulse is reported with the times just before the line was
+// told to go on and just after it was told to go off: the light was on inside that.
 //
 // The limits of every channel are kept twice. fire() refuses what the station must not ask for; the thread keeps
-// them once more by the clock, against pulses that truly began or ended later than asked: it lets a light rest from its true end,
-// starts later for that, and does not light where the pulse's time is over. A thread that the machine does not run
-// cannot turn a light off: the LED driver's own one-shot is the last guard, and the report says how long it was.
+// them once more by the clock, against pulses that truly began or ended later than asked: it lets a light rest from its
+// true end, starts later for that, and does not light where the pulse's time is over. A thread that the machine does
+// not run cannot turn a light off: the LED driver's own one-shot is the last guard, and the report says how long it
+// was.
 //
-// Lights are off when open() returns, between pulses, after every failure, after stop() and in the destructor. The lines are held
-// from open() on, so that nobody else lights them. While no pulse is near they are told to be off every kLookEvery, so that a chip
-// that went away is noticed, and reported as lost, before a part waits for its light. After a kill see gpio_lines.h.
+// Lights are off when open() returns, between pulses, after every failure, after stop() and in the destructor. The
+// lines are held from open() on, so that nobody else lights them. While no pulse is near they are told to be off every
+// kLookEvery, so that a chip that went away is noticed, and reported as lost, before a part waits for its light. After
+// a kill see gpio_lines.h.
 #pragma once
 
 #include <functional>
@@ -33,16 +35,19 @@ struct GpioStrobeChannel {
 
 class GpioStrobe final : public hal::Strobe {
   public:
-    static constexpr std::size_t kPending = 64;                                // pulses accepted and not yet begun
-    static constexpr hal::Duration kWatch = std::chrono::microseconds(100);    // before a change the clock is watched, not slept on
+    static constexpr std::size_t kPending = 64;  // pulses accepted and not yet begun
+    static constexpr hal::Duration kWatch =
+        std::chrono::microseconds(100);  // before a change the clock is watched, not slept on
     static constexpr hal::Duration kLookEvery = std::chrono::milliseconds(50);
-    static constexpr hal::Duration kLookClear = std::chrono::milliseconds(10);  // so long before a pulse nothing else is done
+    static constexpr hal::Duration kLookClear =
+        std::chrono::milliseconds(10);  // so long before a pulse nothing else is done
 
     using Lines = std::function<Result<std::unique_ptr<GpioOutputs>>()>;
 
     // Loop thread; blocks for the chips' open. `loop` runs in real time, and outlives the driver.
     // Fails as request_outputs() does, and with invalid_argument (no channel, more than 32, an impossible limit).
-    static Result<std::unique_ptr<GpioStrobe>> open(hal::EventLoop& loop, const std::vector<GpioStrobeChannel>& channels);
+    static Result<std::unique_ptr<GpioStrobe>> open(hal::EventLoop& loop,
+                                                    const std::vector<GpioStrobeChannel>& channels);
     // The same over other lines: `lines` takes them, all off, and is asked again when start() follows a loss.
     static Result<std::unique_ptr<GpioStrobe>> open(hal::EventLoop& loop, std::vector<LightLimits> limits, Lines lines);
     ~GpioStrobe() override;

@@ -1,14 +1,15 @@
-// From one thread that must not block to the event loop: a bounded queue, and a descriptor that is readable while something waits.
+// From one thread that must not block to the event loop: a bounded queue, and a descriptor that is readable while
+// something waits.
 #pragma once
-
-#include <sys/eventfd.h>
-#include <unistd.h>
 
 #include <array>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+
+#include <sys/eventfd.h>
+#include <unistd.h>
 
 namespace hord::drivers {
 

@@ -1,8 +1,5 @@
-// The camera by libcamera, 0.0.3 (Debian 12) and 0.4 (Debian 13): what is used here is the same in both, but for how roles are given.
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
+// The camera by libcamera, 0.0.3 (Debian 12) and 0.4 (Debian 13): what is used here is the same in both, but for how
+// roles are given.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -12,9 +9,12 @@
 #include <mutex>
 #include <optional>
 
+#include <fcntl.h>
 #include <libcamera/libcamera.h>
 #include <libcamera/property_ids.h>
 #include <libcamera/version.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "drivers/camera_device.h"
 
@@ -25,7 +25,8 @@ using libcamera::ControlType;
 using libcamera::ControlValue;
 
 // One role: a vector's initializer in 0.0.x, a list's overload from 0.1 on.
-std::unique_ptr<libcamera::CameraConfiguration> configuration_for(libcamera::Camera& camera, libcamera::StreamRole role) {
+std::unique_ptr<libcamera::CameraConfiguration> configuration_for(libcamera::Camera& camera,
+                                                                  libcamera::StreamRole role) {
 #if LIBCAMERA_VERSION_MAJOR == 0 && LIBCAMERA_VERSION_MINOR == 0
     return camera.generateConfiguration(libcamera::StreamRoles{role});
 #else
@@ -44,7 +45,8 @@ Result<std::shared_ptr<libcamera::CameraManager>> manager() {
         delete m;
     });
     if (const int error = made->start(); error != 0) {
-        return fail(ErrorCode::io, std::string("libcamera does not start: ") + std::strerror(-error), "join the group video; see cam -l");
+        return fail(ErrorCode::io, std::string("libcamera does not start: ") + std::strerror(-error),
+                    "join the group video; see cam -l");
     }
     only = made;
     return made;
@@ -102,24 +104,30 @@ class LibcameraDevice final : public CameraDevice {
 
     bool is_there() override {
         return std::ranges::all_of(nodes_, [](int node) {
-            struct stat status{};
+            struct stat status {};
             return ::fstat(node, &status) == 0 && status.st_nlink > 0;
         });
     }
 
   private:
     tl::unexpected<Error> failed(const std::string& what, int error) const {
-        const ErrorCode code = error == -EBUSY ? ErrorCode::busy : error == -ENODEV ? ErrorCode::not_found : ErrorCode::io;
-        return fail(code, id_ + ": " + what + ": " + std::strerror(-error), code == ErrorCode::busy ? "close the program that uses it" : "check its cable and the kernel's log");
+        const ErrorCode code = error == -EBUSY ? ErrorCode::busy
+            : error == -ENODEV                 ? ErrorCode::not_found
+                                               : ErrorCode::io;
+        return fail(
+            code, id_ + ": " + what + ": " + std::strerror(-error),
+            code == ErrorCode::busy ? "close the program that uses it" : "check its cable and the kernel's log");
     }
 
-    // Its video nodes, held by their names alone: one that went away has no name any more, even where another has that name by now.
+    // Its video nodes, held by their names alone: one that went away has no name any more, even where another has that
+    // name by now.
     void hold_nodes() {
         std::error_code error;
-        for (auto entry = std::filesystem::directory_iterator("/dev", error); !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
+        for (auto entry = std::filesystem::directory_iterator("/dev", error);
+             !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
             if (!entry->path().filename().string().starts_with("video")) continue;
             const int node = ::open(entry->path().c_str(), O_PATH | O_CLOEXEC);
-            struct stat status{};
+            struct stat status {};
             if (node >= 0 && ::fstat(node, &status) == 0 && is_mine(status.st_rdev)) nodes_.push_back(node);
             else if (node >= 0) ::close(node);
         }
@@ -161,7 +169,8 @@ class LibcameraDevice final : public CameraDevice {
 
     Result<CameraFormat> configure() {
         std::vector<std::string> names;
-        for (const auto role : {libcamera::StreamRole::Raw, libcamera::StreamRole::Viewfinder, libcamera::StreamRole::VideoRecording}) {
+        for (const auto role :
+             {libcamera::StreamRole::Raw, libcamera::StreamRole::Viewfinder, libcamera::StreamRole::VideoRecording}) {
             auto config = configuration_for(*camera_, role);
             if (!config || config->empty()) continue;
             std::vector<std::string> of_role;
@@ -187,14 +196,19 @@ class LibcameraDevice final : public CameraDevice {
         const auto status = config->validate();
         if (status == libcamera::CameraConfiguration::Invalid || wanted.pixelFormat != format || wanted.size != size) {
             std::string sizes;
-            for (const auto& one : wanted.formats().sizes(format)) sizes += (sizes.empty() ? "" : ", ") + one.toString();
-            return fail(ErrorCode::unsupported, id_ + " has no " + grey.name + " frames of " + size.toString() + "; sizes: " + (sizes.empty() ? "not said" : sizes),
+            for (const auto& one : wanted.formats().sizes(format))
+                sizes += (sizes.empty() ? "" : ", ") + one.toString();
+            return fail(ErrorCode::unsupported,
+                        id_ + " has no " + grey.name + " frames of " + size.toString() +
+                            "; sizes: " + (sizes.empty() ? "not said" : sizes),
                         "set sensor.width_px and height_px to one of them");
         }
         config_ = std::move(config);
-        if (const int error = camera_->configure(config_.get()); error != 0) return failed("its format cannot be set", error);
+        if (const int error = camera_->configure(config_.get()); error != 0)
+            return failed("its format cannot be set", error);
         const libcamera::StreamConfiguration& made = config_->at(0);
-        return CameraFormat{static_cast<int>(made.size.width), static_cast<int>(made.size.height), grey, static_cast<std::ptrdiff_t>(made.stride)};
+        return CameraFormat{static_cast<int>(made.size.width), static_cast<int>(made.size.height), grey,
+                            static_cast<std::ptrdiff_t>(made.stride)};
     }
 
     Result<std::vector<CameraBuffer>> stream(CameraPort::Listener& listener) {
@@ -204,7 +218,9 @@ class LibcameraDevice final : public CameraDevice {
         std::vector<CameraBuffer> buffers;
         for (const auto& buffer : allocator_->buffers(stream)) {
             const auto& plane = buffer->planes().front();
-            buffers.push_back({plane.fd.get(), plane.offset == libcamera::FrameBuffer::Plane::kInvalidOffset ? 0 : plane.offset, plane.length});
+            buffers.push_back({plane.fd.get(),
+                               plane.offset == libcamera::FrameBuffer::Plane::kInvalidOffset ? 0 : plane.offset,
+                               plane.length});
             auto request = camera_->createRequest(requests_.size());
             if (!request || request->addBuffer(stream, buffer.get()) != 0) return failed("takes no buffer", -EIO);
             requests_.push_back(std::move(request));
@@ -220,7 +236,8 @@ class LibcameraDevice final : public CameraDevice {
             return failed("does not stream", error);
         }
         for (const auto& request : requests_) {
-            if (const int error = camera_->queueRequest(request.get()); error != 0) return failed("takes no request", error);
+            if (const int error = camera_->queueRequest(request.get()); error != 0)
+                return failed("takes no request", error);
         }
         hold_nodes();
         return buffers;
@@ -235,9 +252,14 @@ class LibcameraDevice final : public CameraDevice {
                 names += (names.empty() ? "" : ", ") + id->name();
                 if (id->name() == name) found = id;
             }
-            if (found == nullptr) return fail(ErrorCode::unsupported, id_ + ": control \"" + name + "\" does not exist; controls: " + (names.empty() ? "none" : names), "see cam -c ID --list-controls");
+            if (found == nullptr)
+                return fail(
+                    ErrorCode::unsupported,
+                    id_ + ": control \"" + name + "\" does not exist; controls: " + (names.empty() ? "none" : names),
+                    "see cam -c ID --list-controls");
             const auto value = value_of(found->type(), number);
-            if (!value) return fail(ErrorCode::unsupported, id_ + ": control \"" + name + "\" is no number", "leave it out");
+            if (!value)
+                return fail(ErrorCode::unsupported, id_ + ": control \"" + name + "\" is no number", "leave it out");
             list.set(found->id(), *value);
         }
         return list;
@@ -246,8 +268,8 @@ class LibcameraDevice final : public CameraDevice {
     // libcamera's thread, both.
     void on_completed(libcamera::Request* request) {
         if (request->status() == libcamera::Request::RequestCancelled) {
-            // By stop(); or because the camera takes no buffer any more. That it is gone is told later, and only to a process that may
-            // listen to the kernel's device events.
+            // By stop(); or because the camera takes no buffer any more. That it is gone is told later, and only to a
+            // process that may listen to the kernel's device events.
             if (streams_) listener_->on_camera_gone();
             return;
         }
@@ -279,6 +301,8 @@ class LibcameraDevice final : public CameraDevice {
 
 }  // namespace
 
-std::unique_ptr<CameraDevice> open_libcamera(CameraRequest request) { return std::make_unique<LibcameraDevice>(std::move(request)); }
+std::unique_ptr<CameraDevice> open_libcamera(CameraRequest request) {
+    return std::make_unique<LibcameraDevice>(std::move(request));
+}
 
 }  // namespace hord::drivers

@@ -1,12 +1,13 @@
 // A lenslet sensor behind libcamera: the same contract as the V4L2 sensor's, nothing copied but packed samples.
 //
-// libcamera completes requests on its own thread; they are handed over without waiting, and the pipeline reads the camera's own
-// buffer. Giving the lease back queues its request again. A frame is delivered to the oldest trigger that waits and whose start it
-// does not precede, by the sensor's time stamp (of the exposure's start, where the camera tells it); a frame that nobody asked for
-// goes straight back and is no gap in the sequence.
+// libcamera completes requests on its own thread; they are handed over without waiting, and the pipeline reads the
+// camera's own buffer. Giving the lease back queues its request again. A frame is delivered to the oldest trigger that
+// waits and whose start it does not precede, by the sensor's time stamp (of the exposure's start, where the camera
+// tells it); a frame that nobody asked for goes straight back and is no gap in the sequence.
 //
-// A camera that goes away while its buffers are with it is told by nobody, where the process may not listen to the kernel's device
-// events: so one that was asked for a frame and has brought none at all for kSilence after that exposure is lost.
+// A camera that goes away while its buffers are with it is told by nobody, where the process may not listen to the
+// kernel's device events: so one that was asked for a frame and has brought none at all for kSilence after that
+// exposure is lost.
 #pragma once
 
 #include <memory>
@@ -23,16 +24,18 @@ class LibcameraSensor final : public hal::Sensor {
   public:
     static constexpr hal::Duration kSilence = std::chrono::seconds(2);
 
-    // Loop thread; blocks while the camera is asked. Fails with not_found (lists the cameras), busy, unsupported (lists the formats), io,
-    // invalid_argument (buffers not in 2..32).
+    // Loop thread; blocks while the camera is asked. Fails with not_found (lists the cameras), busy, unsupported (lists
+    // the formats), io, invalid_argument (buffers not in 2..32).
     static Result<std::unique_ptr<LibcameraSensor>> open(hal::EventLoop& loop, const CameraRequest& request);
     // The same over another camera.
-    static Result<std::unique_ptr<LibcameraSensor>> open(hal::EventLoop& loop, const CameraRequest& request, std::unique_ptr<CameraPort> port);
+    static Result<std::unique_ptr<LibcameraSensor>> open(hal::EventLoop& loop, const CameraRequest& request,
+                                                         std::unique_ptr<CameraPort> port);
     ~LibcameraSensor() override;
 
   private:
     struct Stream;
-    LibcameraSensor(hal::EventLoop& loop, const CameraRequest& request, std::unique_ptr<CameraPort> port, const CameraFormat& format);
+    LibcameraSensor(hal::EventLoop& loop, const CameraRequest& request, std::unique_ptr<CameraPort> port,
+                    const CameraFormat& format);
     [[nodiscard]] hal::SensorFormat do_format() const override { return format_; }
     Result<void> do_start(Listener& listener) override;
     Result<void> do_trigger(const hal::ExposureRequest& request) override;

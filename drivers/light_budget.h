@@ -30,7 +30,8 @@ struct LightLimits {
 
 class LightBudget {
   public:
-    explicit LightBudget(std::vector<LightLimits> limits) : limits_(std::move(limits)), rested_(limits_.size(), hal::TimePoint::min()) {}
+    explicit LightBudget(std::vector<LightLimits> limits)
+        : limits_(std::move(limits)), rested_(limits_.size(), hal::TimePoint::min()) {}
 
     // When all of `channels` have rested.
     [[nodiscard]] hal::TimePoint rested(std::uint32_t channels) const {
@@ -49,19 +50,21 @@ class LightBudget {
     [[nodiscard]] Result<void> check(std::uint32_t channels, hal::TimePoint start, hal::Duration width) const {
         if (const hal::Duration longest = max_on(channels); width > longest) {
             return fail(ErrorCode::invalid_argument,
-                        "strobe pulse of " + std::to_string(width.count()) + " ns is longer than the " + std::to_string(longest.count()) +
-                            " ns that a channel's LED stands",
+                        "strobe pulse of " + std::to_string(width.count()) + " ns is longer than the " +
+                            std::to_string(longest.count()) + " ns that a channel's LED stands",
                         "shorten the pulse, or light other channels");
         }
         if (start < rested(channels)) {
-            return fail(ErrorCode::busy, "strobe pulse starts before the light has rested (strobe.min_rest_ms, strobe.max_duty)",
+            return fail(ErrorCode::busy,
+                        "strobe pulse starts before the light has rested (strobe.min_rest_ms, strobe.max_duty)",
                         "space the parts or shorten the pulse");
         }
         return {};
     }
 
     void spend(std::uint32_t channels, hal::TimePoint start, hal::Duration width) {
-        each(channels, [&](std::size_t k) { rested_[k] = std::max(rested_[k], start + width + limits_[k].rest_after(width)); });
+        each(channels,
+             [&](std::size_t k) { rested_[k] = std::max(rested_[k], start + width + limits_[k].rest_after(width)); });
     }
 
   private:

@@ -32,7 +32,7 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         std::size_t slot = 0;
         RejectCommand command;
     };
-    struct News {  // from the thread to the loop
+    struct News {                            // from the thread to the loop
         std::optional<std::size_t> settled;  // a ledger slot; none: the link changed, or a settled command was repeated
         RejectReport report;
         std::optional<bool> link;
@@ -48,7 +48,7 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
 
     std::mutex mutex;
     std::condition_variable wake;
-    std::vector<Job> asked;       // not yet taken by the thread
+    std::vector<Job> asked;  // not yet taken by the thread
     bool permit_wanted = false;
     bool stopping = false;
     TimePoint stop_by;
@@ -60,14 +60,14 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         TimePoint acknowledged, until;
     };
     CoilLink link;
-    std::vector<Job> jobs;        // waiting for their start
-    std::vector<Awaited> awaited; // in the order of their acknowledgement
+    std::vector<Job> jobs;                  // waiting for their start
+    std::vector<Awaited> awaited;           // in the order of their acknowledgement
     std::optional<TimePoint> acting_until;  // the coil has to be taken back then; with module_pulse: the module does it
     bool permit_written = false;
     std::optional<bool> told_up;
     TimePoint next_connect{}, next_check{}, next_look{}, next_feed{};
-    bool check_permit = false;    // the check's turn
-    bool seen_part = false;       // the confirm sensor, when last read
+    bool check_permit = false;  // the check's turn
+    bool seen_part = false;     // the confirm sensor, when last read
     int fed = 0;
     std::thread thread;
 
@@ -135,7 +135,9 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         tell_link(false, why);
     }
 
-    Result<void> write_output(int coil, bool on, Duration timeout) { return link.write(coil, on, coil + options.map.read_back_offset, timeout); }
+    Result<void> write_output(int coil, bool on, Duration timeout) {
+        return link.write(coil, on, coil + options.map.read_back_offset, timeout);
+    }
 
     // The safe state first: what a command before may have left behind ends here.
     Result<void> make_ready() {
@@ -161,7 +163,8 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
             if (!there) return tl::unexpected(there.error());
             seen_part = *there != options.confirm_active_low;
         }
-        auto done = module_times() ? link.command(pulse_coil(), false, timeout) : write_output(options.ejector_coil, coil_for(false), timeout);
+        auto done = module_times() ? link.command(pulse_coil(), false, timeout)
+                                   : write_output(options.ejector_coil, coil_for(false), timeout);
         if (done && options.permit_coil >= 0) done = write_output(options.permit_coil, false, timeout);
         return done;
     }
@@ -172,7 +175,8 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         auto done = link.write_register(map.watchdog_stop_register, map.watchdog_stop_value, options.response_timeout);
         const auto units = static_cast<int>((options.watchdog + map.watchdog_unit - 1ns) / map.watchdog_unit);
         if (done) done = link.write_register(map.watchdog_time_register, units, options.response_timeout);
-        for (int k = 0; k < 2 && done; ++k) done = feed();  // one of the two differs from what a station before left there
+        for (int k = 0; k < 2 && done; ++k)
+            done = feed();  // one of the two differs from what a station before left there
         return done;
     }
     Result<void> feed() {
@@ -204,15 +208,19 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         if (!link.connected()) link_failed(done.error());
         return false;
     }
-    bool write(int coil, bool on, Error* error) { return survived(write_output(coil, on, options.response_timeout), error); }
+    bool write(int coil, bool on, Error* error) {
+        return survived(write_output(coil, on, options.response_timeout), error);
+    }
 
     void carry_out(const Job& job) {
         const TimePoint until = job.command.start + job.command.width;
         if (!link.connected()) return report(job, Outcome::failed);
-        if (now() + options.module_pulse >= until) return report(job, Outcome::late);  // acting now would hit a neighbour
+        if (now() + options.module_pulse >= until)
+            return report(job, Outcome::late);  // acting now would hit a neighbour
         Error error;
-        const bool written = module_times() ? survived(link.command(pulse_coil(), true, options.response_timeout), &error)
-                                            : write(options.ejector_coil, coil_for(true), &error);
+        const bool written = module_times()
+            ? survived(link.command(pulse_coil(), true, options.response_timeout), &error)
+            : write(options.ejector_coil, coil_for(true), &error);
         // Even where the module says no, the coil is taken back at the end: it may have moved.
         if (link.connected()) acting_until = std::max(until, acting_until.value_or(until));
         if (!written) return report(job, Outcome::failed);
@@ -254,7 +262,8 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         if (!value) return link_failed(value.error());
         if (*value != wanted) {
             link_failed({ErrorCode::disconnected,
-                         "the rejector module at " + link.name() + " lost its outputs: coil " + std::to_string(coil) + " is " + (*value ? "1" : "0") +
+                         "the rejector module at " + link.name() + " lost its outputs: coil " + std::to_string(coil) +
+                             " is " + (*value ? "1" : "0") +
                              " (it restarted, its watchdog expired, or something else writes it)",
                          "nothing to do if it restarted; else keep other writers away from its coils"});
         }
@@ -332,16 +341,19 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         return next;
     }
 
-    // What can wait, unless something presses within the time that an exchange takes; but not for ever. Returns when it is due.
+    // What can wait, unless something presses within the time that an exchange takes; but not for ever. Returns when it
+    // is due.
     TimePoint quiet_things(TimePoint at, TimePoint pressing) {
         struct Thing {
             TimePoint due;
             Duration patience;
             void (Session::*act)();
         };
-        std::array<Thing, 3> things{{{next_check, options.check_every, &Session::check},
-                                     {options.confirm_input >= 0 ? next_look : TimePoint::max(), options.confirm_every, &Session::look_for_part},
-                                     {options.watchdog > 0ns ? next_feed : TimePoint::max(), options.watchdog / 3, &Session::keep_alive}}};
+        std::array<Thing, 3> things{
+            {{next_check, options.check_every, &Session::check},
+             {options.confirm_input >= 0 ? next_look : TimePoint::max(), options.confirm_every,
+              &Session::look_for_part},
+             {options.watchdog > 0ns ? next_feed : TimePoint::max(), options.watchdog / 3, &Session::keep_alive}}};
         const Thing& first = *std::ranges::min_element(things, {}, &Thing::due);
         if (first.due > at) return first.due;
         const bool room = pressing == TimePoint::max() || pressing - at > 2 * link.usual();
@@ -361,12 +373,14 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         for (const int coil : {module_times() ? -1 : options.ejector_coil, options.permit_coil}) {
             if (coil >= 0 && link.connected()) (void)write_output(coil, false, by - now());
         }
-        if (link.connected() && options.watchdog > 0ns) (void)link.write_register(options.map.watchdog_stop_register, options.map.watchdog_stop_value, by - now());
+        if (link.connected() && options.watchdog > 0ns)
+            (void)link.write_register(options.map.watchdog_stop_register, options.map.watchdog_stop_value, by - now());
         link.close();
     }
 };
 
-ModbusRejector::ModbusRejector(hal::EventLoop& loop, ModbusRejectorOptions options) : loop_(loop), options_(std::move(options)) {}
+ModbusRejector::ModbusRejector(hal::EventLoop& loop, ModbusRejectorOptions options)
+    : loop_(loop), options_(std::move(options)) {}
 
 ModbusRejector::~ModbusRejector() {
     if (session_) session_->listener = nullptr;  // may be gone already
@@ -392,13 +406,18 @@ Result<void> ModbusRejector::do_start(Listener& listener) {
     need(o.permit_coil >= -1 && o.permit_coil <= 65535, "permit_coil must be in 0..65535, or -1 for none");
     need(o.permit_coil != o.ejector_coil, "permit_coil must not be the ejector_coil");
     need(o.response_timeout >= 5ms && o.response_timeout <= 1s, "response_timeout must be 5 ms to 1 s");
-    need(o.reconnect_every > 0ns && o.check_every > 0ns && o.confirm_every > 0ns, "reconnect_every, check_every and confirm_every must be above 0");
-    need(o.module_pulse == 0ns || o.map.pulse_coil_offset >= 0, "the module has no coil that pulses an output: module_pulse must be 0");
+    need(o.reconnect_every > 0ns && o.check_every > 0ns && o.confirm_every > 0ns,
+         "reconnect_every, check_every and confirm_every must be above 0");
+    need(o.module_pulse == 0ns || o.map.pulse_coil_offset >= 0,
+         "the module has no coil that pulses an output: module_pulse must be 0");
     need(o.module_pulse == 0ns || !o.energise_to_pass, "a module pulses an output on: it cannot be energise_to_pass");
-    need(o.watchdog == 0ns || (o.map.watchdog_time_register >= 0 && o.map.watchdog_trigger_register >= 0 && o.map.watchdog_stop_register >= 0),
+    need(o.watchdog == 0ns ||
+             (o.map.watchdog_time_register >= 0 && o.map.watchdog_trigger_register >= 0 &&
+              o.map.watchdog_stop_register >= 0),
          "the module has no watchdog that is set over Modbus: watchdog must be 0");
     need(o.watchdog == 0ns || o.watchdog >= 3 * o.response_timeout, "watchdog must be three response_timeouts or more");
-    if (!wrong.empty()) return fail(ErrorCode::invalid_argument, "Modbus rejector: " + wrong, "correct the rejector's configuration");
+    if (!wrong.empty())
+        return fail(ErrorCode::invalid_argument, "Modbus rejector: " + wrong, "correct the rejector's configuration");
     session_ = std::make_shared<Session>(loop_, options_);
     session_->listener = &listener;
     session_->thread = std::thread([session = session_.get()] { session->run(); });
@@ -409,7 +428,8 @@ Result<void> ModbusRejector::do_reject(const RejectCommand& command) {
     const auto entry = session_->ledger.enter(command);
     switch (entry.entered) {
         case hal::RejectLedger::Entered::full:
-            return fail(ErrorCode::busy, "the rejector's queue is full", "space the rejects, or check that the module answers");
+            return fail(ErrorCode::busy, "the rejector's queue is full",
+                        "space the rejects, or check that the module answers");
         case hal::RejectLedger::Entered::repeat: return {};
         case hal::RejectLedger::Entered::settled:
             session_->tell({.settled = {}, .report = entry.report, .link = {}, .why = {}});

@@ -1,5 +1,5 @@
-// Rows of 10- and 12-bit samples as MIPI sensors pack them (V4L2's Y10P and Y12P): the high eight bits of each sample in a
-// byte of its own, the low bits of a group gathered behind them. To 16-bit samples, right-aligned.
+// Rows of 10- and 12-bit samples as MIPI sensors pack them (V4L2's Y10P and Y12P): the high eight bits of each sample
+// in a byte of its own, the low bits of a group gathered behind them. To 16-bit samples, right-aligned.
 #pragma once
 
 #include <cstddef>
@@ -17,7 +17,8 @@ namespace hord::drivers {
 inline void unpack10(std::span<const std::byte> row, std::span<std::uint16_t> samples) {
     for (std::size_t x = 0; x < samples.size(); ++x) {
         const std::size_t group = x / 4 * 5, k = x % 4;
-        const auto high = std::to_integer<unsigned>(row[group + k]), low = std::to_integer<unsigned>(row[group + 4]) >> (2 * k);
+        const auto high = std::to_integer<unsigned>(row[group + k]),
+                   low = std::to_integer<unsigned>(row[group + 4]) >> (2 * k);
         samples[x] = static_cast<std::uint16_t>((high << 2U) | (low & 3U));
     }
 }
@@ -27,7 +28,8 @@ inline void unpack10(std::span<const std::byte> row, std::span<std::uint16_t> sa
 inline void unpack12(std::span<const std::byte> row, std::span<std::uint16_t> samples) {
     for (std::size_t x = 0; x < samples.size(); ++x) {
         const std::size_t group = x / 2 * 3, k = x % 2;
-        const auto high = std::to_integer<unsigned>(row[group + k]), low = std::to_integer<unsigned>(row[group + 2]) >> (4 * k);
+        const auto high = std::to_integer<unsigned>(row[group + k]),
+                   low = std::to_integer<unsigned>(row[group + 2]) >> (4 * k);
         samples[x] = static_cast<std::uint16_t>((high << 4U) | (low & 15U));
     }
 }

@@ -10,9 +10,11 @@ namespace fs = std::filesystem;
 RecordedFrames::RecordedFrames(hal::EventLoop& loop, const RecordedFramesOptions& options)
     : loop_(loop), options_(options), slots_(std::make_unique<Slot[]>(static_cast<std::size_t>(options.buffers))) {}
 
-Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loop, const std::vector<fs::path>& files_or_folders,
+Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loop,
+                                                             const std::vector<fs::path>& files_or_folders,
                                                              const RecordedFramesOptions& options) {
-    if (options.buffers < 1) return fail(ErrorCode::invalid_argument, "recorded frames need at least one buffer", "set buffers to 4");
+    if (options.buffers < 1)
+        return fail(ErrorCode::invalid_argument, "recorded frames need at least one buffer", "set buffers to 4");
     auto files = list_frames(files_or_folders);
     if (!files) return tl::unexpected(files.error());
     std::unique_ptr<RecordedFrames> sensor(new RecordedFrames(loop, options));
@@ -62,12 +64,16 @@ Result<void> RecordedFrames::do_trigger(const hal::ExposureRequest& request) {
         if (slot.state.load(std::memory_order_acquire) != State::free) continue;
         slot.state.store(State::exposing, std::memory_order_relaxed);
         const algo::Frame& frame = frames_[sequence_ % frames_.size()];
-        slot.info = {.sequence = ++sequence_, .exposure_start = std::max(request.start, loop_.now()),
-                     .bytes_used = frame.bytes().size(), .corrupt = false};
-        slot.timer = loop_.call_at(slot.info.exposure_start + request.length + options_.readout, [this, k] { deliver(k); });
+        slot.info = {.sequence = ++sequence_,
+                     .exposure_start = std::max(request.start, loop_.now()),
+                     .bytes_used = frame.bytes().size(),
+                     .corrupt = false};
+        slot.timer =
+            loop_.call_at(slot.info.exposure_start + request.length + options_.readout, [this, k] { deliver(k); });
         return {};
     }
-    return fail(ErrorCode::busy, "every frame buffer is lent or filling", "give frames back sooner, or set more buffers");
+    return fail(ErrorCode::busy, "every frame buffer is lent or filling",
+                "give frames back sooner, or set more buffers");
 }
 
 void RecordedFrames::deliver(std::uint32_t number) {

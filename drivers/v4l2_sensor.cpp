@@ -1,11 +1,5 @@
 #include "drivers/v4l2_sensor.h"
 
-#include <fcntl.h>
-#include <linux/videodev2.h>
-#include <sys/ioctl.h>
-#include <sys/mman.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -13,6 +7,12 @@
 #include <map>
 #include <mutex>
 #include <span>
+
+#include <fcntl.h>
+#include <linux/videodev2.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include "drivers/packed_samples.h"
 
@@ -30,7 +30,8 @@ int request(int fd, unsigned long code, void* argument) {
     }
 }
 
-// What holds samples of so many bits; of two, the device is asked for the first first. Older kernels' headers have no Y12P.
+// What holds samples of so many bits; of two, the device is asked for the first first. Older kernels' headers have no
+// Y12P.
 struct Depth {
     int bits;
     std::uint32_t fourcc;
@@ -45,7 +46,8 @@ constexpr std::array<Depth, 6> kDepths = {{{8, V4L2_PIX_FMT_GREY},
                                            {16, V4L2_PIX_FMT_Y16}}};
 
 std::string fourcc_text(std::uint32_t f) {
-    return {static_cast<char>(f & 0xFF), static_cast<char>((f >> 8) & 0xFF), static_cast<char>((f >> 16) & 0xFF), static_cast<char>((f >> 24) & 0x7F)};
+    return {static_cast<char>(f & 0xFF), static_cast<char>((f >> 8) & 0xFF), static_cast<char>((f >> 16) & 0xFF),
+            static_cast<char>((f >> 24) & 0x7F)};
 }
 
 std::string formats_of(int fd) {
@@ -59,12 +61,14 @@ std::string formats_of(int fd) {
 }
 
 tl::unexpected<Error> failed(const std::string& device, const char* what, int error) {
-    const ErrorCode code = error == EBUSY ? ErrorCode::busy : error == ENOENT || error == ENODEV || error == ENXIO ? ErrorCode::not_found : ErrorCode::io;
+    const ErrorCode code = error == EBUSY                      ? ErrorCode::busy
+        : error == ENOENT || error == ENODEV || error == ENXIO ? ErrorCode::not_found
+                                                               : ErrorCode::io;
     return fail(code, device + ": " + what + ": " + std::strerror(error),
-                code == ErrorCode::busy        ? "close the program that uses it"
-                : code == ErrorCode::not_found ? "check the cable and sensor.device"
-                : error == EACCES              ? "join the group video"
-                                               : "look at the kernel's log");
+                code == ErrorCode::busy            ? "close the program that uses it"
+                    : code == ErrorCode::not_found ? "check the cable and sensor.device"
+                    : error == EACCES              ? "join the group video"
+                                                   : "look at the kernel's log");
 }
 
 }  // namespace
@@ -80,10 +84,12 @@ struct V4l2Sensor::Stream {
         if (fd >= 0) close(fd);  // also ends streaming and frees the buffers
     }
     // The device's own samples where it has them as the pipeline wants them, else unpacked; `bytes_used` follows.
-    algo::FrameView view_of(std::uint32_t index, const hal::SensorFormat& format, std::ptrdiff_t stride_bytes, std::size_t& bytes_used) {
+    algo::FrameView view_of(std::uint32_t index, const hal::SensorFormat& format, std::ptrdiff_t stride_bytes,
+                            std::size_t& bytes_used) {
         const auto* data = static_cast<const std::byte*>(maps[index].first);
         if (depth.unpack == nullptr) return {data, format.width_px, format.height_px, stride_bytes, format.bits};
-        const auto width = static_cast<std::size_t>(format.width_px), height = static_cast<std::size_t>(format.height_px);
+        const auto width = static_cast<std::size_t>(format.width_px),
+                   height = static_cast<std::size_t>(format.height_px);
         const std::size_t row_bytes = depth.packed_bytes(width), stride = static_cast<std::size_t>(stride_bytes);
         std::vector<std::uint16_t>& samples = unpacked[index];
         std::size_t whole = 0;  // rows that are there
@@ -106,8 +112,8 @@ struct V4l2Sensor::Stream {
 struct V4l2Sensor::Loans {
     std::mutex mutex;
     std::uint32_t generation = 0;
-    std::shared_ptr<Stream> stream;                                 // the present one; null when stopped
-    std::map<std::uint32_t, std::shared_ptr<Stream>> lent;          // by slot: keeps an earlier stream's memory mapped
+    std::shared_ptr<Stream> stream;                         // the present one; null when stopped
+    std::map<std::uint32_t, std::shared_ptr<Stream>> lent;  // by slot: keeps an earlier stream's memory mapped
 };
 
 V4l2Sensor::V4l2Sensor(hal::EventLoop& loop, const V4l2SensorOptions& options)
@@ -132,16 +138,21 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
     if (stream->fd < 0) return failed(device, "cannot be opened", errno);
     v4l2_capability capability{};
     const bool is_video = request(stream->fd, VIDIOC_QUERYCAP, &capability) == 0;
-    const std::uint32_t can = (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? capability.device_caps : capability.capabilities;
+    const std::uint32_t can =
+        (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? capability.device_caps : capability.capabilities;
     if (!is_video || (can & V4L2_CAP_VIDEO_CAPTURE) == 0 || (can & V4L2_CAP_STREAMING) == 0) {
-        return fail(ErrorCode::unsupported, device + " is not a video device that streams frames", "name the sensor's /dev/video node");
+        return fail(ErrorCode::unsupported, device + " is not a video device that streams frames",
+                    "name the sensor's /dev/video node");
     }
     if (std::ranges::find(kDepths, options_.bits, &Depth::bits) == kDepths.end()) {
-        return fail(ErrorCode::unsupported, device + ": no format with " + std::to_string(options_.bits) + " bits is known", "use 8, 10, 12 or 16");
+        return fail(ErrorCode::unsupported,
+                    device + ": no format with " + std::to_string(options_.bits) + " bits is known",
+                    "use 8, 10, 12 or 16");
     }
     v4l2_format format{};
     format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    if (request(stream->fd, VIDIOC_G_FMT, &format) != 0) return failed(device, "does not say its format (is the camera on?)", errno);
+    if (request(stream->fd, VIDIOC_G_FMT, &format) != 0)
+        return failed(device, "does not say its format (is the camera on?)", errno);
     v4l2_pix_format& pixel = format.fmt.pix;
     const std::uint32_t width = options_.width_px > 0 ? static_cast<std::uint32_t>(options_.width_px) : pixel.width;
     const std::uint32_t height = options_.height_px > 0 ? static_cast<std::uint32_t>(options_.height_px) : pixel.height;
@@ -164,7 +175,8 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
             if (depth.bits == options_.bits) wanted += (wanted.empty() ? "" : " or ") + fourcc_text(depth.fourcc);
         }
         return fail(ErrorCode::unsupported,
-                    device + " has no " + wanted + " frames of " + std::to_string(width) + "x" + std::to_string(height) + "; it has " + formats_of(stream->fd),
+                    device + " has no " + wanted + " frames of " + std::to_string(width) + "x" +
+                        std::to_string(height) + "; it has " + formats_of(stream->fd),
                     "set sensor.bits and the frame's size to what the device has (v4l2-ctl --list-formats-ext)");
     }
     if (stream->depth.unpack != nullptr && pixel.bytesperline < stream->depth.packed_bytes(width)) {
@@ -180,7 +192,9 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
         }
         v4l2_control setting{control.id, static_cast<std::int32_t>(value)};
         if (!found || request(stream->fd, VIDIOC_S_CTRL, &setting) != 0) {
-            return fail(ErrorCode::unsupported, device + ": control \"" + name + "\" " + (found ? "refuses " + std::to_string(value) : "does not exist"),
+            return fail(ErrorCode::unsupported,
+                        device + ": control \"" + name + "\" " +
+                            (found ? "refuses " + std::to_string(value) : "does not exist"),
                         "see v4l2-ctl --list-ctrls");
         }
     }
@@ -200,19 +214,23 @@ Result<void> V4l2Sensor::do_start(Listener& listener) {
     buffers.memory = V4L2_MEMORY_MMAP;
     if (request(stream->fd, VIDIOC_REQBUFS, &buffers) != 0) return failed(options_.device, "gives no buffers", errno);
     if (buffers.count < static_cast<std::uint32_t>(options_.buffers)) {
-        return fail(ErrorCode::io, options_.device + " gives only " + std::to_string(buffers.count) + " buffers", "set fewer sensor.buffers");
+        return fail(ErrorCode::io, options_.device + " gives only " + std::to_string(buffers.count) + " buffers",
+                    "set fewer sensor.buffers");
     }
     for (std::uint32_t k = 0; k < static_cast<std::uint32_t>(options_.buffers); ++k) {
         v4l2_buffer buffer{};
         buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
         buffer.memory = V4L2_MEMORY_MMAP;
         buffer.index = k;
-        if (request(stream->fd, VIDIOC_QUERYBUF, &buffer) != 0) return failed(options_.device, "does not describe its buffers", errno);
-        void* data = mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, stream->fd, static_cast<off_t>(buffer.m.offset));
+        if (request(stream->fd, VIDIOC_QUERYBUF, &buffer) != 0)
+            return failed(options_.device, "does not describe its buffers", errno);
+        void* data =
+            mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, stream->fd, static_cast<off_t>(buffer.m.offset));
         if (data == MAP_FAILED) return failed(options_.device, "its buffers cannot be mapped", errno);
         stream->maps.emplace_back(data, buffer.length);
         if (buffer.length < static_cast<std::size_t>(stride_bytes_) * static_cast<std::size_t>(format_.height_px)) {
-            return fail(ErrorCode::io, options_.device + ": a buffer is smaller than a frame", "look at the kernel's log");
+            return fail(ErrorCode::io, options_.device + ": a buffer is smaller than a frame",
+                        "look at the kernel's log");
         }
         if (stream->queue(k) != 0) return failed(options_.device, "a buffer cannot be queued", errno);
     }
@@ -238,9 +256,11 @@ Result<void> V4l2Sensor::do_start(Listener& listener) {
 Result<void> V4l2Sensor::do_trigger(const hal::ExposureRequest& exposure) {
     if (lost_) return fail(ErrorCode::disconnected, options_.device + " is gone", "stop it and start it again");
     const std::scoped_lock lock(loans_->mutex);
-    const auto lent = std::ranges::count_if(loans_->lent, [&](const auto& loan) { return loan.second == loans_->stream; });
+    const auto lent =
+        std::ranges::count_if(loans_->lent, [&](const auto& loan) { return loan.second == loans_->stream; });
     if (static_cast<std::size_t>(lent) + waiting_.size() >= static_cast<std::size_t>(format_.buffers)) {
-        return fail(ErrorCode::busy, options_.device + ": every buffer is lent or filling", "give frames back sooner, or set more sensor.buffers");
+        return fail(ErrorCode::busy, options_.device + ": every buffer is lent or filling",
+                    "give frames back sooner, or set more sensor.buffers");
     }
     waiting_.push_back(exposure);
     return {};
@@ -264,8 +284,10 @@ void V4l2Sensor::on_ready() {
     }
     if (buffer.index >= stream->maps.size()) return lose("it named a buffer that does not exist", EIO);
     if (!watch_again(stream->fd)) return lose("it cannot be waited for", EIO);
-    // The kernel's monotonic time stamp is of the start or of the end of the exposure, cut to microseconds: the latest that it can mean.
-    const TimePoint stamp{std::chrono::seconds(buffer.timestamp.tv_sec) + std::chrono::microseconds(buffer.timestamp.tv_usec) + std::chrono::nanoseconds(999)};
+    // The kernel's monotonic time stamp is of the start or of the end of the exposure, cut to microseconds: the latest
+    // that it can mean.
+    const TimePoint stamp{std::chrono::seconds(buffer.timestamp.tv_sec) +
+                          std::chrono::microseconds(buffer.timestamp.tv_usec) + std::chrono::nanoseconds(999)};
     const bool of_start = (buffer.flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK) == V4L2_BUF_FLAG_TSTAMP_SRC_SOE;
     const auto began = [&](const hal::ExposureRequest& asked) { return of_start ? stamp : stamp - asked.length; };
     if (waiting_.empty() || began(waiting_.front()) < waiting_.front().start) {
@@ -283,13 +305,15 @@ void V4l2Sensor::on_ready() {
     }
     std::size_t bytes_used = buffer.bytesused;
     const algo::FrameView view = stream->view_of(buffer.index, format_, stride_bytes_, bytes_used);
-    const hal::FrameInfo info{.sequence = buffer.sequence - unasked_now_, .exposure_start = start, .bytes_used = bytes_used,
+    const hal::FrameInfo info{.sequence = buffer.sequence - unasked_now_,
+                              .exposure_start = start,
+                              .bytes_used = bytes_used,
                               .corrupt = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0};
     listener_->on_frame(hal::FrameLease(*this, slot, view, info));
 }
 
-// v4l2loopback (0.12) puts a waiter on its list only where nothing is readable: one that came while a frame waited is never
-// woken again. Anew after every frame, it is.
+// v4l2loopback (0.12) puts a waiter on its list only where nothing is readable: one that came while a frame waited is
+// never woken again. Anew after every frame, it is.
 bool V4l2Sensor::watch_again(int fd) {
     loop_.unwatch(watch_);
     auto watch = loop_.watch(fd, hal::EventLoop::Readiness::readable, [this] { on_ready(); });
@@ -302,15 +326,17 @@ void V4l2Sensor::do_give_back(std::uint32_t slot) noexcept {
     const std::scoped_lock lock(loans_->mutex);
     const auto loan = loans_->lent.find(slot);
     if (loan == loans_->lent.end()) return;
-    if (loan->second == loans_->stream) (void)loan->second->queue(slot % kBuffersMax);  // a failure shows itself as a loss of frames
-    loans_->lent.erase(loan);  // the last lease of an earlier stream unmaps and closes it
+    if (loan->second == loans_->stream)
+        (void)loan->second->queue(slot % kBuffersMax);  // a failure shows itself as a loss of frames
+    loans_->lent.erase(loan);                           // the last lease of an earlier stream unmaps and closes it
 }
 
 void V4l2Sensor::lose(const char* what, int error) {
     lost_ = true;
     loop_.unwatch(watch_);
     waiting_.clear();
-    const Error why{ErrorCode::disconnected, options_.device + ": " + what + ": " + std::strerror(error), "check the cable; stop it and start it again"};
+    const Error why{ErrorCode::disconnected, options_.device + ": " + what + ": " + std::strerror(error),
+                    "check the cable; stop it and start it again"};
     lost_timer_ = loop_.call_after({}, [this, why] { listener_->on_sensor_lost(why); });
 }
 
@@ -323,8 +349,9 @@ void V4l2Sensor::do_stop() {
     const std::shared_ptr<Stream> stream = std::exchange(loans_->stream, nullptr);
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     (void)request(stream->fd, VIDIOC_STREAMOFF, &type);
-    // Lets go of the device's queue, so that it can be started again while frames are on loan: their memory stays mapped until
-    // the last lease dies. A driver that cannot leave mapped buffers behind refuses; then a restart waits for the leases.
+    // Lets go of the device's queue, so that it can be started again while frames are on loan: their memory stays
+    // mapped until the last lease dies. A driver that cannot leave mapped buffers behind refuses; then a restart waits
+    // for the leases.
     v4l2_requestbuffers none{};
     none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     none.memory = V4L2_MEMORY_MMAP;

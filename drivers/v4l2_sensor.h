@@ -1,10 +1,10 @@
 // A lenslet sensor behind a V4L2 video device: mmap streaming, nothing copied.
 //
-// The pipeline reads the driver's own buffer; giving the lease back queues it again. GREY, Y10, Y12 and Y16 (two bytes a
-// sample, right-aligned); a device that has Y10P or Y12P alone has them unpacked, which is a copy. The camera runs free or is
-// triggered by wire: a frame is delivered to the oldest trigger that waits, unless by the device's stamp it began before that
-// trigger's start, by however little; a frame that nobody asked for goes straight back and is counted, and is not a gap in the
-// sequence.
+// The pipeline reads the driver's own buffer; giving the lease back queues it again. GREY, Y10, Y12 and Y16 (two bytes
+// a sample, right-aligned); a device that has Y10P or Y12P alone has them unpacked, which is a copy. The camera runs
+// free or is triggered by wire: a frame is delivered to the oldest trigger that waits, unless by the device's stamp it
+// began before that trigger's start, by however little; a frame that nobody asked for goes straight back and is
+// counted, and is not a gap in the sequence.
 #pragma once
 
 #include <memory>
@@ -19,10 +19,10 @@ namespace hord::drivers {
 
 struct V4l2SensorOptions {
     std::string device = "/dev/video0";
-    int width_px = 0;   // 0: as the device is set
+    int width_px = 0;  // 0: as the device is set
     int height_px = 0;
-    int bits = 8;       // 8: GREY, 10: Y10 or Y10P, 12: Y12 or Y12P, 16: Y16
-    int buffers = 4;    // 2..32; frames that may be lent at the same time is one less
+    int bits = 8;     // 8: GREY, 10: Y10 or Y10P, 12: Y12 or Y12P, 16: Y16
+    int buffers = 4;  // 2..32; frames that may be lent at the same time is one less
     std::vector<std::pair<std::string, std::int64_t>> controls;  // by name, as v4l2-ctl prints it; set at start
 };
 

@@ -37,7 +37,8 @@ void take(DeviceUnderTest<Device>& under_test, std::unique_ptr<Device>& keep, Op
 
 void open_lines(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
     if (!config.strobe.gpio.empty()) {
-        for (const StrobeChannel& channel : config.strobe.gpio) cell.strobe.name += (cell.strobe.name.empty() ? "" : ", ") + name_of(channel.line);
+        for (const StrobeChannel& channel : config.strobe.gpio)
+            cell.strobe.name += (cell.strobe.name.empty() ? "" : ", ") + name_of(channel.line);
         cell.strobe.name += " (libgpiod " + drivers::gpiod_version() + ")";
         take(cell.strobe, devices.strobe, drivers::GpioStrobe::open(loop, strobe_channels(config.strobe)));
     }
@@ -53,7 +54,8 @@ void open_sensor(hal::EventLoop& loop, const Config& config, Devices& devices, C
         cell.sensor.name = video->device;
         take(cell.sensor, devices.sensor, drivers::V4l2Sensor::open(loop, video_options(*video)));
     } else if (const auto* camera = std::get_if<CameraSensor>(&config.sensor)) {
-        cell.sensor.name = (camera->camera.empty() ? "the only camera" : camera->camera) + " (libcamera " + drivers::libcamera_version() + ")";
+        cell.sensor.name = (camera->camera.empty() ? "the only camera" : camera->camera) + " (libcamera " +
+            drivers::libcamera_version() + ")";
         take(cell.sensor, devices.sensor, drivers::LibcameraSensor::open(loop, camera_request(*camera)));
     } else if (const auto* folder = std::get_if<RecordedFrames>(&config.sensor)) {
         cell.sensor.name = "recorded frames in " + folder->folder.string();
@@ -65,7 +67,8 @@ void open_rejector(hal::EventLoop& loop, const Config& config, Devices& devices,
     const auto* wanted = std::get_if<ModbusRejector>(&config.rejector);
     if (wanted == nullptr) return;
     const drivers::ModbusRejectorOptions options = rejector_options(*wanted);
-    cell.rejector.name = wanted->device.empty() ? fmt::format("{}:{} unit {}", wanted->host, wanted->port, wanted->unit) : fmt::format("{} unit {}", wanted->device, wanted->unit);
+    cell.rejector.name = wanted->device.empty() ? fmt::format("{}:{} unit {}", wanted->host, wanted->port, wanted->unit)
+                                                : fmt::format("{} unit {}", wanted->device, wanted->unit);
     devices.rejector = std::make_unique<drivers::ModbusRejector>(loop, options);
     cell.rejector.device = devices.rejector.get();
     cell.ask_module = [&loop, options] { return ask_module(loop, options); };
@@ -105,13 +108,15 @@ Result<EachDevice> open_each_device(hal::EventLoop& loop, const Config& config, 
     }
     auto devices = std::make_shared<Devices>();
     if (simulate) {
-        if (auto opened = open_simulated(loop, config, *devices, each.cell); !opened) return tl::unexpected(opened.error());
+        if (auto opened = open_simulated(loop, config, *devices, each.cell); !opened)
+            return tl::unexpected(opened.error());
     } else {
         open_lines(loop, config, *devices, each.cell);
         open_sensor(loop, config, *devices, each.cell);
         open_rejector(loop, config, *devices, each.cell);
         if (!config.inspection.grid.empty() && each.cell.sensor.device && *each.cell.sensor.device != nullptr) {
-            auto grid = use_calibration(config.inspection.grid, {}, (*each.cell.sensor.device)->format(), config.inspection.bins_i, config.inspection.bins_j);
+            auto grid = use_calibration(config.inspection.grid, {}, (*each.cell.sensor.device)->format(),
+                                        config.inspection.bins_i, config.inspection.bins_j);
             if (!grid) return tl::unexpected(grid.error());
             each.cell.decoder = *grid->decoder;
         }

@@ -10,7 +10,8 @@ drivers::ModbusRejectorOptions rejector_options(const ModbusRejector& wanted) {
     drivers::ModbusRejectorOptions options;
     options.address.host = wanted.host;
     options.address.port = wanted.port;
-    if (!wanted.device.empty()) options.address.serial = drivers::SerialSettings{wanted.device, wanted.baud, wanted.parity, wanted.rs485};
+    if (!wanted.device.empty())
+        options.address.serial = drivers::SerialSettings{wanted.device, wanted.baud, wanted.parity, wanted.rs485};
     options.address.unit = wanted.unit;
     options.map = wanted.map;
     options.ejector_coil = wanted.reject_coil;
@@ -58,7 +59,8 @@ drivers::V4l2SensorOptions video_options(const VideoSensor& wanted) {
 }
 
 drivers::CameraRequest camera_request(const CameraSensor& wanted) {
-    return {wanted.camera, wanted.width_px, wanted.height_px, wanted.bits, wanted.buffers, wanted.green, wanted.controls};
+    return {wanted.camera,  wanted.width_px, wanted.height_px, wanted.bits,
+            wanted.buffers, wanted.green,    wanted.controls};
 }
 
 namespace {
@@ -68,7 +70,8 @@ std::string identity_of(drivers::CoilLink& link, const drivers::ModbusRejectorOp
     const hal::ModuleMap& map = options.map;
     if (map.name_register >= 0 && map.name_words == 0) {
         const auto number = link.read_register(map.name_register, options.response_timeout);
-        return number ? map.name_prefix + std::to_string(*number) : std::string("a module that does not say what it is");
+        return number ? map.name_prefix + std::to_string(*number)
+                      : std::string("a module that does not say what it is");
     }
     if (map.name_register >= 0) {
         const auto words = link.read_input_registers(map.name_register, map.name_words, options.response_timeout);

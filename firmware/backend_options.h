@@ -20,8 +20,8 @@ drivers::GpioPartSensorOptions part_sensor_options(const GpioPartSensorLine& wan
 drivers::V4l2SensorOptions video_options(const VideoSensor& wanted);
 drivers::CameraRequest camera_request(const CameraSensor& wanted);
 
-// Asks a rejector's module what it is and how its outputs and its confirm sensor stand, over a link of its own; moves nothing. Blocks for
-// a few time-outs. Fails as the driver's link does.
+// Asks a rejector's module what it is and how its outputs and its confirm sensor stand, over a link of its own; moves
+// nothing. Blocks for a few time-outs. Fails as the driver's link does.
 Result<std::string> ask_module(const hal::Clock& clock, const drivers::ModbusRejectorOptions& options);
 
 }  // namespace hord::firmware

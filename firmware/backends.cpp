@@ -27,7 +27,8 @@ sim::CellOptions cell_options(const Config& config, const SimulationOptions& sim
     sim::CellOptions options;
     options.seed = simulation.seed;
     // Parts keep their distance: a faster line is a faster belt.
-    options.conveyor.speed_mm_s = std::max(options.conveyor.speed_mm_s, options.schedule.pitch_mm * simulation.parts_per_second);
+    options.conveyor.speed_mm_s =
+        std::max(options.conveyor.speed_mm_s, options.schedule.pitch_mm * simulation.parts_per_second);
     const double speed = options.conveyor.speed_mm_s;
     const auto travel_mm = [&](Duration time) { return speed * std::chrono::duration<double>(time).count(); };
     options.schedule.parts = simulation.parts;
@@ -36,8 +37,11 @@ sim::CellOptions cell_options(const Config& config, const SimulationOptions& sim
     options.geometry.camera_mm = travel_mm(core.exposure_delay + core.strobe_delay + core.strobe / 2);
     options.geometry.ejector_mm = travel_mm(core.transport);
     options.geometry.exit_mm = options.geometry.ejector_mm + 100;
-    if (core.by_encoder) options.part_sensor.encoder_counts_per_mm = static_cast<double>(core.transport_counts) / options.geometry.ejector_mm;
-    options.sensor.buffers = std::max(options.sensor.buffers, config.inspection.threads + config.inspection.queue + 2);  // exposing, and read out
+    if (core.by_encoder)
+        options.part_sensor.encoder_counts_per_mm =
+            static_cast<double>(core.transport_counts) / options.geometry.ejector_mm;
+    options.sensor.buffers = std::max(
+        options.sensor.buffers, config.inspection.threads + config.inspection.queue + 2);  // exposing, and read out
     options.strobe.limits = {config.strobe.max_on, config.strobe.min_rest, config.strobe.channels};
     options.strobe.nominal_pulse = core.strobe;
     return options;
@@ -58,12 +62,14 @@ sim::Scene clean_part(const Config& config) {
 // Whether anything of the line is simulated: then there is a simulated cell, and parts come by themselves.
 bool needs_cell(const Config& config) {
     return std::holds_alternative<SimulatedPartSensor>(config.part_sensor) || config.strobe.gpio.empty() ||
-           std::holds_alternative<SimulatedSensor>(config.sensor) || std::holds_alternative<SimulatedRejector>(config.rejector);
+        std::holds_alternative<SimulatedSensor>(config.sensor) ||
+        std::holds_alternative<SimulatedRejector>(config.rejector);
 }
 
 class ChosenBackends final : public Backends {
   public:
-    static Result<std::unique_ptr<Backends>> make(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
+    static Result<std::unique_ptr<Backends>> make(hal::EventLoop& loop, const Config& config,
+                                                  const SimulationOptions& simulation) {
         auto made = std::unique_ptr<ChosenBackends>(new ChosenBackends(loop));
         if (auto done = made->open_lights(loop, config); !done) return tl::unexpected(done.error());
         if (auto done = made->open_sensor(loop, config, simulation); !done) return tl::unexpected(done.error());
@@ -71,7 +77,9 @@ class ChosenBackends final : public Backends {
         return made;
     }
 
-    hal::PartSensor& part_sensor() override { return gpio_part_sensor_ ? static_cast<hal::PartSensor&>(*gpio_part_sensor_) : cell_->part_sensor(); }
+    hal::PartSensor& part_sensor() override {
+        return gpio_part_sensor_ ? static_cast<hal::PartSensor&>(*gpio_part_sensor_) : cell_->part_sensor();
+    }
     hal::Strobe& strobe() override { return gpio_strobe_ ? static_cast<hal::Strobe&>(*gpio_strobe_) : cell_->strobe(); }
     hal::Sensor& sensor() override {
         if (camera_) return *camera_;
@@ -101,8 +109,8 @@ class ChosenBackends final : public Backends {
         watchers.over = std::move(over);
         watchers.part_gone = [this, fate = std::move(fate)](const sim::PartRecord& part) {
             if (!fate) return;
-            fate({part.arrived, rendered_ == nullptr ? std::string() : cell_->world().schedule().kinds[part.kind].name, part.fate == sim::PartRecord::Fate::ejected,
-                  part.fate == sim::PartRecord::Fate::removed});
+            fate({part.arrived, rendered_ == nullptr ? std::string() : cell_->world().schedule().kinds[part.kind].name,
+                  part.fate == sim::PartRecord::Fate::ejected, part.fate == sim::PartRecord::Fate::removed});
         };
         cell_->watch(std::move(watchers));
     }
@@ -170,22 +178,26 @@ class ChosenBackends final : public Backends {
     Result<void> open_rejector(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
         const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
         if (configured == nullptr && !simulation.own_coil_module) return {};
-        drivers::ModbusRejectorOptions options = rejector_options(configured != nullptr ? *configured : std::get<SimulatedRejector>(config.rejector).module);
+        drivers::ModbusRejectorOptions options =
+            rejector_options(configured != nullptr ? *configured : std::get<SimulatedRejector>(config.rejector).module);
         if (simulation.own_coil_module) {
             auto module = sim::CoilModule::open(loop, {.realtime = simulation.realtime});
             if (!module) return tl::unexpected(module.error());
             module_ = std::move(*module);
             // It is a plain one: what the configured module has beyond coils is not played here.
-            options.address = {.host = "127.0.0.1", .port = module_->port(), .serial = {}, .unit = options.address.unit};
+            options.address = {
+                .host = "127.0.0.1", .port = module_->port(), .serial = {}, .unit = options.address.unit};
             options.map = {};
             options.module_pulse = options.watchdog = {};
             options.confirm_input = -1;
-            // The coils move the simulated ejector and the belt: what the module was really told is what happens to the part. The belt
-            // stops when the run permit falls, as a PLC stops it; before the station first gave one, parts come unasked.
+            // The coils move the simulated ejector and the belt: what the module was really told is what happens to the
+            // part. The belt stops when the run permit falls, as a PLC stops it; before the station first gave one,
+            // parts come unasked.
             module_->on_coil([this, &loop, ejector = options.ejector_coil, permit = options.permit_coil,
                               acts_at = !options.energise_to_pass](int moved, bool on, hal::TimePoint at) {
                 if (!cell_) return;
-                if (moved == ejector) loop.post([this, open = on == acts_at, at] { cell_->world().set_ejector(open, at); });
+                if (moved == ejector)
+                    loop.post([this, open = on == acts_at, at] { cell_->world().set_ejector(open, at); });
                 if (moved == permit) loop.post([this, on] { on ? cell_->world().resume() : cell_->world().halt(); });
             });
         }
@@ -212,7 +224,8 @@ class ChosenBackends final : public Backends {
 
 }  // namespace
 
-Result<std::unique_ptr<Backends>> Backends::open(hal::EventLoop& loop, const Config& config, const SimulationOptions& options) {
+Result<std::unique_ptr<Backends>> Backends::open(hal::EventLoop& loop, const Config& config,
+                                                 const SimulationOptions& options) {
     return ChosenBackends::make(loop, config, options);
 }
 

@@ -21,24 +21,25 @@ namespace hord::firmware {
 // How the simulated part of the cell behaves. The simulated line follows the configuration's timing.
 struct SimulationOptions {
     std::uint64_t seed = 1;
-    std::uint64_t parts = 0;          // how many come; 0: no end (recorded frames: as many as there are)
+    std::uint64_t parts = 0;  // how many come; 0: no end (recorded frames: as many as there are)
     double parts_per_second = 10;
     double good_share = 0.7;
-    int variety = 4;                  // different parts of each kind; each is rendered once, at the start
-    std::filesystem::path cache;      // folder where what was rendered is kept for the next start; empty: nowhere
-    bool own_coil_module = false;     // a Modbus coil module on loopback, which moves the simulated ejector
-    int realtime = 0;                 // its real-time priority; 0: none
+    int variety = 4;                       // different parts of each kind; each is rendered once, at the start
+    std::filesystem::path cache;           // folder where what was rendered is kept for the next start; empty: nowhere
+    bool own_coil_module = false;          // a Modbus coil module on loopback, which moves the simulated ejector
+    int realtime = 0;                      // its real-time priority; 0: none
     std::function<void(double)> progress;  // of rendering the parts, 0..1
 };
 
 class Backends {
   public:
     // Fails as the devices' own open() do, and with what rendering says. `loop` outlives it.
-    static Result<std::unique_ptr<Backends>> open(hal::EventLoop& loop, const Config& config, const SimulationOptions& options);
+    static Result<std::unique_ptr<Backends>> open(hal::EventLoop& loop, const Config& config,
+                                                  const SimulationOptions& options);
     virtual ~Backends() = default;
 
-    // What the rejector's module says it is, and how its outputs stand; moves nothing, may block for a few time-outs. Fails as its link
-    // does, with unsupported where the rejector is no module.
+    // What the rejector's module says it is, and how its outputs stand; moves nothing, may block for a few time-outs.
+    // Fails as its link does, with unsupported where the rejector is no module.
     [[nodiscard]] virtual Result<std::string> ask_module() = 0;
 
     [[nodiscard]] virtual hal::PartSensor& part_sensor() = 0;

@@ -13,8 +13,8 @@ namespace {
 using hal::Duration;
 using std::chrono::milliseconds;
 
-constexpr Duration kListen = milliseconds(300);   // to the part sensor: three times what noticing a lost line takes
-constexpr Duration kLead = milliseconds(20);      // from asking to the light
+constexpr Duration kListen = milliseconds(300);  // to the part sensor: three times what noticing a lost line takes
+constexpr Duration kLead = milliseconds(20);     // from asking to the light
 constexpr Duration kPatience = milliseconds(3000);
 
 struct SensesParts final : hal::PartSensor::Listener {
@@ -51,7 +51,8 @@ double ms(Duration d) { return static_cast<double>(d.count()) / 1e6; }
 
 class Check {
   public:
-    Check(hal::EventLoop& loop, CellUnderTest& cell, const CellCheckOptions& options) : loop_(loop), cell_(cell), options_(options) {}
+    Check(hal::EventLoop& loop, CellUnderTest& cell, const CellCheckOptions& options)
+        : loop_(loop), cell_(cell), options_(options) {}
 
     std::vector<CheckRow> go() {
         part_sensor();
@@ -69,7 +70,9 @@ class Check {
     }
     void good(const std::string& what, std::string found) { add(what, CheckRow::Result::good, std::move(found)); }
     void bad(const std::string& what, const Error& error) { add(what, CheckRow::Result::bad, error.what, error.cure); }
-    void bad(const std::string& what, std::string found, std::string cure) { add(what, CheckRow::Result::bad, std::move(found), std::move(cure)); }
+    void bad(const std::string& what, std::string found, std::string cure) {
+        add(what, CheckRow::Result::bad, std::move(found), std::move(cure));
+    }
     void skipped(const std::string& what, std::string why) { add(what, CheckRow::Result::skipped, std::move(why)); }
     void judged(const std::string& what, const Judgement& judgement) {
         add(what, judgement.good ? CheckRow::Result::good : CheckRow::Result::bad, judgement.found, judgement.cure);
@@ -95,9 +98,11 @@ class Check {
         options_.wait([&] { return senses.lost.has_value(); }, kListen);
         device->stop();
         if (senses.lost) return bad("part sensor", *senses.lost);
-        good("part sensor", fmt::format("{}, {} edges in {:.1f} s", cell_.part_sensor.name, senses.edges, ms(kListen) / 1000));
+        good("part sensor",
+             fmt::format("{}, {} edges in {:.1f} s", cell_.part_sensor.name, senses.edges, ms(kListen) / 1000));
         if (!cell_.encoder) return;
-        if (senses.readings > 0) good("encoder", fmt::format("{} readings in {:.1f} s", senses.readings, ms(kListen) / 1000));
+        if (senses.readings > 0)
+            good("encoder", fmt::format("{} readings in {:.1f} s", senses.readings, ms(kListen) / 1000));
         else bad("encoder", "tells nothing", "check its wiring and [part_sensor.encoder]");
     }
 
@@ -110,16 +115,23 @@ class Check {
             return bad("lights", started.error());
         }
         const hal::StrobeLimits limits = strobe->limits();
-        good("lights", fmt::format("{}, {} {}", cell_.strobe.name, limits.channels, limits.channels == 1 ? "collimator" : "collimators"));
+        good("lights",
+             fmt::format("{}, {} {}", cell_.strobe.name, limits.channels,
+                         limits.channels == 1 ? "collimator" : "collimators"));
         for (int channel = 0; channel < limits.channels; ++channel) {
             const std::string what = fmt::format("light {}", channel);
-            const auto report = flash(*strobe, 1U << static_cast<unsigned>(channel), loop_.now() + kLead, std::min(cell_.core.strobe, limits.max_on));
+            const auto report = flash(*strobe, 1U << static_cast<unsigned>(channel), loop_.now() + kLead,
+                                      std::min(cell_.core.strobe, limits.max_on));
             if (!report) {
                 bad(what, report.error());
             } else if (!report->lit) {
-                bad(what, "was not lit", "the machine did not run the strobe's thread in time: try again with nothing else running, or under a real-time policy");
+                bad(what, "was not lit",
+                    "the machine did not run the strobe's thread in time: try again with nothing else running, or "
+                    "under a real-time policy");
             } else {
-                good(what, fmt::format("lit for {:.3f} ms, asked for {:.3f}", ms(report->width), ms(std::min(cell_.core.strobe, limits.max_on))));
+                good(what,
+                     fmt::format("lit for {:.3f} ms, asked for {:.3f}", ms(report->width),
+                                 ms(std::min(cell_.core.strobe, limits.max_on))));
             }
         }
     }
@@ -128,7 +140,8 @@ class Check {
     Result<hal::StrobeReport> flash(hal::Strobe& strobe, std::uint32_t channels, hal::TimePoint start, Duration width) {
         light_.reports.clear();
         Result<void> fired;
-        for (const hal::TimePoint give_up = loop_.now() + kPatience; loop_.now() < give_up; start = loop_.now() + kLead) {
+        for (const hal::TimePoint give_up = loop_.now() + kPatience; loop_.now() < give_up;
+             start = loop_.now() + kLead) {
             fired = strobe.fire({.exposure = ++exposure_, .channels = channels, .start = start, .width = width});
             if (fired || fired.error().code != ErrorCode::busy) break;
             options_.wait([] { return false; }, kLead);
@@ -146,7 +159,9 @@ class Check {
         SeesFrames sees;
         if (auto started = device->start(sees); !started) return bad("sensor", started.error());
         const hal::SensorFormat format = device->format();
-        good("sensor", fmt::format("{}, {}x{} at {} bits, {} frames at a time", cell_.sensor.name, format.width_px, format.height_px, format.bits, format.buffers));
+        good("sensor",
+             fmt::format("{}, {}x{} at {} bits, {} frames at a time", cell_.sensor.name, format.width_px,
+                         format.height_px, format.bits, format.buffers));
         look(*device, sees);
         sees.frame = {};
         device->stop();
@@ -179,23 +194,30 @@ class Check {
             options_.wait([] { return false; }, std::max(core.min_gap, strobe->limits().min_rest));
         }
         const hal::TimePoint start = loop_.now() + std::max(core.trigger_lead, kLead);
-        if (auto asked = device.trigger({.exposure = exposure_ + 1, .start = start, .length = core.exposure}); !asked) return tl::unexpected(asked.error());
+        if (auto asked = device.trigger({.exposure = exposure_ + 1, .start = start, .length = core.exposure}); !asked)
+            return tl::unexpected(asked.error());
         if (strobe != nullptr) {
             const auto report = flash(*strobe, core.strobe_channels, start + core.strobe_delay, core.strobe);
             if (!report) return tl::unexpected(report.error());
-            if (!report->lit) return fail(ErrorCode::timeout, "the light was not lit for it", "see the rows of the lights");
+            if (!report->lit)
+                return fail(ErrorCode::timeout, "the light was not lit for it", "see the rows of the lights");
         }
         const Duration patience = start + core.exposure - loop_.now() + std::max(core.frame_timeout, kPatience);
         options_.wait([&] { return static_cast<bool>(sees.frame) || sees.lost; }, patience);
         if (sees.lost) return tl::unexpected(*sees.lost);
         if (!sees.frame) {
-            return fail(ErrorCode::timeout, fmt::format("none within {:.1f} s", ms(patience) / 1000), "check the sensor's trigger: free-running, or wired to what the station triggers; see its controls");
+            return fail(
+                ErrorCode::timeout, fmt::format("none within {:.1f} s", ms(patience) / 1000),
+                "check the sensor's trigger: free-running, or wired to what the station triggers; see its controls");
         }
         const hal::SensorFormat format = device.format();
         const std::size_t row = static_cast<std::size_t>(format.width_px) * (format.bits > 8 ? 2 : 1);
-        const auto needed = static_cast<std::size_t>(sees.frame.view().stride_bytes) * static_cast<std::size_t>(format.height_px - 1) + row;
+        const auto needed =
+            static_cast<std::size_t>(sees.frame.view().stride_bytes) * static_cast<std::size_t>(format.height_px - 1) +
+            row;
         if (sees.frame.info().corrupt || sees.frame.info().bytes_used < needed) {
-            return fail(ErrorCode::io, fmt::format("damaged: {} of {} bytes", sees.frame.info().bytes_used, needed), "check the sensor's cable and the kernel's log");
+            return fail(ErrorCode::io, fmt::format("damaged: {} of {} bytes", sees.frame.info().bytes_used, needed),
+                        "check the sensor's cable and the kernel's log");
         }
         return loop_.now() - (start + core.exposure);
     }
@@ -225,7 +247,10 @@ class Check {
         SeesRejects sees;
         if (auto started = device->start(sees); !started) return bad("ejector", started.error());
         if (!options_.wait([&] { return sees.up; }, kPatience)) {
-            bad("ejector", sees.why.what.empty() ? Error{ErrorCode::timeout, "its link does not come up", "check its power and cable"} : sees.why);
+            bad("ejector",
+                sees.why.what.empty()
+                    ? Error{ErrorCode::timeout, "its link does not come up", "check its power and cable"}
+                    : sees.why);
         } else {
             eject(*device, sees);
         }
@@ -240,15 +265,21 @@ class Check {
         using Outcome = hal::RejectReport::Outcome;
         if (!sees.report || sees.report->outcome == Outcome::failed) {
             if (!sees.up && !sees.why.what.empty()) return bad("ejector", sees.why);
-            bad("ejector", "no confirmation", "check the address of its coil, the module's own fault display and its profile; with a confirm sensor: nothing came past it");
+            bad("ejector", "no confirmation",
+                "check the address of its coil, the module's own fault display and its profile; with a confirm sensor: "
+                "nothing came past it");
         } else if (sees.report->outcome == Outcome::late) {
-            bad("ejector", fmt::format("acknowledged after its pulse of {:.1f} ms", ms(core.reject_pulse)), "the module is slow: lengthen rejector.pulse_ms, or use a faster link");
+            bad("ejector", fmt::format("acknowledged after its pulse of {:.1f} ms", ms(core.reject_pulse)),
+                "the module is slow: lengthen rejector.pulse_ms, or use a faster link");
         } else if (sees.report->at - command.start > core.reject_early) {
             bad("ejector",
-                fmt::format("acknowledged {:.1f} ms after its start; the part is there after {:.1f} ms", ms(sees.report->at - command.start), ms(core.reject_early)),
+                fmt::format("acknowledged {:.1f} ms after its start; the part is there after {:.1f} ms",
+                            ms(sees.report->at - command.start), ms(core.reject_early)),
                 "the module is slow: lengthen rejector.early_ms, or use a faster link");
         } else {
-            good("ejector", fmt::format("pulsed for {:.1f} ms, acknowledged {:.1f} ms after its start", ms(core.reject_pulse), ms(sees.report->at - command.start)));
+            good("ejector",
+                 fmt::format("pulsed for {:.1f} ms, acknowledged {:.1f} ms after its start", ms(core.reject_pulse),
+                             ms(sees.report->at - command.start)));
         }
         options_.wait([] { return false; }, core.reject_pulse + kLead);  // the pulse ends by itself
     }
@@ -263,14 +294,18 @@ class Check {
 
 }  // namespace
 
-std::vector<CheckRow> check_cell(hal::EventLoop& loop, CellUnderTest& cell, const CellCheckOptions& options) { return Check(loop, cell, options).go(); }
+std::vector<CheckRow> check_cell(hal::EventLoop& loop, CellUnderTest& cell, const CellCheckOptions& options) {
+    return Check(loop, cell, options).go();
+}
 
 std::string table_of(const std::vector<CheckRow>& rows) {
     std::size_t width = 0;
     for (const CheckRow& row : rows) width = std::max(width, row.what.size());
     std::string out;
     for (const CheckRow& row : rows) {
-        const char* result = row.result == CheckRow::Result::good ? "good" : row.result == CheckRow::Result::bad ? "BAD" : "-";
+        const char* result = row.result == CheckRow::Result::good ? "good"
+            : row.result == CheckRow::Result::bad                 ? "BAD"
+                                                                  : "-";
         out += fmt::format("{:<{}}  {:<4}  {}\n", row.what, width, result, row.found);
         if (!row.cure.empty()) out += fmt::format("{:<{}}        cure: {}\n", "", width, row.cure);
     }

@@ -1,4 +1,5 @@
-// A cell, device by device: what is there, whether it works, and what to do where it does not. For a person who sets a cell up.
+// A cell, device by device: what is there, whether it works, and what to do where it does not. For a person who sets a
+// cell up.
 #pragma once
 
 #include <functional>
@@ -29,8 +30,8 @@ struct CellUnderTest {
     DeviceUnderTest<hal::Strobe> strobe;
     DeviceUnderTest<hal::Sensor> sensor;
     DeviceUnderTest<hal::Rejector> rejector;
-    // Asks the rejector's module what it is and how its outputs stand, over a link of its own; moves nothing. May block. Empty: a
-    // rejector that is no module.
+    // Asks the rejector's module what it is and how its outputs stand, over a link of its own; moves nothing. May
+    // block. Empty: a rejector that is no module.
     std::function<Result<std::string>()> ask_module;
     bool encoder = false;  // the part sensor has one
 
@@ -54,8 +55,8 @@ struct CellCheckOptions {
     std::function<void(const CheckRow&)> row;  // told as soon as it is known; may be empty
 };
 
-// Loop thread, outside of its callbacks. Pulses each light once, takes one frame with light and one without, and asks the rejector's
-// module; nothing else moves unless `actuate`. All devices are stopped again when it returns.
+// Loop thread, outside of its callbacks. Pulses each light once, takes one frame with light and one without, and asks
+// the rejector's module; nothing else moves unless `actuate`. All devices are stopped again when it returns.
 std::vector<CheckRow> check_cell(hal::EventLoop& loop, CellUnderTest& cell, const CellCheckOptions& options);
 
 // The rows as a table, each bad one with its cure.

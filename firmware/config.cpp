@@ -21,8 +21,12 @@ void duration(TomlTable& table, std::string_view key, Duration& value, double un
     table.number(key, number, low, high);
     value = Duration(std::llround(number * unit_ns));
 }
-void ms(TomlTable& table, std::string_view key, Duration& value, double low, double high) { duration(table, key, value, 1e6, low, high); }
-void us(TomlTable& table, std::string_view key, Duration& value, double low, double high) { duration(table, key, value, 1e3, low, high); }
+void ms(TomlTable& table, std::string_view key, Duration& value, double low, double high) {
+    duration(table, key, value, 1e6, low, high);
+}
+void us(TomlTable& table, std::string_view key, Duration& value, double low, double high) {
+    duration(table, key, value, 1e3, low, high);
+}
 
 // "9x9": bin columns by bin rows.
 void macro(TomlTable& table, std::string_view key, int& bins_i, int& bins_j) {
@@ -32,10 +36,12 @@ void macro(TomlTable& table, std::string_view key, int& bins_i, int& bins_j) {
     const char* end = text.data() + text.size();
     const auto first = std::from_chars(text.data(), end, i);
     const bool cross = first.ec == std::errc() && first.ptr != end && *first.ptr == 'x';
-    const auto second = cross ? std::from_chars(first.ptr + 1, end, j) : std::from_chars_result{end, std::errc::invalid_argument};
+    const auto second =
+        cross ? std::from_chars(first.ptr + 1, end, j) : std::from_chars_result{end, std::errc::invalid_argument};
     const bool in_range = i >= algo::kMinBins && i <= algo::kMaxBins && j >= algo::kMinBins && j <= algo::kMaxBins;
     if (second.ec != std::errc() || second.ptr != end || !in_range) {
-        return table.problem(key, "\"" + text + "\" is not a macro-pixel", "write columns x rows, 3 to 15 bins a side, as in \"9x9\"");
+        return table.problem(key, "\"" + text + "\" is not a macro-pixel",
+                             "write columns x rows, 3 to 15 bins a side, as in \"9x9\"");
     }
     bins_i = i;
     bins_j = j;
@@ -84,8 +90,10 @@ GpioLineName gpio_line(TomlTable& table, bool input) {
     return line;
 }
 void check_gpio_line(TomlTable& table, const GpioLineName& line) {
-    if (line.chip.empty()) table.problem("chip", "is missing", "name the GPIO chip by its label, as gpiodetect prints it");
-    if (line.line.empty()) table.problem("line", "is missing", "name the line, or give its offset as \"6\"; see gpioinfo");
+    if (line.chip.empty())
+        table.problem("chip", "is missing", "name the GPIO chip by its label, as gpiodetect prints it");
+    if (line.line.empty())
+        table.problem("line", "is missing", "name the line, or give its offset as \"6\"; see gpioinfo");
 }
 
 void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::path& folder) {
@@ -110,11 +118,14 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
         auto& [name, setting] = video.controls.emplace_back();
         control.text("name", name);
         control.integer("value", setting, INT32_MIN, INT32_MAX);
-        if (name.empty()) control.problem("name", "is missing", "name the control as v4l2-ctl --list-ctrls, or cam --list-controls, calls it");
+        if (name.empty())
+            control.problem("name", "is missing",
+                            "name the control as v4l2-ctl --list-ctrls, or cam --list-controls, calls it");
         if (!control.has("value")) control.problem("value", "is missing", "say what the control is set to");
     }
     if (kind == 2) value = video;
-    if (kind == 3) value = CameraSensor{camera, video.width_px, video.height_px, video.bits, video.buffers, green, video.controls};
+    if (kind == 3)
+        value = CameraSensor{camera, video.width_px, video.height_px, video.bits, video.buffers, green, video.controls};
     if (kind != 1) return;
     if (frames.empty()) sensor.problem("folder", "is missing", "name the folder of the recorded frames");
     value = RecordedFrames{folder / frames};
@@ -142,29 +153,42 @@ void check_module(TomlTable& rejector, const ModbusRejector& modbus, const CoreC
     if (modbus.reject_coil == modbus.run_permit_coil) {
         rejector.problem("run_permit_coil", "is the ejector's coil, too", "give each output a coil of its own");
     }
-    if (!modbus.device.empty() && (modbus.unit < 1 || modbus.unit > 247)) rejector.problem("unit", "is none of a serial line", "use 1 to 247");
+    if (!modbus.device.empty() && (modbus.unit < 1 || modbus.unit > 247))
+        rejector.problem("unit", "is none of a serial line", "use 1 to 247");
     if (!modbus.device.empty() && modbus.port != ModbusRejector{}.port) {
         rejector.problem("port", "is given, and a serial line, too", "name either rejector.device, or host and port");
     }
     if (modbus.module_pulse > Duration::zero()) {
         if (map.pulse_coil_offset < 0) {
-            rejector.problem("module_pulse_ms", "asks for a pulse that this module does not time", "choose the profile of a module that does, or leave it 0");
+            rejector.problem("module_pulse_ms", "asks for a pulse that this module does not time",
+                             "choose the profile of a module that does, or leave it 0");
         }
-        if (modbus.module_pulse > core.reject_pulse) rejector.problem("module_pulse_ms", "is longer than pulse_ms", "a command acts only where the module's whole pulse fits into pulse_ms");
-        if (modbus.energise_to_pass) rejector.problem("module_pulse_ms", "cannot be with energise_to = \"pass\"", "a module pulses an output on, not off: leave it 0");
+        if (modbus.module_pulse > core.reject_pulse)
+            rejector.problem("module_pulse_ms", "is longer than pulse_ms",
+                             "a command acts only where the module's whole pulse fits into pulse_ms");
+        if (modbus.energise_to_pass)
+            rejector.problem("module_pulse_ms", "cannot be with energise_to = \"pass\"",
+                             "a module pulses an output on, not off: leave it 0");
         if (map.pulse_width_register >= 0 && modbus.module_pulse < map.pulse_width_unit) {
-            rejector.problem("module_pulse_ms", "is shorter than pulse_width_unit_ms", "the module cannot be told that");
+            rejector.problem("module_pulse_ms", "is shorter than pulse_width_unit_ms",
+                             "the module cannot be told that");
         }
     }
     if (modbus.watchdog > Duration::zero()) {
         if (map.watchdog_time_register < 0 || map.watchdog_trigger_register < 0 || map.watchdog_stop_register < 0) {
-            rejector.problem("watchdog_ms", "cannot be set in this module over Modbus", "set it in the module itself and leave this 0; the station asks often enough to keep it alive");
+            rejector.problem(
+                "watchdog_ms", "cannot be set in this module over Modbus",
+                "set it in the module itself and leave this 0; the station asks often enough to keep it alive");
         }
-        if (modbus.watchdog < 3 * modbus.response_timeout) rejector.problem("watchdog_ms", "is shorter than three response_timeout_ms", "one lost answer would stop the line");
-        if (modbus.watchdog / map.watchdog_unit > 65535) rejector.problem("watchdog_ms", "does not fit into the module's register", "shorten it");
+        if (modbus.watchdog < 3 * modbus.response_timeout)
+            rejector.problem("watchdog_ms", "is shorter than three response_timeout_ms",
+                             "one lost answer would stop the line");
+        if (modbus.watchdog / map.watchdog_unit > 65535)
+            rejector.problem("watchdog_ms", "does not fit into the module's register", "shorten it");
     }
     if (modbus.confirm_input >= 0 && modbus.confirm_within + modbus.response_timeout >= core.confirm_timeout) {
-        rejector.problem("confirm_within_ms", "and response_timeout_ms end after confirm_timeout_ms", "raise confirm_timeout_ms: until then the station waits for the confirmation");
+        rejector.problem("confirm_within_ms", "and response_timeout_ms end after confirm_timeout_ms",
+                         "raise confirm_timeout_ms: until then the station waits for the confirmation");
     }
 }
 
@@ -207,10 +231,12 @@ void check_light(TomlTable& table, const CoreConfig& core, Duration max_on, Dura
     }
     const Duration least = core.min_gap - core.strobe;
     if (least < min_rest) {
-        table.problem("min_rest_ms", "is longer than parts that follow at line.min_gap_ms leave", "raise line.min_gap_ms or shorten the pulse");
+        table.problem("min_rest_ms", "is longer than parts that follow at line.min_gap_ms leave",
+                      "raise line.min_gap_ms or shorten the pulse");
     }
     if (static_cast<double>(core.strobe.count()) > max_duty * static_cast<double>(core.min_gap.count())) {
-        table.problem("max_duty", "is exceeded by parts that follow at line.min_gap_ms", "raise line.min_gap_ms or shorten the pulse");
+        table.problem("max_duty", "is exceeded by parts that follow at line.min_gap_ms",
+                      "raise line.min_gap_ms or shorten the pulse");
     }
 }
 
@@ -224,7 +250,8 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
     std::vector<TomlTable> channels = strobe.tables("channel");
     std::vector<StrobeChannel> gpio;
     for (TomlTable& table : channels) {
-        StrobeChannel& channel = gpio.emplace_back(StrobeChannel{gpio_line(table, false), value.max_on, value.min_rest, value.max_duty});
+        StrobeChannel& channel =
+            gpio.emplace_back(StrobeChannel{gpio_line(table, false), value.max_on, value.min_rest, value.max_duty});
         us(table, "max_on_us", channel.max_on, 1, 1'000'000);
         ms(table, "min_rest_ms", channel.min_rest, 0, 60'000);
         table.number("max_duty", channel.max_duty, 0.0001, 1);
@@ -237,10 +264,13 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
         }
     }
     if (kind == 1) {
-        if (gpio.empty() || gpio.size() > 32) strobe.problem("channel", "must be there 1 to 32 times", "describe every collimator in a [[strobe.channel]]");
+        if (gpio.empty() || gpio.size() > 32)
+            strobe.problem("channel", "must be there 1 to 32 times",
+                           "describe every collimator in a [[strobe.channel]]");
         const int described = static_cast<int>(gpio.size());
         if (strobe.has("channels") && value.channels != described) {
-            strobe.problem("channels", "differs from the number of [[strobe.channel]]", "leave it out: they are counted");
+            strobe.problem("channels", "differs from the number of [[strobe.channel]]",
+                           "leave it out: they are counted");
         }
         value.channels = std::max(1, described);
         value.gpio = std::move(gpio);
@@ -258,7 +288,8 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
     if (value.gpio.empty()) return check_light(strobe, core, value.max_on, value.min_rest, value.max_duty);
     for (std::size_t k = 0; k < value.gpio.size(); ++k) {
         const StrobeChannel& channel = value.gpio[k];
-        if (((core.strobe_channels >> k) & 1U) != 0) check_light(channels[k], core, channel.max_on, channel.min_rest, channel.max_duty);
+        if (((core.strobe_channels >> k) & 1U) != 0)
+            check_light(channels[k], core, channel.max_on, channel.min_rest, channel.max_duty);
     }
 }
 
@@ -277,10 +308,12 @@ void read_part_sensor(TomlTable sensor, PartSensorConfig& value, const CoreConfi
     check_gpio_line(sensor, gpio.line);
     if (has_encoder) check_gpio_line(encoder, encoder_line);
     if (core.by_encoder && !has_encoder) {
-        sensor.problem("encoder", "is missing, and line.tracking is \"encoder\"", "describe it in [part_sensor.encoder], or track by time");
+        sensor.problem("encoder", "is missing, and line.tracking is \"encoder\"",
+                       "describe it in [part_sensor.encoder], or track by time");
     }
     if (!core.by_encoder && core.exposure_delay <= gpio.debounce) {
-        sensor.problem("debounce_us", "ends after the exposure has begun", "shorten it, or raise line.exposure_delay_ms");
+        sensor.problem("debounce_us", "ends after the exposure has begun",
+                       "shorten it, or raise line.exposure_delay_ms");
     }
     value = gpio;
 }
@@ -318,7 +351,8 @@ void read_serial(TomlTable table, SerialLine& value) {
     line.device.clear();
     table.text("device", line.device);
     table.integer("baud", line.baud, 1200, 921'600);
-    if (const auto parity = table.choice("parity", parities)) line.parity = static_cast<modbus::SerialOptions::Parity>(*parity);
+    if (const auto parity = table.choice("parity", parities))
+        line.parity = static_cast<modbus::SerialOptions::Parity>(*parity);
     table.integer("unit", line.unit, 1, 247);
     table.boolean("rs485", line.rs485);
     table.boolean("may_write", line.may_write);

@@ -48,7 +48,7 @@ struct CameraSensor {
     int width_px = 0, height_px = 0;  // 0: as the camera proposes
     int bits = 8;                     // 8, 10, 12 or 16
     int buffers = 4;
-    bool green = false;               // of colour frames, where there are no grey ones
+    bool green = false;                                          // of colour frames, where there are no grey ones
     std::vector<std::pair<std::string, std::int64_t>> controls;  // by libcamera's names
     bool operator==(const CameraSensor&) const = default;
 };
@@ -60,10 +60,10 @@ struct ModbusRejector {
     std::uint16_t port = 502;
     std::string device;  // a serial line instead (Modbus RTU); empty: TCP
     int baud = 19200;
-    char parity = 'E';   // 'N', 'E', 'O'
-    bool rs485 = true;   // the kernel switches the transmitter
+    char parity = 'E';  // 'N', 'E', 'O'
+    bool rs485 = true;  // the kernel switches the transmitter
     std::uint8_t unit = 1;
-    hal::ModuleMap map;  // of the profile, and what the file says instead
+    hal::ModuleMap map;                 // of the profile, and what the file says instead
     std::uint16_t reject_coil = 0;      // address of the ejector's coil
     std::uint16_t run_permit_coil = 1;  // address of the run permit's coil
     bool energise_to_pass = false;      // the coil is 1 while good parts pass: a module that lost its link rejects
@@ -71,7 +71,7 @@ struct ModbusRejector {
     int confirm_input = -1;             // discrete input that sees an ejected part arrive; -1: none
     bool confirm_active_low = false;
     Duration confirm_within = milliseconds(50);  // after the pulse
-    Duration watchdog{};                // the module's, set and kept alive by the station; zero: left as it is
+    Duration watchdog{};                         // the module's, set and kept alive by the station; zero: left as it is
     Duration response_timeout = milliseconds(30);
     bool operator==(const ModbusRejector&) const = default;
 };
@@ -131,12 +131,12 @@ struct PlcConfig {
 };
 
 struct InspectionConfig {
-    int bins_i = 9, bins_j = 9;    // bins of a macro-pixel
+    int bins_i = 9, bins_j = 9;     // bins of a macro-pixel
     std::filesystem::path grid;     // calibration file that raw frames are decoded with; empty: frames are macro-pixels
     std::filesystem::path recipe;   // empty: the defaults of algo/recipe.h
     std::filesystem::path recipes;  // folder of those that can be switched to by number; empty: none
-    int threads = 1;               // parts inspected at the same time
-    int queue = 8;                 // frames that may wait for a thread
+    int threads = 1;                // parts inspected at the same time
+    int queue = 8;                  // frames that may wait for a thread
 };
 
 // [optics]: from where on ageing light and optics are a fault (docs/service.md). No verdict depends on it.
@@ -159,7 +159,7 @@ struct StoreConfig {
     int free_mb = 1000;            // frames leave so much of the disk free
     int frames_before = 2, frames_after = 2;  // parts around one that did not pass
     std::uint32_t sample_every = 1000;        // parts; 0: no samples
-    int frame_buffers = 24;        // frames that may wait for the disk, in memory
+    int frame_buffers = 24;                   // frames that may wait for the disk, in memory
 
     bool operator==(const StoreConfig&) const = default;
 };
@@ -174,7 +174,8 @@ struct Config {
     ModbusServer modbus;
     SerialLine serial;
     PlcConfig plc;
-    std::filesystem::path state_folder;  // what outlives a run; empty: nothing does. Not a key: the service's $STATE_DIRECTORY
+    std::filesystem::path
+        state_folder;       // what outlives a run; empty: nothing does. Not a key: the service's $STATE_DIRECTORY
     bool autostart = true;  // arms and starts by itself as soon as every device is up; false: somebody commands it
     InspectionConfig inspection;
     OpticsConfig optics;

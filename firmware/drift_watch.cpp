@@ -2,7 +2,8 @@
 
 namespace hord::firmware {
 
-Result<std::unique_ptr<DriftWatch>> DriftWatch::create(const algo::Extents& extents, const algo::LightLevels& levels, algo::DriftZero zero, double px_a_bin) {
+Result<std::unique_ptr<DriftWatch>> DriftWatch::create(const algo::Extents& extents, const algo::LightLevels& levels,
+                                                       algo::DriftZero zero, double px_a_bin) {
     auto estimator = algo::DriftEstimator::create(extents, levels, zero);
     if (!estimator) return tl::unexpected(estimator.error());
     return std::unique_ptr<DriftWatch>(new DriftWatch(std::move(*estimator), px_a_bin));

@@ -1,4 +1,5 @@
-// Watches the lenslet grid while the station works: fed with every inspected frame, from any thread; says when the grid has moved.
+// Watches the lenslet grid while the station works: fed with every inspected frame, from any thread; says when the grid
+// has moved.
 #pragma once
 
 #include <memory>
@@ -9,7 +10,8 @@
 
 namespace hord::firmware {
 
-// From here on drift is reported. What must not go unnoticed is 0.1 px; a fifth of it is left for the estimate's own error.
+// From here on drift is reported. What must not go unnoticed is 0.1 px; a fifth of it is left for the estimate's own
+// error.
 inline constexpr double kDriftNoticedPx = 0.08;
 // What was reported is over below this; in between nothing changes.
 inline constexpr double kDriftGonePx = 0.06;
@@ -17,7 +19,8 @@ inline constexpr double kDriftGonePx = 0.06;
 class DriftWatch {
   public:
     // Of macro-pixel frames. `px_a_bin`: of the sensor; 1 where its own frames are macro-pixels.
-    static Result<std::unique_ptr<DriftWatch>> create(const algo::Extents& extents, const algo::LightLevels& levels, algo::DriftZero zero, double px_a_bin);
+    static Result<std::unique_ptr<DriftWatch>> create(const algo::Extents& extents, const algo::LightLevels& levels,
+                                                      algo::DriftZero zero, double px_a_bin);
 
     // Any thread. True when this frame made the watch change its mind.
     bool add(const algo::FrameView& frame);
@@ -30,7 +33,8 @@ class DriftWatch {
     [[nodiscard]] View view() const;  // any thread
 
   private:
-    DriftWatch(algo::DriftEstimator estimator, double px_a_bin) : estimator_(std::move(estimator)), px_a_bin_(px_a_bin) {}
+    DriftWatch(algo::DriftEstimator estimator, double px_a_bin)
+        : estimator_(std::move(estimator)), px_a_bin_(px_a_bin) {}
     mutable std::mutex mutex_;
     algo::DriftEstimator estimator_;
     double px_a_bin_;

@@ -1,10 +1,5 @@
 #include "firmware/event_loop_sd.h"
 
-#include <sys/epoll.h>
-#include <sys/eventfd.h>
-#include <systemd/sd-event.h>
-#include <unistd.h>
-
 #include <cerrno>
 #include <cstring>
 #include <ctime>
@@ -14,11 +9,17 @@
 #include <utility>
 #include <vector>
 
+#include <sys/epoll.h>
+#include <sys/eventfd.h>
+#include <systemd/sd-event.h>
+#include <unistd.h>
+
 namespace hord::firmware {
 namespace {
 
 tl::unexpected<Error> io_error(const char* what, int negative_errno) {
-    return fail(ErrorCode::io, std::string(what) + ": " + std::strerror(-negative_errno), "check the limit of open files (ulimit -n)");
+    return fail(ErrorCode::io, std::string(what) + ": " + std::strerror(-negative_errno),
+                "check the limit of open files (ulimit -n)");
 }
 
 std::uint64_t to_usec_rounded_up(hal::TimePoint t) {
@@ -28,8 +29,8 @@ std::uint64_t to_usec_rounded_up(hal::TimePoint t) {
 
 }  // namespace
 
-// sd-event orders its sources by priority, not by who was made first, and rounds to microseconds. So the timers are kept
-// here, in the order the seam promises, behind one time source.
+// sd-event orders its sources by priority, not by who was made first, and rounds to microseconds. So the timers are
+// kept here, in the order the seam promises, behind one time source.
 struct SdEventLoop::Loop {
     using Key = std::pair<hal::TimePoint, std::uint64_t>;
     struct Watch {
@@ -135,11 +136,15 @@ Result<std::unique_ptr<SdEventLoop>> SdEventLoop::open() {
     if (const int r = sd_event_new(&loop->event); r < 0) return io_error("the event loop cannot be made", r);
     loop->post_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (loop->post_fd < 0) return io_error("the event loop cannot be made", -errno);
-    if (const int r = sd_event_add_io(loop->event, &loop->post_source, loop->post_fd, EPOLLIN, &Loop::on_post, loop.get()); r < 0) {
+    if (const int r =
+            sd_event_add_io(loop->event, &loop->post_source, loop->post_fd, EPOLLIN, &Loop::on_post, loop.get());
+        r < 0) {
         return io_error("the event loop cannot be made", r);
     }
     // An accuracy of 1 us: sd-event's default of 250 ms is for saving power.
-    if (const int r = sd_event_add_time(loop->event, &loop->time_source, CLOCK_MONOTONIC, 0, 1, &Loop::on_time, loop.get()); r < 0) {
+    if (const int r =
+            sd_event_add_time(loop->event, &loop->time_source, CLOCK_MONOTONIC, 0, 1, &Loop::on_time, loop.get());
+        r < 0) {
         return io_error("the event loop has no timer", r);
     }
     sd_event_source_set_enabled(loop->time_source, SD_EVENT_OFF);
@@ -148,7 +153,8 @@ Result<std::unique_ptr<SdEventLoop>> SdEventLoop::open() {
 
 Result<void> SdEventLoop::stop_on_signals(std::initializer_list<int> signals) {
     for (const int signal : signals) {
-        const int r = sd_event_add_signal(loop_->event, nullptr, signal | SD_EVENT_SIGNAL_PROCMASK, &Loop::on_signal, loop_.get());
+        const int r = sd_event_add_signal(loop_->event, nullptr, signal | SD_EVENT_SIGNAL_PROCMASK, &Loop::on_signal,
+                                          loop_.get());
         if (r < 0) return io_error("signals cannot be watched", r);
     }
     return {};
@@ -160,7 +166,8 @@ Result<void> SdEventLoop::on_signal(int signal, Callback callback) {
         (*static_cast<Callback*>(what))();
         return 0;
     };
-    const int r = sd_event_add_signal(loop_->event, nullptr, signal | SD_EVENT_SIGNAL_PROCMASK, call, loop_->signal_callbacks.back().get());
+    const int r = sd_event_add_signal(loop_->event, nullptr, signal | SD_EVENT_SIGNAL_PROCMASK, call,
+                                      loop_->signal_callbacks.back().get());
     return r < 0 ? io_error("signals cannot be watched", r) : Result<void>{};
 }
 
@@ -198,7 +205,9 @@ void SdEventLoop::do_cancel(TimerId timer) {
 Result<hal::EventLoop::WatchId> SdEventLoop::do_watch(int fd, Readiness what, Callback callback) {
     auto watch = std::make_unique<Loop::Watch>();
     watch->callback = std::move(callback);
-    const std::uint32_t events = what == Readiness::readable ? EPOLLIN : what == Readiness::writable ? EPOLLOUT : EPOLLIN | EPOLLOUT;
+    const std::uint32_t events = what == Readiness::readable ? EPOLLIN
+        : what == Readiness::writable                        ? EPOLLOUT
+                                                             : EPOLLIN | EPOLLOUT;
     const int r = sd_event_add_io(loop_->event, &watch->source, fd, events, &Loop::on_watch, watch.get());
     if (r < 0) return io_error("descriptor cannot be watched", r);
     const std::uint64_t id = ++loop_->last_watch;

@@ -19,13 +19,15 @@ class SdEventLoop final : public hal::EventLoop {
     // the mask.
     Result<void> stop_on_signals(std::initializer_list<int> signals = {SIGINT, SIGTERM});
 
-    // Blocks the signal and runs `callback` on the loop's thread whenever it comes. Before any thread is started. Fails with io.
+    // Blocks the signal and runs `callback` on the loop's thread whenever it comes. Before any thread is started. Fails
+    // with io.
     Result<void> on_signal(int signal, Callback callback);
 
     // Runs callbacks until request_stop(); may be run again. Fails with io.
     Result<void> run();
 
-    // Any thread. run() returns soon, after the callbacks that are due now; a stop asked for before run() makes it return at once.
+    // Any thread. run() returns soon, after the callbacks that are due now; a stop asked for before run() makes it
+    // return at once.
     void request_stop();
 
     // The signal that stopped the loop; 0: none.

@@ -11,11 +11,14 @@ namespace {
 
 // Of scratches the length, of others the diameter of a disc of their area.
 float size_of(const algo::Defect& d) {
-    return d.kind == algo::DefectKind::scratch && d.length > 0 ? d.length : 2 * std::sqrt(static_cast<float>(d.area) * std::numbers::inv_pi_v<float>);
+    return d.kind == algo::DefectKind::scratch && d.length > 0
+        ? d.length
+        : 2 * std::sqrt(static_cast<float>(d.area) * std::numbers::inv_pi_v<float>);
 }
 
 std::string length(float lenslets, const algo::Recipe& recipe) {
-    return recipe.lenslet_mm > 0 ? fmt::format("{:.2g} mm", lenslets * recipe.lenslet_mm) : fmt::format("{:.1f} lenslets", lenslets);
+    return recipe.lenslet_mm > 0 ? fmt::format("{:.2g} mm", lenslets * recipe.lenslet_mm)
+                                 : fmt::format("{:.1f} lenslets", lenslets);
 }
 
 std::string place(const algo::Defect& d, const algo::Recipe& recipe, const algo::Extents& e) {
@@ -47,10 +50,13 @@ std::string_view why_unfit(algo::Reason reason, const algo::Registered& register
 }  // namespace
 
 std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents) {
-    if (found.verdict == algo::Verdict::unfit) return fmt::format("Not judged: {}.", why_unfit(found.reason, found.registered));
-    if (found.defects.empty()) return fmt::format("Passed: the worst place reaches {:.0f} % of its limit.", 100 * found.score);
+    if (found.verdict == algo::Verdict::unfit)
+        return fmt::format("Not judged: {}.", why_unfit(found.reason, found.registered));
+    if (found.defects.empty())
+        return fmt::format("Passed: the worst place reaches {:.0f} % of its limit.", 100 * found.score);
     const algo::Defect& d = found.defects.front();
-    std::string text = fmt::format("Rejected: {} of {} at {}, {:.1f} times its limit", what_is(d.kind), length(size_of(d), recipe), place(d, recipe, extents), found.score);
+    std::string text = fmt::format("Rejected: {} of {} at {}, {:.1f} times its limit", what_is(d.kind),
+                                   length(size_of(d), recipe), place(d, recipe, extents), found.score);
     const std::size_t more = found.defects.size() - 1;
     if (more > 0) text += fmt::format("; {} weaker {}", more, more == 1 ? "one" : "ones");
     return text + ".";
@@ -59,7 +65,8 @@ std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, c
 std::vector<std::string> labels_of(const algo::Inspection& found, const algo::Recipe& recipe) {
     std::vector<std::string> labels;
     for (const algo::Defect& d : found.defects) {
-        labels.push_back(fmt::format("{} {}{}", name_of(d.kind), length(size_of(d), recipe), d.score > 0 ? fmt::format(", {:.1f}x", d.score) : ""));
+        labels.push_back(fmt::format("{} {}{}", name_of(d.kind), length(size_of(d), recipe),
+                                     d.score > 0 ? fmt::format(", {:.1f}x", d.score) : ""));
     }
     return labels;
 }

@@ -13,9 +13,9 @@ namespace hord::firmware {
 namespace {
 
 constexpr double kDimmest = 0.2, kBrightest = 0.98;  // of the typical lenslet's brightest sample
-constexpr double kLit = 0.5;                          // of all lenslets: an aperture may shade the corners
-constexpr double kFocused = 0.5;                      // of evenly filled bins
-constexpr double kStrayLight = 0.05;                  // of the lit frame
+constexpr double kLit = 0.5;                         // of all lenslets: an aperture may shade the corners
+constexpr double kFocused = 0.5;                     // of evenly filled bins
+constexpr double kStrayLight = 0.05;                 // of the lit frame
 
 double median(std::vector<double>& values) {
     if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
@@ -26,7 +26,8 @@ double median(std::vector<double>& values) {
 
 }  // namespace
 
-Result<FrameQuality> quality_of(const algo::FrameView& frame, const algo::Extents& extents, const algo::Recipe& recipe) {
+Result<FrameQuality> quality_of(const algo::FrameView& frame, const algo::Extents& extents,
+                                const algo::Recipe& recipe) {
     if (auto checked = algo::check_frame(frame, extents, frame.bits); !checked) return tl::unexpected(checked.error());
     const algo::LightLevels levels = algo::light_levels(recipe, frame.bits);
     FrameQuality quality;
@@ -68,10 +69,15 @@ Result<FrameQuality> quality_of(const algo::FrameView& frame, const algo::Extent
 }
 
 Judgement judge_exposure(const FrameQuality& q) {
-    Judgement made{true, fmt::format("brightest bins at {:.0f} % of full scale, {:.1f} % of the lenslets lit", 100 * q.bright, 100 * q.lit), ""};
+    Judgement made{true,
+                   fmt::format("brightest bins at {:.0f} % of full scale, {:.1f} % of the lenslets lit", 100 * q.bright,
+                               100 * q.lit),
+                   ""};
     if (q.bright < kDimmest || q.lit < kLit) {
         made.good = false;
-        made.cure = "more light: lengthen timing.strobe_us (within the LED's limits) or raise the sensor's gain; check that a collimator points at the sensor and nothing covers it";
+        made.cure =
+            "more light: lengthen timing.strobe_us (within the LED's limits) or raise the sensor's gain; check that a "
+            "collimator points at the sensor and nothing covers it";
     } else if (q.bright > kBrightest) {
         made.good = false;
         made.cure = "less light: shorten timing.strobe_us or lower the sensor's gain";
@@ -80,7 +86,10 @@ Judgement judge_exposure(const FrameQuality& q) {
 }
 
 Judgement judge_saturation(const FrameQuality& q, const algo::Recipe& recipe) {
-    Judgement made{q.saturated <= recipe.max_saturated_share, fmt::format("{:.2f} % of the lenslets (at most {:.2f} %)", 100 * q.saturated, 100 * recipe.max_saturated_share), ""};
+    Judgement made{
+        q.saturated <= recipe.max_saturated_share,
+        fmt::format("{:.2f} % of the lenslets (at most {:.2f} %)", 100 * q.saturated, 100 * recipe.max_saturated_share),
+        ""};
     if (!made.good) made.cure = "less light: shorten timing.strobe_us or lower the sensor's gain";
     return made;
 }
@@ -88,15 +97,23 @@ Judgement judge_saturation(const FrameQuality& q, const algo::Recipe& recipe) {
 Judgement judge_focus(const FrameQuality& q) {
     if (std::isnan(q.spot_bins)) return {false, "no lenslet is lit", "see to the exposure first"};
     Judgement made{q.spot_bins <= kFocused * q.unfocused_bins,
-                   fmt::format("spots of {:.2f} bins RMS (at most {:.2f}; without any focus {:.2f})", q.spot_bins, kFocused * q.unfocused_bins, q.unfocused_bins), ""};
-    if (!made.good) made.cure = "focus the collimator and the lenslet array's distance to the sensor; clear the field of parts; where frames are raw, calibrate (hordctl calibrate)";
+                   fmt::format("spots of {:.2f} bins RMS (at most {:.2f}; without any focus {:.2f})", q.spot_bins,
+                               kFocused * q.unfocused_bins, q.unfocused_bins),
+                   ""};
+    if (!made.good)
+        made.cure =
+            "focus the collimator and the lenslet array's distance to the sensor; clear the field of parts; where "
+            "frames are raw, calibrate (hordctl calibrate)";
     return made;
 }
 
 Judgement judge_dark(const FrameQuality& dark, const FrameQuality& lit) {
     const double share = lit.mean > 0 ? dark.mean / lit.mean : 1;
     Judgement made{share <= kStrayLight, fmt::format("{:.1f} % of the lit frame's light", 100 * share), ""};
-    if (!made.good) made.cure = "keep room light off the sensor, and check that the strobe is off between parts; or the sensor's black level is above the recipe's dark_dn: lower it";
+    if (!made.good)
+        made.cure =
+            "keep room light off the sensor, and check that the strobe is off between parts; or the sensor's black "
+            "level is above the recipe's dark_dn: lower it";
     return made;
 }
 

@@ -1,4 +1,5 @@
-// Whether a frame of the empty, lit field is fit to be judged: exposure, saturation, and the focus of the lenslets' spots.
+// Whether a frame of the empty, lit field is fit to be judged: exposure, saturation, and the focus of the lenslets'
+// spots.
 #pragma once
 
 #include <string>
@@ -14,8 +15,8 @@ struct FrameQuality {
     double bright = 0;     // the brightest sample of the typical lenslet (median), share of the full scale
     double saturated = 0;  // share of the lenslets with a saturated sample
     double lit = 0;        // share of the lenslets with light enough to be judged
-    // The spot that parallel light makes in a lenslet: its RMS radius along one axis, bins, of the typical lit lenslet, and what it would
-    // be if the light filled all bins evenly. NaN where no lenslet is lit.
+    // The spot that parallel light makes in a lenslet: its RMS radius along one axis, bins, of the typical lit lenslet,
+    // and what it would be if the light filled all bins evenly. NaN where no lenslet is lit.
     double spot_bins = 0, unfocused_bins = 0;
 };
 

@@ -1,5 +1,5 @@
-// hord-safe: what systemd runs after hordd, however that ended. A program of its own because it has to be quick: hordd links a hundred
-// libraries more, and loading them alone takes longer than all that is done here.
+// hord-safe: what systemd runs after hordd, however that ended. A program of its own because it has to be quick: hordd
+// links a hundred libraries more, and loading them alone takes longer than all that is done here.
 #include <cstdio>
 #include <string>
 
@@ -12,10 +12,13 @@
 int main(int argc, char** argv) {
     using namespace hord::firmware;
     std::string file = "/etc/hord/hordd.toml";
-    CLI::App program{"hord-safe: turns the station's lights off and brings its rejector to the safe state, no run permit"};
+    CLI::App program{
+        "hord-safe: turns the station's lights off and brings its rejector to the safe state, no run permit"};
     program.set_version_flag("--version", "hord-safe " HORD_VERSION);
     program.add_option("--config", file, "The station's configuration (TOML)")->capture_default_str();
-    program.footer("Exit status: 0 safe, 2 not: look at the line, or usage, 78 the configuration cannot be used.\nExample: hord-safe --config /etc/hord/hordd.toml");
+    program.footer(
+        "Exit status: 0 safe, 2 not: look at the line, or usage, 78 the configuration cannot be used.\nExample: "
+        "hord-safe --config /etc/hord/hordd.toml");
     try {
         program.parse(argc, argv);
     } catch (const CLI::Success& asked) {

@@ -1,5 +1,5 @@
-// hordd: the station as a service. Everything it does it does through Service; this file only speaks to systemd: readiness,
-// status and watchdog, sockets that it opened, reload, the journal, and the policy of the timing thread.
+// hordd: the station as a service. Everything it does it does through Service; this file only speaks to systemd:
+// readiness, status and watchdog, sockets that it opened, reload, the journal, and the policy of the timing thread.
 #include <cstdio>
 #include <cstdlib>
 #include <string>
@@ -77,7 +77,8 @@ class Daemon {
         if (!opened) return complain(Happening::trouble, opened.error(), kCannotRun);
         service_ = std::move(*opened);
         if (options_.realtime > 0) {
-            for (const Error& refused : take_realtime_policy(options_.realtime)) tell(entry_of(Happening::trouble), refused.message());
+            for (const Error& refused : take_realtime_policy(options_.realtime))
+                tell(entry_of(Happening::trouble), refused.message());
         }
         service_->loop().post([this] { begin(); });
         const auto ran = service_->run();
@@ -97,7 +98,8 @@ class Daemon {
         };
         all.recipe = [](const NumberedRecipe& recipe) {
             const std::string crc = fmt::format("{:08X}", crc32_of(recipe));
-            tell(entry_of(Happening::recipe), fmt::format("recipe {} \"{}\", CRC-32 {}, is in use", recipe.number, recipe.recipe.name, crc),
+            tell(entry_of(Happening::recipe),
+                 fmt::format("recipe {} \"{}\", CRC-32 {}, is in use", recipe.number, recipe.recipe.name, crc),
                  std::array{Field{"HORD_RECIPE", std::to_string(recipe.number)}, Field{"HORD_RECIPE_CRC", crc}});
         };
         all.reload = [this] { reload(); };
@@ -130,22 +132,26 @@ class Daemon {
         const Snapshot now = service_->snapshot();
         story_.faults(now.faults_active);
         const Counters& c = now.counters;
-        const std::string status = fmt::format("{}{}, {} parts: {} pass, {} reject, {} unfit; faults: {}", name_of(now.state),
-                                               now.line_stop ? ", LINE STOP" : "", c.seen, c.pass, c.reject, c.unfit, names_of_faults(now.faults_active));
+        const std::string status = fmt::format("{}{}, {} parts: {} pass, {} reject, {} unfit; faults: {}",
+                                               name_of(now.state), now.line_stop ? ", LINE STOP" : "", c.seen, c.pass,
+                                               c.reject, c.unfit, names_of_faults(now.faults_active));
         if (status != std::exchange(status_, status)) sd_notifyf(0, "STATUS=%s", status.c_str());
     }
     void reload() {
         timespec now{};
         ::clock_gettime(CLOCK_MONOTONIC, &now);
-        sd_notifyf(0, "RELOADING=1\nMONOTONIC_USEC=%lld", static_cast<long long>(now.tv_sec) * 1'000'000 + now.tv_nsec / 1000);
+        sd_notifyf(0, "RELOADING=1\nMONOTONIC_USEC=%lld",
+                   static_cast<long long>(now.tv_sec) * 1'000'000 + now.tv_nsec / 1000);
         const auto config = read_config(options_);
         const auto waiting = config ? service_->reload(*config) : tl::unexpected(config.error());
         if (!waiting) {
-            tell(entry_of(Happening::reload_refused), "reload refused, the old configuration stays: " + waiting.error().message());
+            tell(entry_of(Happening::reload_refused),
+                 "reload refused, the old configuration stays: " + waiting.error().message());
         } else if (waiting->empty()) {
             tell(entry_of(Happening::reloaded), "configuration read again");
         } else {
-            tell(entry_of(Happening::reloaded), fmt::format("configuration read again; not changed until a restart: {}", fmt::join(*waiting, ", ")));
+            tell(entry_of(Happening::reloaded),
+                 fmt::format("configuration read again; not changed until a restart: {}", fmt::join(*waiting, ", ")));
         }
         sd_notify(0, "READY=1");
     }
@@ -153,21 +159,31 @@ class Daemon {
     const Options& options_;
     std::unique_ptr<Service> service_;
     std::string status_;
-    JournalStory story_{[](const Entry& entry, std::string_view message, std::span<const Field> fields) { tell(entry, message, fields); }};
+    JournalStory story_{[](const Entry& entry, std::string_view message, std::span<const Field> fields) {
+        tell(entry, message, fields);
+    }};
 };
 
 }  // namespace
 
 int main(int argc, char** argv) {
     Options options;
-    CLI::App program{"hordd: the inspection station as a service; runs until SIGTERM, reads its configuration again on SIGHUP"};
+    CLI::App program{
+        "hordd: the inspection station as a service; runs until SIGTERM, reads its configuration again on SIGHUP"};
     program.set_version_flag("--version", "hordd " HORD_VERSION);
     program.add_option("--config", options.config, "Configuration (TOML)")->capture_default_str();
-    program.add_option("--realtime", options.realtime, "Run the timing thread under SCHED_FIFO with this priority; 0: not")->check(CLI::Range(0, 99))->capture_default_str();
-    program.add_flag("--check", options.check, "Only read the configuration, its recipe and its calibration, and say what is wrong with them");
-    program.add_flag("--catalog", options.catalog, "Only print the journal's catalogue: every message id, what it means and what to do");
-    program.footer("Exit status: 0 stopped as asked, 2 a device or a port cannot be used, or usage, 78 the configuration cannot be used.\n"
-                   "Example: hordd --config deploy/hordd.toml");
+    program
+        .add_option("--realtime", options.realtime, "Run the timing thread under SCHED_FIFO with this priority; 0: not")
+        ->check(CLI::Range(0, 99))
+        ->capture_default_str();
+    program.add_flag("--check", options.check,
+                     "Only read the configuration, its recipe and its calibration, and say what is wrong with them");
+    program.add_flag("--catalog", options.catalog,
+                     "Only print the journal's catalogue: every message id, what it means and what to do");
+    program.footer(
+        "Exit status: 0 stopped as asked, 2 a device or a port cannot be used, or usage, 78 the configuration cannot "
+        "be used.\n"
+        "Example: hordd --config deploy/hordd.toml");
     try {
         program.parse(argc, argv);
     } catch (const CLI::Success& asked) {

@@ -18,12 +18,14 @@
 
 namespace hord::firmware {
 
-// Sees every inspection as it is made, with its macro-pixel frame (the raw one, decoded) and maps, nothing copied. Called on the thread
-// that inspects (with several threads: on each, at the same time); everything borrowed is valid during the call only.
+// Sees every inspection as it is made, with its macro-pixel frame (the raw one, decoded) and maps, nothing copied.
+// Called on the thread that inspects (with several threads: on each, at the same time); everything borrowed is valid
+// during the call only.
 class InspectionObserver {
   public:
     virtual ~InspectionObserver() = default;
-    virtual void on_inspection(std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection) = 0;
+    virtual void on_inspection(std::uint32_t part, const algo::FrameView& frame,
+                               const algo::Inspection& inspection) = 0;
 };
 
 class Inspector {
@@ -31,7 +33,8 @@ class Inspector {
     // Called on the loop's thread.
     class Listener {
       public:
-        virtual void on_judged(const Judged& judged) = 0;  // exactly one for every accepted submit(), unless stopped before
+        virtual void on_judged(
+            const Judged& judged) = 0;  // exactly one for every accepted submit(), unless stopped before
 
       protected:
         ~Listener() = default;
@@ -49,16 +52,16 @@ class Inspector {
     // Loop thread. Waits for the frame that is being inspected; no call reaches the listener after it returns.
     void stop() { do_stop(); }
 
-    // Loop thread, while the station does not execute: judges with another recipe from now on. Waits for the frame that is
-    // being inspected; frames that wait are given back unjudged. Fails with invalid_argument (the recipe does not fit the
-    // light field; the old one stays), unsupported (a stand-in).
+    // Loop thread, while the station does not execute: judges with another recipe from now on. Waits for the frame that
+    // is being inspected; frames that wait are given back unjudged. Fails with invalid_argument (the recipe does not
+    // fit the light field; the old one stays), unsupported (a stand-in).
     Result<void> use(const algo::Recipe& recipe, std::uint16_t number) { return do_use(recipe, number); }
 
     // Loop thread. Frames that wait for a thread now.
     [[nodiscard]] std::size_t waiting() const { return do_waiting(); }
 
-    // Loop thread. `all_here` runs on the loop's thread once every thread has taken a turn: at once when none is started,
-    // after its frame when one is busy, never when one hangs. A later call replaces an earlier one that waits.
+    // Loop thread. `all_here` runs on the loop's thread once every thread has taken a turn: at once when none is
+    // started, after its frame when one is busy, never when one hangs. A later call replaces an earlier one that waits.
     void roll_call(std::function<void()> all_here) { do_roll_call(std::move(all_here)); }
 
   private:
@@ -73,13 +76,14 @@ class Inspector {
 struct InspectorSettings {
     algo::Extents extents;
     int bits = 8;
-    std::shared_ptr<const algo::GridDecoder> decoder = nullptr;  // of raw frames, of these extents; none: frames are macro-pixels
+    std::shared_ptr<const algo::GridDecoder> decoder =
+        nullptr;  // of raw frames, of these extents; none: frames are macro-pixels
     algo::Recipe recipe;
     std::uint16_t recipe_number = kNoNumber;  // comes back in every Judged
-    int threads = 1;  // each with a pipeline of its own
-    int queue = 8;    // frames that may wait; one more is refused as busy
-    InspectionObserver* observer = nullptr;  // outlives the inspector
-    algo::NowNs now = nullptr;               // the clock of Inspection::times; none: they stay 0
+    int threads = 1;                          // each with a pipeline of its own
+    int queue = 8;                            // frames that may wait; one more is refused as busy
+    InspectionObserver* observer = nullptr;   // outlives the inspector
+    algo::NowNs now = nullptr;                // the clock of Inspection::times; none: they stay 0
 };
 
 // Worker threads; answers through loop.post(). Fails with what Pipeline::create says.
@@ -91,10 +95,11 @@ using Judges = std::function<Result<std::vector<Judge>>(const algo::Recipe& reci
 // The pipeline as one. Fails with what Pipeline::create says.
 Result<Judge> make_pipeline_judge(const InspectorSettings& settings);
 // `remake` makes them for another recipe; without it use() is unsupported.
-std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges, Judges remake = nullptr);
+std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges,
+                                                   Judges remake = nullptr);
 
-// Inspects inside submit(), answers `modelled` later by a timer. `threads` bounds how many parts are in the modelled work
-// at the same time, `queue` how many wait.
+// Inspects inside submit(), answers `modelled` later by a timer. `threads` bounds how many parts are in the modelled
+// work at the same time, `queue` how many wait.
 Result<std::unique_ptr<Inspector>> make_inline_inspector(hal::EventLoop& loop, const InspectorSettings& settings,
                                                          hal::Duration modelled);
 

@@ -24,10 +24,12 @@ class DelayedInspector final : public Inspector {
     void do_start(Listener& listener) override { listener_ = &listener; }
 
     Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) override {
-        if (listener_ == nullptr) return fail(ErrorCode::disconnected, "the inspector is not started", "start it first");
+        if (listener_ == nullptr)
+            return fail(ErrorCode::disconnected, "the inspector is not started", "start it first");
         const auto free = std::find_if(slots_.begin(), slots_.end(), [](const Slot& s) { return !s.used; });
         if (free == slots_.end()) {
-            return fail(ErrorCode::busy, "the inspector's queue is full", "lower the line's rate or raise inspection.threads");
+            return fail(ErrorCode::busy, "the inspector's queue is full",
+                        "lower the line's rate or raise inspection.threads");
         }
         const StandInAnswer answer = judge_(part, frame);
         const auto index = static_cast<std::uint32_t>(free - slots_.begin());

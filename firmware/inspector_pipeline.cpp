@@ -9,7 +9,9 @@
 namespace hord::firmware {
 namespace {
 
-std::uint16_t to_register(float lenslets) { return static_cast<std::uint16_t>(std::clamp(std::lround(lenslets), 0L, 0xFFFEL)); }
+std::uint16_t to_register(float lenslets) {
+    return static_cast<std::uint16_t>(std::clamp(std::lround(lenslets), 0L, 0xFFFEL));
+}
 
 // What one thread judges with; nothing is allocated a frame.
 struct Bench {
@@ -70,7 +72,9 @@ Result<std::vector<Judge>> make_judges(const InspectorSettings& settings) {
 Result<Judge> make_pipeline_judge(const InspectorSettings& settings) {
     auto bench = make_bench(settings);
     if (!bench) return tl::unexpected(bench.error());
-    return [bench = *bench, settings](std::uint32_t part, const hal::FrameLease& frame) { return judge_with(*bench, part, frame, settings); };
+    return [bench = *bench, settings](std::uint32_t part, const hal::FrameLease& frame) {
+        return judge_with(*bench, part, frame, settings);
+    };
 }
 
 Result<void> Inspector::do_use(const algo::Recipe&, std::uint16_t) {
@@ -96,7 +100,8 @@ Result<std::unique_ptr<Inspector>> make_inline_inspector(hal::EventLoop& loop, c
     const int threads = std::max(settings.threads, 1);
     // When each of the modelled threads is free again.
     std::vector<hal::TimePoint> free_at(static_cast<std::size_t>(threads));
-    auto judge = [bench = *bench, settings, modelled, free_at, &loop](std::uint32_t part, const hal::FrameLease& frame) mutable {
+    auto judge = [bench = *bench, settings, modelled, free_at, &loop](std::uint32_t part,
+                                                                      const hal::FrameLease& frame) mutable {
         auto& thread = *std::min_element(free_at.begin(), free_at.end());
         thread = std::max(thread, loop.now()) + modelled;
         return StandInAnswer{judge_with(*bench, part, frame, settings), thread - loop.now()};

@@ -38,7 +38,8 @@ struct Mailbox {
 class ThreadedInspector final : public Inspector {
   public:
     ThreadedInspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges, Judges remake)
-        : loop_(loop), queue_(static_cast<std::size_t>(queue)), judges_(std::move(judges)), remake_(std::move(remake)), mailbox_(std::make_shared<Mailbox>()) {}
+        : loop_(loop), queue_(static_cast<std::size_t>(queue)), judges_(std::move(judges)), remake_(std::move(remake)),
+          mailbox_(std::make_shared<Mailbox>()) {}
     ~ThreadedInspector() override { do_stop(); }
 
   private:
@@ -152,8 +153,8 @@ class ThreadedInspector final : public Inspector {
     mutable std::mutex mutex_;
     std::condition_variable wake_;
     std::deque<Job> jobs_;
-    std::uint64_t call_ = 0;         // of roll_call()
-    std::size_t missing_ = 0;        // threads that have not answered it
+    std::uint64_t call_ = 0;   // of roll_call()
+    std::size_t missing_ = 0;  // threads that have not answered it
     std::function<void()> all_here_;
     bool ending_ = false;
     std::shared_ptr<Mailbox> mailbox_;
@@ -161,7 +162,8 @@ class ThreadedInspector final : public Inspector {
 
 }  // namespace
 
-std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges, Judges remake) {
+std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges,
+                                                   Judges remake) {
     return std::make_unique<ThreadedInspector>(loop, queue, std::move(judges), std::move(remake));
 }
 

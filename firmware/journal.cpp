@@ -19,13 +19,12 @@ namespace {
 
 constexpr std::size_t kHappenings = 9, kFaults = 17;
 
-// An id, once released, keeps its meaning for ever. In the order of Happening, then of FaultBit; the faults' texts are faults.h's.
+// An id, once released, keeps its meaning for ever. In the order of Happening, then of FaultBit; the faults' texts are
+// faults.h's.
 constexpr std::array<Entry, kHappenings> kHappeningEntries{{
     {"47eaa0992cb6416d86dc283cf0480ff9", 5, "The HORD station answers",
-     "Devices are open and the registers can be read at @HORD_REGISTERS@.",
-     ""},
-    {"1509bb0a9bf143318a118783593942a4", 5, "The HORD station went to @HORD_STATE@",
-     "It was in @HORD_FROM@.",
+     "Devices are open and the registers can be read at @HORD_REGISTERS@.", ""},
+    {"1509bb0a9bf143318a118783593942a4", 5, "The HORD station went to @HORD_STATE@", "It was in @HORD_FROM@.",
      "In Error: read the fault before this message, look at the line, then reset (hordctl command reset)."},
     {"f5ec52ed0108447592e1bc7656670b14", 4, "Something of the HORD station failed",
      "The message names it and its cure. The station goes on; parts that it could not judge were rejected.",
@@ -43,11 +42,9 @@ constexpr std::array<Entry, kHappenings> kHappeningEntries{{
      "Number @HORD_RECIPE@, CRC-32 @HORD_RECIPE_CRC@.",
      "If nobody meant that, see who asked for it before this message."},
     {"142c83647806457793e783e7eb04b39b", 5, "The HORD station stopped as asked",
-     "Lights are off, the run permit is down.",
-     ""},
+     "Lights are off, the run permit is down.", ""},
     {"3b041641178844f2a60df25453fe2e85", 6, "A fault of the HORD station is over",
-     "Fault @HORD_FAULT@. It stays latched until a reset.",
-     ""},
+     "Fault @HORD_FAULT@. It stays latched until a reset.", ""},
 }};
 
 struct FaultId {
@@ -84,7 +81,8 @@ std::string capital(std::string_view text) {
 const std::array<Entry, kHappenings + kFaults>& all_entries() {
     static const auto subjects = [] {
         std::array<std::string, kFaults> made;
-        for (std::size_t k = 0; k < kFaults; ++k) made[k] = fmt::format("HORD station fault: {}", fault_texts()[k].name);
+        for (std::size_t k = 0; k < kFaults; ++k)
+            made[k] = fmt::format("HORD station fault: {}", fault_texts()[k].name);
         return made;
     }();
     static const auto entries = [] {
@@ -110,20 +108,24 @@ bool stderr_is_the_journal() {
 }  // namespace
 
 const Entry& entry_of(Happening what) { return all_entries()[static_cast<std::size_t>(what)]; }
-const Entry& entry_of(FaultBit fault) { return all_entries()[kHappenings + static_cast<std::size_t>(std::countr_zero(static_cast<std::uint32_t>(fault)))]; }
+const Entry& entry_of(FaultBit fault) {
+    return all_entries()[kHappenings + static_cast<std::size_t>(std::countr_zero(static_cast<std::uint32_t>(fault)))];
+}
 std::span<const Entry> journal_entries() { return all_entries(); }
 
 std::string format_catalog() {
     std::string text = "# What the HORD station's journal messages mean and what to do. Generated: hordd --catalog\n";
     for (const Entry& entry : journal_entries()) {
-        text += fmt::format("\n-- {}\nSubject: {}\nDefined-By: HORD station\nSupport: man:hordd(8)\n\n{}\n", entry.id, entry.subject, capital(entry.meaning));
+        text += fmt::format("\n-- {}\nSubject: {}\nDefined-By: HORD station\nSupport: man:hordd(8)\n\n{}\n", entry.id,
+                            entry.subject, capital(entry.meaning));
         if (!entry.cure.empty()) text += fmt::format("\nWhat to do: {}\n", entry.cure);
     }
     return text;
 }
 
 std::vector<std::string> journal_fields(const Entry& entry, std::string_view message, std::span<const Field> fields) {
-    std::vector<std::string> all{fmt::format("MESSAGE={}", message), fmt::format("MESSAGE_ID={}", entry.id), fmt::format("PRIORITY={}", entry.priority)};
+    std::vector<std::string> all{fmt::format("MESSAGE={}", message), fmt::format("MESSAGE_ID={}", entry.id),
+                                 fmt::format("PRIORITY={}", entry.priority)};
     for (const Field& field : fields) all.push_back(fmt::format("{}={}", field.name, field.value));
     return all;
 }

@@ -1,5 +1,5 @@
-// What the service tells the journal: a message a person can read, an id that names what happened, and fields a program can
-// filter by. `journalctl -x` shows the catalogue's entry of the id: what it means and what to do.
+// What the service tells the journal: a message a person can read, an id that names what happened, and fields a program
+// can filter by. `journalctl -x` shows the catalogue's entry of the id: what it means and what to do.
 #pragma once
 
 #include <functional>
@@ -25,10 +25,10 @@ enum class Happening {
 };
 
 struct Entry {
-    std::string_view id;        // MESSAGE_ID, 32 hexadecimal digits
-    int priority = 6;           // as in syslog: 2 critical, 3 error, 4 warning, 5 notice, 6 information
-    std::string_view subject;   // of the catalogue's entry
-    std::string_view meaning;   // and its text
+    std::string_view id;       // MESSAGE_ID, 32 hexadecimal digits
+    int priority = 6;          // as in syslog: 2 critical, 3 error, 4 warning, 5 notice, 6 information
+    std::string_view subject;  // of the catalogue's entry
+    std::string_view meaning;  // and its text
     std::string_view cure;
 };
 
@@ -51,7 +51,8 @@ std::vector<std::string> journal_fields(const Entry& entry, std::string_view mes
 // To the journal when this process's stderr leads there, else to stderr as one line.
 void tell(const Entry& entry, std::string_view message, std::span<const Field> fields = {});
 
-// What a station goes through, entry by entry: where its state machine went, and each fault when it comes and when it is over.
+// What a station goes through, entry by entry: where its state machine went, and each fault when it comes and when it
+// is over.
 class JournalStory {
   public:
     using Tell = std::function<void(const Entry& entry, std::string_view message, std::span<const Field> fields)>;

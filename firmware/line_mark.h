@@ -1,7 +1,7 @@
 // Whether the process before this one ended with parts on the line: a file that is there while the line may be in use.
 //
-// Made before the line first runs, removed only by a process that ends in order with an empty line. A process that died, or a
-// machine that lost its power, leaves it behind.
+// Made before the line first runs, removed only by a process that ends in order with an empty line. A process that
+// died, or a machine that lost its power, leaves it behind.
 #pragma once
 
 #include <filesystem>

@@ -5,8 +5,9 @@
 namespace hord::firmware {
 namespace {
 
-// WAGO 750 Ethernet couplers and controllers (750-352, 750-841, 750-843, 750-880, 750-882). Reading coil n reads input n; outputs
-// read back 0x200 higher. The watchdog sets all outputs to 0 and then refuses to move them until it is started anew.
+// WAGO 750 Ethernet couplers and controllers (750-352, 750-841, 750-843, 750-880, 750-882). Reading coil n reads input
+// n; outputs read back 0x200 higher. The watchdog sets all outputs to 0 and then refuses to move them until it is
+// started anew.
 constexpr hal::ModuleMap wago_750() {
     hal::ModuleMap map;
     map.read_back_offset = 0x0200;
@@ -20,8 +21,8 @@ constexpr hal::ModuleMap wago_750() {
     return map;
 }
 
-// Moxa ioLogik E1200. A digital output in pulse mode has a second coil, 16 higher, that starts its pulses; their width and number
-// are set in the module's web console, as is its watchdog, which leaves an alarm behind.
+// Moxa ioLogik E1200. A digital output in pulse mode has a second coil, 16 higher, that starts its pulses; their width
+// and number are set in the module's web console, as is its watchdog, which leaves an alarm behind.
 constexpr hal::ModuleMap moxa_iologik() {
     hal::ModuleMap map;
     map.pulse_coil_offset = 16;
@@ -31,7 +32,8 @@ constexpr hal::ModuleMap moxa_iologik() {
     return map;
 }
 
-constexpr std::array<ModuleProfile, 3> kProfiles = {{{"plain-coils", {}}, {"wago-750", wago_750()}, {"moxa-iologik", moxa_iologik()}}};
+constexpr std::array<ModuleProfile, 3> kProfiles = {
+    {{"plain-coils", {}}, {"wago-750", wago_750()}, {"moxa-iologik", moxa_iologik()}}};
 
 }  // namespace
 

@@ -16,8 +16,12 @@ namespace {
 // A flash, its frame and its judgement take less, or are not to be had.
 constexpr Duration kTestPatience = milliseconds(2000);
 
-constexpr CommandOutcome done(std::uint32_t result = 0) { return {CommandState::completed, CommandError::none, result}; }
-constexpr CommandOutcome failed(CommandError error, std::uint32_t result = 0) { return {CommandState::failed, error, result}; }
+constexpr CommandOutcome done(std::uint32_t result = 0) {
+    return {CommandState::completed, CommandError::none, result};
+}
+constexpr CommandOutcome failed(CommandError error, std::uint32_t result = 0) {
+    return {CommandState::failed, error, result};
+}
 
 std::optional<Command> command_of(std::uint16_t code) {
     switch (static_cast<CommandCode>(code)) {
@@ -59,9 +63,12 @@ Who who_is(const modbus::Origin& origin, const CommandRequest& request) {
     return {name.empty() ? std::string(origin.peer) : fmt::format("{} for {}", origin.peer, name), request.token};
 }
 
-std::uint16_t scaled(double value, double scale) { return static_cast<std::uint16_t>(std::clamp(std::lround(value * scale), 0L, 0xFFFEL)); }
+std::uint16_t scaled(double value, double scale) {
+    return static_cast<std::uint16_t>(std::clamp(std::lround(value * scale), 0L, 0xFFFEL));
+}
 
-// What nothing is judged by is not available; another value in its place is a contradiction that a recipe is refused for.
+// What nothing is judged by is not available; another value in its place is a contradiction that a recipe is refused
+// for.
 constexpr std::uint16_t kNotJudged = 0xFFFF;
 
 // A limit keeps what registers cannot say of it, unless they say something else.
@@ -137,8 +144,10 @@ CommandOutcome Operations::carry_out(const Who& who, const CommandRequest& reque
 void Operations::record(const Who& who, const CommandRequest& request, State before, const CommandOutcome& outcome) {
     if (works_->recorder == nullptr) return;
     std::string came_to = name_in_map("state", static_cast<std::uint32_t>(outcome.state));
-    if (outcome.error != CommandError::none) came_to += " " + name_in_map("error", static_cast<std::uint32_t>(outcome.error));
-    works_->recorder->on_change({Change::What::command, who, name_in_map("code", request.code), std::string(name_of(before)), came_to});
+    if (outcome.error != CommandError::none)
+        came_to += " " + name_in_map("error", static_cast<std::uint32_t>(outcome.error));
+    works_->recorder->on_change(
+        {Change::What::command, who, name_in_map("code", request.code), std::string(name_of(before)), came_to});
 }
 
 void Operations::report(const Error& error) const {
@@ -150,10 +159,13 @@ void Operations::report(const Error& error) const {
 Result<void> Operations::use(const Who& who, NumberedRecipe recipe) {
     const State state = works_->station.core().state();
     if (executing(state)) {
-        return fail(ErrorCode::refused, fmt::format("recipe {} cannot be taken while the station executes", recipe.number), "stop it first");
+        return fail(ErrorCode::refused,
+                    fmt::format("recipe {} cannot be taken while the station executes", recipe.number),
+                    "stop it first");
     }
     // What a file may not say, registers may not either.
-    if (auto checked = parse_numbered_recipe(format_recipe(recipe), fmt::format("recipe {}", recipe.number)); !checked) {
+    if (auto checked = parse_numbered_recipe(format_recipe(recipe), fmt::format("recipe {}", recipe.number));
+        !checked) {
         return tl::unexpected(checked.error());
     }
     const std::string why = fmt::format("recipe {} was taken", recipe.number);
@@ -173,7 +185,8 @@ Result<void> Operations::take(const Who& who, NumberedRecipe recipe) {
     works_->desk.stage(staged_from(recipe_));
     if (works_->recipe_changed) works_->recipe_changed(recipe_);
     if (works_->recorder != nullptr) {
-        works_->recorder->on_change({Change::What::recipe, who, recipe_.recipe.name, format_recipe(before), format_recipe(recipe_)});
+        works_->recorder->on_change(
+            {Change::What::recipe, who, recipe_.recipe.name, format_recipe(before), format_recipe(recipe_)});
     }
     return {};
 }
@@ -181,7 +194,8 @@ Result<void> Operations::take(const Who& who, NumberedRecipe recipe) {
 CommandOutcome Operations::used(const Result<void>& result) {
     if (result) return done(crc32_of(recipe_));
     report(result.error());
-    return failed(result.error().code == ErrorCode::refused ? CommandError::not_in_this_state : CommandError::bad_argument);
+    return failed(result.error().code == ErrorCode::refused ? CommandError::not_in_this_state
+                                                            : CommandError::bad_argument);
 }
 
 CommandOutcome Operations::use_recipe(const Who& who, const CommandRequest& request) {
@@ -193,11 +207,13 @@ CommandOutcome Operations::use_recipe(const Who& who, const CommandRequest& requ
         report(recipe.error());
         return failed(CommandError::no_such_recipe);
     }
-    if (request.argument2 != 0 && request.argument2 != crc32_of(*recipe)) return failed(CommandError::wrong_checksum, crc32_of(*recipe));
+    if (request.argument2 != 0 && request.argument2 != crc32_of(*recipe))
+        return failed(CommandError::wrong_checksum, crc32_of(*recipe));
     return used(use(who, std::move(*recipe)));
 }
 
-CommandOutcome Operations::on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) {
+CommandOutcome Operations::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
+                                     const StagedRecipe& staged) {
     const Who who = who_is(origin, request);
     const State before = works_->station.core().state();
     const CommandOutcome outcome = used(use(who, with_staged(recipe_, staged)));
@@ -227,9 +243,12 @@ CommandOutcome Operations::self_test(const Who& who, const CommandRequest& reque
         if (!flash.lit) faults |= kFaultStrobe;
         if (!flash.frame) faults |= kFaultSensor;
         if (flash.frame && !flash.judged) faults |= kFaultInspector;
-        if (flash.reason == algo::Reason::too_dark || flash.reason == algo::Reason::saturated) faults |= kFaultLightLevel;
+        if (flash.reason == algo::Reason::too_dark || flash.reason == algo::Reason::saturated)
+            faults |= kFaultLightLevel;
         const CommandOutcome outcome = faults == 0 ? done() : failed(CommandError::failed, faults);
-        if (faults != 0) report({ErrorCode::internal, "the self-test found: " + names_of_faults(faults), "see the cure of each fault: hordctl status"});
+        if (faults != 0)
+            report({ErrorCode::internal, "the self-test found: " + names_of_faults(faults),
+                    "see the cure of each fault: hordctl status"});
         works_->desk.finish(request.token, outcome);
         record(who, request, state, outcome);
     });
@@ -241,12 +260,15 @@ CommandOutcome Operations::self_test(const Who& who, const CommandRequest& reque
 CommandOutcome Operations::teach(const Who& who, const CommandRequest& request) {
     if (works_->teacher == nullptr) return failed(CommandError::not_supported);
     const State state = works_->station.core().state();
-    if (state != State::initialized && state != State::ready && !executing(state)) return failed(CommandError::not_in_this_state);
+    if (state != State::initialized && state != State::ready && !executing(state))
+        return failed(CommandError::not_in_this_state);
     const std::uint32_t parts = request.argument == 0 ? Teacher::kUsualParts : request.argument;
     if (parts < Teacher::kLeastParts || parts > Teacher::kMostParts) return failed(CommandError::bad_argument);
     if (teach_ || waiting_) return failed(CommandError::not_yet);
     Teacher::Listener listener;
-    listener.taken = [this, token = request.token](std::uint32_t taken) { works_->desk.finish(token, {CommandState::executing, CommandError::none, taken}); };
+    listener.taken = [this, token = request.token](std::uint32_t taken) {
+        works_->desk.finish(token, {CommandState::executing, CommandError::none, taken});
+    };
     listener.done = [this](Result<Taught> result) { taught(std::move(result)); };
     if (auto begun = works_->teacher->begin(parts, recipe_, std::move(listener)); !begun) {
         if (begun.error().code == ErrorCode::busy) return failed(CommandError::not_yet);
@@ -263,7 +285,8 @@ void Operations::taught(Result<Taught> result) {
         return end_teach(failed(CommandError::failed));
     }
     if (!result->remarks.empty()) {
-        report({ErrorCode::refused, fmt::format("taught from {} parts: {}", teach_->parts, result->remarks), "look at these parts; if they are good, teach again with more parts"});
+        report({ErrorCode::refused, fmt::format("taught from {} parts: {}", teach_->parts, result->remarks),
+                "look at these parts; if they are good, teach again with more parts"});
     }
     const std::uint32_t crc = crc32_of(result->recipe);
     waiting_ = Waiting{teach_->who, std::move(result->recipe)};
@@ -304,7 +327,8 @@ Result<void> Operations::use_what_was_taught() {
 // -- the PLC itself -----------------------------------------------------------------------------------------------
 
 modbus::Exception Operations::on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) {
-    const Taken taken = works_->recorder != nullptr ? works_->recorder->on_acknowledged(who_is(origin), sequence) : Taken::yes;
+    const Taken taken =
+        works_->recorder != nullptr ? works_->recorder->on_acknowledged(who_is(origin), sequence) : Taken::yes;
     switch (taken) {
         case Taken::yes: return modbus::Exception::none;
         case Taken::not_yet: return modbus::Exception::busy;
@@ -315,9 +339,10 @@ modbus::Exception Operations::on_acknowledged(const modbus::Origin& origin, std:
 
 void Operations::on_plc_lost(PlcPolicy policy) {
     report({ErrorCode::timeout, "the PLC's heartbeat has stopped",
-            policy == PlcPolicy::none         ? "check the PLC and its network; the station goes on (plc.policy)"
-            : policy == PlcPolicy::stop       ? "check the PLC and its network; the station stops, start it again when the PLC is back"
-                                              : "check the PLC and its network; every part is rejected until it is back"});
+            policy == PlcPolicy::none ? "check the PLC and its network; the station goes on (plc.policy)"
+                : policy == PlcPolicy::stop
+                ? "check the PLC and its network; the station stops, start it again when the PLC is back"
+                : "check the PLC and its network; every part is rejected until it is back"});
     works_->station.plc_lost();
     if (works_->publish) works_->publish();
 }

@@ -1,8 +1,8 @@
 // Carries out what a PLC, or anybody else who may write registers, asks of the station.
 //
-// The desk (registers_plc.h) has made sure that it comes once; here it happens: the state machine's commands, the recipe in
-// use, the self-test, teaching, and what the PLC's heartbeat and acknowledgements mean. Loop thread only. Every command and every
-// change of the recipe is told to the recorder with who asked for it.
+// The desk (registers_plc.h) has made sure that it comes once; here it happens: the state machine's commands, the
+// recipe in use, the self-test, teaching, and what the PLC's heartbeat and acknowledgements mean. Loop thread only.
+// Every command and every change of the recipe is told to the recorder with who asked for it.
 #pragma once
 
 #include <functional>
@@ -35,11 +35,12 @@ class Operations final : public PlcHandler {
         Inspector& inspector;
         PlcDesk& desk;
         Recorder* recorder = nullptr;
-        Teacher* teacher = nullptr;  // none: teach is not supported
-        std::function<Result<void>()> check_judgement = {};                   // part of the self-test
-        std::function<Result<NumberedRecipe>(std::uint16_t number)> recipe = {};  // the recipe of this number; not_found: there is none
+        Teacher* teacher = nullptr;                          // none: teach is not supported
+        std::function<Result<void>()> check_judgement = {};  // part of the self-test
+        std::function<Result<NumberedRecipe>(std::uint16_t number)> recipe =
+            {};  // the recipe of this number; not_found: there is none
         std::function<void(const NumberedRecipe&)> recipe_changed = {};  // it is in use from now on
-        std::function<void()> publish = {};  // registers follow before a command is answered
+        std::function<void()> publish = {};              // registers follow before a command is answered
         std::function<void(const Error&)> trouble = {};  // to be logged, once
     };
     // `recipe` is what the inspector judges with. Before the loop runs.
@@ -52,12 +53,13 @@ class Operations final : public PlcHandler {
     // A teach that is under way is cancelled, and what was taught and waits is dropped: that was about the old one.
     Result<void> use(const Who& who, NumberedRecipe recipe);
 
-    // Judges with what was taught, once the station does not execute and the line is empty. To be called whenever that may
-    // have come about. Fails with what the inspector says; then the old recipe stays.
+    // Judges with what was taught, once the station does not execute and the line is empty. To be called whenever that
+    // may have come about. Fails with what the inspector says; then the old recipe stays.
     Result<void> use_what_was_taught();
 
     CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
-    CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) override;
+    CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request,
+                             const StagedRecipe& staged) override;
     modbus::Exception on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) override;
     void on_plc_lost(PlcPolicy policy) override;
     void on_plc_back() override;

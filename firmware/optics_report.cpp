@@ -6,11 +6,15 @@
 namespace hord::firmware {
 
 OpticsLimits limits_of(const OpticsConfig& config, int bits) {
-    return {config.window_parts, config.least_light, config.most_dark_drift_dn > 0 ? config.most_dark_drift_dn : static_cast<double>(1U << (bits - 8)), config.most_uneven};
+    return {config.window_parts, config.least_light,
+            config.most_dark_drift_dn > 0 ? config.most_dark_drift_dn : static_cast<double>(1U << (bits - 8)),
+            config.most_uneven};
 }
 
 OpticsReport report_of(const OpticsWatch::View& view) {
-    const auto lenslet = [](float place) { return static_cast<std::uint16_t>(std::clamp(std::lround(place), 0L, 0xFFFEL)); };
+    const auto lenslet = [](float place) {
+        return static_cast<std::uint16_t>(std::clamp(std::lround(place), 0L, 0xFFFEL));
+    };
     OpticsReport report;
     if (const auto& age = view.light) {
         report.light_percent = 100 * age->light;
@@ -27,8 +31,10 @@ OpticsReport report_of(const OpticsWatch::View& view) {
     report.dust_lenslets = largest.lenslets;
     report.dust_share_percent = 100 * static_cast<double>(largest.share);
     if (view.lenslet_mm > 0) {
-        report.dust_x_mm = (static_cast<double>(largest.m) - 0.5 * (view.extents.m - 1)) * static_cast<double>(view.lenslet_mm);
-        report.dust_y_mm = (static_cast<double>(largest.n) - 0.5 * (view.extents.n - 1)) * static_cast<double>(view.lenslet_mm);
+        report.dust_x_mm =
+            (static_cast<double>(largest.m) - 0.5 * (view.extents.m - 1)) * static_cast<double>(view.lenslet_mm);
+        report.dust_y_mm =
+            (static_cast<double>(largest.n) - 0.5 * (view.extents.n - 1)) * static_cast<double>(view.lenslet_mm);
     }
     return report;
 }

@@ -10,15 +10,16 @@
 namespace hord::firmware {
 namespace {
 
-constexpr double kWayBack = 0.25;     // of the limit, until a fault is over
-constexpr float kSamePlace = 2;       // lenslets: a largest speck that is further away than this is another one
+constexpr double kWayBack = 0.25;  // of the limit, until a fault is over
+constexpr float kSamePlace = 2;    // lenslets: a largest speck that is further away than this is another one
 
 bool beyond(bool before, double value, double limit) { return value > (before ? (1 - kWayBack) * limit : limit); }
 
 std::string place_of(const OpticsWatch::View& view, const algo::Speck& speck) {
     std::string text = fmt::format("lenslet ({:.0f}, {:.0f})", speck.m, speck.n);
     if (view.lenslet_mm > 0) {
-        const float x = (speck.m - 0.5F * static_cast<float>(view.extents.m - 1)) * view.lenslet_mm, y = (speck.n - 0.5F * static_cast<float>(view.extents.n - 1)) * view.lenslet_mm;
+        const float x = (speck.m - 0.5F * static_cast<float>(view.extents.m - 1)) * view.lenslet_mm,
+                    y = (speck.n - 0.5F * static_cast<float>(view.extents.n - 1)) * view.lenslet_mm;
         text += fmt::format(", at ({:.2f}, {:.2f}) mm from the field's middle", x, y);
     }
     return text;
@@ -27,8 +28,9 @@ std::string place_of(const OpticsWatch::View& view, const algo::Speck& speck) {
 std::string describe_dust(const OpticsWatch::View& view) {
     if (!view.dust || view.dust->specks == 0) return "no dust is on the optics";
     const algo::Speck& largest = view.dust->largest[0];
-    std::string text = fmt::format("the same place responds in {:.0f} % of the last {} parts: {}, {} lenslet{}", 100 * largest.share, view.window_parts, place_of(view, largest),
-                                   largest.lenslets, largest.lenslets == 1 ? "" : "s");
+    std::string text =
+        fmt::format("the same place responds in {:.0f} % of the last {} parts: {}, {} lenslet{}", 100 * largest.share,
+                    view.window_parts, place_of(view, largest), largest.lenslets, largest.lenslets == 1 ? "" : "s");
     if (view.dust->specks > 1) text += fmt::format(", and {} more", view.dust->specks - 1);
     if (largest.tells_apart) return text + "; the parts moved and it did not: dust on the optics";
     return text + "; dust on the optics, or the same flaw in every part";
@@ -37,14 +39,20 @@ std::string describe_dust(const OpticsWatch::View& view) {
 std::string describe_light(FaultBit fault, const OpticsWatch::View& view) {
     if (!view.light) return "nothing is known of the light yet";
     const algo::LightAge& age = *view.light;
-    if (fault == kFaultLightFading) return fmt::format("parts have {:.0f} % of the light that {} had", 100 * age.light, age.since_reference ? "the reference's parts" : "the first parts");
-    if (fault == kFaultDarkDrift) return fmt::format("the dark level has changed by {:+.2f} DN since the first parts, to {:.2f} DN", age.dark_drift_dn, age.dark_dn);
-    return fmt::format("the light around lenslet ({:.0f}, {:.0f}) has changed by {:+.0f} % against the whole field", age.uneven_m, age.uneven_n, 100 * age.uneven);
+    if (fault == kFaultLightFading)
+        return fmt::format("parts have {:.0f} % of the light that {} had", 100 * age.light,
+                           age.since_reference ? "the reference's parts" : "the first parts");
+    if (fault == kFaultDarkDrift)
+        return fmt::format("the dark level has changed by {:+.2f} DN since the first parts, to {:.2f} DN",
+                           age.dark_drift_dn, age.dark_dn);
+    return fmt::format("the light around lenslet ({:.0f}, {:.0f}) has changed by {:+.0f} % against the whole field",
+                       age.uneven_m, age.uneven_n, 100 * age.uneven);
 }
 
 }  // namespace
 
-OpticsWatch::OpticsWatch(algo::LightTrend light, algo::DustEstimator dust, const algo::Extents& extents, const OpticsLimits& limits)
+OpticsWatch::OpticsWatch(algo::LightTrend light, algo::DustEstimator dust, const algo::Extents& extents,
+                         const OpticsLimits& limits)
     : limits_(limits), light_(std::move(light)), dust_(std::move(dust)) {
     view_.extents = extents;
     view_.window_parts = limits.window_parts;
@@ -114,7 +122,8 @@ Error describe(FaultBit fault, const OpticsWatch::View& view) {
     for (const FaultText& text : fault_texts()) {
         if (text.bit == fault) cure = text.cure;
     }
-    return {ErrorCode::invalid_argument, fault == kFaultDust ? describe_dust(view) : describe_light(fault, view), std::string(cure)};
+    return {ErrorCode::invalid_argument, fault == kFaultDust ? describe_dust(view) : describe_light(fault, view),
+            std::string(cure)};
 }
 
 }  // namespace hord::firmware

@@ -1,5 +1,6 @@
-// Watches light and optics while the station works: fed with every inspected part, from any thread; says when the LED fades, the dark level
-// drifts, the field is lit unevenly, or dust lies on the optics. Alarms only: no verdict depends on it.
+// Watches light and optics while the station works: fed with every inspected part, from any thread; says when the LED
+// fades, the dark level drifts, the field is lit unevenly, or dust lies on the optics. Alarms only: no verdict depends
+// on it.
 #pragma once
 
 #include <cstdint>
@@ -13,11 +14,11 @@
 
 namespace hord::firmware {
 
-// From where on it is a fault. What was reported is over when it is back by a quarter of the way (light, unevenness, dark level), or when a
-// window of parts shows no dust.
+// From where on it is a fault. What was reported is over when it is back by a quarter of the way (light, unevenness,
+// dark level), or when a window of parts shows no dust.
 struct OpticsLimits {
     int window_parts = 100;
-    double least_light = 0.8;    // of what parts had
+    double least_light = 0.8;  // of what parts had
     double most_dark_drift_dn = 1;
     double most_uneven = 0.2;
 };
@@ -27,9 +28,9 @@ class OpticsWatch {
     struct View {
         std::optional<algo::LightAge> light;  // none: too few parts yet
         std::optional<algo::DustFound> dust;
-        std::uint32_t faults = 0;             // of kOpticsFaults
+        std::uint32_t faults = 0;  // of kOpticsFaults
         algo::Extents extents;
-        float lenslet_mm = 0;                 // 0: not known
+        float lenslet_mm = 0;  // 0: not known
         int window_parts = 0;
     };
 
@@ -44,11 +45,13 @@ class OpticsWatch {
 
     [[nodiscard]] View view() const;  // any thread
 
-    // Any thread. Of kOpticsFaults those that came since the last call, and are still there; of dust also when the largest speck lies somewhere else.
+    // Any thread. Of kOpticsFaults those that came since the last call, and are still there; of dust also when the
+    // largest speck lies somewhere else.
     std::uint32_t news();
 
   private:
-    OpticsWatch(algo::LightTrend light, algo::DustEstimator dust, const algo::Extents& extents, const OpticsLimits& limits);
+    OpticsWatch(algo::LightTrend light, algo::DustEstimator dust, const algo::Extents& extents,
+                const OpticsLimits& limits);
     void judge_light();
 
     const OpticsLimits limits_;

@@ -46,7 +46,8 @@ cv::Mat to_mat(const Picture& picture) {
 void draw_scale(cv::Mat& sheet, const MapPicture& what, int top, int height) {
     const int left = sheet.cols - kScaleWidth + 8;
     cv::Mat ramp(height, 1, CV_8U);
-    for (int y = 0; y < height; ++y) ramp.at<unsigned char>(y) = static_cast<unsigned char>(255 - 255 * y / std::max(1, height - 1));
+    for (int y = 0; y < height; ++y)
+        ramp.at<unsigned char>(y) = static_cast<unsigned char>(255 - 255 * y / std::max(1, height - 1));
     cv::Mat colours;
     cv::applyColorMap(ramp, colours, cv::COLORMAP_VIRIDIS);
     cv::resize(colours, sheet(cv::Rect(left, top, 14, height)), cv::Size(14, height), 0, 0, cv::INTER_NEAREST);
@@ -55,7 +56,8 @@ void draw_scale(cv::Mat& sheet, const MapPicture& what, int top, int height) {
         const int y = top + (height - 1) * k / kTicks;
         const float value = what.high + (what.low - what.high) * static_cast<float>(k) / kTicks;
         cv::line(sheet, {left + 14, y}, {left + 18, y}, kInk);
-        write_text(sheet, fmt::format("{:.3g}", value), {left + 21, std::clamp(y + 4, top + 9, top + height - 1)}, 0.36);
+        write_text(sheet, fmt::format("{:.3g}", value), {left + 21, std::clamp(y + 4, top + 9, top + height - 1)},
+                   0.36);
     }
     write_text(sheet, what.unit, {left - 4, top - 8}, fitting(what.unit, kScaleWidth - 6, 0.36));
 }
@@ -74,8 +76,9 @@ void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, std::span
         const int width = cv::getTextSize(label, cv::FONT_HERSHEY_SIMPLEX, 0.45, 1, nullptr).width;
         const int right = centre.x + radius + 3, left = std::max(0, std::min(right, map.cols - width - 2));
         const int below = left < right ? radius + 14 : 4;  // where it does not fit beside the circle
-        if (k < labels.size()) {  // on whatever colour
-            cv::putText(map, label, {left, centre.y + below}, cv::FONT_HERSHEY_SIMPLEX, 0.45, cv::Scalar(255, 255, 255), 3, cv::LINE_AA);
+        if (k < labels.size()) {                           // on whatever colour
+            cv::putText(map, label, {left, centre.y + below}, cv::FONT_HERSHEY_SIMPLEX, 0.45, cv::Scalar(255, 255, 255),
+                        3, cv::LINE_AA);
         }
         write_text(map, label, {left, centre.y + below}, 0.45, cv::Scalar(40, 40, 230));
     }
@@ -83,7 +86,8 @@ void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, std::span
 
 }  // namespace
 
-MapPicture scale_to(std::string title, std::string unit, algo::Map map, std::span<const std::uint8_t> mask, float limit) {
+MapPicture scale_to(std::string title, std::string unit, algo::Map map, std::span<const std::uint8_t> mask,
+                    float limit) {
     std::vector<float> judged;
     for (std::size_t k = 0; k < map.size(); ++k) {
         if (mask[k] == algo::kValid) judged.push_back(map[k]);
@@ -105,7 +109,8 @@ Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t
     for (int n = 0; n < extents.n; ++n) {
         for (int m = 0; m < extents.m; ++m) {
             const float share = (map[static_cast<std::size_t>(n * extents.m + m)] - what.low) / (what.high - what.low);
-            level.at<unsigned char>(n, m) = static_cast<unsigned char>(std::lround(255.0F * std::clamp(share, 0.0F, 1.0F)));
+            level.at<unsigned char>(n, m) =
+                static_cast<unsigned char>(std::lround(255.0F * std::clamp(share, 0.0F, 1.0F)));
         }
     }
     cv::Mat colours;
@@ -118,7 +123,8 @@ Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t
                 const unsigned char grey = (bits & algo::kSaturated) != 0 ? 225 : 120;
                 pixel = {grey, grey, grey};
             } else if (bits != algo::kValid) {
-                for (int channel = 0; channel < 3; ++channel) pixel[channel] = static_cast<unsigned char>(pixel[channel] / 2 + 60);
+                for (int channel = 0; channel < 3; ++channel)
+                    pixel[channel] = static_cast<unsigned char>(pixel[channel] / 2 + 60);
             }
         }
     }
@@ -137,8 +143,8 @@ Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t
 }
 
 Picture draw(const std::string& title, const algo::FrameView& frame, const algo::Extents& extents) {
-    cv::Mat samples(frame.height_px, frame.width_px, frame.bits > 8 ? CV_16U : CV_8U, const_cast<std::byte*>(frame.data),
-                    static_cast<std::size_t>(frame.stride_bytes));
+    cv::Mat samples(frame.height_px, frame.width_px, frame.bits > 8 ? CV_16U : CV_8U,
+                    const_cast<std::byte*>(frame.data), static_cast<std::size_t>(frame.stride_bytes));
     // Most bins are dark: reduced and stretched to the brightest pixel, else the picture would be black.
     const int zoom = enlargement(std::max(extents.m, extents.n));
     cv::Mat reduced, resized;
@@ -179,7 +185,8 @@ Picture montage(std::span<const MontageRow> rows) {
         int line = y + row_height / 2 - 8;
         for (std::size_t from = 0; from < row.label.size();) {
             const std::size_t to = std::min(row.label.find(' ', from), row.label.size());
-            write_text(sheet, row.label.substr(from, to - from), {kGap, line}, fitting(row.label.substr(from, to - from), kLabelWidth - 4, 0.5));
+            write_text(sheet, row.label.substr(from, to - from), {kGap, line},
+                       fitting(row.label.substr(from, to - from), kLabelWidth - 4, 0.5));
             line += 18;
             from = to + 1;
         }
@@ -194,14 +201,18 @@ Picture reduced(const Picture& picture, int factor) {
     return to_picture(small);
 }
 
-Result<std::vector<std::uint8_t>> encode_png(const Picture& picture) { return common::encode_bgr_png(picture.width, picture.height, picture.bgr); }
+Result<std::vector<std::uint8_t>> encode_png(const Picture& picture) {
+    return common::encode_bgr_png(picture.width, picture.height, picture.bgr);
+}
 
 Result<void> write_png(const std::filesystem::path& file, const Picture& picture) {
     return encode_png(picture).and_then([&](const auto& bytes) { return common::write_whole(file, bytes); });
 }
 
 Result<void> write_float_tiff(const std::filesystem::path& file, algo::Map map, const algo::Extents& extents) {
-    return common::encode_float_tiff(extents.m, extents.n, map).and_then([&](const auto& bytes) { return common::write_whole(file, bytes); });
+    return common::encode_float_tiff(extents.m, extents.n, map).and_then([&](const auto& bytes) {
+        return common::write_whole(file, bytes);
+    });
 }
 
 }  // namespace hord::firmware

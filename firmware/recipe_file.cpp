@@ -21,8 +21,12 @@ constexpr double kFar = 100'000;  // lenslets; beyond any light field
 constexpr unsigned kDefectKinds = 5;
 
 // What is written of a place: `centre`, `radius` and `corners`, or the same with `_mm`.
-bool has_place_in_lenslets(const TomlTable& table) { return table.has("centre") || table.has("radius") || table.has("corners"); }
-bool has_place_in_mm(const TomlTable& table) { return table.has("centre_mm") || table.has("radius_mm") || table.has("corners_mm"); }
+bool has_place_in_lenslets(const TomlTable& table) {
+    return table.has("centre") || table.has("radius") || table.has("corners");
+}
+bool has_place_in_mm(const TomlTable& table) {
+    return table.has("centre_mm") || table.has("radius_mm") || table.has("corners_mm");
+}
 
 // A zone in its own unit. The names without `_mm` mean `plain`: lenslets of a zone, mm of a tolerance.
 algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
@@ -34,11 +38,15 @@ algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
     if (const auto use = table.choice("use", uses)) zone.use = static_cast<algo::Zone::Use>(*use);
     const bool said_mm = has_place_in_mm(table);
     if (said_mm && has_place_in_lenslets(table)) {
-        table.problem(table.has("centre_mm") ? "centre_mm" : table.has("radius_mm") ? "radius_mm" : "corners_mm", "stands beside a place without _mm", "use one unit for the whole zone");
+        table.problem(table.has("centre_mm")       ? "centre_mm"
+                          : table.has("radius_mm") ? "radius_mm"
+                                                   : "corners_mm",
+                      "stands beside a place without _mm", "use one unit for the whole zone");
     }
     zone.unit = said_mm ? algo::Zone::Unit::mm : plain;
     const bool in_mm = zone.unit == algo::Zone::Unit::mm;
-    const std::string centre_key = said_mm ? "centre_mm" : "centre", radius_key = said_mm ? "radius_mm" : "radius", corners_key = said_mm ? "corners_mm" : "corners";
+    const std::string centre_key = said_mm ? "centre_mm" : "centre", radius_key = said_mm ? "radius_mm" : "radius",
+                      corners_key = said_mm ? "corners_mm" : "corners";
     const std::string axes = in_mm ? "x, y" : "m, n", unit = in_mm ? "mm from the field's middle" : "lenslets";
     std::vector<double> centre, corners;
     table.numbers(centre_key, centre, 2, 2);
@@ -47,13 +55,19 @@ algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
     if (!shape) return zone;
     zone.shape = static_cast<algo::Zone::Shape>(*shape);
     if (zone.shape == algo::Zone::Shape::circle) {
-        if (centre.empty()) table.problem(centre_key, "is missing", fmt::format("write {} = [{}], in {}", centre_key, axes, unit));
-        if (!table.has(radius_key)) table.problem(radius_key, "is missing", in_mm ? "give it in mm" : "give it in lenslets");
+        if (centre.empty())
+            table.problem(centre_key, "is missing", fmt::format("write {} = [{}], in {}", centre_key, axes, unit));
+        if (!table.has(radius_key))
+            table.problem(radius_key, "is missing", in_mm ? "give it in mm" : "give it in lenslets");
         if (!corners.empty()) table.problem(corners_key, "belongs to a polygon", "remove it");
         if (centre.size() == 2) zone.centre = {static_cast<float>(centre[0]), static_cast<float>(centre[1])};
     } else {
-        if (!table.has(corners_key)) table.problem(corners_key, "is missing", fmt::format("write {} = [{}, {}, {}], in {}", corners_key, axes, axes, axes, unit));
-        if (corners.size() % 2 != 0) table.problem(corners_key, "has a number too many or too few", in_mm ? "give x and y of each corner" : "give m and n of each corner");
+        if (!table.has(corners_key))
+            table.problem(corners_key, "is missing",
+                          fmt::format("write {} = [{}, {}, {}], in {}", corners_key, axes, axes, axes, unit));
+        if (corners.size() % 2 != 0)
+            table.problem(corners_key, "has a number too many or too few",
+                          in_mm ? "give x and y of each corner" : "give m and n of each corner");
         if (!centre.empty()) table.problem(centre_key, "belongs to a circle", "remove it");
         for (std::size_t k = 0; k + 1 < corners.size(); k += 2) {
             zone.corners.push_back({static_cast<float>(corners[k]), static_cast<float>(corners[k + 1])});
@@ -66,9 +80,11 @@ algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
 void read_zones(TomlTable& root, algo::Recipe& recipe) {
     for (TomlTable& table : root.tables("zone")) {
         algo::Zone zone = read_zone(table, algo::Zone::Unit::lenslets);
-        if (zone.unit == algo::Zone::Unit::mm && recipe.lenslet_mm == 0) table.problem("shape", "is in mm, and the size of a lenslet is not known", "give [scale] lenslet_mm");
+        if (zone.unit == algo::Zone::Unit::mm && recipe.lenslet_mm == 0)
+            table.problem("shape", "is in mm, and the size of a lenslet is not known", "give [scale] lenslet_mm");
         if (!recipe.zones.empty() && recipe.zones.front().unit != zone.unit) {
-            table.problem("shape", "has another unit than the zones before it", "use one unit for all zones: centre, radius, corners in lenslets, or with _mm in mm");
+            table.problem("shape", "has another unit than the zones before it",
+                          "use one unit for all zones: centre, radius, corners in lenslets, or with _mm in mm");
         }
         recipe.zones.push_back(std::move(zone));
     }
@@ -79,13 +95,15 @@ std::string in_quotes(std::string_view text) {
     std::string out = "\"";
     for (const char c : text) {
         if (c == '"' || c == '\\') (out += '\\') += c;
-        else if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) out += fmt::format("\\u{:04X}", static_cast<int>(c));
+        else if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F)
+            out += fmt::format("\\u{:04X}", static_cast<int>(c));
         else out += c;
     }
     return out + '"';
 }
 
-// A zone in mm from the middle of the field, as lenslets; those of a recipe that does not know its lenslets stay as they are.
+// A zone in mm from the middle of the field, as lenslets; those of a recipe that does not know its lenslets stay as
+// they are.
 void from_mm(algo::Zone& zone, float lenslet_mm, const std::function<algo::Point(algo::Point)>& place) {
     zone.unit = algo::Zone::Unit::lenslets;
     zone.centre = place(zone.centre);
@@ -105,7 +123,9 @@ algo::Tolerance read_tolerance(TomlTable& table) {
             t.kinds |= 1U << k;
             known = true;
         }
-        if (!known) table.problem("kinds", "has " + kind + ", which is none", "use scattering, absorbing, surface, scratch, unknown");
+        if (!known)
+            table.problem("kinds", "has " + kind + ", which is none",
+                          "use scattering, absorbing, surface, scratch, unknown");
     }
     if (!table.has("largest_mm")) table.problem("largest_mm", "is missing", "say how large a defect may be");
     table.number("largest_mm", t.largest_mm, 1e-6, 1e4);
@@ -116,7 +136,8 @@ algo::Tolerance read_tolerance(TomlTable& table) {
 }
 
 // The features that a recipe may name: the gradients, then these two.
-constexpr std::string_view kSlopes = name_of(algo::Feature::jacobian_frobenius), kLight = name_of(algo::Feature::transmission);
+constexpr std::string_view kSlopes = name_of(algo::Feature::jacobian_frobenius),
+                           kLight = name_of(algo::Feature::transmission);
 
 std::string feature_names() {
     std::string names;
@@ -142,7 +163,8 @@ void read_features(TomlTable& root, algo::Recipe& recipe) {
     recipe.slopes = recipe.light = false;
     for (std::size_t k = 0; k < names.size(); ++k) {
         const auto choice = algo::feature_named(names[k]);
-        if (std::find(names.begin(), names.begin() + static_cast<std::ptrdiff_t>(k), names[k]) != names.begin() + static_cast<std::ptrdiff_t>(k)) {
+        if (std::find(names.begin(), names.begin() + static_cast<std::ptrdiff_t>(k), names[k]) !=
+            names.begin() + static_cast<std::ptrdiff_t>(k)) {
             root.problem("features", "has " + names[k] + " twice", "name it once");
         } else if (!choice) {
             root.problem("features", "has " + names[k] + ", which is none", "use " + feature_names());
@@ -153,7 +175,8 @@ void read_features(TomlTable& root, algo::Recipe& recipe) {
         } else if (choice->against_reference || !algo::is_judged_gradient(choice->feature)) {
             root.problem("features", "has " + names[k] + ", by which no part is judged", "use " + feature_names());
         } else if (recipe.gradient) {
-            root.problem("features", fmt::format("has {} beside {}", names[k], name_of(*recipe.gradient)), "compare neighbours by one distance");
+            root.problem("features", fmt::format("has {} beside {}", names[k], name_of(*recipe.gradient)),
+                         "compare neighbours by one distance");
         } else {
             recipe.gradient = choice->feature;
         }
@@ -162,8 +185,11 @@ void read_features(TomlTable& root, algo::Recipe& recipe) {
 
 // A limit of a feature that is off is a contradiction.
 void read_limits(TomlTable& limits, algo::Recipe& recipe) {
-    const auto limit = [&](bool on, std::string_view key, float& value, double low, double high, std::string_view feature) {
-        if (!on && limits.has(key)) limits.problem(key, fmt::format("is a limit of {}, which is not among the features", feature), "remove it, or add that to features");
+    const auto limit = [&](bool on, std::string_view key, float& value, double low, double high,
+                           std::string_view feature) {
+        if (!on && limits.has(key))
+            limits.problem(key, fmt::format("is a limit of {}, which is not among the features", feature),
+                           "remove it, or add that to features");
         limits.number(key, value, low, high);
     };
     for (const algo::Feature gradient : algo::kJudgedGradients) {
@@ -215,25 +241,34 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     reference.number("cluster_score", recipe.cluster_score, 1, 1000);
     if (recipe.grow_score > recipe.reject_score) reference.problem("grow_score", "is above reject_score", "lower it");
     if (!file.empty()) {
-        numbered.reference_file = std::filesystem::path(file).is_absolute() || folder.empty() ? std::filesystem::path(file) : folder / file;
+        numbered.reference_file =
+            std::filesystem::path(file).is_absolute() || folder.empty() ? std::filesystem::path(file) : folder / file;
         auto learned = read_reference(numbered.reference_file);
         if (learned) recipe.reference = std::move(*learned);
         else reference.problem("file", "cannot be used: " + learned.error().what, learned.error().cure);
         if (recipe.gradient && *recipe.gradient != algo::Feature::emd) {
-            root.problem("features", fmt::format("has {}, and a reference knows of good parts' emd alone", name_of(*recipe.gradient)), "use emd, or leave the distance out");
+            root.problem(
+                "features",
+                fmt::format("has {}, and a reference knows of good parts' emd alone", name_of(*recipe.gradient)),
+                "use emd, or leave the distance out");
         }
     } else if (!recipe.gradient && !recipe.slopes && !(recipe.light && recipe.transmission_limit > 0)) {
-        root.problem("features", "leaves nothing to judge parts by", "use " + feature_names() + ", or give a reference");
+        root.problem("features", "leaves nothing to judge parts by",
+                     "use " + feature_names() + ", or give a reference");
     }
     for (TomlTable& table : root.tables("tolerate")) {
         algo::Tolerance tolerance = read_tolerance(table);
-        if (file.empty()) table.problem("largest_mm", "needs a reference to tell sizes and kinds", "name one in [reference] file");
-        if (recipe.lenslet_mm == 0) table.problem("largest_mm", "is in mm, and the size of a lenslet is not known", "give [scale] lenslet_mm");
-        if (tolerance.deepest_rad > 0 && recipe.bin_rad == 0) table.problem("deepest_rad", "is in radians, and the size of a bin is not known", "give [scale] bin_rad");
+        if (file.empty())
+            table.problem("largest_mm", "needs a reference to tell sizes and kinds", "name one in [reference] file");
+        if (recipe.lenslet_mm == 0)
+            table.problem("largest_mm", "is in mm, and the size of a lenslet is not known", "give [scale] lenslet_mm");
+        if (tolerance.deepest_rad > 0 && recipe.bin_rad == 0)
+            table.problem("deepest_rad", "is in radians, and the size of a bin is not known", "give [scale] bin_rad");
         if (tolerance.where && recipe.lenslet_mm > 0 && recipe.reference) {
             const algo::Extents& e = recipe.reference->extents;
             from_mm(*tolerance.where, recipe.lenslet_mm, [&](algo::Point p) {
-                return algo::Point{p.m / recipe.lenslet_mm + 0.5F * static_cast<float>(e.m - 1), p.n / recipe.lenslet_mm + 0.5F * static_cast<float>(e.n - 1)};
+                return algo::Point{p.m / recipe.lenslet_mm + 0.5F * static_cast<float>(e.m - 1),
+                                   p.n / recipe.lenslet_mm + 0.5F * static_cast<float>(e.n - 1)};
             });
         }
         recipe.tolerances.push_back(std::move(tolerance));
@@ -241,8 +276,9 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     root.refuse_unknown_keys();
     const std::string sum = fmt::format("{:08X}", crc32_of(numbered));
     if (found.empty() && !seal.empty() && seal != sum) {
-        root.problem("crc32", "is " + seal + ", what the recipe says has " + sum,
-                     "somebody changed it after it was sealed: check it, then write the new value (hordctl recipe seal)");
+        root.problem(
+            "crc32", "is " + seal + ", what the recipe says has " + sum,
+            "somebody changed it after it was sealed: check it, then write the new value (hordctl recipe seal)");
     }
     if (!found.empty()) return found.as_error();
     return numbered;
@@ -259,7 +295,8 @@ std::string format_place(const algo::Zone& zone, float unit, algo::Point origin)
     const auto m = [&](float v) { return (v - origin.m) * unit; };
     const auto n = [&](float v) { return (v - origin.n) * unit; };
     if (zone.shape == algo::Zone::Shape::circle) {
-        return fmt::format("shape = \"circle\"\ncentre{} = [{}, {}]\nradius{} = {}\n", suffix, m(zone.centre.m), n(zone.centre.n), suffix, zone.radius * unit);
+        return fmt::format("shape = \"circle\"\ncentre{} = [{}, {}]\nradius{} = {}\n", suffix, m(zone.centre.m),
+                           n(zone.centre.n), suffix, zone.radius * unit);
     }
     std::string text = fmt::format("shape = \"polygon\"\ncorners{} = [", suffix);
     for (std::size_t k = 0; k < zone.corners.size(); ++k) {
@@ -279,7 +316,8 @@ std::string format_features(const algo::Recipe& r) {
     return "features = [" + names + "]\n";
 }
 
-// Those of the features that are on; one of a feature that is off only if it says something, so that whoever reads it is told.
+// Those of the features that are on; one of a feature that is off only if it says something, so that whoever reads it
+// is told.
 std::string format_limits(const algo::Recipe& r) {
     const algo::Recipe usual;
     std::string text;
@@ -287,7 +325,8 @@ std::string format_limits(const algo::Recipe& r) {
         if (on || value != as_usual) text += fmt::format("{} = {}\n", key, value);
     };
     add(r.gradient == algo::Feature::emd, limit_key(algo::Feature::emd), r.emd_limit_bins, usual.emd_limit_bins);
-    if (r.gradient && *r.gradient != algo::Feature::emd) add(true, limit_key(*r.gradient), r.gradient_limit, usual.gradient_limit);
+    if (r.gradient && *r.gradient != algo::Feature::emd)
+        add(true, limit_key(*r.gradient), r.gradient_limit, usual.gradient_limit);
     add(r.slopes, "frobenius_bins", r.frobenius_limit_bins, usual.frobenius_limit_bins);
     add(r.light, "transmission", r.transmission_limit, usual.transmission_limit);
     return text + fmt::format("min_area = {}\n", r.min_area);
@@ -296,10 +335,12 @@ std::string format_limits(const algo::Recipe& r) {
 // The recipe's text with `reference` for the name of its reference.
 std::string format(const NumberedRecipe& numbered, const std::string& reference_name) {
     const algo::Recipe& r = numbered.recipe;
-    std::string text = fmt::format("schema = {}\nname = {}\nnumber = {}\nversion = {}\nrim_margin = {}\n{}\n", kRecipeSchema, in_quotes(r.name),
-                                   numbered.number, numbered.version, r.rim_margin, format_features(r));
-    text += fmt::format("[light]\ndark_dn = {}\nmin_sum_dn = {}\nsaturated_dn = {}\nmax_saturated_share = {}\nmin_lit_share = {}\n\n", r.dark_dn,
-                        r.min_sum_dn, r.saturated_dn, r.max_saturated_share, r.min_lit_share);
+    std::string text =
+        fmt::format("schema = {}\nname = {}\nnumber = {}\nversion = {}\nrim_margin = {}\n{}\n", kRecipeSchema,
+                    in_quotes(r.name), numbered.number, numbered.version, r.rim_margin, format_features(r));
+    text += fmt::format(
+        "[light]\ndark_dn = {}\nmin_sum_dn = {}\nsaturated_dn = {}\nmax_saturated_share = {}\nmin_lit_share = {}\n\n",
+        r.dark_dn, r.min_sum_dn, r.saturated_dn, r.max_saturated_share, r.min_lit_share);
     text += "[limits]\n" + format_limits(r);
     for (const algo::Zone& zone : r.zones) {
         text += fmt::format("\n[[zone]]\nuse = \"{}\"\n", zone.use == algo::Zone::Use::inspect ? "inspect" : "ignore");
@@ -313,22 +354,26 @@ std::string format(const NumberedRecipe& numbered, const std::string& reference_
     }
     // Scores may wait for a reference that is still to be taught.
     const algo::Recipe usual;
-    const bool has_scores = r.reject_score != usual.reject_score || r.grow_score != usual.grow_score || r.cluster_score != usual.cluster_score;
+    const bool has_scores = r.reject_score != usual.reject_score || r.grow_score != usual.grow_score ||
+        r.cluster_score != usual.cluster_score;
     if (!numbered.reference_file.empty() || has_scores) {
         text += "\n[reference]\n";
         if (!numbered.reference_file.empty()) text += fmt::format("file = {}\n", in_quotes(reference_name));
-        text += fmt::format("reject_score = {}\ngrow_score = {}\ncluster_score = {}\n", r.reject_score, r.grow_score, r.cluster_score);
+        text += fmt::format("reject_score = {}\ngrow_score = {}\ncluster_score = {}\n", r.reject_score, r.grow_score,
+                            r.cluster_score);
     }
     for (const algo::Tolerance& t : r.tolerances) {
         text += "\n[[tolerate]]\nkinds = [";
         for (unsigned k = 0, named = 0; k < kDefectKinds; ++k) {
-            if (t.is_about(static_cast<algo::DefectKind>(k))) text += fmt::format("{}\"{}\"", named++ == 0 ? "" : ", ", name_of(static_cast<algo::DefectKind>(k)));
+            if (t.is_about(static_cast<algo::DefectKind>(k)))
+                text += fmt::format("{}\"{}\"", named++ == 0 ? "" : ", ", name_of(static_cast<algo::DefectKind>(k)));
         }
         text += fmt::format("]\nlargest_mm = {}\nnumber = {}\n", t.largest_mm, t.number);
         if (t.deepest_rad > 0) text += fmt::format("deepest_rad = {}\n", t.deepest_rad);
         if (t.where && r.reference) {
             const algo::Extents& e = r.reference->extents;
-            text += format_place(*t.where, r.lenslet_mm, {0.5F * static_cast<float>(e.m - 1), 0.5F * static_cast<float>(e.n - 1)});
+            text += format_place(*t.where, r.lenslet_mm,
+                                 {0.5F * static_cast<float>(e.m - 1), 0.5F * static_cast<float>(e.n - 1)});
         }
     }
     return text;
@@ -340,11 +385,16 @@ std::string format_recipe(const NumberedRecipe& recipe) { return format(recipe, 
 
 std::uint32_t crc32_of(const NumberedRecipe& recipe) {
     const auto& reference = recipe.recipe.reference;
-    return common::crc32(format(recipe, reference ? fmt::format("crc32 {:08X}", crc32_of(reference)) : recipe.reference_file.string()));
+    return common::crc32(
+        format(recipe, reference ? fmt::format("crc32 {:08X}", crc32_of(reference)) : recipe.reference_file.string()));
 }
 
-Result<algo::Recipe> load_recipe(const std::filesystem::path& file) { return without_number(load_numbered_recipe(file)); }
-Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name) { return without_number(parse_numbered_recipe(text, name)); }
+Result<algo::Recipe> load_recipe(const std::filesystem::path& file) {
+    return without_number(load_numbered_recipe(file));
+}
+Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name) {
+    return without_number(parse_numbered_recipe(text, name));
+}
 
 Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file) {
     TomlProblems found;

@@ -22,7 +22,8 @@ std::string head_line(std::uint32_t configured) {
 Result<std::vector<FoundRecipe>> list_recipes(const fs::path& folder) {
     std::error_code error;
     std::vector<fs::path> files;
-    for (auto entry = fs::directory_iterator(folder, error); !error && entry != fs::directory_iterator(); entry.increment(error)) {
+    for (auto entry = fs::directory_iterator(folder, error); !error && entry != fs::directory_iterator();
+         entry.increment(error)) {
         if (entry->path().extension() == ".toml") files.push_back(entry->path());
     }
     if (error) {
@@ -45,8 +46,10 @@ Result<NumberedRecipe> find_recipe(const fs::path& folder, std::uint16_t number)
             unusable += "; " + one.recipe.error().what;
         } else if (one.recipe->number == number) {
             if (found != nullptr) {
-                return fail(ErrorCode::refused, fmt::format("{} and {} both have number {}", found->file.string(), one.file.string(), number),
-                            "give each recipe a number of its own");
+                return fail(
+                    ErrorCode::refused,
+                    fmt::format("{} and {} both have number {}", found->file.string(), one.file.string(), number),
+                    "give each recipe a number of its own");
             }
             found = &one;
         }

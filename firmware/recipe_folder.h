@@ -21,8 +21,8 @@ Result<std::vector<FoundRecipe>> list_recipes(const std::filesystem::path& folde
 Result<NumberedRecipe> find_recipe(const std::filesystem::path& folder, std::uint16_t number);
 
 // What was in use last, for the recipe that was configured then: once another one is configured, or its file changed,
-// the configured one counts again. `configured` is the CRC-32 of the configured recipe. Reading fails with invalid_argument
-// where it should count and cannot be used: it, or its reference, is missing something or damaged.
+// the configured one counts again. `configured` is the CRC-32 of the configured recipe. Reading fails with
+// invalid_argument where it should count and cannot be used: it, or its reference, is missing something or damaged.
 Result<void> remember_recipe(const std::filesystem::path& file, std::uint32_t configured, const NumberedRecipe& in_use);
 Result<std::optional<NumberedRecipe>> remembered_recipe(const std::filesystem::path& file, std::uint32_t configured);
 

@@ -15,7 +15,7 @@ namespace hord::firmware {
 
 // Who asked for something: the address it came from and the token of its command. Both empty: the station itself.
 struct Who {
-    std::string peer;         // "192.0.2.7:50123", a serial line's device
+    std::string peer;  // "192.0.2.7:50123", a serial line's device
     std::uint32_t token = 0;
 };
 
@@ -47,8 +47,10 @@ class Recorder {
     // After it has happened, whatever came of it.
     virtual void on_change(const Change& change) = 0;
 
-    // On the thread that inspects (with several: on each, at the same time); what is borrowed is valid during the call only.
-    virtual void on_inspection(std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection) = 0;
+    // On the thread that inspects (with several: on each, at the same time); what is borrowed is valid during the call
+    // only.
+    virtual void on_inspection(std::uint32_t part, const algo::FrameView& frame,
+                               const algo::Inspection& inspection) = 0;
 };
 
 }  // namespace hord::firmware

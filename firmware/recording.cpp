@@ -16,7 +16,8 @@ constexpr std::uint64_t kMegabyte = 1'000'000;
 constexpr std::size_t kFramesInMemory = 256 * kMegabyte;  // bytes; hordd.service has a ceiling
 
 store::UtcMicros utc_now() {
-    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
+    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+        .count();
 }
 
 std::string text_of(const std::filesystem::path& file) {
@@ -57,12 +58,15 @@ std::filesystem::path store_folder(const Config& config) {
 }
 
 std::size_t frame_buffers(const StoreConfig& config, const algo::Extents& extents, int bits) {
-    const std::size_t bytes = static_cast<std::size_t>(extents.width_px()) * static_cast<std::size_t>(extents.height_px()) * (bits > 8 ? 2 : 1);
-    const auto least = static_cast<std::size_t>(config.frames_before) + 2, most = static_cast<std::size_t>(config.frame_buffers);
+    const std::size_t bytes = static_cast<std::size_t>(extents.width_px()) *
+        static_cast<std::size_t>(extents.height_px()) * (bits > 8 ? 2 : 1);
+    const auto least = static_cast<std::size_t>(config.frames_before) + 2,
+               most = static_cast<std::size_t>(config.frame_buffers);
     return std::min(most, std::max(least, kFramesInMemory / bytes));
 }
 
-std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, const Config& config, const Recorded& recorded, const RecordingWatchers& watchers) {
+std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, const Config& config,
+                                                      const Recorded& recorded, const RecordingWatchers& watchers) {
     const std::filesystem::path folder = store_folder(config);
     if (folder.empty()) return nullptr;
     const auto faults = std::make_shared<Faults>(Faults{loop, watchers});
@@ -79,13 +83,16 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
         options.after = wanted.frames_after;
         options.sample_every = wanted.sample_every;
         options.buffers = frame_buffers(wanted, recorded.extents, recorded.bits);
-        const store::ArchiveLimits limits{static_cast<std::uint64_t>(wanted.frames_mb) * kMegabyte, static_cast<std::uint64_t>(wanted.free_mb) * kMegabyte};
+        const store::ArchiveLimits limits{static_cast<std::uint64_t>(wanted.frames_mb) * kMegabyte,
+                                          static_cast<std::uint64_t>(wanted.free_mb) * kMegabyte};
         const auto open = [folder, limits]() -> Result<std::unique_ptr<store::FrameArchive>> {
             std::error_code ignored;  // what is wrong with the folder is said by the archive
             std::filesystem::create_directory(folder, ignored);
             return store::FrameArchive::open(folder / store::kFramesFolder, limits);
         };
-        frames = std::make_unique<store::FrameKeeper>(open, options, utc_now, store::FrameKeeper::Listener{raise(faults, kFaultPictures), clear(faults, kFaultPictures)});
+        frames = std::make_unique<store::FrameKeeper>(
+            open, options, utc_now,
+            store::FrameKeeper::Listener{raise(faults, kFaultPictures), clear(faults, kFaultPictures)});
     }
 
     store::StationRecorderOptions options;
@@ -100,15 +107,17 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
         if (!opened) return tl::unexpected(opened.error());
         return std::unique_ptr<store::ResultStore>(std::move(*opened));
     };
-    auto recorder = std::make_unique<store::StationRecorder>(loop, utc_now, open, std::move(options),
-                                                             store::StoreQueue::Listener{raise(faults, kFaultStore), clear(faults, kFaultStore)}, std::move(frames));
+    auto recorder = std::make_unique<store::StationRecorder>(
+        loop, utc_now, open, std::move(options),
+        store::StoreQueue::Listener{raise(faults, kFaultStore), clear(faults, kFaultStore)}, std::move(frames));
     note_configuration(*recorder, config);
     recorder->in_use(store::ChangeRecord::What::recipe, recorded.recipe_name, recorded.recipe);
     return recorder;
 }
 
 void note_configuration(store::StationRecorder& recorder, const Config& config) {
-    recorder.in_use(store::ChangeRecord::What::configuration, config.file.empty() ? "defaults" : config.file.string(), text_of(config.file));
+    recorder.in_use(store::ChangeRecord::What::configuration, config.file.empty() ? "defaults" : config.file.string(),
+                    text_of(config.file));
 }
 
 }  // namespace hord::firmware

@@ -22,20 +22,21 @@ struct Recorded {
 
 // Told on the loop's thread.
 struct RecordingWatchers {
-    std::function<void(const Error&)> trouble;              // to be logged, once
-    std::function<void(std::uint32_t faults)> faults;       // kFaultStore and kFaultPictures, as they are now
+    std::function<void(const Error&)> trouble;         // to be logged, once
+    std::function<void(std::uint32_t faults)> faults;  // kFaultStore and kFaultPictures, as they are now
 };
 
 // The folder of the store; empty: the configuration asks for none.
 std::filesystem::path store_folder(const Config& config);
 
-// How many frames may wait for the disk: store.frame_buffers, or fewer where they are so large that those would take more than 256 MB; what
-// is kept before a reject, and two more, always find room.
+// How many frames may wait for the disk: store.frame_buffers, or fewer where they are so large that those would take
+// more than 256 MB; what is kept before a reject, and two more, always find room.
 std::size_t frame_buffers(const StoreConfig& config, const algo::Extents& extents, int bits);
 
 // Null when the configuration asks for no store. A store that cannot be opened is no reason not to judge parts: it is a
 // fault, told to `watchers`, and tried again every second. `loop` outlives the recorder.
-std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, const Config& config, const Recorded& recorded, const RecordingWatchers& watchers);
+std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, const Config& config,
+                                                      const Recorded& recorded, const RecordingWatchers& watchers);
 
 // Enters the text of the configuration's file where it is not the one that is known.
 void note_configuration(store::StationRecorder& recorder, const Config& config);

@@ -26,10 +26,8 @@ constexpr std::string_view kMagic = "HORDREF\n";
 class Writer {
   public:
     template <class T>
-        requires std::is_arithmetic_v<T>
-    void put(T value) {
-        text_.append(reinterpret_cast<const char*>(&value), sizeof value);
-    }
+    requires std::is_arithmetic_v<T>
+    void put(T value) { text_.append(reinterpret_cast<const char*>(&value), sizeof value); }
     template <class T>
     void put(const std::vector<T>& values) {
         text_.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
@@ -41,10 +39,8 @@ class Reader {
   public:
     explicit Reader(std::string_view text) : rest_(text) {}
     template <class T>
-        requires std::is_arithmetic_v<T>
-    void get(T& value) {
-        take(&value, sizeof value);
-    }
+    requires std::is_arithmetic_v<T>
+    void get(T& value) { take(&value, sizeof value); }
     template <class T>
     void get(std::vector<T>& values, std::size_t count) {
         if (rest_.size() / sizeof(T) < count) {
@@ -73,7 +69,8 @@ std::string bytes_of(const algo::Reference& r) {
     Writer w;
     w.text_ = kMagic;
     w.put(kReferenceVersion);
-    for (const int v : {r.extents.m, r.extents.n, r.extents.i, r.extents.j, r.bits}) w.put(static_cast<std::uint32_t>(v));
+    for (const int v : {r.extents.m, r.extents.n, r.extents.i, r.extents.j, r.bits})
+        w.put(static_cast<std::uint32_t>(v));
     for (const std::uint32_t v : {r.levels.dark, r.levels.min_sum, r.levels.saturated, r.parts}) w.put(v);
     w.put(r.sensor.electrons_per_dn);
     w.put(r.sensor.read_dn);
@@ -132,15 +129,21 @@ Result<void> write_reference(const std::filesystem::path& file, const algo::Refe
 }
 
 Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesystem::path& file) {
-    const auto refuse = [&](ErrorCode code, const std::string& what) { return fail(code, file.string() + " " + what, "learn it again: hordctl learn"); };
+    const auto refuse = [&](ErrorCode code, const std::string& what) {
+        return fail(code, file.string() + " " + what, "learn it again: hordctl learn");
+    };
     std::ifstream stream(file, std::ios::binary);
-    if (!stream) return fail(ErrorCode::not_found, file.string() + " cannot be opened", "give a file that hordctl learn has written");
+    if (!stream)
+        return fail(ErrorCode::not_found, file.string() + " cannot be opened",
+                    "give a file that hordctl learn has written");
     const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-    if (text.size() < kMagic.size() + 8 || !text.starts_with(kMagic)) return refuse(ErrorCode::unreadable, "is not a reference");
+    if (text.size() < kMagic.size() + 8 || !text.starts_with(kMagic))
+        return refuse(ErrorCode::unreadable, "is not a reference");
     std::uint32_t version = 0, seal = 0;
     std::memcpy(&version, text.data() + kMagic.size(), sizeof version);
     if (version != kReferenceVersion) {
-        return refuse(ErrorCode::unsupported, fmt::format("is a reference of version {}, this program reads {}", version, kReferenceVersion));
+        return refuse(ErrorCode::unsupported,
+                      fmt::format("is a reference of version {}, this program reads {}", version, kReferenceVersion));
     }
     const std::string_view sealed = std::string_view(text).substr(0, text.size() - sizeof seal);
     std::memcpy(&seal, text.data() + sealed.size(), sizeof seal);
@@ -149,13 +152,16 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
     auto r = std::make_shared<algo::Reference>();
     Reader reader(sealed.substr(kMagic.size() + sizeof version));
     std::uint32_t m = 0, n = 0, i = 0, j = 0, bits = 0;
-    for (std::uint32_t* v : {&m, &n, &i, &j, &bits, &r->levels.dark, &r->levels.min_sum, &r->levels.saturated, &r->parts}) reader.get(*v);
+    for (std::uint32_t* v :
+         {&m, &n, &i, &j, &bits, &r->levels.dark, &r->levels.min_sum, &r->levels.saturated, &r->parts})
+        reader.get(*v);
     reader.get(r->sensor.electrons_per_dn);
     reader.get(r->sensor.read_dn);
     reader.get(r->sensor.clip_dn);
     r->extents = {static_cast<int>(m), static_cast<int>(n), static_cast<int>(i), static_cast<int>(j)};
     r->bits = static_cast<int>(bits);
-    if (auto fine = check(r->extents); !reader.whole() || !fine) return refuse(ErrorCode::unreadable, "is not a whole reference");
+    if (auto fine = check(r->extents); !reader.whole() || !fine)
+        return refuse(ErrorCode::unreadable, "is not a whole reference");
     const std::size_t count = r->extents.lenslets();
     reader.get(r->shares, count * r->stride());
     for (auto* map : {&r->light, &r->x, &r->y, &r->emd, &r->frobenius}) reader.get(*map, count);

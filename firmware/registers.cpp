@@ -1,38 +1,29 @@
 #include "firmware/registers.h"
 
-#include "common/crc32.h"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 
 #include <fmt/format.h>
 
+#include "common/crc32.h"
+
 namespace hord::firmware {
 namespace {
 
-bool is_bits(RegisterType type) {
-    return type == RegisterType::bits16 || type == RegisterType::bits32;
-}
-bool is_signed(RegisterType type) {
-    return type == RegisterType::s16 || type == RegisterType::s32;
-}
+bool is_bits(RegisterType type) { return type == RegisterType::bits16 || type == RegisterType::bits32; }
+bool is_signed(RegisterType type) { return type == RegisterType::s16 || type == RegisterType::s32; }
 
 // The whole number that means "not available", or nothing for types that have none.
 std::optional<std::int64_t> sentinel_of(RegisterType type) {
     switch (type) {
-        case RegisterType::u16:
-            return 0xFFFF;
-        case RegisterType::s16:
-            return -0x8000;
-        case RegisterType::u32:
-            return 0xFFFFFFFFLL;
-        case RegisterType::s32:
-            return -0x80000000LL;
+        case RegisterType::u16: return 0xFFFF;
+        case RegisterType::s16: return -0x8000;
+        case RegisterType::u32: return 0xFFFFFFFFLL;
+        case RegisterType::s32: return -0x80000000LL;
         case RegisterType::bits16:
         case RegisterType::bits32:
-        case RegisterType::text:
-            break;
+        case RegisterType::text: break;
     }
     return std::nullopt;
 }
@@ -53,9 +44,7 @@ void put(const Register& row, std::span<std::uint16_t> words, const RegisterSour
     if (row.type == RegisterType::text) {
         const std::string_view text = row.text(source);
         for (std::size_t k = 0; k < words.size(); ++k) {
-            const auto at = [&](std::size_t c) {
-                return c < text.size() ? static_cast<unsigned char>(text[c]) : 0U;
-            };
+            const auto at = [&](std::size_t c) { return c < text.size() ? static_cast<unsigned char>(text[c]) : 0U; };
             words[k] = static_cast<std::uint16_t>(at(2 * k) << 8U | at(2 * k + 1));
         }
         return;
@@ -103,8 +92,7 @@ Reading take(const Register& row, std::span<const std::uint16_t> words) {
     } else if (const auto name = name_among(row.values, raw); !name.empty()) {
         reading.text = fmt::format("{} {}", whole, name);
     } else if (row.scale != 1) {
-        reading.text =
-            fmt::format("{:.{}f}", *reading.number, static_cast<int>(std::ceil(-std::log10(row.scale))));
+        reading.text = fmt::format("{:.{}f}", *reading.number, static_cast<int>(std::ceil(-std::log10(row.scale))));
     } else {
         reading.text = fmt::format("{}", whole);
     }
@@ -130,20 +118,13 @@ std::vector<Reading> decode_rows(std::span<const Register> rows, std::size_t bas
 
 std::string_view name_of(RegisterType type) {
     switch (type) {
-        case RegisterType::u16:
-            return "u16";
-        case RegisterType::s16:
-            return "s16";
-        case RegisterType::u32:
-            return "u32";
-        case RegisterType::s32:
-            return "s32";
-        case RegisterType::bits16:
-            return "bits16";
-        case RegisterType::bits32:
-            return "bits32";
-        case RegisterType::text:
-            return "text";
+        case RegisterType::u16: return "u16";
+        case RegisterType::s16: return "s16";
+        case RegisterType::u32: return "u32";
+        case RegisterType::s32: return "s32";
+        case RegisterType::bits16: return "bits16";
+        case RegisterType::bits32: return "bits32";
+        case RegisterType::text: return "text";
     }
     return "unknown";
 }
@@ -166,11 +147,10 @@ std::uint32_t map_crc32() {
     static const std::uint32_t crc = [] {
         std::string lines;
         for (const Block& block : register_blocks()) {
-            lines += fmt::format("{},{},{},{}\n", static_cast<int>(block.id), block.base, block.length,
-                                 block.slots);
+            lines += fmt::format("{},{},{},{}\n", static_cast<int>(block.id), block.base, block.length, block.slots);
             for (const Register& row : block.registers) {
-                lines += fmt::format("{},{},{},{},{},{},{}\n", row.address, name_of(row.type), row.words,
-                                     row.name, row.unit, row.scale, static_cast<int>(row.access));
+                lines += fmt::format("{},{},{},{},{},{},{}\n", row.address, name_of(row.type), row.words, row.name,
+                                     row.unit, row.scale, static_cast<int>(row.access));
             }
         }
         return common::crc32(lines);
@@ -201,8 +181,7 @@ void encode_slot(const Block& ring, const RegisterSource& source, std::span<std:
 
 Result<std::vector<Reading>> decode(const Block& block, std::span<const std::uint16_t> image) {
     if (image.size() < kBlockHeader || image[0] != static_cast<std::uint16_t>(block.id)) {
-        return fail(ErrorCode::unreadable,
-                    fmt::format("register {} does not begin block {}", block.base, block.name),
+        return fail(ErrorCode::unreadable, fmt::format("register {} does not begin block {}", block.base, block.name),
                     "find the block by walking the chain from register 0");
     }
     const auto there = std::min<std::size_t>(image.size(), std::size_t{image[1]} + kBlockHeader);
@@ -212,8 +191,7 @@ Result<std::vector<Reading>> decode(const Block& block, std::span<const std::uin
 Result<std::vector<Reading>> decode_slot(const Block& ring, std::span<const std::uint16_t> slot) {
     const std::size_t size = slot.size();
     if (size != ring.slot_words || slot[0] != slot[size - 2] || slot[1] != slot[size - 1]) {
-        return fail(ErrorCode::busy,
-                    fmt::format("the slot of {} was overwritten while it was read", ring.name),
+        return fail(ErrorCode::busy, fmt::format("the slot of {} was overwritten while it was read", ring.name),
                     "read it in one request");
     }
     return decode_rows(ring.registers, ring.base + std::size_t{kBlockHeader}, slot);

@@ -11,9 +11,6 @@
 // know. Addresses are append-only: a row, once released, keeps its address, type and scale for ever.
 #pragma once
 
-#include "algo/result.h"
-#include "firmware/registers_source.h"
-
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -21,13 +18,16 @@
 #include <string_view>
 #include <vector>
 
+#include "algo/result.h"
+#include "firmware/registers_source.h"
+
 namespace hord::firmware {
 
 // Raised when rows are added; the CRC-32 of the table changes with it (map_crc32()).
 inline constexpr std::uint16_t kMapVersion = 3;
 inline constexpr std::uint32_t kMapMagic = 0x484F5244;  // "HORD"
 inline constexpr std::uint16_t kBlockHeader = 2;        // registers [id, length]
-inline constexpr std::uint16_t kMaxRead = 125;  // registers in one request: a block is one coherent read
+inline constexpr std::uint16_t kMaxRead = 125;          // registers in one request: a block is one coherent read
 
 enum class RegisterType : std::uint8_t { u16, s16, u32, s32, bits16, bits32, text };
 enum class RegisterAccess : std::uint8_t { read, read_write };
@@ -76,9 +76,7 @@ struct Block {
     std::string_view meaning;
     std::span<const Register> registers;
     std::uint16_t slots = 0, slot_words = 0;  // of a ring: `registers` are those of slot 0
-    [[nodiscard]] constexpr std::uint16_t size() const {
-        return static_cast<std::uint16_t>(length + kBlockHeader);
-    }
+    [[nodiscard]] constexpr std::uint16_t size() const { return static_cast<std::uint16_t>(length + kBlockHeader); }
 };
 
 // Every block in the order of its address, the terminator last.
@@ -116,8 +114,7 @@ struct Reading {
 // station). Fails with unreadable when the header is not this block's.
 [[nodiscard]] Result<std::vector<Reading>> decode(const Block& block, std::span<const std::uint16_t> image);
 // One slot of a ring. Fails with busy when its sequences differ: it was overwritten while it was read.
-[[nodiscard]] Result<std::vector<Reading>> decode_slot(const Block& ring,
-                                                       std::span<const std::uint16_t> slot);
+[[nodiscard]] Result<std::vector<Reading>> decode_slot(const Block& ring, std::span<const std::uint16_t> slot);
 
 enum class MapFormat : std::uint8_t { markdown, csv, json, telegraf };
 [[nodiscard]] std::optional<MapFormat> map_format_of(std::string_view name);  // md, csv, json, telegraf

@@ -1,7 +1,7 @@
 // The register map for people and for other programs, from the table.
-#include "firmware/registers.h"
-
 #include <fmt/format.h>
+
+#include "firmware/registers.h"
 
 namespace hord::firmware {
 namespace {
@@ -10,15 +10,12 @@ std::string values_of(const Register& row) {
     std::string text;
     const bool bits = row.type == RegisterType::bits16 || row.type == RegisterType::bits32;
     for (const NamedValue& value : row.values) {
-        text +=
-            fmt::format("{}{}{} {}", text.empty() ? "" : ", ", bits ? "bit " : "", value.value, value.name);
+        text += fmt::format("{}{}{} {}", text.empty() ? "" : ", ", bits ? "bit " : "", value.value, value.name);
     }
     return text;
 }
 
-std::string_view name_of(RegisterAccess access) {
-    return access == RegisterAccess::read ? "r" : "rw";
-}
+std::string_view name_of(RegisterAccess access) { return access == RegisterAccess::read ? "r" : "rw"; }
 
 std::string as_markdown() {
     std::string out = fmt::format(
@@ -52,11 +49,11 @@ std::string as_markdown() {
         kMapVersion, map_crc32());
     for (const Block& block : register_blocks()) {
         if (block.registers.empty()) continue;
-        out += fmt::format("\n## {} at {}\n\n{}. Id {}, length {}.\n\n", block.name, block.base,
-                           block.meaning, static_cast<int>(block.id), block.length);
+        out += fmt::format("\n## {} at {}\n\n{}. Id {}, length {}.\n\n", block.name, block.base, block.meaning,
+                           static_cast<int>(block.id), block.length);
         if (block.slots > 0) {
-            out += fmt::format("{} slots of {} registers; the addresses below are those of slot 0.\n\n",
-                               block.slots, block.slot_words);
+            out += fmt::format("{} slots of {} registers; the addresses below are those of slot 0.\n\n", block.slots,
+                               block.slot_words);
         }
         out +=
             "| address | name | type | registers | unit | scale | access | meaning "
@@ -64,8 +61,8 @@ std::string as_markdown() {
         for (const Register& row : block.registers) {
             const std::string values = values_of(row);
             out += fmt::format("| {} | `{}` | {} | {} | {} | {} | {} | {}{}{} |\n", row.address, row.name,
-                               firmware::name_of(row.type), row.words, row.unit, row.scale,
-                               name_of(row.access), row.meaning, values.empty() ? "" : "; ", values);
+                               firmware::name_of(row.type), row.words, row.unit, row.scale, name_of(row.access),
+                               row.meaning, values.empty() ? "" : "; ", values);
         }
     }
     return out;
@@ -90,16 +87,15 @@ std::string as_csv() {
     for (const Block& block : register_blocks()) {
         for (const Register& row : block.registers) {
             out += fmt::format("{},{},{},{},{},{},{},{},{},{}\n", block.name, row.address, row.name,
-                               firmware::name_of(row.type), row.words, row.unit, row.scale,
-                               name_of(row.access), field(row.meaning), field(values_of(row)));
+                               firmware::name_of(row.type), row.words, row.unit, row.scale, name_of(row.access),
+                               field(row.meaning), field(values_of(row)));
         }
     }
     return out;
 }
 
 std::string as_json() {
-    std::string out =
-        fmt::format("{{\"map_version\": {}, \"map_crc32\": {}, \"blocks\": [", kMapVersion, map_crc32());
+    std::string out = fmt::format("{{\"map_version\": {}, \"map_crc32\": {}, \"blocks\": [", kMapVersion, map_crc32());
     std::string_view comma;
     for (const Block& block : register_blocks()) {
         if (block.registers.empty()) continue;
@@ -143,8 +139,7 @@ std::string as_telegraf() {
     for (const Block& block : register_blocks()) {
         if (block.id == BlockId::ident || block.registers.empty()) continue;
         std::string measurement = "hord_";
-        for (const char c : block.name)
-            measurement += static_cast<char>(c >= 'A' && c <= 'Z' ? c - 'A' + 'a' : c);
+        for (const char c : block.name) measurement += static_cast<char>(c >= 'A' && c <= 'Z' ? c - 'A' + 'a' : c);
         out += fmt::format(
             "\n  [[inputs.modbus.request]]\n    slave_id = 1\n    byte_order = \"ABCD\"\n    register = "
             "\"holding\"\n"
@@ -153,8 +148,8 @@ std::string as_telegraf() {
         for (const Register& row : block.registers) {
             if (row.type == RegisterType::text) continue;
             const bool is_signed = row.type == RegisterType::s16 || row.type == RegisterType::s32;
-            out += fmt::format("      {{ address = {}, name = \"{}\", type = \"{}{}\"{} }},\n", row.address,
-                               row.name, is_signed ? "INT" : "UINT", row.words == 2 ? "32" : "16",
+            out += fmt::format("      {{ address = {}, name = \"{}\", type = \"{}{}\"{} }},\n", row.address, row.name,
+                               is_signed ? "INT" : "UINT", row.words == 2 ? "32" : "16",
                                row.scale != 1 ? fmt::format(", scale = {}", row.scale) : "");
         }
         out += "    ]\n";
@@ -174,14 +169,10 @@ std::optional<MapFormat> map_format_of(std::string_view name) {
 
 std::string format_registers(MapFormat format) {
     switch (format) {
-        case MapFormat::markdown:
-            return as_markdown();
-        case MapFormat::csv:
-            return as_csv();
-        case MapFormat::json:
-            return as_json();
-        case MapFormat::telegraf:
-            return as_telegraf();
+        case MapFormat::markdown: return as_markdown();
+        case MapFormat::csv: return as_csv();
+        case MapFormat::json: return as_json();
+        case MapFormat::telegraf: return as_telegraf();
     }
     return {};
 }

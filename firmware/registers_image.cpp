@@ -32,10 +32,8 @@ std::optional<std::uint32_t> percentile(std::span<std::uint32_t> values, std::si
 }  // namespace
 
 RegisterImage::RegisterImage(StationIdentity identity, PlcDesk* desk)
-    : identity_(std::move(identity)),
-      boot_text_(fmt::format("{:08X}", identity_.boot_id)),
-      map_text_(fmt::format("{} {:08X}", kMapVersion, map_crc32())),
-      desk_(desk) {}
+    : identity_(std::move(identity)), boot_text_(fmt::format("{:08X}", identity_.boot_id)),
+      map_text_(fmt::format("{} {:08X}", kMapVersion, map_crc32())), desk_(desk) {}
 
 void RegisterImage::publish(const Snapshot& snapshot, std::span<const PartResult> results) {
     const std::lock_guard lock(mutex_);
@@ -92,8 +90,7 @@ ResultStatistics RegisterImage::statistics() {
                          .reject_max_us = percentile(rejected, 100),
                          .parts_per_minute = {}};
     if (last_ns > first_ns)
-        now.parts_per_minute =
-            60e9 * static_cast<double>(latencies - 1) / static_cast<double>(last_ns - first_ns);
+        now.parts_per_minute = 60e9 * static_cast<double>(latencies - 1) / static_cast<double>(last_ns - first_ns);
     return now;
 }
 
@@ -191,8 +188,7 @@ Exception RegisterImage::write_registers(const modbus::Origin& origin, std::uint
     return desk_ == nullptr ? Exception::illegal_address : desk_->write(origin, now(), address, values);
 }
 
-Exception RegisterImage::write_bits(const modbus::Origin& origin, std::uint16_t address,
-                                    std::span<const bool> values) {
+Exception RegisterImage::write_bits(const modbus::Origin& origin, std::uint16_t address, std::span<const bool> values) {
     if (address != kHeartbeatBit || values.size() != 1) return Exception::illegal_address;
     const std::uint16_t beat = values[0] ? 1 : 0;
     return write_registers(origin, find_register(BlockId::plc, "heartbeat")->address, std::span(&beat, 1));
@@ -200,21 +196,14 @@ Exception RegisterImage::write_bits(const modbus::Origin& origin, std::uint16_t 
 
 std::string_view RegisterImage::identification(std::uint8_t object) const {
     switch (object) {
-        case 0x00:
-            return identity_.vendor;
+        case 0x00: return identity_.vendor;
         case 0x01:
-        case 0x04:
-            return identity_.product;
-        case 0x02:
-            return identity_.firmware;
-        case 0x80:
-            return identity_.serial;
-        case 0x81:
-            return boot_text_;
-        case 0x82:
-            return map_text_;
-        default:
-            return {};
+        case 0x04: return identity_.product;
+        case 0x02: return identity_.firmware;
+        case 0x80: return identity_.serial;
+        case 0x81: return boot_text_;
+        case 0x82: return map_text_;
+        default: return {};
     }
 }
 

@@ -5,15 +5,15 @@
 // no desk).
 #pragma once
 
-#include "firmware/modbus/dispatcher.h"
-#include "firmware/registers.h"
-#include "firmware/registers_plc.h"
-
 #include <array>
 #include <cstdint>
 #include <mutex>
 #include <span>
 #include <string>
+
+#include "firmware/modbus/dispatcher.h"
+#include "firmware/registers.h"
+#include "firmware/registers_plc.h"
 
 namespace hord::firmware {
 

@@ -1,39 +1,30 @@
 #include "firmware/registers_plc.h"
 
-#include "firmware/registers.h"
-
 #include <algorithm>
 #include <string>
 #include <utility>
+
+#include "firmware/registers.h"
 
 namespace hord::firmware {
 namespace {
 
 using modbus::Exception;
 
-std::uint32_t double_word(std::span<const std::uint16_t> words) {
-    return std::uint32_t{words[0]} << 16U | words[1];
-}
+std::uint32_t double_word(std::span<const std::uint16_t> words) { return std::uint32_t{words[0]} << 16U | words[1]; }
 
 // The first register of a row, so that addresses stand in the table alone.
-std::uint16_t address_of(BlockId id, std::string_view name) {
-    return find_register(id, name)->address;
-}
+std::uint16_t address_of(BlockId id, std::string_view name) { return find_register(id, name)->address; }
 
 bool means_not_available(const Register& row, std::span<const std::uint16_t> words) {
     switch (row.type) {
-        case RegisterType::u16:
-            return words[0] == 0xFFFF;
-        case RegisterType::s16:
-            return words[0] == 0x8000;
-        case RegisterType::u32:
-            return double_word(words) == 0xFFFFFFFF;
-        case RegisterType::s32:
-            return double_word(words) == 0x80000000;
+        case RegisterType::u16: return words[0] == 0xFFFF;
+        case RegisterType::s16: return words[0] == 0x8000;
+        case RegisterType::u32: return double_word(words) == 0xFFFFFFFF;
+        case RegisterType::s32: return double_word(words) == 0x80000000;
         case RegisterType::bits16:
         case RegisterType::bits32:
-        case RegisterType::text:
-            break;
+        case RegisterType::text: break;
     }
     return false;
 }
@@ -47,8 +38,7 @@ Exception check_rows(const Block& block, std::uint16_t address, std::span<const 
         if (begin >= end) continue;
         if (row.access != RegisterAccess::read_write) return Exception::illegal_address;
         if (end - begin != row.words) return Exception::illegal_value;
-        if (means_not_available(row,
-                                values.subspan(static_cast<std::size_t>(row.address - address), row.words))) {
+        if (means_not_available(row, values.subspan(static_cast<std::size_t>(row.address - address), row.words))) {
             return Exception::illegal_value;
         }
         covered += row.words;
@@ -56,7 +46,8 @@ Exception check_rows(const Block& block, std::uint16_t address, std::span<const 
     return covered == values.size() ? Exception::none : Exception::illegal_address;
 }
 
-// Registers as text: two printable ASCII characters each, zeros behind the last. Anything else: nothing, it would be recorded.
+// Registers as text: two printable ASCII characters each, zeros behind the last. Anything else: nothing, it would be
+// recorded.
 std::optional<std::string> printable_text(std::span<const std::uint16_t> words) {
     std::string text;
     bool ended = false;
@@ -96,8 +87,7 @@ Exception PlcDesk::write(const modbus::Origin& origin, const StationNow& now, st
             case BlockId::command:
                 if (address != address_of(id, "token")) return Exception::illegal_value;
                 return take_command(origin, now, values);
-            case BlockId::plc:
-                return take_plc(origin, now, address, values);
+            case BlockId::plc: return take_plc(origin, now, address, values);
             default:
                 std::copy(values.begin(), values.end(),
                           staged_words_.begin() + (address - address_of(id, "staged_number")));
@@ -110,15 +100,14 @@ Exception PlcDesk::write(const modbus::Origin& origin, const StationNow& now, st
 // -- commands ----------------------------------------------------------------------------------------------
 
 PlcDesk::Remembered* PlcDesk::find(std::uint32_t token) {
-    const auto found = std::find_if(memory_.begin(), memory_.end(),
-                                    [&](const Remembered& r) { return r.request.token == token; });
+    const auto found =
+        std::find_if(memory_.begin(), memory_.end(), [&](const Remembered& r) { return r.request.token == token; });
     return found == memory_.end() ? nullptr : &*found;
 }
 
 Exception PlcDesk::take_command(const modbus::Origin& origin, const StationNow& now,
                                 std::span<const std::uint16_t> values) {
-    if (values.size() < 4)
-        return Exception::illegal_value;  // token, boot, code; the arguments may be left out
+    if (values.size() < 4) return Exception::illegal_value;  // token, boot, code; the arguments may be left out
     CommandRequest request{.token = double_word(values), .boot = values[2], .code = values[3]};
     if (values.size() >= 6) request.argument = double_word(values.subspan(4));
     if (values.size() >= 8) request.argument2 = double_word(values.subspan(6));
@@ -131,8 +120,7 @@ Exception PlcDesk::take_command(const modbus::Origin& origin, const StationNow& 
 
     if (const Remembered* before = find(request.token)) {
         shown_ = *before;
-        if (before->request !=
-            request) {  // another command: it is not executed, and the first one keeps its reply
+        if (before->request != request) {  // another command: it is not executed, and the first one keeps its reply
             shown_ = {.request = request,
                       .reply = {.token = request.token,
                                 .code = request.code,
@@ -142,7 +130,9 @@ Exception PlcDesk::take_command(const modbus::Origin& origin, const StationNow& 
         return Exception::none;
     }
     const auto is_executing = [](const Remembered& r) { return r.reply.state == CommandState::executing; };
-    const auto must_be_alone = [&](const Remembered& r) { return is_executing(r) && !goes_on_beside_others(r.request.code); };
+    const auto must_be_alone = [&](const Remembered& r) {
+        return is_executing(r) && !goes_on_beside_others(r.request.code);
+    };
     if (!may_interrupt(request.code) && std::any_of(memory_.begin(), memory_.end(), must_be_alone))
         return Exception::busy;
 
@@ -160,11 +150,9 @@ Exception PlcDesk::take_command(const modbus::Origin& origin, const StationNow& 
     return Exception::none;
 }
 
-CommandOutcome PlcDesk::execute(const modbus::Origin& origin, const StationNow& now,
-                                const CommandRequest& request) {
+CommandOutcome PlcDesk::execute(const modbus::Origin& origin, const StationNow& now, const CommandRequest& request) {
     const auto refuse = [](CommandError error) { return CommandOutcome{CommandState::failed, error, 0}; };
-    if (request.boot != 0 && request.boot != (options_.boot_id & 0xFFFFU))
-        return refuse(CommandError::other_boot);
+    if (request.boot != 0 && request.boot != (options_.boot_id & 0xFFFFU)) return refuse(CommandError::other_boot);
     if (static_cast<CommandCode>(request.code) == CommandCode::commit_recipe) {
         if (now.state == State::single_execution || now.state == State::continuous_execution) {
             return refuse(CommandError::not_in_this_state);
@@ -254,22 +242,19 @@ StagedRecipe PlcDesk::staged() const {
 }
 
 PlcView PlcDesk::view() const {
-    const auto ms = [](hal::Duration d) {
-        return std::chrono::duration_cast<std::chrono::milliseconds>(d).count();
-    };
-    PlcView view{
-        .command = shown_.request,
-        .reply = shown_.reply,
-        .commands_done = commands_done_,
-        .heartbeat = heartbeat_,
-        .heartbeat_age_ms = {},
-        .lost = lost_,
-        .policy = options_.policy,
-        .timeout_ms = static_cast<std::uint16_t>(std::min<std::int64_t>(ms(options_.timeout), 0xFFFE)),
-        .acknowledged = acknowledged_,
-        .overruns = overruns_,
-        .staged = staged(),
-        .staged_crc32 = crc32_of(staged_words_)};
+    const auto ms = [](hal::Duration d) { return std::chrono::duration_cast<std::chrono::milliseconds>(d).count(); };
+    PlcView view{.command = shown_.request,
+                 .reply = shown_.reply,
+                 .commands_done = commands_done_,
+                 .heartbeat = heartbeat_,
+                 .heartbeat_age_ms = {},
+                 .lost = lost_,
+                 .policy = options_.policy,
+                 .timeout_ms = static_cast<std::uint16_t>(std::min<std::int64_t>(ms(options_.timeout), 0xFFFE)),
+                 .acknowledged = acknowledged_,
+                 .overruns = overruns_,
+                 .staged = staged(),
+                 .staged_crc32 = crc32_of(staged_words_)};
     if (heartbeat_at_) {
         view.heartbeat_age_ms =
             static_cast<std::uint32_t>(std::min<std::int64_t>(ms(clock_.now() - *heartbeat_at_), 0xFFFFFFFE));

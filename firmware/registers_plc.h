@@ -10,14 +10,14 @@
 // its parts, goes on beside others.
 #pragma once
 
-#include "drivers/hal/clock.h"
-#include "firmware/modbus/dispatcher.h"
-#include "firmware/registers_source.h"
-
 #include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
+
+#include "drivers/hal/clock.h"
+#include "firmware/modbus/dispatcher.h"
+#include "firmware/registers_source.h"
 
 namespace hord::firmware {
 
@@ -36,9 +36,10 @@ class PlcHandler {
     // Never commit_recipe, never the same token twice. Unknown codes come, too.
     virtual CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) = 0;
     // commit_recipe with the right checksum, while the station does not execute.
-    virtual CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) = 0;
-    // The PLC wants to take the results up to `sequence`; they are its own once the answer is none. busy: in a moment, ask
-    // again; device_failure: they cannot be kept now.
+    virtual CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request,
+                                     const StagedRecipe& staged) = 0;
+    // The PLC wants to take the results up to `sequence`; they are its own once the answer is none. busy: in a moment,
+    // ask again; device_failure: they cannot be kept now.
     virtual modbus::Exception on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) = 0;
     virtual void on_plc_lost(PlcPolicy policy) = 0;
     virtual void on_plc_back() = 0;
@@ -67,8 +68,8 @@ class PlcDesk {
     modbus::Exception write(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
                             std::span<const std::uint16_t> values);
 
-    // The outcome of a command that was executing, or how far it has come (executing, with a result). Not from inside the
-    // on_command() that began it. No effect for a token that is not executing.
+    // The outcome of a command that was executing, or how far it has come (executing, with a result). Not from inside
+    // the on_command() that began it. No effect for a token that is not executing.
     void finish(std::uint32_t token, const CommandOutcome& outcome);
 
     // Results up to `newest_sequence` exist: counts those that the ring lost before they were acknowledged.

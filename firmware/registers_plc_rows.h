@@ -1,45 +1,46 @@
 // Rows of COMMAND, REPLY, PLC, RECIPE, HEALTH and CALIBRATION. Only ever appended to; nothing here moves.
 #pragma once
 
-#include "firmware/registers_rows.h"
-
 #include <algorithm>
 #include <limits>
+
+#include "firmware/registers_rows.h"
 
 namespace hord::firmware::rows {
 
 inline constexpr NamedValue kCommands[] = {
-    {1, "initialise"}, {2, "arm"},        {3, "disarm"}, {4, "start_single"}, {5, "start_continuous"},
-    {6, "stop"},       {7, "abort"},      {8, "halt"},   {9, "reset"},        {20, "commit_recipe"},
-    {21, "teach"},     {22, "self_test"},  {23, "use_recipe"},
+    {1, "initialise"}, {2, "arm"},        {3, "disarm"},      {4, "start_single"}, {5, "start_continuous"},
+    {6, "stop"},       {7, "abort"},      {8, "halt"},        {9, "reset"},        {20, "commit_recipe"},
+    {21, "teach"},     {22, "self_test"}, {23, "use_recipe"},
 };
-inline constexpr NamedValue kCommandStates[] = {
-    {0, "none"}, {1, "executing"}, {2, "completed"}, {3, "failed"}};
+inline constexpr NamedValue kCommandStates[] = {{0, "none"}, {1, "executing"}, {2, "completed"}, {3, "failed"}};
 inline constexpr NamedValue kCommandErrors[] = {
-    {0, "none"},          {1, "unknown_command"}, {2, "not_in_this_state"}, {3, "device_down"},
-    {4, "bad_argument"},  {5, "wrong_checksum"},  {6, "token_reused"},      {7, "other_boot"},
-    {8, "not_supported"}, {9, "failed"},          {10, "plc_lost"},         {11, "not_yet"},
-    {12, "no_such_recipe"}, {13, "cancelled"},
+    {0, "none"},           {1, "unknown_command"}, {2, "not_in_this_state"}, {3, "device_down"},   {4, "bad_argument"},
+    {5, "wrong_checksum"}, {6, "token_reused"},    {7, "other_boot"},        {8, "not_supported"}, {9, "failed"},
+    {10, "plc_lost"},      {11, "not_yet"},        {12, "no_such_recipe"},   {13, "cancelled"},
 };
 inline constexpr NamedValue kPolicies[] = {{0, "none"}, {1, "stop"}, {2, "reject_all"}};
 
 inline constexpr Register kCommand[] = {
-    writable(number(
-        8002, Type::bits32, "token", "",
-        "chosen by the sender, another one for every command, never 0; repeated, it does nothing twice",
-        [](const Source& s) { return plc_bits(s, [](auto& p) { return p.command.token; }); })),
+    writable(number(8002, Type::bits32, "token", "",
+                    "chosen by the sender, another one for every command, never 0; repeated, it does nothing twice",
+                    [](const Source& s) { return plc_bits(s, [](auto& p) { return p.command.token; }); })),
     writable(number(8004, Type::bits16, "boot", "", "low half of boot_id: any other boot refuses it; 0: any",
                     [](const Source& s) { return plc_bits(s, [](auto& p) { return p.command.boot; }); })),
     writable(number(
         8005, Type::u16, "code", "", "the command",
         [](const Source& s) { return plc(s, [](auto& p) { return p.command.code; }); }, kCommands)),
-    writable(number(8006, Type::bits32, "argument", "", "commit_recipe: staged_crc32; use_recipe: the recipe's number; teach: parts, 8 to 64, or 0: 16; else 0",
-                    [](const Source& s) { return plc_bits(s, [](auto& p) { return p.command.argument; }); })),
     writable(
-        number(8008, Type::bits32, "argument2", "", "use_recipe: the recipe's CRC-32, or 0: whatever it is; else 0",
-               [](const Source& s) { return plc_bits(s, [](auto& p) { return p.command.argument2; }); })),
-    writable(text(8010, 10, "who", "for whom the sender asks, as it is recorded with its address: printable ASCII; empty, or left out: for itself",
-                  [](const Source& s) { return s.extras.plc ? s.extras.plc->command.who.view() : std::string_view{}; })),
+        number(8006, Type::bits32, "argument", "",
+               "commit_recipe: staged_crc32; use_recipe: the recipe's number; teach: parts, 8 to 64, or 0: 16; else 0",
+               [](const Source& s) { return plc_bits(s, [](auto& p) { return p.command.argument; }); })),
+    writable(number(8008, Type::bits32, "argument2", "",
+                    "use_recipe: the recipe's CRC-32, or 0: whatever it is; else 0",
+                    [](const Source& s) { return plc_bits(s, [](auto& p) { return p.command.argument2; }); })),
+    writable(text(
+        8010, 10, "who",
+        "for whom the sender asks, as it is recorded with its address: printable ASCII; empty, or left out: for itself",
+        [](const Source& s) { return s.extras.plc ? s.extras.plc->command.who.view() : std::string_view{}; })),
 };
 
 inline constexpr Register kReply[] = {
@@ -55,22 +56,21 @@ inline constexpr Register kReply[] = {
         8026, Type::u16, "error", "", "why it failed",
         [](const Source& s) { return plc(s, [](auto& p) { return p.reply.error; }); }, kCommandErrors),
     number(8027, Type::bits32, "result", "",
-           "what the command gives back; self_test: the faults found, as in faults_active; commit_recipe, use_recipe: CRC-32 of the recipe now in use; teach: parts taken so far, and when completed the CRC-32 of the recipe with its new reference; else 0",
+           "what the command gives back; self_test: the faults found, as in faults_active; commit_recipe, use_recipe: "
+           "CRC-32 of the recipe now in use; teach: parts taken so far, and when completed the CRC-32 of the recipe "
+           "with its new reference; else 0",
            [](const Source& s) { return plc_bits(s, [](auto& p) { return p.reply.result; }); }),
     number(8029, Type::u32, "commands_done", "", "commands executed since this boot; repeats do not count",
            [](const Source& s) { return plc(s, [](auto& p) { return p.commands_done; }); }),
 };
 
 inline constexpr Register kPlc[] = {
-    writable(number(8102, Type::bits16, "heartbeat", "",
-                    "the PLC writes another value within `timeout`, for ever",
+    writable(number(8102, Type::bits16, "heartbeat", "", "the PLC writes another value within `timeout`, for ever",
                     [](const Source& s) { return plc_bits(s, [](auto& p) { return p.heartbeat; }); })),
-    writable(number(8103, Type::u32, "acknowledged", "",
-                    "newest result that the PLC has taken; goes forward only",
+    writable(number(8103, Type::u32, "acknowledged", "", "newest result that the PLC has taken; goes forward only",
                     [](const Source& s) { return plc(s, [](auto& p) { return p.acknowledged; }); })),
     number(
-        8105, Type::u16, "policy", "",
-        "what the station does when the heartbeat stops; from its configuration",
+        8105, Type::u16, "policy", "", "what the station does when the heartbeat stops; from its configuration",
         [](const Source& s) { return plc(s, [](auto& p) { return p.policy; }); }, kPolicies),
     number(8106, Type::u16, "timeout", "ms", "after which the PLC counts as lost; from the configuration",
            [](const Source& s) { return plc(s, [](auto& p) { return p.timeout_ms; }); }),
@@ -84,8 +84,11 @@ inline constexpr Register kPlc[] = {
            }),
 };
 
-// Of a feature that is not judged no limit is available. The staged values stand together: what is committed is exactly registers 8202 to 8209.
-inline constexpr double in_thousandths(std::uint16_t limit) { return limit == 0xFFFF ? std::numeric_limits<double>::quiet_NaN() : limit / 1000.0; }
+// Of a feature that is not judged no limit is available. The staged values stand together: what is committed is exactly
+// registers 8202 to 8209.
+inline constexpr double in_thousandths(std::uint16_t limit) {
+    return limit == 0xFFFF ? std::numeric_limits<double>::quiet_NaN() : limit / 1000.0;
+}
 
 inline constexpr Register kRecipe[] = {
     writable(number(8202, Type::u16, "staged_number", "", "number that the recipe will have",
@@ -95,17 +98,12 @@ inline constexpr Register kRecipe[] = {
         [](const Source& s) { return plc(s, [](auto& p) { return in_thousandths(p.staged.emd_limit_mbins); }); }, {},
         0.001)),
     writable(number(
-        8204, Type::u16, "staged_frobenius_limit", "bin pitches a lenslet",
-        "largest norm of the deflection's Jacobian",
-        [](const Source& s) {
-            return plc(s, [](auto& p) { return in_thousandths(p.staged.frobenius_limit_mbins); });
-        },
+        8204, Type::u16, "staged_frobenius_limit", "bin pitches a lenslet", "largest norm of the deflection's Jacobian",
+        [](const Source& s) { return plc(s, [](auto& p) { return in_thousandths(p.staged.frobenius_limit_mbins); }); },
         {}, 0.001)),
     writable(number(
         8205, Type::u16, "staged_transmission_limit", "", "least light relative to a typical lenslet, 0 to 1",
-        [](const Source& s) {
-            return plc(s, [](auto& p) { return in_thousandths(p.staged.transmission_permille); });
-        },
+        [](const Source& s) { return plc(s, [](auto& p) { return in_thousandths(p.staged.transmission_permille); }); },
         {}, 0.001)),
     writable(number(8206, Type::u16, "staged_min_area", "lenslets", "smaller regions are no defects",
                     [](const Source& s) { return plc(s, [](auto& p) { return p.staged.min_area; }); })),
@@ -113,16 +111,13 @@ inline constexpr Register kRecipe[] = {
                     "not judged inside the part's rim; -1: chosen by the station",
                     [](const Source& s) { return plc(s, [](auto& p) { return p.staged.rim_margin; }); })),
     writable(number(
-        8208, Type::u16, "staged_max_saturated_share", "",
-        "more saturated lenslets make the frame unfit, 0 to 1",
-        [](const Source& s) {
-            return plc(s, [](auto& p) { return p.staged.max_saturated_permyriad / 10000.0; });
-        },
-        {}, 0.0001)),
+        8208, Type::u16, "staged_max_saturated_share", "", "more saturated lenslets make the frame unfit, 0 to 1",
+        [](const Source& s) { return plc(s, [](auto& p) { return p.staged.max_saturated_permyriad / 10000.0; }); }, {},
+        0.0001)),
     writable(number(
         8209, Type::u16, "staged_min_lit_share", "", "fewer lit lenslets make the frame unfit, 0 to 1",
-        [](const Source& s) { return plc(s, [](auto& p) { return p.staged.min_lit_permyriad / 10000.0; }); },
-        {}, 0.0001)),
+        [](const Source& s) { return plc(s, [](auto& p) { return p.staged.min_lit_permyriad / 10000.0; }); }, {},
+        0.0001)),
     number(8210, Type::bits32, "staged_crc32", "",
            "CRC-32 of registers 8202 to 8209 as they travel: the argument of commit_recipe",
            [](const Source& s) { return plc_bits(s, [](auto& p) { return p.staged_crc32; }); }),
@@ -130,8 +125,7 @@ inline constexpr Register kRecipe[] = {
            [](const Source& s) { return maybe(s.extras.recipe.number); }),
     number(8213, Type::bits32, "crc32", "", "CRC-32 of the recipe in use; 0: not known",
            [](const Source& s) -> Number { return s.extras.recipe.crc32.value_or(0); }),
-    text(8215, 16, "name", "of the recipe in use",
-         [](const Source& s) { return s.extras.recipe.name.view(); }),
+    text(8215, 16, "name", "of the recipe in use", [](const Source& s) { return s.extras.recipe.name.view(); }),
 };
 
 inline constexpr Register kHealth[] = {
@@ -175,19 +169,24 @@ inline constexpr Register kHealth[] = {
         8433, Type::u16, "disk_free", "%", "of the disk with the results",
         [](const Source& s) { return maybe(s.extras.health.disk_free_percent); }, {}, 0.1),
     number(
-        8434, Type::u16, "light_output", "%", "light of the parts, of what the reference's had; without a reference: of what the first had since the start or the recipe's change",
+        8434, Type::u16, "light_output", "%",
+        "light of the parts, of what the reference's had; without a reference: of what the first had since the start "
+        "or the recipe's change",
         [](const Source& s) { return maybe(s.extras.health.optics.light_percent); }, {}, 0.1),
     number(
-        8435, Type::s32, "dark_drift", "DN", "change of the sensor's dark level since the start, or the recipe's change",
+        8435, Type::s32, "dark_drift", "DN",
+        "change of the sensor's dark level since the start, or the recipe's change",
         [](const Source& s) { return maybe(s.extras.health.optics.dark_drift_dn); }, {}, 0.01),
     number(
-        8437, Type::s16, "uneven", "%", "of the region whose share of the light changed most; below 0: darker than it was",
+        8437, Type::s16, "uneven", "%",
+        "of the region whose share of the light changed most; below 0: darker than it was",
         [](const Source& s) { return maybe(s.extras.health.optics.uneven_percent); }, {}, 0.1),
     number(8438, Type::u16, "uneven_m", "lenslets", "column of its middle",
            [](const Source& s) { return maybe(s.extras.health.optics.uneven_m); }),
     number(8439, Type::u16, "uneven_n", "lenslets", "row of its middle",
            [](const Source& s) { return maybe(s.extras.health.optics.uneven_n); }),
-    number(8440, Type::u32, "dust", "specks", "places that respond in most parts: dust on the optics, or the same flaw in every part",
+    number(8440, Type::u32, "dust", "specks",
+           "places that respond in most parts: dust on the optics, or the same flaw in every part",
            [](const Source& s) { return maybe(s.extras.health.optics.specks); }),
     number(8442, Type::u16, "dust_m", "lenslets", "column of the largest one's centre",
            [](const Source& s) { return maybe(s.extras.health.optics.dust_m); }),
@@ -207,8 +206,7 @@ inline constexpr Register kHealth[] = {
 };
 
 inline constexpr Register kCalibration[] = {
-    number(8502, Type::bits32, "id", "",
-           "CRC-32 of the lenslet grid in use; 0: none, frames are macro-pixels",
+    number(8502, Type::bits32, "id", "", "CRC-32 of the lenslet grid in use; 0: none, frames are macro-pixels",
            [](const Source& s) -> Number { return s.extras.calibration.id.value_or(0); }),
     number(8504, Type::u32, "age", "s", "since the calibration was made",
            [](const Source& s) { return maybe(s.extras.calibration.age_s); }),
@@ -216,7 +214,8 @@ inline constexpr Register kCalibration[] = {
         8506, Type::u16, "residual", "px", "root mean square of the fit",
         [](const Source& s) { return maybe(s.extras.calibration.residual_px); }, {}, 0.001),
     number(
-        8507, Type::s16, "drift", "px", "of the grid since the calibration; of macro-pixel frames: since the first parts",
+        8507, Type::s16, "drift", "px",
+        "of the grid since the calibration; of macro-pixel frames: since the first parts",
         [](const Source& s) { return maybe(s.extras.calibration.drift_px); }, {}, 0.001),
     number(8508, Type::u16, "lenslets_m", "lenslets", "columns",
            [](const Source& s) { return maybe(s.extras.calibration.lenslets_m); }),

@@ -23,14 +23,9 @@ constexpr Register number(std::uint16_t address, Type type, std::string_view nam
             .values = values,
             .number = read};
 }
-constexpr Register text(std::uint16_t address, std::uint16_t words, std::string_view name,
-                        std::string_view meaning, std::string_view (*read)(const Source&)) {
-    return {.address = address,
-            .type = Type::text,
-            .words = words,
-            .name = name,
-            .meaning = meaning,
-            .text = read};
+constexpr Register text(std::uint16_t address, std::uint16_t words, std::string_view name, std::string_view meaning,
+                        std::string_view (*read)(const Source&)) {
+    return {.address = address, .type = Type::text, .words = words, .name = name, .meaning = meaning, .text = read};
 }
 constexpr Register writable(Register row) {
     row.access = RegisterAccess::read_write;

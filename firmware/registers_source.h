@@ -2,14 +2,14 @@
 // available.
 #pragma once
 
-#include "firmware/snapshot.h"
-
 #include <algorithm>
 #include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
+
+#include "firmware/snapshot.h"
 
 namespace hord::firmware {
 
@@ -95,9 +95,10 @@ enum class CommandCode : std::uint16_t {
     halt = 8,
     reset = 9,
     commit_recipe = 20,  // argument: staged_crc32
-    teach = 21,          // argument: parts, or 0: 16; result: those taken so far, then the CRC-32 of the recipe with its new reference
-    self_test = 22,      // result: FaultBits of what failed
-    use_recipe = 23,     // argument: its number; argument2: its CRC-32, or 0: whatever it is; result: its CRC-32
+    teach = 21,  // argument: parts, or 0: 16; result: those taken so far, then the CRC-32 of the recipe with its new
+                 // reference
+    self_test = 22,   // result: FaultBits of what failed
+    use_recipe = 23,  // argument: its number; argument2: its CRC-32, or 0: whatever it is; result: its CRC-32
 };
 enum class CommandState : std::uint16_t { none = 0, executing = 1, completed = 2, failed = 3 };
 enum class CommandError : std::uint16_t {
@@ -111,10 +112,11 @@ enum class CommandError : std::uint16_t {
     other_boot = 7,
     not_supported = 8,
     failed = 9,
-    plc_lost = 10,       // start: the PLC's heartbeat is missing
-    not_yet = 11,        // arm: the ejector is still acting; self_test: or parts are on the line; teach: one is under way, or waits for the line to stop
-    no_such_recipe = 12, // use_recipe: no usable file has this number
-    cancelled = 13,      // teach: abort, halt or another recipe ended it
+    plc_lost = 10,  // start: the PLC's heartbeat is missing
+    not_yet = 11,  // arm: the ejector is still acting; self_test: or parts are on the line; teach: one is under way, or
+                   // waits for the line to stop
+    no_such_recipe = 12,  // use_recipe: no usable file has this number
+    cancelled = 13,       // teach: abort, halt or another recipe ended it
 };
 
 struct CommandRequest {
@@ -122,7 +124,7 @@ struct CommandRequest {
     std::uint16_t boot = 0;   // low half of boot_id, or 0: any
     std::uint16_t code = 0;   // CommandCode
     std::uint32_t argument = 0, argument2 = 0;
-    ShortText who = {};       // for whom the sender asks, at most 20 printable ASCII characters; empty: for itself
+    ShortText who = {};  // for whom the sender asks, at most 20 printable ASCII characters; empty: for itself
     bool operator==(const CommandRequest&) const = default;
 };
 struct CommandReply {

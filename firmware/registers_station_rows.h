@@ -1,21 +1,17 @@
 // Rows of IDENT, STATUS, COUNTERS, LAST and RING. Only ever appended to; nothing here moves.
 #pragma once
 
-#include "firmware/registers_rows.h"
-
 #include <algorithm>
 #include <array>
+
+#include "firmware/registers_rows.h"
 
 namespace hord::firmware::rows {
 
 // Names of reasons and faults are the core's: a test compares them.
 inline constexpr NamedValue kStates[] = {
-    {1, name_of(State::preoperational)},
-    {2, name_of(State::halted)},
-    {3, name_of(State::error)},
-    {5, name_of(State::initialized)},
-    {6, name_of(State::ready)},
-    {7, name_of(State::single_execution)},
+    {1, name_of(State::preoperational)},       {2, name_of(State::halted)}, {3, name_of(State::error)},
+    {5, name_of(State::initialized)},          {6, name_of(State::ready)},  {7, name_of(State::single_execution)},
     {8, name_of(State::continuous_execution)},
 };
 inline constexpr NamedValue kStatusBits[] = {
@@ -23,17 +19,18 @@ inline constexpr NamedValue kStatusBits[] = {
     {4, "fault_latched"}, {5, "error"},      {6, "results_overrun"}, {7, "plc_lost"},
 };
 inline constexpr NamedValue kFaultBits[] = {
-    {0, "part-sensor"}, {1, "strobe"},  {2, "sensor"},        {3, "rejector"},    {4, "reject-unconfirmed"},
-    {5, "inspector"},   {6, "overrun"}, {7, "configuration"}, {8, "light-level"},
-    {9, "plc-lost"},    {10, "store"},  {11, "pictures"},      {12, "grid-drift"},
-    {13, "light-fading"}, {14, "dark-drift"}, {15, "light-uneven"}, {16, "dust"},
+    {0, "part-sensor"},   {1, "strobe"},    {2, "sensor"},        {3, "rejector"},      {4, "reject-unconfirmed"},
+    {5, "inspector"},     {6, "overrun"},   {7, "configuration"}, {8, "light-level"},   {9, "plc-lost"},
+    {10, "store"},        {11, "pictures"}, {12, "grid-drift"},   {13, "light-fading"}, {14, "dark-drift"},
+    {15, "light-uneven"}, {16, "dust"},
 };
 inline constexpr NamedValue kFirstFaults[] = {
-    {0, "none"},          {1, "part-sensor"},        {2, "strobe"},    {3, "sensor"},
-    {4, "rejector"},      {5, "reject-unconfirmed"}, {6, "inspector"}, {7, "overrun"},
-    {8, "configuration"}, {9, "light-level"},        {10, "plc-lost"},     {11, "store"},
-    {12, "pictures"},     {13, "grid-drift"},
-    {14, "light-fading"}, {15, "dark-drift"},        {16, "light-uneven"}, {17, "dust"},
+    {0, "none"},        {1, "part-sensor"},   {2, "strobe"},
+    {3, "sensor"},      {4, "rejector"},      {5, "reject-unconfirmed"},
+    {6, "inspector"},   {7, "overrun"},       {8, "configuration"},
+    {9, "light-level"}, {10, "plc-lost"},     {11, "store"},
+    {12, "pictures"},   {13, "grid-drift"},   {14, "light-fading"},
+    {15, "dark-drift"}, {16, "light-uneven"}, {17, "dust"},
 };
 inline constexpr NamedValue kVerdicts[] = {{1, "pass"}, {2, "reject"}, {3, "unfit"}};
 inline constexpr NamedValue kReasons[] = {
@@ -66,8 +63,7 @@ inline constexpr NamedValue kRejectStates[] = {
 inline constexpr NamedValue kResultFlags[] = {{0, "judged"}, {1, "rejected"}};
 
 inline constexpr Register kIdent[] = {
-    number(2, Type::bits32, "magic", "",
-           "0x484F5244, \"HORD\": this is the right device and the right byte order",
+    number(2, Type::bits32, "magic", "", "0x484F5244, \"HORD\": this is the right device and the right byte order",
            [](const Source&) -> Number { return kMapMagic; }),
     number(4, Type::u16, "map_version", "", "version of this map; rows are only ever added",
            [](const Source&) -> Number { return kMapVersion; }),
@@ -95,13 +91,11 @@ inline constexpr Register kStatus[] = {
         103, Type::bits16, "bits", "", "what a PLC interlocks on",
         [](const Source& s) -> Number {
             const Snapshot& now = s.snapshot;
-            const bool executing =
-                now.state == State::single_execution || now.state == State::continuous_execution;
+            const bool executing = now.state == State::single_execution || now.state == State::continuous_execution;
             return (executing ? 1 : 0) | (now.run_permit ? 2 : 0) | (now.line_stop ? 4 : 0) |
-                   (now.faults_active != 0 ? 8 : 0) | (now.faults_latched != 0 ? 16 : 0) |
-                   (now.state == State::error ? 32 : 0) |
-                   (s.extras.plc && s.extras.plc->overruns > 0 ? 64 : 0) |
-                   (s.extras.plc && s.extras.plc->lost ? 128 : 0);
+                (now.faults_active != 0 ? 8 : 0) | (now.faults_latched != 0 ? 16 : 0) |
+                (now.state == State::error ? 32 : 0) | (s.extras.plc && s.extras.plc->overruns > 0 ? 64 : 0) |
+                (s.extras.plc && s.extras.plc->lost ? 128 : 0);
         },
         kStatusBits),
     number(104, Type::bits16, "heartbeat", "", "counts while the station lives; wraps",
@@ -149,8 +143,7 @@ inline constexpr Register kCounters[] = {
            [](const Source& s) -> Number { return s.snapshot.counters.reject_commanded; }),
     number(156, Type::u32, "reject_confirmed", "parts", "rejections that the ejector confirmed in time",
            [](const Source& s) -> Number { return s.snapshot.counters.reject_confirmed; }),
-    number(158, Type::u32, "reject_failed", "parts",
-           "rejections without confirmation: a bad part may have passed",
+    number(158, Type::u32, "reject_failed", "parts", "rejections without confirmation: a bad part may have passed",
            [](const Source& s) -> Number { return s.snapshot.counters.reject_failed; }),
     number(160, Type::u32, "reject_late", "parts", "rejections confirmed after the part had passed",
            [](const Source& s) -> Number { return s.snapshot.counters.reject_late; }),
@@ -158,9 +151,7 @@ inline constexpr Register kCounters[] = {
 
 // One result in 24 registers, the same in LAST and in the ring. Its sequence stands at both ends: a reader
 // that takes the slot in several requests sees that they differ when the slot was overwritten meanwhile.
-inline Number of_result(const Source& s, double value) {
-    return s.result.sequence == 0 ? Number{} : Number{value};
-}
+inline Number of_result(const Source& s, double value) { return s.result.sequence == 0 ? Number{} : Number{value}; }
 
 inline Number of_known(const Source& s, std::uint16_t value) {
     return value == kNoNumber ? Number{} : of_result(s, value);
@@ -172,15 +163,10 @@ inline constexpr std::array<Register, 16> kResult = {{
            [](const Source& s) -> Number { return s.result.sequence; }),
     number(base + 2, Type::u32, "part", "", "part number since the start, from 1",
            [](const Source& s) { return of_result(s, s.result.part); }),
-    number(base + 4, Type::u32, "arrived_s", "s",
-           "when the part reached the sensor: the station's monotonic clock",
-           [](const Source& s) {
-               return of_result(s, static_cast<double>(s.result.arrived_ns / 1'000'000'000));
-           }),
+    number(base + 4, Type::u32, "arrived_s", "s", "when the part reached the sensor: the station's monotonic clock",
+           [](const Source& s) { return of_result(s, static_cast<double>(s.result.arrived_ns / 1'000'000'000)); }),
     number(base + 6, Type::u32, "arrived_us", "us", "the same, microseconds within the second",
-           [](const Source& s) {
-               return of_result(s, static_cast<double>(s.result.arrived_ns / 1000 % 1'000'000));
-           }),
+           [](const Source& s) { return of_result(s, static_cast<double>(s.result.arrived_ns / 1000 % 1'000'000)); }),
     number(
         base + 8, Type::u16, "verdict", "", "everything but pass is rejected",
         [](const Source& s) { return of_result(s, static_cast<double>(s.result.verdict)); }, kVerdicts),

@@ -15,11 +15,10 @@ constexpr Block kBlocks[] = {
     {BlockId::last, "LAST", 200, 98, "The newest result", kResult<202>},
     {BlockId::gap, "GAP", 300, 696, "", {}},
     {BlockId::ring, "RING", kRingBase - kBlockHeader, kRingSlots* kResultWords,
-     "The last 256 results: result s stands at 1000 + 24 * (s mod 256)", kResult<kRingBase>, kRingSlots,
-     kResultWords},
+     "The last 256 results: result s stands at 1000 + 24 * (s mod 256)", kResult<kRingBase>, kRingSlots, kResultWords},
     {BlockId::gap, "GAP", 7144, 854, "", {}},
-    {BlockId::command, "COMMAND", 8000, 18,
-     "One command, written in one request (FC 16 or 23) from its token on", kCommand},
+    {BlockId::command, "COMMAND", 8000, 18, "One command, written in one request (FC 16 or 23) from its token on",
+     kCommand},
     {BlockId::reply, "REPLY", 8020, 78, "What became of the command that was written last", kReply},
     {BlockId::plc, "PLC", 8100, 98, "The PLC's side: its heartbeat, and the results that it has taken", kPlc},
     {BlockId::recipe, "RECIPE", 8200, 98, "Limits staged for commit_recipe, and the recipe in use", kRecipe},
@@ -49,8 +48,7 @@ constexpr bool rows_fit() {
         }
         if (next > block.base + block.size()) return false;
         if (block.slots > 0) {
-            if (block.slots * block.slot_words != block.length ||
-                next != block.base + kBlockHeader + block.slot_words)
+            if (block.slots * block.slot_words != block.length || next != block.base + kBlockHeader + block.slot_words)
                 return false;
         } else if (!block.registers.empty() && block.size() > kMaxRead) {
             return false;
@@ -64,8 +62,6 @@ static_assert(kResult<0>.back().address + kResult<0>.back().words == kResultWord
 
 }  // namespace
 
-std::span<const Block> register_blocks() {
-    return kBlocks;
-}
+std::span<const Block> register_blocks() { return kBlocks; }
 
 }  // namespace hord::firmware

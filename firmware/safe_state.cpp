@@ -32,7 +32,8 @@ Result<void> make_safe(const Config& config, Duration patience) {
     if (!config.strobe.gpio.empty()) {
         std::vector<drivers::GpioLine> lines;
         for (const StrobeChannel& channel : config.strobe.gpio) lines.push_back(gpio_line(channel.line));
-        if (const auto taken = drivers::request_outputs(lines); !taken) lights = tl::unexpected(taken.error());  // off, and let go of
+        if (const auto taken = drivers::request_outputs(lines); !taken)
+            lights = tl::unexpected(taken.error());  // off, and let go of
     }
     const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
     if (configured == nullptr) return lights;

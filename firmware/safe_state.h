@@ -6,8 +6,9 @@
 
 namespace hord::firmware {
 
-// Turns the configured lights off, brings the configured rejector to its safe state and lets go of both; one that fails does not keep the
-// other from it. Blocks for at most `patience`. Fails with timeout (the module does not answer), and as taking the lights' lines does.
+// Turns the configured lights off, brings the configured rejector to its safe state and lets go of both; one that fails
+// does not keep the other from it. Blocks for at most `patience`. Fails with timeout (the module does not answer), and
+// as taking the lights' lines does.
 Result<void> make_safe(const Config& config, Duration patience);
 
 inline constexpr Duration kSafePatience = milliseconds(3000);

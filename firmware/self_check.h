@@ -5,8 +5,9 @@
 
 namespace hord::firmware {
 
-// Judges two drawn parts of 15 x 15 lenslets, a smooth one and one with light thrown aside in its middle, with the default
-// recipe. Takes a few milliseconds. Fails with internal (a wrong verdict; names it), invalid_argument (bins out of range).
+// Judges two drawn parts of 15 x 15 lenslets, a smooth one and one with light thrown aside in its middle, with the
+// default recipe. Takes a few milliseconds. Fails with internal (a wrong verdict; names it), invalid_argument (bins out
+// of range).
 Result<void> check_judgement(int bins_i, int bins_j, int bits);
 
 }  // namespace hord::firmware

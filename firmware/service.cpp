@@ -1,11 +1,11 @@
 #include "firmware/service.h"
 
-#include <filesystem>
-#include <fstream>
-#include <optional>
 #include <algorithm>
 #include <cmath>
 #include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <optional>
 #include <random>
 #include <vector>
 
@@ -28,7 +28,8 @@
 namespace hord::firmware {
 namespace {
 
-// The registers follow every result and change of state at once, and the rest (heartbeats, parts on the line) at this pace.
+// The registers follow every result and change of state at once, and the rest (heartbeats, parts on the line) at this
+// pace.
 constexpr Duration kPublishEvery = milliseconds(50);
 constexpr Duration kHealthEvery = milliseconds(1000);
 constexpr const char* kRecipeInUse = "recipe-in-use.toml";
@@ -60,8 +61,8 @@ std::optional<double> disk_free_percent(const std::filesystem::path& folder) {
 
 }  // namespace
 
-// Members are destroyed in reverse order: the station halts before its devices go, the devices before the loop; who asks
-// over the network goes first.
+// Members are destroyed in reverse order: the station halts before its devices go, the devices before the loop; who
+// asks over the network goes first.
 struct Service::Parts final : StationObserver, InspectionObserver {
     Config config;
     Doors doors;
@@ -69,8 +70,8 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     std::unique_ptr<SdEventLoop> loop;
     std::unique_ptr<store::StationRecorder> recorder;
     std::unique_ptr<Backends> backends;
-    std::unique_ptr<DriftWatch> drift;  // fed by the inspector's threads
-    std::unique_ptr<OpticsWatch> optics;  // the same
+    std::unique_ptr<DriftWatch> drift;     // fed by the inspector's threads
+    std::unique_ptr<OpticsWatch> optics;   // the same
     std::unique_ptr<LineTeacher> teacher;  // fed by them, too; none: there is no state folder
     CalibrationReport calibration;
     std::optional<CalibrationInUse> grid;  // none: frames are macro-pixels
@@ -106,7 +107,8 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     void on_result(const PartResult& result) override {
         if (recorder) recorder->on_result(result);
         const auto lost = static_cast<std::uint32_t>(result.reason == PartReason::frame_lost);
-        const auto corrupt = static_cast<std::uint32_t>(result.reason >= PartReason::frame_stale && result.reason <= PartReason::frame_corrupt);
+        const auto corrupt = static_cast<std::uint32_t>(result.reason >= PartReason::frame_stale &&
+                                                        result.reason <= PartReason::frame_corrupt);
         health.frames_lost = health.frames_lost.value_or(0) + lost;
         health.frames_corrupt = health.frames_corrupt.value_or(0) + corrupt;
         unpublished.push_back(result);
@@ -142,8 +144,10 @@ struct Service::Parts final : StationObserver, InspectionObserver {
         const DriftWatch::View view = drift->view();
         if (view.noticed && watchers.trouble) {
             watchers.trouble({ErrorCode::invalid_argument,
-                              fmt::format("the lenslet grid has moved by {:.2f} px since {}", *view.largest_px, view.since_calibration ? "the calibration" : "the first parts"),
-                              "let the optics settle in temperature, check that the sensor is fastened; if it stays, calibrate (hordctl calibrate) and restart"});
+                              fmt::format("the lenslet grid has moved by {:.2f} px since {}", *view.largest_px,
+                                          view.since_calibration ? "the calibration" : "the first parts"),
+                              "let the optics settle in temperature, check that the sensor is fastened; if it stays, "
+                              "calibrate (hordctl calibrate) and restart"});
         }
         drift_fault = view.noticed ? std::uint32_t{kFaultGridDrift} : 0U;
         publish_calibration();
@@ -172,7 +176,8 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     }
     void on_recipe(const NumberedRecipe& recipe) {
         registers->publish(RecipeInUse{recipe.number, crc32_of(recipe), ShortText(recipe.recipe.name)});
-        optics->restart(recipe.recipe.lenslet_mm);  // what parts showed under another recipe says nothing of them under this one
+        optics->restart(
+            recipe.recipe.lenslet_mm);  // what parts showed under another recipe says nothing of them under this one
         if (optics_faults != 0) loop->post([this] { on_optics(); });
     }
 
@@ -197,14 +202,16 @@ Result<void> Service::Parts::open_doors() {
     options.port = config.modbus.port;
     options.max_connections = config.modbus.max_connections;
     options.access = config.modbus.access;
-    auto listening = doors.modbus >= 0 ? modbus::Server::adopt(*loop, *registers, doors.modbus, options) : modbus::Server::open(*loop, *registers, options);
+    auto listening = doors.modbus >= 0 ? modbus::Server::adopt(*loop, *registers, doors.modbus, options)
+                                       : modbus::Server::open(*loop, *registers, options);
     if (!listening) return tl::unexpected(listening.error());
     server = std::move(*listening);
     if (config.modbus.read_only_port != 0 || doors.modbus_read_only >= 0) {
         options.port = config.modbus.read_only_port;
         options.may_write = false;
-        auto reading = doors.modbus_read_only >= 0 ? modbus::Server::adopt(*loop, *registers, doors.modbus_read_only, options)
-                                                   : modbus::Server::open(*loop, *registers, options);
+        auto reading = doors.modbus_read_only >= 0
+            ? modbus::Server::adopt(*loop, *registers, doors.modbus_read_only, options)
+            : modbus::Server::open(*loop, *registers, options);
         if (!reading) return tl::unexpected(reading.error());
         read_only_server = std::move(*reading);
     }
@@ -229,7 +236,9 @@ Result<NumberedRecipe> Service::Parts::first_recipe() {
         const auto take = [&](Result<std::optional<NumberedRecipe>> kept) {
             if (kept && *kept) recipe = std::move(**kept);
             if (!kept) {
-                on_trouble({kept.error().code, fmt::format("what was in use before the restart cannot be used again, recipe {} is: {}", recipe.number, kept.error().what),
+                on_trouble({kept.error().code,
+                            fmt::format("what was in use before the restart cannot be used again, recipe {} is: {}",
+                                        recipe.number, kept.error().what),
                             kept.error().cure});
             }
         };
@@ -242,7 +251,8 @@ Result<NumberedRecipe> Service::Parts::first_recipe() {
 // The light field's size: that of macro-pixel frames, or what the calibration makes of raw ones.
 Result<algo::Extents> Service::Parts::open_grid(const hal::SensorFormat& format) {
     const InspectionConfig& wanted = config.inspection;
-    if (wanted.grid.empty()) return algo::extents_of_frame(format.width_px, format.height_px, wanted.bins_i, wanted.bins_j);
+    if (wanted.grid.empty())
+        return algo::extents_of_frame(format.width_px, format.height_px, wanted.bins_i, wanted.bins_j);
     const auto kept = config.state_folder.empty() ? std::filesystem::path() : config.state_folder / kCalibrationInUse;
     auto used = use_calibration(wanted.grid, kept, format, wanted.bins_i, wanted.bins_j);
     if (!used) return tl::unexpected(used.error());
@@ -269,7 +279,8 @@ Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
     auto made = make_threaded_inspector(*loop, settings);
     if (!made) return tl::unexpected(made.error());
     inspector = std::move(*made);
-    auto watch = DriftWatch::create(*extents, algo::light_levels(recipe.recipe, format.bits), grid ? algo::DriftZero::calibration : algo::DriftZero::first_parts,
+    auto watch = DriftWatch::create(*extents, algo::light_levels(recipe.recipe, format.bits),
+                                    grid ? algo::DriftZero::calibration : algo::DriftZero::first_parts,
                                     grid ? grid->decoder->bin_px() : 1);
     if (!watch) return tl::unexpected(watch.error());
     drift = std::move(*watch);
@@ -295,7 +306,9 @@ Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
         store_faults = faults;
         tell_faults();
     };
-    recorder = make_recorder(*loop, config, {HORD_VERSION, boot_id, *extents, format.bits, recipe.recipe.name, format_recipe(recipe)}, recording);
+    recorder = make_recorder(*loop, config,
+                             {HORD_VERSION, boot_id, *extents, format.bits, recipe.recipe.name, format_recipe(recipe)},
+                             recording);
     return {};
 }
 
@@ -306,14 +319,16 @@ void Service::Parts::connect(NumberedRecipe recipe) {
         return check_judgement(config.inspection.bins_i, config.inspection.bins_j, bits);
     };
     works.recipe = [this](std::uint16_t number) -> Result<NumberedRecipe> {
-        if (config.inspection.recipes.empty()) return fail(ErrorCode::not_found, "there is no folder of recipes", "name one in inspection.recipes");
+        if (config.inspection.recipes.empty())
+            return fail(ErrorCode::not_found, "there is no folder of recipes", "name one in inspection.recipes");
         return find_recipe(config.inspection.recipes, number);
     };
     works.recipe_changed = [this](const NumberedRecipe& now) {
         on_recipe(now);
         if (watchers.recipe) watchers.recipe(now);
         if (config.state_folder.empty()) return;
-        if (auto kept = remember_recipe(config.state_folder / kRecipeInUse, configured_recipe, now); !kept) return on_trouble(kept.error());
+        if (auto kept = remember_recipe(config.state_folder / kRecipeInUse, configured_recipe, now); !kept)
+            return on_trouble(kept.error());
         teacher->in_use(now);
     };
     works.publish = [this] { publish(); };
@@ -343,7 +358,8 @@ Result<void> Service::Parts::open(const SimulationOptions& simulation) {
     if (auto done = open_inspector(*recipe); !done) return done;
     station = std::make_unique<Station>(
         config.core,
-        Cell{*loop, backends->part_sensor(), backends->strobe(), backends->sensor(), backends->rejector(), *inspector}, this);
+        Cell{*loop, backends->part_sensor(), backends->strobe(), backends->sensor(), backends->rejector(), *inspector},
+        this);
     connect(std::move(*recipe));
     publish_again();
     publish_health_again();
@@ -351,7 +367,8 @@ Result<void> Service::Parts::open(const SimulationOptions& simulation) {
 }
 
 void Service::Parts::publish_health_again() {
-    health.uptime_s = static_cast<std::uint32_t>(std::chrono::duration_cast<std::chrono::seconds>(loop->now() - opened_at).count());
+    health.uptime_s =
+        static_cast<std::uint32_t>(std::chrono::duration_cast<std::chrono::seconds>(loop->now() - opened_at).count());
     health.frames_lost = health.frames_lost.value_or(0);
     health.frames_corrupt = health.frames_corrupt.value_or(0);
     health.frames_waiting = static_cast<std::uint16_t>(inspector->waiting());
@@ -364,7 +381,9 @@ void Service::Parts::publish_health_again() {
         all.evicted += more.evicted;
         all.broken += more.broken;
     }
-    const auto counted = [](std::uint64_t n) { return static_cast<std::uint32_t>(std::min<std::uint64_t>(n, 0xFFFFFFFE)); };
+    const auto counted = [](std::uint64_t n) {
+        return static_cast<std::uint32_t>(std::min<std::uint64_t>(n, 0xFFFFFFFE));
+    };
     health.modbus_connections = counted(all.connections);
     health.modbus_requests = counted(all.requests);
     health.modbus_exceptions = counted(all.exceptions);
@@ -383,7 +402,8 @@ void Service::Parts::publish_health_again() {
 namespace {
 
 bool same_doors(const ModbusServer& a, const ModbusServer& b) {
-    return a.host == b.host && a.port == b.port && a.read_only_port == b.read_only_port && a.max_connections == b.max_connections;
+    return a.host == b.host && a.port == b.port && a.read_only_port == b.read_only_port &&
+        a.max_connections == b.max_connections;
 }
 
 }  // namespace
@@ -431,7 +451,8 @@ Result<std::vector<std::string>> Service::Parts::reload(const Config& next) {
     restart(!same_doors(next.modbus, config.modbus), "[modbus] addresses, ports or connections");
     restart(next.serial != config.serial, "[serial]");
     restart(next.inspection.bins_i != config.inspection.bins_i || next.inspection.bins_j != config.inspection.bins_j ||
-                next.inspection.threads != config.inspection.threads || next.inspection.queue != config.inspection.queue,
+                next.inspection.threads != config.inspection.threads ||
+                next.inspection.queue != config.inspection.queue,
             "[inspection] macro, threads or queue");
     restart(next.inspection.grid != config.inspection.grid, "inspection.grid");
     restart(next.optics != config.optics, "[optics]");
@@ -443,8 +464,8 @@ Result<std::vector<std::string>> Service::Parts::reload(const Config& next) {
 Service::Service(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
 Service::~Service() = default;
 
-Result<std::unique_ptr<Service>> Service::open(const Config& config, const SimulationOptions& simulation, ServiceWatchers watchers,
-                                               const Doors& doors) {
+Result<std::unique_ptr<Service>> Service::open(const Config& config, const SimulationOptions& simulation,
+                                               ServiceWatchers watchers, const Doors& doors) {
     auto parts = std::make_unique<Parts>();
     parts->config = config;
     parts->doors = doors;
@@ -478,6 +499,8 @@ void Service::roll_call(std::function<void()> all_here) { parts_->inspector->rol
 SdEventLoop& Service::loop() { return *parts_->loop; }
 Backends& Service::backends() { return *parts_->backends; }
 Snapshot Service::snapshot() const { return parts_->station->snapshot(); }
-std::string Service::registers_address() const { return fmt::format("{}:{}", parts_->config.modbus.host, parts_->server->port()); }
+std::string Service::registers_address() const {
+    return fmt::format("{}:{}", parts_->config.modbus.host, parts_->server->port());
+}
 
 }  // namespace hord::firmware

@@ -19,17 +19,18 @@ namespace hord::firmware {
 
 // Told on the loop's thread (on_inspection: on the thread that inspects). All may be left empty.
 struct ServiceWatchers {
-    std::function<void(const PartResult&)> result;         // a part's story is complete
+    std::function<void(const PartResult&)> result;  // a part's story is complete
     std::function<void(State from, State to)> state;
-    std::function<void(const NumberedRecipe&)> recipe;     // in use from now on; not told of the first
-    std::function<void()> reload;                          // SIGHUP; without it the signal is not touched
-    std::function<void(const Error&)> trouble;             // to be logged, once, with its cure
-    std::function<void(const Backends::Fate&)> fate;       // simulated line: what truly became of a part
-    std::function<void()> line_over;                       // simulated line: all parts came and left; their results may still come
+    std::function<void(const NumberedRecipe&)> recipe;  // in use from now on; not told of the first
+    std::function<void()> reload;                       // SIGHUP; without it the signal is not touched
+    std::function<void(const Error&)> trouble;          // to be logged, once, with its cure
+    std::function<void(const Backends::Fate&)> fate;    // simulated line: what truly became of a part
+    std::function<void()> line_over;  // simulated line: all parts came and left; their results may still come
     std::function<void(std::uint32_t part, const algo::FrameView&, const algo::Inspection&)> inspection;
 };
 
-// Listening sockets that somebody else has opened, as systemd does for port 502; -1: the service opens its own. Taken over.
+// Listening sockets that somebody else has opened, as systemd does for port 502; -1: the service opens its own. Taken
+// over.
 struct Doors {
     int modbus = -1, modbus_read_only = -1;
 };
@@ -37,8 +38,8 @@ struct Doors {
 class Service {
   public:
     // Opens everything and takes the register port; nothing runs yet. Fails with every device's and port's own error.
-    static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation, ServiceWatchers watchers,
-                                                 const Doors& doors = {});
+    static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation,
+                                                 ServiceWatchers watchers, const Doors& doors = {});
     ~Service();  // halts: lights off, outputs safe
 
     // Runs until stop(), or SIGINT or SIGTERM. The simulated line starts when the station executes, or after
@@ -49,12 +50,12 @@ class Service {
     void stop();  // any thread
 
     // Loop thread. Another configuration without stopping: who may connect and write, the PLC's timeout, the folder of
-    // recipes, and, while the station does not execute, the recipe. Returns what else differs and needs a restart, by table of the file.
-    // Fails with what is wrong with the new recipe; then nothing has changed.
+    // recipes, and, while the station does not execute, the recipe. Returns what else differs and needs a restart, by
+    // table of the file. Fails with what is wrong with the new recipe; then nothing has changed.
     Result<std::vector<std::string>> reload(const Config& config);
 
-    // Loop thread, simulated line only. What a person does at a line that was stopped: takes the parts off it and resets the station, which
-    // then goes on as it was told to before.
+    // Loop thread, simulated line only. What a person does at a line that was stopped: takes the parts off it and
+    // resets the station, which then goes on as it was told to before.
     void look_after_line();
 
     // Loop thread. Calls `all_here` on it once every inspecting thread has taken a turn; never when one hangs.

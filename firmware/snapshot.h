@@ -43,27 +43,27 @@ enum class PartReason : std::uint16_t {
     nothing_to_see = 6,
     not_registered = 7,
     // not judged: fail-safe
-    verdict_late = 16,       // no verdict by the deadline
-    frame_lost = 17,         // no frame came
-    frame_stale = 18,        // the frame was exposed before this part's strobe
-    frame_duplicate = 19,    // the device delivered the same frame again
-    frame_short = 20,        // fewer bytes than a frame
-    frame_corrupt = 21,      // flagged by the device
-    strobe_failed = 22,      // the light did not come, or came at the wrong time
-    parts_too_close = 23,    // this part came before the one ahead was exposed
-    station_not_running = 24,// the part came while the station was not executing
-    device_lost = 25,        // a device failed while the part was under way
-    line_full = 26,          // more parts between sensor and rejector than the line can hold
-    edge_lost = 27,          // the part sensor missed an edge: identity is uncertain
-    inspector_failed = 28,   // the inspection returned an error
-    plc_lost = 29,           // the PLC's heartbeat stopped, and the policy is to reject every part
+    verdict_late = 16,         // no verdict by the deadline
+    frame_lost = 17,           // no frame came
+    frame_stale = 18,          // the frame was exposed before this part's strobe
+    frame_duplicate = 19,      // the device delivered the same frame again
+    frame_short = 20,          // fewer bytes than a frame
+    frame_corrupt = 21,        // flagged by the device
+    strobe_failed = 22,        // the light did not come, or came at the wrong time
+    parts_too_close = 23,      // this part came before the one ahead was exposed
+    station_not_running = 24,  // the part came while the station was not executing
+    device_lost = 25,          // a device failed while the part was under way
+    line_full = 26,            // more parts between sensor and rejector than the line can hold
+    edge_lost = 27,            // the part sensor missed an edge: identity is uncertain
+    inspector_failed = 28,     // the inspection returned an error
+    plc_lost = 29,             // the PLC's heartbeat stopped, and the policy is to reject every part
 };
 std::string_view name_of(PartReason reason);
 
 // What the station does when the PLC's heartbeat stops.
 enum class PlcPolicy : std::uint16_t {
     none = 0,
-    stop = 1,        // inspects no new part and starts no more until the heartbeat is back; Ready when the line is empty
+    stop = 1,  // inspects no new part and starts no more until the heartbeat is back; Ready when the line is empty
     reject_all = 2,  // every part without a verdict is rejected until the heartbeat is back
 };
 
@@ -77,17 +77,18 @@ enum FaultBit : std::uint32_t {
     kFaultRejector = 1U << 3,
     kFaultRejectUnconfirmed = 1U << 4,  // line stop: a bad part may have passed the ejector
     kFaultInspector = 1U << 5,
-    kFaultOverrun = 1U << 6,            // verdicts come later than the line allows
+    kFaultOverrun = 1U << 6,  // verdicts come later than the line allows
     kFaultConfiguration = 1U << 7,
     kFaultLightLevel = 1U << 8,
-    kFaultPlc = 1U << 9,                // the PLC's heartbeat stopped, and the policy is not "none"
-    kFaultStore = 1U << 10,             // results cannot be stored now; they wait in memory
-    kFaultPictures = 1U << 11,          // frames that should have been kept were dropped
-    kFaultGridDrift = 1U << 12,         // the lenslet grid has moved; verdicts do not suffer yet
-    kFaultLightFading = 1U << 13,       // parts have less light than they had; they are judged as before, as with the next three
-    kFaultDarkDrift = 1U << 14,         // the sensor's dark level has changed
-    kFaultLightUneven = 1U << 15,       // a region of the field has another share of the light than it had
-    kFaultDust = 1U << 16,              // the same places of the sensor respond in part after part
+    kFaultPlc = 1U << 9,         // the PLC's heartbeat stopped, and the policy is not "none"
+    kFaultStore = 1U << 10,      // results cannot be stored now; they wait in memory
+    kFaultPictures = 1U << 11,   // frames that should have been kept were dropped
+    kFaultGridDrift = 1U << 12,  // the lenslet grid has moved; verdicts do not suffer yet
+    kFaultLightFading =
+        1U << 13,  // parts have less light than they had; they are judged as before, as with the next three
+    kFaultDarkDrift = 1U << 14,    // the sensor's dark level has changed
+    kFaultLightUneven = 1U << 15,  // a region of the field has another share of the light than it had
+    kFaultDust = 1U << 16,         // the same places of the sensor respond in part after part
 };
 
 // Troubles that the core cannot see itself and that change no verdict.
@@ -104,26 +105,26 @@ struct Counters {
 constexpr std::uint16_t kNoNumber = 0xFFFF;
 
 struct PartResult {
-    std::uint32_t sequence = 0;       // result number, from 1; 0: no result yet
-    std::uint32_t part = 0;           // part number since the station started, from 1
-    std::int64_t arrived_ns = 0;      // station time of the edge
+    std::uint32_t sequence = 0;   // result number, from 1; 0: no result yet
+    std::uint32_t part = 0;       // part number since the station started, from 1
+    std::int64_t arrived_ns = 0;  // station time of the edge
     PartVerdict verdict = PartVerdict::unfit;
     PartReason reason = PartReason::none;
     std::uint16_t defects = 0;
-    float score = 0;                  // worst value over its limit
-    std::uint32_t latency_us = 0;     // edge to verdict
+    float score = 0;                      // worst value over its limit
+    std::uint32_t latency_us = 0;         // edge to verdict
     std::uint32_t reject_latency_us = 0;  // edge to confirmed reject; 0 when not rejected
     RejectState reject = RejectState::not_needed;
     std::uint16_t position_m = kNoNumber, position_n = kNoNumber;  // of the worst defect's centre, lenslets
-    std::uint16_t recipe = kNoNumber;     // number of the recipe that judged
+    std::uint16_t recipe = kNoNumber;                              // number of the recipe that judged
 };
 
 struct Snapshot {
     State state = State::preoperational;
-    bool line_stop = false;           // raised when a rejection cannot be confirmed
+    bool line_stop = false;  // raised when a rejection cannot be confirmed
     bool run_permit = false;
     std::uint32_t faults_active = 0, faults_latched = 0;
-    std::uint16_t first_fault = 0;    // bit number + 1; 0: none
+    std::uint16_t first_fault = 0;  // bit number + 1; 0: none
     std::uint16_t heartbeat = 0;
     std::uint32_t parts_on_line = 0;
     Counters counters;

@@ -6,14 +6,16 @@
 namespace hord::firmware {
 namespace {
 
-constexpr std::string_view kCommandNames[] = {"initialise", "arm", "disarm", "start-single", "start-continuous", "stop", "abort", "halt", "reset"};
+constexpr std::string_view kCommandNames[] = {"initialise", "arm",   "disarm", "start-single", "start-continuous",
+                                              "stop",       "abort", "halt",   "reset"};
 
 bool near(Duration a, Duration b, Duration tolerance) { return a - b <= tolerance && b - a <= tolerance; }
 
 std::string_view name_of(Command command) { return kCommandNames[static_cast<int>(command)]; }
 
 Error not_in_this_state(Command command, State state) {
-    Error error{ErrorCode::refused, "cannot " + std::string(name_of(command)) + " in " + std::string(name_of(state)), {}};
+    Error error{
+        ErrorCode::refused, "cannot " + std::string(name_of(command)) + " in " + std::string(name_of(state)), {}};
     std::string possible;
     for (int c = 0; c <= static_cast<int>(Command::reset); ++c) {
         const auto other = static_cast<Command>(c);
@@ -28,7 +30,7 @@ Error not_in_this_state(Command command, State state) {
 CoreConfig with_frame_size(CoreConfig config, const hal::SensorFormat& format) {
     if (config.frame_bytes == 0) {
         config.frame_bytes = static_cast<std::size_t>(format.width_px) * static_cast<std::size_t>(format.height_px) *
-                             (format.bits > 8 ? 2U : 1U);
+            (format.bits > 8 ? 2U : 1U);
     }
     return config;
 }
@@ -76,7 +78,8 @@ struct Station::Ears final : hal::PartSensor::Listener,
 };
 
 Station::Station(const CoreConfig& config, const Cell& cell, StationObserver* observer)
-    : cell_(cell), observer_(observer), core_(with_frame_size(config, cell.sensor.format())), ears_(std::make_unique<Ears>(*this)) {
+    : cell_(cell), observer_(observer), core_(with_frame_size(config, cell.sensor.format())),
+      ears_(std::make_unique<Ears>(*this)) {
     waiting_.reserve(64);
     loans_.reserve(static_cast<std::size_t>(std::max(cell.sensor.format().buffers, 1)) + 1);
 }
@@ -97,15 +100,18 @@ Result<void> Station::command(Command command) {
         case Answer::done: return {};
         case Answer::not_in_this_state: return tl::unexpected(not_in_this_state(command, state));
         case Answer::plc_lost:
-            return fail(ErrorCode::refused, "cannot start: the PLC's heartbeat is missing", "see that the PLC writes it, or change plc.policy");
-        case Answer::pulse_under_way: return fail(ErrorCode::busy, "cannot arm: the ejector is still acting", "try again in a moment");
+            return fail(ErrorCode::refused, "cannot start: the PLC's heartbeat is missing",
+                        "see that the PLC writes it, or change plc.policy");
+        case Answer::pulse_under_way:
+            return fail(ErrorCode::busy, "cannot arm: the ejector is still acting", "try again in a moment");
         case Answer::device_down: break;
     }
     return fail(ErrorCode::refused, "cannot arm: not every device is there", "see the active faults");
 }
 
 Answer Station::request(Command command) {
-    if (command == Command::stop || command == Command::abort || command == Command::disarm || command == Command::halt) {
+    if (command == Command::stop || command == Command::abort || command == Command::disarm ||
+        command == Command::halt) {
         wants_to_run_ = false;
     }
     const Answer answer = take(command);
@@ -248,7 +254,8 @@ void Station::carry_out(const PartResult& result) {
 
 bool Station::test_possible() const {
     const State state = core_.state();
-    return (state == State::initialized || state == State::ready) && core_.all_devices_up() && core_.line().size() == 0 && !test_;
+    return (state == State::initialized || state == State::ready) && core_.all_devices_up() &&
+        core_.line().size() == 0 && !test_;
 }
 
 void Station::test_flash(Duration patience, std::function<void(const FlashTest&)> done) {
@@ -258,7 +265,8 @@ void Station::test_flash(Duration patience, std::function<void(const FlashTest&)
     test_->done = std::move(done);
     test_->patience = cell_.loop.call_after(patience, [this] { end_test(); });
     const hal::ExposureRequest exposure{kTestPart, test_->exposure_start, config.exposure};
-    const hal::StrobePulse pulse{kTestPart, config.strobe_channels, exposure.start + config.strobe_delay, config.strobe};
+    const hal::StrobePulse pulse{kTestPart, config.strobe_channels, exposure.start + config.strobe_delay,
+                                 config.strobe};
     auto triggered = cell_.sensor.trigger(exposure);
     if (triggered) triggered = cell_.strobe.fire(pulse);
     if (!triggered) {
@@ -272,7 +280,8 @@ void Station::test_lit(const hal::StrobeReport& report) {
     if (!test_ || !std::exchange(test_->light_due, false)) return;
     const CoreConfig& config = core_.config();
     test_->result.lit = report.lit && near(report.width, config.strobe, config.strobe_window) &&
-                        near(report.start - TimePoint{}, test_->exposure_start + config.strobe_delay - TimePoint{}, config.strobe_window);
+        near(report.start - TimePoint{}, test_->exposure_start + config.strobe_delay - TimePoint{},
+             config.strobe_window);
     end_test_when_complete();
 }
 

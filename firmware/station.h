@@ -1,7 +1,7 @@
 // The station: carries what devices say into the core, and what the core wants to the devices.
 //
-// The same class in the service (sd-event, real drivers) and in simulation (virtual time, simulated devices). It runs on
-// the loop's thread alone and never blocks, but in halt() (the rejector's last write).
+// The same class in the service (sd-event, real drivers) and in simulation (virtual time, simulated devices). It runs
+// on the loop's thread alone and never blocks, but in halt() (the rejector's last write).
 #pragma once
 
 #include <functional>
@@ -33,10 +33,11 @@ struct Cell {
 class StationObserver {
   public:
     virtual ~StationObserver() = default;
-    virtual void on_result(const PartResult& result) = 0;  // a part's story is complete: passed, or its rejection is known
+    virtual void on_result(
+        const PartResult& result) = 0;  // a part's story is complete: passed, or its rejection is known
     virtual void on_state(State /*from*/, State /*to*/) {}
     virtual void on_step(State /*before*/, const Event& /*event*/) {}  // every step of the core, carried out
-    virtual void on_trouble(const Error& /*error*/) {}     // a device failed or refused: to be logged, once, with its cure
+    virtual void on_trouble(const Error& /*error*/) {}  // a device failed or refused: to be logged, once, with its cure
 };
 
 class Station {
@@ -47,13 +48,14 @@ class Station {
     Station(const Station&) = delete;
     Station& operator=(const Station&) = delete;
 
-    // Loop thread. Fails with refused, naming the state and what can be done, or what is missing (arm with a device down).
+    // Loop thread. Fails with refused, naming the state and what can be done, or what is missing (arm with a device
+    // down).
     Result<void> command(Command command);
     Answer request(Command command);  // the same, for those who answer in numbers
 
     // Initialises, and arms and starts as soon as every device is up; again after an error was reset, until somebody
-    // commands stop, abort, disarm or halt; and again once somebody commands start_continuous. Without run() nothing ever
-    // starts by itself.
+    // commands stop, abort, disarm or halt; and again once somebody commands start_continuous. Without run() nothing
+    // ever starts by itself.
     void run();
 
     // Loop thread. The PLC's heartbeat has stopped, or is back: what follows is CoreConfig::plc_policy.
@@ -72,11 +74,12 @@ class Station {
         algo::Reason reason = algo::Reason::none;
     };
     static constexpr std::uint32_t kTestPart = 0xFFFFFFFF;  // its number, where inspections are observed
-    [[nodiscard]] bool test_possible() const;  // Initialized or Ready, every device up, nothing on the line, no test under way
+    [[nodiscard]] bool test_possible()
+        const;  // Initialized or Ready, every device up, nothing on the line, no test under way
     void test_flash(Duration patience, std::function<void(const FlashTest&)> done);
 
-    // Nobody knows what is on the line (the process before this one ended with parts on it): line stop, until a person has
-    // looked and resets. Before run().
+    // Nobody knows what is on the line (the process before this one ended with parts on it): line stop, until a person
+    // has looked and resets. Before run().
     void line_unknown();
 
     [[nodiscard]] Snapshot snapshot() const { return core_.snapshot(); }

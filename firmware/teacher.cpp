@@ -35,7 +35,8 @@ constexpr int kNice = 10;
 Error cancelled_error() { return {ErrorCode::refused, "the teach was cancelled", "teach again"}; }
 
 bool shows_a_part(algo::Reason reason) {
-    return reason != algo::Reason::too_dark && reason != algo::Reason::saturated && reason != algo::Reason::nothing_to_see;
+    return reason != algo::Reason::too_dark && reason != algo::Reason::saturated &&
+        reason != algo::Reason::nothing_to_see;
 }
 
 void remove_quietly(const fs::path& path) {
@@ -58,7 +59,8 @@ std::optional<std::uint64_t> nth_of(const fs::path& file, const std::string& pre
 template <class Do>
 void for_each_reference(const fs::path& folder, std::uint16_t number, Do&& what) {
     std::error_code error;
-    for (auto entry = fs::directory_iterator(folder / kReferences, error); !error && entry != fs::directory_iterator(); entry.increment(error)) {
+    for (auto entry = fs::directory_iterator(folder / kReferences, error); !error && entry != fs::directory_iterator();
+         entry.increment(error)) {
         if (const auto n = nth_of(entry->path(), taught_prefix(number))) what(entry->path(), *n);
     }
 }
@@ -76,8 +78,8 @@ std::uint64_t reference_bytes(const algo::Extents& e) {
 struct LineTeacher::Lesson {
     std::uint32_t parts = 0;
     NumberedRecipe recipe;
-    Listener listener;                  // the loop's thread
-    std::vector<std::uint32_t> numbers; // of the parts whose frames are there
+    Listener listener;                   // the loop's thread
+    std::vector<std::uint32_t> numbers;  // of the parts whose frames are there
 };
 
 LineTeacher::LineTeacher(hal::EventLoop& loop, TeacherOptions options) : loop_(loop), options_(std::move(options)) {
@@ -96,7 +98,9 @@ LineTeacher::~LineTeacher() {
 Result<void> LineTeacher::do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) {
     if (lesson_ != nullptr) return fail(ErrorCode::busy, "a teach is under way", "wait for its end");
     if (recipe.recipe.gradient && *recipe.recipe.gradient != algo::Feature::emd) {
-        return fail(ErrorCode::refused, fmt::format("recipe {} compares neighbours by {}, of which a reference knows nothing", recipe.number, name_of(*recipe.recipe.gradient)),
+        return fail(ErrorCode::refused,
+                    fmt::format("recipe {} compares neighbours by {}, of which a reference knows nothing",
+                                recipe.number, name_of(*recipe.recipe.gradient)),
                     "use emd among the recipe's features, or no distance, then teach");
     }
     if (thread_.joinable()) thread_.join();  // it has told its end long ago
@@ -110,7 +114,8 @@ Result<void> LineTeacher::do_begin(std::uint32_t parts, const NumberedRecipe& re
         thread_ = std::thread([this] { work(); });
     } catch (const std::system_error& error) {
         lesson_.reset();
-        return fail(ErrorCode::busy, fmt::format("the system gives no thread to teach with: {}", error.what()), "see what else runs on this machine");
+        return fail(ErrorCode::busy, fmt::format("the system gives no thread to teach with: {}", error.what()),
+                    "see what else runs on this machine");
     }
     return {};
 }
@@ -170,12 +175,15 @@ void LineTeacher::finished(Result<Taught>& outcome) {
 void LineTeacher::on_inspection(std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection) {
     if (slot_.load(std::memory_order_relaxed) != Slot::empty) return;
     if (part == options_.ignored_part || !shows_a_part(inspection.reason)) return;
-    if (frame.width_px != options_.extents.width_px() || frame.height_px != options_.extents.height_px() || frame.bits != options_.bits) return;
+    if (frame.width_px != options_.extents.width_px() || frame.height_px != options_.extents.height_px() ||
+        frame.bits != options_.bits)
+        return;
     Slot expected = Slot::empty;
     if (!slot_.compare_exchange_strong(expected, Slot::filling)) return;
     const auto row_bytes = static_cast<std::size_t>(frame.width_px) * static_cast<std::size_t>(frame.sample_bytes());
     std::byte* to = frame_.bytes().data();
-    for (int y = 0; y < frame.height_px; ++y, to += row_bytes) std::memcpy(to, frame.data + y * frame.stride_bytes, row_bytes);
+    for (int y = 0; y < frame.height_px; ++y, to += row_bytes)
+        std::memcpy(to, frame.data + y * frame.stride_bytes, row_bytes);
     frame_part_ = part;
     slot_.store(Slot::full);
     if (options_.thread) {
@@ -190,8 +198,8 @@ void LineTeacher::on_inspection(std::uint32_t part, const algo::FrameView& frame
 // -- the teacher's thread -----------------------------------------------------------------------------------------
 
 void LineTeacher::work() {
-    // Whoever began it may be under a real-time policy, which is inherited. Nice 10 has a tenth of the share of a thread that
-    // inspects: enough to come to an end on a busy machine.
+    // Whoever began it may be under a real-time policy, which is inherited. Nice 10 has a tenth of the share of a
+    // thread that inspects: enough to come to an end on a busy machine.
     const sched_param ordinary{};
     ::sched_setscheduler(0, SCHED_OTHER, &ordinary);
     ::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), kNice);
@@ -217,18 +225,25 @@ void LineTeacher::step() {
 }
 
 Result<void> LineTeacher::prepare() {
-    frame_ = algo::Frame(options_.extents.width_px(), options_.extents.height_px(), options_.bits);  // zeroed: its pages are there
+    frame_ = algo::Frame(options_.extents.width_px(), options_.extents.height_px(),
+                         options_.bits);  // zeroed: its pages are there
     std::error_code error;
     for (const char* folder : {kSpool, kReferences}) {
         fs::create_directory(options_.folder / folder, error);
-        if (error) return fail(ErrorCode::io, fmt::format("{} cannot be made: {}", (options_.folder / folder).string(), error.message()), kCheckDisk);
+        if (error)
+            return fail(ErrorCode::io,
+                        fmt::format("{} cannot be made: {}", (options_.folder / folder).string(), error.message()),
+                        kCheckDisk);
     }
-    const std::uint64_t wanted = lesson_->parts * std::uint64_t{frame_.bytes().size()} + reference_bytes(options_.extents) + options_.leave_free_bytes;
+    const std::uint64_t wanted = lesson_->parts * std::uint64_t{frame_.bytes().size()} +
+        reference_bytes(options_.extents) + options_.leave_free_bytes;
     const auto space = fs::space(options_.folder, error);
     if (!error && space.available < wanted) {
-        return fail(ErrorCode::io, fmt::format("{} has {} MB free, a teach of {} parts needs {} MB with what stays free", options_.folder.string(), space.available / 1'000'000,
-                                               lesson_->parts, wanted / 1'000'000 + 1),
-                    "make room on the disk, or teach fewer parts");
+        return fail(
+            ErrorCode::io,
+            fmt::format("{} has {} MB free, a teach of {} parts needs {} MB with what stays free",
+                        options_.folder.string(), space.available / 1'000'000, lesson_->parts, wanted / 1'000'000 + 1),
+            "make room on the disk, or teach fewer parts");
     }
     lesson_->numbers.reserve(lesson_->parts);
     slot_ = Slot::empty;
@@ -239,7 +254,9 @@ Result<void> LineTeacher::prepare() {
     return {};
 }
 
-fs::path LineTeacher::spool_file(std::size_t k) const { return options_.folder / kSpool / fmt::format("part-{:02}.raw", k + 1); }
+fs::path LineTeacher::spool_file(std::size_t k) const {
+    return options_.folder / kSpool / fmt::format("part-{:02}.raw", k + 1);
+}
 
 // The frame in the slot goes to the disk; the slot is open again, or closed after the last one.
 Result<void> LineTeacher::spool() {
@@ -247,7 +264,8 @@ Result<void> LineTeacher::spool() {
     const auto refuse = [&] {
         const int why = errno;
         slot_ = Slot::closed;
-        return fail(ErrorCode::io, fmt::format("{} cannot be written: {}", file.string(), std::strerror(why)), kCheckDisk);
+        return fail(ErrorCode::io, fmt::format("{} cannot be written: {}", file.string(), std::strerror(why)),
+                    kCheckDisk);
     };
     const int fd = ::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
     if (fd < 0) return refuse();
@@ -275,7 +293,8 @@ Result<void> LineTeacher::spool() {
 
 void LineTeacher::tell(std::size_t taken) {
     loop_.post([this, taken, alive = alive_] {
-        if (!alive.expired() && lesson_ != nullptr && lesson_->listener.taken) lesson_->listener.taken(static_cast<std::uint32_t>(taken));
+        if (!alive.expired() && lesson_ != nullptr && lesson_->listener.taken)
+            lesson_->listener.taken(static_cast<std::uint32_t>(taken));
     });
 }
 
@@ -291,7 +310,8 @@ Result<algo::Frame> LineTeacher::spooled(std::size_t k) const {
 
 fs::path LineTeacher::next_reference(std::uint16_t number) const {
     std::uint64_t highest = 0;
-    for_each_reference(options_.folder, number, [&](const fs::path&, std::uint64_t n) { highest = std::max(highest, n); });
+    for_each_reference(options_.folder, number,
+                       [&](const fs::path&, std::uint64_t n) { highest = std::max(highest, n); });
     return options_.folder / kReferences / fmt::format("{}{}.hordref", taught_prefix(number), highest + 1);
 }
 
@@ -308,12 +328,14 @@ Result<Taught> LineTeacher::learn() {
     if (cancelled_) return tl::unexpected(cancelled_error());
     if (!learned) {
         const Error& e = learned.error();
-        return fail(e.code, fmt::format("no reference can be learned from these {} parts: {}", lesson_->parts, e.what), e.cure + ", and teach again");
+        return fail(e.code, fmt::format("no reference can be learned from these {} parts: {}", lesson_->parts, e.what),
+                    e.cure + ", and teach again");
     }
     std::vector<bool> left_out(lesson_->parts, false);
     for (const algo::LeftOut& out : learned->left_out) {
         left_out[out.part] = true;
-        taught.remarks += fmt::format("{}part {} was left out: {}", taught.remarks.empty() ? "" : "; ", lesson_->numbers[out.part], out.why);
+        taught.remarks += fmt::format("{}part {} was left out: {}", taught.remarks.empty() ? "" : "; ",
+                                      lesson_->numbers[out.part], out.why);
     }
     taught.recipe.recipe.reference = std::make_shared<const algo::Reference>(std::move(learned->reference));
     auto judged = judge_them_again(taught.recipe.recipe, left_out);
@@ -331,7 +353,8 @@ Result<Taught> LineTeacher::learn() {
     return taught;
 }
 
-// A recipe that would not pass what it was learned from is of no use. Says which parts it would not pass; fails when they are most.
+// A recipe that would not pass what it was learned from is of no use. Says which parts it would not pass; fails when
+// they are most.
 Result<std::string> LineTeacher::judge_them_again(const algo::Recipe& recipe, const std::vector<bool>& left_out) {
     auto pipeline = algo::Pipeline::create(options_.extents, options_.bits, recipe);
     if (!pipeline) return tl::unexpected(pipeline.error());
@@ -345,11 +368,16 @@ Result<std::string> LineTeacher::judge_them_again(const algo::Recipe& recipe, co
         if (!inspection) return tl::unexpected(inspection.error());
         ++judged;
         if (inspection->verdict == algo::Verdict::pass) ++passed;
-        else said += fmt::format("{}part {} would be rejected: {}", said.empty() ? "" : "; ", lesson_->numbers[k], algo::name_of(inspection->reason));
+        else
+            said += fmt::format("{}part {} would be rejected: {}", said.empty() ? "" : "; ", lesson_->numbers[k],
+                                algo::name_of(inspection->reason));
     }
     if (2 * passed >= judged) return said;
-    return fail(ErrorCode::invalid_argument, fmt::format("the recipe with this reference would pass only {} of the {} parts it was learned from: {}", passed, judged, said),
-                "see that the parts are good and lie alike, and that the recipe's own limits allow them; then teach again");
+    return fail(
+        ErrorCode::invalid_argument,
+        fmt::format("the recipe with this reference would pass only {} of the {} parts it was learned from: {}", passed,
+                    judged, said),
+        "see that the parts are good and lie alike, and that the recipe's own limits allow them; then teach again");
 }
 
 }  // namespace hord::firmware

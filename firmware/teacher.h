@@ -1,12 +1,15 @@
 // Learns a reference (algo/reference.h) from the next parts of the running line, while the line goes on.
 //
-// The next parts that are inspected count as good, whatever the verdict says of them. An inspecting thread copies a frame into one
-// buffer when that is free, and never waits: a part that comes while the one before is still written to the disk is passed over, the
-// next one serves. A thread of its own, which leaves the processor to the others (nice 10), writes the frames to
-//     <folder>/teach/                                  (removed afterwards, and at the next start where a process was killed)
+// The next parts that are inspected count as good, whatever the verdict says of them. An inspecting thread copies a
+// frame into one buffer when that is free, and never waits: a part that comes while the one before is still written to
+// the disk is passed over, the next one serves. A thread of its own, which leaves the processor to the others (nice
+// 10), writes the frames to
+//     <folder>/teach/                                  (removed afterwards, and at the next start where a process was
+//     killed)
 // learns from them, one frame in memory at a time, has the recipe with its new reference judge them once, and writes
 //     <folder>/references/taught-<recipe>-<n>.hordref  n: one more than the highest there
-//     <folder>/recipe-taught.toml                      the recipe with it, so that a restart finds what waits for the line to stop
+//     <folder>/recipe-taught.toml                      the recipe with it, so that a restart finds what waits for the
+//     line to stop
 // An inspecting thread allocates nothing and shares no lock with that thread.
 #pragma once
 
@@ -39,16 +42,19 @@ class Teacher {
 
     // Told on the loop's thread.
     struct Listener {
-        std::function<void(std::uint32_t parts)> taken;  // so many frames are there now; 0: the next part may be the first
-        std::function<void(Result<Taught>)> done;        // once; not after cancel()
+        std::function<void(std::uint32_t parts)>
+            taken;                                 // so many frames are there now; 0: the next part may be the first
+        std::function<void(Result<Taught>)> done;  // once; not after cancel()
     };
 
     virtual ~Teacher() = default;
 
-    // Loop thread, does not block. From the next part on. `parts` is from kLeastParts to kMostParts. Fails with busy (a teach, or the
-    // end of one that was cancelled, is under way), and when the system gives no thread; later with io (the disk), and
-    // with invalid_argument (no reference comes of these parts). Then nothing is left behind.
-    Result<void> begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) { return do_begin(parts, recipe, std::move(listener)); }
+    // Loop thread, does not block. From the next part on. `parts` is from kLeastParts to kMostParts. Fails with busy (a
+    // teach, or the end of one that was cancelled, is under way), and when the system gives no thread; later with io
+    // (the disk), and with invalid_argument (no reference comes of these parts). Then nothing is left behind.
+    Result<void> begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) {
+        return do_begin(parts, recipe, std::move(listener));
+    }
 
     // Loop thread, does not block. Nothing is left behind. No effect where none is under way.
     void cancel() { do_cancel(); }
@@ -69,10 +75,10 @@ class Teacher {
 struct TeacherOptions {
     algo::Extents extents = {};
     int bits = 8;
-    std::filesystem::path folder = {};         // exists
-    std::uint64_t leave_free_bytes = 0;        // of the disk
-    std::uint32_t ignored_part = 0xFFFFFFFF;   // of the station's own tests
-    bool thread = true;                        // false: the loop's thread does the work, for virtual time
+    std::filesystem::path folder = {};        // exists
+    std::uint64_t leave_free_bytes = 0;       // of the disk
+    std::uint32_t ignored_part = 0xFFFFFFFF;  // of the station's own tests
+    bool thread = true;                       // false: the loop's thread does the work, for virtual time
 };
 
 class LineTeacher final : public Teacher {
@@ -85,9 +91,10 @@ class LineTeacher final : public Teacher {
     // Any thread, several at the same time; what is borrowed is copied.
     void on_inspection(std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection);
 
-    // What was taught before the process ended and had not come into use: the recipe to take in place of `recipe`; none: nothing
-    // was. Fails as remembered_recipe().
-    [[nodiscard]] static Result<std::optional<NumberedRecipe>> left_waiting(const std::filesystem::path& folder, const NumberedRecipe& recipe);
+    // What was taught before the process ended and had not come into use: the recipe to take in place of `recipe`;
+    // none: nothing was. Fails as remembered_recipe().
+    [[nodiscard]] static Result<std::optional<NumberedRecipe>> left_waiting(const std::filesystem::path& folder,
+                                                                            const NumberedRecipe& recipe);
 
   private:
     enum class Slot : std::uint32_t { closed, empty, filling, full };

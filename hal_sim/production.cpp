@@ -53,7 +53,8 @@ SceneDefect draw_defect(PartClass made_as, const DoubleConvexLens& lens, Draws& 
 Result<Production> draw_production(const ProductionOptions& options) {
     const auto* lens = std::get_if<DoubleConvexLens>(&options.clean.part);
     if (lens == nullptr) {
-        return fail(ErrorCode::unsupported, "production of scene " + options.clean.name + ": its part is not a double-convex lens",
+        return fail(ErrorCode::unsupported,
+                    "production of scene " + options.clean.name + ": its part is not a double-convex lens",
                     "use a scene with a double-convex lens, such as hal_sim/scenes/lens.toml");
     }
     Production production;
@@ -62,7 +63,8 @@ Result<Production> draw_production(const ProductionOptions& options) {
         const auto made_as = static_cast<PartClass>(number);
         const bool good = made_as == PartClass::good;
         const int count = good ? options.good_parts : options.of_each_defect;
-        const auto defective = static_cast<double>(options.of_each_defect) * static_cast<double>(kPartClassNames.size() - 1);
+        const auto defective =
+            static_cast<double>(options.of_each_defect) * static_cast<double>(kPartClassNames.size() - 1);
         for (int k = 0; k < count; ++k) {
             Scene scene = options.clean;
             scene.name = std::string(kPartClassNames[number]) + "-" + std::to_string(k + 1);
@@ -70,8 +72,9 @@ Result<Production> draw_production(const ProductionOptions& options) {
             scene.pose.y_mm = draws.between(-options.wobble_mm, options.wobble_mm);
             if (!good) scene.defects.push_back(draw_defect(made_as, *lens, draws));
             production.scenes.push_back(std::move(scene));
-            production.kinds.push_back({std::string(kPartClassNames[number]), !good,
-                                        good ? options.good_share / options.good_parts : (1 - options.good_share) / defective});
+            production.kinds.push_back(
+                {std::string(kPartClassNames[number]), !good,
+                 good ? options.good_share / options.good_parts : (1 - options.good_share) / defective});
         }
     }
     return production;

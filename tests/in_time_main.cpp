@@ -1,5 +1,6 @@
-// The main of tests that run the station in real time. A line whose controller does not run must stop: on a machine that was held up meanwhile
-// a failure says nothing. Such a test is run again, up to four times; one that failed while the machine ran is believed at once.
+// The main of tests that run the station in real time. A line whose controller does not run must stop: on a machine
+// that was held up meanwhile a failure says nothing. Such a test is run again, up to four times; one that failed while
+// the machine ran is believed at once.
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -18,7 +19,8 @@ using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
 constexpr int kAttempts = 4;
-// The shortest time that the tested lines leave a thread which should run (hordctl run without a configuration: 40 ms), less what a scheduler may take of it.
+// The shortest time that the tested lines leave a thread which should run (hordctl run without a configuration: 40 ms),
+// less what a scheduler may take of it.
 constexpr Clock::duration kHeldUp = 20ms;
 
 // How late a thread that does nothing but sleep comes back, at worst.
@@ -68,7 +70,8 @@ int main(int argc, char** argv) {
         status = attempt();
         const auto longest = std::chrono::duration_cast<std::chrono::milliseconds>(hold_ups.longest());
         if (status == 0 || longest < kHeldUp) return status;
-        std::printf("attempt %d of %d failed, but the machine was held up for %lld ms meanwhile\n", k, kAttempts, static_cast<long long>(longest.count()));
+        std::printf("attempt %d of %d failed, but the machine was held up for %lld ms meanwhile\n", k, kAttempts,
+                    static_cast<long long>(longest.count()));
         std::fflush(stdout);
     }
     return status;

@@ -30,7 +30,8 @@ class PartSensor {
       public:
         virtual void on_edge(const PartEdge& edge) = 0;
         virtual void on_encoder(const EncoderReading& reading) = 0;
-        virtual void on_part_sensor_lost(const Error& error) = 0;  // delivered once; stop() and start() again to recover
+        virtual void on_part_sensor_lost(
+            const Error& error) = 0;  // delivered once; stop() and start() again to recover
 
       protected:
         ~Listener() = default;

@@ -41,7 +41,8 @@ class RejectLedger {
             return {Entered::repeat, k, {}};
         }
         if (pending_ == kPending) return {};
-        while (lines_[next_].used && lines_[next_].owed > 0) next_ = (next_ + 1) % kRemembered;  // fewer pending than lines
+        while (lines_[next_].used && lines_[next_].owed > 0)
+            next_ = (next_ + 1) % kRemembered;  // fewer pending than lines
         lines_[next_] = {true, command.part, 1, command.start, {}};
         ++pending_;
         const std::size_t slot = next_;

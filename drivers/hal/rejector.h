@@ -16,7 +16,8 @@ struct RejectCommand {
 
 struct RejectReport {
     enum class Outcome : std::uint8_t {
-        confirmed,  // the module acknowledged the write and reads back as written (and the confirm sensor agreed, if there is one)
+        confirmed,  // the module acknowledged the write and reads back as written (and the confirm sensor agreed, if
+                    // there is one)
         late,       // too late to act on this part: the window was over, or the acknowledgement came after it
         failed,     // no acknowledgement; it may or may not have acted
     };
@@ -39,21 +40,21 @@ class Rejector {
 
     virtual ~Rejector() = default;
 
-    // Loop thread, does not block. The link is down until on_rejector_link(true) says otherwise; the driver keeps trying to
-    // reach the module until stop(). Fails with invalid_argument only (a bad address, a second start).
+    // Loop thread, does not block. The link is down until on_rejector_link(true) says otherwise; the driver keeps
+    // trying to reach the module until stop(). Fails with invalid_argument only (a bad address, a second start).
     Result<void> start(Listener& listener);
 
-    // Loop thread, does not block. The ejector acts within [start, start + width) or not at all: never later, on a neighbour.
-    // With the link down a command is accepted and reported as failed.
-    // Fails with disconnected (not started), busy (its queue is full), invalid_argument (width <= 0).
+    // Loop thread, does not block. The ejector acts within [start, start + width) or not at all: never later, on a
+    // neighbour. With the link down a command is accepted and reported as failed. Fails with disconnected (not
+    // started), busy (its queue is full), invalid_argument (width <= 0).
     Result<void> reject(const RejectCommand& command);
 
     // Loop thread, does not block. The permit drops by itself when the link does. Idempotent.
     void set_run_permit(bool permit);
 
-    // Loop thread. Outputs to their safe state (permit down, ejector as configured) before the link closes. Commands not
-    // yet settled are reported as failed before it returns; no call reaches the listener afterwards.
-    // May block for at most one response time-out.
+    // Loop thread. Outputs to their safe state (permit down, ejector as configured) before the link closes. Commands
+    // not yet settled are reported as failed before it returns; no call reaches the listener afterwards. May block for
+    // at most one response time-out.
     void stop();
 
   private:

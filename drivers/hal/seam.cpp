@@ -50,7 +50,8 @@ Result<void> Strobe::fire(const StrobePulse& pulse) {
                     "shorten the pulse; the limit protects the LED");
     }
     if (ever_fired_ && pulse.start < busy_until_ + limits.min_rest) {
-        return fail(ErrorCode::busy, "strobe pulse starts before the light has rested", "space the parts or shorten the pulse");
+        return fail(ErrorCode::busy, "strobe pulse starts before the light has rested",
+                    "space the parts or shorten the pulse");
     }
     auto done = do_fire(pulse);
     if (done) {
@@ -99,7 +100,8 @@ Result<void> Rejector::start(Listener& listener) {
 Result<void> Rejector::reject(const RejectCommand& command) {
     if (!started_) return not_started("the rejector");
     if (command.width <= Duration::zero()) {
-        return fail(ErrorCode::invalid_argument, "reject pulse width must be positive", "set rejector.pulse_ms above 0");
+        return fail(ErrorCode::invalid_argument, "reject pulse width must be positive",
+                    "set rejector.pulse_ms above 0");
     }
     return do_reject(command);
 }

@@ -25,10 +25,10 @@ struct ExposureRequest {
 
 // What the device says of a frame. Nothing here is trusted: the station's core matches it to the exposure it asked for.
 struct FrameInfo {
-    std::uint32_t sequence = 0;   // the device's own count; a gap means lost frames
-    TimePoint exposure_start;     // device timestamp
-    std::size_t bytes_used = 0;   // fewer than the format needs: a short frame
-    bool corrupt = false;         // the device flagged an error
+    std::uint32_t sequence = 0;  // the device's own count; a gap means lost frames
+    TimePoint exposure_start;    // device timestamp
+    std::size_t bytes_used = 0;  // fewer than the format needs: a short frame
+    bool corrupt = false;        // the device flagged an error
 };
 
 class Sensor;
@@ -84,8 +84,8 @@ class Sensor {
     // Loop thread. Fails with not_found, unsupported (the format; lists what there is), busy, io.
     Result<void> start(Listener& listener);
 
-    // Loop thread, does not block. Asks for one frame. The frame may come, come late, or never: the caller keeps the deadline.
-    // Fails with disconnected (not started or lost), busy (no free buffer), invalid_argument (length <= 0).
+    // Loop thread, does not block. Asks for one frame. The frame may come, come late, or never: the caller keeps the
+    // deadline. Fails with disconnected (not started or lost), busy (no free buffer), invalid_argument (length <= 0).
     Result<void> trigger(const ExposureRequest& request);
 
     // Loop thread. No call reaches the listener after it returns; frames on loan stay readable until given back.

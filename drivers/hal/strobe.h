@@ -51,7 +51,8 @@ class Strobe {
     // already accepted), disconnected (not started or lost). After a failure nothing is lit.
     Result<void> fire(const StrobePulse& pulse);
 
-    // Loop thread. All lights off at once; pulses not yet begun are forgotten and reported as not lit. Harmless when not started.
+    // Loop thread. All lights off at once; pulses not yet begun are forgotten and reported as not lit. Harmless when
+    // not started.
     void stop();
 
     [[nodiscard]] StrobeLimits limits() const { return do_limits(); }

@@ -26,9 +26,10 @@ struct SetRunPermit {
     bool permit = false;
 };
 
-// ExposureRequest: trigger the sensor; StrobePulse: fire; RejectCommand: reject; PartResult: a part's story is complete.
-using Action = std::variant<std::monostate, StartDevice, StopDevices, hal::ExposureRequest, hal::StrobePulse, Inspect, ReleaseFrame,
-                            hal::RejectCommand, SetRunPermit, PartResult>;
+// ExposureRequest: trigger the sensor; StrobePulse: fire; RejectCommand: reject; PartResult: a part's story is
+// complete.
+using Action = std::variant<std::monostate, StartDevice, StopDevices, hal::ExposureRequest, hal::StrobePulse, Inspect,
+                            ReleaseFrame, hal::RejectCommand, SetRunPermit, PartResult>;
 
 // A list that never allocates. The core leaves work for its next step rather than overfill it.
 class Actions {

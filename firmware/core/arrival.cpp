@@ -25,7 +25,8 @@ bool Core::continues(const hal::PartEdge& edge) {
 }
 
 void Core::on(const hal::PartEdge& edge) {
-    if (edge.sequence == last_edge_ && edge.at == last_edge_at_ && last_edge_ != 0) return;  // the same edge, told twice
+    if (edge.sequence == last_edge_ && edge.at == last_edge_at_ && last_edge_ != 0)
+        return;  // the same edge, told twice
     const bool arrives = edge.kind == hal::PartEdge::Kind::arrives;
     const bool certain = continues(edge);
     if (!arrives && last_edge_ == 0 && certain && started_) part_was_there();
@@ -52,8 +53,9 @@ void Core::part_was_there() {
 void Core::look_for_touching_parts(TimePoint at, std::int64_t counts) {
     if (!covered_ || !leaves_seen_) return;
     const bool by_counts = config_.by_encoder;
-    const bool too_long = by_counts ? config_.max_part_counts > 0 && counts - last_arrival_counts_ > config_.max_part_counts
-                                    : config_.max_part > Duration::zero() && at - last_arrival_ > config_.max_part;
+    const bool too_long = by_counts
+        ? config_.max_part_counts > 0 && counts - last_arrival_counts_ > config_.max_part_counts
+        : config_.max_part > Duration::zero() && at - last_arrival_ > config_.max_part;
     if (!too_long) return;
     covered_ = false;
     ++counters_.missed;
@@ -127,7 +129,8 @@ bool Core::comes_too_close(TimePoint at, std::int64_t counts) {
 
 // Tells sensor and strobe shortly before the part is where the camera looks; returns when that is.
 TimePoint Core::expose_when_due(Part& part) {
-    const TimePoint start = config_.by_encoder ? conveyor_.reaches(part.edge_counts + config_.exposure_counts) : part.exposure_start;
+    const TimePoint start =
+        config_.by_encoder ? conveyor_.reaches(part.edge_counts + config_.exposure_counts) : part.exposure_start;
     if (start == TimePoint::max() || now_ < start - config_.trigger_lead) {
         return start == TimePoint::max() ? start : start - config_.trigger_lead;
     }
@@ -143,7 +146,8 @@ TimePoint Core::expose_when_due(Part& part) {
     part.frame_due = true;
     part.light_due = true;
     actions_->push(hal::ExposureRequest{part.number(), start, config_.exposure});
-    actions_->push(hal::StrobePulse{part.number(), config_.strobe_channels, start + config_.strobe_delay, config_.strobe});
+    actions_->push(
+        hal::StrobePulse{part.number(), config_.strobe_channels, start + config_.strobe_delay, config_.strobe});
     return TimePoint::max();
 }
 
@@ -153,9 +157,12 @@ void Core::on(const hal::EncoderReading& reading) {
     if (reading.at > last_edge_at_) look_for_touching_parts(reading.at, reading.counts);
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
-        if (part.exposed && !part.place_good && part.phase == Part::Phase::waiting && reading.at >= part.exposure_start) {
-            // The conveyor may have stopped or jumped since the exposure was planned: then it shows a neighbour, or nothing.
-            const std::int64_t off = conveyor_.counts_at(part.exposure_start) - (part.edge_counts + config_.exposure_counts);
+        if (part.exposed && !part.place_good && part.phase == Part::Phase::waiting &&
+            reading.at >= part.exposure_start) {
+            // The conveyor may have stopped or jumped since the exposure was planned: then it shows a neighbour, or
+            // nothing.
+            const std::int64_t off =
+                conveyor_.counts_at(part.exposure_start) - (part.edge_counts + config_.exposure_counts);
             part.place_good = std::max(off, -off) < config_.min_gap_counts / 2;
             if (!part.place_good) decide(part, PartVerdict::unfit, PartReason::edge_lost);
         }
@@ -165,9 +172,9 @@ void Core::on(const hal::EncoderReading& reading) {
     }
 }
 
-// The line may no longer run. With an encoder its parts are followed until it runs again. Without one nobody knows where
-// they come to rest: those not yet exposed will not be before the camera at their time, and no rejection counts as
-// confirmed from now on. Commands still go out by time, until the reset: the line may not have obeyed.
+// The line may no longer run. With an encoder its parts are followed until it runs again. Without one nobody knows
+// where they come to rest: those not yet exposed will not be before the camera at their time, and no rejection counts
+// as confirmed from now on. Commands still go out by time, until the reset: the line may not have obeyed.
 void Core::lose_permit() {
     if (config_.by_encoder) return;
     covered_ = false;  // the belt stands: how long a part covers the sensor says nothing

@@ -53,14 +53,16 @@ class Conveyor {
 
   private:
     static constexpr Duration kFar = std::chrono::hours(1);
-    // Speed is taken over at least so long: an edge may come with its count microseconds after a reading, where one count
-    // more or less is all there is.
+    // Speed is taken over at least so long: an edge may come with its count microseconds after a reading, where one
+    // count more or less is all there is.
     static constexpr Duration kBaseline = milliseconds(4);
 
-    // value * num / den without leaving 64 bits: |value / den * num| stays below kFar or kPlausible (checked by the callers),
-    // and the remainder's product is rounded in double precision.
+    // value * num / den without leaving 64 bits: |value / den * num| stays below kFar or kPlausible (checked by the
+    // callers), and the remainder's product is rounded in double precision.
     [[nodiscard]] static std::int64_t scaled(std::int64_t value, std::int64_t num, std::int64_t den) {
-        return value / den * num + static_cast<std::int64_t>(static_cast<double>(value % den) * static_cast<double>(num) / static_cast<double>(den));
+        return value / den * num +
+            static_cast<std::int64_t>(static_cast<double>(value % den) * static_cast<double>(num) /
+                                      static_cast<double>(den));
     }
 
     bool known_ = false;

@@ -239,13 +239,16 @@ std::vector<std::string> problems(const CoreConfig& c) {
     positive(c.reject_pulse, "rejector.pulse_ms");
     positive(c.heartbeat, "station.heartbeat_ms");
     if (c.max_parts < 1 || c.max_parts > kLineCapacity) {
-        all.push_back("line.max_parts is " + std::to_string(c.max_parts) + ": use 1 to " + std::to_string(kLineCapacity));
+        all.push_back("line.max_parts is " + std::to_string(c.max_parts) + ": use 1 to " +
+                      std::to_string(kLineCapacity));
     }
     const Duration exposed = c.exposure_delay + c.exposure;
     const Duration deadline = c.transport - c.reject_early - c.reject_lead;
     if (!c.by_encoder && exposed + c.frame_timeout > deadline) {
-        all.push_back("the verdict is due " + ms(deadline) + " after the edge (line.transport_ms less rejector.early_ms and lead_ms), "
-                      "the frame may come until " + ms(exposed + c.frame_timeout) +
+        all.push_back("the verdict is due " + ms(deadline) +
+                      " after the edge (line.transport_ms less rejector.early_ms and lead_ms), "
+                      "the frame may come until " +
+                      ms(exposed + c.frame_timeout) +
                       ": shorten timing.frame_timeout_ms or move the ejector downstream (line.transport_ms)");
     }
     if (c.by_encoder && c.transport_counts <= 0) all.push_back("line.transport_counts must be above 0 with an encoder");
@@ -265,12 +268,13 @@ std::vector<std::string> problems(const CoreConfig& c) {
                       ": shorten early_ms or lengthen pulse_ms");
     }
     if (2 * c.frame_window >= c.min_gap) {
-        all.push_back("timing.frame_window_us is " + ms(c.frame_window) + ", half of line.min_gap_ms or more: shorten it, "
+        all.push_back("timing.frame_window_us is " + ms(c.frame_window) +
+                      ", half of line.min_gap_ms or more: shorten it, "
                       "else a frame may belong to two parts");
     }
     if (c.strobe_delay + c.strobe > c.exposure) {
-        all.push_back("the light ends " + ms(c.strobe_delay + c.strobe) + " after the exposure's start, the exposure " + ms(c.exposure) +
-                      ": lengthen timing.exposure_us or shorten timing.strobe_us");
+        all.push_back("the light ends " + ms(c.strobe_delay + c.strobe) + " after the exposure's start, the exposure " +
+                      ms(c.exposure) + ": lengthen timing.exposure_us or shorten timing.strobe_us");
     }
     return all;
 }

@@ -27,8 +27,8 @@ namespace hord::firmware {
 enum class Answer : std::uint8_t {
     done,
     not_in_this_state,
-    device_down,  // arm, while a device is lost or not yet there
-    plc_lost,     // start, while the PLC's heartbeat is missing and the policy is to stop
+    device_down,      // arm, while a device is lost or not yet there
+    plc_lost,         // start, while the PLC's heartbeat is missing and the policy is to stop
     pulse_under_way,  // arm, while the ejector may still act on what it was told before: the line would run under it
 };
 
@@ -119,15 +119,15 @@ class Core {
     Actions* actions_ = nullptr;  // of the step that runs, else null
     Answer answer_ = Answer::done;
 
-    std::uint32_t up_ = 0;           // Device bits
-    bool started_ = false;           // devices were asked to start
+    std::uint32_t up_ = 0;  // Device bits
+    bool started_ = false;  // devices were asked to start
     bool run_permit_ = false;
     bool line_stop_ = false;
     bool draining_ = false;
     bool single_taken_ = false;
     bool plc_lost_ = false;
-    std::uint32_t outside_ = 0;      // FaultBits of OutsideFaults
-    std::uint32_t trouble_ = 0;      // FaultBits besides devices that are down
+    std::uint32_t outside_ = 0;  // FaultBits of OutsideFaults
+    std::uint32_t trouble_ = 0;  // FaultBits besides devices that are down
     std::uint32_t faults_latched_ = 0;
     std::uint16_t first_fault_ = 0;
     std::uint32_t failures_in_a_row_ = 0;
@@ -140,10 +140,10 @@ class Core {
     TimePoint last_arrival_ = TimePoint::min();
     std::int64_t last_arrival_counts_ = 0;
     TimePoint last_edge_at_ = TimePoint::min();
-    std::uint32_t last_edge_ = 0;    // sequence; 0: none since the part sensor came up
+    std::uint32_t last_edge_ = 0;  // sequence; 0: none since the part sensor came up
     hal::PartEdge::Kind last_kind_ = hal::PartEdge::Kind::leaves;
     bool leaves_seen_ = false;
-    bool covered_ = false;           // the newest part is at the part sensor still
+    bool covered_ = false;  // the newest part is at the part sensor still
     bool frames_seen_ = false;
     std::uint32_t last_frame_ = 0;
 

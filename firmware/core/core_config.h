@@ -27,28 +27,30 @@ struct CoreConfig {
     // The way from the part sensor to the ejector: a time on a conveyor of constant speed, or encoder counts on one
     // that may slow, stop and restart.
     bool by_encoder = false;
-    Duration transport = milliseconds(400);    // edge to the part at the ejector, without encoder
-    std::int64_t transport_counts = 4000;      // the same in counts, with encoder
+    Duration transport = milliseconds(400);        // edge to the part at the ejector, without encoder
+    std::int64_t transport_counts = 4000;          // the same in counts, with encoder
     Duration encoder_timeout = milliseconds(100);  // no reading for so long, parts on the line: position is lost
-    std::uint32_t max_parts = 64;              // inspected parts between sensor and ejector, 1..kLineCapacity
-    Duration min_gap = milliseconds(20);       // edges closer than this: parts_too_close
-    std::int64_t min_gap_counts = 200;         // the same in counts, with encoder, in addition
+    std::uint32_t max_parts = 64;                  // inspected parts between sensor and ejector, 1..kLineCapacity
+    Duration min_gap = milliseconds(20);           // edges closer than this: parts_too_close
+    std::int64_t min_gap_counts = 200;             // the same in counts, with encoder, in addition
 
-    Duration max_part = Duration::zero();       // the part sensor is covered for longer: parts touch, one is unseen; 0: not checked
-    std::int64_t max_part_counts = 0;           // the same in counts, with encoder, instead
+    Duration max_part =
+        Duration::zero();  // the part sensor is covered for longer: parts touch, one is unseen; 0: not checked
+    std::int64_t max_part_counts = 0;  // the same in counts, with encoder, instead
 
     // Exposure and light. Several parts may be between part sensor and camera.
     Duration exposure_delay = milliseconds(5);  // edge to the start of the exposure, without encoder
     std::int64_t exposure_counts = 50;          // the same in counts, with encoder
-    Duration trigger_lead = milliseconds(5);    // sensor and strobe are told so long before, or at the edge when that is nearer
+    Duration trigger_lead =
+        milliseconds(5);  // sensor and strobe are told so long before, or at the edge when that is nearer
     Duration exposure = microseconds(500);
     Duration strobe_delay = microseconds(100);  // start of the exposure to the start of the light
     Duration strobe = microseconds(200);
-    std::uint32_t strobe_channels = 1;          // bit set of collimators
+    std::uint32_t strobe_channels = 1;           // bit set of collimators
     Duration strobe_window = microseconds(100);  // the light's start and width may differ from the request by this
-    Duration frame_window = milliseconds(2);    // a frame's exposure time stamp may differ from the request by this
+    Duration frame_window = milliseconds(2);     // a frame's exposure time stamp may differ from the request by this
     Duration frame_timeout = milliseconds(100);  // after the exposure's end no frame, no strobe report: lost
-    std::size_t frame_bytes = 0;                // a frame with fewer is short
+    std::size_t frame_bytes = 0;                 // a frame with fewer is short
 
     // Rejection. The pulse begins `reject_early` before the part is at the ejector; the command goes out `reject_lead`
     // before the pulse: that is the verdict's deadline.

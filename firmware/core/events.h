@@ -23,7 +23,7 @@ enum class Command : std::uint8_t {
     stop,              // [Stop] inspects no new part; Ready when the last inspected one is past the ejector
     abort,             // [Abort] Ready at once; parts under way are rejected
     halt,              // [Halt] devices are closed, lights and permit off
-    reset,             // [Reset] after an error (the person who resets has looked at the line) or halt; opens absent devices again
+    reset,  // [Reset] after an error (the person who resets has looked at the line) or halt; opens absent devices again
 };
 
 enum class Device : std::uint8_t { part_sensor, strobe, sensor, rejector };
@@ -44,7 +44,7 @@ struct Judged {
     std::uint16_t defects = 0;
     float score = 0;
     std::uint16_t position_m = kNoNumber, position_n = kNoNumber;  // of the worst defect, lenslets
-    std::uint16_t recipe = kNoNumber;  // number of the recipe that judged
+    std::uint16_t recipe = kNoNumber;                              // number of the recipe that judged
 };
 struct DeviceUp {
     Device device{};
@@ -78,7 +78,7 @@ struct OutsideFaults {
 struct Tick {};
 
 using Event = std::variant<Tick, Command, hal::PartEdge, hal::EncoderReading, FrameArrived, hal::StrobeReport, Judged,
-                           hal::RejectReport, DeviceUp, DeviceLost, TriggerRefused, StrobeRefused, InspectRefused, RejectRefused, PlcLost, PlcBack,
-                           LineUnknown, OutsideFaults>;
+                           hal::RejectReport, DeviceUp, DeviceLost, TriggerRefused, StrobeRefused, InspectRefused,
+                           RejectRefused, PlcLost, PlcBack, LineUnknown, OutsideFaults>;
 
 }  // namespace hord::firmware

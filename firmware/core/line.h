@@ -18,27 +18,27 @@ struct Part {
         complete,   // recorded; only its way past the ejector remains
     };
     Phase phase = Phase::waiting;
-    bool wanted = false;       // came while executing: is (or was) to be inspected
-    bool exposed = false;      // sensor and strobe were told; exposure_start holds
-    bool frame_due = false;    // triggered, no frame matched yet
-    bool light_due = false;    // fired, no strobe report yet
+    bool wanted = false;     // came while executing: is (or was) to be inspected
+    bool exposed = false;    // sensor and strobe were told; exposure_start holds
+    bool frame_due = false;  // triggered, no frame matched yet
+    bool light_due = false;  // fired, no strobe report yet
     bool light_good = false;
-    bool place_good = false;   // it was before the camera at its exposure (without encoder: taken for granted)
-    bool inspecting = false;   // its frame is with the inspector
+    bool place_good = false;  // it was before the camera at its exposure (without encoder: taken for granted)
+    bool inspecting = false;  // its frame is with the inspector
     bool judged = false;
-    bool command_late = false;  // the part was at the ejector before its command
-    bool place_lost = false;   // the line may have stopped on its way to the ejector, unobserved
-    bool abandoned = false;    // and a reset has ended its story
-    bool reported = false;     // the rejector's report has come
+    bool command_late = false;             // the part was at the ejector before its command
+    bool place_lost = false;               // the line may have stopped on its way to the ejector, unobserved
+    bool abandoned = false;                // and a reset has ended its story
+    bool reported = false;                 // the rejector's report has come
     PartReason oddity = PartReason::none;  // a frame that came instead of this part's own
 
     TimePoint arrived;
-    std::int64_t edge_counts = 0;  // with encoder: where the conveyor was
+    std::int64_t edge_counts = 0;    // with encoder: where the conveyor was
     std::int64_t target_counts = 0;  // and where it is when the part is at the ejector
     TimePoint exposure_start;
     Judged judgement;
 
-    TimePoint eject_start;     // of the commanded pulse
+    TimePoint eject_start;                        // of the commanded pulse
     TimePoint passed_ejector = TimePoint::max();  // with encoder: when it crossed
     hal::RejectReport report;
     PartResult result;

@@ -36,9 +36,7 @@ std::uint32_t trouble_of(PartReason reason) {
     }
 }
 
-bool differs_by_more(Duration a, Duration b, Duration tolerance) {
-    return a - b > tolerance || b - a > tolerance;
-}
+bool differs_by_more(Duration a, Duration b, Duration tolerance) { return a - b > tolerance || b - a > tolerance; }
 
 std::uint32_t to_us(Duration d) {
     const auto us = std::chrono::duration_cast<std::chrono::microseconds>(d).count();
@@ -78,7 +76,8 @@ Part* Core::exposed_at(TimePoint exposure_start) {
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
         if (!part.wanted || !part.frame_due) continue;
-        if (!differs_by_more(exposure_start.time_since_epoch(), part.exposure_start.time_since_epoch(), config_.frame_window)) {
+        if (!differs_by_more(exposure_start.time_since_epoch(), part.exposure_start.time_since_epoch(),
+                             config_.frame_window)) {
             return &part;
         }
     }

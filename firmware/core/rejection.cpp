@@ -46,7 +46,8 @@ void Core::settle() {
         if (line_[0].wanted) --wanted_on_line_;
         line_.pop_oldest();
     }
-    if (line_.size() > 0 && line_[0].phase == Part::Phase::complete) next_wake_ = std::min(next_wake_, gone_at(line_[0]));
+    if (line_.size() > 0 && line_[0].phase == Part::Phase::complete)
+        next_wake_ = std::min(next_wake_, gone_at(line_[0]));
 
     const bool taken_all = draining_ || (state_ == State::single_execution && single_taken_);
     if (executing(state_) && taken_all && wanted_on_line_ == 0) go(Cause::finished);
@@ -73,7 +74,8 @@ TimePoint Core::settle(Part& part) {
     }
     if (part.phase == Part::Phase::waiting || part.phase == Part::Phase::decided) {
         const TimePoint at = at_ejector(part);
-        const TimePoint deadline = at == TimePoint::max() || at == TimePoint::min() ? at : at - config_.reject_early - config_.reject_lead;
+        const TimePoint deadline =
+            at == TimePoint::max() || at == TimePoint::min() ? at : at - config_.reject_early - config_.reject_lead;
         if (now_ < deadline) return std::min(next, deadline);
         decide(part, PartVerdict::unfit, PartReason::verdict_late);
         command_reject(part);
@@ -86,7 +88,8 @@ void Core::command_reject(Part& part) {
     const TimePoint at = at_ejector(part);
     if (at == TimePoint::min() || !up(Device::rejector)) return complete(part, RejectState::failed);
     part.eject_start = at - config_.reject_early;
-    if (now_ >= part.eject_start + config_.reject_pulse) return complete(part, RejectState::late);  // it would hit a neighbour
+    if (now_ >= part.eject_start + config_.reject_pulse)
+        return complete(part, RejectState::late);  // it would hit a neighbour
     part.phase = Part::Phase::commanded;
     part.command_late = now_ > at;
     ejector_rests_at_ = std::max(ejector_rests_at_, part.eject_start + config_.reject_pulse);
@@ -113,7 +116,8 @@ TimePoint Core::await_report(Part& part) {
     const TimePoint give_up = pulse_end + config_.confirm_timeout;
     if (part.reported && (part.report.outcome == Outcome::failed || part.place_lost)) {
         complete(part, RejectState::failed);
-    } else if (part.reported && (part.command_late || part.report.outcome == Outcome::late || part.report.at > pulse_end)) {
+    } else if (part.reported &&
+               (part.command_late || part.report.outcome == Outcome::late || part.report.at > pulse_end)) {
         complete(part, RejectState::late);
     } else if (config_.by_encoder && part.passed_ejector == TimePoint::max()) {
         if (now_ < pulse_end + config_.encoder_timeout) return pulse_end + config_.encoder_timeout;

@@ -11,10 +11,18 @@ namespace hord::firmware {
 
 // What moves the state machine: the commands, and three things the core finds out by itself.
 enum class Cause : std::uint8_t {
-    initialise, arm, disarm, start_single, start_continuous, stop, abort, halt, reset,  // in Command's order
-    finished,  // the single part, or the last one of a stop, is past the ejector
-    fault,     // a device was lost, or failed too many parts in a row, in Ready or while executing
-    line_stop, // a rejection could not be confirmed, or parts are on the line that nobody knows
+    initialise,
+    arm,
+    disarm,
+    start_single,
+    start_continuous,
+    stop,
+    abort,
+    halt,
+    reset,      // in Command's order
+    finished,   // the single part, or the last one of a stop, is past the ejector
+    fault,      // a device was lost, or failed too many parts in a row, in Ready or while executing
+    line_stop,  // a rejection could not be confirmed, or parts are on the line that nobody knows
 };
 constexpr int kCauses = 12;
 constexpr Cause cause_of(Command command) { return static_cast<Cause>(command); }

@@ -1,4 +1,5 @@
-// What each physical effect of a scene does to detection, and what it costs: the basis for naming it in a scene, or not.
+// What each physical effect of a scene does to detection, and what it costs: the basis for naming it in a scene, or
+// not.
 #pragma once
 
 #include "firmware/experiment/experiment.h"

@@ -7,11 +7,13 @@ namespace hord::firmware {
 namespace {
 
 Error cannot_write(const std::filesystem::path& file) {
-    return {ErrorCode::io, file.string() + " cannot be written", "check that the folder exists, may be written to, and has space"};
+    return {ErrorCode::io, file.string() + " cannot be written",
+            "check that the folder exists, may be written to, and has space"};
 }
 
 Error foreign(const std::filesystem::path& file, const std::string& why) {
-    return {ErrorCode::invalid_argument, file.string() + " " + why, "use another --out folder, or delete the file to begin again"};
+    return {ErrorCode::invalid_argument, file.string() + " " + why,
+            "use another --out folder, or delete the file to begin again"};
 }
 
 Json parse(const std::string& line) { return Json::parse(line, nullptr, false); }
@@ -39,7 +41,10 @@ Result<Cells> Cells::open(const std::filesystem::path& file, const Json& paramet
         const Json line = parse(text.substr(from, end - from));
         from = end + 1;
         if (number == 1) {
-            if (line != parameters) return tl::unexpected(foreign(file, "was made with other parameters (" + line.dump(-1, ' ', false, Json::error_handler_t::replace) + ")"));
+            if (line != parameters)
+                return tl::unexpected(foreign(file,
+                                              "was made with other parameters (" +
+                                                  line.dump(-1, ' ', false, Json::error_handler_t::replace) + ")"));
             continue;
         }
         if (!line.is_object() || !line.contains("cell") || !line["cell"].is_string() || !line.contains("values")) {

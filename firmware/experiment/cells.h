@@ -1,7 +1,7 @@
 // The finished cells of an experiment's grid, kept in a file, so that an interrupted run continues where it was.
 //
-// The file holds one JSON object a line: first the parameters it was made with, then a cell a line, each written and flushed when
-// it is finished. A last line that was cut off by an interrupt is dropped.
+// The file holds one JSON object a line: first the parameters it was made with, then a cell a line, each written and
+// flushed when it is finished. A last line that was cut off by an interrupt is dropped.
 #pragma once
 
 #include <cstddef>
@@ -19,8 +19,8 @@ using Json = nlohmann::ordered_json;
 
 class Cells {
   public:
-    // Takes up `file`, or begins it. Fails with invalid_argument when it was made with other parameters or is not such a file, with
-    // io when it cannot be read or written.
+    // Takes up `file`, or begins it. Fails with invalid_argument when it was made with other parameters or is not such
+    // a file, with io when it cannot be read or written.
     static Result<Cells> open(const std::filesystem::path& file, const Json& parameters);
 
     // The cell's values; null while it is not finished.

@@ -16,9 +16,9 @@
 namespace hord::firmware {
 namespace {
 
-constexpr int kChunk = 100;           // parts of a cell that is kept
+constexpr int kChunk = 100;  // parts of a cell that is kept
 constexpr double kLedLoss = 0.7;
-constexpr int kTuneExposures = 2;     // of every traced part
+constexpr int kTuneExposures = 2;  // of every traced part
 constexpr double kHazeRadius = 1.2, kSpeckRadius = 1;
 
 struct Sizes {
@@ -51,7 +51,8 @@ class Production {
     Result<Json> judge(const Figure& figure, int first, int count, int threads);
 
   private:
-    Result<JudgedPart> judge_one(algo::Pipeline& pipeline, const Figure& figure, int number, std::optional<ProductionPart>& traced, int& traced_number);
+    Result<JudgedPart> judge_one(algo::Pipeline& pipeline, const Figure& figure, int number,
+                                 std::optional<ProductionPart>& traced, int& traced_number);
     sim::Scene scene_;
     algo::Recipe recipe_;
     std::uint64_t seed_;
@@ -59,12 +60,16 @@ class Production {
     std::map<int, ProductionPart> traced_;  // good parts of the test stream, by pose
 };
 
-Json to_json(const JudgedPart& p) { return {p.score, p.unfit ? 1 : 0, p.hit ? 1 : 0, p.kind, p.size, p.from_rim, p.defects}; }
+Json to_json(const JudgedPart& p) {
+    return {p.score, p.unfit ? 1 : 0, p.hit ? 1 : 0, p.kind, p.size, p.from_rim, p.defects};
+}
 JudgedPart from_json(const Json& j) {
-    return {j[0].get<double>(), j[1].get<int>() != 0, j[2].get<int>() != 0, j[3].get<int>(), j[4].get<double>(), j[5].get<double>(), j[6].get<int>()};
+    return {j[0].get<double>(), j[1].get<int>() != 0, j[2].get<int>() != 0, j[3].get<int>(),
+            j[4].get<double>(), j[5].get<double>(),   j[6].get<int>()};
 }
 
-Result<JudgedPart> Production::judge_one(algo::Pipeline& pipeline, const Figure& f, int number, std::optional<ProductionPart>& traced, int& traced_number) {
+Result<JudgedPart> Production::judge_one(algo::Pipeline& pipeline, const Figure& f, int number,
+                                         std::optional<ProductionPart>& traced, int& traced_number) {
     const int pose = f.pose_of(number);
     const bool painted = f.flaw == Flaw::speck || f.flaw == Flaw::haze;
     const bool often = f.poses > 1 && f.stream == Stream::test;  // by several figures
@@ -75,7 +80,8 @@ Result<JudgedPart> Production::judge_one(algo::Pipeline& pipeline, const Figure&
         if (traced_number == pose) traced = kept->second;
     }
     if (!traced || traced_number != pose) {
-        auto part = make_part(scene_, painted ? Flaw::none : f.flaw, f.size, f.wobble, seed_, f.stream, static_cast<std::uint32_t>(pose));
+        auto part = make_part(scene_, painted ? Flaw::none : f.flaw, f.size, f.wobble, seed_, f.stream,
+                              static_cast<std::uint32_t>(pose));
         if (!part) return tl::unexpected(part.error());
         traced = std::move(*part);
         traced_number = pose;
@@ -84,7 +90,8 @@ Result<JudgedPart> Production::judge_one(algo::Pipeline& pipeline, const Figure&
     }
     ProductionPart part = *traced;
     if (painted) add_flaw(part, f.flaw, f.size, seed_, f.stream, static_cast<std::uint32_t>(number));
-    const auto turn = static_cast<std::uint64_t>(number) + (static_cast<std::uint64_t>(f.stream) << 32U) + (static_cast<std::uint64_t>(f.flaw) << 56U) + (static_cast<std::uint64_t>(f.led * 1000) << 40U);
+    const auto turn = static_cast<std::uint64_t>(number) + (static_cast<std::uint64_t>(f.stream) << 32U) +
+        (static_cast<std::uint64_t>(f.flaw) << 56U) + (static_cast<std::uint64_t>(f.led * 1000) << 40U);
     const auto found = pipeline.inspect(expose_part(part.light, scene_, seed_, turn, f.led).view());
     if (!found) return tl::unexpected(found.error());
     JudgedPart judged;
@@ -95,7 +102,9 @@ Result<JudgedPart> Production::judge_one(algo::Pipeline& pipeline, const Figure&
     const algo::Extents& e = scene_.camera.extents;
     judged.from_rim = 9.5 - std::hypot(part.flaw.m - 0.5 * (e.m - 1), part.flaw.n - 0.5 * (e.n - 1));
     for (const algo::Defect& d : found->defects) {
-        if (std::hypot(static_cast<double>(d.m) - part.flaw.m, static_cast<double>(d.n) - part.flaw.n) > part.flaw.size + 2) continue;
+        if (std::hypot(static_cast<double>(d.m) - part.flaw.m, static_cast<double>(d.n) - part.flaw.n) >
+            part.flaw.size + 2)
+            continue;
         judged.hit = f.flaw != Flaw::none;
         judged.kind = static_cast<int>(d.kind);
         break;
@@ -117,7 +126,8 @@ Result<Json> Production::judge(const Figure& figure, int first, int count, int t
         int traced_number = -1;
         for (std::size_t from = next.fetch_add(8); from < order.size(); from = next.fetch_add(8)) {
             for (std::size_t k = from; k < std::min(order.size(), from + 8); ++k) {
-                judged[static_cast<std::size_t>(order[k] - first)] = judge_one(pipeline, figure, order[k], traced, traced_number);
+                judged[static_cast<std::size_t>(order[k] - first)] =
+                    judge_one(pipeline, figure, order[k], traced, traced_number);
             }
         }
     };
@@ -140,7 +150,8 @@ Result<Json> Production::judge(const Figure& figure, int first, int count, int t
     return all;
 }
 
-// The limits' factor at which a share kGoodShare of good parts would be rejected, by the tail of the tuning parts' scores.
+// The limits' factor at which a share kGoodShare of good parts would be rejected, by the tail of the tuning parts'
+// scores.
 double factor_for(const std::vector<JudgedPart>& tuning) {
     std::vector<double> scores;
     for (const JudgedPart& p : tuning) {
@@ -151,7 +162,8 @@ double factor_for(const std::vector<JudgedPart>& tuning) {
 
 class Run {
   public:
-    Run(const ExperimentOptions& options, Cells& cells, bool only_finished) : options_(options), cells_(cells), sizes_(options.quick ? kQuick : kFull), only_finished_(only_finished) {}
+    Run(const ExperimentOptions& options, Cells& cells, bool only_finished)
+        : options_(options), cells_(cells), sizes_(options.quick ? kQuick : kFull), only_finished_(only_finished) {}
     Result<DetectionResults> run();
 
   private:
@@ -179,7 +191,8 @@ Result<void> Run::judge_chunk(Production& production, const Figure& figure, int 
     note(figure.name);
     results_.wanted[figure.name] = static_cast<std::size_t>(figure.parts);
     const int count = std::min(kChunk, figure.parts - first);
-    auto cell = value(fmt::format("{} {}", figure.name, first), [&] { return production.judge(figure, first, count, options_.threads); });
+    auto cell = value(fmt::format("{} {}", figure.name, first),
+                      [&] { return production.judge(figure, first, count, options_.threads); });
     if (!cell) return tl::unexpected(cell.error());
     for (const Json& one : *cell) results_.parts[figure.name].push_back(from_json(one));
     done_ += count;
@@ -207,15 +220,21 @@ Result<DetectionResults> Run::run() {
     results_.slope_poses = s.slope_poses;
     results_.bubble_exposures = s.bubble_exposures;
     results_.flaw_exposures = s.flaw_exposures;
-    total_ = s.tune + 11.0 * s.good + s.bubbles * s.bubble_exposures + 2.0 * s.flaws * s.flaw_exposures + 2.0 * static_cast<double>(results_.slopes.size()) * s.slope_poses * s.slope_exposures;
+    total_ = s.tune + 11.0 * s.good + s.bubbles * s.bubble_exposures + 2.0 * s.flaws * s.flaw_exposures +
+        2.0 * static_cast<double>(results_.slopes.size()) * s.slope_poses * s.slope_exposures;
 
     const sim::Scene round = round_part();
     auto reference = learn(round, "learning the round part");
     if (!reference) return tl::unexpected(reference.error());
 
     Production tuning(round, *reference, 1, options_.seed);
-    if (auto done = judge(tuning, {.name = "tune", .parts = s.tune, .stream = Stream::tune, .exposures = kTuneExposures}); !done) return tl::unexpected(done.error());
-    if (static_cast<int>(results_.parts["tune"].size()) < s.tune) return fail(ErrorCode::invalid_argument, "the limits are not tuned yet: no figure is finished", "let the experiment run on");
+    if (auto done =
+            judge(tuning, {.name = "tune", .parts = s.tune, .stream = Stream::tune, .exposures = kTuneExposures});
+        !done)
+        return tl::unexpected(done.error());
+    if (static_cast<int>(results_.parts["tune"].size()) < s.tune)
+        return fail(ErrorCode::invalid_argument, "the limits are not tuned yet: no figure is finished",
+                    "let the experiment run on");
     results_.factor = factor_for(results_.parts["tune"]);
     results_.tuned_on = s.tune;
 
@@ -239,8 +258,21 @@ Result<DetectionResults> Run::run() {
         Production levels(deep, *learned, results_.factor, options_.seed);
         for (const double electrons : kLightLevels) {
             const double led = electrons / kProductionElectrons;
-            if (auto done = judge(levels, {.name = fmt::format("{:g} electrons good", electrons), .led = led, .parts = s.good, .poses = s.poses}); !done) return tl::unexpected(done.error());
-            if (auto done = judge(levels, {.name = fmt::format("{:g} electrons haze", electrons), .flaw = Flaw::haze, .size = kHazeRadius, .led = led, .parts = s.good, .poses = s.poses}); !done) {
+            if (auto done = judge(levels,
+                                  {.name = fmt::format("{:g} electrons good", electrons),
+                                   .led = led,
+                                   .parts = s.good,
+                                   .poses = s.poses});
+                !done)
+                return tl::unexpected(done.error());
+            if (auto done = judge(levels,
+                                  {.name = fmt::format("{:g} electrons haze", electrons),
+                                   .flaw = Flaw::haze,
+                                   .size = kHazeRadius,
+                                   .led = led,
+                                   .parts = s.good,
+                                   .poses = s.poses});
+                !done) {
                 return tl::unexpected(done.error());
             }
         }
@@ -251,9 +283,19 @@ Result<DetectionResults> Run::run() {
         if (!learned) return tl::unexpected(learned.error());
         Production strips(scene, *learned, results_.factor, options_.seed);
         const int parts = s.slope_poses * s.slope_exposures;
-        if (auto done = judge(strips, {.name = fmt::format("slope {:g} good", slope), .parts = parts, .poses = s.slope_poses}); !done) return tl::unexpected(done.error());
+        if (auto done =
+                judge(strips, {.name = fmt::format("slope {:g} good", slope), .parts = parts, .poses = s.slope_poses});
+            !done)
+            return tl::unexpected(done.error());
         // Other poses than the good ones: the tuning stream's are not used for strips.
-        if (auto done = judge(strips, {.name = fmt::format("slope {:g} haze", slope), .flaw = Flaw::haze, .size = kHazeRadius, .parts = parts, .stream = Stream::tune, .poses = s.slope_poses}); !done) {
+        if (auto done = judge(strips,
+                              {.name = fmt::format("slope {:g} haze", slope),
+                               .flaw = Flaw::haze,
+                               .size = kHazeRadius,
+                               .parts = parts,
+                               .stream = Stream::tune,
+                               .poses = s.slope_poses});
+            !done) {
             return tl::unexpected(done.error());
         }
     }
@@ -267,9 +309,20 @@ Result<DetectionResults> Run::run() {
     results_.times = *times;
     // What is traced part by part takes longest; in turns, so that an interrupted run has some of each.
     const Figure traced[] = {
-        {.name = "bubble", .flaw = Flaw::bubble, .parts = s.bubbles * s.bubble_exposures, .exposures = s.bubble_exposures},
-        {.name = "dimple", .flaw = Flaw::dimple, .size = 1.5, .parts = s.flaws * s.flaw_exposures, .exposures = s.flaw_exposures},
-        {.name = "scratch", .flaw = Flaw::scratch, .size = 4, .parts = s.flaws * s.flaw_exposures, .exposures = s.flaw_exposures},
+        {.name = "bubble",
+         .flaw = Flaw::bubble,
+         .parts = s.bubbles * s.bubble_exposures,
+         .exposures = s.bubble_exposures},
+        {.name = "dimple",
+         .flaw = Flaw::dimple,
+         .size = 1.5,
+         .parts = s.flaws * s.flaw_exposures,
+         .exposures = s.flaw_exposures},
+        {.name = "scratch",
+         .flaw = Flaw::scratch,
+         .size = 4,
+         .parts = s.flaws * s.flaw_exposures,
+         .exposures = s.flaw_exposures},
     };
     for (int first = 0, left = 1; left > 0; first += kChunk) {
         left = 0;
@@ -288,7 +341,9 @@ Result<DetectionResults> Run::run() {
 namespace {
 
 Result<ExperimentReport> run_or_report(const ExperimentOptions& options, bool only_finished) {
-    auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 5}});
+    auto cells =
+        Cells::open(options.out / "cells.jsonl",
+                    {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 5}});
     if (!cells) return tl::unexpected(cells.error());
     auto results = Run(options, *cells, only_finished).run();
     if (!results) return tl::unexpected(results.error());
@@ -298,6 +353,8 @@ Result<ExperimentReport> run_or_report(const ExperimentOptions& options, bool on
 }  // namespace
 
 Result<ExperimentReport> run_detection(const ExperimentOptions& options) { return run_or_report(options, false); }
-Result<ExperimentReport> report_finished_detection(const ExperimentOptions& options) { return run_or_report(options, true); }
+Result<ExperimentReport> report_finished_detection(const ExperimentOptions& options) {
+    return run_or_report(options, true);
+}
 
 }  // namespace hord::firmware

@@ -60,14 +60,16 @@ sim::Scene strip(double slope) {
     sim::Scene scene;
     scene.name = "strip";
     const double n = 1.5;
-    scene.part = sim::CylinderLens{(n - 1) * focal_mm(slope), (kStripColumns / 2.0 + 2) * kPitchMm, (kStripRows / 2.0 + 3) * kPitchMm, kEdgeMm, n};
+    scene.part = sim::CylinderLens{(n - 1) * focal_mm(slope), (kStripColumns / 2.0 + 2) * kPitchMm,
+                                   (kStripRows / 2.0 + 3) * kPitchMm, kEdgeMm, n};
     scene.camera.extents = {kStripColumns, kStripRows, 9, 9};
     scene.camera.field_mm = kStripColumns * kPitchMm;
     common(scene);
     return scene;
 }
 
-Result<ProductionPart> make_part(const sim::Scene& nominal, Flaw flaw, double size, double wobble, std::uint64_t seed, Stream stream, std::uint32_t number) {
+Result<ProductionPart> make_part(const sim::Scene& nominal, Flaw flaw, double size, double wobble, std::uint64_t seed,
+                                 Stream stream, std::uint32_t number) {
     sim::Scene scene = nominal;
     sim::Noise draw(seed, number, static_cast<std::uint32_t>(stream) + 0x10000U * static_cast<std::uint32_t>(flaw));
     const auto even = [&] { return 2 * draw.uniform() - 1; };
@@ -85,12 +87,16 @@ Result<ProductionPart> make_part(const sim::Scene& nominal, Flaw flaw, double si
         if (flaw == Flaw::bubble) {
             scene.defects.emplace_back(sim::AirBubble{{x, y, 0}, part.flaw.size * kPitchMm});
         } else if (flaw == Flaw::dimple) {
-            const double radius_mm = part.flaw.size * kPitchMm, depth = radius_mm * radius_mm / (2 * kDimpleCurvatureMm);
-            scene.defects.emplace_back(sim::SphericalCut{{x, y, face_mm(lens, x, y) + kDimpleCurvatureMm - depth}, kDimpleCurvatureMm});
+            const double radius_mm = part.flaw.size * kPitchMm,
+                         depth = radius_mm * radius_mm / (2 * kDimpleCurvatureMm);
+            scene.defects.emplace_back(
+                sim::SphericalCut{{x, y, face_mm(lens, x, y) + kDimpleCurvatureMm - depth}, kDimpleCurvatureMm});
         } else {
             const double along = std::numbers::pi * draw.uniform(), half = part.flaw.size * kPitchMm;
             const double dx = half * std::cos(along), dy = half * std::sin(along);
-            scene.defects.emplace_back(sim::Scratch{{x - dx, y - dy, face_mm(lens, x - dx, y - dy)}, {x + dx, y + dy, face_mm(lens, x + dx, y + dy)}, kScratchMm});
+            scene.defects.emplace_back(sim::Scratch{{x - dx, y - dy, face_mm(lens, x - dx, y - dy)},
+                                                    {x + dx, y + dy, face_mm(lens, x + dx, y + dy)},
+                                                    kScratchMm});
         }
         const double c = std::cos(scene.pose.rotation_rad), s = std::sin(scene.pose.rotation_rad);
         part.flaw.m = (c * x - s * y + scene.pose.x_mm) / kPitchMm + 0.5 * (kField - 1);
@@ -105,17 +111,21 @@ Result<ProductionPart> make_part(const sim::Scene& nominal, Flaw flaw, double si
 
 void add_flaw(ProductionPart& part, Flaw flaw, double size, std::uint64_t seed, Stream stream, std::uint32_t number) {
     const algo::Extents& e = part.light.extents;
-    sim::Noise draw(seed, number, static_cast<std::uint32_t>(stream) + 0x10000U * static_cast<std::uint32_t>(flaw) + 0x800000U);
+    sim::Noise draw(seed, number,
+                    static_cast<std::uint32_t>(stream) + 0x10000U * static_cast<std::uint32_t>(flaw) + 0x800000U);
     part.flaw.size = size;
     if (e.m == kField) {
-        const double away = (kRadiusLenslets - 2) * std::sqrt(draw.uniform()), angle = 2 * std::numbers::pi * draw.uniform();
+        const double away = (kRadiusLenslets - 2) * std::sqrt(draw.uniform()),
+                     angle = 2 * std::numbers::pi * draw.uniform();
         part.flaw.m = away * std::cos(angle) + 0.5 * (e.m - 1), part.flaw.n = away * std::sin(angle) + 0.5 * (e.n - 1);
     } else {
         part.flaw.m = 2 + (e.m - 5) * draw.uniform(), part.flaw.n = 2 + (e.n - 5) * draw.uniform();
     }
     std::vector<double> weight;  // of a distance in bins, along one axis
     for (int d = 0; d < std::max(e.i, e.j); ++d) {
-        weight.push_back(0.5 * (std::erf((d + 0.5) / (kHazeBins * std::numbers::sqrt2)) - std::erf((d - 0.5) / (kHazeBins * std::numbers::sqrt2))));
+        weight.push_back(0.5 *
+                         (std::erf((d + 0.5) / (kHazeBins * std::numbers::sqrt2)) -
+                          std::erf((d - 0.5) / (kHazeBins * std::numbers::sqrt2))));
     }
     std::vector<double> spread(static_cast<std::size_t>(e.bins()));
     for (int n = 0; n < e.n; ++n) {
@@ -123,7 +133,9 @@ void add_flaw(ProductionPart& part, Flaw flaw, double size, std::uint64_t seed, 
             const double share = covered(m, n, part.flaw);
             if (share == 0) continue;
             const auto bin = [&](int k) -> float& {
-                return part.light.bins[static_cast<std::size_t>(n * e.j + k / e.i) * static_cast<std::size_t>(e.width_px()) + static_cast<std::size_t>(m * e.i + k % e.i)];
+                return part.light
+                    .bins[static_cast<std::size_t>(n * e.j + k / e.i) * static_cast<std::size_t>(e.width_px()) +
+                          static_cast<std::size_t>(m * e.i + k % e.i)];
             };
             if (flaw == Flaw::speck) {
                 for (int k = 0; k < e.bins(); ++k) bin(k) *= static_cast<float>(1 - share * (1 - kSpeckTransmission));
@@ -133,17 +145,21 @@ void add_flaw(ProductionPart& part, Flaw flaw, double size, std::uint64_t seed, 
             for (int k = 0; k < e.bins(); ++k) {
                 const auto from = static_cast<double>(bin(k));
                 for (int l = 0; from > 0 && l < e.bins(); ++l) {
-                    spread[static_cast<std::size_t>(l)] += from * weight[static_cast<std::size_t>(std::abs(l % e.i - k % e.i))] * weight[static_cast<std::size_t>(std::abs(l / e.i - k / e.i))];
+                    spread[static_cast<std::size_t>(l)] += from *
+                        weight[static_cast<std::size_t>(std::abs(l % e.i - k % e.i))] *
+                        weight[static_cast<std::size_t>(std::abs(l / e.i - k / e.i))];
                 }
             }
             for (int k = 0; k < e.bins(); ++k) {
-                bin(k) = static_cast<float>((1 - share * kHazeShare) * static_cast<double>(bin(k)) + share * kHazeShare * spread[static_cast<std::size_t>(k)]);
+                bin(k) = static_cast<float>((1 - share * kHazeShare) * static_cast<double>(bin(k)) +
+                                            share * kHazeShare * spread[static_cast<std::size_t>(k)]);
             }
         }
     }
 }
 
-algo::Frame expose_part(const sim::LightField& light, const sim::Scene& scene, std::uint64_t seed, std::uint64_t exposure, double led) {
+algo::Frame expose_part(const sim::LightField& light, const sim::Scene& scene, std::uint64_t seed,
+                        std::uint64_t exposure, double led) {
     return sim::expose(light, scene, seed * 0x9E3779B97F4A7C15U + exposure, led);
 }
 
@@ -152,13 +168,15 @@ algo::Recipe production_recipe() {
     recipe.name = "production";
     recipe.dark_dn = 4;  // twice the read noise: what scatters faintly is to be seen
     recipe.min_sum_dn = 60;
-    // Against a reference they are judged less what a good part shows; steep strips are far above the defaults' absolute limits.
+    // Against a reference they are judged less what a good part shows; steep strips are far above the defaults'
+    // absolute limits.
     recipe.lenslet_mm = static_cast<float>(kPitchMm);
     recipe.bin_rad = static_cast<float>(kBinRad);
     return recipe;
 }
 
-Result<std::shared_ptr<const algo::Reference>> learn_production(const sim::Scene& scene, int parts, double wobble, std::uint64_t seed) {
+Result<std::shared_ptr<const algo::Reference>> learn_production(const sim::Scene& scene, int parts, double wobble,
+                                                                std::uint64_t seed) {
     std::vector<algo::Frame> frames;
     for (int k = 0; k < parts; ++k) {
         auto part = make_part(scene, Flaw::none, 0, wobble, seed, Stream::learn, static_cast<std::uint32_t>(k));
@@ -169,7 +187,9 @@ Result<std::shared_ptr<const algo::Reference>> learn_production(const sim::Scene
     options.levels = algo::light_levels(production_recipe(), scene.camera.bits);
     options.electrons_per_dn = kProductionGain;
     options.read_dn = kProductionReadDn;
-    auto learned = algo::learn_reference(scene.camera.extents, scene.camera.bits, frames.size(), [&](std::size_t k) -> Result<algo::Frame> { return frames[k]; }, options);
+    auto learned = algo::learn_reference(
+        scene.camera.extents, scene.camera.bits, frames.size(),
+        [&](std::size_t k) -> Result<algo::Frame> { return frames[k]; }, options);
     if (!learned) return tl::unexpected(learned.error());
     return std::make_shared<const algo::Reference>(std::move(learned->reference));
 }

@@ -1,5 +1,5 @@
-// The experiments of `hordctl experiment`: a question each, asked of the simulated cell and of algo/, and answered with files, a
-// report for people, and claims that hold or do not.
+// The experiments of `hordctl experiment`: a question each, asked of the simulated cell and of algo/, and answered with
+// files, a report for people, and claims that hold or do not.
 //
 // To add one: a file of its own in this folder with a run function, and a row in experiment.cpp.
 #pragma once
@@ -21,22 +21,22 @@ struct ExperimentOptions {
     std::filesystem::path out;  // exists; what is in it already may be taken up again (cells.h)
     bool quick = false;         // under a minute: fewer or smaller cells, the same claims
     std::uint64_t seed = 1;
-    int threads = 0;            // 0: one a core; results do not depend on it (times measured do)
+    int threads = 0;  // 0: one a core; results do not depend on it (times measured do)
     std::function<void(double done, const std::string& note)> progress = [](double, const std::string&) {};  // 0..1
 };
 
 // Something that is said of the method, and what was found.
 struct Claim {
-    std::string text;      // a sentence that is true or false
+    std::string text;           // a sentence that is true or false
     std::optional<bool> holds;  // nothing: it could not be decided, `evidence` says why
-    std::string evidence;  // the numbers
+    std::string evidence;       // the numbers
     bool expected = true;  // how it came out when docs/results was written; false: a claim that is known not to hold
     [[nodiscard]] bool as_expected() const { return holds == expected; }
 };
 
 struct ExperimentReport {
-    std::string opening;                       // for people, Markdown: title and what was done, before the claims
-    std::string text;                          // the rest, after them; without an opening, all of it, and the claims follow
+    std::string opening;  // for people, Markdown: title and what was done, before the claims
+    std::string text;     // the rest, after them; without an opening, all of it, and the claims follow
     std::vector<Claim> claims;
     std::vector<std::filesystem::path> files;  // written
     [[nodiscard]] bool as_expected() const;    // every claim was decided and came out as expected
@@ -44,8 +44,8 @@ struct ExperimentReport {
 
 struct Experiment {
     std::string_view name;
-    std::string_view what;        // one line for --help
-    std::string_view takes;       // the full form's time, measured: on what
+    std::string_view what;   // one line for --help
+    std::string_view takes;  // the full form's time, measured: on what
     Result<ExperimentReport> (*run)(const ExperimentOptions& options);
 };
 std::span<const Experiment> experiments();

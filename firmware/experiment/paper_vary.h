@@ -1,4 +1,5 @@
-// For which bubbles and which area lights the paper's picture comes out: the cut seen by the telecentric camera, the bubble not.
+// For which bubbles and which area lights the paper's picture comes out: the cut seen by the telecentric camera, the
+// bubble not.
 #pragma once
 
 #include "firmware/experiment/cells.h"
@@ -8,6 +9,7 @@
 namespace hord::firmware {
 
 // `lens`: the clean scene at the figure's pitch; `emd`, `frobenius`: what its interior shows.
-Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim::Scene& lens, const Interior& emd, const Interior& frobenius, Cells& cells);
+Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim::Scene& lens, const Interior& emd,
+                                    const Interior& frobenius, Cells& cells);
 
 }  // namespace hord::firmware

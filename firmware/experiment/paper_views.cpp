@@ -33,12 +33,17 @@ Result<algo::Frame> frame_of(const sim::Scene& scene, const std::filesystem::pat
 }  // namespace
 
 std::string_view name_of(View view) {
-    constexpr std::string_view names[kViews] = {"EMD gradient", "Frobenius norm", "transmission", "telecentric camera", "EMD gradient, dark lenslets taken as even",
+    constexpr std::string_view names[kViews] = {"EMD gradient",
+                                                "Frobenius norm",
+                                                "transmission",
+                                                "telecentric camera",
+                                                "EMD gradient, dark lenslets taken as even",
                                                 "Frobenius norm, dark lenslets taken as even"};
     return names[static_cast<std::size_t>(view)];
 }
 std::string_view file_name_of(View view) {
-    constexpr std::string_view names[kViews] = {"emd", "frobenius", "transmission", "telecentric", "emd-even", "frobenius-even"};
+    constexpr std::string_view names[kViews] = {"emd",         "frobenius", "transmission",
+                                                "telecentric", "emd-even",  "frobenius-even"};
     return names[static_cast<std::size_t>(view)];
 }
 
@@ -97,11 +102,14 @@ Picture picture_of(const SceneViews& views, View view, const std::string& title,
     std::vector<std::uint8_t> mask(views.mask(view).begin(), views.mask(view).end());
     for (std::uint8_t& bits : mask) bits &= static_cast<std::uint8_t>(~algo::kNotJudged);  // the rim in full colour
     const bool is_light = floor_of(view) > 0;
-    const std::string unit = is_light ? "of usual" : view == View::emd || view == View::emd_even ? "bins" : "bins/lenslet";
+    const std::string unit = is_light                 ? "of usual"
+        : view == View::emd || view == View::emd_even ? "bins"
+                                                      : "bins/lenslet";
     return draw({title, unit, 0, high}, views.map(view), mask, views.scene.camera.extents, {});
 }
 
-Picture close_picture_of(const SceneViews& views, View view, const std::string& title, float high, double m, double n, int lenslets) {
+Picture close_picture_of(const SceneViews& views, View view, const std::string& title, float high, double m, double n,
+                         int lenslets) {
     const algo::Extents& e = views.scene.camera.extents;
     const int m0 = std::clamp(static_cast<int>(std::lround(m)) - lenslets / 2, 0, e.m - lenslets);
     const int n0 = std::clamp(static_cast<int>(std::lround(n)) - lenslets / 2, 0, e.n - lenslets);
@@ -115,7 +123,9 @@ Picture close_picture_of(const SceneViews& views, View view, const std::string& 
         }
     }
     const bool is_light = floor_of(view) > 0;
-    const std::string unit = is_light ? "of usual" : view == View::emd || view == View::emd_even ? "bins" : "bins/lenslet";
+    const std::string unit = is_light                 ? "of usual"
+        : view == View::emd || view == View::emd_even ? "bins"
+                                                      : "bins/lenslet";
     return draw({title, unit, 0, high}, map, mask, {lenslets, lenslets, e.i, e.j}, {});
 }
 

@@ -14,7 +14,9 @@ class Scatter {
     struct Axis {
         double low, high;
         bool logarithmic;
-        [[nodiscard]] double place(double v) const { return logarithmic ? std::log(v / low) / std::log(high / low) : (v - low) / (high - low); }
+        [[nodiscard]] double place(double v) const {
+            return logarithmic ? std::log(v / low) / std::log(high / low) : (v - low) / (high - low);
+        }
     };
     Scatter(const Axis& x, const Axis& y) : x_(x), y_(y) {}
 

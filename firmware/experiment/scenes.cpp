@@ -23,7 +23,8 @@ sim::Scene lens_scene(int lenslets) {
 sim::SphericalCut cut_of_lens(double depth_mm, double radius_mm) {
     const sim::DoubleConvexLens lens;
     const double r = lens.radius_of_curvature_mm, a = lens.aperture_radius_mm;
-    const double surface = lens.edge_thickness_mm / 2 + std::sqrt(r * r - 2 * kCutAt * kCutAt) - std::sqrt(r * r - a * a);
+    const double surface =
+        lens.edge_thickness_mm / 2 + std::sqrt(r * r - 2 * kCutAt * kCutAt) - std::sqrt(r * r - a * a);
     return {{kCutAt, kCutAt, surface + radius_mm - depth_mm}, radius_mm};
 }
 

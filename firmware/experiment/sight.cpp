@@ -16,8 +16,10 @@ namespace {
 // Calls use(k, distance) for every lenslet within `reach` of the defect's centre.
 template <class Use>
 void around(const algo::Extents& e, const sim::TruthDefect& defect, double reach, const Use& use) {
-    const int m0 = std::max(0, static_cast<int>(std::floor(defect.m - reach))), m1 = std::min(e.m - 1, static_cast<int>(std::ceil(defect.m + reach)));
-    const int n0 = std::max(0, static_cast<int>(std::floor(defect.n - reach))), n1 = std::min(e.n - 1, static_cast<int>(std::ceil(defect.n + reach)));
+    const int m0 = std::max(0, static_cast<int>(std::floor(defect.m - reach))),
+              m1 = std::min(e.m - 1, static_cast<int>(std::ceil(defect.m + reach)));
+    const int n0 = std::max(0, static_cast<int>(std::floor(defect.n - reach))),
+              n1 = std::min(e.n - 1, static_cast<int>(std::ceil(defect.n + reach)));
     for (int n = n0; n <= n1; ++n) {
         for (int m = m0; m <= m1; ++m) {
             if (std::hypot(m - defect.m, n - defect.n) <= reach) use(static_cast<std::size_t>(n * e.m + m));
@@ -53,8 +55,11 @@ Result<Sight> look_at(const algo::Frame& frame, const algo::Extents& extents, in
     if (!pipeline) return tl::unexpected(pipeline.error());
     const auto found = pipeline->inspect(frame.view());
     if (!found) return tl::unexpected(found.error());
-    return Sight{extents, {found->emd.begin(), found->emd.end()}, {found->frobenius.begin(), found->frobenius.end()},
-                 {found->transmission.begin(), found->transmission.end()}, {found->mask.begin(), found->mask.end()}};
+    return Sight{extents,
+                 {found->emd.begin(), found->emd.end()},
+                 {found->frobenius.begin(), found->frobenius.end()},
+                 {found->transmission.begin(), found->transmission.end()},
+                 {found->mask.begin(), found->mask.end()}};
 }
 
 algo::Frame with_dark_as_uniform(const algo::Frame& frame, const Sight& sight) {
@@ -105,14 +110,16 @@ Contrast contrast_of(std::span<const float> signal, std::span<const std::uint8_t
     if (count > 0) contrast.to_noise = (sum / count - clean.mean) / std::max(clean.sigma, floor / 3);
 
     const int half = static_cast<int>(std::ceil(2 * defect.radius_lenslets)) + 8;
-    const int m0 = static_cast<int>(std::lround(defect.m)) - half, n0 = static_cast<int>(std::lround(defect.n)) - half, side = 2 * half + 1;
+    const int m0 = static_cast<int>(std::lround(defect.m)) - half, n0 = static_cast<int>(std::lround(defect.n)) - half,
+              side = 2 * half + 1;
     std::vector<std::uint8_t> above(static_cast<std::size_t>(side * side));
     for (int y = 0; y < side; ++y) {
         for (int x = 0; x < side; ++x) {
             const int m = m0 + x, n = n0 + y;
             if (m < 0 || n < 0 || m >= extents.m || n >= extents.n) continue;
             const auto k = static_cast<std::size_t>(n * extents.m + m);
-            above[static_cast<std::size_t>(y * side + x)] = has_value(k) && static_cast<double>(signal[k]) >= kVisible * nothing ? 1 : 0;
+            above[static_cast<std::size_t>(y * side + x)] =
+                has_value(k) && static_cast<double>(signal[k]) >= kVisible * nothing ? 1 : 0;
         }
     }
     contrast.blob_radius = std::sqrt(static_cast<double>(filled_area(std::move(above), side, side)) / std::numbers::pi);

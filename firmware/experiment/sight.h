@@ -1,4 +1,5 @@
-// What is seen of a part: the maps of its frame and the conventional picture, and how clearly a known defect stands out in them.
+// What is seen of a part: the maps of its frame and the conventional picture, and how clearly a known defect stands out
+// in them.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +22,8 @@ struct Sight {
 };
 Result<Sight> look_at(const algo::Frame& frame, const algo::Extents& extents, int threads);
 
-// The frame with every lenslet that `sight` found dark filled evenly: what a dark lenslet's HORD would be if it had to have one.
+// The frame with every lenslet that `sight` found dark filled evenly: what a dark lenslet's HORD would be if it had to
+// have one.
 algo::Frame with_dark_as_uniform(const algo::Frame& frame, const Sight& sight);
 
 // What the interior of a clean part shows: the lenslets that are judged (mask kValid).
@@ -30,13 +32,16 @@ struct Interior {
 };
 Interior interior_of(std::span<const float> signal, std::span<const std::uint8_t> mask);
 
-// A defect in a map of signals (0: as a good part would be; larger: more conspicuous). Lenslets without a value do not count.
+// A defect in a map of signals (0: as a good part would be; larger: more conspicuous). Lenslets without a value do not
+// count.
 struct Contrast {
-    double peak = 0;         // largest signal within three lenslets of the defect
-    double ratio = 0;        // peak over the clean interior's 99th percentile, or `floor` where that is larger
-    double to_noise = 0;     // (mean over the defect and 1.5 lenslets around it - the clean mean) over the clean sigma, or floor / 3
-    double blob_radius = 0;  // lenslets: of a disc with the area where the signal is as large as `seen` asks for, holes filled
-    bool seen = false;       // ratio is at least kVisible
+    double peak = 0;   // largest signal within three lenslets of the defect
+    double ratio = 0;  // peak over the clean interior's 99th percentile, or `floor` where that is larger
+    double to_noise =
+        0;  // (mean over the defect and 1.5 lenslets around it - the clean mean) over the clean sigma, or floor / 3
+    double blob_radius =
+        0;  // lenslets: of a disc with the area where the signal is as large as `seen` asks for, holes filled
+    bool seen = false;  // ratio is at least kVisible
 };
 constexpr double kVisible = 2;
 Contrast contrast_of(std::span<const float> signal, std::span<const std::uint8_t> mask, const algo::Extents& extents,

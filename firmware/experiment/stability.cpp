@@ -22,7 +22,8 @@ Result<void> write(const std::filesystem::path& file, const std::string& text) {
     std::ofstream stream(file);
     stream << text;
     if (stream.flush()) return {};
-    return fail(ErrorCode::io, file.string() + " cannot be written", "check that the folder may be written to and has space");
+    return fail(ErrorCode::io, file.string() + " cannot be written",
+                "check that the folder may be written to and has space");
 }
 
 }  // namespace
@@ -63,7 +64,8 @@ std::string as_text(const StabilityTable& table) {
     std::string text, group;
     for (const StabilityRow& row : table.rows()) {
         if (row.group != group) text += fmt::format("\n{}\n", group = row.group);
-        text += fmt::format("  {:5}  {:<72}  expected {:<34}  got {}\n", verdict_of(row), row.name, row.expected, row.got);
+        text +=
+            fmt::format("  {:5}  {:<72}  expected {:<34}  got {}\n", verdict_of(row), row.name, row.expected, row.got);
     }
     return text + fmt::format("\n{} cases, {} wrong\n", table.rows().size(), table.wrong());
 }
@@ -71,7 +73,8 @@ std::string as_text(const StabilityTable& table) {
 std::string as_csv(const StabilityTable& table) {
     std::string text = "extreme,case,expected,got,verdict\n";
     for (const StabilityRow& row : table.rows()) {
-        text += fmt::format("{},{},{},{},{}\n", csv_cell(row.group), csv_cell(row.name), csv_cell(row.expected), csv_cell(row.got), verdict_of(row));
+        text += fmt::format("{},{},{},{},{}\n", csv_cell(row.group), csv_cell(row.name), csv_cell(row.expected),
+                            csv_cell(row.got), verdict_of(row));
     }
     return text;
 }
@@ -94,7 +97,9 @@ Result<ExperimentReport> run_stability(const ExperimentOptions& options) {
         }
     }
     for (Claim& claim : report.claims) {
-        if (*claim.holds) claim.evidence = fmt::format("{} cases, all right", std::ranges::count(table.rows(), claim.text, &StabilityRow::group));
+        if (*claim.holds)
+            claim.evidence =
+                fmt::format("{} cases, all right", std::ranges::count(table.rows(), claim.text, &StabilityRow::group));
     }
     report.files = {options.out / "stability.csv", options.out / "stability.txt"};
     if (auto done = write(report.files[0], as_csv(table)); !done) return tl::unexpected(done.error());

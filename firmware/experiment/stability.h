@@ -1,7 +1,7 @@
 // hordctl experiment stability: do the features keep their promises at the extremes?
 //
-// A table of cases: what is expected (a closed form, an independent solver, a property), what came out, and whether that is
-// right. Expected values are derived in the cases' own code, never taken from algo. The same cases are tests
+// A table of cases: what is expected (a closed form, an independent solver, a property), what came out, and whether
+// that is right. Expected values are derived in the cases' own code, never taken from algo. The same cases are tests
 // (tests/firmware/experiment/stability_test.cpp).
 #pragma once
 
@@ -41,8 +41,8 @@ class StabilityTable {
 
 struct StabilityOptions {
     std::uint64_t seed = 1;
-    int degenerate_pairs = 1'000'000;  // against the independent solver
-    int random_pairs = 2'000;          // for properties
+    int degenerate_pairs = 1'000'000;                           // against the independent solver
+    int random_pairs = 2'000;                                   // for properties
     std::function<void(double done)> progress = [](double) {};  // 0..1
 };
 
@@ -58,7 +58,8 @@ void check_frames(const StabilityOptions& options, StabilityTable& table);
 std::string as_text(const StabilityTable& table);
 std::string as_csv(const StabilityTable& table);
 
-// The experiment: the table as stability.csv and stability.txt in options.out, and a claim for every extreme. Fails with io.
+// The experiment: the table as stability.csv and stability.txt in options.out, and a claim for every extreme. Fails
+// with io.
 Result<ExperimentReport> run_stability(const ExperimentOptions& options);
 
 }  // namespace hord::firmware

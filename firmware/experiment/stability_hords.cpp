@@ -35,7 +35,8 @@ std::string name(Feature feature) { return std::string(algo::name_of(feature)); 
 algo::Hord hord(const Masses& h) { return {h.data(), std::accumulate(h.begin(), h.end(), std::uint32_t{0})}; }
 
 struct Measure {
-    Measure(Feature f, int i, int j, const Distance::Options& options = {}) : distance(std::move(*Distance::create(f, i, j, options))) {}
+    Measure(Feature f, int i, int j, const Distance::Options& options = {})
+        : distance(std::move(*Distance::create(f, i, j, options))) {}
     double operator()(const Masses& a, const Masses& b) { return distance(hord(a), hord(b)); }
     Distance distance;
 };
@@ -68,7 +69,8 @@ double of_moved_spot(Feature feature, double x, double y) {
 
 Masses random_hord(Random& random, int bins, int lit, int most) {
     Masses h(static_cast<std::size_t>(bins));
-    for (int k = 0; k < lit; ++k) h[random() % h.size()] = static_cast<std::uint16_t>(1 + random() % static_cast<unsigned>(most));
+    for (int k = 0; k < lit; ++k)
+        h[random() % h.size()] = static_cast<std::uint16_t>(1 + random() % static_cast<unsigned>(most));
     return h;
 }
 
@@ -89,22 +91,27 @@ void dark_hords(StabilityTable& table) {
     const Masses dark(81), lit = spot(9, 9, 2, 7, 9);
     for (const Feature f : distances()) {
         Measure measure(f, 9, 9);
-        table.near(name(f) + " of two dark HORDs, and of a dark and a lit one", 0, std::abs(measure(dark, dark)) + std::abs(measure(dark, lit)) + std::abs(measure(lit, dark)), 0);
+        table.near(name(f) + " of two dark HORDs, and of a dark and a lit one", 0,
+                   std::abs(measure(dark, dark)) + std::abs(measure(dark, lit)) + std::abs(measure(lit, dark)), 0);
     }
 }
 
 void single_bins(StabilityTable& table) {
     for (const auto& [group, mass_a, mass_b] : {std::tuple("one photon", 1, 1), std::tuple("one bin", 1, 65535)}) {
         table.begin(group);
-        for (const auto& [bins_i, bins_j, x, y] : {std::tuple(9, 9, 3, 4), std::tuple(15, 15, 14, 14), std::tuple(4, 3, 3, 0)}) {
-            const Masses a = spot(bins_i, bins_j, 0, 0, static_cast<std::uint16_t>(mass_a)), b = spot(bins_i, bins_j, x, y, static_cast<std::uint16_t>(mass_b));
+        for (const auto& [bins_i, bins_j, x, y] :
+             {std::tuple(9, 9, 3, 4), std::tuple(15, 15, 14, 14), std::tuple(4, 3, 3, 0)}) {
+            const Masses a = spot(bins_i, bins_j, 0, 0, static_cast<std::uint16_t>(mass_a)),
+                         b = spot(bins_i, bins_j, x, y, static_cast<std::uint16_t>(mass_b));
             for (const Feature f : distances()) {
                 Measure measure(f, bins_i, bins_j);
                 const double right = of_moved_spot(f, x, y);
-                table.near(fmt::format("{}: {} DN moved by ({}, {}) in {}x{} bins, now {} DN", name(f), mass_a, x, y, bins_i, bins_j, mass_b), right, measure(a, b),
-                           kExact * std::max(1.0, right));
-                table.near(fmt::format("{}: the same bin at {} and {} DN ({}x{} bins)", name(f), mass_a, mass_b, bins_i, bins_j), 0,
-                           measure(a, spot(bins_i, bins_j, 0, 0, static_cast<std::uint16_t>(mass_b))), kExact);
+                table.near(fmt::format("{}: {} DN moved by ({}, {}) in {}x{} bins, now {} DN", name(f), mass_a, x, y,
+                                       bins_i, bins_j, mass_b),
+                           right, measure(a, b), kExact * std::max(1.0, right));
+                table.near(fmt::format("{}: the same bin at {} and {} DN ({}x{} bins)", name(f), mass_a, mass_b, bins_i,
+                                       bins_j),
+                           0, measure(a, spot(bins_i, bins_j, 0, 0, static_cast<std::uint16_t>(mass_b))), kExact);
             }
         }
     }
@@ -116,8 +123,10 @@ void single_bins(StabilityTable& table) {
         mean[1] += (k % 9 + k / 9) / 81.0;
         mean[2] += (k % 9 * (k % 9) + k / 9 * (k / 9)) / 81.0;
     }
-    for (const auto& [f, right] : {std::pair(Feature::emd, mean[0]), std::pair(Feature::emd_l1, mean[1]), std::pair(Feature::emd_sq, mean[2])}) {
-        table.near(name(f) + " of one photon in a corner against 81 full bins", right, Measure(f, 9, 9)(corner, all), kExact * right);
+    for (const auto& [f, right] :
+         {std::pair(Feature::emd, mean[0]), std::pair(Feature::emd_l1, mean[1]), std::pair(Feature::emd_sq, mean[2])}) {
+        table.near(name(f) + " of one photon in a corner against 81 full bins", right, Measure(f, 9, 9)(corner, all),
+                   kExact * right);
     }
 }
 
@@ -129,9 +138,14 @@ void saturated_hords(StabilityTable& table) {
         Measure measure(f, kMost, kMost);
         table.near(name(f) + " of two full HORDs, 15x15 bins at 16 bit", 0, measure(full, full), kExact);
         const double one_against_all = measure(full, photon);
-        if (f == Feature::centroid) table.near("centroid of full against one photon in the centre", 0, one_against_all, kExact);
-        if (f == Feature::hellinger) table.near("hellinger of full against one photon", std::sqrt(1 - std::sqrt(shared)), one_against_all, kExact);
-        if (f == Feature::bhattacharyya) table.near("bhattacharyya of full against one photon", -std::log(std::sqrt(shared)), one_against_all, kExact);
+        if (f == Feature::centroid)
+            table.near("centroid of full against one photon in the centre", 0, one_against_all, kExact);
+        if (f == Feature::hellinger)
+            table.near("hellinger of full against one photon", std::sqrt(1 - std::sqrt(shared)), one_against_all,
+                       kExact);
+        if (f == Feature::bhattacharyya)
+            table.near("bhattacharyya of full against one photon", -std::log(std::sqrt(shared)), one_against_all,
+                       kExact);
         if (f == Feature::chi2) {
             const double right = ((1 - shared) * (1 - shared) / (1 + shared) + (1 - shared)) / 2;
             table.near("chi2 of full against one photon", right, one_against_all, kExact);
@@ -150,8 +164,10 @@ void disjoint_and_equal(const StabilityOptions& options, StabilityTable& table) 
         Measure measure(f, kMost, kMost);
         const double expected = of_moved_spot(f, 8, 0);
         // The sliced distance of two blocks moved along x: every projection moves by its part of 8.
-        table.near(name(f) + ": seven full columns moved by 8 bins", expected, measure(left, right), kExact * std::max(1.0, expected));
-        table.same(name(f) + ": results flagged as a limit", f == Feature::bhattacharyya ? 1 : 0, static_cast<std::int64_t>(measure.distance.saturated()));
+        table.near(name(f) + ": seven full columns moved by 8 bins", expected, measure(left, right),
+                   kExact * std::max(1.0, expected));
+        table.same(name(f) + ": results flagged as a limit", f == Feature::bhattacharyya ? 1 : 0,
+                   static_cast<std::int64_t>(measure.distance.saturated()));
     }
 
     table.begin("equal histograms");
@@ -163,7 +179,8 @@ void disjoint_and_equal(const StabilityOptions& options, StabilityTable& table) 
             const Masses h = any_hord(random, 81);
             worst = std::max(worst, std::abs(measure(h, h)));
         }
-        table.at_most(fmt::format("{} of {} random HORDs with themselves", name(f), options.random_pairs), kExact, worst);
+        table.at_most(fmt::format("{} of {} random HORDs with themselves", name(f), options.random_pairs), kExact,
+                      worst);
     }
 }
 
@@ -188,40 +205,54 @@ struct Definition {
 };
 
 void smallest_differences(StabilityTable& table) {
-    const auto by_definition = [&](const std::string& what, const Masses& a, const Masses& b, int bins_i, double tolerance) {
+    const auto by_definition = [&](const std::string& what, const Masses& a, const Masses& b, int bins_i,
+                                   double tolerance) {
         const Definition right(a, b, bins_i);
         const int bins_j = static_cast<int>(a.size()) / bins_i;
-        table.near("hellinger: " + what, static_cast<double>(right.hellinger), Measure(Feature::hellinger, bins_i, bins_j)(a, b), tolerance);
-        table.near("chi2: " + what, static_cast<double>(right.chi2), Measure(Feature::chi2, bins_i, bins_j)(a, b), tolerance);
-        table.near("bhattacharyya: " + what, static_cast<double>(-std::log(right.overlap)), Measure(Feature::bhattacharyya, bins_i, bins_j)(a, b), tolerance);
-        table.near("centroid: " + what, static_cast<double>(std::hypot(right.x, right.y)), Measure(Feature::centroid, bins_i, bins_j)(a, b), tolerance);
+        table.near("hellinger: " + what, static_cast<double>(right.hellinger),
+                   Measure(Feature::hellinger, bins_i, bins_j)(a, b), tolerance);
+        table.near("chi2: " + what, static_cast<double>(right.chi2), Measure(Feature::chi2, bins_i, bins_j)(a, b),
+                   tolerance);
+        table.near("bhattacharyya: " + what, static_cast<double>(-std::log(right.overlap)),
+                   Measure(Feature::bhattacharyya, bins_i, bins_j)(a, b), tolerance);
+        table.near("centroid: " + what, static_cast<double>(std::hypot(right.x, right.y)),
+                   Measure(Feature::centroid, bins_i, bins_j)(a, b), tolerance);
     };
 
     table.begin("1 DN differences at 16 bit");
     Masses one_less(kMost * kMost, kFull), another(kMost * kMost, kFull);
     one_less.front() = another.back() = kFull - 1;
     const double sum = 225.0 * kFull - 1, far = 14 * std::sqrt(2.0);
-    table.near("emd: full HORDs, 1 DN less in opposite corners", far / sum, Measure(Feature::emd, kMost, kMost)(one_less, another), kExact * far / sum);
-    table.near("emd-l1: the same", 28 / sum, Measure(Feature::emd_l1, kMost, kMost)(one_less, another), kExact * 28 / sum);
+    table.near("emd: full HORDs, 1 DN less in opposite corners", far / sum,
+               Measure(Feature::emd, kMost, kMost)(one_less, another), kExact * far / sum);
+    table.near("emd-l1: the same", 28 / sum, Measure(Feature::emd_l1, kMost, kMost)(one_less, another),
+               kExact * 28 / sum);
     // Squared costs: 1 DN goes from corner to corner in 14 diagonal steps of one unit each, 2 a step.
-    table.near("emd-sq: the same, moved step by step", 28 / sum, Measure(Feature::emd_sq, kMost, kMost)(one_less, another), 1e-9);
-    table.near("marginal: the same", far / sum, Measure(Feature::marginal, kMost, kMost)(one_less, another), kExact * far / sum);
+    table.near("emd-sq: the same, moved step by step", 28 / sum,
+               Measure(Feature::emd_sq, kMost, kMost)(one_less, another), 1e-9);
+    table.near("marginal: the same", far / sum, Measure(Feature::marginal, kMost, kMost)(one_less, another),
+               kExact * far / sum);
     by_definition("the same", one_less, another, kMost, 1e-9);
 
     table.begin("sums at the type's limit");
-    Masses half(kMost * kMost), other(kMost * kMost);  // every other bin full, with 15x14 bins: as many of either colour
+    Masses half(kMost * kMost),
+        other(kMost * kMost);  // every other bin full, with 15x14 bins: as many of either colour
     half.resize(15 * 14);
     other.resize(15 * 14);
     for (std::size_t k = 0; k < half.size(); ++k) (((k % 15) + (k / 15)) % 2 == 0 ? half : other)[k] = kFull;
     table.same("sum of 15x15 bins at 65535", 14745375, hord(Masses(kMost * kMost, kFull)).sum);
-    table.near("emd of a full chequerboard and its negative, 15x14 bins", 1, Measure(Feature::emd, 15, 14)(half, other), kExact);
+    table.near("emd of a full chequerboard and its negative, 15x14 bins", 1, Measure(Feature::emd, 15, 14)(half, other),
+               kExact);
     table.near("emd-l1 of the same", 1, Measure(Feature::emd_l1, 15, 14)(half, other), kExact);
     table.near("emd-sq of the same", 1, Measure(Feature::emd_sq, 15, 14)(half, other), kExact);
-    by_definition("full against full but one dark bin", Masses(kMost * kMost, kFull), [] {
-        Masses h(kMost * kMost, kFull);
-        h[0] = 0;
-        return h;
-    }(), kMost, 1e-9);
+    by_definition(
+        "full against full but one dark bin", Masses(kMost * kMost, kFull),
+        [] {
+            Masses h(kMost * kMost, kFull);
+            h[0] = 0;
+            return h;
+        }(),
+        kMost, 1e-9);
 
     table.begin("masses differing by 1");
     for (const int k : {1, 255, 4095, 65534}) {
@@ -230,7 +261,8 @@ void smallest_differences(StabilityTable& table) {
         a[7 * 9 + 4] = low;
         b[7 * 9 + 4] = high;
         const double right = std::hypot(3, 6) / (2.0 * k + 1);
-        table.near(fmt::format("emd of {{{}, {}}} and {{{}, {}}}, (3, 6) bins apart", k + 1, k, k, k + 1), right, Measure(Feature::emd, 9, 9)(a, b), kExact * right);
+        table.near(fmt::format("emd of {{{}, {}}} and {{{}, {}}}, (3, 6) bins apart", k + 1, k, k, k + 1), right,
+                   Measure(Feature::emd, 9, 9)(a, b), kExact * right);
         by_definition(fmt::format("the same at {}", k), a, b, 9, 1e-9);
     }
 }
@@ -240,7 +272,8 @@ void collinear(const StabilityOptions& options, StabilityTable& table) {
     Random random(options.seed + 1);
     // Along a row, a column, a diagonal: the distance is that of the cumulative sums.
     for (const auto& [what, first, step, pitch] :
-         {std::tuple("a row", 3 * 9, 1, 1.0), std::tuple("a column", 5, 9, 1.0), std::tuple("the diagonal", 0, 10, std::sqrt(2.0))}) {
+         {std::tuple("a row", 3 * 9, 1, 1.0), std::tuple("a column", 5, 9, 1.0),
+          std::tuple("the diagonal", 0, 10, std::sqrt(2.0))}) {
         double worst = 0;
         Measure measure(Feature::emd, 9, 9);
         for (int n = 0; n < options.random_pairs; ++n) {
@@ -259,7 +292,9 @@ void collinear(const StabilityOptions& options, StabilityTable& table) {
             }
             worst = std::max(worst, std::abs(measure(a, b) - right));
         }
-        table.at_most(fmt::format("emd along {}: worst difference from the cumulative sums, {} pairs", what, options.random_pairs), kExact, worst);
+        table.at_most(fmt::format("emd along {}: worst difference from the cumulative sums, {} pairs", what,
+                                  options.random_pairs),
+                      kExact, worst);
     }
 }
 
@@ -270,7 +305,9 @@ void properties(const StabilityOptions& options, StabilityTable& table) {
     std::vector<Measure> measures;
     for (const Feature f : all) measures.emplace_back(f, 9, 9);
     // chi2 and emd-sq are squares of metrics; bhattacharyya is none.
-    const auto as_metric = [](Feature f, double d) { return f == Feature::chi2 || f == Feature::emd_sq ? std::sqrt(std::max(0.0, d)) : d; };
+    const auto as_metric = [](Feature f, double d) {
+        return f == Feature::chi2 || f == Feature::emd_sq ? std::sqrt(std::max(0.0, d)) : d;
+    };
     std::vector<double> asymmetry(all.size()), triangle(all.size(), -kInf), exposure(all.size()), turned(all.size());
     double means = -kInf, marginal = -kInf, sliced = -kInf;
     std::int64_t unreal = 0;
@@ -291,12 +328,15 @@ void properties(const StabilityOptions& options, StabilityTable& table) {
             const double ac = measures[k](a, c), cb = measures[k](c, b);
             unreal += std::isfinite(ab[k]) && ab[k] >= 0 ? 0 : 1;
             asymmetry[k] = std::max(asymmetry[k], std::abs(ab[k] - measures[k](b, a)));
-            triangle[k] = std::max(triangle[k], as_metric(all[k], ab[k]) - as_metric(all[k], ac) - as_metric(all[k], cb));
+            triangle[k] =
+                std::max(triangle[k], as_metric(all[k], ab[k]) - as_metric(all[k], ac) - as_metric(all[k], cb));
             if (hord(dim).sum > 0) {
                 const double d = measures[k](dim, b);
-                exposure[k] = std::max({exposure[k], std::abs(measures[k](quarter, b) - d), std::abs(measures[k](four, b) - d)});
+                exposure[k] =
+                    std::max({exposure[k], std::abs(measures[k](quarter, b) - d), std::abs(measures[k](four, b) - d)});
             }
-            turned[k] = std::max({turned[k], std::abs(measures[k](at, bt) - ab[k]), std::abs(measures[k](am, bm) - ab[k])});
+            turned[k] =
+                std::max({turned[k], std::abs(measures[k](at, bt) - ab[k]), std::abs(measures[k](am, bm) - ab[k])});
         }
         const auto of = [&](Feature f) { return ab[static_cast<std::size_t>(f)]; };
         means = std::max(means, of(Feature::centroid) - of(Feature::emd));
@@ -311,7 +351,8 @@ void properties(const StabilityOptions& options, StabilityTable& table) {
         if (all[k] != Feature::bhattacharyya) {
             // The root of a square that is wrong by 1e-9 is wrong by up to 3.2e-5 at zero.
             const bool is_square = as_metric(all[k], 4) == 2;
-            table.at_most((is_square ? "root of " : "") + name(all[k]) + ": d(a, b) - d(a, c) - d(c, b)" + count, is_square ? std::sqrt(kExact * scale) : kExact, triangle[k]);
+            table.at_most((is_square ? "root of " : "") + name(all[k]) + ": d(a, b) - d(a, c) - d(c, b)" + count,
+                          is_square ? std::sqrt(kExact * scale) : kExact, triangle[k]);
         }
     }
     table.at_most("distance of means - emd" + count, kExact, means);
@@ -320,8 +361,10 @@ void properties(const StabilityOptions& options, StabilityTable& table) {
     table.begin("invariance to exposure, transposition, mirroring");
     for (std::size_t k = 0; k < all.size(); ++k) {
         const double scale = all[k] == Feature::emd_sq ? 128 : 12;
-        table.at_most(name(all[k]) + ": change when one HORD gets 1/4 or 4 times the light" + count, kExact * scale, exposure[k]);
-        table.at_most(name(all[k]) + ": change when both are transposed or mirrored" + count, kExact * scale, turned[k]);
+        table.at_most(name(all[k]) + ": change when one HORD gets 1/4 or 4 times the light" + count, kExact * scale,
+                      exposure[k]);
+        table.at_most(name(all[k]) + ": change when both are transposed or mirrored" + count, kExact * scale,
+                      turned[k]);
     }
 }
 

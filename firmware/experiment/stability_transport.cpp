@@ -19,7 +19,7 @@ using algo::GroundDistance;
 using algo::GroundNorm;
 using Random = std::mt19937_64;
 
-constexpr double kExact = 1e-9;  // bin pitches, for costs up to 20; in proportion above (algo/emd.h)
+constexpr double kExact = 1e-9;    // bin pitches, for costs up to 20; in proportion above (algo/emd.h)
 constexpr int kPivotsANode = 200;  // what algo/transport_simplex.h promises
 
 algo::Hord hord(const Masses& h) { return {h.data(), std::accumulate(h.begin(), h.end(), std::uint32_t{0})}; }
@@ -28,7 +28,8 @@ double tolerance(const GroundDistance& ground) { return kExact * std::max(1.0, g
 
 Masses few_masses(Random& random, int bins, int lit, int most) {
     Masses h(static_cast<std::size_t>(bins));
-    for (int k = 0; k < lit; ++k) h[random() % h.size()] = static_cast<std::uint16_t>(1 + random() % static_cast<unsigned>(most));
+    for (int k = 0; k < lit; ++k)
+        h[random() % h.size()] = static_cast<std::uint16_t>(1 + random() % static_cast<unsigned>(most));
     return h;
 }
 
@@ -39,10 +40,11 @@ void ties(const StabilityOptions& options, StabilityTable& table) {
         const char* name;
         GroundDistance ground;
     };
-    const Kind kinds[] = {{"3x3 bins, Euclidean", *GroundDistance::between_bins(3, 3)},
-                          {"4x3 bins, Manhattan", *GroundDistance::between_bins(4, 3, GroundNorm::manhattan)},
-                          {"3x4 bins, squared Euclidean", *GroundDistance::between_bins(3, 4, GroundNorm::squared_euclidean)},
-                          {"5x5 bins, cut off at 2", *GroundDistance::between_bins(5, 5, GroundNorm::euclidean, 2.0)}};
+    const Kind kinds[] = {
+        {"3x3 bins, Euclidean", *GroundDistance::between_bins(3, 3)},
+        {"4x3 bins, Manhattan", *GroundDistance::between_bins(4, 3, GroundNorm::manhattan)},
+        {"3x4 bins, squared Euclidean", *GroundDistance::between_bins(3, 4, GroundNorm::squared_euclidean)},
+        {"5x5 bins, cut off at 2", *GroundDistance::between_bins(5, 5, GroundNorm::euclidean, 2.0)}};
     const int pairs = options.degenerate_pairs / static_cast<int>(std::size(kinds));
     Random random(options.seed + 3);
     for (std::size_t k = 0; k < std::size(kinds); ++k) {
@@ -51,23 +53,34 @@ void ties(const StabilityOptions& options, StabilityTable& table) {
         double worst = 0;
         std::uint64_t most_pivots = 0;
         for (int n = 0; n < pairs; ++n) {
-            Masses a = few_masses(random, bins, 3 + static_cast<int>(random() % static_cast<unsigned>(bins)), 1 + n % 3), b = a;
+            Masses a = few_masses(random, bins, 3 + static_cast<int>(random() % static_cast<unsigned>(bins)),
+                                  1 + n % 3),
+                   b = a;
             std::shuffle(b.begin(), b.end(), random);
             const std::uint64_t before = solver.work().pivots;
-            worst = std::max(worst, std::abs(solver.distance(hord(a), hord(b)) - distance_by_shortest_paths(a, b, kinds[k].ground)));
+            worst = std::max(
+                worst, std::abs(solver.distance(hord(a), hord(b)) - distance_by_shortest_paths(a, b, kinds[k].ground)));
             most_pivots = std::max(most_pivots, solver.work().pivots - before);
-            if (n % 4096 == 0) options.progress(0.2 + 0.7 * (static_cast<double>(k) + static_cast<double>(n) / pairs) / static_cast<double>(std::size(kinds)));
+            if (n % 4096 == 0)
+                options.progress(0.2 +
+                                 0.7 * (static_cast<double>(k) + static_cast<double>(n) / pairs) /
+                                     static_cast<double>(std::size(kinds)));
         }
-        table.at_most(fmt::format("{}: worst difference from shortest paths, {} pairs", kinds[k].name, pairs), kExact, worst);
-        table.at_most(fmt::format("{}: pivots of the slowest pair", kinds[k].name), kPivotsANode * 2.0 * bins, static_cast<double>(most_pivots));
-        table.same(fmt::format("{}: plans given up without a proof", kinds[k].name), 0, static_cast<std::int64_t>(solver.work().unproven));
+        table.at_most(fmt::format("{}: worst difference from shortest paths, {} pairs", kinds[k].name, pairs), kExact,
+                      worst);
+        table.at_most(fmt::format("{}: pivots of the slowest pair", kinds[k].name), kPivotsANode * 2.0 * bins,
+                      static_cast<double>(most_pivots));
+        table.same(fmt::format("{}: plans given up without a proof", kinds[k].name), 0,
+                   static_cast<std::int64_t>(solver.work().unproven));
     }
     // The largest problem with nothing but ties.
     Masses half(15 * 14), other(15 * 14);
     for (std::size_t k = 0; k < half.size(); ++k) (((k % 15) + (k / 15)) % 2 == 0 ? half : other)[k] = 1;
     for (const GroundNorm norm : {GroundNorm::euclidean, GroundNorm::manhattan, GroundNorm::squared_euclidean}) {
         auto solver = *EmdSolver::create(*GroundDistance::between_bins(15, 14, norm));
-        table.near(fmt::format("chequerboard of photons and its negative, 15x14 bins, ground {}", static_cast<int>(norm)), 1, solver.distance(hord(half), hord(other)), kExact);
+        table.near(
+            fmt::format("chequerboard of photons and its negative, 15x14 bins, ground {}", static_cast<int>(norm)), 1,
+            solver.distance(hord(half), hord(other)), kExact);
         table.same("its plans given up without a proof", 0, static_cast<std::int64_t>(solver.work().unproven));
     }
 }
@@ -87,7 +100,9 @@ void direction_maps(const StabilityOptions& options, StabilityTable& table) {
     auto one_far = drawn(1);
     one_far[12] = {GroundDistance::kLargestDirection, -GroundDistance::kLargestDirection};
     std::vector<Direction> nearly_regular(25);  // costs that differ by less than a float tells apart
-    for (std::size_t k = 0; k < 25; ++k) nearly_regular[k] = {static_cast<double>(k % 5) + 1e-6 * unit(random), static_cast<double>(k / 5) + 1e-6 * unit(random)};
+    for (std::size_t k = 0; k < 25; ++k)
+        nearly_regular[k] = {static_cast<double>(k % 5) + 1e-6 * unit(random),
+                             static_cast<double>(k / 5) + 1e-6 * unit(random)};
     struct Kind {
         std::string name;
         std::vector<Direction> map;
@@ -110,16 +125,20 @@ void direction_maps(const StabilityOptions& options, StabilityTable& table) {
                 unreal += std::isfinite(distance) ? 0 : 1;
                 worst = std::max(worst, std::abs(distance - distance_by_shortest_paths(a, b, ground)));
             }
-            const char* squared = norm == GroundNorm::squared_euclidean ? ", squared" : norm == GroundNorm::manhattan ? ", Manhattan" : "";
+            const char* squared = norm == GroundNorm::squared_euclidean ? ", squared"
+                : norm == GroundNorm::manhattan                         ? ", Manhattan"
+                                                                        : "";
             table.at_most(kind.name + squared + ": worst difference from shortest paths", tolerance(ground), worst);
-            table.same(kind.name + squared + ": NaN, infinite, or given up", 0, unreal + static_cast<std::int64_t>(solver.work().unproven));
+            table.same(kind.name + squared + ": NaN, infinite, or given up", 0,
+                       unreal + static_cast<std::int64_t>(solver.work().unproven));
         }
     }
     const auto refused = [&](const char* what, Direction wrong) {
         auto map = drawn(1);
         map[7] = wrong;
         const auto made = GroundDistance::between_directions(5, 5, map);
-        table.holds(what, "refused, with a cure", made ? "accepted" : made.error().message(), !made && !made.error().cure.empty());
+        table.holds(what, "refused, with a cure", made ? "accepted" : made.error().message(),
+                    !made && !made.error().cure.empty());
     };
     refused("a direction that is NaN", {std::nan(""), 0});
     refused("an infinite direction", {0, -HUGE_VAL});
@@ -146,7 +165,11 @@ void entropic(const StabilityOptions& options, StabilityTable& table) {
             outside += s.cost >= exact - slack && s.cost <= exact + s.bias + slack ? 0 : 1;
             bias = std::max(bias, s.cost - exact);
         }
-        table.same(fmt::format("epsilon {}: exact distances outside the bracket, of {} of {} that converged (largest bias {:.2g})", epsilon, counted, pairs, bias), 0, outside);
+        table.same(
+            fmt::format(
+                "epsilon {}: exact distances outside the bracket, of {} of {} that converged (largest bias {:.2g})",
+                epsilon, counted, pairs, bias),
+            0, outside);
     }
 }
 

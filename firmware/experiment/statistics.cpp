@@ -35,7 +35,8 @@ class RocCurve {
         for (std::size_t k = 0; k < scores_.size();) {
             double good_here = 0, bad_here = 0;
             const float score = scores_[k].score;
-            for (; k < scores_.size() && scores_[k].score == score; ++k) (scores_[k].bad ? bad_here : good_here) += times[scores_[k].part];
+            for (; k < scores_.size() && scores_[k].score == score; ++k)
+                (scores_[k].bad ? bad_here : good_here) += times[scores_[k].part];
             area += good_here * (bad_above + bad_here / 2);
             good_above += good_here;
             bad_above += bad_here;

@@ -4,11 +4,10 @@
 #include <cstring>
 #include <fstream>
 
+#include <fmt/format.h>
 #include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
-
-#include <fmt/format.h>
 
 extern char** environ;  // NOLINT(readability-redundant-declaration): POSIX wants it declared
 
@@ -20,7 +19,9 @@ namespace fs = std::filesystem;
 Result<void> write_text(const fs::path& file, const std::string& text) {
     std::ofstream stream(file);
     stream << text;
-    if (!stream.flush()) return fail(ErrorCode::io, file.string() + " cannot be written", "check that the folder exists, may be written to, and has space");
+    if (!stream.flush())
+        return fail(ErrorCode::io, file.string() + " cannot be written",
+                    "check that the folder exists, may be written to, and has space");
     return {};
 }
 
@@ -57,13 +58,14 @@ Result<void> write_csv(const fs::path& file, const Table& table) {
     return write_text(file, text);
 }
 
-Result<std::vector<fs::path>> plot(const fs::path& folder, const std::string& name, const std::string& script, int width_px, int height_px) {
+Result<std::vector<fs::path>> plot(const fs::path& folder, const std::string& name, const std::string& script,
+                                   int width_px, int height_px) {
     const fs::path file = folder / (name + ".gp");
     std::string text = fmt::format("# gnuplot {}.gp draws {}.svg and {}.png\n", name, name, name);
     for (const char* kind : {"svg", "png"}) {
         const bool svg = std::strcmp(kind, "svg") == 0;
-        text += fmt::format("reset\nset terminal {} size {},{} background rgb 'white' font '{}'\nset output '{}.{}'\n", svg ? "svg" : "pngcairo",
-                            width_px, height_px, "DejaVu Sans,11", name, kind);
+        text += fmt::format("reset\nset terminal {} size {},{} background rgb 'white' font '{}'\nset output '{}.{}'\n",
+                            svg ? "svg" : "pngcairo", width_px, height_px, "DejaVu Sans,11", name, kind);
         text += script + "\nunset output\n";
     }
     if (auto done = write_text(file, text); !done) return tl::unexpected(done.error());
@@ -77,8 +79,10 @@ Result<std::vector<fs::path>> plot(const fs::path& folder, const std::string& na
     const int error = posix_spawnp(&child, "gnuplot", &in_folder, nullptr, arguments, environ);
     posix_spawn_file_actions_destroy(&in_folder);
     if (error != 0) {
-        return fail(ErrorCode::not_found, "gnuplot cannot be started (" + std::string(std::strerror(error)) + "); " + file.string() + " is kept",
-                    "install gnuplot-nox and run the same command again: what is measured is kept");
+        return fail(
+            ErrorCode::not_found,
+            "gnuplot cannot be started (" + std::string(std::strerror(error)) + "); " + file.string() + " is kept",
+            "install gnuplot-nox and run the same command again: what is measured is kept");
     }
     int status = 0;
     while (waitpid(child, &status, 0) < 0 && errno == EINTR) {

@@ -39,7 +39,9 @@ std::vector<TradeoffPoint> timed_points(bool quick) {
     return all;
 }
 
-bool same_parts(const TradeoffPoint& a, const TradeoffPoint& b) { return a.bins == b.bins && a.slope == b.slope && a.stride == b.stride; }
+bool same_parts(const TradeoffPoint& a, const TradeoffPoint& b) {
+    return a.bins == b.bins && a.slope == b.slope && a.stride == b.stride;
+}
 
 }  // namespace
 
@@ -55,7 +57,9 @@ const Json* TradeoffResults::times_at(TradeoffPoint point) const {
 }
 
 Result<ExperimentReport> run_tradeoff(const ExperimentOptions& options) {
-    auto cells = Cells::open(options.out / "cells.jsonl", {{"experiment", "tradeoff"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
+    auto cells =
+        Cells::open(options.out / "cells.jsonl",
+                    {{"experiment", "tradeoff"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
     if (!cells) return tl::unexpected(cells.error());
     TradeoffResults results;
     results.counts = options.quick ? PartCounts{6, 6} : PartCounts{};
@@ -76,7 +80,8 @@ Result<ExperimentReport> run_tradeoff(const ExperimentOptions& options) {
         note(0);
         auto cell = cells->value("score " + point.key(), [&]() -> Result<Json> {
             if (!parts_of || !same_parts(*parts_of, point)) {
-                auto traced = trace_parts(point, results.counts, options.seed, options.threads, [&](double share) { note(0.3 * share); });
+                auto traced = trace_parts(point, results.counts, options.seed, options.threads,
+                                          [&](double share) { note(0.3 * share); });
                 if (!traced) return tl::unexpected(traced.error());
                 parts = std::move(*traced);
                 parts_of = point;
@@ -89,12 +94,14 @@ Result<ExperimentReport> run_tradeoff(const ExperimentOptions& options) {
     }
     for (const TradeoffPoint& point : timed) {
         options.progress(done / total, "times of " + point.key());
-        auto cell = cells->value("time " + point.key(), [&] { return time_features(point, options.seed, options.threads, options.quick); });
+        auto cell = cells->value("time " + point.key(),
+                                 [&] { return time_features(point, options.seed, options.threads, options.quick); });
         if (!cell) return tl::unexpected(cell.error());
         results.times.push_back({point, std::move(*cell)});
         done += 1;
     }
-    auto approximations = cells->value("approximations", [&] { return approximations_of_emd(kCentre, options.seed, options.threads); });
+    auto approximations =
+        cells->value("approximations", [&] { return approximations_of_emd(kCentre, options.seed, options.threads); });
     if (!approximations) return tl::unexpected(approximations.error());
     results.approximations = std::move(*approximations);
     options.progress(1, "");

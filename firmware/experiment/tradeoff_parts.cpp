@@ -11,7 +11,8 @@
 namespace hord::firmware {
 namespace {
 
-constexpr double kPitchMm = 0.1, kReferenceBinRad = 0.015, kRangeRad = 9 * kReferenceBinRad, kSourceRad = 0.61 * kReferenceBinRad;
+constexpr double kPitchMm = 0.1, kReferenceBinRad = 0.015, kRangeRad = 9 * kReferenceBinRad,
+                 kSourceRad = 0.61 * kReferenceBinRad;
 constexpr double kIndex = 1.5, kInclusionIndex = 1.52, kReadNoiseE = 2, kJitterLenslets = 0.1;
 constexpr double kHazeRad = 0.015, kHazeRadius = 1.2;
 constexpr int kDefectsAPart = 4, kSampleBits = 16;
@@ -45,7 +46,8 @@ sim::LightField every(const sim::LightField& field, int stride) {
     const int first = stride / 2;
     for (int n = 0; n < few.extents.n; ++n) {
         for (int j = 0; j < e.j; ++j) {
-            const auto row = static_cast<std::size_t>((first + n * stride) * e.j + j) * static_cast<std::size_t>(e.width_px());
+            const auto row =
+                static_cast<std::size_t>((first + n * stride) * e.j + j) * static_cast<std::size_t>(e.width_px());
             for (int m = 0; m < few.extents.m; ++m) {
                 const float* from = field.bins.data() + row + (first + m * stride) * e.i;
                 few.bins.insert(few.bins.end(), from, from + e.i);
@@ -60,7 +62,8 @@ std::vector<PlacedDefect> add_defects(sim::Scene& scene, Family family, int stri
     std::vector<PlacedDefect> placed;
     const auto f = static_cast<std::size_t>(family);
     for (int k = 0; k < kDefectsAPart; ++k) {
-        const double m = 1.5 + (kColumns - 4) * draw.uniform(), n = kRows / kDefectsAPart * (k + 0.5) - 1 + draw.uniform();
+        const double m = 1.5 + (kColumns - 4) * draw.uniform(),
+                     n = kRows / kDefectsAPart * (k + 0.5) - 1 + draw.uniform();
         const double size = kSmallest[f] * std::pow(kLargest[f] / kSmallest[f], draw.uniform());
         placed.push_back({m, n, size});
         if (family == Family::haze) continue;
@@ -81,24 +84,31 @@ void add_haze(sim::LightField& light, const std::vector<PlacedDefect>& defects, 
     const algo::Extents& e = light.extents;
     const double sigma = kHazeRad / bin_rad;
     std::vector<double> weight;  // of a distance in bins, along one axis
-    for (int d = 0; d < e.i; ++d) weight.push_back(0.5 * (std::erf((d + 0.5) / (sigma * std::numbers::sqrt2)) - std::erf((d - 0.5) / (sigma * std::numbers::sqrt2))));
+    for (int d = 0; d < e.i; ++d)
+        weight.push_back(0.5 *
+                         (std::erf((d + 0.5) / (sigma * std::numbers::sqrt2)) -
+                          std::erf((d - 0.5) / (sigma * std::numbers::sqrt2))));
     for (const PlacedDefect& defect : defects) {
         for (int n = 0; n < e.n; ++n) {
             for (int m = 0; m < e.m; ++m) {
                 if (std::hypot(m - defect.m, n - defect.n) > kHazeRadius) continue;
                 const auto bin = [&](int i, int j) -> float& {
-                    return light.bins[static_cast<std::size_t>(n * e.j + j) * static_cast<std::size_t>(e.width_px()) + static_cast<std::size_t>(m * e.i + i)];
+                    return light.bins[static_cast<std::size_t>(n * e.j + j) * static_cast<std::size_t>(e.width_px()) +
+                                      static_cast<std::size_t>(m * e.i + i)];
                 };
                 std::vector<double> spread(static_cast<std::size_t>(e.bins()));
                 for (int k = 0; k < e.bins(); ++k) {
                     const auto from = static_cast<double>(bin(k % e.i, k / e.i));
                     for (int l = 0; from > 0 && l < e.bins(); ++l) {
-                        spread[static_cast<std::size_t>(l)] += from * weight[static_cast<std::size_t>(std::abs(l % e.i - k % e.i))] * weight[static_cast<std::size_t>(std::abs(l / e.i - k / e.i))];
+                        spread[static_cast<std::size_t>(l)] += from *
+                            weight[static_cast<std::size_t>(std::abs(l % e.i - k % e.i))] *
+                            weight[static_cast<std::size_t>(std::abs(l / e.i - k / e.i))];
                     }
                 }
                 for (int k = 0; k < e.bins(); ++k) {
                     float& value = bin(k % e.i, k / e.i);
-                    value = static_cast<float>((1 - defect.size) * static_cast<double>(value) + defect.size * spread[static_cast<std::size_t>(k)]);
+                    value = static_cast<float>((1 - defect.size) * static_cast<double>(value) +
+                                               defect.size * spread[static_cast<std::size_t>(k)]);
                 }
             }
         }
@@ -107,7 +117,9 @@ void add_haze(sim::LightField& light, const std::vector<PlacedDefect>& defects, 
 
 }  // namespace
 
-std::string TradeoffPoint::key() const { return fmt::format("bins {} slope {:g} photons {} frames {} stride {}", bins, slope, photons, frames, stride); }
+std::string TradeoffPoint::key() const {
+    return fmt::format("bins {} slope {:g} photons {} frames {} stride {}", bins, slope, photons, frames, stride);
+}
 
 Result<TradeoffParts> trace_parts(const TradeoffPoint& point, const PartCounts& counts, std::uint64_t seed, int threads,
                                   const std::function<void(double)>& progress) {
@@ -160,11 +172,14 @@ Result<TradeoffParts> trace_parts(const TradeoffPoint& point, const PartCounts& 
     return parts;
 }
 
-algo::Frame expose_part(const TradeoffParts& parts, const sim::LightField& light, const TradeoffPoint& point, std::uint64_t seed, std::uint64_t exposure) {
+algo::Frame expose_part(const TradeoffParts& parts, const sim::LightField& light, const TradeoffPoint& point,
+                        std::uint64_t seed, std::uint64_t exposure) {
     sim::Scene scene = parts.scene;
     const double source_bins = std::numbers::pi * scene.light.source_radius_bins * scene.light.source_radius_bins;
     scene.camera.full_bin_dn = point.photons / source_bins;
-    const auto turn = [&](int frame) { return seed * 0x9E3779B97F4A7C15U + exposure * 64 + static_cast<std::uint64_t>(frame); };
+    const auto turn = [&](int frame) {
+        return seed * 0x9E3779B97F4A7C15U + exposure * 64 + static_cast<std::uint64_t>(frame);
+    };
     algo::Frame mean = sim::expose(light, scene, turn(0));
     if (point.frames == 1) return mean;
     const auto pixels = static_cast<std::size_t>(mean.width_px()) * static_cast<std::size_t>(mean.height_px());

@@ -9,6 +9,7 @@
 namespace hord::firmware {
 
 // tradeoff-pareto, -pod, -error and -axes as SVG and PNG; returns them. Fails as plot() does.
-Result<std::vector<std::filesystem::path>> plot_tradeoff(const TradeoffResults& results, const std::filesystem::path& folder);
+Result<std::vector<std::filesystem::path>> plot_tradeoff(const TradeoffResults& results,
+                                                         const std::filesystem::path& folder);
 
 }  // namespace hord::firmware

@@ -10,7 +10,9 @@ namespace {
 constexpr double kFaster = 0.95;  // of the other's time
 
 Estimate estimate(const Json& json) { return {json[0].get<double>(), json[1].get<double>(), json[2].get<double>()}; }
-std::optional<double> optional_of(const Json& json) { return json.is_null() ? std::nullopt : std::optional(json.get<double>()); }
+std::optional<double> optional_of(const Json& json) {
+    return json.is_null() ? std::nullopt : std::optional(json.get<double>());
+}
 
 }  // namespace
 
@@ -22,7 +24,9 @@ std::vector<Rated> rated_at(const TradeoffResults& results, const TradeoffPoint&
     for (const algo::FeatureChoice choice : every_choice()) {
         Rated rated;
         rated.name = name_of(choice);
-        rated.kind = choice.against_reference ? Kind::reference : choice.feature == algo::Feature::transmission ? Kind::light : Kind::neighbours;
+        rated.kind = choice.against_reference               ? Kind::reference
+            : choice.feature == algo::Feature::transmission ? Kind::light
+                                                            : Kind::neighbours;
         const Json& s = (*scores)[rated.name];
         for (std::size_t f = 0; f < kFamilies; ++f) {
             const Json& family = s[std::string(kFamilyNames[f])];
@@ -72,10 +76,14 @@ const Rated* best_of(const std::vector<Rated>& all, Kind kind) {
 const Rated* fastest_as_good(const std::vector<Rated>& all, const Rated& best) {
     const Rated* fastest = &best;
     for (const Rated& one : all) {
-        if (one.kind == best.kind && one.mean_tpr() >= best.mean_tpr() - best.half_width() && one.median_ms < fastest->median_ms) fastest = &one;
+        if (one.kind == best.kind && one.mean_tpr() >= best.mean_tpr() - best.half_width() &&
+            one.median_ms < fastest->median_ms)
+            fastest = &one;
     }
     return fastest;
 }
-const Rated& named(const std::vector<Rated>& all, std::string_view name) { return *std::ranges::find(all, name, &Rated::name); }
+const Rated& named(const std::vector<Rated>& all, std::string_view name) {
+    return *std::ranges::find(all, name, &Rated::name);
+}
 
 }  // namespace hord::firmware

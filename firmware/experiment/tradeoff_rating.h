@@ -45,7 +45,8 @@ struct Rated {
 std::vector<Rated> rated_at(const TradeoffResults& results, const TradeoffPoint& point);
 
 // Those that tables over many points and plots show.
-constexpr const char* kShown[] = {"emd", "bhattacharyya", "chi2", "jacobian-frobenius", "transmission", "reference-emd", "reference-chi2", "reference-centroid"};
+constexpr const char* kShown[] = {"emd",          "bhattacharyya", "chi2",           "jacobian-frobenius",
+                                  "transmission", "reference-emd", "reference-chi2", "reference-centroid"};
 const Rated& named(const std::vector<Rated>& all, std::string_view name);  // must be among them
 
 // Not slower, finds no less of any family, and is clearly better in one of these.

@@ -14,7 +14,11 @@ namespace hord::firmware {
 namespace {
 
 constexpr int kReferenceExposures = 16;
-enum Stream : std::uint64_t { kGood = 0x1'0000'0000, kBad = 0x2'0000'0000, kReference = 0x3'0000'0000 };  // of exposures
+enum Stream : std::uint64_t {
+    kGood = 0x1'0000'0000,
+    kBad = 0x2'0000'0000,
+    kReference = 0x3'0000'0000
+};  // of exposures
 
 // Frames of all parts at one point, exposed once for all features.
 struct Exposures {
@@ -32,13 +36,15 @@ Exposures expose_all(const TradeoffParts& parts, const TradeoffPoint& point, con
     for (std::size_t k = 0; k < parts.good.size(); ++k) {
         for (int e = 0; e < options.good_exposures; ++e) {
             const std::uint64_t turn = kGood + k * 256 + static_cast<std::uint64_t>(e);
-            all.good.push_back({expose_part(parts, parts.good[k].light, point, options.seed, turn), &parts.good[k], static_cast<std::uint32_t>(k)});
+            all.good.push_back({expose_part(parts, parts.good[k].light, point, options.seed, turn), &parts.good[k],
+                                static_cast<std::uint32_t>(k)});
         }
     }
     for (std::size_t k = 0; k < parts.bad.size(); ++k) {
         for (int e = 0; e < options.bad_exposures; ++e) {
             const std::uint64_t turn = kBad + k * 256 + static_cast<std::uint64_t>(e);
-            all.bad.push_back({expose_part(parts, parts.bad[k].light, point, options.seed, turn), &parts.bad[k], static_cast<std::uint32_t>(parts.good.size() + k)});
+            all.bad.push_back({expose_part(parts, parts.bad[k].light, point, options.seed, turn), &parts.bad[k],
+                               static_cast<std::uint32_t>(parts.good.size() + k)});
         }
     }
     TradeoffPoint averaged = point;
@@ -51,9 +57,11 @@ Exposures expose_all(const TradeoffParts& parts, const TradeoffPoint& point, con
 
 Exposures expose_all_exactly(const TradeoffParts& parts) {
     Exposures all;
-    for (std::size_t k = 0; k < parts.good.size(); ++k) all.good.push_back({expose_exactly(parts, parts.good[k].light), &parts.good[k], static_cast<std::uint32_t>(k)});
+    for (std::size_t k = 0; k < parts.good.size(); ++k)
+        all.good.push_back({expose_exactly(parts, parts.good[k].light), &parts.good[k], static_cast<std::uint32_t>(k)});
     for (std::size_t k = 0; k < parts.bad.size(); ++k) {
-        all.bad.push_back({expose_exactly(parts, parts.bad[k].light), &parts.bad[k], static_cast<std::uint32_t>(parts.good.size() + k)});
+        all.bad.push_back({expose_exactly(parts, parts.bad[k].light), &parts.bad[k],
+                           static_cast<std::uint32_t>(parts.good.size() + k)});
     }
     for (const auto& nominal : parts.nominal) all.references.push_back(expose_exactly(parts, nominal));
     return all;
@@ -62,7 +70,8 @@ Exposures expose_all_exactly(const TradeoffParts& parts) {
 // One feature over frames: values where there are some, else 0.
 class Eye {
   public:
-    static Result<Eye> create(algo::FeatureChoice choice, const algo::Extents& extents, const algo::LightLevels& levels, const std::vector<algo::Frame>& references) {
+    static Result<Eye> create(algo::FeatureChoice choice, const algo::Extents& extents, const algo::LightLevels& levels,
+                              const std::vector<algo::Frame>& references) {
         Eye eye(choice, extents, levels, references);
         if (choice.feature == algo::Feature::transmission) return eye;
         auto mapper = algo::FeatureMapper::create(extents, 16, levels, choice.feature);
@@ -73,7 +82,9 @@ class Eye {
 
     Result<std::span<const float>> look(const algo::Frame& frame, int place) {
         if (!mapper_) return look_at_light(frame);
-        auto map = choice_.against_reference ? mapper_->against(frame.view(), (*references_)[static_cast<std::size_t>(place)].view()) : mapper_->over_neighbours(frame.view());
+        auto map = choice_.against_reference
+            ? mapper_->against(frame.view(), (*references_)[static_cast<std::size_t>(place)].view())
+            : mapper_->over_neighbours(frame.view());
         if (!map) return tl::unexpected(map.error());
         values_.assign(map->values.begin(), map->values.end());
         for (std::size_t k = 0; k < values_.size(); ++k) {
@@ -83,7 +94,8 @@ class Eye {
     }
 
   private:
-    Eye(algo::FeatureChoice choice, const algo::Extents& extents, const algo::LightLevels& levels, const std::vector<algo::Frame>& references)
+    Eye(algo::FeatureChoice choice, const algo::Extents& extents, const algo::LightLevels& levels,
+        const std::vector<algo::Frame>& references)
         : choice_(choice), extents_(extents), levels_(levels), references_(&references), row_(extents) {}
 
     std::span<const float> look_at_light(const algo::Frame& frame) {
@@ -117,15 +129,16 @@ float patch_score(std::span<const float> values, int m, int n) {
     return most;
 }
 float defect_score(std::span<const float> values, const PlacedDefect& defect) {
-    return patch_score(values, std::clamp(static_cast<int>(std::lround(defect.m)), 2, kColumns - 3), std::clamp(static_cast<int>(std::lround(defect.n)), 2, kRows - 3));
+    return patch_score(values, std::clamp(static_cast<int>(std::lround(defect.m)), 2, kColumns - 3),
+                       std::clamp(static_cast<int>(std::lround(defect.n)), 2, kRows - 3));
 }
 
 // What a feature makes of all frames.
 struct Seen {
-    std::vector<Scored> good;                        // patches
-    std::array<std::vector<Scored>, kFamilies> bad;          // defects, by family
-    std::array<std::vector<double>, kFamilies> sizes;        // of the same
-    std::vector<std::vector<float>> good_values;     // one map a good shot
+    std::vector<Scored> good;                          // patches
+    std::array<std::vector<Scored>, kFamilies> bad;    // defects, by family
+    std::array<std::vector<double>, kFamilies> sizes;  // of the same
+    std::vector<std::vector<float>> good_values;       // one map a good shot
 };
 Result<Seen> see(Eye& eye, const Exposures& shots) {
     Seen seen;
@@ -133,7 +146,8 @@ Result<Seen> see(Eye& eye, const Exposures& shots) {
         const auto values = eye.look(shot.frame, shot.part->place);
         if (!values) return tl::unexpected(values.error());
         for (int n = 2; n < kRows - 2; n += 3) {
-            for (int m = 2; m < kColumns - 2; m += 3) seen.good.push_back({patch_score(*values, m, n), shot.number, false});
+            for (int m = 2; m < kColumns - 2; m += 3)
+                seen.good.push_back({patch_score(*values, m, n), shot.number, false});
         }
         seen.good_values.emplace_back(values->begin(), values->end());
     }
@@ -168,7 +182,8 @@ double root_mean_square_error(const Seen& noisy, const Seen& exact, int exposure
     return count > 0 ? std::sqrt(squares / count) : 0;
 }
 
-Result<Json> score(algo::FeatureChoice choice, const Exposures& shots, const Exposures& exact_shots, const algo::Extents& extents, const TradeoffPoint& point, const ScoreOptions& options) {
+Result<Json> score(algo::FeatureChoice choice, const Exposures& shots, const Exposures& exact_shots,
+                   const algo::Extents& extents, const TradeoffPoint& point, const ScoreOptions& options) {
     auto eye = Eye::create(choice, extents, levels_at(point), shots.references);
     if (!eye) return tl::unexpected(eye.error());
     auto exact_eye = Eye::create(choice, extents, kExactLevels, exact_shots.references);
@@ -197,8 +212,13 @@ Result<Json> score(algo::FeatureChoice choice, const Exposures& shots, const Exp
             defects += 1;
         }
         const PodCurve curve = pod_curve(tried);
-        found[std::string(kFamilyNames[family])] = {{"auc", to_json(detection.auc)}, {"tpr", to_json(detection.tpr)}, {"a50", to_json(curve.a50)},
-                                                    {"a90", to_json(curve.a90)},     {"a90_95", to_json(curve.a90_95)}, {"b0", curve.b0}, {"b1", curve.b1}};
+        found[std::string(kFamilyNames[family])] = {{"auc", to_json(detection.auc)},
+                                                    {"tpr", to_json(detection.tpr)},
+                                                    {"a50", to_json(curve.a50)},
+                                                    {"a90", to_json(curve.a90)},
+                                                    {"a90_95", to_json(curve.a90_95)},
+                                                    {"b0", curve.b0},
+                                                    {"b1", curve.b1}};
         found["threshold"] = detection.threshold;
     }
     found["error"] = root_mean_square_error(*seen, *exact, options.good_exposures);
@@ -210,7 +230,8 @@ Result<Json> score(algo::FeatureChoice choice, const Exposures& shots, const Exp
 
 std::vector<algo::FeatureChoice> every_choice() {
     std::vector<algo::FeatureChoice> choices;
-    for (std::size_t k = 0; k < algo::kFeatureNames.size(); ++k) choices.push_back({static_cast<algo::Feature>(k), false});
+    for (std::size_t k = 0; k < algo::kFeatureNames.size(); ++k)
+        choices.push_back({static_cast<algo::Feature>(k), false});
     for (std::size_t k = 0; k < algo::kFeatureNames.size(); ++k) {
         if (algo::is_distance(static_cast<algo::Feature>(k))) choices.push_back({static_cast<algo::Feature>(k), true});
     }
@@ -225,10 +246,12 @@ Result<Json> score_features(const TradeoffParts& parts, const TradeoffPoint& poi
     std::vector<Result<Json>> scored(choices.size());
     std::atomic<std::size_t> next = 0;
     const auto work = [&] {
-        for (std::size_t k = next++; k < choices.size(); k = next++) scored[k] = score(choices[k], shots, exact, extents, point, options);
+        for (std::size_t k = next++; k < choices.size(); k = next++)
+            scored[k] = score(choices[k], shots, exact, extents, point, options);
     };
     {
-        const int threads = options.threads > 0 ? options.threads : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+        const int threads =
+            options.threads > 0 ? options.threads : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
         std::vector<std::jthread> helpers;
         for (int k = 1; k < threads; ++k) helpers.emplace_back(work);
         work();

@@ -14,20 +14,22 @@ namespace hord::firmware {
 std::vector<algo::FeatureChoice> every_choice();
 
 struct ScoreOptions {
-    int good_exposures = 8, bad_exposures = 2;   // of every part
-    int repeats = 200;                           // of the bootstrap
+    int good_exposures = 8, bad_exposures = 2;  // of every part
+    int repeats = 200;                          // of the bootstrap
     std::uint64_t seed = 1;
-    int threads = 0;                             // 0: one a core
+    int threads = 0;  // 0: one a core
 };
 constexpr double kFalsePositives = 1e-3;
 
-// A place is a patch of 3x3 used lenslets, its score the largest value in it: of the lenslets around a defect's, or of one of twenty
-// disjoint patches of a good part. Lenslets without a value count 0. For the transmission, a value is how far it is from 1.
+// A place is a patch of 3x3 used lenslets, its score the largest value in it: of the lenslets around a defect's, or of
+// one of twenty disjoint patches of a good part. Lenslets without a value count 0. For the transmission, a value is how
+// far it is from 1.
 //
 // One object a feature in the answer, by name:
-//   {"bubble": {"auc", "tpr": [value, low, high], "a50", "a90", "a90_95": size or null, "b0", "b1"}, "inclusion" and "haze": the same,
-//    "threshold", "error": root mean square difference from the value of the noise-free light over good patches' lenslets,
-//    "flips": share of defects whose verdict at the threshold is another than with noise-free light}
+//   {"bubble": {"auc", "tpr": [value, low, high], "a50", "a90", "a90_95": size or null, "b0", "b1"}, "inclusion" and
+//   "haze": the same,
+//    "threshold", "error": root mean square difference from the value of the noise-free light over good patches'
+//    lenslets, "flips": share of defects whose verdict at the threshold is another than with noise-free light}
 Result<Json> score_features(const TradeoffParts& parts, const TradeoffPoint& point, const ScoreOptions& options);
 
 }  // namespace hord::firmware

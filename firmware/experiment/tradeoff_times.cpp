@@ -40,7 +40,8 @@ algo::Frame every(const algo::Frame& frame, const algo::Extents& e, int stride) 
     const algo::Extents few{e.m / stride, e.n / stride, e.i, e.j};
     algo::Frame out(few.width_px(), few.height_px(), frame.bits());
     for (int y = 0; y < few.height_px(); ++y) {
-        for (int x = 0; x < few.width_px(); ++x) out.set(x, y, frame.view().sample(x / e.i * stride * e.i + x % e.i, y / e.j * stride * e.j + y % e.j));
+        for (int x = 0; x < few.width_px(); ++x)
+            out.set(x, y, frame.view().sample(x / e.i * stride * e.i + x % e.i, y / e.j * stride * e.j + y % e.j));
     }
     return out;
 }
@@ -80,7 +81,9 @@ class Stopwatch {
         constexpr double kMore = static_cast<double>(kPaperLenslets * kPaperLenslets) / (kLenslets * kLenslets);
         Json times;
         for (const Work& work : works_) {
-            times[work.name] = {{"median_ms", kMore * quantile(work.ms, 0.5)}, {"p99_ms", kMore * quantile(work.ms, 0.99)}, {"runs", work.ms.size()}};
+            times[work.name] = {{"median_ms", kMore * quantile(work.ms, 0.5)},
+                                {"p99_ms", kMore * quantile(work.ms, 0.99)},
+                                {"runs", work.ms.size()}};
         }
         return times;
     }
@@ -98,7 +101,8 @@ class Stopwatch {
 class LightMeter {
   public:
     LightMeter(const algo::Extents& extents, const algo::LightLevels& levels)
-        : extents_(extents), levels_(levels), row_(extents), sums_(extents.lenslets()), scratch_(extents.lenslets()), mask_(extents.lenslets()), out_(extents.lenslets()) {}
+        : extents_(extents), levels_(levels), row_(extents), sums_(extents.lenslets()), scratch_(extents.lenslets()),
+          mask_(extents.lenslets()), out_(extents.lenslets()) {}
     void measure(const algo::Frame& frame) {
         for (int n = 0; n < extents_.n; ++n) {
             algo::decode_row(frame.view(), extents_, levels_, n, row_);
@@ -144,7 +148,12 @@ Result<Json> sinkhorn_beside_emd(const Timed& timed, const algo::LightLevels& le
     }
     const auto pairs = static_cast<double>(std::max<std::size_t>(errors.size(), 1));
     const double mean = std::accumulate(errors.begin(), errors.end(), 0.0) / pairs;
-    return Json{{"mean", mean}, {"p99", quantile(errors, 0.99)}, {"pairs", errors.size()}, {"pair_us", 1e3 * ms / pairs}, {"exact_us", 1e3 * exact_ms / pairs}, {"rounds", rounds / pairs}};
+    return Json{{"mean", mean},
+                {"p99", quantile(errors, 0.99)},
+                {"pairs", errors.size()},
+                {"pair_us", 1e3 * ms / pairs},
+                {"exact_us", 1e3 * exact_ms / pairs},
+                {"rounds", rounds / pairs}};
 }
 
 }  // namespace
@@ -157,7 +166,8 @@ Result<Json> time_features(const TradeoffPoint& point, std::uint64_t seed, int t
     volatile std::uint64_t sink = 0;
     watch.add("sum the bytes", [&] {
         const auto bytes = timed->frame.bytes();
-        sink = std::accumulate(bytes.begin(), bytes.end(), std::uint64_t{0}, [](std::uint64_t sum, std::byte b) { return sum + static_cast<std::uint64_t>(b); });
+        sink = std::accumulate(bytes.begin(), bytes.end(), std::uint64_t{0},
+                               [](std::uint64_t sum, std::byte b) { return sum + static_cast<std::uint64_t>(b); });
     });
     LightMeter meter(timed->extents, levels);
     std::deque<algo::FeatureMapper> mappers;
@@ -171,7 +181,8 @@ Result<Json> time_features(const TradeoffPoint& point, std::uint64_t seed, int t
         if (!made) return tl::unexpected(made.error());
         algo::FeatureMapper& mapper = mappers.emplace_back(std::move(*made));
         watch.add(name_of(choice), [&, choice] {
-            const auto map = choice.against_reference ? mapper.against(timed->frame.view(), timed->reference.view()) : mapper.over_neighbours(timed->frame.view());
+            const auto map = choice.against_reference ? mapper.against(timed->frame.view(), timed->reference.view())
+                                                      : mapper.over_neighbours(timed->frame.view());
             if (!map) wrong = map.error();
         });
     }
@@ -197,12 +208,15 @@ Result<Json> approximations_of_emd(const TradeoffPoint& point, std::uint64_t see
     const auto exact = map_of(algo::Feature::emd);
     if (!exact) return tl::unexpected(exact.error());
     Json found;
-    for (const algo::Feature feature : {algo::Feature::centroid, algo::Feature::marginal, algo::Feature::sliced, algo::Feature::emd_l1}) {
+    for (const algo::Feature feature :
+         {algo::Feature::centroid, algo::Feature::marginal, algo::Feature::sliced, algo::Feature::emd_l1}) {
         const auto values = map_of(feature);
         if (!values) return tl::unexpected(values.error());
         std::vector<double> errors;
-        for (std::size_t k = 0; k < exact->size(); ++k) errors.push_back(std::abs(static_cast<double>((*values)[k]) - static_cast<double>((*exact)[k])));
-        const double mean = std::accumulate(errors.begin(), errors.end(), 0.0) / static_cast<double>(std::max<std::size_t>(errors.size(), 1));
+        for (std::size_t k = 0; k < exact->size(); ++k)
+            errors.push_back(std::abs(static_cast<double>((*values)[k]) - static_cast<double>((*exact)[k])));
+        const double mean = std::accumulate(errors.begin(), errors.end(), 0.0) /
+            static_cast<double>(std::max<std::size_t>(errors.size(), 1));
         found[std::string(name_of(feature))] = {{"mean", mean}, {"p99", quantile(errors, 0.99)}};
     }
     auto entropic = sinkhorn_beside_emd(*timed, levels_at(point));

@@ -23,7 +23,8 @@ std::int64_t total(const Masses& h) { return std::accumulate(h.begin(), h.end(),
 // Rows supply, columns demand. Flow goes along shortest paths in the residual graph until all is delivered.
 class ShortestPaths {
   public:
-    ShortestPaths(const Masses& a, const Masses& b, const algo::GroundDistance& ground) : row_bins_(lit(a)), col_bins_(lit(b)) {
+    ShortestPaths(const Masses& a, const Masses& b, const algo::GroundDistance& ground)
+        : row_bins_(lit(a)), col_bins_(lit(b)) {
         const std::int64_t sum_a = total(a), sum_b = total(b);
         rows_ = row_bins_.size();
         cols_ = col_bins_.size();
@@ -72,7 +73,8 @@ class ShortestPaths {
         return true;
     }
 
-    void relax(std::size_t node, std::vector<double>& far, std::vector<std::size_t>& from, const std::vector<bool>& done) {
+    void relax(std::size_t node, std::vector<double>& far, std::vector<std::size_t>& from,
+               const std::vector<bool>& done) {
         const auto offer = [&](std::size_t to, double length) {
             const double way = far[node] + std::max(0.0, length + potential_[node] - potential_[to]);
             if (done[to] || way >= far[to]) return;
@@ -127,11 +129,16 @@ double distance_by_shortest_paths(const Masses& a, const Masses& b, const algo::
     return ShortestPaths(a, b, ground).solve() / (static_cast<double>(total(a)) * static_cast<double>(total(b)));
 }
 
-Sinkhorn sinkhorn(const Masses& a, const Masses& b, const algo::GroundDistance& ground, double epsilon, double wanted_residual, int most_rounds) {
+Sinkhorn sinkhorn(const Masses& a, const Masses& b, const algo::GroundDistance& ground, double epsilon,
+                  double wanted_residual, int most_rounds) {
     const std::vector<int> rows = lit(a), cols = lit(b);
-    const auto share = [](const Masses& h, int bin) { return h[static_cast<std::size_t>(bin)] / static_cast<double>(total(h)); };
+    const auto share = [](const Masses& h, int bin) {
+        return h[static_cast<std::size_t>(bin)] / static_cast<double>(total(h));
+    };
     std::vector<double> f(rows.size()), g(cols.size()), terms;
-    const auto exponent = [&](std::size_t i, std::size_t j) { return (f[i] + g[j] - ground(rows[i], cols[j])) / epsilon; };
+    const auto exponent = [&](std::size_t i, std::size_t j) {
+        return (f[i] + g[j] - ground(rows[i], cols[j])) / epsilon;
+    };
 
     Sinkhorn result;
     result.bias = epsilon * std::log(static_cast<double>(rows.size() * cols.size()));

@@ -10,13 +10,14 @@ namespace hord::firmware {
 
 using Masses = std::vector<std::uint16_t>;
 
-// The exact distance by successive shortest paths (Dijkstra with potentials over the dense bipartite graph), on whole histograms:
-// nothing cancelled, nothing compressed. Masses are exact int64; costs are doubles: error below 1e-12 of the largest cost.
-// Slow: for checking only. Neither histogram may be dark.
+// The exact distance by successive shortest paths (Dijkstra with potentials over the dense bipartite graph), on whole
+// histograms: nothing cancelled, nothing compressed. Masses are exact int64; costs are doubles: error below 1e-12 of
+// the largest cost. Slow: for checking only. Neither histogram may be dark.
 double distance_by_shortest_paths(const Masses& a, const Masses& b, const algo::GroundDistance& ground);
 
-// Entropic optimal transport (Sinkhorn), in the log domain, so that nothing underflows. Its plan's cost is above the exact distance by
-// at most epsilon * ln(rows * columns) (the entropy it buys), and off by what is still missing in the marginals:
+// Entropic optimal transport (Sinkhorn), in the log domain, so that nothing underflows. Its plan's cost is above the
+// exact distance by at most epsilon * ln(rows * columns) (the entropy it buys), and off by what is still missing in the
+// marginals:
 //     exact - residual * largest <= cost <= exact + epsilon * ln(rows * columns) + residual * largest
 // Only an answer whose residual is small says anything: look at it first.
 struct Sinkhorn {
@@ -25,6 +26,7 @@ struct Sinkhorn {
     double bias = 0;      // epsilon * ln(rows * columns)
     int rounds = 0;
 };
-Sinkhorn sinkhorn(const Masses& a, const Masses& b, const algo::GroundDistance& ground, double epsilon, double wanted_residual, int most_rounds);
+Sinkhorn sinkhorn(const Masses& a, const Masses& b, const algo::GroundDistance& ground, double epsilon,
+                  double wanted_residual, int most_rounds);
 
 }  // namespace hord::firmware

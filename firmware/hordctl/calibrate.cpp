@@ -42,29 +42,45 @@ Json to_json(const calib::DirectionFit& fit) {
             {"left_out_px", {{"rms_x", fit.left_out_x_px}, {"rms_y", fit.left_out_y_px}}}};
 }
 
-Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& found, const std::optional<calib::DirectionFit>& directions) {
+Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& found,
+             const std::optional<calib::DirectionFit>& directions) {
     const calib::GridFit& fit = found.fit;
     Json ladder = Json::array(), unobservable = Json::array();
     for (const auto& rung : fit.ladder) {
-        ladder.push_back({{"model", name_of(rung)}, {"cv_rms_x_px", rung.cv_x_rms_px}, {"cv_rms_y_px", rung.cv_y_rms_px}, {"verdict", rung.verdict}});
+        ladder.push_back({{"model", name_of(rung)},
+                          {"cv_rms_x_px", rung.cv_x_rms_px},
+                          {"cv_rms_y_px", rung.cv_y_rms_px},
+                          {"verdict", rung.verdict}});
     }
     for (const auto& parameter : fit.unobservable) unobservable.push_back(parameter.name);
     Json json{{"white", arguments.white},
-            {"lattice", name_of(fit.grid.kind)},
-            {"columns", fit.grid.columns},
-            {"rows", fit.grid.rows},
-            {"pitch_px", found.pitch_px},
-            {"rotation_deg", found.rotation_rad * 180 / std::numbers::pi},
-            {"model", name_of(fit.grid.rung)},
-            {"reason", fit.reason},
-            {"ladder", ladder},
-            {"unobservable", unobservable},
-            {"lenslets",
-             {{"inside", found.inside}, {"complete", found.complete}, {"found", found.found}, {"missing", found.missing}, {"displaced", found.displaced}, {"rejected", found.rejected}, {"saturated", found.saturated},
-              {"whole", found.whole}, {"whole_found", found.whole_found}, {"whole_placed", found.whole_placed}}},
-            {"residual_px", {{"rms_x", fit.rms_x_px}, {"rms_y", fit.rms_y_px}, {"max", fit.max_px}}},
-            {"single_lenslets_px", {{"rms", fit.shifts.rms_px}, {"share", fit.shifts.share}, {"left_x", fit.shifts.left_x_px}, {"left_y", fit.shifts.left_y_px}}},
-            {"cross_validated_px", {{"rms_x", fit.cv_x_rms_px}, {"rms_y", fit.cv_y_rms_px}, {"blocks", fit.blocks}}}};
+              {"lattice", name_of(fit.grid.kind)},
+              {"columns", fit.grid.columns},
+              {"rows", fit.grid.rows},
+              {"pitch_px", found.pitch_px},
+              {"rotation_deg", found.rotation_rad * 180 / std::numbers::pi},
+              {"model", name_of(fit.grid.rung)},
+              {"reason", fit.reason},
+              {"ladder", ladder},
+              {"unobservable", unobservable},
+              {"lenslets",
+               {{"inside", found.inside},
+                {"complete", found.complete},
+                {"found", found.found},
+                {"missing", found.missing},
+                {"displaced", found.displaced},
+                {"rejected", found.rejected},
+                {"saturated", found.saturated},
+                {"whole", found.whole},
+                {"whole_found", found.whole_found},
+                {"whole_placed", found.whole_placed}}},
+              {"residual_px", {{"rms_x", fit.rms_x_px}, {"rms_y", fit.rms_y_px}, {"max", fit.max_px}}},
+              {"single_lenslets_px",
+               {{"rms", fit.shifts.rms_px},
+                {"share", fit.shifts.share},
+                {"left_x", fit.shifts.left_x_px},
+                {"left_y", fit.shifts.left_y_px}}},
+              {"cross_validated_px", {{"rms_x", fit.cv_x_rms_px}, {"rms_y", fit.cv_y_rms_px}, {"blocks", fit.blocks}}}};
     if (directions) json["directions"] = to_json(*directions);
     return json;
 }
@@ -74,7 +90,9 @@ struct Frames {
     algo::Frame white;
     std::optional<algo::Frame> dark, flat;
 };
-std::optional<algo::FrameView> view_of(const std::optional<algo::Frame>& frame) { return frame ? std::optional(frame->view()) : std::nullopt; }
+std::optional<algo::FrameView> view_of(const std::optional<algo::Frame>& frame) {
+    return frame ? std::optional(frame->view()) : std::nullopt;
+}
 
 Result<std::optional<algo::Frame>> read_optional(const std::string& file, const algo::Frame& like) {
     if (file.empty()) return std::nullopt;
@@ -84,7 +102,8 @@ Result<std::optional<algo::Frame>> read_optional(const std::string& file, const 
 }
 
 // The captures of tilts.toml in `folder`, one after the other.
-Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& folder, const calib::GridCalibration& grid, const Frames& frames,
+Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& folder,
+                                                 const calib::GridCalibration& grid, const Frames& frames,
                                                  const std::function<void(double)>& progress) {
     const auto list = calib::read_tilts(folder / "tilts.toml");
     if (!list) return tl::unexpected(list.error());
@@ -115,7 +134,8 @@ Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& fo
     }
     progress(1);
     auto fit = calib::fit_directions(*empty, tilts, grid.pitch_px);
-    if (!fit) return fail(fit.error().code, (folder / "tilts.toml").string() + ": " + fit.error().what, fit.error().cure);
+    if (!fit)
+        return fail(fit.error().code, (folder / "tilts.toml").string() + ": " + fit.error().what, fit.error().cure);
     return fit;
 }
 
@@ -123,7 +143,8 @@ Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& fo
 Result<void> may_replace(const std::string& out, const calib::GridFile& fresh) {
     if (!std::filesystem::exists(out)) return {};
     const auto held = calib::read_grid(out);
-    if (!held) return fail(held.error().code, held.error().what + ": it is not overwritten", "give another --out, or --force");
+    if (!held)
+        return fail(held.error().code, held.error().what + ": it is not overwritten", "give another --out, or --force");
     const auto fine = calib::not_worse(fresh, *held);
     if (!fine) return fail(fine.error().code, out + ": not overwritten: " + fine.error().what, fine.error().cure);
     return {};
@@ -151,7 +172,8 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
     }
     std::optional<calib::DirectionFit> directions;
     if (!arguments.tilts.empty()) {
-        auto fit = calibrate_directions(arguments.tilts, *found, frames, [&](double done) { progress->show(share + (1 - share) * done); });
+        auto fit = calibrate_directions(arguments.tilts, *found, frames,
+                                        [&](double done) { progress->show(share + (1 - share) * done); });
         progress.reset();
         if (!fit) return complain(fit.error());
         directions = std::move(*fit);
@@ -159,11 +181,13 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
     progress.reset();
 
     const std::time_t now = std::time(nullptr);
-    const calib::GridStamp stamp{arguments.camera, fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(now)), arguments.white, arguments.dark};
+    const calib::GridStamp stamp{arguments.camera, fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(now)),
+                                 arguments.white, arguments.dark};
     calib::GridFile file = calib::file_of(*found, stamp);
     if (directions) calib::add_directions(file, *directions);
     if (!arguments.pictures.empty()) {
-        if (auto done = write_calibration_pictures(arguments.pictures, frames.white.view(), *found); !done) return complain(done.error());
+        if (auto done = write_calibration_pictures(arguments.pictures, frames.white.view(), *found); !done)
+            return complain(done.error());
     }
     if (!arguments.force) {
         if (auto fine = may_replace(arguments.out, file); !fine) return complain(fine.error());
@@ -177,19 +201,26 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
         return Exit::good;
     }
     const calib::GridFit& fit = found->fit;
-    fmt::print("{} lattice, {} x {} lenslets, pitch {:.4f} px, rotation {:.4f} degrees\n", name_of(fit.grid.kind), fit.grid.columns, fit.grid.rows,
-               found->pitch_px, found->rotation_rad * 180 / std::numbers::pi);
+    fmt::print("{} lattice, {} x {} lenslets, pitch {:.4f} px, rotation {:.4f} degrees\n", name_of(fit.grid.kind),
+               fit.grid.columns, fit.grid.rows, found->pitch_px, found->rotation_rad * 180 / std::numbers::pi);
     fmt::print("model: {} ({})\n", name_of(fit.grid.rung), fit.reason);
-    fmt::print("lenslets: {} complete, {} found, {} missing, {} displaced with places of their own, {} rejected, {} saturated\n", found->complete, found->found,
-               found->missing, found->displaced, found->rejected, found->saturated);
-    fmt::print("light reaches {} of them whole: {} of these found, {} used\n", found->whole, found->whole_found, found->whole_placed);
-    fmt::print("residual {:.4f} / {:.4f} px, cross-validated {:.4f} / {:.4f} px (x / y, rms)\n", fit.rms_x_px, fit.rms_y_px, fit.cv_x_rms_px, fit.cv_y_rms_px);
+    fmt::print(
+        "lenslets: {} complete, {} found, {} missing, {} displaced with places of their own, {} rejected, {} "
+        "saturated\n",
+        found->complete, found->found, found->missing, found->displaced, found->rejected, found->saturated);
+    fmt::print("light reaches {} of them whole: {} of these found, {} used\n", found->whole, found->whole_found,
+               found->whole_placed);
+    fmt::print("residual {:.4f} / {:.4f} px, cross-validated {:.4f} / {:.4f} px (x / y, rms)\n", fit.rms_x_px,
+               fit.rms_y_px, fit.cv_x_rms_px, fit.cv_y_rms_px);
     if (directions) {
         fmt::print("directions: {}\n", directions->reason);
-        fmt::print("scale {:.3f} +- {:.3f} px a radian, stage turned by {:.4f} +- {:.4f} degrees{}, undeflected light at {:.3f}, {:.3f} px from the centres\n",
-                   directions->scale_px_a_rad, directions->scale_sigma, directions->stage_rotation_rad * 180 / std::numbers::pi,
-                   directions->stage_rotation_sigma * 180 / std::numbers::pi, directions->mirrored ? " and mirrored" : "", directions->map.zero_px.x_px,
-                   directions->map.zero_px.y_px);
+        fmt::print(
+            "scale {:.3f} +- {:.3f} px a radian, stage turned by {:.4f} +- {:.4f} degrees{}, undeflected light at "
+            "{:.3f}, {:.3f} px from the centres\n",
+            directions->scale_px_a_rad, directions->scale_sigma,
+            directions->stage_rotation_rad * 180 / std::numbers::pi,
+            directions->stage_rotation_sigma * 180 / std::numbers::pi, directions->mirrored ? " and mirrored" : "",
+            directions->map.zero_px.x_px, directions->map.zero_px.y_px);
     }
     fmt::print("{}\n", arguments.out);
     return Exit::good;
@@ -202,18 +233,24 @@ void add_calibrate(CLI::App& program, Exit& status) {
     auto arguments = std::make_shared<CalibrateArguments>();
     command->add_option("WHITE", arguments->white, "A frame of even light: 8- or 16-bit grey")->required();
     command->add_option("--dark", arguments->dark, "A frame without light, of the same size");
-    command->add_option("--flat", arguments->flat, "A frame of even light without lenslets: what each pixel makes of it");
-    command->add_option("--tilts", arguments->tilts, "Folder with captures of collimated light at known directions (tilts or wedges), listed in its tilts.toml");
+    command->add_option("--flat", arguments->flat,
+                        "A frame of even light without lenslets: what each pixel makes of it");
+    command->add_option(
+        "--tilts", arguments->tilts,
+        "Folder with captures of collimated light at known directions (tilts or wedges), listed in its tilts.toml");
     command->add_option("--out", arguments->out, "Calibration file to write (TOML)")->required();
-    command->add_option("--centres", arguments->centres, "Lenslet centres to write (CSV: m,n,x_px,y_px; pixel (0,0) is the centre of the top-left one)");
+    command->add_option("--centres", arguments->centres,
+                        "Lenslet centres to write (CSV: m,n,x_px,y_px; pixel (0,0) is the centre of the top-left one)");
     command->add_option("--pictures", arguments->pictures, "Folder for residuals.png, centres.png and models.png");
     command->add_flag("--force", arguments->force, "Overwrite --out even by a worse calibration");
-    command->add_option("--camera", arguments->camera, "Identity of the camera, kept in the file")->capture_default_str();
+    command->add_option("--camera", arguments->camera, "Identity of the camera, kept in the file")
+        ->capture_default_str();
     command->add_flag("--json", arguments->json, "Print one JSON object");
     command->footer(
         "tilts.toml: empty = \"empty.png\" (collimated, no part, no tilt), dark and flat if any, and for each capture\n"
         "  [[tilt]] with frame = \"1.png\" and x_rad, y_rad (or x_deg, y_deg).\n"
-        "Exit status: 0 written, 2 no lattice, unreadable input, or worse than what --out holds.\nExample: hordctl calibrate white.png --dark dark.png --tilts tilts --out grid.toml");
+        "Exit status: 0 written, 2 no lattice, unreadable input, or worse than what --out holds.\nExample: hordctl "
+        "calibrate white.png --dark dark.png --tilts tilts --out grid.toml");
     command->callback([arguments, &status] { status = run_calibrate(*arguments); });
 }
 

@@ -14,6 +14,7 @@ namespace hord::firmware {
 //   centres.png    the white frame with every lenslet of the grid: measured, missing, or measured and not fitting
 //   models.png     each model's error on lenslets that it has not seen, and which one was taken
 // Fails with io.
-Result<void> write_calibration_pictures(const std::filesystem::path& folder, const algo::FrameView& white, const calib::GridCalibration& found);
+Result<void> write_calibration_pictures(const std::filesystem::path& folder, const algo::FrameView& white,
+                                        const calib::GridCalibration& found);
 
 }  // namespace hord::firmware

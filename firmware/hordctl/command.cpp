@@ -23,7 +23,8 @@ std::vector<std::string> plain_commands() {
     std::vector<std::string> names;
     for (const NamedValue& value : find_register(BlockId::command, "code")->values) {
         const auto code = static_cast<CommandCode>(value.value);
-        if (code != CommandCode::commit_recipe && code != CommandCode::use_recipe && code != CommandCode::teach) names.emplace_back(value.name);
+        if (code != CommandCode::commit_recipe && code != CommandCode::use_recipe && code != CommandCode::teach)
+            names.emplace_back(value.name);
     }
     return names;
 }
@@ -42,7 +43,9 @@ const char* cure_of(CommandError error) {
         case CommandError::not_in_this_state: return "see its state: hordctl status";
         case CommandError::device_down: return "see the active faults: hordctl status";
         case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC, or change plc.policy";
-        case CommandError::not_yet: return "parts are still on the line, or the ejector is still acting: stop the feed and try again in a moment";
+        case CommandError::not_yet:
+            return "parts are still on the line, or the ejector is still acting: stop the feed and try again in a "
+                   "moment";
         case CommandError::no_such_recipe: return "see the station's recipes: hordctl recipe list";
         case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
         case CommandError::cancelled: return "abort, halt or another recipe ended it: teach again";
@@ -52,9 +55,12 @@ const char* cure_of(CommandError error) {
 }
 
 void add_remote_options(CLI::App& command, RemoteOptions& options) {
-    options.given = command.add_option("--modbus", options.modbus,
-                                       "The station's register server, HOST[:PORT]; without it this machine's, at 502 or 1502");
-    command.add_option("--timeout", options.timeout_ms, "Longest wait for an answer, ms")->check(CLI::Range(1, 60000))->capture_default_str();
+    options.given =
+        command.add_option("--modbus", options.modbus,
+                           "The station's register server, HOST[:PORT]; without it this machine's, at 502 or 1502");
+    command.add_option("--timeout", options.timeout_ms, "Longest wait for an answer, ms")
+        ->check(CLI::Range(1, 60000))
+        ->capture_default_str();
 }
 
 Result<modbus::Client> connect(const RemoteOptions& options) {
@@ -72,19 +78,22 @@ Exit send_command(const RemoteOptions& options, CommandCode code, std::uint32_t 
     if (!client) return complain(client.error());
     const auto reply = client->command(code, argument, argument2, kPatience);
     if (!reply) return complain(reply.error());
-    if (reply->state != CommandState::completed) return complain({ErrorCode::refused, "refused: " + reply->error_name, cure_of(reply->error)});
+    if (reply->state != CommandState::completed)
+        return complain({ErrorCode::refused, "refused: " + reply->error_name, cure_of(reply->error)});
     if (reply->result != 0) fmt::print("done, {:08X}\n", reply->result);
     else fmt::print("done\n");
     return Exit::good;
 }
 
 void add_command(CLI::App& program, Exit& status) {
-    auto* command = program.add_subcommand("command", "Command a station: initialise, arm, start_continuous, stop, reset ...");
+    auto* command =
+        program.add_subcommand("command", "Command a station: initialise, arm, start_continuous, stop, reset ...");
     auto options = std::make_shared<CommandOptions>();
     command->add_option("name", options->name, "What to do")->required()->check(CLI::IsMember(plain_commands()));
     add_remote_options(*command, options->remote);
-    command->footer("The station must list this address in modbus.may_write. Exit status: 0 done, 2 refused or not reached.\n"
-                    "Example: hordctl command reset --modbus 192.168.1.20:502");
+    command->footer(
+        "The station must list this address in modbus.may_write. Exit status: 0 done, 2 refused or not reached.\n"
+        "Example: hordctl command reset --modbus 192.168.1.20:502");
     command->callback([options, &status] { status = send_command(options->remote, code_of(options->name)); });
 }
 

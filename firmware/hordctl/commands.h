@@ -11,10 +11,10 @@ namespace hord::firmware {
 
 // Exit statuses of every command (`hordctl --help`).
 enum class Exit : int {
-    good = 0,      // done; all parts pass
-    rejected = 1,  // done; at least one part rejected
-    bad_input = 2, // usage or unreadable input: one clear line on stderr
-    unfit = 3,     // done; at least one frame could not be judged, none rejected
+    good = 0,       // done; all parts pass
+    rejected = 1,   // done; at least one part rejected
+    bad_input = 2,  // usage or unreadable input: one clear line on stderr
+    unfit = 3,      // done; at least one frame could not be judged, none rejected
 };
 
 // Each adds its sub-command; when that command is parsed and run, it leaves its status in `status`.

@@ -12,7 +12,8 @@ Result<std::pair<int, int>> parse_macro(const std::string& text) {
     int i = 0, j = 0;
     char rest = 0;
     if (std::sscanf(text.c_str(), "%dx%d%c", &i, &j, &rest) == 2) return std::pair(i, j);
-    return fail(ErrorCode::invalid_argument, "--macro " + text + " is not a macro-pixel size", "write columns x rows of bins, as in 9x9");
+    return fail(ErrorCode::invalid_argument, "--macro " + text + " is not a macro-pixel size",
+                "write columns x rows of bins, as in 9x9");
 }
 
 }  // namespace

@@ -13,8 +13,8 @@ namespace hord::firmware {
 
 class FrameReader {
   public:
-    // `macro`: bins a lenslet, columns x rows, as in 9x9. `grid`: a calibration file; empty: frames are macro-pixels already. `bits` a
-    // sample that the sensor recorded; 0: as the file has. Fails with what is wrong with them.
+    // `macro`: bins a lenslet, columns x rows, as in 9x9. `grid`: a calibration file; empty: frames are macro-pixels
+    // already. `bits` a sample that the sensor recorded; 0: as the file has. Fails with what is wrong with them.
     static Result<FrameReader> create(const std::string& macro, const std::string& grid, int bits);
 
     // Errors name the file.

@@ -13,13 +13,21 @@ constexpr float kBinsHigh = 2, kShareHigh = 1, kFrobeniusHigh = 2, kTransmission
 }  // namespace
 
 void Gallery::keep(std::uint32_t part, const algo::FrameView& view, const algo::Inspection& found) {
-    Seen seen{part, found.verdict, found.reason, {view.width_px / bins_.first, view.height_px / bins_.second, bins_.first, bins_.second},
-              algo::Frame(view.width_px, view.height_px, view.bits), found.compares, {found.gradient.begin(), found.gradient.end()},
-              {found.frobenius.begin(), found.frobenius.end()}, {found.transmission.begin(), found.transmission.end()},
-              {found.mask.begin(), found.mask.end()}, {found.defects.begin(), found.defects.end()}};
+    Seen seen{part,
+              found.verdict,
+              found.reason,
+              {view.width_px / bins_.first, view.height_px / bins_.second, bins_.first, bins_.second},
+              algo::Frame(view.width_px, view.height_px, view.bits),
+              found.compares,
+              {found.gradient.begin(), found.gradient.end()},
+              {found.frobenius.begin(), found.frobenius.end()},
+              {found.transmission.begin(), found.transmission.end()},
+              {found.mask.begin(), found.mask.end()},
+              {found.defects.begin(), found.defects.end()}};
     const auto row_bytes = static_cast<std::size_t>(view.width_px * view.sample_bytes());
     for (int y = 0; y < view.height_px; ++y) {
-        std::copy_n(view.data + y * view.stride_bytes, row_bytes, seen.frame.bytes().begin() + static_cast<std::ptrdiff_t>(row_bytes) * y);
+        std::copy_n(view.data + y * view.stride_bytes, row_bytes,
+                    seen.frame.bytes().begin() + static_cast<std::ptrdiff_t>(row_bytes) * y);
     }
     const std::lock_guard lock(mutex_);
     if (waiting_.size() >= kWaiting) waiting_.erase(waiting_.begin());
@@ -28,8 +36,9 @@ void Gallery::keep(std::uint32_t part, const algo::FrameView& view, const algo::
 
 MontageRow Gallery::row(const std::string& kind, const Seen& seen) {
     const algo::Extents& e = seen.extents;
-    const std::string title = fmt::format("raw frame of part {}: {}{}", seen.part, name_of(seen.verdict),
-                                          seen.reason == algo::Reason::none ? std::string() : fmt::format(", {}", name_of(seen.reason)));
+    const std::string title =
+        fmt::format("raw frame of part {}: {}{}", seen.part, name_of(seen.verdict),
+                    seen.reason == algo::Reason::none ? std::string() : fmt::format(", {}", name_of(seen.reason)));
     std::vector<Picture> pictures{draw(title, seen.frame.view(), e)};
     const auto add = [&](const MapPicture& what, const std::vector<float>& map) {
         if (!map.empty()) pictures.push_back(draw(what, map, seen.mask, e, seen.defects));
@@ -38,7 +47,9 @@ MontageRow Gallery::row(const std::string& kind, const Seen& seen) {
         add({"EMD gradient", "bins", 0, kBinsHigh}, seen.gradient);
     } else if (seen.compares) {
         const bool in_bins = !algo::unit_of(*seen.compares).empty();
-        add({std::string(name_of(*seen.compares)) + " gradient", in_bins ? "bins" : "", 0, in_bins ? kBinsHigh : kShareHigh}, seen.gradient);
+        add({std::string(name_of(*seen.compares)) + " gradient", in_bins ? "bins" : "", 0,
+             in_bins ? kBinsHigh : kShareHigh},
+            seen.gradient);
     }
     add({"Frobenius norm of the Jacobian", "bins a lenslet", 0, kFrobeniusHigh}, seen.frobenius);
     add({"transmission", "of typical", 0, kTransmissionHigh}, seen.transmission);
@@ -55,10 +66,14 @@ void Gallery::settle(std::uint32_t part, const std::string& kind) {
 
 Result<std::string> Gallery::write(const std::filesystem::path& folder) {
     const std::lock_guard lock(mutex_);
-    if (kinds_.empty()) return fail(ErrorCode::not_found, "no part was inspected, so there is no picture of one", "see the messages above");
+    if (kinds_.empty())
+        return fail(ErrorCode::not_found, "no part was inspected, so there is no picture of one",
+                    "see the messages above");
     std::error_code error;
     std::filesystem::create_directories(folder, error);
-    if (error) return fail(ErrorCode::io, folder.string() + " cannot be created (" + error.message() + ")", "give a folder that may be written to");
+    if (error)
+        return fail(ErrorCode::io, folder.string() + " cannot be created (" + error.message() + ")",
+                    "give a folder that may be written to");
     std::vector<MontageRow> rows;
     if (const auto good = kinds_.find("good"); good != kinds_.end()) rows.push_back(row("good", good->second));
     for (const auto& [kind, seen] : kinds_) {

@@ -19,8 +19,8 @@ class Gallery {
     // Bins of a macro-pixel of the frames to come.
     void set_bins(int bins_i, int bins_j) { bins_ = {bins_i, bins_j}; }
 
-    // Any thread. Copies what is seen of a part until its kind is known; at most kWaiting parts wait. Draws nothing yet, so
-    // that the inspection is not held up.
+    // Any thread. Copies what is seen of a part until its kind is known; at most kWaiting parts wait. Draws nothing
+    // yet, so that the inspection is not held up.
     void keep(std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection);
     static constexpr std::size_t kWaiting = 32;
 
@@ -28,7 +28,8 @@ class Gallery {
     void settle(std::uint32_t part, const std::string& kind);
 
     // Writes montage.png into `folder` (made if need be): a row a kind, good first; raw frame, gradient, Frobenius
-    // norm, transmission, those that the recipe chooses, each column in one scale. Returns the picture's path. Fails with io, not_found (nothing kept).
+    // norm, transmission, those that the recipe chooses, each column in one scale. Returns the picture's path. Fails
+    // with io, not_found (nothing kept).
     Result<std::string> write(const std::filesystem::path& folder);
 
   private:

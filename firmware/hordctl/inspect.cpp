@@ -50,11 +50,13 @@ std::optional<InspectedMap> inspected_map(const algo::FeatureChoice& choice, con
     if (choice.against_reference) return std::nullopt;
     if (choice.feature == recipe.gradient) return InspectedMap{&Inspection::gradient, limit_of_gradient(recipe)};
     switch (choice.feature) {
-        case Feature::jacobian_frobenius: return InspectedMap{&Inspection::frobenius, recipe.slopes ? recipe.frobenius_limit_bins : 0};
+        case Feature::jacobian_frobenius:
+            return InspectedMap{&Inspection::frobenius, recipe.slopes ? recipe.frobenius_limit_bins : 0};
         case Feature::jacobian_spectral: return InspectedMap{&Inspection::spectral};
         case Feature::jacobian_nuclear: return InspectedMap{&Inspection::nuclear};
         case Feature::anisotropy: return InspectedMap{&Inspection::anisotropy};
-        case Feature::transmission: return InspectedMap{&Inspection::transmission, recipe.light ? recipe.transmission_limit : 0};
+        case Feature::transmission:
+            return InspectedMap{&Inspection::transmission, recipe.light ? recipe.transmission_limit : 0};
         default: return std::nullopt;
     }
 }
@@ -70,7 +72,8 @@ std::string shown_of(const algo::Recipe& recipe) {
 
 std::string known_features() {
     std::string known;
-    for (const std::string_view name : algo::kFeatureNames) known += fmt::format("{}{}", known.empty() ? "" : ", ", name);
+    for (const std::string_view name : algo::kFeatureNames)
+        known += fmt::format("{}{}", known.empty() ? "" : ", ", name);
     return known + "; the distances also as reference-NAME";
 }
 
@@ -103,14 +106,16 @@ Statistics statistics_of(algo::Map map, std::span<const std::uint8_t> mask) {
     }
     if (values.empty()) return {};
     std::sort(values.begin(), values.end());
-    const auto at = [&](double share) { return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))]; };
+    const auto at = [&](double share) {
+        return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
+    };
     return {at(0.50), at(0.99), values.back(), values.size()};
 }
 
 double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
 
-Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found, const FeatureView& feature, double bin_rad,
-             const algo::Recipe& recipe) {
+Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found,
+             const FeatureView& feature, double bin_rad, const algo::Recipe& recipe) {
     const Statistics s = statistics_of(feature.map, feature.mask);
     Json defects = Json::array();
     for (const algo::Defect& d : found.defects) {
@@ -121,7 +126,9 @@ Json to_json(const std::string& frame, const algo::Extents& extents, const algo:
             defect["width"] = d.width;
         }
         if (recipe.lenslet_mm > 0) {
-            const auto from_middle = [&](float at, int count) { return (at - 0.5F * static_cast<float>(count - 1)) * recipe.lenslet_mm; };
+            const auto from_middle = [&](float at, int count) {
+                return (at - 0.5F * static_cast<float>(count - 1)) * recipe.lenslet_mm;
+            };
             defect["x_mm"] = from_middle(d.m, extents.m);
             defect["y_mm"] = from_middle(d.n, extents.n);
             defect["area_mm2"] = static_cast<float>(d.area) * recipe.lenslet_mm * recipe.lenslet_mm;
@@ -129,22 +136,31 @@ Json to_json(const std::string& frame, const algo::Extents& extents, const algo:
         defects.push_back(std::move(defect));
     }
     Json json{{"frame", frame},
-            {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
-            {"verdict", name_of(found.verdict)},
-            {"reason", name_of(found.reason)},
-            {"score", found.score},
-            {"defects", defects},
-            {"feature", {{"name", feature.name}, {"unit", feature.unit}, {"p50", s.p50}, {"p99", s.p99}, {"max", s.max}, {"valid", s.valid}}},
-            {"ms",
-             {{"decode", milliseconds(found.times.decode_ns)},
-              {"hord", milliseconds(found.times.hord_ns)},
-              {"feature", milliseconds(found.times.feature_ns)},
-              {"decide", milliseconds(found.times.decide_ns)},
-              {"total", milliseconds(found.times.total_ns)}}}};
+              {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
+              {"verdict", name_of(found.verdict)},
+              {"reason", name_of(found.reason)},
+              {"score", found.score},
+              {"defects", defects},
+              {"feature",
+               {{"name", feature.name},
+                {"unit", feature.unit},
+                {"p50", s.p50},
+                {"p99", s.p99},
+                {"max", s.max},
+                {"valid", s.valid}}},
+              {"ms",
+               {{"decode", milliseconds(found.times.decode_ns)},
+                {"hord", milliseconds(found.times.hord_ns)},
+                {"feature", milliseconds(found.times.feature_ns)},
+                {"decide", milliseconds(found.times.decide_ns)},
+                {"total", milliseconds(found.times.total_ns)}}}};
     if (recipe.reference) {
         json["explain"] = explain(found, recipe, extents);
         if (found.registered.found()) {
-            json["pose"] = {{"x", found.registered.pose.x}, {"y", found.registered.pose.y}, {"turn_rad", found.registered.pose.turn_rad()}, {"light", found.registered.light}};
+            json["pose"] = {{"x", found.registered.pose.x},
+                            {"y", found.registered.pose.y},
+                            {"turn_rad", found.registered.pose.turn_rad()},
+                            {"light", found.registered.light}};
         }
     }
     if (bin_rad > 0 && (feature.unit == "bin pitches" || feature.unit == "bin pitches a lenslet")) {
@@ -160,25 +176,32 @@ void print_for_people(const std::string& frame, const algo::Inspection& found) {
         const algo::Defect& d = found.defects[k];
         where += fmt::format("{}({:.1f}, {:.1f}) {} lenslets", where.empty() ? " at " : ", ", d.m, d.n, d.area);
     }
-    fmt::print("{:<32} {:<7} {:<14} score {:.2f}, {} defect{}{}\n", frame, name_of(found.verdict), name_of(found.reason), found.score,
-               found.defects.size(), found.defects.size() == 1 ? "" : "s", where);
+    fmt::print("{:<32} {:<7} {:<14} score {:.2f}, {} defect{}{}\n", frame, name_of(found.verdict),
+               name_of(found.reason), found.score, found.defects.size(), found.defects.size() == 1 ? "" : "s", where);
 }
 
-Result<void> write_results(const fs::path& out, const std::string& frame, const algo::Extents& extents, const algo::Inspection& found,
-                           const FeatureView& feature, const Json& json, const algo::Recipe& recipe) {
+Result<void> write_results(const fs::path& out, const std::string& frame, const algo::Extents& extents,
+                           const algo::Inspection& found, const FeatureView& feature, const Json& json,
+                           const algo::Recipe& recipe) {
     const std::string name = fs::path(frame).stem().string();
-    const auto picture = scale_to(fmt::format("{}: {} ({})", name, feature.name, name_of(found.verdict)), feature.unit, feature.map, feature.mask, feature.limit);
+    const auto picture = scale_to(fmt::format("{}: {} ({})", name, feature.name, name_of(found.verdict)), feature.unit,
+                                  feature.map, feature.mask, feature.limit);
     const bool explained = recipe.reference != nullptr;
     const auto labels = explained ? labels_of(found, recipe) : std::vector<std::string>{};
     const std::string caption = explained ? explain(found, recipe, extents) : std::string{};
-    if (auto done = write_float_tiff(out / fmt::format("{}.{}.tiff", name, feature.name), feature.map, extents); !done) return done;
-    if (auto done = write_png(out / fmt::format("{}.{}.png", name, feature.name), draw(picture, feature.map, feature.mask, extents, found.defects, labels, caption)); !done) {
+    if (auto done = write_float_tiff(out / fmt::format("{}.{}.tiff", name, feature.name), feature.map, extents); !done)
+        return done;
+    if (auto done = write_png(out / fmt::format("{}.{}.png", name, feature.name),
+                              draw(picture, feature.map, feature.mask, extents, found.defects, labels, caption));
+        !done) {
         return done;
     }
     const fs::path file = out / (name + ".json");
     std::ofstream stream(file);
     stream << json.dump(2) << '\n';
-    if (!stream.flush()) return fail(ErrorCode::io, file.string() + " cannot be written", "check that the folder may be written to and has space");
+    if (!stream.flush())
+        return fail(ErrorCode::io, file.string() + " cannot be written",
+                    "check that the folder may be written to and has space");
     return {};
 }
 
@@ -190,7 +213,8 @@ bool is_reference(const std::string& file) {
 }
 
 std::int64_t steady_ns() {
-    return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
+    return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+        .count();
 }
 
 class Inspector {
@@ -215,19 +239,27 @@ class Inspector {
         const std::string feature = options_.feature.empty() ? shown_of(recipe_) : options_.feature;
         const auto choice = algo::feature_named(feature);
         if (!choice && feature == kSurprise) {
-            if (!recipe_.reference) return fail(ErrorCode::invalid_argument, "the surprise is that of a learned reference", "give --reference REFERENCE (hordctl learn)");
+            if (!recipe_.reference)
+                return fail(ErrorCode::invalid_argument, "the surprise is that of a learned reference",
+                            "give --reference REFERENCE (hordctl learn)");
             surprise_ = true;
-        } else if (!choice) return fail(ErrorCode::invalid_argument, "feature " + feature + " is not known", "use one of " + known_features());
+        } else if (!choice)
+            return fail(ErrorCode::invalid_argument, "feature " + feature + " is not known",
+                        "use one of " + known_features());
         if (choice) choice_ = *choice;
         if (choice_.against_reference && options_.reference.empty()) {
-            return fail(ErrorCode::invalid_argument, "feature " + feature + " needs something to compare with", "give --reference FRAME");
+            return fail(ErrorCode::invalid_argument, "feature " + feature + " needs something to compare with",
+                        "give --reference FRAME");
         }
         if (!choice_.against_reference && !options_.reference.empty() && !learned_) {
-            return fail(ErrorCode::invalid_argument, "feature " + feature + " does not look at --reference", "ask for reference-" + feature + ", or leave it out");
+            return fail(ErrorCode::invalid_argument, "feature " + feature + " does not look at --reference",
+                        "ask for reference-" + feature + ", or leave it out");
         }
         if (learned_ && choice_.against_reference) {
-            return fail(ErrorCode::invalid_argument, options_.reference + " is a learned reference, and feature " + feature + " compares with a frame",
-                        "give a frame, or leave --feature out");
+            return fail(
+                ErrorCode::invalid_argument,
+                options_.reference + " is a learned reference, and feature " + feature + " compares with a frame",
+                "give a frame, or leave --feature out");
         }
         if (choice_.against_reference) {
             auto reference = reader_.read(options_.reference);
@@ -238,13 +270,17 @@ class Inspector {
         std::set<std::string> names;
         for (const std::string& frame : options_.frames) {
             if (!names.insert(fs::path(frame).stem().string()).second) {
-                return fail(ErrorCode::invalid_argument, "two frames named " + fs::path(frame).stem().string() + " would overwrite each other in " + options_.out,
+                return fail(ErrorCode::invalid_argument,
+                            "two frames named " + fs::path(frame).stem().string() + " would overwrite each other in " +
+                                options_.out,
                             "rename one, or inspect them into different folders");
             }
         }
         std::error_code error;
         fs::create_directories(options_.out, error);
-        if (error) return fail(ErrorCode::io, options_.out + " cannot be created (" + error.message() + ")", "give a folder that may be written to");
+        if (error)
+            return fail(ErrorCode::io, options_.out + " cannot be created (" + error.message() + ")",
+                        "give a folder that may be written to");
         return {};
     }
 
@@ -252,7 +288,8 @@ class Inspector {
         auto frame = reader_.read(file);
         if (!frame) return tl::unexpected(frame.error());
         const auto named = [&](const Error& error) { return Error{error.code, file + ": " + error.what, error.cure}; };
-        auto extents = algo::extents_of_frame(frame->width_px(), frame->height_px(), reader_.bins().first, reader_.bins().second);
+        auto extents =
+            algo::extents_of_frame(frame->width_px(), frame->height_px(), reader_.bins().first, reader_.bins().second);
         if (!extents) return tl::unexpected(named(extents.error()));
         if (!pipeline_ || !(*extents == extents_) || frame->bits() != bits_) {
             if (auto made = set_up(*extents, frame->bits()); !made) return tl::unexpected(named(made.error()));
@@ -269,7 +306,8 @@ class Inspector {
             if (recipe_.reference) fmt::print("    {}\n", explain(*found, recipe_, extents_));
         }
         if (!options_.out.empty()) {
-            if (auto done = write_results(options_.out, file, extents_, *found, *feature, json, recipe_); !done) return tl::unexpected(done.error());
+            if (auto done = write_results(options_.out, file, extents_, *found, *feature, json, recipe_); !done)
+                return tl::unexpected(done.error());
         }
         return found->verdict;
     }
@@ -278,10 +316,12 @@ class Inspector {
     Result<void> set_up(const algo::Extents& extents, int bits) {
         const auto inspected = surprise_ ? std::nullopt : inspected_map(choice_, recipe_);
         const bool extra = inspected && inspected->limit == 0;
-        auto pipeline = algo::Pipeline::create(extents, bits, recipe_, 1, extra ? algo::MapSet::all : algo::MapSet::judged);
+        auto pipeline =
+            algo::Pipeline::create(extents, bits, recipe_, 1, extra ? algo::MapSet::all : algo::MapSet::judged);
         if (!pipeline) return tl::unexpected(pipeline.error());
         if (!inspected && !surprise_) {
-            auto mapper = algo::FeatureMapper::create(extents, bits, algo::light_levels(recipe_, bits), choice_.feature);
+            auto mapper =
+                algo::FeatureMapper::create(extents, bits, algo::light_levels(recipe_, bits), choice_.feature);
             if (!mapper) return tl::unexpected(mapper.error());
             mapper_ = std::move(*mapper);
         }
@@ -301,7 +341,8 @@ class Inspector {
             }
             // Compared are rims, too, and what has no neighbours.
             mask_.resize(found.mask.size());
-            for (std::size_t k = 0; k < mask_.size(); ++k) mask_[k] = static_cast<std::uint8_t>(found.mask[k] & (algo::kSaturated | algo::kOutside));
+            for (std::size_t k = 0; k < mask_.size(); ++k)
+                mask_[k] = static_cast<std::uint8_t>(found.mask[k] & (algo::kSaturated | algo::kOutside));
             seen.mask = mask_;
             return seen;
         }
@@ -312,14 +353,19 @@ class Inspector {
             return result;
         }
         const std::int64_t start = steady_ns();
-        auto map = choice_.against_reference ? mapper_->against(frame, reference_.view()) : mapper_->over_neighbours(frame);
-        if (!map) return fail(map.error().code, (choice_.against_reference ? options_.reference + ": " : "") + map.error().what, map.error().cure);
+        auto map =
+            choice_.against_reference ? mapper_->against(frame, reference_.view()) : mapper_->over_neighbours(frame);
+        if (!map)
+            return fail(map.error().code,
+                        (choice_.against_reference ? options_.reference + ": " : "") + map.error().what,
+                        map.error().cure);
         const std::int64_t took = steady_ns() - start;
         found.times.feature_ns += took;
         found.times.total_ns += took;
         // Rim and zones are the inspection's; which lenslets can be compared is the map's own.
         mask_.assign(map->mask.begin(), map->mask.end());
-        for (std::size_t k = 0; k < mask_.size(); ++k) mask_[k] = static_cast<std::uint8_t>(mask_[k] | (found.mask[k] & algo::kNotJudged));
+        for (std::size_t k = 0; k < mask_.size(); ++k)
+            mask_[k] = static_cast<std::uint8_t>(mask_[k] | (found.mask[k] & algo::kNotJudged));
         result.map = map->values;
         result.mask = mask_;
         return result;
@@ -363,18 +409,28 @@ void add_inspect(CLI::App& program, Exit& status) {
     auto* command = program.add_subcommand("inspect", "Judge recorded frames");
     auto options = std::make_shared<InspectOptions>();
     command->add_option("FRAME", options->frames, "Frames: 8- or 16-bit grey images")->required();
-    command->add_option("--macro", options->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")->capture_default_str();
-    command->add_option("--grid", options->grid, "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
+    command->add_option("--macro", options->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")
+        ->capture_default_str();
+    command->add_option("--grid", options->grid,
+                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
     command->add_option("--recipe", options->recipe, "Limits, masks and zones (TOML); without it the default recipe");
-    const auto* feature = command->add_option("--feature", options->feature, "Feature whose map and statistics are written; without it, what the recipe judges by (emd). One of " + known_features());
-    command->add_option("--reference", options->reference, "What hordctl learn has learned: parts are judged against it, and --feature surprise shows where they differ. Or a frame of a good part at the same place, for the reference- features");
-    command->add_option("--bits", options->bits, "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
+    const auto* feature = command->add_option(
+        "--feature", options->feature,
+        "Feature whose map and statistics are written; without it, what the recipe judges by (emd). One of " +
+            known_features());
+    command->add_option("--reference", options->reference,
+                        "What hordctl learn has learned: parts are judged against it, and --feature surprise shows "
+                        "where they differ. Or a frame of a good part at the same place, for the reference- features");
+    command
+        ->add_option("--bits", options->bits,
+                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
         ->check(CLI::Range(8, 16));
     command->add_option("--out", options->out, "Folder for NAME.FEATURE.tiff, NAME.FEATURE.png and NAME.json");
     command->add_flag("--json", options->json, "Print one JSON object a frame");
-    command->footer("Example: hordctl inspect frames/*.png --macro 9x9 --out maps --json\n"
-                    "         hordctl inspect part.png --feature reference-chi2 --reference good_part.png --out maps\n"
-                    "         hordctl inspect part.png --reference lens.hordref --out maps");
+    command->footer(
+        "Example: hordctl inspect frames/*.png --macro 9x9 --out maps --json\n"
+        "         hordctl inspect part.png --feature reference-chi2 --reference good_part.png --out maps\n"
+        "         hordctl inspect part.png --reference lens.hordref --out maps");
     command->callback([options, feature, &status] {
         if (feature->count() == 0 && is_reference(options->reference)) options->feature = kSurprise;
         status = run_inspect(*options);

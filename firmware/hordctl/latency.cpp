@@ -1,11 +1,5 @@
-// hordctl latency: how soon after an edge this machine turns a light on and has a reject command at the module, idle and with the
-// pipeline busy. The drivers are the station's own; what stands behind them is said with every number.
-#include <semaphore.h>
-#include <sched.h>
-#include <sys/eventfd.h>
-#include <sys/utsname.h>
-#include <unistd.h>
-
+// hordctl latency: how soon after an edge this machine turns a light on and has a reject command at the module, idle
+// and with the pipeline busy. The drivers are the station's own; what stands behind them is said with every number.
 #include <algorithm>
 #include <atomic>
 #include <bit>
@@ -19,6 +13,11 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <sched.h>
+#include <semaphore.h>
+#include <sys/eventfd.h>
+#include <sys/utsname.h>
+#include <unistd.h>
 
 #include "algo/pipeline.h"
 #include "drivers/gpio_part_sensor.h"
@@ -36,11 +35,11 @@ namespace {
 
 using hal::TimePoint;
 
-constexpr Duration kPulse = milliseconds(1);        // of the light
-constexpr Duration kAhead = milliseconds(3);        // a pulse that was planned begins so long after its edge
+constexpr Duration kPulse = milliseconds(1);  // of the light
+constexpr Duration kAhead = milliseconds(3);  // a pulse that was planned begins so long after its edge
 constexpr Duration kRejectWindow = milliseconds(4);
 constexpr Duration kApart = milliseconds(12), kSpread = milliseconds(10);  // from one edge's end to the next one
-constexpr Duration kGivenUp = milliseconds(1000);   // an edge without all its reports by then
+constexpr Duration kGivenUp = milliseconds(1000);                          // an edge without all its reports by then
 
 struct LatencyOptions {
     std::string config;
@@ -68,7 +67,8 @@ std::string text_of(Series series) {
     std::ranges::sort(series.samples);
     const auto& s = series.samples;
     out += fmt::format("; p50 {:.0f} us, p99 {:.0f} us, ", quantile_us(s, 0.5), quantile_us(s, 0.99));
-    out += s.size() >= 1000 ? fmt::format("p99.9 {:.0f} us, ", quantile_us(s, 0.999)) : std::string("p99.9 needs 1000, ");
+    out +=
+        s.size() >= 1000 ? fmt::format("p99.9 {:.0f} us, ", quantile_us(s, 0.999)) : std::string("p99.9 needs 1000, ");
     out += fmt::format("max {:.0f} us\n", quantile_us(s, 1));
     // A bar an octave of microseconds.
     std::vector<int> bars;
@@ -82,7 +82,8 @@ std::string text_of(Series series) {
     const int most = *std::ranges::max_element(bars);
     for (std::size_t k = first; k < bars.size(); ++k) {
         const std::uint64_t from = k == 0 ? 0 : std::uint64_t{1} << (k - 1), to = std::uint64_t{1} << k;
-        out += fmt::format("  {:>7} to {:>7} us  {:<40} {}\n", from, to, std::string(static_cast<std::size_t>((bars[k] * 40 + most - 1) / most), '#'), bars[k]);
+        out += fmt::format("  {:>7} to {:>7} us  {:<40} {}\n", from, to,
+                           std::string(static_cast<std::size_t>((bars[k] * 40 + most - 1) / most), '#'), bars[k]);
     }
     return out;
 }
@@ -99,13 +100,17 @@ std::string machine_text() {
     utsname system{};
     uname(&system);
     const std::string version = system.version;
-    const char* preemption = version.find("PREEMPT_RT") != std::string::npos        ? "fully preemptible (PREEMPT_RT)"
-                             : version.find("PREEMPT_DYNAMIC") != std::string::npos ? "PREEMPT_DYNAMIC: chosen at boot (preempt=), which a program cannot see"
-                             : version.find("PREEMPT") != std::string::npos         ? "preemptible (PREEMPT)"
-                                                                                    : "not said by the kernel: probably none or voluntary";
-    return fmt::format("machine: {} processors for this program, Linux {}\nkernel preemption: {}\nclock source: {} (hpet and acpi_pm take a microsecond a read)\nprocessor speed governor: {}\n",
-                       std::thread::hardware_concurrency(), system.release, preemption, line_of("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
-                       line_of("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"));
+    const char* preemption = version.find("PREEMPT_RT") != std::string::npos ? "fully preemptible (PREEMPT_RT)"
+        : version.find("PREEMPT_DYNAMIC") != std::string::npos
+        ? "PREEMPT_DYNAMIC: chosen at boot (preempt=), which a program cannot see"
+        : version.find("PREEMPT") != std::string::npos ? "preemptible (PREEMPT)"
+                                                       : "not said by the kernel: probably none or voluntary";
+    return fmt::format(
+        "machine: {} processors for this program, Linux {}\nkernel preemption: {}\nclock source: {} (hpet and acpi_pm "
+        "take a microsecond a read)\nprocessor speed governor: {}\n",
+        std::thread::hardware_concurrency(), system.release, preemption,
+        line_of("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
+        line_of("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"));
 }
 
 // ---- what stands behind the drivers when there are no devices
@@ -145,7 +150,8 @@ class EdgeThread {
         for (;;) {
             while (sem_wait(&wanted_) != 0) continue;
             if (stopping_) return;
-            std::this_thread::sleep_for(kApart + Duration(static_cast<std::int64_t>(random() % static_cast<unsigned>(kSpread.count()))));
+            std::this_thread::sleep_for(
+                kApart + Duration(static_cast<std::int64_t>(random() % static_cast<unsigned>(kSpread.count()))));
             at_ = clock_.now().time_since_epoch().count();
             const std::uint64_t one = 1;
             [[maybe_unused]] const auto bytes = write(bell_, &one, sizeof one);
@@ -181,7 +187,8 @@ class Work {
         algo::Frame frame(extents.width_px(), extents.height_px(), 8);
         for (int y = 0; y < frame.height_px(); ++y) {
             for (int x = 0; x < frame.width_px(); ++x) {
-                const double dx = x % bins_i - (bins_i - 1) / 2.0 + (x - y) * 1e-3, dy = y % bins_j - (bins_j - 1) / 2.0;
+                const double dx = x % bins_i - (bins_i - 1) / 2.0 + (x - y) * 1e-3,
+                             dy = y % bins_j - (bins_j - 1) / 2.0;
                 frame.set(x, y, static_cast<std::uint32_t>(200 * std::exp(-(dx * dx + dy * dy))));
             }
         }
@@ -210,19 +217,24 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         std::string policy = "timing threads under the normal policy (--priority 0)";
         if (options_.priority > 0) {
             const auto refused = take_realtime_policy(options_.priority);
-            policy = refused.empty() ? fmt::format("timing threads under SCHED_FIFO {}, memory locked", options_.priority) : std::string();
+            policy = refused.empty()
+                ? fmt::format("timing threads under SCHED_FIFO {}, memory locked", options_.priority)
+                : std::string();
             for (const Error& error : refused) policy += (policy.empty() ? "" : "\npolicy: ") + error.message();
         }
         if (auto opened = open(); !opened) return complain(opened.error());
-        fmt::print("{}policy: {}\nedges: {}\nlight: {}\nrejector: {}\n\n", machine_text(), policy, edges_text_, light_text_, rejector_text_);
+        fmt::print("{}policy: {}\nedges: {}\nlight: {}\nrejector: {}\n\n", machine_text(), policy, edges_text_,
+                   light_text_, rejector_text_);
         Exit status = Exit::good;
         for (const bool busy : {false, true}) {
             if (!measure(busy)) status = Exit::unfit;
             if (loop_->stopped_by() != 0) break;
         }
         close_all();
-        fmt::print("What this cannot see: {}the light driver's and the valve's own delay, and what happens once a day. A machine that shall keep its times is measured for hours.\n",
-                   options_.sensor ? "" : "the interrupt and the kernel's way from a pin to the program, ");
+        fmt::print(
+            "What this cannot see: {}the light driver's and the valve's own delay, and what happens once a day. A "
+            "machine that shall keep its times is measured for hours.\n",
+            options_.sensor ? "" : "the interrupt and the kernel's way from a pin to the program, ");
         return status;
     }
 
@@ -233,7 +245,8 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         if (auto done = strobe_->start(*this); !done) return done;
         if (auto done = rejector_->start(*this); !done) return done;
         run_until([&] { return link_up_; }, std::chrono::seconds(5));
-        if (!link_up_) return fail(ErrorCode::timeout, "the rejector does not answer: " + why_down_.what, why_down_.cure);
+        if (!link_up_)
+            return fail(ErrorCode::timeout, "the rejector does not answer: " + why_down_.what, why_down_.cure);
         return open_edges();
     }
 
@@ -242,11 +255,13 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
             auto opened = drivers::GpioStrobe::open(*loop_, strobe_channels(config_.strobe));
             if (!opened) return tl::unexpected(opened.error());
             strobe_ = std::move(*opened);
-            light_text_ = fmt::format("the configured GPIO lines (libgpiod {}), {:.3f} ms a pulse", drivers::gpiod_version(), static_cast<double>(pulse().count()) / 1e6);
+            light_text_ = fmt::format("the configured GPIO lines (libgpiod {}), {:.3f} ms a pulse",
+                                      drivers::gpiod_version(), static_cast<double>(pulse().count()) / 1e6);
             return {};
         }
-        auto opened = drivers::GpioStrobe::open(*loop_, {{.max_on = milliseconds(2), .min_rest = microseconds(100), .max_duty = 1}},
-                                                [] { return Result<std::unique_ptr<drivers::GpioOutputs>>(std::make_unique<NoLine>()); });
+        auto opened = drivers::GpioStrobe::open(
+            *loop_, {{.max_on = milliseconds(2), .min_rest = microseconds(100), .max_duty = 1}},
+            [] { return Result<std::unique_ptr<drivers::GpioOutputs>>(std::make_unique<NoLine>()); });
         if (!opened) return tl::unexpected(opened.error());
         strobe_ = std::move(*opened);
         light_text_ = "the strobe driver's own thread, without a GPIO line behind it";
@@ -278,17 +293,21 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
     Result<void> open_edges() {
         const auto* line = std::get_if<GpioPartSensorLine>(&config_.part_sensor);
         if (options_.sensor) {
-            if (line == nullptr) return fail(ErrorCode::invalid_argument, "--sensor needs a part sensor on a GPIO line", "name a configuration with [part_sensor] backend = \"gpio\"");
+            if (line == nullptr)
+                return fail(ErrorCode::invalid_argument, "--sensor needs a part sensor on a GPIO line",
+                            "name a configuration with [part_sensor] backend = \"gpio\"");
             auto opened = drivers::GpioPartSensor::open(*loop_, part_sensor_options(*line));
             if (!opened) return tl::unexpected(opened.error());
             part_sensor_ = std::move(*opened);
-            edges_text_ = fmt::format("the part sensor on {} line {}, stamped by the kernel; its debounce of {:.0f} us is in every number", line->line.chip, line->line.line,
-                                      static_cast<double>(line->debounce.count()) / 1e3);
+            edges_text_ = fmt::format(
+                "the part sensor on {} line {}, stamped by the kernel; its debounce of {:.0f} us is in every number",
+                line->line.chip, line->line.line, static_cast<double>(line->debounce.count()) / 1e3);
             return part_sensor_->start(*this);
         }
         edge_thread_ = std::make_unique<EdgeThread>(*loop_);
         edges_text_ = "a thread of this program: no interrupt, no GPIO";
-        auto watched = loop_->watch(edge_thread_->bell(), hal::EventLoop::Readiness::readable, [this] { begin(edge_thread_->answer()); });
+        auto watched = loop_->watch(edge_thread_->bell(), hal::EventLoop::Readiness::readable,
+                                    [this] { begin(edge_thread_->answer()); });
         if (!watched) return tl::unexpected(watched.error());
         watch_ = *watched;
         return {};
@@ -310,7 +329,9 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         acknowledged_ = {fmt::format("edge to reject command acknowledged and read back, {}", load), {}, 0};
         done_ = 0;
         std::unique_ptr<Work> work;
-        if (busy) work = std::make_unique<Work>(config_.inspection.threads, config_.inspection.bins_i, config_.inspection.bins_j);
+        if (busy)
+            work = std::make_unique<Work>(config_.inspection.threads, config_.inspection.bins_i,
+                                          config_.inspection.bins_j);
         progress_ = std::make_unique<Progress>(load);
         next();
         const auto ran = loop_->run();
@@ -337,7 +358,8 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         lit_ = rejected_ = false;
         ++number_;
         moved_at_ = 0;
-        const auto fired = strobe_->fire({.exposure = number_, .channels = 1, .start = plan_.value_or(loop_->now()), .width = pulse()});
+        const auto fired = strobe_->fire(
+            {.exposure = number_, .channels = 1, .start = plan_.value_or(loop_->now()), .width = pulse()});
         if (!fired) {
             lit_ = true;
             ++series_of_light().missed;
@@ -437,7 +459,8 @@ Exit measure_latency(const LatencyOptions& options) {
         config = std::move(*loaded);
     }
     if (options.config.empty() && !options.simulate) {
-        return complain({ErrorCode::invalid_argument, "latency needs --config FILE or --simulate", "--simulate measures this machine without any device"});
+        return complain({ErrorCode::invalid_argument, "latency needs --config FILE or --simulate",
+                         "--simulate measures this machine without any device"});
     }
     return Measurement(options, config).go();
 }
@@ -445,15 +468,28 @@ Exit measure_latency(const LatencyOptions& options) {
 }  // namespace
 
 void add_latency(CLI::App& program, Exit& status) {
-    auto* command = program.add_subcommand("latency", "Measure on this machine: edge to light, edge to reject command, idle and with the pipeline busy");
+    auto* command = program.add_subcommand(
+        "latency", "Measure on this machine: edge to light, edge to reject command, idle and with the pipeline busy");
     auto options = std::make_shared<LatencyOptions>();
-    command->add_option("--config", options->config, "Pulse the lights that this configuration names; the service must not run");
-    command->add_flag("--simulate", options->simulate, "No device: the drivers with nothing behind them, and a Modbus module on loopback");
-    command->add_flag("--sensor", options->sensor, "Edges of the configured part sensor, as parts pass it, instead of a thread's");
-    command->add_flag("--actuate", options->actuate, "Commands to the configured module: the ejector moves, only with the line clear");
-    command->add_option("--edges", options->edges, "How many, idle and busy each")->check(CLI::Range(2, 10'000'000))->capture_default_str();
-    command->add_option("--priority", options->priority, "Real-time priority of the timing threads, as the service has it; 0: none")->check(CLI::Range(0, 99))->capture_default_str();
-    command->footer("Exit status: 0 measured, 2 a device is not there, 3 a device was lost.\nExample: hordctl latency --simulate --edges 2000");
+    command->add_option("--config", options->config,
+                        "Pulse the lights that this configuration names; the service must not run");
+    command->add_flag("--simulate", options->simulate,
+                      "No device: the drivers with nothing behind them, and a Modbus module on loopback");
+    command->add_flag("--sensor", options->sensor,
+                      "Edges of the configured part sensor, as parts pass it, instead of a thread's");
+    command->add_flag("--actuate", options->actuate,
+                      "Commands to the configured module: the ejector moves, only with the line clear");
+    command->add_option("--edges", options->edges, "How many, idle and busy each")
+        ->check(CLI::Range(2, 10'000'000))
+        ->capture_default_str();
+    command
+        ->add_option("--priority", options->priority,
+                     "Real-time priority of the timing threads, as the service has it; 0: none")
+        ->check(CLI::Range(0, 99))
+        ->capture_default_str();
+    command->footer(
+        "Exit status: 0 measured, 2 a device is not there, 3 a device was lost.\nExample: hordctl latency --simulate "
+        "--edges 2000");
     command->callback([options, &status] { status = measure_latency(*options); });
 }
 

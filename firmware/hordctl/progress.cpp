@@ -2,13 +2,13 @@
 
 #include <algorithm>
 
-#include <unistd.h>
-
 #include <fmt/format.h>
+#include <unistd.h>
 
 namespace hord::firmware {
 
-Progress::Progress(std::string what, bool quiet) : what_(std::move(what)), quiet_(quiet), terminal_(isatty(STDERR_FILENO) == 1) {}
+Progress::Progress(std::string what, bool quiet)
+    : what_(std::move(what)), quiet_(quiet), terminal_(isatty(STDERR_FILENO) == 1) {}
 
 Progress::~Progress() {
     if (drawn_) fmt::print(stderr, "\n");
@@ -29,7 +29,8 @@ void Progress::show(double done, const std::string& note) {
     permille_ = permille;
     constexpr int kWidth = 40;
     const auto full = static_cast<std::size_t>(done * kWidth);
-    fmt::print(stderr, "\r{} [{}{}] {:3.0f} % {}\033[K", what_, std::string(full, '#'), std::string(kWidth - full, '.'), done * 100, note);
+    fmt::print(stderr, "\r{} [{}{}] {:3.0f} % {}\033[K", what_, std::string(full, '#'), std::string(kWidth - full, '.'),
+               done * 100, note);
     std::fflush(stderr);
     drawn_ = true;
 }

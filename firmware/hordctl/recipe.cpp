@@ -33,10 +33,14 @@ Exit list(const RecipeOptions& options) {
             continue;
         }
         const NumberedRecipe& r = *one.recipe;
-        fmt::print("{:>6} {:>8} {:<10} {:<24} {}\n", r.number, r.version, fmt::format("{:08X}", crc32_of(r)), r.recipe.name, one.file.filename().string());
-        const auto same = [&](const FoundRecipe& other) { return &other != &one && other.recipe && other.recipe->number == r.number; };
+        fmt::print("{:>6} {:>8} {:<10} {:<24} {}\n", r.number, r.version, fmt::format("{:08X}", crc32_of(r)),
+                   r.recipe.name, one.file.filename().string());
+        const auto same = [&](const FoundRecipe& other) {
+            return &other != &one && other.recipe && other.recipe->number == r.number;
+        };
         if (std::any_of(all->begin(), all->end(), same)) {
-            status = complain({ErrorCode::refused, fmt::format("number {} is taken twice", r.number), "give each recipe a number of its own"});
+            status = complain({ErrorCode::refused, fmt::format("number {} is taken twice", r.number),
+                               "give each recipe a number of its own"});
         }
     }
     return status;
@@ -47,7 +51,9 @@ Exit check(const RecipeOptions& options) {
     for (const std::string& file : options.files) {
         const auto recipe = load_numbered_recipe(file);
         if (!recipe) status = complain(recipe.error());
-        else fmt::print("{}: number {}, version {}, CRC-32 {:08X}\n", file, recipe->number, recipe->version, crc32_of(*recipe));
+        else
+            fmt::print("{}: number {}, version {}, CRC-32 {:08X}\n", file, recipe->number, recipe->version,
+                       crc32_of(*recipe));
     }
     return status;
 }
@@ -57,13 +63,16 @@ Exit seal(const RecipeOptions& options) {
     for (const std::string& file : options.files) {
         std::ifstream in(file, std::ios::binary);
         std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-        if (!in.is_open()) return complain({ErrorCode::not_found, file + ": cannot be read", "check that the file exists and may be read"});
+        if (!in.is_open())
+            return complain(
+                {ErrorCode::not_found, file + ": cannot be read", "check that the file exists and may be read"});
         static const std::regex old_seal("(^|\n)crc32[ \t]*=[^\n]*\n");
         text = std::regex_replace(text, old_seal, "$1");
         const auto recipe = parse_numbered_recipe(text, file);
         if (!recipe) return complain(recipe.error());
         const std::string sum = fmt::format("{:08X}", crc32_of(*recipe));
-        if (auto done = common::write_durably(file, fmt::format("crc32 = \"{}\"\n", sum) + text); !done) return complain(done.error());
+        if (auto done = common::write_durably(file, fmt::format("crc32 = \"{}\"\n", sum) + text); !done)
+            return complain(done.error());
         fmt::print("{}: sealed with {}\n", file, sum);
     }
     return Exit::good;
@@ -89,17 +98,22 @@ void add_recipe(CLI::App& program, Exit& status) {
     checking->add_option("files", options->files, "Recipe files")->required();
     checking->footer("Example: hordctl recipe check deploy/recipes/default.toml");
     checking->callback([options, &status] { status = check(*options); });
-    auto* sealing = command->add_subcommand("seal", "Write the CRC-32 into files: a sealed recipe that somebody changes is refused");
+    auto* sealing = command->add_subcommand(
+        "seal", "Write the CRC-32 into files: a sealed recipe that somebody changes is refused");
     sealing->add_option("files", options->files, "Recipe files")->required();
     sealing->footer("Example: hordctl recipe seal /etc/hord/recipes/bottle.toml");
     sealing->callback([options, &status] { status = seal(*options); });
-    auto* using_it = command->add_subcommand("use", "Have a station judge with the recipe of this number; refused while it executes");
+    auto* using_it = command->add_subcommand(
+        "use", "Have a station judge with the recipe of this number; refused while it executes");
     using_it->add_option("number", options->number, "Its number")->required();
-    using_it->add_option("--crc32", options->crc32, "Only if it has this CRC-32 (8 hexadecimal digits)")->check(CLI::Validator(
-        [](const std::string& text) {
-            return text.size() == 8 && text.find_first_not_of("0123456789abcdefABCDEF") == std::string::npos ? std::string() : "write 8 hexadecimal digits";
-        },
-        "HEX"));
+    using_it->add_option("--crc32", options->crc32, "Only if it has this CRC-32 (8 hexadecimal digits)")
+        ->check(CLI::Validator(
+            [](const std::string& text) {
+                return text.size() == 8 && text.find_first_not_of("0123456789abcdefABCDEF") == std::string::npos
+                    ? std::string()
+                    : "write 8 hexadecimal digits";
+            },
+            "HEX"));
     add_remote_options(*using_it, options->remote);
     using_it->footer("Example: hordctl recipe use 7 --modbus 192.168.1.20:502");
     using_it->callback([options, &status] { status = use(*options); });

@@ -1,4 +1,7 @@
-// hordctl replay: judges the frames that a station has kept once more, and shows what changes; hordctl merge joins its shards.
+// hordctl replay: judges the frames that a station has kept once more, and shows what changes; hordctl merge joins its
+// shards.
+#include "firmware/store/replay.h"
+
 #include <fstream>
 #include <iterator>
 #include <memory>
@@ -10,7 +13,6 @@
 #include "firmware/hordctl/progress.h"
 #include "firmware/recipe_file.h"
 #include "firmware/store/frame_archive.h"
-#include "firmware/store/replay.h"
 #include "firmware/store/replay_run.h"
 #include "firmware/store/shard_file.h"
 #include "firmware/store/store_reader.h"
@@ -74,7 +76,8 @@ Result<std::vector<store::ArchivedFile>> frames_of(const ReplayOptions& options)
     for (const std::string& file : options.frames) {
         std::error_code error;
         const std::uint64_t bytes = fs::file_size(file, error);
-        if (error) return fail(ErrorCode::not_found, file + " cannot be read (" + error.message() + ")", "check the path");
+        if (error)
+            return fail(ErrorCode::not_found, file + " cannot be read (" + error.message() + ")", "check the path");
         files.push_back({0, file, bytes});
     }
     if (auto ordered = store::put_in_order(files); !ordered) return tl::unexpected(ordered.error());
@@ -83,8 +86,8 @@ Result<std::vector<store::ArchivedFile>> frames_of(const ReplayOptions& options)
 
 std::string summary_of(const store::ReplayTally& tally) {
     const std::uint64_t judged = tally.records - tally.unreadable;
-    return fmt::format("{} frames: {} bit for bit the same, {} differ, {} of these in the verdict; {} cannot be read", judged, tally.same, judged - tally.same, tally.verdicts,
-                       tally.unreadable);
+    return fmt::format("{} frames: {} bit for bit the same, {} differ, {} of these in the verdict; {} cannot be read",
+                       judged, tally.same, judged - tally.same, tally.verdicts, tally.unreadable);
 }
 
 Exit status_of(const store::ReplayTally& tally) {
@@ -92,36 +95,41 @@ Exit status_of(const store::ReplayTally& tally) {
     return tally.same == tally.records ? Exit::good : Exit::rejected;
 }
 
-// To a file, with everything that says what it is: a frame that is gone meanwhile ends it, for the archive is another one then.
-Exit write_shard(const ReplayOptions& options, const store::Shard& shard, const Chosen& chosen, const std::vector<store::ArchivedFile>& all,
-                 const std::vector<store::ArchivedFile>& mine) {
+// To a file, with everything that says what it is: a frame that is gone meanwhile ends it, for the archive is another
+// one then.
+Exit write_shard(const ReplayOptions& options, const store::Shard& shard, const Chosen& chosen,
+                 const std::vector<store::ArchivedFile>& all, const std::vector<store::ArchivedFile>& mine) {
     auto program = store::program_identity();
     if (!program) return complain(program.error());
-    const store::ReplayIdentity identity{store::archive_identity(all), all.size(), chosen.recipe ? store::text_identity(chosen.text) : "own", HORD_VERSION, *program};
+    const store::ReplayIdentity identity{store::archive_identity(all), all.size(),
+                                         chosen.recipe ? store::text_identity(chosen.text) : "own", HORD_VERSION,
+                                         *program};
     auto writer = store::ShardWriter::create(options.out, identity, shard);
     if (!writer) return complain(writer.error());
     std::optional<Error> trouble;
     std::size_t done = 0;
     Progress progress("frames", mine.size() < 50);
-    store::replay_all(mine, chosen.recipe, options.jobs, [&](const store::ArchivedFile& frame, Result<store::Replayed> replayed) {
-        std::string line;
-        if (replayed) {
-            line = store::to_json_line(*replayed);
-        } else {
-            const Error& error = replayed.error();
-            if (error.code == ErrorCode::not_found) {
-                trouble = Error{error.code, frame.file.string() + " was removed while the archive was replayed", "copy the archive, and replay the copy"};
-            } else if (error.code != ErrorCode::unreadable && error.code != ErrorCode::invalid_argument) {
-                trouble = error;
+    store::replay_all(
+        mine, chosen.recipe, options.jobs, [&](const store::ArchivedFile& frame, Result<store::Replayed> replayed) {
+            std::string line;
+            if (replayed) {
+                line = store::to_json_line(*replayed);
+            } else {
+                const Error& error = replayed.error();
+                if (error.code == ErrorCode::not_found) {
+                    trouble = Error{error.code, frame.file.string() + " was removed while the archive was replayed",
+                                    "copy the archive, and replay the copy"};
+                } else if (error.code != ErrorCode::unreadable && error.code != ErrorCode::invalid_argument) {
+                    trouble = error;
+                }
+                if (trouble) return false;
+                complain(error);
+                line = store::unreadable_line(frame.file.filename().string(), error.code);
             }
-            if (trouble) return false;
-            complain(error);
-            line = store::unreadable_line(frame.file.filename().string(), error.code);
-        }
-        if (auto written = writer->add(line); !written) trouble = written.error();
-        progress.show(static_cast<double>(++done) / static_cast<double>(mine.size()));
-        return !trouble;
-    });
+            if (auto written = writer->add(line); !written) trouble = written.error();
+            progress.show(static_cast<double>(++done) / static_cast<double>(mine.size()));
+            return !trouble;
+        });
     if (trouble) return complain(*trouble);
     const auto tally = writer->finish();
     if (!tally) return complain(tally.error());
@@ -133,26 +141,29 @@ Exit write_shard(const ReplayOptions& options, const store::Shard& shard, const 
 Exit print_replay(const ReplayOptions& options, const Chosen& chosen, const std::vector<store::ArchivedFile>& mine) {
     store::ReplayTally tally;
     Progress progress("frames", mine.size() < 50);
-    store::replay_all(mine, chosen.recipe, options.jobs, [&](const store::ArchivedFile&, Result<store::Replayed> replayed) {
-        if (!replayed) {
-            if (replayed.error().code == ErrorCode::not_found) return true;  // the ring has made room meanwhile
-            ++tally.records;
-            ++tally.unreadable;
-            complain(replayed.error());
-            return true;
-        }
-        ++tally.records;
-        tally.same += replayed->same() ? 1U : 0U;
-        tally.verdicts += replayed->verdict_changes() ? 1U : 0U;
-        if (options.json) {
-            fmt::print("{}\n", store::to_json_line(*replayed));
-        } else if (!replayed->same()) {
-            const store::Judgement &then = replayed->then, &now = replayed->now;
-            fmt::print("{}: {} {} {:.3f} -> {} {} {:.3f}\n", replayed->frame, then.verdict, then.reason, then.score, now.verdict, now.reason, now.score);
-        }
-        progress.show(static_cast<double>(tally.records) / static_cast<double>(mine.size()));
-        return true;
-    });
+    store::replay_all(mine, chosen.recipe, options.jobs,
+                      [&](const store::ArchivedFile&, Result<store::Replayed> replayed) {
+                          if (!replayed) {
+                              if (replayed.error().code == ErrorCode::not_found)
+                                  return true;  // the ring has made room meanwhile
+                              ++tally.records;
+                              ++tally.unreadable;
+                              complain(replayed.error());
+                              return true;
+                          }
+                          ++tally.records;
+                          tally.same += replayed->same() ? 1U : 0U;
+                          tally.verdicts += replayed->verdict_changes() ? 1U : 0U;
+                          if (options.json) {
+                              fmt::print("{}\n", store::to_json_line(*replayed));
+                          } else if (!replayed->same()) {
+                              const store::Judgement &then = replayed->then, &now = replayed->now;
+                              fmt::print("{}: {} {} {:.3f} -> {} {} {:.3f}\n", replayed->frame, then.verdict,
+                                         then.reason, then.score, now.verdict, now.reason, now.score);
+                          }
+                          progress.show(static_cast<double>(tally.records) / static_cast<double>(mine.size()));
+                          return true;
+                      });
     fmt::print(options.json ? stderr : stdout, "{}\n", summary_of(tally));
     return status_of(tally);
 }
@@ -168,7 +179,8 @@ Exit run_replay(const ReplayOptions& options) {
     for (const store::ArchivedFile& file : *all) {
         if (shard->holds(file)) mine.push_back(file);
     }
-    return options.out.empty() ? print_replay(options, *chosen, mine) : write_shard(options, *shard, *chosen, *all, mine);
+    return options.out.empty() ? print_replay(options, *chosen, mine)
+                               : write_shard(options, *shard, *chosen, *all, mine);
 }
 
 Exit run_merge(const std::vector<std::string>& names, const std::string& out) {
@@ -181,33 +193,50 @@ Exit run_merge(const std::vector<std::string>& names, const std::string& out) {
 }  // namespace
 
 void add_replay(CLI::App& program, Exit& status) {
-    auto* command = program.add_subcommand("replay", "Judge the frames that a station has kept once more, and show what changes");
+    auto* command =
+        program.add_subcommand("replay", "Judge the frames that a station has kept once more, and show what changes");
     auto options = std::make_shared<ReplayOptions>();
     command->add_option("FRAME", options->frames, "Frames; without any, all of the store");
     command->add_option("--store", options->folder, "Folder of a station's store")->capture_default_str();
-    auto* recipe = command->add_option("--recipe", options->recipe, "Judge with this recipe (TOML); without one each frame with its own, the one of then");
+    auto* recipe =
+        command->add_option("--recipe", options->recipe,
+                            "Judge with this recipe (TOML); without one each frame with its own, the one of then");
     command->add_flag("--today", options->today, "Judge with the recipe that came into use last")->excludes(recipe);
-    command->add_option("--jobs", options->jobs, "Frames judged at the same time; the output does not depend on it")->check(CLI::Range(1, 256))->capture_default_str();
-    auto* out = command->add_option("--out", options->out, "Write one JSON object a frame into this file, which appears when it is whole");
-    command->add_option("--shard", options->shard, "Only one part of the frames: 1/4, 2/4, 3/4, 4/4; hordctl merge joins their files")->capture_default_str();
+    command->add_option("--jobs", options->jobs, "Frames judged at the same time; the output does not depend on it")
+        ->check(CLI::Range(1, 256))
+        ->capture_default_str();
+    auto* out = command->add_option("--out", options->out,
+                                    "Write one JSON object a frame into this file, which appears when it is whole");
+    command
+        ->add_option("--shard", options->shard,
+                     "Only one part of the frames: 1/4, 2/4, 3/4, 4/4; hordctl merge joins their files")
+        ->capture_default_str();
     command->add_flag("--json", options->json, "Print one JSON object a frame; the sum goes to stderr")->excludes(out);
-    command->footer("Exit status: 0 every frame is judged as then, to the bit, 1 something changes, 2 a frame cannot be read (the file of --out says which),\n"
-                    "or nothing was written.\n"
-                    "Example: hordctl replay --recipe stricter.toml\n"
-                    "         hordctl replay --shard 1/4 --out 1.jsonl");
+    command->footer(
+        "Exit status: 0 every frame is judged as then, to the bit, 1 something changes, 2 a frame cannot be read (the "
+        "file of --out says which),\n"
+        "or nothing was written.\n"
+        "Example: hordctl replay --recipe stricter.toml\n"
+        "         hordctl replay --shard 1/4 --out 1.jsonl");
     command->callback([options, &status] { status = run_replay(*options); });
 
-    auto* merge = program.add_subcommand("merge", "Join the shards of a replay: the same bytes as one replay of everything");
+    auto* merge =
+        program.add_subcommand("merge", "Join the shards of a replay: the same bytes as one replay of everything");
     struct MergeOptions {
         std::vector<std::string> files;
         std::string out;
     };
     auto merging = std::make_shared<MergeOptions>();
-    merge->add_option("FILE", merging->files, "Every shard once, in any order: the files of hordctl replay --shard I/N --out FILE")->required();
+    merge
+        ->add_option("FILE", merging->files,
+                     "Every shard once, in any order: the files of hordctl replay --shard I/N --out FILE")
+        ->required();
     merge->add_option("--out", merging->out, "Where to: appears when it is whole")->required();
-    merge->footer("Exit status: 0 every frame is judged as then, 1 something changes, 2 a frame could not be read, or the shards do not belong together:\n"
-                  "then nothing is written, and the odd one is named.\n"
-                  "Example: hordctl merge shards/*.jsonl --out all.jsonl");
+    merge->footer(
+        "Exit status: 0 every frame is judged as then, 1 something changes, 2 a frame could not be read, or the shards "
+        "do not belong together:\n"
+        "then nothing is written, and the odd one is named.\n"
+        "Example: hordctl merge shards/*.jsonl --out all.jsonl");
     merge->callback([merging, &status] { status = run_merge(merging->files, merging->out); });
 }
 

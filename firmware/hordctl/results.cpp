@@ -26,7 +26,8 @@ struct ResultsOptions {
 };
 
 store::UtcMicros utc_now() {
-    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
+    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+        .count();
 }
 
 Result<void> complete(ResultsOptions& options) {
@@ -47,7 +48,10 @@ Result<void> complete(ResultsOptions& options) {
 // Prints rows as they come: a year of results is more than memory holds.
 template <class Row>
 void print(const std::string& format, const Row& row) {
-    fmt::print("{}\n", format == "csv" ? store::to_csv(row) : format == "json" ? store::to_json_line(row) : store::to_table(row));
+    fmt::print("{}\n",
+               format == "csv"        ? store::to_csv(row)
+                   : format == "json" ? store::to_json_line(row)
+                                      : store::to_table(row));
 }
 void print_head(const std::string& format, const std::string& csv, const std::string& table) {
     if (format != "json") fmt::print("{}\n", format == "csv" ? csv : table);
@@ -58,7 +62,8 @@ Exit list_results(ResultsOptions options) {
     auto reader = StoreReader::open(options.folder);
     if (!reader) return complain(reader.error());
     print_head(options.format, store::csv_head_of_results(), store::table_head_of_results());
-    const auto done = (*reader)->each_result(options.filter, [&](const store::StoredResult& result) { print(options.format, result); });
+    const auto done = (*reader)->each_result(options.filter,
+                                             [&](const store::StoredResult& result) { print(options.format, result); });
     return done ? Exit::good : complain(done.error());
 }
 
@@ -67,7 +72,8 @@ Exit list_changes(ResultsOptions options) {
     auto reader = StoreReader::open(options.folder);
     if (!reader) return complain(reader.error());
     print_head(options.format, store::csv_head_of_changes(), store::table_head_of_changes());
-    const auto done = (*reader)->each_change(options.filter, [&](const store::StoredChange& change) { print(options.format, change); });
+    const auto done = (*reader)->each_change(options.filter,
+                                             [&](const store::StoredChange& change) { print(options.format, change); });
     return done ? Exit::good : complain(done.error());
 }
 
@@ -82,7 +88,8 @@ Result<store::ChainHead> parse_head(const std::string& text) {
     }
     const bool known = head.chain == "results" || head.chain == "changes" || head.chain == "commands";
     if (!known || head.number <= 0 || head.hash.size() != 64) {
-        return fail(ErrorCode::invalid_argument, "\"" + text + "\" is no head", "give one as `hordctl results verify` printed it: CHAIN:NUMBER:HASH");
+        return fail(ErrorCode::invalid_argument, "\"" + text + "\" is no head",
+                    "give one as `hordctl results verify` printed it: CHAIN:NUMBER:HASH");
     }
     return head;
 }
@@ -119,11 +126,14 @@ void add_folder(CLI::App* command, ResultsOptions& options) {
 }
 void add_filters(CLI::App* command, ResultsOptions& options) {
     add_folder(command, options);
-    command->add_option("--since", options.since, "From this time on: 2026-11-21, 2026-11-21T07:15:30 (UTC), or how long ago: 30m, 12h, 7d");
+    command->add_option("--since", options.since,
+                        "From this time on: 2026-11-21, 2026-11-21T07:15:30 (UTC), or how long ago: 30m, 12h, 7d");
     command->add_option("--until", options.until, "Before this time");
     command->add_option("--run", options.run, "Of this run (its number is in `hordctl results changes`)");
     command->add_option("--last", options.newest, "The newest so many")->check(CLI::PositiveNumber);
-    command->add_option("--format", options.format, "table, csv, or json (one object a line)")->check(CLI::IsMember({"table", "csv", "json"}))->capture_default_str();
+    command->add_option("--format", options.format, "table, csv, or json (one object a line)")
+        ->check(CLI::IsMember({"table", "csv", "json"}))
+        ->capture_default_str();
 }
 
 }  // namespace
@@ -132,26 +142,35 @@ void add_results(CLI::App& program, Exit& status) {
     auto* command = program.add_subcommand("results", "What a station has kept: list, filter, export, verify");
     auto options = std::make_shared<ResultsOptions>();
     add_filters(command, *options);
-    command->add_option("--verdict", options->filter.verdict, "pass, reject or unfit")->check(CLI::IsMember({"pass", "reject", "unfit"}));
+    command->add_option("--verdict", options->filter.verdict, "pass, reject or unfit")
+        ->check(CLI::IsMember({"pass", "reject", "unfit"}));
     command->add_option("--reason", options->filter.reason, "Such as deflection or verdict-late");
-    command->add_option("--kind", options->filter.kind, "With such a defect: unknown, scattering, absorbing, surface, scratch")
+    command
+        ->add_option("--kind", options->filter.kind,
+                     "With such a defect: unknown, scattering, absorbing, surface, scratch")
         ->check(CLI::IsMember({"unknown", "scattering", "absorbing", "surface", "scratch"}));
     command->add_option("--recipe", options->filter.recipe, "Judged with the recipe of this name");
-    command->footer("Example: hordctl results --since 12h --verdict reject --format csv > rejects.csv\n"
-                    "         hordctl results changes --since 7d\n"
-                    "         hordctl results verify");
+    command->footer(
+        "Example: hordctl results --since 12h --verdict reject --format csv > rejects.csv\n"
+        "         hordctl results changes --since 7d\n"
+        "         hordctl results verify");
     command->require_subcommand(0, 1);
 
-    auto* changes = command->add_subcommand("changes", "Starts, recipes, configuration, commands: who changed what from what");
+    auto* changes =
+        command->add_subcommand("changes", "Starts, recipes, configuration, commands: who changed what from what");
     add_filters(changes, *options);
     changes->footer("Example: hordctl results changes --since 7d --format json");
     auto* verifying = command->add_subcommand("verify", "Whether every row is as it was written");
     add_folder(verifying, *options);
     verifying->add_option("--head", options->noted, "A head that was noted before, CHAIN:NUMBER:HASH; may be repeated");
-    verifying->footer("Exit status: 0 every row is as it was written, 1 it is not, 2 the store cannot be read.\n"
-                      "Example: hordctl results verify --head results:4711:9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08");
+    verifying->footer(
+        "Exit status: 0 every row is as it was written, 1 it is not, 2 the store cannot be read.\n"
+        "Example: hordctl results verify --head "
+        "results:4711:9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08");
     command->callback([options, changes, verifying, &status] {
-        status = verifying->parsed() ? verify(*options) : changes->parsed() ? list_changes(*options) : list_results(*options);
+        status = verifying->parsed() ? verify(*options)
+            : changes->parsed()      ? list_changes(*options)
+                                     : list_results(*options);
     });
 }
 

@@ -34,7 +34,10 @@ constexpr const char* kRejectStates[] = {"not-needed", "commanded", "confirmed",
 
 Json to_json(const PartResult& result, const Backends::Fate* fate) {
     Json json{{"part", result.part},
-              {"verdict", result.verdict == PartVerdict::pass ? "pass" : result.verdict == PartVerdict::reject ? "reject" : "unfit"},
+              {"verdict",
+               result.verdict == PartVerdict::pass         ? "pass"
+                   : result.verdict == PartVerdict::reject ? "reject"
+                                                           : "unfit"},
               {"reason", name_of(result.reason)},
               {"score", result.score},
               {"defects", result.defects},
@@ -57,8 +60,9 @@ Result<ModbusServer> parse_listen(const std::string& text) {
     return ModbusServer{endpoint->host, any_port ? std::uint16_t{0} : endpoint->port};
 }
 
-// Without a configuration: as much time for everything as parts that come so often leave, since the machine may have other things to do.
-// A camera far behind the part sensor; a pulse nearly as long as the gap between two parts, told half a pulse before its part is there.
+// Without a configuration: as much time for everything as parts that come so often leave, since the machine may have
+// other things to do. A camera far behind the part sensor; a pulse nearly as long as the gap between two parts, told
+// half a pulse before its part is there.
 void give_room(Config& config, double parts_per_second) {
     CoreConfig& core = config.core;
     core.exposure_delay = milliseconds(100);
@@ -139,7 +143,8 @@ class Run {
         watchers.state = [this](State from, State to) { say(fmt::format("{} to {}", name_of(from), name_of(to))); };
         watchers.trouble = [this](const Error& error) { say(error.message()); };
         if (!options_.out.empty()) {
-            watchers.inspection = [this](std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection) {
+            watchers.inspection = [this](std::uint32_t part, const algo::FrameView& frame,
+                                         const algo::Inspection& inspection) {
                 gallery_.keep(part, frame, inspection);
             };
         }
@@ -149,7 +154,10 @@ class Run {
     void look_at_vitals() {
         const Duration every = milliseconds(1000) * options_.vitals_every_s;
         service_->loop().call_after(every, [this] { look_at_vitals(); });
-        if (seen_any_) vitals_.sample(std::chrono::duration<double>(service_->loop().now().time_since_epoch() - Duration(first_arrival_ns_)).count());
+        if (seen_any_)
+            vitals_.sample(
+                std::chrono::duration<double>(service_->loop().now().time_since_epoch() - Duration(first_arrival_ns_))
+                    .count());
     }
 
     void say(const std::string& line) {
@@ -181,7 +189,8 @@ class Run {
         if (line_over_ && fates_.empty() && results_.empty()) end();
     }
 
-    // A line that the station has stopped brings no more parts: somebody comes and resets it, or a run of so many parts ends there.
+    // A line that the station has stopped brings no more parts: somebody comes and resets it, or a run of so many parts
+    // ends there.
     void look_whether_it_stands(int seconds_stopped) {
         const Snapshot now = service_->snapshot();
         int stopped = now.line_stop || now.state == State::error ? seconds_stopped + 1 : 0;
@@ -203,7 +212,8 @@ class Run {
         gallery_.settle(result->second.part, fate->second.kind);
         ++settled_;
         if (options_.parts > 0 && progress_) {
-            progress_->show(static_cast<double>(settled_) / static_cast<double>(options_.parts), fmt::format("{} parts", settled_));
+            progress_->show(static_cast<double>(settled_) / static_cast<double>(options_.parts),
+                            fmt::format("{} parts", settled_));
         }
         results_.erase(result);
         fates_.erase(fate);
@@ -217,7 +227,8 @@ class Run {
         last_snapshot_ = service_->snapshot();
         reader_ = std::thread([this] {
             auto endpoint = modbus::parse_endpoint(service_->registers_address());
-            auto client = endpoint ? modbus::Client::connect(*endpoint, std::chrono::milliseconds(1000)) : tl::unexpected(endpoint.error());
+            auto client = endpoint ? modbus::Client::connect(*endpoint, std::chrono::milliseconds(1000))
+                                   : tl::unexpected(endpoint.error());
             if (client) {
                 counters_ = client->read_block(BlockId::counters);
             } else {
@@ -244,7 +255,8 @@ class Run {
         }
         const Snapshot& last = *last_snapshot_;
         if (last.line_stop || last.state == State::error) {
-            fmt::print(out, "the station ended in {}{}\n", name_of(last.state), last.line_stop ? ", line stop raised" : "");
+            fmt::print(out, "the station ended in {}{}\n", name_of(last.state),
+                       last.line_stop ? ", line stop raised" : "");
         }
         if (!options_.out.empty()) {
             const auto written = gallery_.write(options_.out);
@@ -279,32 +291,57 @@ class Run {
 void add_run(CLI::App& program, Exit& status) {
     auto* command = program.add_subcommand("run", "Run the station in the foreground (what hordd does)");
     auto options = std::make_shared<RunOptions>();
-    command->add_option("--config", options->config, "Configuration (TOML, deploy/hordd.toml); without it the defaults");
-    auto* simulate = command->add_flag("--simulate", options->simulate, "Simulated line and sensor, and a Modbus coil module on loopback as the rejector");
-    command->add_option("--modbus", options->modbus, "Where the register server listens, HOST:PORT (port 0: any free one)");
-    command->add_option("--parts", options->parts, "End after so many parts (simulated line); without it, run until interrupted");
+    command->add_option("--config", options->config,
+                        "Configuration (TOML, deploy/hordd.toml); without it the defaults");
+    auto* simulate =
+        command->add_flag("--simulate", options->simulate,
+                          "Simulated line and sensor, and a Modbus coil module on loopback as the rejector");
+    command->add_option("--modbus", options->modbus,
+                        "Where the register server listens, HOST:PORT (port 0: any free one)");
+    command->add_option("--parts", options->parts,
+                        "End after so many parts (simulated line); without it, run until interrupted");
     command->add_option("--seed", options->seed, "Seed of the simulated line")->capture_default_str();
-    command->add_option("--rate", options->rate, "Parts a second on the simulated line")->check(CLI::Range(0.1, 1000.0))->capture_default_str();
-    command->add_option("--good", options->good, "Share of good parts on the simulated line")->check(CLI::Range(0.0, 1.0))->capture_default_str();
-    command->add_option("--variety", options->variety, "Different parts of each kind on the simulated line; each is rendered at the start")
+    command->add_option("--rate", options->rate, "Parts a second on the simulated line")
+        ->check(CLI::Range(0.1, 1000.0))
+        ->capture_default_str();
+    command->add_option("--good", options->good, "Share of good parts on the simulated line")
+        ->check(CLI::Range(0.0, 1.0))
+        ->capture_default_str();
+    command
+        ->add_option("--variety", options->variety,
+                     "Different parts of each kind on the simulated line; each is rendered at the start")
         ->check(CLI::Range(1, 1000))
         ->capture_default_str();
     command->add_option("--out", options->out, "Folder for a picture of one part of each kind");
-    command->add_option("--store", options->store, "Folder to keep results and frames in (docs/store.md); without it, what the configuration says");
-    command->add_option("--state", options->state, "Folder for what outlives a run, as the service's: the recipe in use, what was taught (docs/plc.md), the store; without it nothing does");
-    command->add_option("--realtime", options->realtime, "Run the timing thread under SCHED_FIFO with this priority, as the service does; 0: not")
+    command->add_option(
+        "--store", options->store,
+        "Folder to keep results and frames in (docs/store.md); without it, what the configuration says");
+    command->add_option("--state", options->state,
+                        "Folder for what outlives a run, as the service's: the recipe in use, what was taught "
+                        "(docs/plc.md), the store; without it nothing does");
+    command
+        ->add_option("--realtime", options->realtime,
+                     "Run the timing thread under SCHED_FIFO with this priority, as the service does; 0: not")
         ->check(CLI::Range(0, 99))
         ->capture_default_str();
-    command->add_option("--vitals", options->vitals, "CSV file for latencies, memory, descriptors and processor time over the run; the report shows them, too");
-    command->add_option("--vitals-every", options->vitals_every_s, "Seconds a line of it")->check(CLI::Range(1, 3600))->capture_default_str();
-    command->add_option("--reset-after", options->reset_after_s,
-                        "Seconds after which a station that stopped the simulated line is reset and the parts are taken off, as a person would; 0: it stays stopped")
+    command->add_option(
+        "--vitals", options->vitals,
+        "CSV file for latencies, memory, descriptors and processor time over the run; the report shows them, too");
+    command->add_option("--vitals-every", options->vitals_every_s, "Seconds a line of it")
+        ->check(CLI::Range(1, 3600))
+        ->capture_default_str();
+    command
+        ->add_option("--reset-after", options->reset_after_s,
+                     "Seconds after which a station that stopped the simulated line is reset and the parts are taken "
+                     "off, as a person would; 0: it stays stopped")
         ->needs(simulate)  // a real line is looked after by real people
         ->check(CLI::Range(0, 3600))
         ->capture_default_str();
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
-    command->footer("Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended in an error.\n"
-                    "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");
+    command->footer(
+        "Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended "
+        "in an error.\n"
+        "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");
     command->callback([options, &status] { status = Run(*options).go(); });
 }
 

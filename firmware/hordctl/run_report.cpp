@@ -9,8 +9,9 @@ namespace {
 
 std::string line(const char* what, const LatencyCounts& counts) {
     if (counts.count() == 0) return fmt::format("{:<28} none\n", what);
-    return fmt::format("{:<28} p50 {:7.2f}   p99 {:7.2f}   p99.9 {:7.2f}   max {:7.2f} ms   ({} parts)\n", what, counts.percentile_ms(0.5),
-                       counts.percentile_ms(0.99), counts.percentile_ms(0.999), counts.max_ms(), counts.count());
+    return fmt::format("{:<28} p50 {:7.2f}   p99 {:7.2f}   p99.9 {:7.2f}   max {:7.2f} ms   ({} parts)\n", what,
+                       counts.percentile_ms(0.5), counts.percentile_ms(0.99), counts.percentile_ms(0.999),
+                       counts.max_ms(), counts.count());
 }
 
 }  // namespace
@@ -31,14 +32,18 @@ void RunReport::add(const PartResult& result, const std::string& kind, bool ejec
 
 std::string RunReport::text(hal::Duration elapsed) const {
     std::string out;
-    const bool truth_known = std::any_of(rows_.begin(), rows_.end(), [](const auto& row) { return !row.first.empty(); });
-    out += truth_known ? fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7} {:>9}\n", "truth", "parts", "pass", "reject", "unfit", "ejected")
-                       : fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7}\n", "", "parts", "pass", "reject", "unfit");
+    const bool truth_known =
+        std::any_of(rows_.begin(), rows_.end(), [](const auto& row) { return !row.first.empty(); });
+    out += truth_known
+        ? fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7} {:>9}\n", "truth", "parts", "pass", "reject", "unfit", "ejected")
+        : fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7}\n", "", "parts", "pass", "reject", "unfit");
     for (const auto& [kind, row] : rows_) {
-        out += fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7}", kind.empty() ? "all" : kind, row.parts, row.pass, row.reject, row.unfit);
+        out += fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7}", kind.empty() ? "all" : kind, row.parts, row.pass,
+                           row.reject, row.unfit);
         out += kind.empty() ? std::string("\n") : fmt::format(" {:>9}\n", row.ejected);
     }
-    if (truth_known) out += fmt::format("{} of {} parts left the line by the right way\n", parts() - taken_off_ - wrong_, parts());
+    if (truth_known)
+        out += fmt::format("{} of {} parts left the line by the right way\n", parts() - taken_off_ - wrong_, parts());
     if (taken_off_ > 0) out += fmt::format("{} were taken off the stopped line by hand\n", taken_off_);
 
     if (!reasons_.empty()) {
@@ -49,7 +54,8 @@ std::string RunReport::text(hal::Duration elapsed) const {
     out += '\n' + line("part sensor to verdict", verdicts_);
     out += line("part sensor to reject", rejects_);
     const double seconds = std::chrono::duration<double>(elapsed).count();
-    out += fmt::format("{:<28} {:.1f} parts a second over {:.1f} s\n", "throughput", seconds > 0 ? static_cast<double>(parts()) / seconds : 0.0, seconds);
+    out += fmt::format("{:<28} {:.1f} parts a second over {:.1f} s\n", "throughput",
+                       seconds > 0 ? static_cast<double>(parts()) / seconds : 0.0, seconds);
     return out;
 }
 

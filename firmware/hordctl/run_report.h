@@ -13,8 +13,9 @@ namespace hord::firmware {
 
 class RunReport {
   public:
-    // `kind` is what the part truly was ("good", "bubble", ...); empty where nobody knows. `ejected` is whether it truly
-    // left the line through the ejector; only looked at where the kind is known. `taken_off`: a person took it off the stopped line.
+    // `kind` is what the part truly was ("good", "bubble", ...); empty where nobody knows. `ejected` is whether it
+    // truly left the line through the ejector; only looked at where the kind is known. `taken_off`: a person took it
+    // off the stopped line.
     void add(const PartResult& result, const std::string& kind, bool ejected, bool taken_off);
 
     [[nodiscard]] std::size_t parts() const { return verdicts_.count(); }

@@ -20,7 +20,9 @@ void add_scene(CLI::App& program, Exit& status) {
     auto arguments = std::make_shared<Arguments>();
     auto* needs = scene->add_subcommand("needs", "What each of its effects changes and costs, and which it requires");
     needs->add_option("SCENE", arguments->scene, "Scene (TOML, docs/scene.md)")->required();
-    needs->add_option("--tolerance", arguments->tolerance, "Change of a feature that does not matter: bin pitches, and share of light (default 0.05)")
+    needs
+        ->add_option("--tolerance", arguments->tolerance,
+                     "Change of a feature that does not matter: bin pitches, and share of light (default 0.05)")
         ->check(CLI::Range(0.0, 10.0));
     needs->add_option("--threads", arguments->threads, "Threads (0: one a core)")->check(CLI::Range(0, 256));
     needs->footer("Example: hordctl scene needs hal_sim/scenes/real-cell.toml --tolerance 0.05");
@@ -28,7 +30,8 @@ void add_scene(CLI::App& program, Exit& status) {
         const auto loaded = sim::load_scene(arguments->scene);
         if (!loaded) return void(status = complain(loaded.error()));
         std::optional<Progress> progress(std::in_place, "needs of " + loaded->name);
-        const auto found = needs_of(*loaded, {arguments->tolerance, arguments->threads, [&](double done) { progress->show(done); }});
+        const auto found =
+            needs_of(*loaded, {arguments->tolerance, arguments->threads, [&](double done) { progress->show(done); }});
         progress.reset();
         if (!found) return void(status = complain(found.error()));
         fmt::print("{}", table_of(*found));

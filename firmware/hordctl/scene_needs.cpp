@@ -119,8 +119,13 @@ class Bench {
 };
 
 FeatureChange larger(const FeatureChange& a, const FeatureChange& b) {
-    return {std::max(a.emd, b.emd), std::max(a.jacobian, b.jacobian), std::max(a.transmission, b.transmission), std::max(a.emd_rms, b.emd_rms),
-            std::max(a.jacobian_rms, b.jacobian_rms), std::max(a.transmission_rms, b.transmission_rms), std::max(a.unseen, b.unseen)};
+    return {std::max(a.emd, b.emd),
+            std::max(a.jacobian, b.jacobian),
+            std::max(a.transmission, b.transmission),
+            std::max(a.emd_rms, b.emd_rms),
+            std::max(a.jacobian_rms, b.jacobian_rms),
+            std::max(a.transmission_rms, b.transmission_rms),
+            std::max(a.unseen, b.unseen)};
 }
 
 }  // namespace
@@ -177,7 +182,8 @@ Result<SceneNeeds> needs_of(const sim::Scene& scene, const NeedsOptions& options
         for (EffectNeed& need : needs.effects) {
             if (sim::is_of_sensor(need.effect) == of_sensor) order.push_back(&need);
         }
-        std::stable_sort(order.begin(), order.end(), [](const auto* a, const auto* b) { return a->change.largest() < b->change.largest(); });
+        std::stable_sort(order.begin(), order.end(),
+                         [](const auto* a, const auto* b) { return a->change.largest() < b->change.largest(); });
         sim::Scene least = scene;
         for (EffectNeed* need : order) {
             const sim::Scene less = sim::without(least, need->effect);
@@ -200,19 +206,27 @@ Result<SceneNeeds> needs_of(const sim::Scene& scene, const NeedsOptions& options
 }
 
 std::string table_of(const SceneNeeds& needs) {
-    std::string out = fmt::format("{} lenslets off the rims; render {:.0f} ms, exposure {:.0f} ms of processor time; change: 99th percentile (rms)\n\n", needs.lenslets, needs.render_ms,
-                                  needs.expose_ms);
-    out += fmt::format("{:<13} {:>18} {:>18} {:>18} {:>7} {:>9}  {}\n", "without", "EMD, bins", "Jacobian, bins", "light, share", "unseen", "cost, ms", "");
+    std::string out = fmt::format(
+        "{} lenslets off the rims; render {:.0f} ms, exposure {:.0f} ms of processor time; change: 99th percentile "
+        "(rms)\n\n",
+        needs.lenslets, needs.render_ms, needs.expose_ms);
+    out += fmt::format("{:<13} {:>18} {:>18} {:>18} {:>7} {:>9}  {}\n", "without", "EMD, bins", "Jacobian, bins",
+                       "light, share", "unseen", "cost, ms", "");
     const auto both = [](double p99, double mean) { return fmt::format("{:.4f} ({:.4f})", p99, mean); };
     for (const EffectNeed& need : needs.effects) {
         const FeatureChange& c = need.change;
-        out += fmt::format("{:<13} {:>18} {:>18} {:>18} {:>7} {:>9.1f}  {}\n", sim::name_of(need.effect), both(c.emd, c.emd_rms), both(c.jacobian, c.jacobian_rms),
-                           both(c.transmission, c.transmission_rms), c.unseen, need.cost_ms, need.required ? "required" : "");
+        out += fmt::format("{:<13} {:>18} {:>18} {:>18} {:>7} {:>9.1f}  {}\n", sim::name_of(need.effect),
+                           both(c.emd, c.emd_rms), both(c.jacobian, c.jacobian_rms),
+                           both(c.transmission, c.transmission_rms), c.unseen, need.cost_ms,
+                           need.required ? "required" : "");
     }
     std::string set;
-    for (const sim::Effect effect : needs.required()) set += (set.empty() ? "" : ", ") + std::string(sim::name_of(effect));
-    out += fmt::format("\nAt a tolerance of {} this scene requires: {}.\n", needs.tolerance, set.empty() ? "none of the effects that it names" : set);
-    out += fmt::format("Without all others: EMD {:.4f}, Jacobian {:.4f}, light {:.4f}.\n", needs.left_out.emd, needs.left_out.jacobian, needs.left_out.transmission);
+    for (const sim::Effect effect : needs.required())
+        set += (set.empty() ? "" : ", ") + std::string(sim::name_of(effect));
+    out += fmt::format("\nAt a tolerance of {} this scene requires: {}.\n", needs.tolerance,
+                       set.empty() ? "none of the effects that it names" : set);
+    out += fmt::format("Without all others: EMD {:.4f}, Jacobian {:.4f}, light {:.4f}.\n", needs.left_out.emd,
+                       needs.left_out.jacobian, needs.left_out.transmission);
     return out;
 }
 

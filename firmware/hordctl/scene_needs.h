@@ -1,14 +1,16 @@
-// Which of a scene's effects matter: each is left out, and what that changes in the features is compared with a tolerance.
+// Which of a scene's effects matter: each is left out, and what that changes in the features is compared with a
+// tolerance.
 //
-// The change is that of a lenslet off the rims (labels 0, 1 and 3 of the scene's truth): the 99th percentile over lenslets of its
-// absolute value, the largest of three features counts:
-//   EMD gradient, bin pitches over two lenslets; Jacobian's Frobenius norm, bin pitches a lenslet; light of the lenslet, as a share
-//   of the median lenslet's.
-// Effects of the light are compared without noise at 16 bits; effects of the sensor on exposures of the full light field with the
-// scene's bits and seed, the same draws with and without.
+// The change is that of a lenslet off the rims (labels 0, 1 and 3 of the scene's truth): the 99th percentile over
+// lenslets of its absolute value, the largest of three features counts:
+//   EMD gradient, bin pitches over two lenslets; Jacobian's Frobenius norm, bin pitches a lenslet; light of the
+//   lenslet, as a share of the median lenslet's.
+// Effects of the light are compared without noise at 16 bits; effects of the sensor on exposures of the full light
+// field with the scene's bits and seed, the same draws with and without.
 //
-// The set that a scene requires is found by leaving effects out for good, the least one first, as long as all that is left out
-// together stays within the tolerance. What remains cannot lose another one; a smaller set of other effects is not looked for.
+// The set that a scene requires is found by leaving effects out for good, the least one first, as long as all that is
+// left out together stays within the tolerance. What remains cannot lose another one; a smaller set of other effects is
+// not looked for.
 #pragma once
 
 #include <functional>
@@ -29,8 +31,8 @@ struct FeatureChange {
 
 struct EffectNeed {
     sim::Effect effect;
-    FeatureChange change;        // without it
-    double cost_ms = 0;          // processor time that it takes: of the frame with it, less of the frame without
+    FeatureChange change;  // without it
+    double cost_ms = 0;    // processor time that it takes: of the frame with it, less of the frame without
     bool required = false;
 };
 

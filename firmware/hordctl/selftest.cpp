@@ -1,4 +1,5 @@
-// hordctl selftest: the configured devices themselves with --config or --simulate; without, a running station is asked to test itself.
+// hordctl selftest: the configured devices themselves with --config or --simulate; without, a running station is asked
+// to test itself.
 #include <chrono>
 #include <memory>
 
@@ -69,11 +70,15 @@ Exit test_devices(const SelftestOptions& options) {
 
     std::vector<CheckRow> rows;
     const auto judgement = check_judgement(config.inspection.bins_i, config.inspection.bins_j, 8);
-    if (judgement) rows.push_back({"judgement", CheckRow::Result::good, "a drawn good part passes, a drawn bad one is rejected", {}});
+    if (judgement)
+        rows.push_back(
+            {"judgement", CheckRow::Result::good, "a drawn good part passes, a drawn bad one is rejected", {}});
     else rows.push_back({"judgement", CheckRow::Result::bad, judgement.error().what, judgement.error().cure});
     CellCheckOptions check;
     check.actuate = options.actuate;
-    check.wait = [&](const std::function<bool()>& done, hal::Duration patience) { return wait(**loop, done, patience); };
+    check.wait = [&](const std::function<bool()>& done, hal::Duration patience) {
+        return wait(**loop, done, patience);
+    };
     for (CheckRow& row : check_cell(**loop, each->cell, check)) rows.push_back(std::move(row));
     fmt::print("{}", table_of(rows));
     int wrong = 0;
@@ -86,23 +91,31 @@ Exit test_devices(const SelftestOptions& options) {
 }  // namespace
 
 void add_selftest(CLI::App& program, Exit& status) {
-    auto* command = program.add_subcommand("selftest", "Test a cell's devices (--config, --simulate), or have a running station test itself");
+    auto* command = program.add_subcommand(
+        "selftest", "Test a cell's devices (--config, --simulate), or have a running station test itself");
     auto options = std::make_shared<SelftestOptions>();
-    auto* config = command->add_option("--config", options->config, "Open what this configuration names, one by one; the service must not run");
-    auto* simulate = command->add_flag("--simulate", options->simulate, "The simulated cell and a coil module on loopback instead");
-    auto* actuate = command->add_flag("--actuate", options->actuate, "Pulse the ejector, too: only with the line clear. Without, outputs are only read");
+    auto* config = command->add_option("--config", options->config,
+                                       "Open what this configuration names, one by one; the service must not run");
+    auto* simulate =
+        command->add_flag("--simulate", options->simulate, "The simulated cell and a coil module on loopback instead");
+    auto* actuate =
+        command->add_flag("--actuate", options->actuate,
+                          "Pulse the ejector, too: only with the line clear. Without, outputs are only read");
     add_remote_options(*command, options->remote);
     command->footer(
         "Tests of devices pulse each light once and take one frame with light and one without, of the empty field.\n"
-        "Exit status: 0 passed, 1 something is wrong (named with its cure), 2 bad configuration, refused or not reached.\n"
+        "Exit status: 0 passed, 1 something is wrong (named with its cure), 2 bad configuration, refused or not "
+        "reached.\n"
         "Example: hordctl selftest --config /etc/hord/hordd.toml\n"
         "Example: hordctl selftest --modbus 192.168.1.20:502");
     command->callback([options, config, simulate, actuate, &status] {
         const bool devices = config->count() > 0 || simulate->count() > 0;
         if (actuate->count() > 0 && !devices) {
-            status = complain({ErrorCode::invalid_argument, "--actuate tests devices", "give --config FILE or --simulate, too"});
+            status = complain(
+                {ErrorCode::invalid_argument, "--actuate tests devices", "give --config FILE or --simulate, too"});
         } else if (devices && options->remote.given->count() > 0) {
-            status = complain({ErrorCode::invalid_argument, "--modbus asks a station, --config and --simulate test devices", "give one of them"});
+            status = complain({ErrorCode::invalid_argument,
+                               "--modbus asks a station, --config and --simulate test devices", "give one of them"});
         } else {
             status = devices ? test_devices(*options) : ask_station(options->remote);
         }

@@ -1,4 +1,6 @@
 // hordctl soak: many parts in virtual time, with faults, every promise checked.
+#include "firmware/soak/soak.h"
+
 #include <algorithm>
 #include <memory>
 #include <optional>
@@ -9,7 +11,6 @@
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/progress.h"
 #include "firmware/soak/shrink.h"
-#include "firmware/soak/soak.h"
 
 namespace hord::firmware {
 namespace {
@@ -29,13 +30,18 @@ Exit show(const SoakReport& report, const SoakArguments& arguments) {
     if (arguments.shrink && report.first_broken) {
         const auto shrunk = shrink(*report.first_broken, try_episode);
         if (!shrunk) return complain(shrunk.error());
-        fmt::print("smallest episode that still breaks {} ({} tried):\n    {}\n", shrunk->promise, shrunk->runs, command_of(shrunk->plan));
+        fmt::print("smallest episode that still breaks {} ({} tried):\n    {}\n", shrunk->promise, shrunk->runs,
+                   command_of(shrunk->plan));
     }
     return report.good() ? Exit::good : Exit::rejected;
 }
 
 Exit run_one_episode(const SoakArguments& arguments) {
-    EpisodePlan plan{*arguments.episode, arguments.parts, arguments.line == "timed" ? LineProfile::timed : LineProfile::encoder, arguments.real, {}};
+    EpisodePlan plan{*arguments.episode,
+                     arguments.parts,
+                     arguments.line == "timed" ? LineProfile::timed : LineProfile::encoder,
+                     arguments.real,
+                     {}};
     auto faults = faults_of(arguments.faults);
     if (!faults) return complain(faults.error());
     plan.faults = std::move(*faults);
@@ -64,27 +70,43 @@ Exit run_soak(const SoakArguments& arguments) {
 }  // namespace
 
 void add_soak(CLI::App& program, Exit& status) {
-    auto* command = program.add_subcommand("soak", "Run the station on a simulated line in virtual time, with random faults");
+    auto* command =
+        program.add_subcommand("soak", "Run the station on a simulated line in virtual time, with random faults");
     auto arguments = std::make_shared<SoakArguments>();
-    command->add_option("--parts", arguments->parts, "How many parts")->check(CLI::PositiveNumber)->capture_default_str();
-    command->add_option("--seed", arguments->seed, "Seed of lines and faults; the same seed gives the same run")->capture_default_str();
-    command->add_option("--episode-parts", arguments->episode_parts, "Parts an episode; each draws its own line and faults")
+    command->add_option("--parts", arguments->parts, "How many parts")
         ->check(CLI::PositiveNumber)
         ->capture_default_str();
-    command->add_option("--threads", arguments->threads, "Episodes at the same time; the report is the same for every number")
+    command->add_option("--seed", arguments->seed, "Seed of lines and faults; the same seed gives the same run")
+        ->capture_default_str();
+    command
+        ->add_option("--episode-parts", arguments->episode_parts,
+                     "Parts an episode; each draws its own line and faults")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    command
+        ->add_option("--threads", arguments->threads,
+                     "Episodes at the same time; the report is the same for every number")
         ->check(CLI::Range(1, 256))
         ->capture_default_str();
-    command->add_option("--episode", arguments->episode, "Run one episode of this seed, as a violation prints it, with --parts, --line and --faults");
-    command->add_option("--line", arguments->line, "Of the episode: followed by time or by an encoder")->check(CLI::IsMember({"timed", "encoder"}));
+    command->add_option("--episode", arguments->episode,
+                        "Run one episode of this seed, as a violation prints it, with --parts, --line and --faults");
+    command->add_option("--line", arguments->line, "Of the episode: followed by time or by an encoder")
+        ->check(CLI::IsMember({"timed", "encoder"}));
     command->add_flag("--real", arguments->real, "Of the episode: rendered frames and the real pipeline");
-    command->add_option("--faults", arguments->faults, "Of the episode: NAME@FIRST-LAST:PROBABILITY+TIME, several with commas");
+    command->add_option("--faults", arguments->faults,
+                        "Of the episode: NAME@FIRST-LAST:PROBABILITY+TIME, several with commas");
     command->add_flag("--coverage", arguments->coverage, "Show which states met which events, and which faults met");
-    command->add_option("--profile", arguments->profile, "nightly: first an episode for each pair of faults, and walks through all states with each fault; then up to --parts in all")
+    command
+        ->add_option("--profile", arguments->profile,
+                     "nightly: first an episode for each pair of faults, and walks through all states with each fault; "
+                     "then up to --parts in all")
         ->check(CLI::IsMember({"random", "nightly"}))
         ->capture_default_str();
-    command->add_flag("--shrink", arguments->shrink, "When a promise is broken: find the smallest episode that still breaks it");
-    command->footer("Exit status: 0 every promise kept, 1 a violation or a planned fault that never fired, 2 usage.\n"
-                    "Example: hordctl soak --parts 1000000 --seed 1");
+    command->add_flag("--shrink", arguments->shrink,
+                      "When a promise is broken: find the smallest episode that still breaks it");
+    command->footer(
+        "Exit status: 0 every promise kept, 1 a violation or a planned fault that never fired, 2 usage.\n"
+        "Example: hordctl soak --parts 1000000 --seed 1");
     command->callback([arguments, &status] { status = run_soak(*arguments); });
 }
 

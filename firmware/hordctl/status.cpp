@@ -17,7 +17,8 @@ struct StatusOptions {
     bool json = false;
 };
 
-constexpr BlockId kShown[] = {BlockId::ident, BlockId::status, BlockId::counters, BlockId::last, BlockId::plc, BlockId::recipe, BlockId::health, BlockId::calibration};
+constexpr BlockId kShown[] = {BlockId::ident, BlockId::status, BlockId::counters, BlockId::last,
+                              BlockId::plc,   BlockId::recipe, BlockId::health,   BlockId::calibration};
 
 Json to_json(const std::vector<Reading>& readings) {
     Json block;
@@ -49,13 +50,16 @@ Exit run_status(const StatusOptions& options) {
         }
         fmt::print("{}\n", name);
         for (const Reading& reading : *readings) {
-            fmt::print("  {:<24} {} {}\n", reading.what->name, reading.text, reading.text == "-" ? "" : reading.what->unit);
-            if (reading.what->name == "faults_active" && reading.number) active = static_cast<std::uint32_t>(*reading.number);
+            fmt::print("  {:<24} {} {}\n", reading.what->name, reading.text,
+                       reading.text == "-" ? "" : reading.what->unit);
+            if (reading.what->name == "faults_active" && reading.number)
+                active = static_cast<std::uint32_t>(*reading.number);
         }
     }
     if (options.json) fmt::print("{}\n", json.dump());
     for (const FaultText& fault : fault_texts()) {
-        if (!options.json && (active & fault.bit) != 0) fmt::print("FAULT {}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);
+        if (!options.json && (active & fault.bit) != 0)
+            fmt::print("FAULT {}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);
     }
     return Exit::good;
 }

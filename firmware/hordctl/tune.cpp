@@ -1,4 +1,6 @@
 // hordctl tune: which features should judge a user's parts, from frames of good and of bad ones; writes the recipe.
+#include "firmware/tune/tune.h"
+
 #include <ctime>
 #include <memory>
 #include <set>
@@ -12,7 +14,6 @@
 #include "firmware/hordctl/frame_reader.h"
 #include "firmware/hordctl/progress.h"
 #include "firmware/reference_file.h"
-#include "firmware/tune/tune.h"
 #include "firmware/tune/tune_report.h"
 
 namespace hord::firmware {
@@ -55,10 +56,16 @@ Beside beside(const fs::path& recipe) {
 Result<void> check_out(const TuneArguments& arguments) {
     if (arguments.out.empty()) return {};
     const fs::path out = arguments.out;
-    if (out.extension() != ".toml") return fail(ErrorCode::invalid_argument, "--out " + arguments.out + " is not named as recipes are", "call it " + out.stem().string() + ".toml");
+    if (out.extension() != ".toml")
+        return fail(ErrorCode::invalid_argument, "--out " + arguments.out + " is not named as recipes are",
+                    "call it " + out.stem().string() + ".toml");
     std::error_code error;
-    if (!fs::is_directory(beside(out).folder, error)) return fail(ErrorCode::not_found, beside(out).folder.string() + " is no folder", "make it, or give another --out");
-    if (!arguments.force && fs::exists(out, error)) return fail(ErrorCode::refused, arguments.out + " is there already: it is not overwritten", "give another --out, or --force");
+    if (!fs::is_directory(beside(out).folder, error))
+        return fail(ErrorCode::not_found, beside(out).folder.string() + " is no folder",
+                    "make it, or give another --out");
+    if (!arguments.force && fs::exists(out, error))
+        return fail(ErrorCode::refused, arguments.out + " is there already: it is not overwritten",
+                    "give another --out, or --force");
     return {};
 }
 
@@ -67,7 +74,9 @@ Result<void> check_apart(const std::vector<std::string>& good, const std::vector
     std::error_code error;
     for (const std::string& file : good) known.insert(fs::weakly_canonical(file, error));
     for (const std::string& file : bad) {
-        if (known.contains(fs::weakly_canonical(file, error))) return fail(ErrorCode::invalid_argument, file + " is among the good frames, too", "say of each part what it is");
+        if (known.contains(fs::weakly_canonical(file, error)))
+            return fail(ErrorCode::invalid_argument, file + " is among the good frames, too",
+                        "say of each part what it is");
     }
     return {};
 }
@@ -93,7 +102,9 @@ Result<NumberedRecipe> base_of(const TuneArguments& arguments) {
 
 std::string as_list(const std::string& lines) {
     std::string list;
-    for (std::size_t from = 0, end = 0; from < lines.size() && (end = lines.find('\n', from)) != std::string::npos; from = end + 1) list += "- " + lines.substr(from, end + 1 - from);
+    for (std::size_t from = 0, end = 0; from < lines.size() && (end = lines.find('\n', from)) != std::string::npos;
+         from = end + 1)
+        list += "- " + lines.substr(from, end + 1 - from);
     return list;
 }
 
@@ -101,18 +112,22 @@ Result<std::vector<fs::path>> write_all(Tuned& tuned, const TuneArguments& argum
     const fs::path out = arguments.out;
     const Beside near = beside(out);
     std::vector<fs::path> written{out, near.table, near.numbers};
-    if (auto done = common::write_durably(near.table, "# Which features judge these parts\n\n" + made + "\n\n" + as_list(describe(tuned)) + "\n" + to_markdown(table_of(tuned)) +
-                                                          fmt::format("\n![time and detection]({}.png)\n", near.plot));
+    if (auto done = common::write_durably(near.table,
+                                          "# Which features judge these parts\n\n" + made + "\n\n" +
+                                              as_list(describe(tuned)) + "\n" + to_markdown(table_of(tuned)) +
+                                              fmt::format("\n![time and detection]({}.png)\n", near.plot));
         !done) {
         return tl::unexpected(done.error());
     }
     if (auto done = write_csv(near.numbers, numbers_of(tuned)); !done) return tl::unexpected(done.error());
-    if (const auto drawn = plot_tuned(tuned, near.folder, near.plot)) written.insert(written.end(), drawn->begin(), drawn->end());
+    if (const auto drawn = plot_tuned(tuned, near.folder, near.plot))
+        written.insert(written.end(), drawn->begin(), drawn->end());
     else fmt::print(stderr, "hordctl: the plot is not drawn: {}\n", drawn.error().message());
     // A reference beside the recipe is named as such, so that both can be moved.
     fs::path& reference = tuned.rungs[*tuned.chosen].recipe.reference_file;
     std::error_code error;
-    if (!reference.empty() && fs::equivalent(reference.parent_path(), near.folder, error)) reference = reference.filename();
+    if (!reference.empty() && fs::equivalent(reference.parent_path(), near.folder, error))
+        reference = reference.filename();
     if (auto done = common::write_durably(out, recipe_text(tuned, made)); !done) return tl::unexpected(done.error());
     return written;
 }
@@ -164,10 +179,14 @@ Exit run_tune(const TuneArguments& arguments) {
         fmt::print("\n{}", describe(*tuned));
     }
     if (tuned->chosen && !options.base.recipe.tolerances.empty() && !tuned->rungs[*tuned->chosen].rung.reference) {
-        fmt::print(stderr, "hordctl: the tolerances of {} need a reference, which this rung does without: they are left out\n", arguments.recipe);
+        fmt::print(stderr,
+                   "hordctl: the tolerances of {} need a reference, which this rung does without: they are left out\n",
+                   arguments.recipe);
     }
     if (tuned->chosen && !arguments.out.empty()) {
-        const std::string made = fmt::format("Made by hordctl tune on {:%Y-%m-%d}, good frames from {}, bad ones from {}.", fmt::gmtime(std::time(nullptr)), joined(arguments.good), joined(arguments.bad));
+        const std::string made =
+            fmt::format("Made by hordctl tune on {:%Y-%m-%d}, good frames from {}, bad ones from {}.",
+                        fmt::gmtime(std::time(nullptr)), joined(arguments.good), joined(arguments.bad));
         const auto written = write_all(*tuned, arguments, made);
         if (!written) return complain(written.error());
         for (const fs::path& file : *written) {
@@ -177,33 +196,68 @@ Exit run_tune(const TuneArguments& arguments) {
     }
     if (arguments.json) fmt::print("{}\n", json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
     if (tuned->chosen) return Exit::good;
-    const auto fastest = std::ranges::min_element(tuned->rungs, {}, [](const RungMeasured& m) { return m.no_limit.empty() ? m.wall_ms : 1e300; });
-    if (!fastest->no_limit.empty()) return complain({ErrorCode::refused, "no feature has a limit that lets these good parts pass: " + fastest->no_limit, "see that the frames are of good parts"});
-    return complain({ErrorCode::refused, fmt::format("no rung fits {:g} ms: the fastest, {}, takes {:.3g} ms", arguments.budget_ms, fastest->rung.name(), fastest->wall_ms),
+    const auto fastest = std::ranges::min_element(
+        tuned->rungs, {}, [](const RungMeasured& m) { return m.no_limit.empty() ? m.wall_ms : 1e300; });
+    if (!fastest->no_limit.empty())
+        return complain({ErrorCode::refused,
+                         "no feature has a limit that lets these good parts pass: " + fastest->no_limit,
+                         "see that the frames are of good parts"});
+    return complain({ErrorCode::refused,
+                     fmt::format("no rung fits {:g} ms: the fastest, {}, takes {:.3g} ms", arguments.budget_ms,
+                                 fastest->rung.name(), fastest->wall_ms),
                      "allow more (--budget), use more threads (--threads), or a smaller part of the field"});
 }
 
 }  // namespace
 
 void add_tune(CLI::App& program, Exit& status) {
-    auto* command = program.add_subcommand("tune", "Choose the features that judge your parts, from frames of good and bad ones, and write the recipe");
+    auto* command = program.add_subcommand(
+        "tune", "Choose the features that judge your parts, from frames of good and bad ones, and write the recipe");
     auto arguments = std::make_shared<TuneArguments>();
-    command->add_option("--good", arguments->good, fmt::format("Folder (or files) with frames of at least {} good parts, a frame a part", kLeastGood))->required();
-    command->add_option("--bad", arguments->bad, fmt::format("The same of at least {} bad parts, such as must be found", kLeastBad))->required();
-    command->add_option("--budget", arguments->budget_ms, "Longest time that judging a frame may take on this machine, ms")->required()->check(CLI::PositiveNumber);
-    command->add_option("--out", arguments->out, "Recipe to write (RECIPE.toml); beside it go RECIPE.tune.md, .csv, .png, .svg and .gp with what it rests on");
+    command
+        ->add_option("--good", arguments->good,
+                     fmt::format("Folder (or files) with frames of at least {} good parts, a frame a part", kLeastGood))
+        ->required();
+    command
+        ->add_option("--bad", arguments->bad,
+                     fmt::format("The same of at least {} bad parts, such as must be found", kLeastBad))
+        ->required();
+    command
+        ->add_option("--budget", arguments->budget_ms, "Longest time that judging a frame may take on this machine, ms")
+        ->required()
+        ->check(CLI::PositiveNumber);
+    command->add_option(
+        "--out", arguments->out,
+        "Recipe to write (RECIPE.toml); beside it go RECIPE.tune.md, .csv, .png, .svg and .gp with what it rests on");
     command->add_flag("--force", arguments->force, "Overwrite --out");
-    command->add_option("--recipe", arguments->recipe, "Recipe to start from: its light levels, zones, rim, smallest area, reference and tolerances stay; without it the default recipe");
-    command->add_option("--reference", arguments->reference, "What hordctl learn has learned from other good parts: rungs that use it are measured, too");
-    command->add_option("--false-rejects", arguments->false_rejects_percent, "Share of good parts that each limit may reject, by a fit to the good frames, %")->check(CLI::Range(1e-4, 50.0))->capture_default_str();
-    command->add_option("--macro", arguments->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")->capture_default_str();
-    command->add_option("--grid", arguments->grid, "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet (not counted in the time)");
-    command->add_option("--bits", arguments->bits, "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")->check(CLI::Range(8, 16));
-    command->add_option("--threads", arguments->threads, "Threads that judge a frame")->check(CLI::Range(1, 64))->capture_default_str();
+    command->add_option("--recipe", arguments->recipe,
+                        "Recipe to start from: its light levels, zones, rim, smallest area, reference and tolerances "
+                        "stay; without it the default recipe");
+    command->add_option("--reference", arguments->reference,
+                        "What hordctl learn has learned from other good parts: rungs that use it are measured, too");
+    command
+        ->add_option("--false-rejects", arguments->false_rejects_percent,
+                     "Share of good parts that each limit may reject, by a fit to the good frames, %")
+        ->check(CLI::Range(1e-4, 50.0))
+        ->capture_default_str();
+    command->add_option("--macro", arguments->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")
+        ->capture_default_str();
+    command->add_option("--grid", arguments->grid,
+                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet (not "
+                        "counted in the time)");
+    command
+        ->add_option("--bits", arguments->bits,
+                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
+        ->check(CLI::Range(8, 16));
+    command->add_option("--threads", arguments->threads, "Threads that judge a frame")
+        ->check(CLI::Range(1, 64))
+        ->capture_default_str();
     command->add_flag("--json", arguments->json, "Print one JSON object");
     command->footer(
-        "Chosen is the fastest choice of features (rung) whose area under the ROC curve is within 0.005 of the best that fits the budget;\n"
-        "of those within 5 % of its time, the one with the fewest features. Times are of this machine as it is now: see that it is quiet.\n"
+        "Chosen is the fastest choice of features (rung) whose area under the ROC curve is within 0.005 of the best "
+        "that fits the budget;\n"
+        "of those within 5 % of its time, the one with the fewest features. Times are of this machine as it is now: "
+        "see that it is quiet.\n"
         "Exit status: 0 a rung was chosen, 2 usage, unreadable or too few frames, no rung fits, or --out exists.\n"
         "Example: hordctl tune --good good --bad bad --budget 40 --out lens.toml\n"
         "         hordctl tune --good new_good --bad bad --budget 200 --reference lens.hordref --out lens.toml");

@@ -29,7 +29,9 @@ std::uint64_t resident_kb() {
 double processor_seconds() {
     rusage used{};
     ::getrusage(RUSAGE_SELF, &used);
-    const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
+    const auto seconds = [](const timeval& t) {
+        return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+    };
     return seconds(used.ru_utime) + seconds(used.ru_stime);
 }
 
@@ -58,7 +60,8 @@ void LatencyCounts::clear() {
 
 double LatencyCounts::percentile_ms(double share) const {
     if (count_ == 0) return 0;
-    const auto rank = std::max<std::uint64_t>(1, static_cast<std::uint64_t>(std::ceil(share * static_cast<double>(count_))));
+    const auto rank =
+        std::max<std::uint64_t>(1, static_cast<std::uint64_t>(std::ceil(share * static_cast<double>(count_))));
     std::uint64_t seen = 0;
     for (std::uint32_t step = 0; step < kSteps; ++step) {
         seen += steps_[step];
@@ -92,8 +95,9 @@ void Vitals::sample(double at_s) {
 
 std::string Vitals::text() const {
     if (samples_.empty()) return {};
-    std::string out = fmt::format("\n{:>8} {:>8} {:>6} {:>6} {:>9} {:>9} {:>9} {:>10} {:>12} {:>8} {:>10}\n", "until s", "parts", "late", "unfit", "p50 ms", "p99 ms",
-                                  "max ms", "memory kB", "descriptors", "threads", "processor");
+    std::string out =
+        fmt::format("\n{:>8} {:>8} {:>6} {:>6} {:>9} {:>9} {:>9} {:>10} {:>12} {:>8} {:>10}\n", "until s", "parts",
+                    "late", "unfit", "p50 ms", "p99 ms", "max ms", "memory kB", "descriptors", "threads", "processor");
     const std::size_t rows = std::min<std::size_t>(10, samples_.size());
     for (std::size_t row = 0; row < rows; ++row) {  // the last of each tenth; sums and worst of all of it
         const std::size_t from = row * samples_.size() / rows, to = (row + 1) * samples_.size() / rows;
@@ -109,17 +113,21 @@ std::string Vitals::text() const {
             sum.processor += samples_[k].processor;
         }
         sum.processor /= static_cast<double>(to - from);
-        out += fmt::format("{:>8.0f} {:>8} {:>6} {:>6} {:>9.2f} {:>9.2f} {:>9.2f} {:>10} {:>12} {:>8} {:>9.0f}%\n", sum.at_s, sum.parts, sum.late, sum.unfit, sum.p50_ms,
-                           sum.p99_ms, sum.max_ms, sum.memory_kb, sum.descriptors, sum.threads, 100 * sum.processor);
+        out += fmt::format("{:>8.0f} {:>8} {:>6} {:>6} {:>9.2f} {:>9.2f} {:>9.2f} {:>10} {:>12} {:>8} {:>9.0f}%\n",
+                           sum.at_s, sum.parts, sum.late, sum.unfit, sum.p50_ms, sum.p99_ms, sum.max_ms, sum.memory_kb,
+                           sum.descriptors, sum.threads, 100 * sum.processor);
     }
     if (samples_.size() < 8) return out;
     // The first tenth warms up.
     const auto* all = samples_.data();
     const std::size_t n = samples_.size(), warm = n / 10, quarter = (n - warm) / 4;
-    const auto change = [&](auto get) { return middle(all + n - quarter, all + n, get) - middle(all + warm, all + warm + quarter, get); };
-    out += fmt::format("from the first quarter to the last: memory {:+.0f} kB, descriptors {:+.0f}, median latency {:+.2f} ms\n",
-                       change([](const Sample& s) { return s.memory_kb; }), change([](const Sample& s) { return s.descriptors; }),
-                       change([](const Sample& s) { return s.p50_ms; }));
+    const auto change = [&](auto get) {
+        return middle(all + n - quarter, all + n, get) - middle(all + warm, all + warm + quarter, get);
+    };
+    out += fmt::format(
+        "from the first quarter to the last: memory {:+.0f} kB, descriptors {:+.0f}, median latency {:+.2f} ms\n",
+        change([](const Sample& s) { return s.memory_kb; }), change([](const Sample& s) { return s.descriptors; }),
+        change([](const Sample& s) { return s.p50_ms; }));
     return out;
 }
 
@@ -127,10 +135,11 @@ Result<void> Vitals::write(const std::string& file) const {
     std::ofstream out(file, std::ios::trunc);
     out << "until_s,parts,late,unfit,p50_ms,p99_ms,max_ms,memory_kb,descriptors,threads,processor\n";
     for (const Sample& s : samples_) {
-        out << fmt::format("{:.1f},{},{},{},{:.2f},{:.2f},{:.2f},{},{},{},{:.3f}\n", s.at_s, s.parts, s.late, s.unfit, s.p50_ms, s.p99_ms, s.max_ms, s.memory_kb,
-                           s.descriptors, s.threads, s.processor);
+        out << fmt::format("{:.1f},{},{},{},{:.2f},{:.2f},{:.2f},{},{},{},{:.3f}\n", s.at_s, s.parts, s.late, s.unfit,
+                           s.p50_ms, s.p99_ms, s.max_ms, s.memory_kb, s.descriptors, s.threads, s.processor);
     }
-    if (!out.flush()) return fail(ErrorCode::io, file + " cannot be written", "name a file in a folder that exists and has room");
+    if (!out.flush())
+        return fail(ErrorCode::io, file + " cannot be written", "name a file in a folder that exists and has room");
     return {};
 }
 

@@ -33,12 +33,12 @@ class LatencyCounts {
 class Vitals {
   public:
     struct Sample {
-        double at_s = 0;                 // since the first part
+        double at_s = 0;                               // since the first part
         std::uint64_t parts = 0, late = 0, unfit = 0;  // in this stretch; late: no verdict by the deadline
         double p50_ms = 0, p99_ms = 0, max_ms = 0;     // part sensor to verdict
-        std::uint64_t memory_kb = 0;     // resident
+        std::uint64_t memory_kb = 0;                   // resident
         std::uint64_t descriptors = 0, threads = 0;
-        double processor = 0;            // share of one core
+        double processor = 0;  // share of one core
     };
 
     void add(const PartResult& result);
@@ -46,7 +46,8 @@ class Vitals {
 
     [[nodiscard]] const std::vector<Sample>& samples() const { return samples_; }
 
-    // Some lines for people: at most ten stretches, and what memory, descriptors and latency did from the first to the last.
+    // Some lines for people: at most ten stretches, and what memory, descriptors and latency did from the first to the
+    // last.
     [[nodiscard]] std::string text() const;
     // All of them, as CSV. Fails with io.
     Result<void> write(const std::string& file) const;

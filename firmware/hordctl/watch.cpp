@@ -1,7 +1,7 @@
 // hordctl watch: a station as it lives, on a terminal; over Modbus, local or remote.
 //
-// Everything comes from five coherent reads (STATUS, COUNTERS, HEALTH, PLC, RECIPE) and the newest results of the ring. A
-// station that does not answer is shown as that, and asked again.
+// Everything comes from five coherent reads (STATUS, COUNTERS, HEALTH, PLC, RECIPE) and the newest results of the ring.
+// A station that does not answer is shown as that, and asked again.
 #include <algorithm>
 #include <chrono>
 #include <csignal>
@@ -47,7 +47,10 @@ class Moment {
         if (at == rows_.end()) return "-";
         const std::string& all = at->second.text;
         const auto space = all.find(' ');
-        return at->second.what->type == RegisterType::u16 && !at->second.what->values.empty() && space != std::string::npos ? all.substr(space + 1) : all;
+        return at->second.what->type == RegisterType::u16 && !at->second.what->values.empty() &&
+                space != std::string::npos
+            ? all.substr(space + 1)
+            : all;
     }
     [[nodiscard]] bool has(const char* name) const {
         const auto at = rows_.find(name);
@@ -60,7 +63,8 @@ class Moment {
 
 Result<Moment> look(modbus::Client& client) {
     Moment moment;
-    for (const BlockId id : {BlockId::counters, BlockId::health, BlockId::plc, BlockId::recipe, BlockId::status}) {  // STATUS's names win
+    for (const BlockId id :
+         {BlockId::counters, BlockId::health, BlockId::plc, BlockId::recipe, BlockId::status}) {  // STATUS's names win
         const auto readings = client.read_block(id);
         if (!readings) return tl::unexpected(readings.error());
         moment.add(*readings);
@@ -68,7 +72,9 @@ Result<Moment> look(modbus::Client& client) {
     return moment;
 }
 
-std::string milliseconds_of(const Moment& m, const char* name) { return m.has(name) ? fmt::format("{:.1f}", m.number(name) / 1000) : "-"; }
+std::string milliseconds_of(const Moment& m, const char* name) {
+    return m.has(name) ? fmt::format("{:.1f}", m.number(name) / 1000) : "-";
+}
 
 std::string bar(double share) {
     const int filled = static_cast<int>(std::clamp(share, 0.0, 1.0) * kBarWidth + 0.5);
@@ -87,13 +93,16 @@ class Results {
   public:
     void follow(modbus::Client& client, std::uint32_t newest) {
         if (newest < newest_) shown_.clear();  // restarted
-        std::uint32_t next = std::max(newest_ > newest ? 0 : newest_, newest > kShownResults ? newest - static_cast<std::uint32_t>(kShownResults) : 0) + 1;
+        std::uint32_t next = std::max(newest_ > newest ? 0 : newest_,
+                                      newest > kShownResults ? newest - static_cast<std::uint32_t>(kShownResults) : 0) +
+            1;
         for (; next <= newest; ++next) {
             const auto result = client.read_result(next);
             if (!result) continue;
             Moment m;
             m.add(*result);
-            shown_.push_front(fmt::format("  {:>8} {:<7} {:<20} score {:>7}  {:>8} ms  reject {}", next, m.text("verdict"), m.text("reason"), m.text("score"),
+            shown_.push_front(fmt::format("  {:>8} {:<7} {:<20} score {:>7}  {:>8} ms  reject {}", next,
+                                          m.text("verdict"), m.text("reason"), m.text("score"),
                                           milliseconds_of(m, "latency"), m.text("reject_state")));
         }
         newest_ = newest;
@@ -108,32 +117,43 @@ class Results {
 
 // How light and optics age; "-" until enough parts were seen.
 std::string optics(const Moment& m) {
-    std::string out = fmt::format("light {} %, dark level {} DN, unevenness {} %, ", m.text("light_output"), m.has("dark_drift") ? fmt::format("{:+.2f}", m.number("dark_drift")) : "-", m.text("uneven"));
+    std::string out =
+        fmt::format("light {} %, dark level {} DN, unevenness {} %, ", m.text("light_output"),
+                    m.has("dark_drift") ? fmt::format("{:+.2f}", m.number("dark_drift")) : "-", m.text("uneven"));
     if (!m.has("dust")) return out + "dust -";
     if (m.number("dust") == 0) return out + "no dust";
-    out += fmt::format("dust at {:.0f} place{}, the largest at lenslet ({}, {})", m.number("dust"), m.number("dust") == 1 ? "" : "s", m.text("dust_m"), m.text("dust_n"));
+    out += fmt::format("dust at {:.0f} place{}, the largest at lenslet ({}, {})", m.number("dust"),
+                       m.number("dust") == 1 ? "" : "s", m.text("dust_m"), m.text("dust_n"));
     if (m.has("dust_x")) out += fmt::format(", ({:.2f}, {:.2f}) mm", m.number("dust_x"), m.number("dust_y"));
     return out;
 }
 
 std::string page(const RemoteOptions& remote, const Moment& m, const Results& results) {
     const auto bits = static_cast<unsigned>(m.number("bits"));
-    const auto lamp = [&](unsigned bit, const char* name) { return (bits >> bit & 1U) != 0 ? fmt::format("[{}] ", name) : std::string(); };
-    std::string out = fmt::format("HORD station {}   {}   {}{}{}{}\n\n", remote.modbus, m.text("state"), lamp(1, "run permit"), lamp(2, "LINE STOP"),
-                                  lamp(6, "RESULTS LOST"), lamp(7, "PLC LOST"));
-    out += fmt::format("  {} parts a minute, {:.0f} on the line, {:.0f} seen; recipe {} \"{}\"\n\n", m.text("parts_per_minute"), m.number("parts_on_line"),
-                       m.number("seen"), m.text("recipe"), m.text("name"));
+    const auto lamp = [&](unsigned bit, const char* name) {
+        return (bits >> bit & 1U) != 0 ? fmt::format("[{}] ", name) : std::string();
+    };
+    std::string out =
+        fmt::format("HORD station {}   {}   {}{}{}{}\n\n", remote.modbus, m.text("state"), lamp(1, "run permit"),
+                    lamp(2, "LINE STOP"), lamp(6, "RESULTS LOST"), lamp(7, "PLC LOST"));
+    out += fmt::format("  {} parts a minute, {:.0f} on the line, {:.0f} seen; recipe {} \"{}\"\n\n",
+                       m.text("parts_per_minute"), m.number("parts_on_line"), m.number("seen"), m.text("recipe"),
+                       m.text("name"));
     for (const char* name : {"pass", "reject", "unfit"}) out += counted(m, name);
-    out += fmt::format("  {:<8} {:>10.0f}  confirmed {:.0f}, failed {:.0f}, late {:.0f}\n\n", "rejected", m.number("reject_commanded"), m.number("reject_confirmed"),
-                       m.number("reject_failed"), m.number("reject_late"));
-    out += fmt::format("  latency, ms   p50 {:>7}  p99 {:>7}  max {:>7}\n", milliseconds_of(m, "latency_p50"), milliseconds_of(m, "latency_p99"),
-                       milliseconds_of(m, "latency_max"));
-    out += fmt::format("  rejection     p50 {:>7}  p99 {:>7}  max {:>7}\n", milliseconds_of(m, "reject_p50"), milliseconds_of(m, "reject_p99"),
-                       milliseconds_of(m, "reject_max"));
-    out += fmt::format("  PLC: heartbeat {} ms ago, {} results not acknowledged; {:.0f} Modbus connections, {:.0f} requests\n", m.text("plc_heartbeat_age"),
-                       m.text("unacknowledged"), m.number("modbus_connections"), m.number("modbus_requests"));
+    out += fmt::format("  {:<8} {:>10.0f}  confirmed {:.0f}, failed {:.0f}, late {:.0f}\n\n", "rejected",
+                       m.number("reject_commanded"), m.number("reject_confirmed"), m.number("reject_failed"),
+                       m.number("reject_late"));
+    out += fmt::format("  latency, ms   p50 {:>7}  p99 {:>7}  max {:>7}\n", milliseconds_of(m, "latency_p50"),
+                       milliseconds_of(m, "latency_p99"), milliseconds_of(m, "latency_max"));
+    out += fmt::format("  rejection     p50 {:>7}  p99 {:>7}  max {:>7}\n", milliseconds_of(m, "reject_p50"),
+                       milliseconds_of(m, "reject_p99"), milliseconds_of(m, "reject_max"));
+    out += fmt::format(
+        "  PLC: heartbeat {} ms ago, {} results not acknowledged; {:.0f} Modbus connections, {:.0f} requests\n",
+        m.text("plc_heartbeat_age"), m.text("unacknowledged"), m.number("modbus_connections"),
+        m.number("modbus_requests"));
     out += fmt::format("  optics: {}\n\n", optics(m));
-    const auto active = static_cast<std::uint32_t>(m.number("faults_active")), latched = static_cast<std::uint32_t>(m.number("faults_latched"));
+    const auto active = static_cast<std::uint32_t>(m.number("faults_active")),
+               latched = static_cast<std::uint32_t>(m.number("faults_latched"));
     if ((active | latched) == 0) out += "  no faults\n";
     for (const FaultText& fault : fault_texts()) {
         if (((active | latched) & fault.bit) == 0) continue;
@@ -146,9 +166,12 @@ std::string page(const RemoteOptions& remote, const Moment& m, const Results& re
 }
 
 std::string line(const Moment& m) {
-    return fmt::format("{} parts/min {} seen {:.0f} pass {:.0f} reject {:.0f} unfit {:.0f} latency-p99-ms {} light-percent {} dust {} faults {}\n", m.text("state"),
-                       m.text("parts_per_minute"), m.number("seen"), m.number("pass"), m.number("reject"), m.number("unfit"), milliseconds_of(m, "latency_p99"),
-                       m.text("light_output"), m.text("dust"), names_of_faults(static_cast<std::uint32_t>(m.number("faults_active"))));
+    return fmt::format(
+        "{} parts/min {} seen {:.0f} pass {:.0f} reject {:.0f} unfit {:.0f} latency-p99-ms {} light-percent {} dust {} "
+        "faults {}\n",
+        m.text("state"), m.text("parts_per_minute"), m.number("seen"), m.number("pass"), m.number("reject"),
+        m.number("unfit"), milliseconds_of(m, "latency_p99"), m.text("light_output"), m.text("dust"),
+        names_of_faults(static_cast<std::uint32_t>(m.number("faults_active"))));
 }
 
 Exit run_watch(const WatchOptions& options) {
@@ -181,12 +204,19 @@ Exit run_watch(const WatchOptions& options) {
 }  // namespace
 
 void add_watch(CLI::App& program, Exit& status) {
-    auto* command = program.add_subcommand("watch", "A running station, live: state, parts a minute, verdicts, latencies, faults with cures");
+    auto* command = program.add_subcommand(
+        "watch", "A running station, live: state, parts a minute, verdicts, latencies, faults with cures");
     auto options = std::make_shared<WatchOptions>();
     add_remote_options(*command, options->remote);
-    command->add_option("--every", options->every_ms, "Look again after so long, ms")->check(CLI::Range(20, 60000))->capture_default_str();
-    command->add_option("--count", options->count, "Look so many times; 0: until interrupted")->check(CLI::NonNegativeNumber)->capture_default_str();
-    command->footer("On a terminal a page that renews itself, elsewhere one line a look.\nExample: hordctl watch --modbus 192.168.1.20:502");
+    command->add_option("--every", options->every_ms, "Look again after so long, ms")
+        ->check(CLI::Range(20, 60000))
+        ->capture_default_str();
+    command->add_option("--count", options->count, "Look so many times; 0: until interrupted")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    command->footer(
+        "On a terminal a page that renews itself, elsewhere one line a look.\nExample: hordctl watch --modbus "
+        "192.168.1.20:502");
     command->callback([options, &status] { status = run_watch(*options); });
 }
 

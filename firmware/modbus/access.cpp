@@ -52,15 +52,13 @@ Result<Network> parse_network(std::string_view text) {
         const std::string_view bits = text.substr(slash + 1);
         int prefix = -1;
         const auto [end, error] = std::from_chars(bits.data(), bits.data() + bits.size(), prefix);
-        if (error != std::errc{} || end != bits.data() + bits.size() || prefix < 0 ||
-            prefix > (is_v4 ? 32 : 128)) {
+        if (error != std::errc{} || end != bits.data() + bits.size() || prefix < 0 || prefix > (is_v4 ? 32 : 128)) {
             return wrong("write the number of leading bits after the slash, 0 to 32 (IPv6: 128)");
         }
         network.prefix_bits = is_v4 ? 96 + prefix : prefix;
     }
     for (int bit = network.prefix_bits; bit < 128; ++bit) {
-        if (bit_of(network.address, bit))
-            return wrong("clear the bits behind the prefix, as in 192.0.2.0/24");
+        if (bit_of(network.address, bit)) return wrong("clear the bits behind the prefix, as in 192.0.2.0/24");
     }
     return network;
 }
@@ -75,8 +73,8 @@ Access access_of(const sockaddr& peer, std::span<const AccessRule> rules) {
     } else {
         return Access::none;
     }
-    const auto rule = std::find_if(rules.begin(), rules.end(),
-                                   [&](const AccessRule& r) { return holds(r.network, address); });
+    const auto rule =
+        std::find_if(rules.begin(), rules.end(), [&](const AccessRule& r) { return holds(r.network, address); });
     if (rule == rules.end()) return Access::none;
     return rule->may_write ? Access::read_write : Access::read;
 }

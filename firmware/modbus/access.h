@@ -1,12 +1,12 @@
 // Who may connect to the register server, and who may write.
 #pragma once
 
-#include "algo/result.h"
-
 #include <array>
 #include <cstdint>
 #include <span>
 #include <string_view>
+
+#include "algo/result.h"
 
 struct sockaddr;
 

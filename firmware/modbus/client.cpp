@@ -84,10 +84,10 @@ struct Client::Impl {
                             fmt::format("{} does not answer within {} ms", where(), timeout.count()),
                             "check the address, the cable and the firewall");
             }
-            return fail(ErrorCode::disconnected,
-                        fmt::format("{} cannot be reached: {}", where(),
-                                    error > 0 ? modbus_strerror(error) : "unknown host"),
-                        "check the address, and that the station runs");
+            return fail(
+                ErrorCode::disconnected,
+                fmt::format("{} cannot be reached: {}", where(), error > 0 ? modbus_strerror(error) : "unknown host"),
+                "check the address, and that the station runs");
         }
         context = std::move(fresh);
         return {};
@@ -97,12 +97,12 @@ struct Client::Impl {
     tl::unexpected<Error> failed(const std::string& doing) {
         const int error = errno;
         if (error > MODBUS_ENOBASE && error < EMBBADCRC) {
-            const char* cure = error == EMBXSBUSY  ? "it is executing a command: try again in a moment"
-                               : error == EMBXILFUN ? "who may write is listed in the station's modbus.may_write"
-                                                    : "compare the addresses with `hordctl registers`";
+            const char* cure = error == EMBXSBUSY ? "it is executing a command: try again in a moment"
+                : error == EMBXILFUN              ? "who may write is listed in the station's modbus.may_write"
+                                                  : "compare the addresses with `hordctl registers`";
             return fail(error == EMBXSBUSY ? ErrorCode::busy : ErrorCode::refused,
-                        fmt::format("{} refuses {}: exception {:02} ({})", where(), doing,
-                                    error - MODBUS_ENOBASE, modbus_strerror(error)),
+                        fmt::format("{} refuses {}: exception {:02} ({})", where(), doing, error - MODBUS_ENOBASE,
+                                    modbus_strerror(error)),
                         cure);
         }
         context.reset();
@@ -130,13 +130,12 @@ Result<Client> Client::connect(Endpoint endpoint, std::chrono::milliseconds time
 
 Result<std::vector<std::uint16_t>> Client::read(std::uint16_t address, std::size_t count) {
     if (count == 0 || count > MODBUS_MAX_READ_REGISTERS) {
-        return fail(ErrorCode::invalid_argument,
-                    fmt::format("{} registers cannot be read in one request", count), "read 1 to 125");
+        return fail(ErrorCode::invalid_argument, fmt::format("{} registers cannot be read in one request", count),
+                    "read 1 to 125");
     }
     if (auto done = impl_->connect(); !done) return tl::unexpected(done.error());
     std::vector<std::uint16_t> words(count);
-    const int done =
-        modbus_read_registers(impl_->context.get(), address, static_cast<int>(count), words.data());
+    const int done = modbus_read_registers(impl_->context.get(), address, static_cast<int>(count), words.data());
     if (done != static_cast<int>(count))
         return impl_->failed(fmt::format("reading {} registers at {}", count, address));
     return words;
@@ -145,8 +144,7 @@ Result<std::vector<std::uint16_t>> Client::read(std::uint16_t address, std::size
 Result<void> Client::write(std::uint16_t address, std::span<const std::uint16_t> values) {
     if (values.empty() || values.size() > MODBUS_MAX_WRITE_REGISTERS) {
         return fail(ErrorCode::invalid_argument,
-                    fmt::format("{} registers cannot be written in one request", values.size()),
-                    "write 1 to 123");
+                    fmt::format("{} registers cannot be written in one request", values.size()), "write 1 to 123");
     }
     if (auto done = impl_->connect(); !done) return tl::unexpected(done.error());
     const int done =
@@ -191,10 +189,9 @@ Result<std::vector<Reading>> Client::read_block(BlockId id) {
         if (!image) return tl::unexpected(image.error());
         return decode(*block, *image);
     }
-    return fail(
-        ErrorCode::not_found,
-        fmt::format("{} has no block {}", impl_->where(), block != nullptr ? block->name : "of that id"),
-        "update the station's firmware");
+    return fail(ErrorCode::not_found,
+                fmt::format("{} has no block {}", impl_->where(), block != nullptr ? block->name : "of that id"),
+                "update the station's firmware");
 }
 
 Result<std::vector<Reading>> Client::read_result(std::uint32_t sequence) {
@@ -202,8 +199,7 @@ Result<std::vector<Reading>> Client::read_result(std::uint32_t sequence) {
     if (!slot) return tl::unexpected(slot.error());
     auto readings = decode_slot(*find_block(BlockId::ring), *slot);
     if (readings && readings->front().number != static_cast<double>(sequence)) {
-        return fail(ErrorCode::not_found,
-                    fmt::format("{} no longer holds result {}", impl_->where(), sequence),
+        return fail(ErrorCode::not_found, fmt::format("{} no longer holds result {}", impl_->where(), sequence),
                     fmt::format("read the last {} results; acknowledge them in time", kRingSlots));
     }
     return readings;
@@ -222,19 +218,26 @@ Result<Client::Reply> Client::command(CommandCode code, std::uint32_t argument, 
                                        high(argument), low(argument), high(argument2), low(argument2)};
     if (!who.empty()) {  // an older station has no such row
         const std::size_t most = std::size_t{2} * find_register(BlockId::command, "who")->words;
-        if (who.size() > most) return fail(ErrorCode::invalid_argument, fmt::format("\"{}\" is too long a name", who), fmt::format("use at most {} characters", most));
+        if (who.size() > most)
+            return fail(ErrorCode::invalid_argument, fmt::format("\"{}\" is too long a name", who),
+                        fmt::format("use at most {} characters", most));
         for (std::size_t k = 0; k < most; k += 2) {
-            const auto at = [&](std::size_t c) { return static_cast<unsigned>(c < who.size() ? static_cast<unsigned char>(who[c]) : 0); };
+            const auto at = [&](std::size_t c) {
+                return static_cast<unsigned>(c < who.size() ? static_cast<unsigned char>(who[c]) : 0);
+            };
             request.push_back(static_cast<std::uint16_t>(at(k) << 8U | at(k + 1)));
         }
     }
     const Block& reply = *find_block(BlockId::reply);
-    const auto at = [&](std::string_view row) { return std::size_t{find_register(BlockId::reply, row)->address} - reply.base; };
+    const auto at = [&](std::string_view row) {
+        return std::size_t{find_register(BlockId::reply, row)->address} - reply.base;
+    };
     const auto until = std::chrono::steady_clock::now() + patience;
     const std::uint16_t command_at = find_register(BlockId::command, "token")->address;
     while (true) {
         const auto written = write(command_at, request);
-        const bool uncertain = !written && (written.error().code == ErrorCode::timeout || written.error().code == ErrorCode::disconnected);
+        const bool uncertain =
+            !written && (written.error().code == ErrorCode::timeout || written.error().code == ErrorCode::disconnected);
         const bool busy = !written && written.error().code == ErrorCode::busy;
         if (!written && !uncertain && !busy) return tl::unexpected(written.error());
         const auto words = read(reply.base, reply.size());
@@ -243,8 +246,10 @@ Result<Client::Reply> Client::command(CommandCode code, std::uint32_t argument, 
             const auto state = static_cast<CommandState>((*words)[at("state")]);
             if (mine && state != CommandState::executing) {
                 const auto rows = decode(reply, *words);
-                Reply answer{state, static_cast<CommandError>((*words)[at("error")]),
-                             std::uint32_t{(*words)[at("result")]} << 16U | (*words)[at("result") + 1], {}};
+                Reply answer{state,
+                             static_cast<CommandError>((*words)[at("error")]),
+                             std::uint32_t{(*words)[at("result")]} << 16U | (*words)[at("result") + 1],
+                             {}};
                 for (const Reading& row : *rows) {
                     if (row.what->name == "error") answer.error_name = row.text.substr(row.text.find(' ') + 1);
                 }
@@ -257,7 +262,8 @@ Result<Client::Reply> Client::command(CommandCode code, std::uint32_t argument, 
         }
         if (!written) return tl::unexpected(written.error());
         if (!words) return tl::unexpected(words.error());
-        return fail(ErrorCode::timeout, fmt::format("{} has not finished the command within {} ms", impl_->where(), patience.count()),
+        return fail(ErrorCode::timeout,
+                    fmt::format("{} has not finished the command within {} ms", impl_->where(), patience.count()),
                     "see hordctl status");
     }
 }

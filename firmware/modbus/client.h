@@ -5,9 +5,6 @@
 // one; the next call connects again. An error of a write does not mean that it was not executed.
 #pragma once
 
-#include "algo/result.h"
-#include "firmware/registers.h"
-
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -15,6 +12,9 @@
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include "algo/result.h"
+#include "firmware/registers.h"
 
 namespace hord::firmware::modbus {
 
@@ -51,9 +51,10 @@ class Client {
     // another result.
     [[nodiscard]] Result<std::vector<Reading>> read_result(std::uint32_t sequence);
 
-    // One command, exactly once: writes it, again with the same token whenever it is not known whether it arrived, and asks
-    // until its reply is there. Fails as read() and write() do, with timeout after `patience`. A refusal by the station is
-    // a reply, not a failure. `who`, at most 20 printable ASCII characters, is recorded as for whom it was asked.
+    // One command, exactly once: writes it, again with the same token whenever it is not known whether it arrived, and
+    // asks until its reply is there. Fails as read() and write() do, with timeout after `patience`. A refusal by the
+    // station is a reply, not a failure. `who`, at most 20 printable ASCII characters, is recorded as for whom it was
+    // asked.
     struct Reply {
         CommandState state = CommandState::none;
         CommandError error = CommandError::none;

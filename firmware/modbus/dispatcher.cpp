@@ -66,18 +66,15 @@ std::size_t answer_read_bits(RegisterModel& model, Bytes request, Reply& reply) 
     reply.byte((count + 7) / 8);
     for (std::size_t k = 0; k < count; k += 8) {
         unsigned packed = 0;
-        for (std::size_t bit = 0; bit < 8 && k + bit < count; ++bit)
-            packed |= (bits[k + bit] ? 1U : 0U) << bit;
+        for (std::size_t bit = 0; bit < 8 && k + bit < count; ++bit) packed |= (bits[k + bit] ? 1U : 0U) << bit;
         reply.byte(packed);
     }
     return reply.size();
 }
 
-std::size_t answer_with_registers(RegisterModel& model, std::uint16_t address, std::size_t count,
-                                  Reply& reply) {
+std::size_t answer_with_registers(RegisterModel& model, std::uint16_t address, std::size_t count, Reply& reply) {
     std::array<std::uint16_t, kMaxReadRegisters> words{};
-    if (const auto wrong = model.read_registers(address, std::span(words).first(count));
-        wrong != Exception::none) {
+    if (const auto wrong = model.read_registers(address, std::span(words).first(count)); wrong != Exception::none) {
         return reply.refuse(wrong);
     }
     reply.byte(2 * count);
@@ -90,8 +87,7 @@ std::size_t answer_read_registers(RegisterModel& model, Bytes request, Reply& re
     const std::uint16_t address = word_at(request, 1);
     const std::size_t count = word_at(request, 3);
     const auto wrong = check_range(address, count, kMaxReadRegisters);
-    return wrong != Exception::none ? reply.refuse(wrong)
-                                    : answer_with_registers(model, address, count, reply);
+    return wrong != Exception::none ? reply.refuse(wrong) : answer_with_registers(model, address, count, reply);
 }
 
 // FC 5, 6: the reply repeats the request.
@@ -162,30 +158,26 @@ std::size_t answer_read_write(RegisterModel& model, const Origin& origin, Bytes 
     const std::size_t read_count = word_at(request, 3), write_count = word_at(request, 7);
     if (const auto wrong = check_range(read_at, read_count, kMaxReadRegisters); wrong != Exception::none)
         return reply.refuse(wrong);
-    if (const auto wrong = check_range(write_at, write_count, kMaxReadWriteRegisters);
-        wrong != Exception::none)
+    if (const auto wrong = check_range(write_at, write_count, kMaxReadWriteRegisters); wrong != Exception::none)
         return reply.refuse(wrong);
     if (request[9] != 2 * write_count || request.size() != 10 + 2 * write_count)
         return reply.refuse(Exception::illegal_value);
     // Refuse before anything is written when the read could not be answered.
     std::array<std::uint16_t, kMaxReadRegisters> before{};
-    if (const auto wrong = model.read_registers(read_at, std::span(before).first(read_count));
-        wrong != Exception::none)
+    if (const auto wrong = model.read_registers(read_at, std::span(before).first(read_count)); wrong != Exception::none)
         return reply.refuse(wrong);
     std::array<std::uint16_t, kMaxReadWriteRegisters> values{};
     for (std::size_t k = 0; k < write_count; ++k) values[k] = word_at(request, 10 + 2 * k);
     const auto wrong =
         model.write_registers(origin, write_at, std::span<const std::uint16_t>(values).first(write_count));
-    return wrong != Exception::none ? reply.refuse(wrong)
-                                    : answer_with_registers(model, read_at, read_count, reply);
+    return wrong != Exception::none ? reply.refuse(wrong) : answer_with_registers(model, read_at, read_count, reply);
 }
 
 // FC 43/14. Streams (1 basic, 2 regular, 3 extended) go on in a later request where they do not fit; 4 asks
 // for one object.
 std::size_t answer_identification(const RegisterModel& model, Bytes request, Reply& reply) {
     if (request.size() < 2 || request[1] != 14) return reply.refuse(Exception::illegal_function);
-    if (request.size() != 4 || request[2] < 1 || request[2] > 4)
-        return reply.refuse(Exception::illegal_value);
+    if (request.size() != 4 || request[2] < 1 || request[2] > 4) return reply.refuse(Exception::illegal_value);
     const std::uint8_t kind = request[2];
     constexpr std::array<std::size_t, 5> kEnd{0, 0x03, 0x80, 0x100, 0x100};
     constexpr std::size_t kLongest = kMaxPdu - 9;  // seven bytes before the first object, two of its own
@@ -223,49 +215,35 @@ std::size_t answer_identification(const RegisterModel& model, Bytes request, Rep
 
 }  // namespace
 
-Exception RegisterModel::read_bits(std::uint16_t, std::span<bool>) {
-    return Exception::illegal_address;
-}
+Exception RegisterModel::read_bits(std::uint16_t, std::span<bool>) { return Exception::illegal_address; }
 Exception RegisterModel::write_registers(const Origin&, std::uint16_t, std::span<const std::uint16_t>) {
     return Exception::illegal_address;
 }
 Exception RegisterModel::write_bits(const Origin&, std::uint16_t, std::span<const bool>) {
     return Exception::illegal_address;
 }
-std::string_view RegisterModel::identification(std::uint8_t) const {
-    return {};
-}
+std::string_view RegisterModel::identification(std::uint8_t) const { return {}; }
 
-std::size_t dispatch(RegisterModel& model, const Origin& origin, Bytes request,
-                     std::span<std::uint8_t, kMaxPdu> out) {
+std::size_t dispatch(RegisterModel& model, const Origin& origin, Bytes request, std::span<std::uint8_t, kMaxPdu> out) {
     const std::uint8_t function = request[0];
     Reply reply(function, out);
     switch (function) {
         case 1:
-        case 2:
-            return answer_read_bits(model, request, reply);
+        case 2: return answer_read_bits(model, request, reply);
         case 3:
-        case 4:
-            return answer_read_registers(model, request, reply);
-        case 43:
-            return answer_identification(model, request, reply);
-        default:
-            break;
+        case 4: return answer_read_registers(model, request, reply);
+        case 43: return answer_identification(model, request, reply);
+        default: break;
     }
     if (!origin.may_write) return reply.refuse(Exception::illegal_function);
     switch (function) {
         case 5:
-        case 6:
-            return answer_write_one(model, origin, request, reply);
+        case 6: return answer_write_one(model, origin, request, reply);
         case 15:
-        case 16:
-            return answer_write_many(model, origin, request, reply);
-        case 22:
-            return answer_mask_write(model, origin, request, reply);
-        case 23:
-            return answer_read_write(model, origin, request, reply);
-        default:
-            return reply.refuse(Exception::illegal_function);
+        case 16: return answer_write_many(model, origin, request, reply);
+        case 22: return answer_mask_write(model, origin, request, reply);
+        case 23: return answer_read_write(model, origin, request, reply);
+        default: return reply.refuse(Exception::illegal_function);
     }
 }
 

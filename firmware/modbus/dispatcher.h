@@ -5,12 +5,12 @@
 // is wrong is answered with exception 03, an unknown function with 01, an address outside the map with 02.
 #pragma once
 
-#include "firmware/modbus/framer_tcp.h"
-
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string_view>
+
+#include "firmware/modbus/framer_tcp.h"
 
 namespace hord::firmware::modbus {
 

@@ -10,9 +10,7 @@ constexpr std::size_t kCrc = 2;
 // Size of a whole frame, or 0 while the byte that tells is not there yet, or nothing for a function without a
 // rule.
 std::optional<std::size_t> request_size(std::span<const std::uint8_t> frame) {
-    const auto counted = [&](std::size_t at) {
-        return frame.size() > at ? at + 1 + frame[at] + kCrc : std::size_t{0};
-    };
+    const auto counted = [&](std::size_t at) { return frame.size() > at ? at + 1 + frame[at] + kCrc : std::size_t{0}; };
     if (frame.size() < 2) return 0;
     switch (frame[1]) {
         case 1:
@@ -20,31 +18,21 @@ std::optional<std::size_t> request_size(std::span<const std::uint8_t> frame) {
         case 3:
         case 4:
         case 5:
-        case 6:
-            return 6 + kCrc;
+        case 6: return 6 + kCrc;
         case 7:
         case 11:
         case 12:
-        case 17:
-            return 2 + kCrc;
-        case 8:
-            return 6 + kCrc;
+        case 17: return 2 + kCrc;
+        case 8: return 6 + kCrc;
         case 15:
-        case 16:
-            return counted(6);
+        case 16: return counted(6);
         case 20:
-        case 21:
-            return counted(2);
-        case 22:
-            return 8 + kCrc;
-        case 23:
-            return counted(10);
-        case 24:
-            return 4 + kCrc;
-        case 43:
-            return 5 + kCrc;
-        default:
-            return std::nullopt;
+        case 21: return counted(2);
+        case 22: return 8 + kCrc;
+        case 23: return counted(10);
+        case 24: return 4 + kCrc;
+        case 43: return 5 + kCrc;
+        default: return std::nullopt;
     }
 }
 
@@ -60,21 +48,16 @@ std::optional<std::size_t> reply_size(std::span<const std::uint8_t> frame) {
         case 17:
         case 20:
         case 21:
-        case 23:
-            return frame.size() > 2 ? 3 + frame[2] + kCrc : std::size_t{0};
+        case 23: return frame.size() > 2 ? 3 + frame[2] + kCrc : std::size_t{0};
         case 5:
         case 6:
         case 8:
         case 11:
         case 15:
-        case 16:
-            return 6 + kCrc;
-        case 7:
-            return 3 + kCrc;
-        case 22:
-            return 8 + kCrc;
-        default:
-            return std::nullopt;
+        case 16: return 6 + kCrc;
+        case 7: return 3 + kCrc;
+        case 22: return 8 + kCrc;
+        default: return std::nullopt;
     }
 }
 
@@ -134,8 +117,7 @@ std::optional<Request> FramerRtu::take(std::span<const std::uint8_t>& bytes, hal
         bytes = bytes.subspan(1);
         std::size_t size = 0;
         switch (shape(size)) {
-            case Shape::incomplete:
-                break;
+            case Shape::incomplete: break;
             case Shape::damaged:
                 ++damaged_;
                 filled_ = 0;

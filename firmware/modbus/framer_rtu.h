@@ -10,14 +10,14 @@
 // for other units, and their replies, are passed over; the next frame may follow them without a silence.
 #pragma once
 
-#include "drivers/hal/clock.h"
-#include "firmware/modbus/framer_tcp.h"
-
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
+
+#include "drivers/hal/clock.h"
+#include "firmware/modbus/framer_tcp.h"
 
 namespace hord::firmware::modbus {
 

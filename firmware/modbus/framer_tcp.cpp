@@ -22,10 +22,9 @@ std::optional<Request> FramerTcp::take(std::span<const std::uint8_t>& bytes) {
             wanted = kLengthField + length;
             if (filled_ == wanted) {
                 filled_ = 0;
-                return Request{
-                    .transaction = static_cast<std::uint16_t>(frame_[0] << 8U | frame_[1]),
-                    .unit = frame_[6],
-                    .pdu = std::span<const std::uint8_t>(frame_).subspan(kMbapSize, wanted - kMbapSize)};
+                return Request{.transaction = static_cast<std::uint16_t>(frame_[0] << 8U | frame_[1]),
+                               .unit = frame_[6],
+                               .pdu = std::span<const std::uint8_t>(frame_).subspan(kMbapSize, wanted - kMbapSize)};
             }
         }
         if (bytes.empty()) break;

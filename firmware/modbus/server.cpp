@@ -25,7 +25,7 @@ using namespace std::chrono_literals;
 
 constexpr int kBacklog = 1024;
 constexpr int kAcceptsPerTurn = 8;
-constexpr int kServedPerTurn = 32;  // connections; then the loop's other work has its turn
+constexpr int kServedPerTurn = 32;         // connections; then the loop's other work has its turn
 constexpr std::uint64_t kEstablished = 8;  // requests after which a client is a regular one
 constexpr auto kEstablishedIdle = 10s;     // and how long it may be silent and stay one
 constexpr auto kPauseWithoutDescriptors = 100ms;
@@ -62,29 +62,24 @@ std::string address_of(const sockaddr_storage& address, socklen_t length) {
     char host[NI_MAXHOST] = "?", port[NI_MAXSERV] = "?";
     ::getnameinfo(reinterpret_cast<const sockaddr*>(&address), length, host, sizeof host, port, sizeof port,
                   NI_NUMERICHOST | NI_NUMERICSERV);
-    return address.ss_family == AF_INET6 ? fmt::format("[{}]:{}", host, port)
-                                         : fmt::format("{}:{}", host, port);
+    return address.ss_family == AF_INET6 ? fmt::format("[{}]:{}", host, port) : fmt::format("{}:{}", host, port);
 }
 
-void set_option(int fd, int level, int option, int value) {
-    ::setsockopt(fd, level, option, &value, sizeof value);
-}
+void set_option(int fd, int level, int option, int value) { ::setsockopt(fd, level, option, &value, sizeof value); }
 
 tl::unexpected<Error> listen_error(const ServerOptions& options, int error) {
     const std::string where = fmt::format("Modbus port {} on {}", options.port, options.host);
     switch (error) {
         case EADDRINUSE:
-            return fail(
-                ErrorCode::busy, where + " is taken by another program",
-                fmt::format("choose another port, or stop the program that `ss -ltnp 'sport = :{}'` names",
-                            options.port));
+            return fail(ErrorCode::busy, where + " is taken by another program",
+                        fmt::format("choose another port, or stop the program that `ss -ltnp 'sport = :{}'` names",
+                                    options.port));
         case EACCES:
         case EPERM:
             return fail(ErrorCode::refused, where + " may not be opened by this user",
                         "choose a port from 1024 up, or let systemd open it (socket activation)");
         case EADDRNOTAVAIL:
-            return fail(ErrorCode::not_found,
-                        fmt::format("{} is not an address of this machine", options.host),
+            return fail(ErrorCode::not_found, fmt::format("{} is not an address of this machine", options.host),
                         "choose one that `ip address` lists, or 0.0.0.0 for all");
         default:
             return fail(ErrorCode::io, fmt::format("{} cannot be opened: {}", where, std::strerror(error)),
@@ -105,8 +100,8 @@ Result<Fd> listen_on(const ServerOptions& options) {
     }
     Fd fd(::socket(found->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
     set_option(fd.get(), SOL_SOCKET, SO_REUSEADDR, 1);
-    const bool good = fd.get() >= 0 && ::bind(fd.get(), found->ai_addr, found->ai_addrlen) == 0 &&
-                      ::listen(fd.get(), kBacklog) == 0;
+    const bool good =
+        fd.get() >= 0 && ::bind(fd.get(), found->ai_addr, found->ai_addrlen) == 0 && ::listen(fd.get(), kBacklog) == 0;
     const int error = errno;
     ::freeaddrinfo(found);
     if (!good) return listen_error(options, error);
@@ -132,7 +127,8 @@ struct Server::Impl {
     ServerOptions options;
     Fd listener;
     hal::EventLoop::WatchId listener_watch = hal::EventLoop::WatchId::none;
-    Fd ready;  // an epoll of all connections, so that the loop is asked once for all that have something, not once for each
+    Fd ready;  // an epoll of all connections, so that the loop is asked once for all that have something, not once for
+               // each
     hal::EventLoop::WatchId ready_watch = hal::EventLoop::WatchId::none;
     hal::EventLoop::TimerId pause = hal::EventLoop::TimerId::none;
     std::vector<std::unique_ptr<Connection>> connections;
@@ -153,7 +149,8 @@ struct Server::Impl {
 
     Result<void> start() {
         if (ready.get() < 0) {
-            return fail(ErrorCode::io, fmt::format("the Modbus server cannot watch its connections: {}", std::strerror(errno)),
+            return fail(ErrorCode::io,
+                        fmt::format("the Modbus server cannot watch its connections: {}", std::strerror(errno)),
                         "raise the limit of open files (ulimit -n)");
         }
         auto watch = loop.watch(ready.get(), hal::EventLoop::Readiness::readable, [this] { on_ready(); });
@@ -163,8 +160,7 @@ struct Server::Impl {
     }
 
     Result<void> listen() {
-        auto watch =
-            loop.watch(listener.get(), hal::EventLoop::Readiness::readable, [this] { on_newcomers(); });
+        auto watch = loop.watch(listener.get(), hal::EventLoop::Readiness::readable, [this] { on_newcomers(); });
         if (!watch) return tl::unexpected(watch.error());
         listener_watch = *watch;
         return {};
@@ -183,8 +179,7 @@ struct Server::Impl {
                 if (errno == ECONNABORTED || errno == EINTR) continue;
                 // After the first of a turn it is not known whether anybody waits: without descriptors
                 // accept4() fails either way.
-                const bool without =
-                    errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM;
+                const bool without = errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM;
                 if (without && k == 0) make_room_for_descriptors();
                 return;
             }
@@ -195,8 +190,7 @@ struct Server::Impl {
             }
             ++statistics.accepted;
             if (connections.size() >= options.max_connections) evict();
-            welcome(std::move(fd), address_of(address, length),
-                    options.may_write && access == Access::read_write);
+            welcome(std::move(fd), address_of(address, length), options.may_write && access == Access::read_write);
         }
     }
 
@@ -248,7 +242,8 @@ struct Server::Impl {
             sockaddr_storage address{};
             socklen_t length = sizeof address;
             const bool known = ::getpeername(c.fd.get(), reinterpret_cast<sockaddr*>(&address), &length) == 0;
-            const Access allowed = known ? access_of(reinterpret_cast<const sockaddr&>(address), options.access) : Access::none;
+            const Access allowed =
+                known ? access_of(reinterpret_cast<const sockaddr&>(address), options.access) : Access::none;
             c.may_write = options.may_write && allowed == Access::read_write;
             if (allowed == Access::none) close(c);
         }
@@ -277,8 +272,8 @@ struct Server::Impl {
 
     void close(Connection& c) {
         c.fd.reset();  // and with it its place in the epoll
-        const auto at = std::find_if(connections.begin(), connections.end(),
-                                     [&](const auto& p) { return p.get() == &c; });
+        const auto at =
+            std::find_if(connections.begin(), connections.end(), [&](const auto& p) { return p.get() == &c; });
         closed.push_back(std::move(*at));
         connections.erase(at);
     }
@@ -306,8 +301,7 @@ struct Server::Impl {
     void answer(Connection& c, const Request& request) {
         const auto frame = std::span(c.output).subspan(c.filled);
         const Origin origin{.peer = c.peer, .may_write = c.may_write};
-        const std::size_t size =
-            dispatch(model, origin, request.pdu, frame.subspan(kMbapSize).first<kMaxPdu>());
+        const std::size_t size = dispatch(model, origin, request.pdu, frame.subspan(kMbapSize).first<kMaxPdu>());
         write_mbap(request, size, frame);
         c.filled += kMbapSize + size;
         ++c.replies_waiting;
@@ -334,8 +328,7 @@ struct Server::Impl {
 Server::Server(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Server::~Server() = default;
 
-Result<std::unique_ptr<Server>> Server::open(hal::EventLoop& loop, RegisterModel& model,
-                                             ServerOptions options) {
+Result<std::unique_ptr<Server>> Server::open(hal::EventLoop& loop, RegisterModel& model, ServerOptions options) {
     auto fd = listen_on(options);
     if (!fd) return tl::unexpected(fd.error());
     return adopt(loop, model, fd->release(), std::move(options));
@@ -347,8 +340,7 @@ Result<std::unique_ptr<Server>> Server::adopt(hal::EventLoop& loop, RegisterMode
     int listening = 0;
     socklen_t length = sizeof listening;
     if (::getsockopt(fd.get(), SOL_SOCKET, SO_ACCEPTCONN, &listening, &length) != 0 || listening == 0) {
-        return fail(ErrorCode::invalid_argument,
-                    fmt::format("descriptor {} is not a listening socket", listening_fd),
+        return fail(ErrorCode::invalid_argument, fmt::format("descriptor {} is not a listening socket", listening_fd),
                     "check the socket unit: ListenStream=, Accept=no");
     }
     if (options.max_connections == 0) {

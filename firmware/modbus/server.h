@@ -10,15 +10,15 @@
 //    never finished a request, one that finished few, one that has been idle longest.
 #pragma once
 
-#include "algo/result.h"
-#include "drivers/hal/event_loop.h"
-#include "firmware/modbus/access.h"
-#include "firmware/modbus/dispatcher.h"
-
 #include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
+
+#include "algo/result.h"
+#include "drivers/hal/event_loop.h"
+#include "firmware/modbus/access.h"
+#include "firmware/modbus/dispatcher.h"
 
 namespace hord::firmware::modbus {
 

@@ -1,7 +1,5 @@
 #include "firmware/modbus/server_rtu.h"
 
-#include "firmware/modbus/framer_rtu.h"
-
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -14,6 +12,8 @@
 #include <sys/ioctl.h>
 #include <termios.h>
 #include <unistd.h>
+
+#include "firmware/modbus/framer_rtu.h"
 
 namespace hord::firmware::modbus {
 namespace {
@@ -35,8 +35,7 @@ Result<void> set_up(int fd, const SerialOptions& options) {
     const Speed* speed = nullptr;
     for (const Speed& known : kSpeeds) speed = known.baud == options.baud ? &known : speed;
     if (speed == nullptr) {
-        return fail(ErrorCode::unsupported,
-                    fmt::format("{} baud is not a speed of {}", options.baud, options.device),
+        return fail(ErrorCode::unsupported, fmt::format("{} baud is not a speed of {}", options.baud, options.device),
                     "use 1200, 2400, ... 115200, 230400, 460800 or 921600");
     }
     termios line{};
@@ -52,8 +51,7 @@ Result<void> set_up(int fd, const SerialOptions& options) {
     if (options.parity != SerialOptions::Parity::none) line.c_cflag |= PARENB;
     if (options.parity == SerialOptions::Parity::odd) line.c_cflag |= PARODD;
     if (::tcsetattr(fd, TCSANOW, &line) != 0) {
-        return fail(ErrorCode::io,
-                    fmt::format("{} cannot be set up: {}", options.device, std::strerror(errno)),
+        return fail(ErrorCode::io, fmt::format("{} cannot be set up: {}", options.device, std::strerror(errno)),
                     "check the adapter");
     }
     if (options.rs485) {
@@ -74,17 +72,15 @@ Result<int> open_line(const SerialOptions& options) {
     const int fd = ::open(options.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
     if (fd < 0) {
         const int error = errno;
-        const ErrorCode code = error == EBUSY                      ? ErrorCode::busy
-                               : error == EACCES || error == EPERM ? ErrorCode::refused
-                                                                   : ErrorCode::not_found;
-        return fail(code,
-                    fmt::format("serial line {} cannot be opened: {}", options.device, std::strerror(error)),
+        const ErrorCode code = error == EBUSY   ? ErrorCode::busy
+            : error == EACCES || error == EPERM ? ErrorCode::refused
+                                                : ErrorCode::not_found;
+        return fail(code, fmt::format("serial line {} cannot be opened: {}", options.device, std::strerror(error)),
                     "check the name, the group dialout, and that no other program uses it");
     }
     auto done = set_up(fd, options);
     if (done && ::ioctl(fd, TIOCEXCL) != 0) {
-        done = fail(ErrorCode::busy, fmt::format("serial line {} is in use", options.device),
-                    "stop the other program");
+        done = fail(ErrorCode::busy, fmt::format("serial line {} is in use", options.device), "stop the other program");
     }
     if (!done) {
         ::close(fd);
@@ -110,11 +106,7 @@ struct ServerRtu::Impl {
     SerialStatistics statistics;
 
     Impl(hal::EventLoop& l, RegisterModel& m, SerialOptions o, bool again)
-        : loop(l),
-          model(m),
-          options(std::move(o)),
-          reopens(again),
-          peer(options.device),
+        : loop(l), model(m), options(std::move(o)), reopens(again), peer(options.device),
           framer(options.unit, options.gap) {}
     ~Impl() {
         loop.cancel(retry);
@@ -136,9 +128,8 @@ struct ServerRtu::Impl {
 
     Result<void> wait_for(hal::EventLoop::Readiness what) {
         loop.unwatch(std::exchange(watch, hal::EventLoop::WatchId::none));
-        auto made = what == hal::EventLoop::Readiness::readable
-                        ? loop.watch(fd, what, [this] { on_readable(); })
-                        : loop.watch(fd, what, [this] { on_writable(); });
+        auto made = what == hal::EventLoop::Readiness::readable ? loop.watch(fd, what, [this] { on_readable(); })
+                                                                : loop.watch(fd, what, [this] { on_writable(); });
         if (!made) return tl::unexpected(made.error());
         watch = *made;
         return {};
@@ -169,8 +160,7 @@ struct ServerRtu::Impl {
     // up.
     void answer(const Request& request) {
         std::array<std::uint8_t, kMaxPdu> pdu{};
-        const std::size_t size =
-            dispatch(model, {.peer = peer, .may_write = options.may_write}, request.pdu, pdu);
+        const std::size_t size = dispatch(model, {.peer = peer, .may_write = options.may_write}, request.pdu, pdu);
         ++statistics.requests;
         if ((pdu[0] & 0x80U) != 0) ++statistics.exceptions;
         if (request.unit == 0) {
@@ -190,8 +180,7 @@ struct ServerRtu::Impl {
         if (count > 0) sent += static_cast<std::size_t>(count);
         const bool done = sent == filled;
         if (done) filled = sent = 0;
-        if (!wait_for(done ? hal::EventLoop::Readiness::readable : hal::EventLoop::Readiness::writable))
-            lost();
+        if (!wait_for(done ? hal::EventLoop::Readiness::readable : hal::EventLoop::Readiness::writable)) lost();
     }
 
     void on_writable() {
@@ -203,11 +192,10 @@ struct ServerRtu::Impl {
 ServerRtu::ServerRtu(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 ServerRtu::~ServerRtu() = default;
 
-Result<std::unique_ptr<ServerRtu>> ServerRtu::open(hal::EventLoop& loop, RegisterModel& model,
-                                                   SerialOptions options) {
+Result<std::unique_ptr<ServerRtu>> ServerRtu::open(hal::EventLoop& loop, RegisterModel& model, SerialOptions options) {
     if (options.unit < 1 || options.unit > 247) {
-        return fail(ErrorCode::invalid_argument,
-                    fmt::format("{} is not a unit of a serial line", options.unit), "use 1 to 247");
+        return fail(ErrorCode::invalid_argument, fmt::format("{} is not a unit of a serial line", options.unit),
+                    "use 1 to 247");
     }
     auto line = open_line(options);
     if (!line) return tl::unexpected(line.error());

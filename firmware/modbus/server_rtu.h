@@ -3,13 +3,13 @@
 // second.
 #pragma once
 
-#include "algo/result.h"
-#include "drivers/hal/event_loop.h"
-#include "firmware/modbus/dispatcher.h"
-
 #include <cstdint>
 #include <memory>
 #include <string>
+
+#include "algo/result.h"
+#include "drivers/hal/event_loop.h"
+#include "firmware/modbus/dispatcher.h"
 
 namespace hord::firmware::modbus {
 
@@ -38,8 +38,8 @@ class ServerRtu {
                                                                  SerialOptions options);
 
     // The same on a line that somebody else has opened and set up; not opened again when it goes.
-    [[nodiscard]] static Result<std::unique_ptr<ServerRtu>> adopt(hal::EventLoop& loop, RegisterModel& model,
-                                                                  int fd, SerialOptions options);
+    [[nodiscard]] static Result<std::unique_ptr<ServerRtu>> adopt(hal::EventLoop& loop, RegisterModel& model, int fd,
+                                                                  SerialOptions options);
     ~ServerRtu();
     ServerRtu(const ServerRtu&) = delete;
     ServerRtu& operator=(const ServerRtu&) = delete;

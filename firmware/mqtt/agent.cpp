@@ -13,29 +13,35 @@ using std::chrono::milliseconds;
 constexpr milliseconds kFirstPatience(500), kLongestPatience(30'000);  // between attempts to connect
 constexpr milliseconds kReadEvery(100);                                // results, while nothing else asks for them
 constexpr milliseconds kRetryStore(1000);
-constexpr milliseconds kWriteEvery(500);                               // the cursor: what is not written down is sent once more after a crash
+constexpr milliseconds kWriteEvery(500);  // the cursor: what is not written down is sent once more after a crash
 constexpr milliseconds kGoodbye(2000);
 constexpr std::chrono::minutes kSayAgain(10);
 constexpr std::size_t kRemembered = 16;
 constexpr double kMostLines = 10;  // at once; then one a second
 
-UtcMs utc_now() { return std::chrono::duration_cast<milliseconds>(std::chrono::system_clock::now().time_since_epoch()).count(); }
+UtcMs utc_now() {
+    return std::chrono::duration_cast<milliseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
 
 }  // namespace
 
-Result<std::unique_ptr<Agent>> Agent::open(AgentOptions options, std::unique_ptr<ResultSource> results, Look look, Say say) {
+Result<std::unique_ptr<Agent>> Agent::open(AgentOptions options, std::unique_ptr<ResultSource> results, Look look,
+                                           Say say) {
     const auto cursor = read_cursor(options.state_file);
     if (!cursor) return tl::unexpected(cursor.error());
-    return std::unique_ptr<Agent>(new Agent(std::move(options), std::move(results), std::move(look), std::move(say), cursor->value_or(Cursor{})));
+    return std::unique_ptr<Agent>(
+        new Agent(std::move(options), std::move(results), std::move(look), std::move(say), cursor->value_or(Cursor{})));
 }
 
 Agent::Agent(AgentOptions options, std::unique_ptr<ResultSource> results, Look look, Say say, const Cursor& cursor)
-    : options_(std::move(options)), results_(std::move(results)), look_(std::move(look)), say_(std::move(say)), node_(options_.node, cursor), written_(cursor) {}
+    : options_(std::move(options)), results_(std::move(results)), look_(std::move(look)), say_(std::move(say)),
+      node_(options_.node, cursor), written_(cursor) {}
 
 void Agent::say(const std::string& line) {
     if (line.empty()) return;
     const auto now = Clock::now();
-    lines_left_ = std::min(lines_left_ + std::chrono::duration<double>(now - std::exchange(lines_at_, now)).count(), kMostLines);
+    lines_left_ =
+        std::min(lines_left_ + std::chrono::duration<double>(now - std::exchange(lines_at_, now)).count(), kMostLines);
     const auto known = std::find_if(said_.begin(), said_.end(), [&](const auto& said) { return said.first == line; });
     if (known != said_.end() && now - known->second < kSayAgain) return;
     if (lines_left_ < 1) return;
@@ -87,11 +93,13 @@ void Agent::lose(const Error& error) {
     link_.reset();
     node_.disconnected();
     if (!error.what.empty()) say(error.message());
-    // A broker that comes back meets a whole fleet: everybody waits for a time of their own. Two stations of one name would push each
-    // other out for ever.
-    patience_ = std::clamp(std::exchange(useful_, false) ? kFirstPatience : patience_ * 2, kFirstPatience, kLongestPatience);
+    // A broker that comes back meets a whole fleet: everybody waits for a time of their own. Two stations of one name
+    // would push each other out for ever.
+    patience_ =
+        std::clamp(std::exchange(useful_, false) ? kFirstPatience : patience_ * 2, kFirstPatience, kLongestPatience);
     if (error.code == ErrorCode::busy) patience_ = kLongestPatience;
-    connect_at_ = Clock::now() + milliseconds(std::uniform_int_distribution<std::int64_t>(patience_.count() / 2, patience_.count())(random_));
+    connect_at_ = Clock::now() +
+        milliseconds(std::uniform_int_distribution<std::int64_t>(patience_.count() / 2, patience_.count())(random_));
 }
 
 void Agent::take(const BrokerLink::Event& event) {
@@ -99,8 +107,11 @@ void Agent::take(const BrokerLink::Event& event) {
     switch (event.kind) {
         case BrokerLink::Event::Kind::subscribed:
             node_.connected(now);
-            say_event(fmt::format("connected with {}:{} as {}/{}{}", options_.broker.host, options_.broker.port, options_.node.group, options_.node.node,
-                            node_.waits_for_host() ? ", waiting for the primary host " + options_.node.primary_host : std::string()));
+            say_event(fmt::format("connected with {}:{} as {}/{}{}", options_.broker.host, options_.broker.port,
+                                  options_.node.group, options_.node.node,
+                                  node_.waits_for_host()
+                                      ? ", waiting for the primary host " + options_.node.primary_host
+                                      : std::string()));
             break;
         case BrokerLink::Event::Kind::message: node_.message(event.topic, event.payload, now, event.retained); break;
         case BrokerLink::Event::Kind::confirmed:
@@ -173,8 +184,11 @@ void Agent::close() {
 
 std::string Agent::status() const {
     const auto& figures = node_.figures();
-    const char* state = node_.born() ? "connected" : node_.waits_for_host() ? "waiting for the primary host" : "not connected";
-    return fmt::format("{}; results handed over up to {} of {}, {} lost, commands refused {}", state, node_.cursor().confirmed, newest_, node_.cursor().lost, figures.refused);
+    const char* state = node_.born() ? "connected"
+        : node_.waits_for_host()     ? "waiting for the primary host"
+                                     : "not connected";
+    return fmt::format("{}; results handed over up to {} of {}, {} lost, commands refused {}", state,
+                       node_.cursor().confirmed, newest_, node_.cursor().lost, figures.refused);
 }
 
 }  // namespace hord::firmware::mqtt

@@ -29,12 +29,13 @@ class Agent {
     using Clock = std::chrono::steady_clock;
     // What the station says of itself now; empty: it is not reached. May block for as long as a Modbus answer takes.
     using Look = std::function<std::vector<Reading>()>;
-    // Told what a person should know: the same line once in ten minutes or a session, and no more than about one a second, whoever
-    // sends what.
+    // Told what a person should know: the same line once in ten minutes or a session, and no more than about one a
+    // second, whoever sends what.
     using Say = std::function<void(const std::string&)>;
 
     // Reads the state file. Fails as read_cursor() does.
-    static Result<std::unique_ptr<Agent>> open(AgentOptions options, std::unique_ptr<ResultSource> results, Look look, Say say);
+    static Result<std::unique_ptr<Agent>> open(AgentOptions options, std::unique_ptr<ResultSource> results, Look look,
+                                               Say say);
 
     // Everything that is due, and at most `wait` for the broker.
     void step(std::chrono::milliseconds wait);
@@ -54,7 +55,7 @@ class Agent {
     void look();
     void send();
     bool write_down(bool now);
-    void say(const std::string& line);       // if there is room for it
+    void say(const std::string& line);        // if there is room for it
     void say_event(const std::string& line);  // in any case; what follows is new
 
     const AgentOptions options_;

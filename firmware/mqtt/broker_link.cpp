@@ -16,7 +16,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::uint32_t kLargestPacket = 16'384;
-constexpr std::size_t kMostUnanswered = 1100;  // more than results may be in flight
+constexpr std::size_t kMostUnanswered = 1100;             // more than results may be in flight
 constexpr auto kAnswerWithin = std::chrono::seconds(15);  // from the connection to the last subscription
 
 // libmosquitto wants to be told once a process.
@@ -40,7 +40,9 @@ int no_passphrase(char*, int, int, void*) { return 0; }
 
 Result<void> check_readable(const std::filesystem::path& file, const char* what) {
     if (::access(file.c_str(), R_OK) == 0) return {};
-    return fail(ErrorCode::not_found, fmt::format("{} {} cannot be read ({})", what, file.string(), std::strerror(errno)), "check [tls] in the configuration, and the file's owner");
+    return fail(ErrorCode::not_found,
+                fmt::format("{} {} cannot be read ({})", what, file.string(), std::strerror(errno)),
+                "check [tls] in the configuration, and the file's owner");
 }
 
 }  // namespace
@@ -51,7 +53,7 @@ struct BrokerLink::Parts {
     std::unique_ptr<mosquitto, FreeClient> client;
     std::vector<Event> events;
     std::unordered_map<int, std::uint64_t> tokens;  // of message ids that are not answered yet; 0: nobody asks
-    std::size_t subscriptions = 0;                   // answered
+    std::size_t subscriptions = 0;                  // answered
     Clock::time_point began = Clock::now();
     bool subscribed = false, closed = false, leaving = false;
 
@@ -69,17 +71,23 @@ struct BrokerLink::Parts {
         if (code == 0) {
             for (const std::string& topic : topics) {
                 const int done = mosquitto_subscribe(client.get(), nullptr, topic.c_str(), 1);
-                if (done != MOSQ_ERR_SUCCESS) close(ErrorCode::disconnected, std::string("cannot be asked for ") + topic + ": " + mosquitto_strerror(done), "it is tried again");
+                if (done != MOSQ_ERR_SUCCESS)
+                    close(ErrorCode::disconnected,
+                          std::string("cannot be asked for ") + topic + ": " + mosquitto_strerror(done),
+                          "it is tried again");
             }
             return;
         }
         const bool v5 = options.protocol == 5;
         const std::string reason = v5 && code >= 0x80 ? mosquitto_reason_string(code) : mosquitto_connack_string(code);
         if (code == 4 || code == 5 || code == MQTT_RC_BAD_USERNAME_OR_PASSWORD || code == MQTT_RC_NOT_AUTHORIZED) {
-            close(ErrorCode::refused, fmt::format("refuses the login of {} ({})", options.user.empty() ? "nobody" : "\"" + options.user + "\"", reason),
+            close(ErrorCode::refused,
+                  fmt::format("refuses the login of {} ({})",
+                              options.user.empty() ? "nobody" : "\"" + options.user + "\"", reason),
                   "check broker.user, the password file, and the broker's access list");
         } else if (code == 1 || code == MQTT_RC_UNSUPPORTED_PROTOCOL_VERSION) {
-            close(ErrorCode::unsupported, fmt::format("does not speak this MQTT version ({})", reason), "set broker.protocol = \"3.1.1\"");
+            close(ErrorCode::unsupported, fmt::format("does not speak this MQTT version ({})", reason),
+                  "set broker.protocol = \"3.1.1\"");
         } else {
             close(ErrorCode::refused, fmt::format("refuses the connection ({})", reason), "see the broker's log");
         }
@@ -95,7 +103,9 @@ struct BrokerLink::Parts {
             return;
         }
         for (int k = 0; k < count; ++k) {
-            if (granted[k] >= 0x80) return close(ErrorCode::refused, "does not let this station read " + topics.front(), "let its user read that topic in the broker's access list");
+            if (granted[k] >= 0x80)
+                return close(ErrorCode::refused, "does not let this station read " + topics.front(),
+                             "let its user read that topic in the broker's access list");
         }
         if (++subscriptions < topics.size() || std::exchange(subscribed, true)) return;
         Event event;
@@ -107,7 +117,9 @@ struct BrokerLink::Parts {
         const auto at = tokens.find(id);
         if (at == tokens.end()) return;
         if (code >= 0x80) {
-            return close(ErrorCode::refused, fmt::format("refuses what this station publishes ({})", mosquitto_reason_string(code)), "let this station's user write its topics in the broker's access list");
+            return close(ErrorCode::refused,
+                         fmt::format("refuses what this station publishes ({})", mosquitto_reason_string(code)),
+                         "let this station's user write its topics in the broker's access list");
         }
         Event event;
         event.kind = Event::Kind::confirmed;
@@ -119,7 +131,8 @@ struct BrokerLink::Parts {
 
     void on_disconnect(int code) {
         if (code != MQTT_RC_SESSION_TAKEN_OVER) return;
-        close(ErrorCode::busy, "has let another station in that calls itself \"" + options.client_id + "\"", "give each station a sparkplug.node of its own");
+        close(ErrorCode::busy, "has let another station in that calls itself \"" + options.client_id + "\"",
+              "give each station a sparkplug.node of its own");
     }
 
     void on_message(const mosquitto_message* message) {
@@ -128,7 +141,9 @@ struct BrokerLink::Parts {
         event.topic = message->topic;
         event.retained = message->retain;
         // What is too large is refused by its size; nobody reads on.
-        event.payload.assign(static_cast<const char*>(message->payload), std::min<std::size_t>(static_cast<std::size_t>(message->payloadlen), kMaxCommandBytes + 1));
+        event.payload.assign(
+            static_cast<const char*>(message->payload),
+            std::min<std::size_t>(static_cast<std::size_t>(message->payloadlen), kMaxCommandBytes + 1));
         events.push_back(std::move(event));
     }
 
@@ -144,55 +159,88 @@ Result<void> BrokerLink::Parts::use_tls() {
         if (auto done = check_readable(options.certificate, "the client certificate"); !done) return done;
         if (auto done = check_readable(options.key, "the client certificate's key"); !done) return done;
     }
-    const int done = mosquitto_tls_set(client.get(), options.ca.c_str(), nullptr, own ? options.certificate.c_str() : nullptr, own ? options.key.c_str() : nullptr, no_passphrase);
-    if (done != MOSQ_ERR_SUCCESS) return fail(ErrorCode::invalid_argument, fmt::format("TLS cannot be set up ({})", mosquitto_strerror(done)), "check [tls] in the configuration");
+    const int done =
+        mosquitto_tls_set(client.get(), options.ca.c_str(), nullptr, own ? options.certificate.c_str() : nullptr,
+                          own ? options.key.c_str() : nullptr, no_passphrase);
+    if (done != MOSQ_ERR_SUCCESS)
+        return fail(ErrorCode::invalid_argument, fmt::format("TLS cannot be set up ({})", mosquitto_strerror(done)),
+                    "check [tls] in the configuration");
     return {};
 }
 
 Result<void> BrokerLink::Parts::prepare(const Outgoing& will) {
     const auto checked = [&](int code, const char* what) -> Result<void> {
         if (code == MOSQ_ERR_SUCCESS) return {};
-        return fail(ErrorCode::invalid_argument, fmt::format("{} {} cannot be used ({})", where(), what, mosquitto_strerror(code)), "check [broker] in the configuration");
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{} {} cannot be used ({})", where(), what, mosquitto_strerror(code)),
+                    "check [broker] in the configuration");
     };
-    if (auto done = checked(mosquitto_int_option(client.get(), MOSQ_OPT_PROTOCOL_VERSION, options.protocol == 5 ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311), "protocol"); !done) return done;
+    if (auto done = checked(mosquitto_int_option(client.get(), MOSQ_OPT_PROTOCOL_VERSION,
+                                                 options.protocol == 5 ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311),
+                            "protocol");
+        !done)
+        return done;
     if (auto done = checked(mosquitto_int_option(client.get(), MOSQ_OPT_TCP_NODELAY, 1), "option"); !done) return done;
-    if (auto done = checked(mosquitto_int_option(client.get(), MOSQ_OPT_SEND_MAXIMUM, 65'535), "option"); !done) return done;  // the broker's own limit holds
+    if (auto done = checked(mosquitto_int_option(client.get(), MOSQ_OPT_SEND_MAXIMUM, 65'535), "option"); !done)
+        return done;  // the broker's own limit holds
     if (!options.user.empty()) {
-        if (auto done = checked(mosquitto_username_pw_set(client.get(), options.user.c_str(), options.password.c_str()), "login"); !done) return done;
+        if (auto done = checked(mosquitto_username_pw_set(client.get(), options.user.c_str(), options.password.c_str()),
+                                "login");
+            !done)
+            return done;
     }
     if (auto done = use_tls(); !done) return done;
     const int size = static_cast<int>(will.payload.size());
-    if (auto done = checked(mosquitto_will_set(client.get(), will.topic.c_str(), size, will.payload.data(), will.qos, false), "will"); !done) return done;
-    mosquitto_connect_v5_callback_set(client.get(), [](mosquitto*, void* self, int code, int, const mosquitto_property*) { static_cast<Parts*>(self)->on_connect(code); });
-    mosquitto_subscribe_v5_callback_set(client.get(), [](mosquitto*, void* self, int id, int count, const int* granted, const mosquitto_property*) {
-        static_cast<Parts*>(self)->on_subscribe(id, count, granted);
+    if (auto done = checked(
+            mosquitto_will_set(client.get(), will.topic.c_str(), size, will.payload.data(), will.qos, false), "will");
+        !done)
+        return done;
+    mosquitto_connect_v5_callback_set(client.get(),
+                                      [](mosquitto*, void* self, int code, int, const mosquitto_property*) {
+                                          static_cast<Parts*>(self)->on_connect(code);
+                                      });
+    mosquitto_subscribe_v5_callback_set(
+        client.get(), [](mosquitto*, void* self, int id, int count, const int* granted, const mosquitto_property*) {
+            static_cast<Parts*>(self)->on_subscribe(id, count, granted);
+        });
+    mosquitto_publish_v5_callback_set(client.get(),
+                                      [](mosquitto*, void* self, int id, int code, const mosquitto_property*) {
+                                          static_cast<Parts*>(self)->on_publish(id, code);
+                                      });
+    mosquitto_disconnect_v5_callback_set(client.get(), [](mosquitto*, void* self, int code, const mosquitto_property*) {
+        static_cast<Parts*>(self)->on_disconnect(code);
     });
-    mosquitto_publish_v5_callback_set(client.get(), [](mosquitto*, void* self, int id, int code, const mosquitto_property*) { static_cast<Parts*>(self)->on_publish(id, code); });
-    mosquitto_disconnect_v5_callback_set(client.get(), [](mosquitto*, void* self, int code, const mosquitto_property*) { static_cast<Parts*>(self)->on_disconnect(code); });
-    mosquitto_message_v5_callback_set(client.get(), [](mosquitto*, void* self, const mosquitto_message* message, const mosquitto_property*) {
-        static_cast<Parts*>(self)->on_message(message);
-    });
+    mosquitto_message_v5_callback_set(
+        client.get(), [](mosquitto*, void* self, const mosquitto_message* message, const mosquitto_property*) {
+            static_cast<Parts*>(self)->on_message(message);
+        });
     return {};
 }
 
-Result<std::unique_ptr<BrokerLink>> BrokerLink::connect(const BrokerOptions& options, const Outgoing& will, std::vector<std::string> topics) {
+Result<std::unique_ptr<BrokerLink>> BrokerLink::connect(const BrokerOptions& options, const Outgoing& will,
+                                                        std::vector<std::string> topics) {
     static const Library library;
     auto parts = std::make_unique<Parts>();
     parts->options = options;
     parts->topics = std::move(topics);
     parts->client.reset(mosquitto_new(options.client_id.c_str(), true, parts.get()));
-    if (!parts->client) return fail(ErrorCode::invalid_argument, "\"" + options.client_id + "\" cannot be a client id", "set broker.client_id to a name without control characters");
+    if (!parts->client)
+        return fail(ErrorCode::invalid_argument, "\"" + options.client_id + "\" cannot be a client id",
+                    "set broker.client_id to a name without control characters");
     if (auto done = parts->prepare(will); !done) return tl::unexpected(done.error());
 
     mosquitto_property* list = nullptr;
     if (options.protocol == 5) mosquitto_property_add_int32(&list, MQTT_PROP_MAXIMUM_PACKET_SIZE, kLargestPacket);
     const std::unique_ptr<mosquitto_property, FreeProperties> properties(list);
     errno = 0;
-    const int done = mosquitto_connect_bind_v5(parts->client.get(), options.host.c_str(), options.port, options.keepalive_s, nullptr, properties.get());
+    const int done = mosquitto_connect_bind_v5(parts->client.get(), options.host.c_str(), options.port,
+                                               options.keepalive_s, nullptr, properties.get());
     if (done != MOSQ_ERR_SUCCESS) {
         const int why = errno;
         const std::string reason = done == MOSQ_ERR_ERRNO ? std::strerror(why) : mosquitto_strerror(done);
-        const char* cure = done == MOSQ_ERR_TLS ? "check [tls]: authority, certificate, key, and that the broker's certificate names this host" : "check broker.host and broker.port, and that the broker runs";
+        const char* cure = done == MOSQ_ERR_TLS
+            ? "check [tls]: authority, certificate, key, and that the broker's certificate names this host"
+            : "check broker.host and broker.port, and that the broker runs";
         return fail(ErrorCode::disconnected, parts->where() + " cannot be reached (" + reason + ")", cure);
     }
     return std::unique_ptr<BrokerLink>(new BrokerLink(std::move(parts)));
@@ -207,11 +255,14 @@ std::vector<BrokerLink::Event> BrokerLink::serve(std::chrono::milliseconds wait)
         errno = 0;
         const int done = mosquitto_loop(p.client.get(), static_cast<int>(wait.count()), 1);
         if (done == MOSQ_ERR_TLS) {
-            p.close(ErrorCode::refused, "and this station do not agree on TLS", "check [tls]: authority, certificate, key, and that the broker's certificate names this host");
+            p.close(ErrorCode::refused, "and this station do not agree on TLS",
+                    "check [tls]: authority, certificate, key, and that the broker's certificate names this host");
         } else if (done != MOSQ_ERR_SUCCESS && !p.leaving && !(done == MOSQ_ERR_ERRNO && errno == EINTR)) {
-            p.close(ErrorCode::disconnected, fmt::format("is gone ({})", mosquitto_strerror(done)), "it is tried again; see the broker's log and the network");
+            p.close(ErrorCode::disconnected, fmt::format("is gone ({})", mosquitto_strerror(done)),
+                    "it is tried again; see the broker's log and the network");
         } else if (!p.subscribed && Clock::now() - p.began > kAnswerWithin) {
-            p.close(ErrorCode::timeout, "does not answer", "check that an MQTT broker listens there, and whether it wants TLS");
+            p.close(ErrorCode::timeout, "does not answer",
+                    "check that an MQTT broker listens there, and whether it wants TLS");
         }
     }
     return std::exchange(p.events, {});
@@ -220,14 +271,20 @@ std::vector<BrokerLink::Event> BrokerLink::serve(std::chrono::milliseconds wait)
 Result<void> BrokerLink::publish(const Outgoing& message) {
     Parts& p = *parts_;
     int id = 0;
-    const int done = message.fence ? mosquitto_subscribe(p.client.get(), &id, message.topic.c_str(), message.qos)
-                                   : mosquitto_publish(p.client.get(), &id, message.topic.c_str(), static_cast<int>(message.payload.size()), message.payload.data(), message.qos, false);
-    if (done != MOSQ_ERR_SUCCESS) return fail(ErrorCode::disconnected, p.where() + " is gone (" + mosquitto_strerror(done) + ")", "it is tried again; see the broker's log and the network");
+    const int done = message.fence
+        ? mosquitto_subscribe(p.client.get(), &id, message.topic.c_str(), message.qos)
+        : mosquitto_publish(p.client.get(), &id, message.topic.c_str(), static_cast<int>(message.payload.size()),
+                            message.payload.data(), message.qos, false);
+    if (done != MOSQ_ERR_SUCCESS)
+        return fail(ErrorCode::disconnected, p.where() + " is gone (" + mosquitto_strerror(done) + ")",
+                    "it is tried again; see the broker's log and the network");
     if (message.qos > 0) p.tokens.emplace(id, message.token);
     return {};
 }
 
-bool BrokerLink::congested() const { return mosquitto_want_write(parts_->client.get()) || parts_->tokens.size() > kMostUnanswered; }
+bool BrokerLink::congested() const {
+    return mosquitto_want_write(parts_->client.get()) || parts_->tokens.size() > kMostUnanswered;
+}
 
 void BrokerLink::leave(std::chrono::milliseconds patience) {
     Parts& p = *parts_;

@@ -1,7 +1,9 @@
-// One connection to an MQTT broker over libmosquitto. Made anew for every session, so that nothing of an old one is sent again.
+// One connection to an MQTT broker over libmosquitto. Made anew for every session, so that nothing of an old one is
+// sent again.
 //
-// One thread; serve() does all the work. Memory: what the caller has in flight, and one incoming packet, which the broker is told to
-// keep below 16 kB (MQTT 5 only: with 3.1.1 there is no way to say so, and the service's MemoryMax is the limit).
+// One thread; serve() does all the work. Memory: what the caller has in flight, and one incoming packet, which the
+// broker is told to keep below 16 kB (MQTT 5 only: with 3.1.1 there is no way to say so, and the service's MemoryMax is
+// the limit).
 #pragma once
 
 #include <chrono>
@@ -30,16 +32,18 @@ class BrokerLink {
     struct Event {
         enum class Kind : std::uint8_t { subscribed, message, confirmed, closed };
         Kind kind = Kind::closed;
-        std::string topic, payload;   // message
-        std::uint64_t token = 0;      // confirmed
-        bool retained = false;        // message: the broker had kept it
-        bool heard = true;            // confirmed: somebody was there to pass it to
-        Error error = {};             // closed
+        std::string topic, payload;  // message
+        std::uint64_t token = 0;     // confirmed
+        bool retained = false;       // message: the broker had kept it
+        bool heard = true;           // confirmed: somebody was there to pass it to
+        Error error = {};            // closed
     };
 
-    // Resolves and connects: blocks for as long as the system takes for that. The broker's answer comes as an event: subscribed
-    // once it has accepted login, and then every topic. Fails with not_found (a TLS file), disconnected, invalid_argument.
-    static Result<std::unique_ptr<BrokerLink>> connect(const BrokerOptions& options, const Outgoing& will, std::vector<std::string> topics);
+    // Resolves and connects: blocks for as long as the system takes for that. The broker's answer comes as an event:
+    // subscribed once it has accepted login, and then every topic. Fails with not_found (a TLS file), disconnected,
+    // invalid_argument.
+    static Result<std::unique_ptr<BrokerLink>> connect(const BrokerOptions& options, const Outgoing& will,
+                                                       std::vector<std::string> topics);
     ~BrokerLink();
 
     // Blocks for at most `wait`. After `closed` nothing follows.
@@ -50,8 +54,8 @@ class BrokerLink {
     // The broker does not read, or does not answer: a good moment to send nothing that can wait.
     [[nodiscard]] bool congested() const;
 
-    // Says goodbye once everything is answered, so that the broker does not publish the will. Blocks for at most `patience`; when that
-    // is over the connection is dropped without a word, and the will stands.
+    // Says goodbye once everything is answered, so that the broker does not publish the will. Blocks for at most
+    // `patience`; when that is over the connection is dropped without a word, and the will stands.
     void leave(std::chrono::milliseconds patience);
 
   private:

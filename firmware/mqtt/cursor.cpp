@@ -17,7 +17,9 @@ using Json = nlohmann::ordered_json;
 constexpr std::size_t kLargest = 4096;
 
 std::string text_of(const Cursor& cursor) {
-    return Json{{"store", cursor.store}, {"origin", cursor.origin}, {"confirmed", cursor.confirmed}, {"bdSeq", cursor.bd_seq}, {"lost", cursor.lost}, {"lost_until", cursor.lost_until}}.dump();
+    return Json{{"store", cursor.store},  {"origin", cursor.origin}, {"confirmed", cursor.confirmed},
+                {"bdSeq", cursor.bd_seq}, {"lost", cursor.lost},     {"lost_until", cursor.lost_until}}
+        .dump();
 }
 
 }  // namespace
@@ -25,7 +27,9 @@ std::string text_of(const Cursor& cursor) {
 Result<std::optional<Cursor>> read_cursor(const std::filesystem::path& file) {
     std::error_code error;
     if (!std::filesystem::exists(file, error)) {
-        if (error) return fail(ErrorCode::io, file.string() + " cannot be read (" + error.message() + ")", "check the folder's owner and the disk");
+        if (error)
+            return fail(ErrorCode::io, file.string() + " cannot be read (" + error.message() + ")",
+                        "check the folder's owner and the disk");
         return std::optional<Cursor>();
     }
     std::ifstream in(file, std::ios::binary);
@@ -33,12 +37,15 @@ Result<std::optional<Cursor>> read_cursor(const std::filesystem::path& file) {
     in.read(text.data(), static_cast<std::streamsize>(text.size()));
     text.resize(static_cast<std::size_t>(in.gcount()));
     const auto damaged = [&] {
-        return fail(ErrorCode::unreadable, file.string() + " is damaged, so it is not known which results were handed over",
-                    "move it away: it then begins as results.begin says, and \"all\" sends everything that the store still has once more");
+        return fail(ErrorCode::unreadable,
+                    file.string() + " is damaged, so it is not known which results were handed over",
+                    "move it away: it then begins as results.begin says, and \"all\" sends everything that the store "
+                    "still has once more");
     };
     // One line of JSON, one with its CRC-32.
     const auto end = text.find('\n');
-    if (end == std::string::npos || text.substr(end + 1) != fmt::format("{:08X}\n", common::crc32(text.substr(0, end)))) return damaged();
+    if (end == std::string::npos || text.substr(end + 1) != fmt::format("{:08X}\n", common::crc32(text.substr(0, end))))
+        return damaged();
     try {
         const Json json = Json::parse(text.substr(0, end));
         Cursor cursor;

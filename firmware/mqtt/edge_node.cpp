@@ -10,8 +10,8 @@ namespace hord::firmware::mqtt {
 namespace {
 
 constexpr std::string_view kRebirth = "Node Control/Rebirth";
-constexpr UtcMs kBirthEvery = 1000;      // requests for a birth that come faster share one
-constexpr UtcMs kAskAgainAfter = 2000;   // nobody listens: one result is tried so often
+constexpr UtcMs kBirthEvery = 1000;     // requests for a birth that come faster share one
+constexpr UtcMs kAskAgainAfter = 2000;  // nobody listens: one result is tried so often
 constexpr std::size_t kMostStateBytes = 1024;
 
 Metric named(std::string name, DataType type, MetricValue value) {
@@ -26,7 +26,9 @@ Metric named(std::string name, DataType type, MetricValue value) {
 
 EdgeNode::EdgeNode(NodeOptions options, Cursor cursor) : options_(std::move(options)), cursor_(std::move(cursor)) {}
 
-std::string EdgeNode::topic(const char* type) const { return fmt::format("spBv1.0/{}/{}/{}", options_.group, type, options_.node); }
+std::string EdgeNode::topic(const char* type) const {
+    return fmt::format("spBv1.0/{}/{}/{}", options_.group, type, options_.node);
+}
 std::string EdgeNode::state_topic() const { return "spBv1.0/STATE/" + options_.primary_host; }
 
 std::vector<std::string> EdgeNode::topics() const {
@@ -89,7 +91,8 @@ void EdgeNode::birth(UtcMs now) {
     ++figures_.births;
     Payload payload;
     payload.metrics.push_back(named("bdSeq", DataType::int64, std::int64_t{cursor_.bd_seq}));
-    payload.metrics.push_back(named(std::string(kRebirth), DataType::boolean, false));  // has no alias: hosts write it by name
+    payload.metrics.push_back(
+        named(std::string(kRebirth), DataType::boolean, false));  // has no alias: hosts write it by name
     told_ = node_metrics();
     payload.metrics.insert(payload.metrics.end(), told_.begin(), told_.end());
     const auto declared = result_metrics(nullptr, {}, false);
@@ -131,7 +134,8 @@ void EdgeNode::step(UtcMs now) {
 
 void EdgeNode::message(const std::string& from, std::string_view payload, UtcMs now, bool retained) {
     if (session_ == Session::none) return;
-    if (from == topic("NCMD") && retained) refuse("a command that the broker keeps for everybody who connects: remove it there");
+    if (from == topic("NCMD") && retained)
+        refuse("a command that the broker keeps for everybody who connects: remove it there");
     else if (from == topic("NCMD")) command(payload);
     else if (!options_.primary_host.empty() && from == state_topic()) host_state(payload, now);
     else refuse("a message on the topic \"" + from.substr(0, 100) + "\", which was not asked for");
@@ -150,8 +154,10 @@ void EdgeNode::command(std::string_view bytes) {
     if (payload->metrics.empty()) return refuse("a command without a metric");
     for (const Metric& metric : payload->metrics) {
         if (metric.name != kRebirth) {
-            const std::string name = metric.name.empty() ? fmt::format("alias {}", metric.alias.value_or(0)) : fmt::format("\"{:.60}\"", metric.name);
-            return refuse("a command to write " + name + ": a station takes no commands here but " + std::string(kRebirth));
+            const std::string name = metric.name.empty() ? fmt::format("alias {}", metric.alias.value_or(0))
+                                                         : fmt::format("\"{:.60}\"", metric.name);
+            return refuse("a command to write " + name + ": a station takes no commands here but " +
+                          std::string(kRebirth));
         }
         const bool* wanted = std::get_if<bool>(&metric.value);
         if (wanted == nullptr || (metric.type != DataType::none && metric.type != DataType::boolean)) {
@@ -164,7 +170,8 @@ void EdgeNode::command(std::string_view bytes) {
 
 void EdgeNode::host_state(std::string_view text, UtcMs now) {
     const auto json = text.size() <= kMostStateBytes ? nlohmann::json::parse(text, nullptr, false) : nlohmann::json();
-    const bool understood = json.is_object() && json.contains("online") && json["online"].is_boolean() && json.contains("timestamp") && json["timestamp"].is_number_integer();
+    const bool understood = json.is_object() && json.contains("online") && json["online"].is_boolean() &&
+        json.contains("timestamp") && json["timestamp"].is_number_integer();
     if (!understood) return refuse("a state of the primary host that is no {\"online\":...,\"timestamp\":...}");
     const auto time = json["timestamp"].get<std::int64_t>();
     if (time < host_time_) return;  // older than what is known
@@ -189,8 +196,10 @@ void EdgeNode::use_store(const std::string& id, std::int64_t newest, bool is_new
         const std::uint64_t lost = cursor_.lost;
         cursor_ = {id, 0, 0, cursor_.bd_seq, lost, 0};
     } else if (newest < cursor_.confirmed) {
-        trouble_ = fmt::format("the store ends with result {}, and {} were handed over: it was put back to an older state, and who reads takes numbers that come again for repeats", newest,
-                               cursor_.confirmed);
+        trouble_ = fmt::format(
+            "the store ends with result {}, and {} were handed over: it was put back to an older state, and who reads "
+            "takes numbers that come again for repeats",
+            newest, cursor_.confirmed);
         cursor_.confirmed = newest;
         cursor_.origin = std::min(cursor_.origin, newest);
         cursor_.lost_until = std::min(cursor_.lost_until, newest);
@@ -216,7 +225,8 @@ std::optional<EdgeNode::Wish> EdgeNode::wish(UtcMs now) {
     std::size_t count = window - open_.size();
     const bool old = !old_until_ || next_ <= *old_until_;
     if (old && options_.history_per_s > 0) {
-        const double passed_s = static_cast<double>(std::clamp<UtcMs>(now - std::exchange(allowance_at_, now), 0, 1000)) / 1000;
+        const double passed_s =
+            static_cast<double>(std::clamp<UtcMs>(now - std::exchange(allowance_at_, now), 0, 1000)) / 1000;
         allowance_ = std::min(allowance_ + passed_s * options_.history_per_s, static_cast<double>(options_.in_flight));
         count = std::min(count, static_cast<std::size_t>(allowance_));
         if (count == 0) return std::nullopt;
@@ -235,8 +245,10 @@ void EdgeNode::offer(std::span<const store::StoredResult> results, std::int64_t 
         if (result.number > missing) {
             cursor_.lost += static_cast<std::uint64_t>(result.number - missing);
             cursor_.lost_until = result.number - 1;
-            trouble_ = fmt::format("results {} to {} were removed from the store before they could be handed over: keep results longer (store.keep_days, store.keep_mb)", missing,
-                                   result.number - 1);
+            trouble_ = fmt::format(
+                "results {} to {} were removed from the store before they could be handed over: keep results longer "
+                "(store.keep_days, store.keep_mb)",
+                missing, result.number - 1);
         }
         const bool historical = result.number <= *old_until_;
         ++figures_.results;

@@ -1,12 +1,13 @@
-// A station as a Sparkplug B edge node, without I/O: what happened goes in, what is to be published comes out. docs/mqtt.md says
-// what it promises.
+// A station as a Sparkplug B edge node, without I/O: what happened goes in, what is to be published comes out.
+// docs/mqtt.md says what it promises.
 //
-// A session is one MQTT connection. It begins with a birth certificate (all metrics, seq 0), ends with a death certificate that
-// the broker holds as its will, and both carry the same bdSeq. In between every message counts seq on, 0 to 255 and again.
+// A session is one MQTT connection. It begins with a birth certificate (all metrics, seq 0), ends with a death
+// certificate that the broker holds as its will, and both carry the same bdSeq. In between every message counts seq on,
+// 0 to 255 and again.
 //
-// Results are published in the order of their numbers and stay open until they are confirmed; the cursor follows the oldest
-// one that is open. What was not confirmed when a session ends is published again in the next: nothing is lost, and who reads
-// knows a repeat by its store and number.
+// Results are published in the order of their numbers and stay open until they are confirmed; the cursor follows the
+// oldest one that is open. What was not confirmed when a session ends is published again in the next: nothing is lost,
+// and who reads knows a repeat by its store and number.
 #pragma once
 
 #include <cstdint>
@@ -57,8 +58,8 @@ class EdgeNode {
 
     // -- what is told
 
-    // The store that results come from, and its newest number: before the first wish, and whenever it is another. `is_new`: it
-    // did not exist before, so that nothing in it is older than this node.
+    // The store that results come from, and its newest number: before the first wish, and whenever it is another.
+    // `is_new`: it did not exist before, so that nothing in it is older than this node.
     void use_store(const std::string& id, std::int64_t newest, bool is_new = false);
     struct Wish {
         std::int64_t after = 0;
@@ -124,7 +125,7 @@ class EdgeNode {
     std::int64_t host_time_ = 0;  // of the newest word about the primary host
 
     std::vector<Reading> readings_;
-    std::vector<Metric> told_;    // as the last birth or change said it
+    std::vector<Metric> told_;  // as the last birth or change said it
 
     bool store_known_ = false;
     std::int64_t next_ = 1, newest_ = 0;

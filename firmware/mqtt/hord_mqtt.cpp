@@ -1,5 +1,5 @@
-// hord-mqtt: hands a station's results and health to an MQTT broker, as a Sparkplug B edge node. A process of its own beside hordd:
-// it reads registers and store, and can change neither.
+// hord-mqtt: hands a station's results and health to an MQTT broker, as a Sparkplug B edge node. A process of its own
+// beside hordd: it reads registers and store, and can change neither.
 #include <algorithm>
 #include <csignal>
 #include <cstdio>
@@ -68,9 +68,12 @@ class Station {
         std::vector<Reading> all;
         for (const modbus::Client::Place& place : places_) {
             const auto told = blocks_told();
-            if (std::none_of(told.begin(), told.end(), [&](BlockId id) { return static_cast<std::uint16_t>(id) == place.id; })) continue;
+            if (std::none_of(told.begin(), told.end(),
+                             [&](BlockId id) { return static_cast<std::uint16_t>(id) == place.id; }))
+                continue;
             const Block& block = *find_block(static_cast<BlockId>(place.id));
-            auto image = client_->read(place.base, std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block.size(), kMaxRead}));
+            auto image = client_->read(
+                place.base, std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block.size(), kMaxRead}));
             if (!image) return tl::unexpected(image.error());
             auto readings = decode(block, *image);
             if (!readings) return tl::unexpected(readings.error());
@@ -89,7 +92,8 @@ Result<MqttConfig> complete(MqttConfig config) {
     if (config.state_file.empty()) {
         const char* folder = std::getenv("STATE_DIRECTORY");
         if (folder == nullptr || *folder == '\0') {
-            return fail(ErrorCode::invalid_argument, "there is no place for the state file", "set results.state_file, or run it as the service, which has $STATE_DIRECTORY");
+            return fail(ErrorCode::invalid_argument, "there is no place for the state file",
+                        "set results.state_file, or run it as the service, which has $STATE_DIRECTORY");
         }
         config.state_file = std::filesystem::path(folder) / "cursor";
     }
@@ -109,7 +113,8 @@ int serve(const MqttConfig& config) {
     options.state_file = config.state_file;
     options.look_every = config.look_every;
     Station station(config.station);
-    auto agent = Agent::open(std::move(options), std::make_unique<ResultFeed>(config.store), [&] { return station.look(); }, say);
+    auto agent = Agent::open(
+        std::move(options), std::make_unique<ResultFeed>(config.store), [&] { return station.look(); }, say);
     if (!agent) return complain(agent.error(), kCannotRun);
     sd_notify(0, "READY=1");
     std::string told;
@@ -134,12 +139,15 @@ int serve(const MqttConfig& config) {
 int main(int argc, char** argv) {
     std::string file = "/etc/hord/mqtt.toml";
     bool check = false;
-    CLI::App program{"hord-mqtt: hands a station's results and health to an MQTT broker (Sparkplug B); runs until SIGTERM"};
+    CLI::App program{
+        "hord-mqtt: hands a station's results and health to an MQTT broker (Sparkplug B); runs until SIGTERM"};
     program.set_version_flag("--version", "hord-mqtt " HORD_VERSION);
     program.add_option("--config", file, "Configuration (TOML)")->capture_default_str();
     program.add_flag("--check", check, "Only read the configuration and say what is wrong with it");
-    program.footer("Exit status: 0 stopped as asked, 2 usage, or its state file cannot be used, 78 the configuration cannot be used.\n"
-                   "Example: hord-mqtt --config deploy/mqtt.toml --check");
+    program.footer(
+        "Exit status: 0 stopped as asked, 2 usage, or its state file cannot be used, 78 the configuration cannot be "
+        "used.\n"
+        "Example: hord-mqtt --config deploy/mqtt.toml --check");
     try {
         program.parse(argc, argv);
     } catch (const CLI::Success& asked) {

@@ -13,7 +13,8 @@ namespace {
 using store::StoredResult;
 
 bool is_noise(const Register& row) {
-    return row.name == "heartbeat" || row.name == "plc_heartbeat_age" || row.name == "age" || row.name == "uptime" || row.name == "modbus_requests";
+    return row.name == "heartbeat" || row.name == "plc_heartbeat_age" || row.name == "age" || row.name == "uptime" ||
+        row.name == "modbus_requests";
 }
 
 DataType type_of(const Register& row) {
@@ -110,7 +111,8 @@ std::vector<Metric> result_metrics(const StoredResult* result, const std::string
     add("Worst N", DataType::real, "lenslets", worst.n);
     add("Rejection", DataType::text, "", r.reject);
     add("Latency", DataType::uint64, "us", natural(r.latency_us));
-    add("Reject Latency", DataType::uint64, "us", r.reject_latency_us == 0 ? MetricValue() : MetricValue(natural(r.reject_latency_us)));
+    add("Reject Latency", DataType::uint64, "us",
+        r.reject_latency_us == 0 ? MetricValue() : MetricValue(natural(r.reject_latency_us)));
     add("Recipe", DataType::text, "", r.recipe);
     return metrics;
 }

@@ -19,11 +19,12 @@ constexpr std::uint64_t kNodeAlias = 20'000, kResultAlias = 20'100;
 // Blocks that are told: everything but results, which come from the store, and the PLC's commands, which are not ours.
 std::vector<BlockId> blocks_told();
 
-// One metric a register of these blocks, with name ("Station/STATUS/state"), alias, type, unit and value; null without a
-// reading. Heartbeats and ages, which change with every look, are left out.
+// One metric a register of these blocks, with name ("Station/STATUS/state"), alias, type, unit and value; null without
+// a reading. Heartbeats and ages, which change with every look, are left out.
 std::vector<Metric> station_metrics(const std::vector<Reading>& readings);
 
-// A result's metrics: with values at its time, by alias alone; without one, as a birth declares them: names, types, null.
+// A result's metrics: with values at its time, by alias alone; without one, as a birth declares them: names, types,
+// null.
 std::vector<Metric> result_metrics(const store::StoredResult* result, const std::string& store_id, bool historical);
 
 }  // namespace hord::firmware::mqtt

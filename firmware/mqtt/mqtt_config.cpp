@@ -31,7 +31,9 @@ bool can_be_in_topic(const std::string& name) {
     return !name.empty() && name.size() <= 100;
 }
 
-bool is_this_machine(const std::string& host) { return host == "localhost" || host == "::1" || host.starts_with("127."); }
+bool is_this_machine(const std::string& host) {
+    return host == "localhost" || host == "::1" || host.starts_with("127.");
+}
 
 void read_broker(TomlTable table, MqttConfig& config, std::optional<std::uint16_t>& port) {
     table.text("host", config.broker.host);
@@ -49,7 +51,8 @@ void read_broker(TomlTable table, MqttConfig& config, std::optional<std::uint16_
     std::string file;
     table.text("password_file", file);
     config.password_file = file;
-    if (!file.empty() && config.broker.user.empty()) table.problem("password_file", "is given without a user", "give broker.user, too");
+    if (!file.empty() && config.broker.user.empty())
+        table.problem("password_file", "is given without a user", "give broker.user, too");
 }
 
 void read_tls(TomlTable table, MqttConfig& config) {
@@ -60,13 +63,18 @@ void read_tls(TomlTable table, MqttConfig& config) {
     config.broker.ca = ca;
     config.broker.certificate = certificate;
     config.broker.key = key;
-    if (certificate.empty() != key.empty()) table.problem(certificate.empty() ? "key" : "certificate", "needs the other of the two", "give tls.certificate and tls.key");
-    if (ca.empty() && !certificate.empty()) table.problem("certificate", "is given without an authority", "give tls.ca: the file that the broker's certificate is checked with");
+    if (certificate.empty() != key.empty())
+        table.problem(certificate.empty() ? "key" : "certificate", "needs the other of the two",
+                      "give tls.certificate and tls.key");
+    if (ca.empty() && !certificate.empty())
+        table.problem("certificate", "is given without an authority",
+                      "give tls.ca: the file that the broker's certificate is checked with");
 }
 
 }  // namespace
 
-Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view name, const std::filesystem::path& folder) {
+Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view name,
+                                     const std::filesystem::path& folder) {
     TomlProblems problems;
     TomlTable root = TomlTable::parse_text(text, name, problems);
     MqttConfig config;
@@ -77,7 +85,8 @@ Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view nam
     read_tls(root.table("tls"), config);
     config.broker.port = port.value_or(config.broker.ca.empty() ? 1883 : 8883);
     if (!config.password_file.empty() && config.broker.ca.empty() && !is_this_machine(config.broker.host)) {
-        broker.problem("password_file", "would be sent readable for everybody on the way", "give tls.ca, so that the connection is encrypted");
+        broker.problem("password_file", "would be sent readable for everybody on the way",
+                       "give tls.ca, so that the connection is encrypted");
     }
 
     TomlTable sparkplug = root.table("sparkplug");
@@ -85,9 +94,12 @@ Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view nam
     sparkplug.text("group", config.node.group);
     sparkplug.text("node", config.node.node);
     sparkplug.text("primary_host", config.node.primary_host);
-    if (!can_be_in_topic(config.node.group)) sparkplug.problem("group", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
-    if (!can_be_in_topic(config.node.node)) sparkplug.problem("node", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
-    if (!config.node.primary_host.empty() && !can_be_in_topic(config.node.primary_host)) sparkplug.problem("primary_host", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
+    if (!can_be_in_topic(config.node.group))
+        sparkplug.problem("group", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
+    if (!can_be_in_topic(config.node.node))
+        sparkplug.problem("node", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
+    if (!config.node.primary_host.empty() && !can_be_in_topic(config.node.primary_host))
+        sparkplug.problem("primary_host", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
     if (config.broker.client_id.empty()) config.broker.client_id = "hord-" + config.node.group + "-" + config.node.node;
 
     TomlTable results = root.table("results");
@@ -114,7 +126,8 @@ Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view nam
 
     root.refuse_unknown_keys();
     if (!problems.empty()) return problems.as_error();
-    for (std::filesystem::path* path : {&config.password_file, &config.broker.ca, &config.broker.certificate, &config.broker.key, &config.store, &config.state_file}) {
+    for (std::filesystem::path* path : {&config.password_file, &config.broker.ca, &config.broker.certificate,
+                                        &config.broker.key, &config.store, &config.state_file}) {
         if (!path->empty() && path->is_relative()) *path = folder / *path;
     }
     return config;
@@ -122,7 +135,9 @@ Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view nam
 
 Result<MqttConfig> load_mqtt_config(const std::filesystem::path& file) {
     std::ifstream in(file, std::ios::binary);
-    if (!in) return fail(ErrorCode::invalid_argument, file.string() + " cannot be read (" + std::strerror(errno) + ")", "name the configuration: --config FILE");
+    if (!in)
+        return fail(ErrorCode::invalid_argument, file.string() + " cannot be read (" + std::strerror(errno) + ")",
+                    "name the configuration: --config FILE");
     const std::string text{std::istreambuf_iterator<char>(in), {}};
     return parse_mqtt_config(text, file.string(), file.parent_path());
 }
@@ -133,7 +148,8 @@ std::filesystem::path credential_or(const std::filesystem::path& file) {
     const auto credential = std::filesystem::path(folder) / file.filename();
     std::ifstream in(credential);
     std::string first;
-    return std::getline(in, first) && first != "-" ? credential : file;  // "-": the original does not exist (hord-mqtt.service)
+    return std::getline(in, first) && first != "-" ? credential
+                                                   : file;  // "-": the original does not exist (hord-mqtt.service)
 }
 
 Result<std::string> read_secret(const std::filesystem::path& named) {
@@ -141,13 +157,17 @@ Result<std::string> read_secret(const std::filesystem::path& named) {
     struct stat about {};
     std::ifstream in(file);
     if (!in || ::stat(file.c_str(), &about) != 0) {
-        return fail(ErrorCode::not_found, file.string() + " cannot be read (" + std::strerror(errno) + ")", "write the password into it, for root alone; the service gets it by LoadCredential=");
+        return fail(ErrorCode::not_found, file.string() + " cannot be read (" + std::strerror(errno) + ")",
+                    "write the password into it, for root alone; the service gets it by LoadCredential=");
     }
-    if (file == named && (about.st_mode & 077U) != 0) return fail(ErrorCode::refused, file.string() + " may be read by others", "chmod 600 it");
+    if (file == named && (about.st_mode & 077U) != 0)
+        return fail(ErrorCode::refused, file.string() + " may be read by others", "chmod 600 it");
     std::string line;
     std::getline(in, line);
     if (!line.empty() && line.back() == '\r') line.pop_back();
-    if (line.empty()) return fail(ErrorCode::not_found, file.string() + " holds no password", "write the password into its first line");
+    if (line.empty())
+        return fail(ErrorCode::not_found, file.string() + " holds no password",
+                    "write the password into its first line");
     return line;
 }
 

@@ -23,14 +23,14 @@ struct MqttConfig {
     std::chrono::milliseconds look_every{1000};
 };
 
-// Fails with invalid_argument; every problem of the file at once, a line each with line number and cure. Relative paths inside
-// are taken from the file's folder.
+// Fails with invalid_argument; every problem of the file at once, a line each with line number and cure. Relative paths
+// inside are taken from the file's folder.
 Result<MqttConfig> load_mqtt_config(const std::filesystem::path& file);
 Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view name, const std::filesystem::path& folder);
 
 // The first line of a file that nobody but its owner may read. A file of that name among the service's credentials
-// ($CREDENTIALS_DIRECTORY, systemd's LoadCredential=) is taken instead, so that only root need be able to read the original.
-// Fails with not_found, refused (others may read it).
+// ($CREDENTIALS_DIRECTORY, systemd's LoadCredential=) is taken instead, so that only root need be able to read the
+// original. Fails with not_found, refused (others may read it).
 Result<std::string> read_secret(const std::filesystem::path& file);
 
 // The path of that name among the service's credentials if there is one, else `file`.

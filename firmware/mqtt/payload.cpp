@@ -13,8 +13,19 @@ enum class Wire : std::uint8_t { varint = 0, eight_bytes = 1, length = 2, four_b
 // Field numbers of sparkplug_b.proto.
 enum PayloadField : std::uint32_t { kPayloadTime = 1, kPayloadMetrics = 2, kPayloadSeq = 3 };
 enum MetricField : std::uint32_t {
-    kName = 1, kAlias = 2, kTime = 3, kDataType = 4, kHistorical = 5, kNull = 7, kProperties = 9,
-    kInt = 10, kLong = 11, kFloat = 12, kDouble = 13, kBoolean = 14, kString = 15,
+    kName = 1,
+    kAlias = 2,
+    kTime = 3,
+    kDataType = 4,
+    kHistorical = 5,
+    kNull = 7,
+    kProperties = 9,
+    kInt = 10,
+    kLong = 11,
+    kFloat = 12,
+    kDouble = 13,
+    kBoolean = 14,
+    kString = 15,
 };
 enum PropertyField : std::uint32_t { kKeys = 1, kValues = 2, kPropertyType = 1, kPropertyString = 8 };
 
@@ -27,7 +38,9 @@ void put_varint(std::string& out, std::uint64_t value) {
     }
     out += static_cast<char>(value);
 }
-void put_key(std::string& out, std::uint32_t field, Wire wire) { put_varint(out, field << 3U | static_cast<std::uint32_t>(wire)); }
+void put_key(std::string& out, std::uint32_t field, Wire wire) {
+    put_varint(out, field << 3U | static_cast<std::uint32_t>(wire));
+}
 void put(std::string& out, std::uint32_t field, std::uint64_t value) {
     put_key(out, field, Wire::varint);
     put_varint(out, value);
@@ -76,8 +89,8 @@ std::string encode_metric(const Metric& metric) {
 struct Field {
     std::uint32_t number = 0;
     Wire wire = Wire::varint;
-    std::uint64_t value = 0;     // of all but length
-    std::string_view bytes = {}; // of length
+    std::uint64_t value = 0;      // of all but length
+    std::string_view bytes = {};  // of length
 };
 
 // Takes fields off the front of some bytes; `broken` once these are no protobuf.
@@ -120,7 +133,8 @@ class Fields {
     }
     std::optional<Field> fixed(Field field, std::size_t size) {
         if (left_.size() < size) return give_up();
-        for (std::size_t byte = 0; byte < size; ++byte) field.value |= std::uint64_t{static_cast<std::uint8_t>(left_[byte])} << 8U * byte;
+        for (std::size_t byte = 0; byte < size; ++byte)
+            field.value |= std::uint64_t{static_cast<std::uint8_t>(left_[byte])} << 8U * byte;
         left_.remove_prefix(size);
         return field;
     }
@@ -147,11 +161,14 @@ bool decode_metric(std::string_view bytes, Metric& metric) {
         if (field->number == kName && text) metric.name = field->bytes;
         else if (field->number == kAlias && number) metric.alias = field->value;
         else if (field->number == kTime && number) metric.time_ms = static_cast<UtcMs>(field->value);
-        else if (field->number == kDataType && number) metric.type = static_cast<DataType>(static_cast<std::uint32_t>(field->value));
+        else if (field->number == kDataType && number)
+            metric.type = static_cast<DataType>(static_cast<std::uint32_t>(field->value));
         else if (field->number == kHistorical && number) metric.historical = field->value != 0;
         else if ((field->number == kInt || field->number == kLong) && number) metric.value = field->value;
-        else if (field->number == kDouble && field->wire == Wire::eight_bytes) metric.value = std::bit_cast<double>(field->value);
-        else if (field->number == kFloat && field->wire == Wire::four_bytes) metric.value = static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(field->value)));
+        else if (field->number == kDouble && field->wire == Wire::eight_bytes)
+            metric.value = std::bit_cast<double>(field->value);
+        else if (field->number == kFloat && field->wire == Wire::four_bytes)
+            metric.value = static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(field->value)));
         else if (field->number == kBoolean && number) metric.value = field->value != 0;
         else if (field->number == kString && text) metric.value = std::string(field->bytes);
     }
@@ -170,14 +187,20 @@ std::string encode(const Payload& payload) {
 
 Result<Payload> decode_command(std::string_view bytes) {
     if (bytes.size() > kMaxCommandBytes) {
-        return fail(ErrorCode::unreadable, "a command of " + std::to_string(bytes.size()) + " bytes", "commands have at most " + std::to_string(kMaxCommandBytes));
+        return fail(ErrorCode::unreadable, "a command of " + std::to_string(bytes.size()) + " bytes",
+                    "commands have at most " + std::to_string(kMaxCommandBytes));
     }
-    const auto no_payload = [] { return fail(ErrorCode::unreadable, "a command that is no Sparkplug B payload", "see who writes to the command topic"); };
+    const auto no_payload = [] {
+        return fail(ErrorCode::unreadable, "a command that is no Sparkplug B payload",
+                    "see who writes to the command topic");
+    };
     Payload payload;
     Fields fields(bytes);
     while (const auto field = fields.next()) {
-        if (field->number == kPayloadTime && field->wire == Wire::varint) payload.time_ms = static_cast<UtcMs>(field->value);
-        else if (field->number == kPayloadSeq && field->wire == Wire::varint) payload.seq = static_cast<std::uint8_t>(field->value);
+        if (field->number == kPayloadTime && field->wire == Wire::varint)
+            payload.time_ms = static_cast<UtcMs>(field->value);
+        else if (field->number == kPayloadSeq && field->wire == Wire::varint)
+            payload.seq = static_cast<std::uint8_t>(field->value);
         else if (field->number == kPayloadMetrics && field->wire == Wire::length) {
             if (payload.metrics.size() == kMaxCommandMetrics) return no_payload();
             if (!decode_metric(field->bytes, payload.metrics.emplace_back())) return no_payload();

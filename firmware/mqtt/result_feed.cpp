@@ -14,9 +14,14 @@ Result<ResultSource::Where> ResultFeed::do_look() {
     if (!reader_) {
         auto opened = store::StoreReader::open(folder_);
         std::error_code error;
-        if (!opened && opened.error().code == ErrorCode::io && !std::filesystem::exists((folder_ / store::kStoreFile).string() + "-wal", error)) {
-            // SQLite needs the files beside it, which the station removed when it stopped, and which a reader may not make.
-            return fail(ErrorCode::busy, (folder_ / store::kStoreFile).string() + " was closed by its station, and cannot be read until it runs again", "start the station");
+        if (!opened && opened.error().code == ErrorCode::io &&
+            !std::filesystem::exists((folder_ / store::kStoreFile).string() + "-wal", error)) {
+            // SQLite needs the files beside it, which the station removed when it stopped, and which a reader may not
+            // make.
+            return fail(ErrorCode::busy,
+                        (folder_ / store::kStoreFile).string() +
+                            " was closed by its station, and cannot be read until it runs again",
+                        "start the station");
         }
         if (!opened) return tl::unexpected(opened.error());
         reader_ = std::move(*opened);
@@ -36,7 +41,8 @@ Result<std::vector<store::StoredResult>> ResultFeed::do_read(std::int64_t after,
     store::ResultFilter filter;
     filter.after = after;
     filter.oldest = static_cast<std::int64_t>(count);
-    const auto done = reader_->each_result(filter, [&](const store::StoredResult& result) { results.push_back(result); });
+    const auto done =
+        reader_->each_result(filter, [&](const store::StoredResult& result) { results.push_back(result); });
     if (!done) {
         reader_.reset();
         return tl::unexpected(done.error());

@@ -23,7 +23,9 @@ class ResultSource {
     // Opens what is not open yet, and notices when there is another store. Fails as StoreReader::open() does.
     Result<Where> look() { return do_look(); }
     // The first `count` with a higher number than `after`. Fails as StoreReader::each_result() does.
-    Result<std::vector<store::StoredResult>> read(std::int64_t after, std::size_t count) { return do_read(after, count); }
+    Result<std::vector<store::StoredResult>> read(std::int64_t after, std::size_t count) {
+        return do_read(after, count);
+    }
 
   private:
     virtual Result<Where> do_look() = 0;

@@ -34,7 +34,8 @@ void History::end_long_step(std::int64_t time_s) {
 
 std::string History::json(bool long_steps) const {
     std::string out = fmt::format("{{\"step_s\":{},\"fields\":[", long_steps ? kLongStep_s : kShortStep_s);
-    for (std::size_t k = 0; k < kHistoryFields.size(); ++k) out += fmt::format("{}\"{}\"", k > 0 ? "," : "", kHistoryFields[k]);
+    for (std::size_t k = 0; k < kHistoryFields.size(); ++k)
+        out += fmt::format("{}\"{}\"", k > 0 ? "," : "", kHistoryFields[k]);
     out += "],\"rows\":[";
     const char* comma = "";
     for (const Row& row : long_steps ? long_ : short_) {

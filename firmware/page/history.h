@@ -1,5 +1,5 @@
-// Figures over time for the page's charts, in two rings of fixed size: a quarter of an hour in steps of two seconds, and a day in
-// steps of four minutes. Not thread-safe.
+// Figures over time for the page's charts, in two rings of fixed size: a quarter of an hour in steps of two seconds,
+// and a day in steps of four minutes. Not thread-safe.
 #pragma once
 
 #include <array>
@@ -12,8 +12,10 @@
 namespace hord::firmware::page {
 
 // What a sample holds, in this order. Of a long step: the middle of its samples, of latencies the worst.
-constexpr std::array<std::string_view, 12> kHistoryFields{"parts_per_minute", "pass_per_minute", "reject_per_minute", "unfit_per_minute", "latency_p50_ms", "latency_p99_ms",
-                                                          "reject_p99_ms",    "drift_px",        "residual_px",       "light_percent",    "processor_celsius", "disk_free_percent"};
+constexpr std::array<std::string_view, 12> kHistoryFields{"parts_per_minute", "pass_per_minute",   "reject_per_minute",
+                                                          "unfit_per_minute", "latency_p50_ms",    "latency_p99_ms",
+                                                          "reject_p99_ms",    "drift_px",          "residual_px",
+                                                          "light_percent",    "processor_celsius", "disk_free_percent"};
 using HistoryValues = std::array<std::optional<float>, kHistoryFields.size()>;
 
 class History {

@@ -1,4 +1,5 @@
-// hord-page: the station's page for people, and /metrics. A process of its own that only reads: kill it, and the line goes on.
+// hord-page: the station's page for people, and /metrics. A process of its own that only reads: kill it, and the line
+// goes on.
 #include <csignal>
 #include <cstdio>
 #include <string>
@@ -46,8 +47,11 @@ Result<PageConfig> configuration(const Options& options) {
     if (!options.store.empty()) config.store = options.store;
     if (!options.listen.empty()) {
         const bool any = options.listen.ends_with(":0");
-        const auto endpoint = modbus::parse_endpoint(any ? options.listen.substr(0, options.listen.size() - 2) : options.listen);
-        if (!endpoint) return fail(ErrorCode::invalid_argument, "\"" + options.listen + "\" is no address to listen at", "write HOST:PORT, for example 127.0.0.1:8070");
+        const auto endpoint =
+            modbus::parse_endpoint(any ? options.listen.substr(0, options.listen.size() - 2) : options.listen);
+        if (!endpoint)
+            return fail(ErrorCode::invalid_argument, "\"" + options.listen + "\" is no address to listen at",
+                        "write HOST:PORT, for example 127.0.0.1:8070");
         config.host = endpoint->host;
         config.port = any ? std::uint16_t{0} : endpoint->port;
     }
@@ -68,7 +72,8 @@ int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint
     Results results(config.store);
     KeptFrames frames(config.store / store::kFramesFolder);
     PartPictures pictures;
-    const auto command = [&](CommandCode code, std::uint32_t argument, std::uint32_t argument2, const std::string& who) -> Result<modbus::Client::Reply> {
+    const auto command = [&](CommandCode code, std::uint32_t argument, std::uint32_t argument2,
+                             const std::string& who) -> Result<modbus::Client::Reply> {
         auto client = modbus::Client::connect(station, kModbusPatience);
         if (!client) return tl::unexpected(client.error());
         return client->command(code, argument, argument2, kCommandPatience, who);
@@ -80,7 +85,8 @@ int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint
     LatestPicture latest(live, viewers, frames, pictures);
     StationWatch watch(station, config.poll, live, [&] { latest.look(); });
     std::thread answering([&] { (*server)->run(); });
-    log(fmt::format("http://{}:{}/ shows the station at {}{}", config.host, (*server)->port(), config.modbus, tokens.empty() ? "" : "; commands need a token"));
+    log(fmt::format("http://{}:{}/ shows the station at {}{}", config.host, (*server)->port(), config.modbus,
+                    tokens.empty() ? "" : "; commands need a token"));
     if (!tokens.empty() && config.host != "127.0.0.1" && config.host != "localhost" && config.host != "::1") {
         log("tokens travel unencrypted beyond this machine: put a TLS proxy in front, see docs/page.md");
     }
@@ -95,15 +101,23 @@ int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint
 
 int main(int argc, char** argv) {
     Options options;
-    CLI::App program{"hord-page: the station's page for a browser, and /metrics for Prometheus; reads registers, store and pictures, runs until SIGTERM"};
+    CLI::App program{
+        "hord-page: the station's page for a browser, and /metrics for Prometheus; reads registers, store and "
+        "pictures, runs until SIGTERM"};
     program.set_version_flag("--version", "hord-page " HORD_VERSION);
-    options.config_given = program.add_option("--config", options.config, "Configuration (TOML); where it does not exist, the defaults")->capture_default_str();
-    program.add_option("--listen", options.listen, "Where the page is, HOST:PORT (port 0: any free one), instead of what the configuration says");
-    program.add_option("--modbus", options.modbus, "The station's register server, HOST[:PORT], instead of what the configuration says");
+    options.config_given =
+        program.add_option("--config", options.config, "Configuration (TOML); where it does not exist, the defaults")
+            ->capture_default_str();
+    program.add_option("--listen", options.listen,
+                       "Where the page is, HOST:PORT (port 0: any free one), instead of what the configuration says");
+    program.add_option("--modbus", options.modbus,
+                       "The station's register server, HOST[:PORT], instead of what the configuration says");
     program.add_option("--store", options.store, "The station's store, instead of what the configuration says");
-    program.add_flag("--check", options.check, "Only read the configuration and the tokens, and say what is wrong with them");
-    program.footer("Exit status: 0 stopped as asked, 2 the port cannot be used, or usage, 78 the configuration cannot be used.\n"
-                   "Example: hord-page --modbus 127.0.0.1:1502 --store /var/lib/hord/store --listen 127.0.0.1:8070");
+    program.add_flag("--check", options.check,
+                     "Only read the configuration and the tokens, and say what is wrong with them");
+    program.footer(
+        "Exit status: 0 stopped as asked, 2 the port cannot be used, or usage, 78 the configuration cannot be used.\n"
+        "Example: hord-page --modbus 127.0.0.1:1502 --store /var/lib/hord/store --listen 127.0.0.1:8070");
     try {
         program.parse(argc, argv);
     } catch (const CLI::Success& asked) {

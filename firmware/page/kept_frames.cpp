@@ -19,18 +19,24 @@ constexpr int kMostTried = 8;  // frames of parts with the same number, of other
 // "000000000123-20261121T071500Z-p42-reject.png"
 std::optional<std::pair<std::uint64_t, std::uint32_t>> number_and_part_of(const std::string& name) {
     constexpr std::size_t kPartAt = 12 + 1 + 16 + 2;
-    if (name.size() <= kPartAt || !name.ends_with(".png") || name[12] != '-' || name.compare(kPartAt - 2, 2, "-p") != 0) return std::nullopt;
+    if (name.size() <= kPartAt || !name.ends_with(".png") || name[12] != '-' || name.compare(kPartAt - 2, 2, "-p") != 0)
+        return std::nullopt;
     std::uint64_t number = 0;
     std::uint32_t part = 0;
     const char* end = name.data() + name.size();
-    if (const auto read = std::from_chars(name.data(), name.data() + 12, number); read.ec != std::errc() || read.ptr != name.data() + 12) return std::nullopt;
-    if (const auto read = std::from_chars(name.data() + kPartAt, end, part); read.ec != std::errc() || read.ptr == end || *read.ptr != '-') return std::nullopt;
+    if (const auto read = std::from_chars(name.data(), name.data() + 12, number);
+        read.ec != std::errc() || read.ptr != name.data() + 12)
+        return std::nullopt;
+    if (const auto read = std::from_chars(name.data() + kPartAt, end, part);
+        read.ec != std::errc() || read.ptr == end || *read.ptr != '-')
+        return std::nullopt;
     return std::pair{number, part};
 }
 
 }  // namespace
 
-// With the lock. The folder's time tells whether anything came or went; a large folder is not listed more often than it bears.
+// With the lock. The folder's time tells whether anything came or went; a large folder is not listed more often than it
+// bears.
 void KeptFrames::look() {
     const auto now = std::chrono::steady_clock::now();
     if (now < look_again_) return;
@@ -44,11 +50,13 @@ void KeptFrames::look() {
     const bool settled = fs::file_time_type::clock::now() - changed > std::chrono::seconds(2);
     if (changed == changed_ && settled && !known_.empty()) return;
     std::vector<Known> found;
-    for (fs::directory_iterator entry(folder_, error); !error && entry != fs::directory_iterator(); entry.increment(error)) {
+    for (fs::directory_iterator entry(folder_, error); !error && entry != fs::directory_iterator();
+         entry.increment(error)) {
         std::string name = entry->path().filename().string();
         if (const auto is = number_and_part_of(name)) found.push_back({is->first, is->second, std::move(name)});
         if (found.size() >= 2 * kMostFiles) {  // the oldest half goes
-            std::nth_element(found.begin(), found.begin() + kMostFiles, found.end(), [](const Known& a, const Known& b) { return a.number > b.number; });
+            std::nth_element(found.begin(), found.begin() + kMostFiles, found.end(),
+                             [](const Known& a, const Known& b) { return a.number > b.number; });
             found.resize(kMostFiles);
         }
     }
@@ -64,8 +72,11 @@ Result<KeptFrame> KeptFrames::read(const std::string& name) const {
     const fs::path file = folder_ / name;
     std::error_code error;
     const auto size = fs::file_size(file, error);
-    if (error) return fail(ErrorCode::not_found, name + " is no longer kept", "the ring of pictures has made room for newer ones");
-    if (size > kLargestFile) return fail(ErrorCode::unreadable, name + " is too large for a frame", "see the store's folder");
+    if (error)
+        return fail(ErrorCode::not_found, name + " is no longer kept",
+                    "the ring of pictures has made room for newer ones");
+    if (size > kLargestFile)
+        return fail(ErrorCode::unreadable, name + " is too large for a frame", "see the store's folder");
     KeptFrame kept;
     kept.name = name;
     kept.bytes.resize(static_cast<std::size_t>(size));
@@ -96,11 +107,15 @@ Result<KeptFrame> KeptFrames::find(std::uint32_t boot, std::uint32_t part) {
             continue;
         }
         const Json metadata = Json::parse(kept->frame.metadata, nullptr, false);
-        const auto is = [&](const char* key, std::uint32_t value) { return metadata.is_object() && metadata.contains(key) && metadata[key].is_number_unsigned() && metadata[key] == value; };
+        const auto is = [&](const char* key, std::uint32_t value) {
+            return metadata.is_object() && metadata.contains(key) && metadata[key].is_number_unsigned() &&
+                metadata[key] == value;
+        };
         if (is("boot", boot) && is("part", part)) return kept;
     }
     if (torn) return tl::unexpected(*torn);
-    return fail(ErrorCode::not_found, fmt::format("no frame of part {} is kept", part), "frames are kept of parts that did not pass, of some around them, and of samples, while there is room");
+    return fail(ErrorCode::not_found, fmt::format("no frame of part {} is kept", part),
+                "frames are kept of parts that did not pass, of some around them, and of samples, while there is room");
 }
 
 std::optional<KeptFrame> KeptFrames::newest() { return newest(".png", given_); }
@@ -111,7 +126,8 @@ std::optional<KeptFrame> KeptFrames::newest(std::string_view ending, std::string
     {
         const std::lock_guard lock(mutex_);
         look();
-        const auto found = std::find_if(known_.rbegin(), known_.rend(), [&](const Known& k) { return std::string_view(k.name).ends_with(ending); });
+        const auto found = std::find_if(known_.rbegin(), known_.rend(),
+                                        [&](const Known& k) { return std::string_view(k.name).ends_with(ending); });
         if (found == known_.rend() || found->name == given) return std::nullopt;
         name = given = found->name;
     }

@@ -1,5 +1,5 @@
-// The picture ring as the page reads it: which frame belongs to which part, and what is in it. Only reads; a frame that is being
-// written, was removed meanwhile or is torn is told as that. Any thread.
+// The picture ring as the page reads it: which frame belongs to which part, and what is in it. Only reads; a frame that
+// is being written, was removed meanwhile or is torn is told as that. Any thread.
 #pragma once
 
 #include <chrono>
@@ -23,7 +23,7 @@ struct KeptFrame {
 
 class KeptFrames {
   public:
-    static constexpr std::size_t kMostFiles = 200'000;             // the newest ones are known
+    static constexpr std::size_t kMostFiles = 200'000;  // the newest ones are known
     static constexpr std::uintmax_t kLargestFile = 64 * 1024 * 1024;
 
     explicit KeptFrames(std::filesystem::path folder) : folder_(std::move(folder)) {}
@@ -31,7 +31,8 @@ class KeptFrames {
     // The frame of this part of this start of the station. Fails with not_found (none is kept), unreadable (torn), io.
     Result<KeptFrame> find(std::uint32_t boot, std::uint32_t part);
 
-    // The newest one, whatever it shows or of a part that did not pass; nothing when it is the one that was given last, or there is none.
+    // The newest one, whatever it shows or of a part that did not pass; nothing when it is the one that was given last,
+    // or there is none.
     std::optional<KeptFrame> newest();
     std::optional<KeptFrame> newest_reject();
 

@@ -1,6 +1,8 @@
-// Looks, after each round of asking the station, whether the frame of another reject has come, and how bright kept frames are.
+// Looks, after each round of asking the station, whether the frame of another reject has come, and how bright kept
+// frames are.
 //
-// A frame is kept at its verdict; its result can be read when the part is past the ejector. So people see a reject before that.
+// A frame is kept at its verdict; its result can be read when the part is past the ejector. So people see a reject
+// before that.
 #pragma once
 
 #include <chrono>
@@ -13,7 +15,8 @@ namespace hord::firmware::page {
 
 class LatestPicture {
   public:
-    LatestPicture(Live& live, Viewers& viewers, KeptFrames& frames, PartPictures& pictures) : live_(live), viewers_(viewers), frames_(frames), pictures_(pictures) {}
+    LatestPicture(Live& live, Viewers& viewers, KeptFrames& frames, PartPictures& pictures)
+        : live_(live), viewers_(viewers), frames_(frames), pictures_(pictures) {}
 
     void look();
 

@@ -17,14 +17,16 @@ std::string dumped(const Json& json) { return json.dump(-1, ' ', false, Json::er
 
 std::string lower(std::string_view name) {
     std::string out(name);
-    std::transform(out.begin(), out.end(), out.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    std::transform(out.begin(), out.end(), out.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
     return out;
 }
 
 Json faults_of(std::uint32_t bits) {
     Json list = Json::array();
     for (const FaultText& fault : fault_texts()) {
-        if ((bits & fault.bit) != 0) list.push_back({{"name", fault.name}, {"meaning", fault.meaning}, {"cure", fault.cure}});
+        if ((bits & fault.bit) != 0)
+            list.push_back({{"name", fault.name}, {"meaning", fault.meaning}, {"cure", fault.cure}});
     }
     return list;
 }
@@ -47,8 +49,12 @@ Json rows_of(const Moment& moment) {
     return json;
 }
 
-std::optional<float> in_ms(std::optional<double> us) { return us ? std::optional<float>(static_cast<float>(*us / 1e3)) : std::nullopt; }
-std::optional<float> as_is(std::optional<double> value) { return value ? std::optional<float>(static_cast<float>(*value)) : std::nullopt; }
+std::optional<float> in_ms(std::optional<double> us) {
+    return us ? std::optional<float>(static_cast<float>(*us / 1e3)) : std::nullopt;
+}
+std::optional<float> as_is(std::optional<double> value) {
+    return value ? std::optional<float>(static_cast<float>(*value)) : std::nullopt;
+}
 
 }  // namespace
 
@@ -61,8 +67,8 @@ void LatencyHistogram::add(double seconds) {
 std::string SeenResult::key() const { return fmt::format("{:08x}-{}", boot, part); }
 
 std::string SeenResult::json() const {
-    Json json{{"key", key()}, {"sequence", sequence}, {"part", part}, {"verdict", verdict}, {"reason", reason}, {"reject", reject}, {"defects", defects},
-              {"verdict_ms", verdict_ms}};
+    Json json{{"key", key()},     {"sequence", sequence}, {"part", part},       {"verdict", verdict},
+              {"reason", reason}, {"reject", reject},     {"defects", defects}, {"verdict_ms", verdict_ms}};
     json["score"] = score ? Json(*score) : Json();
     json["latency_us"] = latency_us ? Json(*latency_us) : Json();
     json["reject_latency_us"] = reject_latency_us ? Json(*reject_latency_us) : Json();
@@ -142,7 +148,8 @@ void Live::sample(std::int64_t now_s) {
 std::string Live::state_locked() const {
     Json json{{"up", up_}};
     if (!up_) json["trouble"] = {{"what", trouble_.what}, {"cure", trouble_.cure}};
-    const std::uint32_t active = up_ ? moment_.bits(BlockId::status, "faults_active") : 0, latched = up_ ? moment_.bits(BlockId::status, "faults_latched") : 0;
+    const std::uint32_t active = up_ ? moment_.bits(BlockId::status, "faults_active") : 0,
+                        latched = up_ ? moment_.bits(BlockId::status, "faults_latched") : 0;
     const std::uint32_t bits = moment_.bits(BlockId::status, "bits");
     json["line_stop"] = up_ && (bits >> 2U & 1U) != 0;
     json["run_permit"] = up_ && (bits >> 1U & 1U) != 0;

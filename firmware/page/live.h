@@ -25,7 +25,7 @@ struct SeenResult {
     std::optional<double> score;
     std::optional<double> latency_us, reject_latency_us;
     std::int64_t verdict_ms = 0;  // UTC; when the page runs on another machine than the station: when the page saw it
-    [[nodiscard]] std::string key() const;   // "0a1b2c3d-42", as in the page's addresses
+    [[nodiscard]] std::string key() const;  // "0a1b2c3d-42", as in the page's addresses
     [[nodiscard]] std::string json() const;
 };
 
@@ -49,10 +49,11 @@ class Live {
     void saw(const SeenResult& result);
     void missed(std::uint32_t results);  // the ring had gone round
     void lost(const Error& error);       // nobody answers
-    // The frame of a part that did not pass is kept and can be drawn. It comes before the result, which is whole when the part is past the ejector.
+    // The frame of a part that did not pass is kept and can be drawn. It comes before the result, which is whole when
+    // the part is past the ejector.
     void saw_picture(std::uint32_t boot, std::uint32_t part, std::int64_t verdict_ms);
-    void saw_light(double share);        // of a kept frame's brightest samples, 1: full scale
-    void sample(std::int64_t now_s);     // a row of the charts, once every History::kShortStep_s
+    void saw_light(double share);     // of a kept frame's brightest samples, 1: full scale
+    void sample(std::int64_t now_s);  // a row of the charts, once every History::kShortStep_s
 
     // Everything that a page begins with: state, and the newest results, oldest first.
     [[nodiscard]] std::string page_json() const;

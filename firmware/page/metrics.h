@@ -1,5 +1,5 @@
-// What Prometheus reads at /metrics: names and units by its conventions, from what the page knows of the station and of itself.
-// docs/page.md lists them.
+// What Prometheus reads at /metrics: names and units by its conventions, from what the page knows of the station and of
+// itself. docs/page.md lists them.
 #pragma once
 
 #include <cstdint>
@@ -14,9 +14,9 @@ namespace hord::firmware::page {
 struct PageFigures {
     std::string version;
     std::size_t viewers = 0;
-    std::map<int, std::uint64_t> replies;          // by status
-    std::map<std::string, std::uint64_t> commands; // by outcome: "completed", "failed", "refused"
-    std::uint64_t turned_away = 0;                 // connections beyond those that may be
+    std::map<int, std::uint64_t> replies;           // by status
+    std::map<std::string, std::uint64_t> commands;  // by outcome: "completed", "failed", "refused"
+    std::uint64_t turned_away = 0;                  // connections beyond those that may be
 };
 
 std::string metrics_text(const Live::Figures& station, const PageFigures& page);

@@ -26,7 +26,9 @@ class Moment {
         const Reading* reading = find(block, row);
         return reading != nullptr ? plain_text(*reading) : std::string("-");
     }
-    [[nodiscard]] std::uint32_t bits(BlockId block, std::string_view row) const { return static_cast<std::uint32_t>(number(block, row).value_or(0)); }
+    [[nodiscard]] std::uint32_t bits(BlockId block, std::string_view row) const {
+        return static_cast<std::uint32_t>(number(block, row).value_or(0));
+    }
 
     static std::string plain_text(const Reading& reading) {
         const bool named = reading.what->type == RegisterType::u16 && !reading.what->values.empty();

@@ -13,10 +13,14 @@ namespace fs = std::filesystem;
 using common::TomlProblems;
 using common::TomlTable;
 
-fs::path beside(const fs::path& file, const std::string& name) { return name.empty() || fs::path(name).is_absolute() ? fs::path(name) : file.parent_path() / name; }
+fs::path beside(const fs::path& file, const std::string& name) {
+    return name.empty() || fs::path(name).is_absolute() ? fs::path(name) : file.parent_path() / name;
+}
 
 bool may_be_a_host(const std::string& name) {
-    const auto plain = [](unsigned char c) { return std::isalnum(c) != 0 || c == '.' || c == '-' || c == '_' || c == ':' || c == '[' || c == ']'; };
+    const auto plain = [](unsigned char c) {
+        return std::isalnum(c) != 0 || c == '.' || c == '-' || c == '_' || c == ':' || c == '[' || c == ']';
+    };
     return !name.empty() && name.size() < 256 && std::all_of(name.begin(), name.end(), plain);
 }
 
@@ -28,14 +32,20 @@ Result<PageConfig> read(TomlTable root, const fs::path& file, TomlProblems& prob
     page.texts("names", config.names);
     page.integer("viewers", config.viewers, 1, 64);
     for (std::string& name : config.names) {
-        if (!may_be_a_host(name)) page.problem("names", "\"" + name + "\" is no host's name or address", "write it without a port and without http://");
-        std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+        if (!may_be_a_host(name))
+            page.problem("names", "\"" + name + "\" is no host's name or address",
+                         "write it without a port and without http://");
+        std::transform(name.begin(), name.end(), name.begin(),
+                       [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
     }
-    if (!may_be_a_host(config.host)) page.problem("host", "\"" + config.host + "\" is no address to listen at", "write \"127.0.0.1\", or \"0.0.0.0\" for every interface");
+    if (!may_be_a_host(config.host))
+        page.problem("host", "\"" + config.host + "\" is no address to listen at",
+                     "write \"127.0.0.1\", or \"0.0.0.0\" for every interface");
 
     TomlTable station = root.table("station");
     station.text("modbus", config.modbus);
-    if (const auto endpoint = modbus::parse_endpoint(config.modbus); !endpoint) station.problem("modbus", endpoint.error().what, endpoint.error().cure);
+    if (const auto endpoint = modbus::parse_endpoint(config.modbus); !endpoint)
+        station.problem("modbus", endpoint.error().what, endpoint.error().cure);
     std::string store = config.store.string();
     station.text("store", store);
     config.store = beside(file, store);

@@ -15,11 +15,11 @@ struct PageConfig {
     std::string host = "127.0.0.1";  // the page listens here
     std::uint16_t port = 8070;       // 0: any free one
     std::vector<std::string> names;  // further names and addresses by which browsers and Prometheus may call it
-    int viewers = 16;                // browsers that are told of changes at the same time; further ones ask every two seconds
+    int viewers = 16;  // browsers that are told of changes at the same time; further ones ask every two seconds
 
-    std::string modbus = "127.0.0.1:502";             // the station's register server
+    std::string modbus = "127.0.0.1:502";                 // the station's register server
     std::filesystem::path store = "/var/lib/hord/store";  // its store; "": none
-    std::chrono::milliseconds poll{100};              // the station is asked so often
+    std::chrono::milliseconds poll{100};                  // the station is asked so often
 
     std::filesystem::path tokens;  // who may command; empty: nobody, the page only shows
 };

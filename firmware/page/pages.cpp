@@ -28,10 +28,11 @@ Reply refusal(int status, std::string_view what, std::string_view cure) {
 }
 
 Reply refusal(const Error& error) {
-    const int status = error.code == ErrorCode::not_found          ? 404
-                       : error.code == ErrorCode::invalid_argument ? 400
-                       : error.code == ErrorCode::busy || error.code == ErrorCode::timeout || error.code == ErrorCode::disconnected ? 503
-                                                                                                                                 : 500;
+    const int status = error.code == ErrorCode::not_found ? 404
+        : error.code == ErrorCode::invalid_argument       ? 400
+        : error.code == ErrorCode::busy || error.code == ErrorCode::timeout || error.code == ErrorCode::disconnected
+        ? 503
+        : 500;
     return refusal(status, error.what, error.cure);
 }
 
@@ -65,7 +66,8 @@ std::string host_alone(std::string_view host) {
         host = host.substr(0, colon);
     }
     std::string out(host);
-    std::transform(out.begin(), out.end(), out.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    std::transform(out.begin(), out.end(), out.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
     return out;
 }
 
@@ -83,7 +85,8 @@ const char* cure_of(CommandError error) {
         case CommandError::not_in_this_state: return "the station is in another state: see above";
         case CommandError::device_down: return "see the active faults";
         case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC";
-        case CommandError::not_yet: return "parts are still on the line, or the ejector is still acting: try again in a moment";
+        case CommandError::not_yet:
+            return "parts are still on the line, or the ejector is still acting: try again in a moment";
         case CommandError::no_such_recipe: return "the station has no recipe of this number";
         case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
         default: return "see the station's journal";
@@ -102,7 +105,8 @@ std::optional<std::uint32_t> number_in(const Json& body, const char* name) {
 const std::vector<std::pair<std::string, std::string>>& headers_of_every_reply() {
     static const std::vector<std::pair<std::string, std::string>> kHeaders{
         {"Content-Security-Policy",
-         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"},
+         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; base-uri "
+         "'none'; form-action 'none'; frame-ancestors 'none'"},
         {"X-Content-Type-Options", "nosniff"},
         {"X-Frame-Options", "DENY"},
         {"Referrer-Policy", "no-referrer"},
@@ -122,7 +126,8 @@ Reply Pages::counted(Reply reply) {
 
 bool Pages::may_be_called(std::string_view given) const {
     const std::string host = host_alone(given);
-    if (host == "localhost" || host == "127.0.0.1" || host == "[::1]" || host == host_alone(works_.config.host)) return true;
+    if (host == "localhost" || host == "127.0.0.1" || host == "[::1]" || host == host_alone(works_.config.host))
+        return true;
     return std::find(works_.config.names.begin(), works_.config.names.end(), host) != works_.config.names.end();
 }
 
@@ -133,12 +138,19 @@ Reply Pages::answer(const Request& request) {
 
 std::optional<Reply> Pages::answer_without_body(const Request& request) {
     if (request.host.empty() || !may_be_called(request.host)) {
-        return counted(refusal(421, "this page is not called \"" + host_alone(request.host).substr(0, 80) + "\"", "add the name to page.names in page.toml, or use the address that it listens at"));
+        return counted(refusal(421, "this page is not called \"" + host_alone(request.host).substr(0, 80) + "\"",
+                               "add the name to page.names in page.toml, or use the address that it listens at"));
     }
-    if (request.path.find('\0') != std::string::npos || request.path.empty() || request.path[0] != '/') return counted(refusal(400, "that is no address of this page", "begin at /"));
+    if (request.path.find('\0') != std::string::npos || request.path.empty() || request.path[0] != '/')
+        return counted(refusal(400, "that is no address of this page", "begin at /"));
     if (request.method == "POST" && request.path == "/api/command") {
-        if (works_.tokens.empty()) return counted(refuse_command(403, "this page only shows", "to allow commands, name a file of tokens in page.toml: [actions] tokens", request));
-        if (!request.content_type.starts_with("application/json")) return counted(refuse_command(415, "a command is JSON", "send {\"command\":\"stop\"} as application/json", request));
+        if (works_.tokens.empty())
+            return counted(refuse_command(403, "this page only shows",
+                                          "to allow commands, name a file of tokens in page.toml: [actions] tokens",
+                                          request));
+        if (!request.content_type.starts_with("application/json"))
+            return counted(
+                refuse_command(415, "a command is JSON", "send {\"command\":\"stop\"} as application/json", request));
         return std::nullopt;
     }
     if (request.method != "GET" && request.method != "HEAD") {
@@ -152,7 +164,8 @@ std::optional<Reply> Pages::answer_without_body(const Request& request) {
 Reply Pages::get(const Request& request) {
     const std::string_view path = request.path;
     for (const SiteFile& known : site_files()) {
-        if (path == known.path || (path == "/" && known.path == "/index.html")) return file(std::string(known.type), std::string(known.text));
+        if (path == known.path || (path == "/" && known.path == "/index.html"))
+            return file(std::string(known.type), std::string(known.text));
     }
     if (path == "/metrics") return metrics();
     if (path == "/api/page") {
@@ -168,7 +181,8 @@ Reply Pages::get(const Request& request) {
     }
     if (path == "/api/history") {
         const std::string span = field(request.query, "span");
-        if (!span.empty() && span != "15m" && span != "24h") return refusal(400, "there is no such span", "ask for 15m or 24h");
+        if (!span.empty() && span != "15m" && span != "24h")
+            return refusal(400, "there is no such span", "ask for 15m or 24h");
         return json(works_.live.history_json(span == "24h"));
     }
     if (path == "/api/results") return json(works_.results.search(request.query));
@@ -185,9 +199,13 @@ Reply Pages::get(const Request& request) {
 
 Reply Pages::part(const Request& request, std::string_view name, std::string_view what) {
     const auto key = parse_part_key(name);
-    if (!key) return refusal(400, "that is no part", "write a result's number, or the station's start and the part's number: 4711, 0a1b2c3d-42");
-    if (what != "record.json" && what != "record.tar" && what != "frame.png" && what != "map.png" && what != "found.json") {
-        return refusal(404, "a part has no such file", "ask for record.json, record.tar, frame.png, map.png or found.json");
+    if (!key)
+        return refusal(400, "that is no part",
+                       "write a result's number, or the station's start and the part's number: 4711, 0a1b2c3d-42");
+    if (what != "record.json" && what != "record.tar" && what != "frame.png" && what != "map.png" &&
+        what != "found.json") {
+        return refusal(404, "a part has no such file",
+                       "ask for record.json, record.tar, frame.png, map.png or found.json");
     }
     PartKey named = *key;
     std::optional<store::StoredResult> row;
@@ -221,8 +239,11 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
         if (what == "record.json") return download(file("application/json", text), base + ".json");
         const std::string frame = kept ? bytes(kept->bytes) : std::string();
         const std::int64_t time_s = row->time_us / 1'000'000;
-        if (!kept) return download(file("application/x-tar", tar_of({{base + "/record.json", text}}, time_s)), base + ".tar");
-        return download(file("application/x-tar", tar_of({{base + "/record.json", text}, {base + "/frame.png", frame}}, time_s)), base + ".tar");
+        if (!kept)
+            return download(file("application/x-tar", tar_of({{base + "/record.json", text}}, time_s)), base + ".tar");
+        return download(
+            file("application/x-tar", tar_of({{base + "/record.json", text}, {base + "/frame.png", frame}}, time_s)),
+            base + ".tar");
     }
     if (!kept) return refusal(kept.error());
     if (what == "frame.png") return download(file("image/png", bytes(kept->bytes)), base + ".png");
@@ -258,23 +279,30 @@ Reply Pages::refuse_command(int status, const char* what, const char* cure, cons
 
 Reply Pages::answer_command(const Request& request) {
     // A browser says where a request comes from; a page of another site may not make it act.
-    const bool foreign_site = !request.fetch_site.empty() && request.fetch_site != "same-origin" && request.fetch_site != "none";
-    const bool foreign_origin = !request.origin.empty() && request.origin != "http://" + request.host && request.origin != "https://" + request.host;
-    if (foreign_site || foreign_origin) return counted(refuse_command(403, "another site may not command the station", "give the command on the page itself", request));
+    const bool foreign_site =
+        !request.fetch_site.empty() && request.fetch_site != "same-origin" && request.fetch_site != "none";
+    const bool foreign_origin = !request.origin.empty() && request.origin != "http://" + request.host &&
+        request.origin != "https://" + request.host;
+    if (foreign_site || foreign_origin)
+        return counted(refuse_command(403, "another site may not command the station",
+                                      "give the command on the page itself", request));
     const std::string_view shown = request.authorization;
     const auto who = shown.starts_with(kBearer) ? works_.tokens.owner(shown.substr(kBearer.size())) : std::nullopt;
     if (!who) {
-        Reply reply = refuse_command(401, "the token is not known", "enter a token of the file that page.toml names", request);
+        Reply reply =
+            refuse_command(401, "the token is not known", "enter a token of the file that page.toml names", request);
         reply.headers.emplace_back("WWW-Authenticate", "Bearer");
         return counted(std::move(reply));
     }
     const Json body = Json::parse(request.body, nullptr, false);
-    if (!body.is_object() || !body.contains("command") || !body["command"].is_string()) return counted(refuse_command(400, "that is no command", "send {\"command\":\"stop\"}", request));
+    if (!body.is_object() || !body.contains("command") || !body["command"].is_string())
+        return counted(refuse_command(400, "that is no command", "send {\"command\":\"stop\"}", request));
     const auto name = body["command"].get<std::string>();
     const NamedValue* command = command_of(name);
     const auto argument = number_in(body, "argument"), argument2 = number_in(body, "argument2");
     if (command == nullptr || !argument || !argument2) {
-        return counted(refuse_command(400, "there is no such command, or its arguments are no whole numbers", "use start_continuous, stop, abort, reset, self_test, use_recipe ...", request));
+        return counted(refuse_command(400, "there is no such command, or its arguments are no whole numbers",
+                                      "use start_continuous, stop, abort, reset, self_test, use_recipe ...", request));
     }
     const auto done = works_.command(static_cast<CommandCode>(command->value), *argument, *argument2, *who);
     const bool completed = done && done->state == CommandState::completed;
@@ -282,9 +310,17 @@ Reply Pages::answer_command(const Request& request) {
         const std::lock_guard lock(mutex_);
         ++commands_[completed ? "completed" : "failed"];
     }
-    if (works_.log) works_.log(fmt::format("{} for {} from {}: {}", command->name, *who, request.peer, completed ? "done" : done ? done->error_name : done.error().message()));
-    if (!done) return counted(refusal(done.error().code == ErrorCode::refused ? 403 : 503, done.error().what, done.error().cure));
-    if (!completed) return counted(refusal(409, "the station refuses " + std::string(command->name) + ": " + done->error_name, cure_of(done->error)));
+    if (works_.log)
+        works_.log(fmt::format("{} for {} from {}: {}", command->name, *who, request.peer,
+                               completed  ? "done"
+                                   : done ? done->error_name
+                                          : done.error().message()));
+    if (!done)
+        return counted(
+            refusal(done.error().code == ErrorCode::refused ? 403 : 503, done.error().what, done.error().cure));
+    if (!completed)
+        return counted(refusal(409, "the station refuses " + std::string(command->name) + ": " + done->error_name,
+                               cure_of(done->error)));
     Reply reply;
     reply.body = dumped({{"done", command->name}, {"result", done->result}});
     return counted(std::move(reply));

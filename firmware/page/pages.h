@@ -2,14 +2,14 @@
 //
 //   /  and the site's files       firmware/page/site
 //   /metrics                      for Prometheus
-//   /api/page                     state and newest results, as JSON; /api/state: state alone; /api/events: both as they happen
-//   /api/history?span=15m|24h     for the charts
-//   /api/results, /api/recipe, /api/changes   from the store
+//   /api/page                     state and newest results, as JSON; /api/state: state alone; /api/events: both as they
+//   happen /api/history?span=15m|24h     for the charts /api/results, /api/recipe, /api/changes   from the store
 //   /parts/KEY/FILE               record.json, record.tar, frame.png, map.png, found.json of one part
 //   /api/command                  POST {"command":"stop"}, with a token
 //
-// Everything but /api/command only reads. A request that names a host by which this page is not called is refused (a foreign site
-// may make a browser ask us under its own name), and so is a command that another site made the browser send.
+// Everything but /api/command only reads. A request that names a host by which this page is not called is refused (a
+// foreign site may make a browser ask us under its own name), and so is a command that another site made the browser
+// send.
 #pragma once
 
 #include <atomic>
@@ -37,7 +37,7 @@ struct Request {
     Fields query;              // decoded
     std::string body;
     std::string host, origin, fetch_site, authorization, content_type;
-    std::string peer;          // address, for the log
+    std::string peer;  // address, for the log
 };
 
 struct Reply {
@@ -53,7 +53,8 @@ const std::vector<std::pair<std::string, std::string>>& headers_of_every_reply()
 
 class Pages {
   public:
-    using Command = std::function<Result<modbus::Client::Reply>(CommandCode code, std::uint32_t argument, std::uint32_t argument2, const std::string& who)>;
+    using Command = std::function<Result<modbus::Client::Reply>(CommandCode code, std::uint32_t argument,
+                                                                std::uint32_t argument2, const std::string& who)>;
     struct Works {
         const PageConfig& config;
         const Tokens& tokens;
@@ -68,7 +69,8 @@ class Pages {
     };
     explicit Pages(Works works) : works_(std::move(works)) {}
 
-    // What must be known before a body is read: the reply, or nothing when the body decides. A body is read for /api/command alone.
+    // What must be known before a body is read: the reply, or nothing when the body decides. A body is read for
+    // /api/command alone.
     [[nodiscard]] std::optional<Reply> answer_without_body(const Request& request);
     [[nodiscard]] Reply answer_command(const Request& request);
     // Both.

@@ -32,18 +32,26 @@ std::string_view words_for(algo::Feature distance) {
     }
 }
 
-// What the recipe judges by; where that is the reference alone, how the part differs from it (`nothing`, if nothing was compared).
+// What the recipe judges by; where that is the reference alone, how the part differs from it (`nothing`, if nothing was
+// compared).
 std::vector<Shown> views_of(const algo::Inspection& found, const algo::Recipe& recipe, std::vector<float>& nothing) {
     std::vector<Shown> views;
     if (found.compares) {
         const std::string_view unit = algo::unit_of(*found.compares);
-        views.push_back({std::string(name_of(*found.compares)), fmt::format("neighbours disagree ({})", words_for(*found.compares)), std::string(unit), found.gradient, limit_of_gradient(recipe)});
+        views.push_back({std::string(name_of(*found.compares)),
+                         fmt::format("neighbours disagree ({})", words_for(*found.compares)), std::string(unit),
+                         found.gradient, limit_of_gradient(recipe)});
     }
-    if (recipe.slopes) views.push_back({"slope", "slope of the deflection (Jacobian, Frobenius)", "bin pitches a lenslet", found.frobenius, recipe.frobenius_limit_bins});
-    if (recipe.light) views.push_back({"transmission", "light that comes through", "of a typical lenslet", found.transmission, recipe.transmission_limit});
+    if (recipe.slopes)
+        views.push_back({"slope", "slope of the deflection (Jacobian, Frobenius)", "bin pitches a lenslet",
+                         found.frobenius, recipe.frobenius_limit_bins});
+    if (recipe.light)
+        views.push_back({"transmission", "light that comes through", "of a typical lenslet", found.transmission,
+                         recipe.transmission_limit});
     if (recipe.reference && !found.compares) {
         if (found.surprise.empty()) nothing.assign(found.mask.size(), 0.0F);
-        views.push_back({"surprise", "differs from good parts", "noises", found.surprise.empty() ? algo::Map(nothing) : found.surprise, recipe.reject_score});
+        views.push_back({"surprise", "differs from good parts", "noises",
+                         found.surprise.empty() ? algo::Map(nothing) : found.surprise, recipe.reject_score});
     }
     return views;
 }
@@ -51,7 +59,10 @@ std::vector<Shown> views_of(const algo::Inspection& found, const algo::Recipe& r
 // Nothing when there is no map of that name.
 std::optional<Shown> chosen(const std::vector<Shown>& views, const std::string& feature, algo::Reason reason) {
     const auto named = [&](std::string_view name) { return std::ranges::find(views, name, &Shown::name); };
-    auto found = named(!feature.empty() ? std::string_view(feature) : reason == algo::Reason::slope ? "slope" : reason == algo::Reason::absorption ? "transmission" : "");
+    auto found = named(!feature.empty()                         ? std::string_view(feature)
+                           : reason == algo::Reason::slope      ? "slope"
+                           : reason == algo::Reason::absorption ? "transmission"
+                                                                : "");
     if (found == views.end() && feature.empty()) found = views.begin();
     if (found == views.end()) return std::nullopt;
     return *found;
@@ -74,7 +85,10 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
     for (const auto& [known, drawn] : drawn_) {
         if (known == id) return drawn;
     }
-    const auto strange = [&](const std::string& why) { return fail(ErrorCode::unreadable, kept.name + " has metadata that cannot be read (" + why + ")", "it is no frame that a station has kept"); };
+    const auto strange = [&](const std::string& why) {
+        return fail(ErrorCode::unreadable, kept.name + " has metadata that cannot be read (" + why + ")",
+                    "it is no frame that a station has kept");
+    };
     algo::Extents extents;
     std::string recipe_text, verdict_then, maps_then;
     std::uint32_t part = 0;
@@ -91,7 +105,8 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
     }
     const algo::FrameView frame = kept.frame.frame.view();
     Parts& p = *parts_;
-    std::string wanted = fmt::format("{}x{} {}x{} {} {}", extents.m, extents.n, extents.i, extents.j, frame.bits, recipe_text);
+    std::string wanted =
+        fmt::format("{}x{} {}x{} {} {}", extents.m, extents.n, extents.i, extents.j, frame.bits, recipe_text);
     if (!p.pipeline || p.known != wanted) {
         p.pipeline.reset();
         auto recipe = parse_recipe(recipe_text, kept.name);
@@ -115,13 +130,22 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
 
     const std::vector<std::string> labels = labels_of(*inspection, p.recipe);
     const std::string sentence = explain(*inspection, p.recipe, extents);
-    const Picture picture = hord::firmware::draw(scale_to(shown->title, shown->unit, shown->map, inspection->mask, shown->limit), shown->map, inspection->mask, extents, inspection->defects, labels);
+    const Picture picture =
+        hord::firmware::draw(scale_to(shown->title, shown->unit, shown->map, inspection->mask, shown->limit),
+                             shown->map, inspection->mask, extents, inspection->defects, labels);
     auto png = encode_png(picture);
     if (!png) return tl::unexpected(png.error());
 
-    Json found{{"part", part}, {"verdict", algo::name_of(inspection->verdict)}, {"reason", algo::name_of(inspection->reason)}, {"score", inspection->score}, {"sentence", sentence},
-               {"map", shown->name}, {"width", picture.width}, {"height", picture.height},
-               {"same_as_then", store::digest_of_maps(*inspection) == maps_then && algo::name_of(inspection->verdict) == verdict_then}};
+    Json found{{"part", part},
+               {"verdict", algo::name_of(inspection->verdict)},
+               {"reason", algo::name_of(inspection->reason)},
+               {"score", inspection->score},
+               {"sentence", sentence},
+               {"map", shown->name},
+               {"width", picture.width},
+               {"height", picture.height},
+               {"same_as_then",
+                store::digest_of_maps(*inspection) == maps_then && algo::name_of(inspection->verdict) == verdict_then}};
     Json list = Json::array();
     for (std::size_t k = 0; k < labels.size() && k < 20; ++k) {
         const algo::Defect& d = inspection->defects[k];
@@ -129,7 +153,8 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
     }
     found["defects"] = std::move(list);
     found["defect_count"] = labels.size();
-    auto drawn = std::make_shared<const DrawnPart>(DrawnPart{kept.name, std::move(*png), found.dump(-1, ' ', false, Json::error_handler_t::replace)});
+    auto drawn = std::make_shared<const DrawnPart>(
+        DrawnPart{kept.name, std::move(*png), found.dump(-1, ' ', false, Json::error_handler_t::replace)});
     drawn_.emplace_front(id, drawn);
     if (drawn_.size() > kRemembered) drawn_.pop_back();
     return drawn;

@@ -30,10 +30,13 @@ std::optional<Int> whole(std::string_view text, int base = 10) {
 }
 
 std::int64_t now_us() {
-    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
+    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+        .count();
 }
 
-tl::unexpected<Error> busy() { return fail(ErrorCode::busy, "others are searching the store", "try again in a moment"); }
+tl::unexpected<Error> busy() {
+    return fail(ErrorCode::busy, "others are searching the store", "try again in a moment");
+}
 
 bool is_word(std::string_view text) {
     return std::all_of(text.begin(), text.end(), [](unsigned char c) { return c >= 0x20 && c != 0x7F; });
@@ -45,8 +48,13 @@ Result<store::ResultFilter> filter_of(const Fields& fields) {
     filter.newest = 50;
     for (const auto& [name, value] : fields) {
         if (value.empty()) continue;
-        const auto wrong = [&](const char* cure) { return fail(ErrorCode::invalid_argument, fmt::format("{} cannot be \"{}\"", name, value.substr(0, 40)), cure); };
-        if (value.size() > kLongestValue || !is_word(value)) return fail(ErrorCode::invalid_argument, name.substr(0, 20) + " is too long, or holds what is no text", "write at most 100 characters");
+        const auto wrong = [&](const char* cure) {
+            return fail(ErrorCode::invalid_argument, fmt::format("{} cannot be \"{}\"", name, value.substr(0, 40)),
+                        cure);
+        };
+        if (value.size() > kLongestValue || !is_word(value))
+            return fail(ErrorCode::invalid_argument, name.substr(0, 20) + " is too long, or holds what is no text",
+                        "write at most 100 characters");
         if (name == "verdict") filter.verdict = value;
         else if (name == "reason") filter.reason = value;
         else if (name == "kind") filter.kind = value;
@@ -66,7 +74,8 @@ Result<store::ResultFilter> filter_of(const Fields& fields) {
             if (!time) return tl::unexpected(time.error());
             (name == "since" ? filter.since : filter.until) = *time;
         } else {
-            return fail(ErrorCode::invalid_argument, "there is no filter \"" + name.substr(0, 40) + "\"", "use verdict, reason, kind, recipe, part, since, until, before, limit");
+            return fail(ErrorCode::invalid_argument, "there is no filter \"" + name.substr(0, 40) + "\"",
+                        "use verdict, reason, kind, recipe, part, since, until, before, limit");
         }
     }
     return filter;
@@ -75,7 +84,8 @@ Result<store::ResultFilter> filter_of(const Fields& fields) {
 }  // namespace
 
 std::optional<PartKey> parse_part_key(std::string_view text) {
-    if (const auto number = whole<std::int64_t>(text)) return *number > 0 ? std::optional(PartKey{*number, 0, 0}) : std::nullopt;
+    if (const auto number = whole<std::int64_t>(text))
+        return *number > 0 ? std::optional(PartKey{*number, 0, 0}) : std::nullopt;
     const auto dash = text.find('-');
     if (dash != 8) return std::nullopt;
     const auto boot = whole<std::uint32_t>(text.substr(0, 8), 16), part = whole<std::uint32_t>(text.substr(9));
@@ -84,7 +94,8 @@ std::optional<PartKey> parse_part_key(std::string_view text) {
 }
 
 Result<std::unique_ptr<store::StoreReader>> Results::open() const {
-    if (folder_.empty()) return fail(ErrorCode::not_found, "this page knows no store", "name it in page.toml: [station] store");
+    if (folder_.empty())
+        return fail(ErrorCode::not_found, "this page knows no store", "name it in page.toml: [station] store");
     auto reader = store::StoreReader::open(folder_);
     if (reader) (*reader)->limit_time(kPatience);
     return reader;
@@ -100,12 +111,14 @@ Result<std::string> Results::search(const Fields& fields) {
     const auto limit = static_cast<std::size_t>(*filter->newest);
     filter->newest = *filter->newest + 1;  // whether there are more
     std::vector<std::string> rows;
-    const auto done = (*reader)->each_result(*filter, [&](const StoredResult& r) { rows.push_back(store::to_json_line(r)); });
+    const auto done =
+        (*reader)->each_result(*filter, [&](const StoredResult& r) { rows.push_back(store::to_json_line(r)); });
     if (!done) return tl::unexpected(done.error());
     const bool more = rows.size() > limit;
     std::string out = "{\"rows\":[";
     const char* comma = "";
-    for (auto row = rows.rbegin(); row != rows.rend() && row != rows.rbegin() + static_cast<std::ptrdiff_t>(limit); ++row) {
+    for (auto row = rows.rbegin(); row != rows.rend() && row != rows.rbegin() + static_cast<std::ptrdiff_t>(limit);
+         ++row) {
         out += comma + *row;
         comma = ",";
     }
@@ -125,8 +138,11 @@ Result<StoredResult> Results::one(const PartKey& key) {
         filter.part = key.part;
     }
     std::optional<StoredResult> found;
-    if (auto done = (*reader)->each_result(filter, [&](const StoredResult& r) { found = r; }); !done) return tl::unexpected(done.error());
-    if (!found) return fail(ErrorCode::not_found, "the store holds no such part", "it was never stored, is not stored yet, or was removed because of its age");
+    if (auto done = (*reader)->each_result(filter, [&](const StoredResult& r) { found = r; }); !done)
+        return tl::unexpected(done.error());
+    if (!found)
+        return fail(ErrorCode::not_found, "the store holds no such part",
+                    "it was never stored, is not stored yet, or was removed because of its age");
     return std::move(*found);
 }
 
@@ -139,7 +155,11 @@ Result<std::string> Results::changes(std::int64_t most) {
     filter.newest = std::clamp<std::int64_t>(most, 1, kMostRows);
     Json rows = Json::array();
     const auto done = (*reader)->each_change(filter, [&](const StoredChange& c) {
-        Json row{{"time", store::format_utc(c.time_us)}, {"what", c.what}, {"name", c.name}, {"peer", c.peer}, {"token", c.token}};
+        Json row{{"time", store::format_utc(c.time_us)},
+                 {"what", c.what},
+                 {"name", c.name},
+                 {"peer", c.peer},
+                 {"token", c.token}};
         if (c.what == "command") {
             row["before"] = c.before;
             row["after"] = c.after;
@@ -159,9 +179,15 @@ Result<std::string> Results::recipe_in_use() {
     filter.what = "recipe";
     filter.newest = 1;
     std::optional<StoredChange> newest;
-    if (auto done = (*reader)->each_change(filter, [&](const StoredChange& c) { newest = c; }); !done) return tl::unexpected(done.error());
-    if (!newest) return fail(ErrorCode::not_found, "the store knows no recipe", "start the station once with its store");
-    return Json{{"name", newest->name}, {"time", store::format_utc(newest->time_us)}, {"peer", newest->peer}, {"text", newest->after}}.dump(-1, ' ', false, Json::error_handler_t::replace);
+    if (auto done = (*reader)->each_change(filter, [&](const StoredChange& c) { newest = c; }); !done)
+        return tl::unexpected(done.error());
+    if (!newest)
+        return fail(ErrorCode::not_found, "the store knows no recipe", "start the station once with its store");
+    return Json{{"name", newest->name},
+                {"time", store::format_utc(newest->time_us)},
+                {"peer", newest->peer},
+                {"text", newest->after}}
+        .dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
 std::string tar_of(std::initializer_list<ArchiveMember> members, std::int64_t time_s) {
@@ -169,7 +195,9 @@ std::string tar_of(std::initializer_list<ArchiveMember> members, std::int64_t ti
     std::string out;
     for (const ArchiveMember& member : members) {
         std::string header(kBlock, '\0');
-        const auto put = [&](std::size_t at, const std::string& text) { std::memcpy(header.data() + at, text.data(), text.size()); };
+        const auto put = [&](std::size_t at, const std::string& text) {
+            std::memcpy(header.data() + at, text.data(), text.size());
+        };
         put(0, member.name.substr(0, 99));
         put(100, "0000644");
         put(108, "0000000");
@@ -178,7 +206,10 @@ std::string tar_of(std::initializer_list<ArchiveMember> members, std::int64_t ti
         put(136, fmt::format("{:011o}", std::max<std::int64_t>(time_s, 0)));
         put(148, "        ");  // the checksum counts as blanks
         put(156, "0");
-        put(257, std::string("ustar\0" "00", 8));
+        put(257,
+            std::string("ustar\0"
+                        "00",
+                        8));
         unsigned sum = 0;
         for (const char c : header) sum += static_cast<unsigned char>(c);
         put(148, fmt::format("{:06o}", sum) + std::string("\0 ", 2));

@@ -1,5 +1,6 @@
-// The store as the page reads it: results found by filters, page by page, one part's record, and what was changed by whom. Each
-// question opens the store read-only, takes a bounded time and gives a bounded number of rows. Any thread; one question at a time.
+// The store as the page reads it: results found by filters, page by page, one part's record, and what was changed by
+// whom. Each question opens the store read-only, takes a bounded time and gives a bounded number of rows. Any thread;
+// one question at a time.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +16,8 @@
 
 namespace hord::firmware::page {
 
-// A part as addresses name it: by its result's number in the store ("4711"), or by the station's start and its number since then
+// A part as addresses name it: by its result's number in the store ("4711"), or by the station's start and its number
+// since then
 // ("0a1b2c3d-42").
 struct PartKey {
     std::optional<std::int64_t> number;
@@ -32,7 +34,8 @@ class Results {
     explicit Results(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
     // verdict, reason, kind, recipe, part, since, until (as `hordctl results`), before (a number: older ones), limit.
-    // {"rows":[newest first],"more":true}. Fails with invalid_argument, naming the field; not_found, timeout, busy, and as the store.
+    // {"rows":[newest first],"more":true}. Fails with invalid_argument, naming the field; not_found, timeout, busy, and
+    // as the store.
     Result<std::string> search(const Fields& fields);
 
     // Fails with not_found.

@@ -22,9 +22,10 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 constexpr std::size_t kLargestHead = 8 * 1024, kLargestBody = 4 * 1024;
-constexpr auto kHeadPatience = std::chrono::seconds(5), kIdlePatience = std::chrono::seconds(3), kWritePatience = std::chrono::seconds(5), kReplyPatience = std::chrono::seconds(30);
+constexpr auto kHeadPatience = std::chrono::seconds(5), kIdlePatience = std::chrono::seconds(3),
+               kWritePatience = std::chrono::seconds(5), kReplyPatience = std::chrono::seconds(30);
 constexpr auto kPressedPatience = std::chrono::milliseconds(400);  // with who is silent while others wait
-constexpr auto kSlice = std::chrono::milliseconds(200);  // a page that ends is not kept waiting longer
+constexpr auto kSlice = std::chrono::milliseconds(200);            // a page that ends is not kept waiting longer
 constexpr auto kStillHere = std::chrono::milliseconds(3000);
 constexpr int kRequestsOfOneConnection = 100, kBacklog = 128;
 constexpr std::size_t kThreadsBesideViewers = 12, kMostWaiting = 32;
@@ -33,7 +34,8 @@ constexpr std::size_t kThreadsBesideViewers = 12, kMostWaiting = 32;
 class Wire {
   public:
     virtual ~Wire() = default;
-    virtual ssize_t receive(char* into, std::size_t size, Clock::time_point until) = 0;  // 0: ended; -1: error or too late
+    virtual ssize_t receive(char* into, std::size_t size,
+                            Clock::time_point until) = 0;  // 0: ended; -1: error or too late
     virtual ssize_t send(const char* bytes, std::size_t size, Clock::time_point until) = 0;
     virtual bool alive() = 0;
     virtual std::pair<std::string, int> peer() const = 0;
@@ -43,9 +45,14 @@ class Wire {
 class SocketWire final : public Wire {
   public:
     // `waiting`: connections that no thread has time for yet.
-    SocketWire(socket_t fd, const std::atomic<bool>& ending, const std::atomic<int>& waiting) : fd_(fd), ending_(ending), waiting_(waiting) {}
-    ssize_t receive(char* into, std::size_t size, Clock::time_point until) override { return wait(POLLIN, until) ? ::recv(fd_, into, size, MSG_DONTWAIT) : -1; }
-    ssize_t send(const char* bytes, std::size_t size, Clock::time_point until) override { return wait(POLLOUT, until) ? ::send(fd_, bytes, size, MSG_NOSIGNAL | MSG_DONTWAIT) : -1; }
+    SocketWire(socket_t fd, const std::atomic<bool>& ending, const std::atomic<int>& waiting)
+        : fd_(fd), ending_(ending), waiting_(waiting) {}
+    ssize_t receive(char* into, std::size_t size, Clock::time_point until) override {
+        return wait(POLLIN, until) ? ::recv(fd_, into, size, MSG_DONTWAIT) : -1;
+    }
+    ssize_t send(const char* bytes, std::size_t size, Clock::time_point until) override {
+        return wait(POLLOUT, until) ? ::send(fd_, bytes, size, MSG_NOSIGNAL | MSG_DONTWAIT) : -1;
+    }
     bool alive() override {
         pollfd state{fd_, POLLRDHUP, 0};
         return !ending_ && ::poll(&state, 1, 0) >= 0 && (state.revents & (POLLRDHUP | POLLHUP | POLLERR)) == 0;
@@ -55,7 +62,9 @@ class SocketWire final : public Wire {
         socklen_t size = sizeof address;
         char host[NI_MAXHOST] = "", port[NI_MAXSERV] = "0";
         if (::getpeername(fd_, reinterpret_cast<sockaddr*>(&address), &size) != 0) return {"?", 0};
-        if (::getnameinfo(reinterpret_cast<sockaddr*>(&address), size, host, sizeof host, port, sizeof port, NI_NUMERICHOST | NI_NUMERICSERV) != 0) return {"?", 0};
+        if (::getnameinfo(reinterpret_cast<sockaddr*>(&address), size, host, sizeof host, port, sizeof port,
+                          NI_NUMERICHOST | NI_NUMERICSERV) != 0)
+            return {"?", 0};
         return {host, std::atoi(port)};
     }
     socket_t socket() const override { return fd_; }
@@ -68,7 +77,8 @@ class SocketWire final : public Wire {
             const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
             if (left.count() <= 0) return false;
             pollfd state{fd_, what, 0};
-            const int ready = ::poll(&state, 1, static_cast<int>(std::min<std::chrono::milliseconds>(left, kSlice).count()));
+            const int ready =
+                ::poll(&state, 1, static_cast<int>(std::min<std::chrono::milliseconds>(left, kSlice).count()));
             if (ready > 0) return true;
             if (ready < 0 && errno != EINTR) return false;
         }
@@ -92,7 +102,9 @@ class MemoryWire final : public Wire {
         answer.append(bytes, size);
         return static_cast<ssize_t>(size);
     }
-    bool alive() override { return answer.find("event: page") == std::string::npos; }  // a viewer leaves after the first event
+    bool alive() override {
+        return answer.find("event: page") == std::string::npos;
+    }  // a viewer leaves after the first event
     std::pair<std::string, int> peer() const override { return {"memory", 0}; }
     socket_t socket() const override { return -1; }
     std::string answer;
@@ -161,8 +173,8 @@ class Connection final : public httplib::Stream {
     socket_t socket() const override { return wire_.socket(); }
 
   private:
-    // Nothing for what no browser sends: control characters, folded lines, a head without a colon, Host or Content-Length twice.
-    // Range is left out: replies are small and whole.
+    // Nothing for what no browser sends: control characters, folded lines, a head without a colon, Host or
+    // Content-Length twice. Range is left out: replies are small and whole.
     std::optional<std::string> checked_head(std::string_view head) {
         std::string out;
         int hosts = 0, lengths = 0, number = 0;
@@ -180,9 +192,12 @@ class Connection final : public httplib::Stream {
                 continue;
             }
             const auto colon = line.find(':');
-            if (colon == std::string_view::npos || colon == 0 || line.substr(0, colon).find_first_of(" \t") != std::string_view::npos) return std::nullopt;
+            if (colon == std::string_view::npos || colon == 0 ||
+                line.substr(0, colon).find_first_of(" \t") != std::string_view::npos)
+                return std::nullopt;
             std::string name(line.substr(0, colon));
-            std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+            std::transform(name.begin(), name.end(), name.begin(),
+                           [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
             hosts += name == "host" ? 1 : 0;
             lengths += name == "content-length" ? 1 : 0;
             has_body_ = has_body_ || name == "content-length" || name == "transfer-encoding";
@@ -289,8 +304,14 @@ class Door final : public httplib::Server {
             ::setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
         });
         set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
-            if (!request.get_header_value("Content-Encoding").empty() || !request.get_header_value("Transfer-Encoding").empty()) {
-                give({415, "application/json", R"({"error":"a packed or chunked body is not read","cure":"send it plainly, with its length"})", {}, false}, response);
+            if (!request.get_header_value("Content-Encoding").empty() ||
+                !request.get_header_value("Transfer-Encoding").empty()) {
+                give({415,
+                      "application/json",
+                      R"({"error":"a packed or chunked body is not read","cure":"send it plainly, with its length"})",
+                      {},
+                      false},
+                     response);
                 return HandlerResponse::Handled;
             }
             auto reply = pages_.answer_without_body(request_from(request));
@@ -298,13 +319,18 @@ class Door final : public httplib::Server {
             give(std::move(*reply), response);
             return HandlerResponse::Handled;
         });
-        Post("/api/command", [this](const httplib::Request& request, httplib::Response& response) { give(pages_.answer_command(request_from(request)), response); });
+        Post("/api/command", [this](const httplib::Request& request, httplib::Response& response) {
+            give(pages_.answer_command(request_from(request)), response);
+        });
         set_error_handler(Handler([](const httplib::Request&, httplib::Response& response) {
-            if (response.body.empty()) response.set_content(R"({"error":"the request cannot be read","cure":"see docs/page.md"})", "application/json");
+            if (response.body.empty())
+                response.set_content(R"({"error":"the request cannot be read","cure":"see docs/page.md"})",
+                                     "application/json");
         }));
         set_exception_handler([](const httplib::Request&, httplib::Response& response, std::exception_ptr) {
             response.status = 500;
-            response.set_content(R"({"error":"the page failed at this request","cure":"report it"})", "application/json");
+            response.set_content(R"({"error":"the page failed at this request","cure":"report it"})",
+                                 "application/json");
         });
     }
 
@@ -330,8 +356,10 @@ class Door final : public httplib::Server {
             const auto head = connection.next(patience);
             if (head == Connection::Head::none) break;
             if (head != Connection::Head::whole) {
-                connection.say(head == Connection::Head::too_large ? "HTTP/1.1 431 Request Header Fields Too Large\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
-                                                                   : "HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\nConnection: close\r\n\r\n");
+                connection.say(head == Connection::Head::too_large
+                                   ? "HTTP/1.1 431 Request Header Fields Too Large\r\nContent-Length: 0\r\nConnection: "
+                                     "close\r\n\r\n"
+                                   : "HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\nConnection: close\r\n\r\n");
                 break;
             }
             // A body that was refused unread would be taken for the next request.
@@ -345,7 +373,8 @@ class Door final : public httplib::Server {
     // cpp-httplib ends the streams of a server that does not listen; without a socket it is to be told otherwise.
     void seem_to_listen() { svr_sock_ = 0; }
 
-    // The library lets five connections wait for the system; a browser opens six at once, and what does not fit waits a second.
+    // The library lets five connections wait for the system; a browser opens six at once, and what does not fit waits a
+    // second.
     void let_more_wait() { (void)::listen(svr_sock_, kBacklog); }
 
     std::atomic<bool> ending{false};
@@ -356,7 +385,8 @@ class Door final : public httplib::Server {
         SocketWire wire(fd, ending, waiting);
         if (turning_away) {
             pages_.count_turned_away();
-            constexpr std::string_view kFull = "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 2\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
+            constexpr std::string_view kFull =
+                "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 2\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
             (void)::send(fd, kFull.data(), kFull.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
         } else {
             serve(wire);
@@ -377,7 +407,9 @@ class Door final : public httplib::Server {
         if (!viewer) {
             response.status = 503;
             response.set_header("Retry-After", "2");
-            response.set_content(R"({"error":"as many viewers as may be are told of changes","cure":"ask for /api/page every two seconds, or raise page.viewers"})", "application/json");
+            response.set_content(
+                R"({"error":"as many viewers as may be are told of changes","cure":"ask for /api/page every two seconds, or raise page.viewers"})",
+                "application/json");
             return;
         }
         if (here != nullptr) here->begin_events();
@@ -425,8 +457,10 @@ Result<std::unique_ptr<PageServer>> PageServer::open(const PageConfig& config, P
     if (parts->port <= 0) {
         const bool taken = errno == EADDRINUSE;
         return fail(taken ? ErrorCode::busy : ErrorCode::invalid_argument,
-                    fmt::format("the page cannot listen at {}:{} ({})", config.host, config.port, errno != 0 ? std::strerror(errno) : "no such address"),
-                    taken ? "end the program that has this port, or choose another in page.toml: [page] port" : "name an address of this machine in page.toml: [page] host");
+                    fmt::format("the page cannot listen at {}:{} ({})", config.host, config.port,
+                                errno != 0 ? std::strerror(errno) : "no such address"),
+                    taken ? "end the program that has this port, or choose another in page.toml: [page] port"
+                          : "name an address of this machine in page.toml: [page] host");
     }
     parts->door.let_more_wait();
     return std::unique_ptr<PageServer>(new PageServer(std::move(parts)));
@@ -444,7 +478,8 @@ void PageServer::stop() {
     parts_->door.ending = true;
     parts_->viewers.end();
     // A door that is about to listen would not hear that it shall not.
-    while (parts_->started && !parts_->ended && !parts_->door.is_running()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    while (parts_->started && !parts_->ended && !parts_->door.is_running())
+        std::this_thread::sleep_for(std::chrono::milliseconds(5));
     parts_->door.stop();
 }
 

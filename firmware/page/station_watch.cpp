@@ -39,7 +39,8 @@ SeenResult seen_from(const std::vector<Reading>& readings, std::uint32_t boot) {
     if (result.reject == "confirmed" || result.reject == "late") result.reject_latency_us = number("reject_latency");
     // The station's monotonic clock is this machine's when they are the same machine.
     const double arrived_s = number("arrived_s").value_or(0), arrived_us = number("arrived_us").value_or(0);
-    const auto verdict_ns = static_cast<std::int64_t>(arrived_s) * 1'000'000'000 + static_cast<std::int64_t>(arrived_us + result.latency_us.value_or(0)) * 1000;
+    const auto verdict_ns = static_cast<std::int64_t>(arrived_s) * 1'000'000'000 +
+        static_cast<std::int64_t>(arrived_us + result.latency_us.value_or(0)) * 1000;
     const std::int64_t age_ns = nanoseconds_of(CLOCK_MONOTONIC) - verdict_ns;
     const bool same_machine = age_ns >= 0 && age_ns < kSameMachine_ns;
     result.verdict_ms = (nanoseconds_of(CLOCK_REALTIME) - (same_machine ? age_ns : 0)) / 1'000'000;
@@ -48,8 +49,10 @@ SeenResult seen_from(const std::vector<Reading>& readings, std::uint32_t boot) {
 
 }  // namespace
 
-StationWatch::StationWatch(modbus::Endpoint endpoint, std::chrono::milliseconds poll, Live& live, std::function<void()> every_round)
-    : endpoint_(std::move(endpoint)), poll_(poll), live_(live), every_round_(std::move(every_round)), thread_([this] { work(); }) {}
+StationWatch::StationWatch(modbus::Endpoint endpoint, std::chrono::milliseconds poll, Live& live,
+                           std::function<void()> every_round)
+    : endpoint_(std::move(endpoint)), poll_(poll), live_(live), every_round_(std::move(every_round)),
+      thread_([this] { work(); }) {}
 
 StationWatch::~StationWatch() {
     {
@@ -76,7 +79,9 @@ void StationWatch::work() {
         const auto now = Steady::now();
         if (now - sample_at_ >= std::chrono::seconds(History::kShortStep_s)) {
             // In step, but after a long silence not many at once.
-            sample_at_ = now - sample_at_ > std::chrono::seconds(10) ? now : sample_at_ + std::chrono::seconds(History::kShortStep_s);
+            sample_at_ = now - sample_at_ > std::chrono::seconds(10)
+                ? now
+                : sample_at_ + std::chrono::seconds(History::kShortStep_s);
             live_.sample(static_cast<std::int64_t>(std::time(nullptr)));
         }
         if (every_round_) every_round_();
@@ -88,7 +93,8 @@ Result<void> StationWatch::read(BlockId id) {
     const Block& block = *find_block(id);
     for (const auto& place : places_) {
         if (place.id != static_cast<std::uint16_t>(id)) continue;
-        const std::size_t count = std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block.size(), kMaxRead});
+        const std::size_t count =
+            std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block.size(), kMaxRead});
         const auto words = client_->read(place.base, count);
         if (!words) return tl::unexpected(words.error());
         auto readings = decode(block, *words);
@@ -118,13 +124,15 @@ Result<void> StationWatch::look() {
     const bool all = now - slow_blocks_at_ >= kSlowBlocks;
     if (all) {
         slow_blocks_at_ = now;
-        for (const BlockId id : {BlockId::counters, BlockId::health, BlockId::plc, BlockId::recipe, BlockId::calibration}) {
+        for (const BlockId id :
+             {BlockId::counters, BlockId::health, BlockId::plc, BlockId::recipe, BlockId::calibration}) {
             if (auto done = read(id); !done) return done;
         }
     }
     // Between two full looks viewers are told what an alarm depends on, and only when it changes.
     std::string status = moment_.text(BlockId::status, "state");
-    for (const char* row : {"bits", "faults_active", "faults_latched"}) status += " " + moment_.text(BlockId::status, row);
+    for (const char* row : {"bits", "faults_active", "faults_latched"})
+        status += " " + moment_.text(BlockId::status, row);
     if (all || status != last_status_) live_.saw(moment_);
     last_status_ = std::move(status);
     return follow(moment_.bits(BlockId::status, "last_sequence"), moment_.bits(BlockId::status, "oldest_sequence"));
@@ -132,7 +140,8 @@ Result<void> StationWatch::look() {
 
 Result<void> StationWatch::follow(std::uint32_t newest, std::uint32_t oldest) {
     if (newest == 0) return {};
-    if (!began_ || newest < seen_) seen_ = std::max(newest > kFirstResults ? newest - kFirstResults : 0, oldest > 0 ? oldest - 1 : 0);
+    if (!began_ || newest < seen_)
+        seen_ = std::max(newest > kFirstResults ? newest - kFirstResults : 0, oldest > 0 ? oldest - 1 : 0);
     else if (oldest > seen_ + 1) {
         live_.missed(oldest - seen_ - 1);
         seen_ = oldest - 1;
@@ -140,11 +149,13 @@ Result<void> StationWatch::follow(std::uint32_t newest, std::uint32_t oldest) {
     began_ = true;
     const Block& ring = *find_block(BlockId::ring);
     while (seen_ < newest) {
-        const std::uint32_t next = seen_ + 1, count = std::min({newest - seen_, kResultsInOneRead, kRingSlots - next % kRingSlots});
+        const std::uint32_t next = seen_ + 1,
+                            count = std::min({newest - seen_, kResultsInOneRead, kRingSlots - next % kRingSlots});
         const auto words = client_->read(address_of_result(next), std::size_t{count} * kResultWords);
         if (!words) return tl::unexpected(words.error());
         for (std::uint32_t k = 0; k < count; ++k) {
-            const auto readings = decode_slot(ring, std::span(*words).subspan(std::size_t{k} * kResultWords, kResultWords));
+            const auto readings =
+                decode_slot(ring, std::span(*words).subspan(std::size_t{k} * kResultWords, kResultWords));
             const SeenResult result = readings ? seen_from(*readings, boot_) : SeenResult{};
             if (result.sequence == next + k) live_.saw(result);
             else live_.missed(1);  // overwritten meanwhile

@@ -1,5 +1,5 @@
-// Asks the station what it does, over Modbus, as any other client would, and tells Live. A thread of its own; when nobody
-// answers it says so and asks again.
+// Asks the station what it does, over Modbus, as any other client would, and tells Live. A thread of its own; when
+// nobody answers it says so and asks again.
 #pragma once
 
 #include <atomic>
@@ -17,7 +17,8 @@ namespace hord::firmware::page {
 class StationWatch {
   public:
     // `every_round` is called after each look, on this thread: for what else follows the station's pace.
-    StationWatch(modbus::Endpoint endpoint, std::chrono::milliseconds poll, Live& live, std::function<void()> every_round);
+    StationWatch(modbus::Endpoint endpoint, std::chrono::milliseconds poll, Live& live,
+                 std::function<void()> every_round);
     ~StationWatch();
     StationWatch(const StationWatch&) = delete;
     StationWatch& operator=(const StationWatch&) = delete;

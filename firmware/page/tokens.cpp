@@ -45,9 +45,13 @@ Result<Tokens> Tokens::load(const std::filesystem::path& file) {
         text.resize(got > 0 ? static_cast<std::size_t>(got) : 0);
     }
     ::close(fd);
-    if (!known || text.size() > kLargestFile) return fail(ErrorCode::invalid_argument, file.string() + " is no file of tokens", "write one line \"NAME TOKEN\" for each person");
+    if (!known || text.size() > kLargestFile)
+        return fail(ErrorCode::invalid_argument, file.string() + " is no file of tokens",
+                    "write one line \"NAME TOKEN\" for each person");
     if ((what.st_mode & (S_IWGRP | S_IRWXO)) != 0) {
-        return fail(ErrorCode::refused, fmt::format("{} has mode {:04o}: others than its owner may change it, or everybody may read it", file.string(), what.st_mode & 07777U),
+        return fail(ErrorCode::refused,
+                    fmt::format("{} has mode {:04o}: others than its owner may change it, or everybody may read it",
+                                file.string(), what.st_mode & 07777U),
                     fmt::format("chmod 0640 {}, and give it to root and the page's group", file.string()));
     }
     return parse(text, file.string());
@@ -66,18 +70,26 @@ Result<Tokens> Tokens::parse(std::string_view text, const std::string& file) {
         std::istringstream words(line);
         std::string name, token, more;
         if (!(words >> name)) continue;
-        if (!(words >> token) || words >> more) return wrong("not a name and a token", "write \"NAME TOKEN\"; make a token with: openssl rand -hex 24");
-        if (name.size() > kLongestName || !printable(name)) return wrong("the name has more than 20 characters, or others than ASCII", "choose a shorter one; it is recorded with each command");
+        if (!(words >> token) || words >> more)
+            return wrong("not a name and a token", "write \"NAME TOKEN\"; make a token with: openssl rand -hex 24");
+        if (name.size() > kLongestName || !printable(name))
+            return wrong("the name has more than 20 characters, or others than ASCII",
+                         "choose a shorter one; it is recorded with each command");
         if (token.size() < kShortestToken || token.size() > kLongestToken || !printable(token)) {
-            return wrong(fmt::format("the token of {} has fewer than {} characters", name, kShortestToken), "make one with: openssl rand -hex 24");
+            return wrong(fmt::format("the token of {} has fewer than {} characters", name, kShortestToken),
+                         "make one with: openssl rand -hex 24");
         }
         const One one{name, digest_of(token)};
         for (const One& other : tokens.all_) {
-            if (other.name == one.name || other.digest == one.digest) return wrong(fmt::format("the name or the token of {} is there twice", name), "give everybody a token of their own");
+            if (other.name == one.name || other.digest == one.digest)
+                return wrong(fmt::format("the name or the token of {} is there twice", name),
+                             "give everybody a token of their own");
         }
         tokens.all_.push_back(one);
     }
-    if (tokens.all_.empty()) return fail(ErrorCode::invalid_argument, file + " holds no token", "write one line \"NAME TOKEN\" for each person, or leave actions.tokens empty");
+    if (tokens.all_.empty())
+        return fail(ErrorCode::invalid_argument, file + " holds no token",
+                    "write one line \"NAME TOKEN\" for each person, or leave actions.tokens empty");
     return tokens;
 }
 

@@ -1,7 +1,7 @@
 // Who may command the station from the page.
 //
-// A file of lines "NAME TOKEN"; '#' begins a comment. The name is recorded with each command. Only digests are kept in memory, and
-// a token that is shown is compared with every one of them in a time that does not depend on what it holds.
+// A file of lines "NAME TOKEN"; '#' begins a comment. The name is recorded with each command. Only digests are kept in
+// memory, and a token that is shown is compared with every one of them in a time that does not depend on what it holds.
 #pragma once
 
 #include <array>
@@ -22,8 +22,8 @@ class Tokens {
   public:
     Tokens() = default;  // nobody
 
-    // Fails with not_found, refused (others may read or write the file), invalid_argument (a line that is not a name and a
-    // token, a token that is too short, a name or token twice).
+    // Fails with not_found, refused (others may read or write the file), invalid_argument (a line that is not a name
+    // and a token, a token that is too short, a name or token twice).
     static Result<Tokens> load(const std::filesystem::path& file);
     static Result<Tokens> parse(std::string_view text, const std::string& name);
 

@@ -1,5 +1,5 @@
-// Browsers that are told of changes as they happen (server-sent events): so many at once, each with a queue of its own that does
-// not grow. Any thread.
+// Browsers that are told of changes as they happen (server-sent events): so many at once, each with a queue of its own
+// that does not grow. Any thread.
 #pragma once
 
 #include <chrono>
@@ -25,8 +25,8 @@ class Viewers {
         ~Viewer() { all_.remove(*this); }
         Viewer(const Viewer&) = delete;
         Viewer& operator=(const Viewer&) = delete;
-        // What is to be sent: one or more whole events, or after `patience` a comment that keeps the line alive. Nothing: the
-        // page ends.
+        // What is to be sent: one or more whole events, or after `patience` a comment that keeps the line alive.
+        // Nothing: the page ends.
         std::optional<std::string> next(std::chrono::milliseconds patience) { return all_.next(*this, patience); }
 
       private:
@@ -48,7 +48,8 @@ class Viewers {
 
     // `data` is one line.
     void tell(std::string_view event, std::string_view data) {
-        const auto text = std::make_shared<const std::string>("event: " + std::string(event) + "\ndata: " + std::string(data) + "\n\n");
+        const auto text = std::make_shared<const std::string>("event: " + std::string(event) +
+                                                              "\ndata: " + std::string(data) + "\n\n");
         {
             const std::lock_guard lock(mutex_);
             for (Viewer* viewer : inside_) {

@@ -19,9 +19,10 @@ constexpr Duration kFirstBatch = milliseconds(37);
 constexpr std::uint64_t kClockStream = 0xC10C;
 
 bool same(const PartResult& a, const PartResult& b) {
-    return a.sequence == b.sequence && a.part == b.part && a.arrived_ns == b.arrived_ns && a.verdict == b.verdict && a.reason == b.reason &&
-           a.defects == b.defects && a.latency_us == b.latency_us && a.reject_latency_us == b.reject_latency_us && a.reject == b.reject &&
-           a.position_m == b.position_m && a.position_n == b.position_n && a.recipe == b.recipe;
+    return a.sequence == b.sequence && a.part == b.part && a.arrived_ns == b.arrived_ns && a.verdict == b.verdict &&
+        a.reason == b.reason && a.defects == b.defects && a.latency_us == b.latency_us &&
+        a.reject_latency_us == b.reject_latency_us && a.reject == b.reject && a.position_m == b.position_m &&
+        a.position_n == b.position_n && a.recipe == b.recipe;
 }
 
 }  // namespace
@@ -44,9 +45,11 @@ void Books::open(std::uint32_t boot, const Station& station, std::function<void(
     options.queue.capacity = kCapacity;
     options.queue.thread = false;
     options.ignored_part = Station::kTestPart;
-    const store::StoreQueue::Listener listener{[this](const Error&) { tell_fault(kFaultStore); }, [this] { tell_fault(0); }};
+    const store::StoreQueue::Listener listener{[this](const Error&) { tell_fault(kFaultStore); },
+                                               [this] { tell_fault(0); }};
     recorder_ = std::make_unique<store::StationRecorder>(
-        loop_, [this] { return wall(); }, [this] { return store::MemoryStore::open(*disk_); }, options, listener, nullptr);
+        loop_, [this] { return wall(); }, [this] { return store::MemoryStore::open(*disk_); }, options, listener,
+        nullptr);
     recorder_->in_use(store::ChangeRecord::What::configuration, "defaults", "");
     look_ = loop_.call_after(milliseconds(1000), [this] { look_at_faults(); });
     write();
@@ -62,7 +65,8 @@ void Books::begin_run() {
     stored_counts_ = {};
     commands_.clear();
     told_.clear();
-    story_ = JournalStory([this](const Entry& entry, std::string_view, std::span<const Field> fields) { journal(entry, fields); });
+    story_ = JournalStory(
+        [this](const Entry& entry, std::string_view, std::span<const Field> fields) { journal(entry, fields); });
     journal_state_ = name_of(State::preoperational);
     journal_faults_ = 0;
 }
@@ -102,7 +106,9 @@ void Books::strike(Fault fault, Duration amount) {
         case Fault::disk_full: return lasts(full_until_);
         case Fault::store_in_doubt: return lasts(in_doubt_until_);
         case Fault::store_slow: return lasts(slow_until_);
-        case Fault::clock_set: wall_offset_ += sim::random_bits(run_, kClockStream, told_to_) % 2 == 0 ? amount : -amount; return;
+        case Fault::clock_set:
+            wall_offset_ += sim::random_bits(run_, kClockStream, told_to_) % 2 == 0 ? amount : -amount;
+            return;
         default: return;
     }
 }
@@ -127,10 +133,12 @@ void Books::write_soon(Duration after) {
 void Books::write() {
     (void)recorder_->step();
     read_new_entries();
-    if (recorder_->state().waiting > kCapacity + 1024) invariants_.broken(Promise::bounded, "too many records wait for the disk");
+    if (recorder_->state().waiting > kCapacity + 1024)
+        invariants_.broken(Promise::bounded, "too many records wait for the disk");
 }
 
-// -- what is told ------------------------------------------------------------------------------------------------------
+// -- what is told
+// ------------------------------------------------------------------------------------------------------
 
 void Books::on_result(const PartResult& result) {
     told_to_ = result.sequence;
@@ -157,12 +165,14 @@ Taken Books::on_acknowledged(const Who& who, std::uint32_t sequence) {
 void Books::on_change(const Change& change) {
     if (change.what == Change::What::command) {
         commands_.push_back(change);
-        if (change.before != state_at_command_) wrong("a command's record says " + change.before + ", the journal was at " + state_at_command_);
+        if (change.before != state_at_command_)
+            wrong("a command's record says " + change.before + ", the journal was at " + state_at_command_);
     }
     recorder_->on_change(change);
 }
 
-// -- what is on the disk -----------------------------------------------------------------------------------------------
+// -- what is on the disk
+// -----------------------------------------------------------------------------------------------
 
 void Books::read_new_entries() {
     auto& entries = disk_->entries;
@@ -184,7 +194,9 @@ void Books::read(const store::ResultRecord& record) {
     const PartResult& r = record.result;
     if (r.sequence <= stored_to_ || r.sequence > told_to_) return wrong("is stored out of order", r.part);
     if (r.sequence != stored_to_ + 1) {
-        if (missing_from_ != 0) wrong("results " + std::to_string(missing_from_) + " to " + std::to_string(missing_to_) + " are missing, and nothing says so");
+        if (missing_from_ != 0)
+            wrong("results " + std::to_string(missing_from_) + " to " + std::to_string(missing_to_) +
+                  " are missing, and nothing says so");
         missing_from_ = stored_to_ + 1;
         missing_to_ = r.sequence - 1;
     }
@@ -215,8 +227,8 @@ void Books::read(const store::ChangeRecord& record) {
     if (from == stored_to_ + 1 && to >= from && to <= told_to_) {
         stored_up_to(to);
     } else if (from != missing_from_ || to != missing_to_) {
-        wrong("the store says that results " + std::to_string(from) + " to " + std::to_string(to) + " are lost, missing are " +
-              std::to_string(missing_from_) + " to " + std::to_string(missing_to_));
+        wrong("the store says that results " + std::to_string(from) + " to " + std::to_string(to) +
+              " are lost, missing are " + std::to_string(missing_from_) + " to " + std::to_string(missing_to_));
     }
     missing_from_ = missing_to_ = 0;
     lost_in_run_ += to - from + 1;
@@ -226,7 +238,8 @@ void Books::read(const store::ChangeRecord& record) {
 void Books::read(const store::CommandRecord& record) {
     if (commands_.empty()) return wrong("the store has a command that nobody gave");
     const Change& told = commands_.front();
-    if (record.token != told.who.token || record.name != told.name || record.before != told.before || record.after != told.after) {
+    if (record.token != told.who.token || record.name != told.name || record.before != told.before ||
+        record.after != told.after) {
         wrong("a command is stored otherwise than it was carried out");
     }
     commands_.pop_front();
@@ -236,7 +249,8 @@ void Books::read(const store::AcknowledgeRecord& record) {
     if (record.sequence > stored_to_) wrong("the store says that a PLC has taken what was not stored before");
 }
 
-// -- the journal -------------------------------------------------------------------------------------------------------
+// -- the journal
+// -------------------------------------------------------------------------------------------------------
 
 void Books::state(State from, State to, std::uint32_t active) { story_.state(from, to, active); }
 
@@ -250,29 +264,37 @@ void Books::look_at_faults() {
 void Books::journal(const Entry& entry, std::span<const Field> fields) {
     ++journal_entries_;
     for (const Field& field : fields) {
-        if (field.name == "HORD_FROM" && field.value != journal_state_) wrong("the journal goes on from " + field.value + ", and was at " + journal_state_);
+        if (field.name == "HORD_FROM" && field.value != journal_state_)
+            wrong("the journal goes on from " + field.value + ", and was at " + journal_state_);
         if (field.name != "HORD_FAULT") continue;
         const auto texts = fault_texts();
-        const auto fault = std::find_if(texts.begin(), texts.end(), [&](const FaultText& text) { return text.name == field.value; });
+        const auto fault =
+            std::find_if(texts.begin(), texts.end(), [&](const FaultText& text) { return text.name == field.value; });
         const bool over = entry.id == entry_of(Happening::fault_cleared).id;
-        if (fault == texts.end() || ((journal_faults_ & fault->bit) != 0) != over) return wrong("the journal tells of fault " + field.value + " twice");
+        if (fault == texts.end() || ((journal_faults_ & fault->bit) != 0) != over)
+            return wrong("the journal tells of fault " + field.value + " twice");
         journal_faults_ ^= fault->bit;
     }
     for (const Field& field : fields) {
         if (field.name != "HORD_STATE") continue;
         journal_state_ = field.value;
-        if (field.value == name_of(State::error) && journal_faults_ == 0) wrong("the journal tells of Error, and of no fault before it");
+        if (field.value == name_of(State::error) && journal_faults_ == 0)
+            wrong("the journal tells of Error, and of no fault before it");
     }
 }
 
-// -- one story ---------------------------------------------------------------------------------------------------------
+// -- one story
+// ---------------------------------------------------------------------------------------------------------
 
 void Books::check(const Snapshot& now) {
     if (station_ == nullptr) return;
-    if (journal_state_ != name_of(now.state)) wrong("the journal is at " + journal_state_ + ", the station in " + std::string(name_of(now.state)));
+    if (journal_state_ != name_of(now.state))
+        wrong("the journal is at " + journal_state_ + ", the station in " + std::string(name_of(now.state)));
     const store::StoreQueueState queue = recorder_->state();
-    if (untold_ == 0 && queue.failing != ((now.faults_active & kFaultStore) != 0)) wrong("the registers show another state of the store than it is in");
-    if (queue.failing && loop_.now() > calm_from()) invariants_.broken(Promise::ready_again, "the disk works, and nothing is stored");
+    if (untold_ == 0 && queue.failing != ((now.faults_active & kFaultStore) != 0))
+        wrong("the registers show another state of the store than it is in");
+    if (queue.failing && loop_.now() > calm_from())
+        invariants_.broken(Promise::ready_again, "the disk works, and nothing is stored");
 }
 
 void Books::end(const Snapshot& last) {
@@ -282,13 +304,15 @@ void Books::end(const Snapshot& last) {
     check(last);
     if (missing_from_ != 0) write();  // the report of a loss comes with the batch after
     if (missing_from_ != 0 || stored_to_ != told_to_) {
-        wrong("results up to " + std::to_string(told_to_) + " were reported, the store knows of those up to " + std::to_string(stored_to_));
+        wrong("results up to " + std::to_string(told_to_) + " were reported, the store knows of those up to " +
+              std::to_string(stored_to_));
     }
     if (!commands_.empty()) wrong("a command was carried out and is not stored");
     if (lost_in_run_ != 0) return;
     const Counters &c = stored_counts_, &shown = last.counters;
-    const bool agree = c.pass == shown.pass && c.reject == shown.reject && c.unfit == shown.unfit && c.reject_confirmed == shown.reject_confirmed &&
-                       c.reject_failed == shown.reject_failed && c.reject_late == shown.reject_late;
+    const bool agree = c.pass == shown.pass && c.reject == shown.reject && c.unfit == shown.unfit &&
+        c.reject_confirmed == shown.reject_confirmed && c.reject_failed == shown.reject_failed &&
+        c.reject_late == shown.reject_late;
     if (!agree) wrong("what is stored does not come to what the counters say");
 }
 

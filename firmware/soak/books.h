@@ -1,8 +1,8 @@
 // What the station writes down: its store and its journal, held against what it reported.
 //
-// The real recorder and its queue, on a disk in memory that is slow, full, broken or in doubt as the faults say, under a wall
-// clock that somebody sets. The queue's thread is played by a timer; one run of the store a process. The journal is the
-// service's own, told to a list.
+// The real recorder and its queue, on a disk in memory that is slow, full, broken or in doubt as the faults say, under
+// a wall clock that somebody sets. The queue's thread is played by a timer; one run of the store a process. The journal
+// is the service's own, told to a list.
 #pragma once
 
 #include <array>
@@ -27,7 +27,7 @@ namespace hord::firmware {
 
 class Books final : public Recorder {
   public:
-    static constexpr std::size_t kCapacity = 24;             // results that may wait: few, so that some outages lose some
+    static constexpr std::size_t kCapacity = 24;  // results that may wait: few, so that some outages lose some
     static constexpr Duration kBatchEvery = milliseconds(100);
     static constexpr Duration kRetryEvery = milliseconds(1000);
     static constexpr Duration kWorksAgainWithin = milliseconds(2500);  // after the disk's last trouble
@@ -102,17 +102,18 @@ class Books final : public Recorder {
     const Station* station_ = nullptr;  // null: the process is gone
     std::uint64_t run_ = 0;
     hal::EventLoop::TimerId timer_ = hal::EventLoop::TimerId::none, look_ = hal::EventLoop::TimerId::none;
-    int untold_ = 0;                   // the store's fault has changed, and the station does not know yet
-    std::deque<Told> told_;            // and neither stored nor said to be lost; the first is result stored_to_ + 1
+    int untold_ = 0;         // the store's fault has changed, and the station does not know yet
+    std::deque<Told> told_;  // and neither stored nor said to be lost; the first is result stored_to_ + 1
     std::uint32_t told_to_ = 0;
-    std::uint64_t read_to_ = 0;        // the disk's entries by number
-    std::uint32_t stored_to_ = 0;      // sequence
+    std::uint64_t read_to_ = 0;                        // the disk's entries by number
+    std::uint32_t stored_to_ = 0;                      // sequence
     std::uint32_t missing_from_ = 0, missing_to_ = 0;  // sequences that a later entry must account for
     std::uint64_t lost_in_run_ = 0;
-    Counters stored_counts_;           // summed from what is on the disk
-    std::deque<Change> commands_;      // told, and not on the disk yet
+    Counters stored_counts_;       // summed from what is on the disk
+    std::deque<Change> commands_;  // told, and not on the disk yet
 
-    JournalStory story_{[this](const Entry& entry, std::string_view, std::span<const Field> fields) { journal(entry, fields); }};
+    JournalStory story_{
+        [this](const Entry& entry, std::string_view, std::span<const Field> fields) { journal(entry, fields); }};
     std::string journal_state_, state_at_command_;
     std::uint32_t journal_faults_ = 0;
 

@@ -12,18 +12,47 @@ namespace {
 constexpr std::size_t kUp = kCommands, kLost = kUp + kDevices, kEdges = kLost + kDevices, kOthers = kEdges + 2;
 
 // In the order of kind_of().
-constexpr std::array<std::string_view, kEventKinds> kNames{
-    "initialise", "arm", "disarm", "start-single", "start-continuous", "stop", "abort", "halt", "reset",
-    "part-sensor-up", "strobe-up", "sensor-up", "rejector-up", "part-sensor-lost", "strobe-lost", "sensor-lost", "rejector-lost",
-    "part-arrives", "part-leaves",
-    "tick", "encoder", "frame", "strobe-report", "judged", "reject-report", "trigger-refused", "strobe-refused", "inspect-refused",
-    "reject-refused", "plc-lost", "plc-back", "line-unknown", "outside-faults"};
+constexpr std::array<std::string_view, kEventKinds> kNames{"initialise",
+                                                           "arm",
+                                                           "disarm",
+                                                           "start-single",
+                                                           "start-continuous",
+                                                           "stop",
+                                                           "abort",
+                                                           "halt",
+                                                           "reset",
+                                                           "part-sensor-up",
+                                                           "strobe-up",
+                                                           "sensor-up",
+                                                           "rejector-up",
+                                                           "part-sensor-lost",
+                                                           "strobe-lost",
+                                                           "sensor-lost",
+                                                           "rejector-lost",
+                                                           "part-arrives",
+                                                           "part-leaves",
+                                                           "tick",
+                                                           "encoder",
+                                                           "frame",
+                                                           "strobe-report",
+                                                           "judged",
+                                                           "reject-report",
+                                                           "trigger-refused",
+                                                           "strobe-refused",
+                                                           "inspect-refused",
+                                                           "reject-refused",
+                                                           "plc-lost",
+                                                           "plc-back",
+                                                           "line-unknown",
+                                                           "outside-faults"};
 
 struct KindOf {
     std::size_t operator()(const Command& c) const { return static_cast<std::size_t>(c); }
     std::size_t operator()(const DeviceUp& e) const { return kUp + static_cast<std::size_t>(e.device); }
     std::size_t operator()(const DeviceLost& e) const { return kLost + static_cast<std::size_t>(e.device); }
-    std::size_t operator()(const hal::PartEdge& e) const { return kEdges + (e.kind == hal::PartEdge::Kind::arrives ? 0U : 1U); }
+    std::size_t operator()(const hal::PartEdge& e) const {
+        return kEdges + (e.kind == hal::PartEdge::Kind::arrives ? 0U : 1U);
+    }
     std::size_t operator()(const Tick&) const { return kOthers; }
     std::size_t operator()(const hal::EncoderReading&) const { return kOthers + 1; }
     std::size_t operator()(const FrameArrived&) const { return kOthers + 2; }
@@ -78,7 +107,8 @@ std::size_t Coverage::pairs() const {
 std::string_view unreachable(State state, std::size_t kind) {
     const bool closed = state == State::preoperational || state == State::halted;
     const bool from_device = (kind >= kUp && kind < kOthers) || (kind > kOthers && kind <= kOthers + 9);
-    const std::size_t strobe_report = kOthers + 3, reject_report = kOthers + 5, first_refusal = kOthers + 6, reject_refused = kOthers + 9, line_unknown = kOthers + 12;
+    const std::size_t strobe_report = kOthers + 3, reject_report = kOthers + 5, first_refusal = kOthers + 6,
+                      reject_refused = kOthers + 9, line_unknown = kOthers + 12;
     if (closed && from_device && !(state == State::halted && (kind == strobe_report || kind == reject_report))) {
         return "devices are closed; what they still owe is told as they are closed, in Halted";
     }
@@ -86,12 +116,16 @@ std::string_view unreachable(State state, std::size_t kind) {
     if (kind >= kUp && kind < kLost && (state == State::ready || executing(state))) {
         return "a device that goes there brings Error, and one that is down lets nobody arm";
     }
-    if (kind == reject_refused) return "the simulated rejector takes as many commands as its ledger, more than there are parts; the core's own tests refuse";
+    if (kind == reject_refused)
+        return "the simulated rejector takes as many commands as its ledger, more than there are parts; the core's own "
+               "tests refuse";
     if (state == State::error && kind == first_refusal + 1) {
-        return "only where the strobe goes in the very pulse that was planned up to 5 ms before the Error: not met in millions; the core's own tests refuse it";
+        return "only where the strobe goes in the very pulse that was planned up to 5 ms before the Error: not met in "
+               "millions; the core's own tests refuse it";
     }
     if (kind >= first_refusal && kind < reject_refused && (state == State::initialized || state == State::ready)) {
-        return "no part that waits for its exposure or its frame is left: to get there the line was emptied, stood, or its parts were given up";
+        return "no part that waits for its exposure or its frame is left: to get there the line was emptied, stood, or "
+               "its parts were given up";
     }
     return {};
 }
@@ -116,7 +150,10 @@ std::string describe(const Coverage& coverage, bool* complete) {
             const auto number = static_cast<std::size_t>(known - reasons.begin()) + 1;
             if (n == 0 && !why.empty() && known == reasons.end()) reasons.push_back(why);
             // What was said not to happen and does is as wrong as what never did.
-            text += padded(n > 0 ? (why.empty() ? "" : "UNEXPECTED ") + std::to_string(n) : why.empty() ? "MISSING" : "(" + std::to_string(number) + ")", 11);
+            text += padded(n > 0             ? (why.empty() ? "" : "UNEXPECTED ") + std::to_string(n)
+                               : why.empty() ? "MISSING"
+                                             : "(" + std::to_string(number) + ")",
+                           11);
             all = all && (n > 0) == why.empty();
         }
         text += "\n";
@@ -128,13 +165,15 @@ std::string describe(const Coverage& coverage, bool* complete) {
             const auto x = static_cast<Fault>(a), y = static_cast<Fault>(b);
             if (!unreachable(x, y).empty()) continue;
             ++wanted;
-            if (!coverage.together(x, y)) missing += "  " + std::string(sim::name_of(y)) + " + " + std::string(sim::name_of(x)) + "\n";
+            if (!coverage.together(x, y))
+                missing += "  " + std::string(sim::name_of(y)) + " + " + std::string(sim::name_of(x)) + "\n";
         }
     }
     all = all && missing.empty();
     text += "fault pairs " + std::to_string(coverage.pairs()) + " of " + std::to_string(wanted) + "\n";
     if (!missing.empty()) text += "pairs not seen\n" + missing;
-    for (std::size_t k = 0; k < reasons.size(); ++k) text += "(" + std::to_string(k + 1) + ") " + std::string(reasons[k]) + "\n";
+    for (std::size_t k = 0; k < reasons.size(); ++k)
+        text += "(" + std::to_string(k + 1) + ") " + std::string(reasons[k]) + "\n";
     if (complete != nullptr) *complete = all;
     return text;
 }

@@ -13,10 +13,12 @@
 
 namespace hord::firmware {
 
-inline constexpr std::array kStates{State::preoperational, State::halted, State::error, State::initialized, State::ready,
-                                    State::single_execution, State::continuous_execution};
+inline constexpr std::array kStates{State::preoperational,      State::halted, State::error,
+                                    State::initialized,         State::ready,  State::single_execution,
+                                    State::continuous_execution};
 
-// What a step is about: each alternative of Event; commands, devices up and lost, and the two kinds of edges one by one.
+// What a step is about: each alternative of Event; commands, devices up and lost, and the two kinds of edges one by
+// one.
 inline constexpr std::size_t kCommands = 9;
 inline constexpr std::size_t kEventKinds = kCommands + 2 * kDevices + 2 + (std::variant_size_v<Event> - 4);
 [[nodiscard]] std::size_t kind_of(const Event& event);
@@ -25,7 +27,9 @@ inline constexpr std::size_t kEventKinds = kCommands + 2 * kDevices + 2 + (std::
 class Coverage {
   public:
     void stepped(State before, const Event& event) { ++steps_[index_of(before)][kind_of(event)]; }
-    void fired_together(sim::Fault a, sim::Fault b) { pairs_.set(static_cast<std::size_t>(a) * sim::kFaults + static_cast<std::size_t>(b)); }
+    void fired_together(sim::Fault a, sim::Fault b) {
+        pairs_.set(static_cast<std::size_t>(a) * sim::kFaults + static_cast<std::size_t>(b));
+    }
     void merge(const Coverage& other);
 
     [[nodiscard]] std::uint64_t steps(State state, std::size_t kind) const { return steps_[index_of(state)][kind]; }

@@ -1,7 +1,7 @@
 // Between the station and the cell: the observer sees everything that passes, and a crash cuts it off.
 //
-// One set of gates a process. After cut() nothing passes in either direction: what the station still says in its destructor
-// goes nowhere, as when a process dies; the devices close as the kernel closes them.
+// One set of gates a process. After cut() nothing passes in either direction: what the station still says in its
+// destructor goes nowhere, as when a process dies; the devices close as the kernel closes them.
 #pragma once
 
 #include <functional>
@@ -47,7 +47,9 @@ class Gates {
         void do_stop() override;
         [[nodiscard]] hal::StrobeLimits do_limits() const override { return gates.cell_.strobe().limits(); }
         void on_strobe(const hal::StrobeReport& report) override;
-        void on_strobe_lost(const Error& error) override { if (!gates.cut_) listener->on_strobe_lost(error); }
+        void on_strobe_lost(const Error& error) override {
+            if (!gates.cut_) listener->on_strobe_lost(error);
+        }
         Gates& gates;
         hal::Strobe::Listener* listener = nullptr;
     };
@@ -70,8 +72,12 @@ class Gates {
         Result<void> do_reject(const hal::RejectCommand& command) override;
         void do_set_run_permit(bool permit) override;
         void do_stop() override;
-        void on_reject(const hal::RejectReport& report) override { if (!gates.cut_) listener->on_reject(report); }
-        void on_rejector_link(bool up, const Error& why_down) override { if (!gates.cut_) listener->on_rejector_link(up, why_down); }
+        void on_reject(const hal::RejectReport& report) override {
+            if (!gates.cut_) listener->on_reject(report);
+        }
+        void on_rejector_link(bool up, const Error& why_down) override {
+            if (!gates.cut_) listener->on_rejector_link(up, why_down);
+        }
         Gates& gates;
         hal::Rejector::Listener* listener = nullptr;
     };

@@ -10,8 +10,9 @@ using sim::Fault;
 namespace {
 
 constexpr std::array<std::string_view, kPromises> kNames{
-    "one-verdict", "no-bad-part-passes", "own-data", "own-rejection", "unconfirmed-stops", "light-limits", "counters-agree",
-    "lawful-states", "true-reasons", "undisturbed-parts", "ready-again", "bounded", "one-story", "commands-once"};
+    "one-verdict",    "no-bad-part-passes", "own-data",     "own-rejection",     "unconfirmed-stops", "light-limits",
+    "counters-agree", "lawful-states",      "true-reasons", "undisturbed-parts", "ready-again",       "bounded",
+    "one-story",      "commands-once"};
 
 // The encoder may lose so much while a part is on its way, and it is still exposed and ejected.
 constexpr double kSlipBorne_mm = 4;
@@ -30,7 +31,8 @@ void Invariants::broken(Promise promise, const std::string& what, std::uint64_t 
     if (violations_++ == 0) newest_at_violation_ = newest_;
     ++broken_[static_cast<std::size_t>(promise)];
     if (texts_.size() >= 10) return;
-    texts_.push_back(std::string(name_of(promise)) + ": " + (part != 0 ? "part " + std::to_string(part) + " " : "") + what);
+    texts_.push_back(std::string(name_of(promise)) + ": " + (part != 0 ? "part " + std::to_string(part) + " " : "") +
+                     what);
 }
 
 // -- parts -----------------------------------------------------------------------------------------------------------
@@ -43,12 +45,16 @@ void Invariants::part_arrives(const sim::PartRecord& part) {
     known.bad = part.bad;
     known.front_mm = part.front_mm;
     known.arrived_ns = part.arrived.time_since_epoch().count();
-    // It hides behind one whose edge was lost without a trace: the sensor is covered all the time, and says nothing of it.
+    // It hides behind one whose edge was lost without a trace: the sensor is covered all the time, and says nothing of
+    // it.
     known.invisible = part.touches_ahead && newest_ != 0 && parts_[newest_ % kMemory].invisible;
     // So close behind the one ahead that it may be rejected, or its light may not have rested.
     const Known& ahead = parts_[newest_ % kMemory];
-    const Duration near = std::max(rules_.core.min_gap, cell_.strobe().limits().min_rest + rules_.core.strobe) + milliseconds(2);
-    if (newest_ != 0 && part.front_mm - ahead.front_mm < 1e-9 * static_cast<double>(near.count()) * cell_.world().nominal_speed_mm_s() * 1.05) {
+    const Duration near =
+        std::max(rules_.core.min_gap, cell_.strobe().limits().min_rest + rules_.core.strobe) + milliseconds(2);
+    if (newest_ != 0 &&
+        part.front_mm - ahead.front_mm <
+            1e-9 * static_cast<double>(near.count()) * cell_.world().nominal_speed_mm_s() * 1.05) {
         last_close_ = clock_.now();
         disturbed_until_ = std::max(disturbed_until_, last_close_ + kAftermath);
     }
@@ -57,8 +63,10 @@ void Invariants::part_arrives(const sim::PartRecord& part) {
 
 // Its story must be over.
 void Invariants::forget(const Known& known) {
-    if (!known.gone) broken(Promise::bounded, "is still on the line " + std::to_string(kMemory) + " parts later", known.number);
-    if (known.delivered && !known.has_result && !known.process_ended) broken(Promise::one_verdict, "was seen and got no verdict", known.number);
+    if (!known.gone)
+        broken(Promise::bounded, "is still on the line " + std::to_string(kMemory) + " parts later", known.number);
+    if (known.delivered && !known.has_result && !known.process_ended)
+        broken(Promise::one_verdict, "was seen and got no verdict", known.number);
 }
 
 Invariants::Known* Invariants::arrived_at(std::int64_t ns) {
@@ -102,8 +110,10 @@ void Invariants::check_exit(Known& known) {
         left_in_outage_at_ = clock_.now().time_since_epoch().count();
         return;
     }
-    broken(Promise::no_bad_part_passes, known.has_result ? "left, and was not passed (" + std::string(name_of(known.result.reason)) + ")"
-                                                          : "left without a verdict", known.number);
+    broken(Promise::no_bad_part_passes,
+           known.has_result ? "left, and was not passed (" + std::string(name_of(known.result.reason)) + ")"
+                            : "left without a verdict",
+           known.number);
 }
 
 void Invariants::check_ejected(Known& known) {
@@ -133,7 +143,9 @@ void Invariants::fault(Fault fault, Duration amount) {
     faults_until_ = std::max(faults_until_, now + amount + kAftermath);
     disturbed_until_ = std::max(disturbed_until_, faults_until_);
     told_not_ready_ = false;
-    const auto mm_in = [&](Duration motion) { return 1e-9 * static_cast<double>(motion.count()) * cell_.world().nominal_speed_mm_s(); };
+    const auto mm_in = [&](Duration motion) {
+        return 1e-9 * static_cast<double>(motion.count()) * cell_.world().nominal_speed_mm_s();
+    };
     switch (fault) {
         case Fault::process_stalled: stalled_until_ = std::max(stalled_until_, now + amount); break;
         case Fault::edge_missed: parts_[newest_ % kMemory].invisible = true; break;
@@ -207,7 +219,8 @@ Invariants::OwnData& Invariants::data_of(std::uint32_t station_part) {
 void Invariants::lit(const hal::StrobePulse& pulse) {
     const hal::StrobeLimits limits = cell_.strobe().limits();
     if (pulse.width > limits.max_on) broken(Promise::light_limits, "a light is on longer than its limit");
-    if (ever_lit_ && pulse.start < light_until_ + limits.min_rest) broken(Promise::light_limits, "a light did not rest");
+    if (ever_lit_ && pulse.start < light_until_ + limits.min_rest)
+        broken(Promise::light_limits, "a light did not rest");
     light_until_ = pulse.start + pulse.width;
     ever_lit_ = true;
     data_of(pulse.exposure).pulse = pulse;
@@ -215,19 +228,23 @@ void Invariants::lit(const hal::StrobePulse& pulse) {
 
 void Invariants::strobe_reported(const hal::StrobeReport& report) {
     OwnData& data = data_of(report.exposure);
-    const Duration off = report.start > data.pulse.start ? report.start - data.pulse.start : data.pulse.start - report.start;
-    const Duration wide = report.width > data.pulse.width ? report.width - data.pulse.width : data.pulse.width - report.width;
+    const Duration off =
+        report.start > data.pulse.start ? report.start - data.pulse.start : data.pulse.start - report.start;
+    const Duration wide =
+        report.width > data.pulse.width ? report.width - data.pulse.width : data.pulse.width - report.width;
     data.lit_right = report.lit && off <= rules_.core.strobe_window && wide <= rules_.core.strobe_window;
 }
 
 void Invariants::submitted(std::uint32_t station_part, const hal::FrameInfo& frame, std::uint64_t true_part) {
     OwnData& data = data_of(station_part);
-    if (data.submitted) broken(Promise::own_data, "two frames were inspected for station part " + std::to_string(station_part));
+    if (data.submitted)
+        broken(Promise::own_data, "two frames were inspected for station part " + std::to_string(station_part));
     data.submitted = true;
     data.true_part = true_part;
     const TimePoint asked = data.pulse.start - rules_.core.strobe_delay;
     const Duration off = frame.exposure_start > asked ? frame.exposure_start - asked : asked - frame.exposure_start;
-    data.frame_right = !frame.corrupt && frame.bytes_used >= core_->config().frame_bytes && off <= rules_.core.frame_window;
+    data.frame_right =
+        !frame.corrupt && frame.bytes_used >= core_->config().frame_bytes && off <= rules_.core.frame_window;
 }
 
 void Invariants::judged(const Judged& judged) {
@@ -239,7 +256,8 @@ void Invariants::rejecting(const hal::RejectCommand& command) {
     Known* known = known_as(command.part);
     if (known == nullptr) return;
     if (known->commanded) broken(Promise::own_rejection, "is commanded to be rejected twice", known->number);
-    if (known->has_result && known->result.verdict == PartVerdict::pass) broken(Promise::own_rejection, "was passed, and is rejected", known->number);
+    if (known->has_result && known->result.verdict == PartVerdict::pass)
+        broken(Promise::own_rejection, "was passed, and is rejected", known->number);
 }
 
 void Invariants::rejecting_done(bool accepted) {

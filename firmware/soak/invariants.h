@@ -1,8 +1,8 @@
 // The omniscient observer: knows what truly became of every part, and what the station said of it, and compares.
 //
 // It is told by the world (parts, faults), by the gates (everything that passes between station and devices) and by the
-// station (steps, results), and checks at each of them. docs/reliability.md lists the promises; each is one `Promise` here.
-// A fault that no station can see excuses the very part that it hit, and no other.
+// station (steps, results), and checks at each of them. docs/reliability.md lists the promises; each is one `Promise`
+// here. A fault that no station can see excuses the very part that it hit, and no other.
 #pragma once
 
 #include <array>
@@ -18,20 +18,20 @@
 namespace hord::firmware {
 
 enum class Promise : std::uint8_t {
-    one_verdict,        // each part gets exactly one, results are numbered one by one
-    no_bad_part_passes, // a part leaves only if it was passed; a bad one is passed only by detection's miss
-    own_data,           // passed only by its own frame, whole, in its own light, judged good, before the deadline
-    own_rejection,      // a part is ejected only by its own command, once; a confirmed rejection has ejected it
-    unconfirmed_stops,  // an unconfirmed rejection stops the line
-    light_limits,       // lights stay within their limits
-    counters_agree,     // the counters are the sums of what was reported
-    lawful_states,      // states change as the table says; the run permit only when the line may run
-    true_reasons,       // an unfit part's reason names something that really happened
-    undisturbed_parts,  // with nothing wrong, good parts pass, bad ones are ejected, and the line runs
-    ready_again,        // after the faults the station runs again within its stated time
-    bounded,            // queues and memory stay within their bounds
-    one_story,          // registers and records tell what the station reported
-    commands_once,      // a PLC's command is carried out exactly once
+    one_verdict,         // each part gets exactly one, results are numbered one by one
+    no_bad_part_passes,  // a part leaves only if it was passed; a bad one is passed only by detection's miss
+    own_data,            // passed only by its own frame, whole, in its own light, judged good, before the deadline
+    own_rejection,       // a part is ejected only by its own command, once; a confirmed rejection has ejected it
+    unconfirmed_stops,   // an unconfirmed rejection stops the line
+    light_limits,        // lights stay within their limits
+    counters_agree,      // the counters are the sums of what was reported
+    lawful_states,       // states change as the table says; the run permit only when the line may run
+    true_reasons,        // an unfit part's reason names something that really happened
+    undisturbed_parts,   // with nothing wrong, good parts pass, bad ones are ejected, and the line runs
+    ready_again,         // after the faults the station runs again within its stated time
+    bounded,             // queues and memory stay within their bounds
+    one_story,           // registers and records tell what the station reported
+    commands_once,       // a PLC's command is carried out exactly once
 };
 inline constexpr std::size_t kPromises = static_cast<std::size_t>(Promise::commands_once) + 1;
 std::string_view name_of(Promise promise);  // "one-verdict"
@@ -51,7 +51,8 @@ class Invariants {
         std::uint32_t most_on_line = 64;
     };
     // `cell` and `clock` outlive the observer.
-    Invariants(const Rules& rules, sim::SimulatedCell& cell, const hal::Clock& clock) : rules_(rules), cell_(cell), clock_(clock) {}
+    Invariants(const Rules& rules, sim::SimulatedCell& cell, const hal::Clock& clock)
+        : rules_(rules), cell_(cell), clock_(clock) {}
 
     // From the world.
     void part_arrives(const sim::PartRecord& part);
@@ -83,29 +84,37 @@ class Invariants {
     void end();
 
     [[nodiscard]] std::uint64_t violations() const { return violations_; }
-    [[nodiscard]] std::uint64_t violations_of(Promise promise) const { return broken_[static_cast<std::size_t>(promise)]; }
+    [[nodiscard]] std::uint64_t violations_of(Promise promise) const {
+        return broken_[static_cast<std::size_t>(promise)];
+    }
     [[nodiscard]] const std::vector<std::string>& first_violations() const { return texts_; }
-    [[nodiscard]] std::uint64_t parts_to_violation() const { return newest_at_violation_; }  // that had come by the first one
+    [[nodiscard]] std::uint64_t parts_to_violation() const {
+        return newest_at_violation_;
+    }  // that had come by the first one
     [[nodiscard]] std::uint64_t results() const { return results_; }
     [[nodiscard]] std::uint64_t undisturbed() const { return undisturbed_; }  // parts held to the strictest promise
-    [[nodiscard]] std::uint64_t passed_bad() const { return passed_bad_; }    // detection's misses, where it is not perfect
-    [[nodiscard]] std::uint64_t excused() const { return excused_; }          // parts hit by a fault that no station can see
-    [[nodiscard]] std::uint64_t of(PartReason reason) const { return reasons_[static_cast<std::size_t>(reason) % reasons_.size()]; }
+    [[nodiscard]] std::uint64_t passed_bad() const {
+        return passed_bad_;
+    }                                                                 // detection's misses, where it is not perfect
+    [[nodiscard]] std::uint64_t excused() const { return excused_; }  // parts hit by a fault that no station can see
+    [[nodiscard]] std::uint64_t of(PartReason reason) const {
+        return reasons_[static_cast<std::size_t>(reason) % reasons_.size()];
+    }
     [[nodiscard]] std::uint64_t fingerprint() const { return fingerprint_; }  // of every result in order
 
   private:
     struct Known {
         std::uint64_t number = 0;
         std::int64_t arrived_ns = 0;
-        double front_mm = 0;          // belt position at which it came
-        double slipped_mm = 0;        // the encoder has lost so much since it came
+        double front_mm = 0;    // belt position at which it came
+        double slipped_mm = 0;  // the encoder has lost so much since it came
         bool bad = false;
-        bool invisible = false;       // its edge was lost without a trace
-        bool delivered = false;       // the station was told of it
-        bool commanded = false;       // its rejection was
-        bool stuck = false;           // the valve acknowledged and did not move
+        bool invisible = false;  // its edge was lost without a trace
+        bool delivered = false;  // the station was told of it
+        bool commanded = false;  // its rejection was
+        bool stuck = false;      // the valve acknowledged and did not move
         bool taken_by_hand = false, ejected = false, gone = false;
-        bool process_ended = false;   // while it was on its way
+        bool process_ended = false;  // while it was on its way
         bool has_result = false;
         PartResult result;
     };
@@ -142,14 +151,14 @@ class Invariants {
     bool part_sensor_up_ = false;
 
     std::array<TimePoint, sim::kFaults> felt_until_{};  // by fault: it fired, and its amount is over then; zero: never
-    TimePoint faults_until_{};      // the effects of those that fired last until then
-    TimePoint disturbed_until_{};   // that, and stops and resets
-    TimePoint last_close_ = TimePoint::min();  // parts followed each other closely
+    TimePoint faults_until_{};                          // the effects of those that fired last until then
+    TimePoint disturbed_until_{};                       // that, and stops and resets
+    TimePoint last_close_ = TimePoint::min();           // parts followed each other closely
     TimePoint stepped_at_{};
     int steps_at_once_ = 0;
     TimePoint slipped_at_{}, encoder_silent_until_{};
-    double slipped_mm_ = 0;         // by the last slip
-    TimePoint stalled_until_{};     // the process does not run
+    double slipped_mm_ = 0;      // by the last slip
+    TimePoint stalled_until_{};  // the process does not run
     bool told_not_ready_ = false;
     TimePoint last_line_stop_ = TimePoint::min();
     std::int64_t left_in_outage_at_ = -1;  // a part left while no process could stop the line
@@ -162,11 +171,12 @@ class Invariants {
     TimePoint light_until_ = TimePoint::min();
     bool ever_lit_ = false;
 
-    Counters counted_;              // when they were checked last
+    Counters counted_;  // when they were checked last
     std::uint32_t counted_results_ = 0;
-    Counters told_;                 // summed from the results of this process
+    Counters told_;  // summed from the results of this process
     std::uint32_t told_inspected_ = 0, results_in_process_ = 0;
-    std::uint64_t results_ = 0, violations_ = 0, passed_bad_ = 0, excused_ = 0, undisturbed_ = 0, newest_at_violation_ = 0;
+    std::uint64_t results_ = 0, violations_ = 0, passed_bad_ = 0, excused_ = 0, undisturbed_ = 0,
+                  newest_at_violation_ = 0;
     std::uint64_t fingerprint_ = 0xCBF29CE484222325U;
     std::array<std::uint64_t, 32> reasons_{};
     std::array<std::uint64_t, kPromises> broken_{};

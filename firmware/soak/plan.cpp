@@ -22,13 +22,17 @@ std::uint64_t opportunities(Fault fault, std::uint64_t parts) {
 
 // How often a fault may strike: what stops the line for a second or kills the process would else leave no line to test.
 bool rare(Fault fault) {
-    return fault == Fault::sensor_lost || fault == Fault::strobe_lost || fault == Fault::part_sensor_lost || fault == Fault::encoder_silent ||
-           fault == Fault::inspector_hangs || fault == Fault::device_unplugged || fault == Fault::plc_walks || fault == Fault::process_crash || fault == Fault::plc_silent || fault == Fault::plc_commands || fault == Fault::restart_ordered || fault == Fault::rejector_down;
+    return fault == Fault::sensor_lost || fault == Fault::strobe_lost || fault == Fault::part_sensor_lost ||
+        fault == Fault::encoder_silent || fault == Fault::inspector_hangs || fault == Fault::device_unplugged ||
+        fault == Fault::plc_walks || fault == Fault::process_crash || fault == Fault::plc_silent ||
+        fault == Fault::plc_commands || fault == Fault::restart_ordered || fault == Fault::rejector_down;
 }
 
 // Amounts besides the fault's own, each from harmless to fatal. Zero: the fault's own.
 hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
-    const auto one_of = [&](std::initializer_list<hal::Duration> choices) { return choices.begin()[bits % choices.size()]; };
+    const auto one_of = [&](std::initializer_list<hal::Duration> choices) {
+        return choices.begin()[bits % choices.size()];
+    };
     switch (fault) {
         case Fault::frame_late: return one_of({20ms, 60ms, 200ms, 400ms});
         case Fault::strobe_late: return one_of({30us, 100us, 300us, 2ms});
@@ -41,7 +45,9 @@ hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
         case Fault::reject_twice: return one_of({20ms, 60ms});
         case Fault::part_removed: return one_of({40ms, 150ms, 300ms, 700ms});
         case Fault::belt_stop: return one_of({30ms, 300ms, 1500ms});
-        case Fault::inspector_slow: return one_of({300ms, 530ms, 552ms, 556ms, 560ms, 564ms, 568ms, 1000ms});  // the verdict is due 550 ms later
+        case Fault::inspector_slow:
+            return one_of(
+                {300ms, 530ms, 552ms, 556ms, 560ms, 564ms, 568ms, 1000ms});  // the verdict is due 550 ms later
         case Fault::process_stalled: return one_of({10ms, 40ms, 120ms, 400ms});
         case Fault::sensor_lost:
         case Fault::strobe_lost:
@@ -65,7 +71,8 @@ hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
 std::string_view name_of(LineProfile profile) { return profile == LineProfile::timed ? "timed" : "encoder"; }
 
 bool possible(Fault fault, LineProfile line) {
-    return line == LineProfile::encoder || (fault != Fault::encoder_slip && fault != Fault::encoder_silent && fault != Fault::belt_stop);
+    return line == LineProfile::encoder ||
+        (fault != Fault::encoder_slip && fault != Fault::encoder_silent && fault != Fault::belt_stop);
 }
 
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts) {
@@ -83,7 +90,8 @@ EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts) {
 
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector<Fault>& faults) {
     EpisodePlan plan{seed, parts, seed % 2 == 0 ? LineProfile::timed : LineProfile::encoder, false, {}};
-    if (!std::all_of(faults.begin(), faults.end(), [&](Fault f) { return possible(f, plan.line); })) plan.line = LineProfile::encoder;
+    if (!std::all_of(faults.begin(), faults.end(), [&](Fault f) { return possible(f, plan.line); }))
+        plan.line = LineProfile::encoder;
     auto draw = [&, n = std::uint64_t{0}]() mutable { return sim::random_bits(seed, kPlanStream, n++); };
     const std::uint64_t together = draw() % std::max<std::uint64_t>(parts / 10, 1);
     for (const Fault fault : faults) {
@@ -118,7 +126,8 @@ Result<std::vector<FaultRule>> faults_of(std::string_view text) {
     std::vector<FaultRule> rules;
     const auto bad = [&](std::string_view what) {
         return fail(ErrorCode::invalid_argument, "fault '" + std::string(what) + "' cannot be read",
-                    "write NAME, NAME@FIRST, NAME@FIRST-LAST, then :PROBABILITY and +TIMEus or ms as needed; several with commas");
+                    "write NAME, NAME@FIRST, NAME@FIRST-LAST, then :PROBABILITY and +TIMEus or ms as needed; several "
+                    "with commas");
     };
     while (!text.empty()) {
         const std::string item(text.substr(0, text.find(',')));

@@ -17,19 +17,19 @@ struct EpisodePlan {
     std::uint64_t seed = 1;
     std::uint64_t parts = 5'000;
     LineProfile line = LineProfile::timed;
-    bool real = false;                      // rendered frames and the real pipeline; else tokens and a stand-in
+    bool real = false;  // rendered frames and the real pipeline; else tokens and a stand-in
     std::vector<sim::FaultRule> faults;
     // And from the seed: what the station does when the PLC is lost, and all that is random.
 };
 
-// One to four faults. Each fires surely once, early in the episode and near the others, and then now and then until nine
-// tenths of it; in the last tenth the line must find back. One episode in fifty shows real parts.
+// One to four faults. Each fires surely once, early in the episode and near the others, and then now and then until
+// nine tenths of it; in the last tenth the line must find back. One episode in fifty shows real parts.
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts);
 // The same with these faults.
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector<sim::Fault>& faults);
 
-// Faults that cannot happen on a line of this profile: without an encoder none can slip, and nothing tells of a belt that
-// stops by itself (such a line must be wired to stop by its permit only).
+// Faults that cannot happen on a line of this profile: without an encoder none can slip, and nothing tells of a belt
+// that stops by itself (such a line must be wired to stop by its permit only).
 bool possible(sim::Fault fault, LineProfile line);
 
 // "frame-drop@5", "frame-late@6-900:0.01+200ms": opportunities, probability, amount; several with commas.

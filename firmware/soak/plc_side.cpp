@@ -12,8 +12,9 @@ constexpr modbus::Origin kPlc{"192.0.2.7:50123"};
 std::uint16_t at(BlockId block, std::string_view name) { return find_register(block, name)->address; }
 // From the table once: these never move.
 struct Places {
-    std::uint16_t boot_id = at(BlockId::ident, "boot_id"), state = at(BlockId::status, "state"), newest = at(BlockId::status, "last_sequence"),
-                  seen = at(BlockId::counters, "seen"), token = at(BlockId::command, "token"), beat = at(BlockId::plc, "heartbeat"),
+    std::uint16_t boot_id = at(BlockId::ident, "boot_id"), state = at(BlockId::status, "state"),
+                  newest = at(BlockId::status, "last_sequence"), seen = at(BlockId::counters, "seen"),
+                  token = at(BlockId::command, "token"), beat = at(BlockId::plc, "heartbeat"),
                   staged = at(BlockId::recipe, "staged_number");
 };
 const Places& places() {
@@ -21,7 +22,9 @@ const Places& places() {
     return all;
 }
 
-std::uint32_t double_word(const std::vector<std::uint16_t>& words, std::size_t k) { return std::uint32_t{words[k]} << 16U | words[k + 1]; }
+std::uint32_t double_word(const std::vector<std::uint16_t>& words, std::size_t k) {
+    return std::uint32_t{words[k]} << 16U | words[k + 1];
+}
 std::uint16_t high(std::uint32_t value) { return static_cast<std::uint16_t>(value >> 16U); }
 std::uint16_t low(std::uint32_t value) { return static_cast<std::uint16_t>(value); }
 
@@ -35,8 +38,11 @@ std::optional<CommandCode> first_command(State from, State to) {
     std::vector<Reached> reached;
     const auto go_on = [&](State at, std::optional<CommandCode> first) {
         for (const Transition& t : kTransitions) {
-            const bool by_command = t.cause <= Cause::reset, known = t.to == from || std::any_of(reached.begin(), reached.end(), [&](const Reached& r) { return r.state == t.to; });
-            if (t.from == at && by_command && !known) reached.push_back({t.to, first.value_or(static_cast<CommandCode>(1 + static_cast<int>(t.cause)))});
+            const bool by_command = t.cause <= Cause::reset,
+                       known = t.to == from ||
+                std::any_of(reached.begin(), reached.end(), [&](const Reached&r) { return r.state == t.to; });
+            if (t.from == at && by_command && !known)
+                reached.push_back({t.to, first.value_or(static_cast<CommandCode>(1 + static_cast<int>(t.cause)))});
         }
     };
     go_on(from, std::nullopt);
@@ -50,7 +56,8 @@ std::optional<CommandCode> first_command(State from, State to) {
 
 }  // namespace
 
-// -- the station's half -------------------------------------------------------------------------------------------------
+// -- the station's half
+// -------------------------------------------------------------------------------------------------
 
 PlcDoors::PlcDoors(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id)
     : handler_(loop), desk_(loop, handler_, PlcOptions{config.plc_policy, PlcSide::kTimeout, boot_id}),
@@ -58,7 +65,12 @@ PlcDoors::PlcDoors(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t
 
 void PlcDoors::open(Station& station, Inspector& inspector, Recorder& recorder) {
     station_ = &station;
-    handler_.operations.begin({.station = station, .inspector = inspector, .desk = desk_, .recorder = &recorder, .publish = [this] { publish(); }}, {});
+    handler_.operations.begin({.station = station,
+                               .inspector = inspector,
+                               .desk = desk_,
+                               .recorder = &recorder,
+                               .publish = [this] { publish(); }},
+                              {});
 }
 
 void PlcDoors::publish() {
@@ -70,17 +82,22 @@ CommandOutcome PlcDoors::Counting::on_command(const modbus::Origin& origin, cons
     count(request.token);
     return operations.on_command(origin, request);
 }
-CommandOutcome PlcDoors::Counting::on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) {
+CommandOutcome PlcDoors::Counting::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
+                                             const StagedRecipe& staged) {
     count(request.token);
     return operations.on_recipe(origin, request, staged);
 }
-int PlcDoors::Counting::executed(std::uint32_t token) const { return static_cast<int>(std::count(tokens_.begin(), tokens_.end(), token)); }
+int PlcDoors::Counting::executed(std::uint32_t token) const {
+    return static_cast<int>(std::count(tokens_.begin(), tokens_.end(), token));
+}
 
-// -- the PLC's ------------------------------------------------------------------------------------------------------------
+// -- the PLC's
+// ------------------------------------------------------------------------------------------------------------
 
 PlcSide::Words PlcSide::read(std::uint16_t address, std::uint16_t count) {
     Words words(count);
-    if (doors_ == nullptr || doors_->registers().read_registers(address, words) != modbus::Exception::none) words.clear();
+    if (doors_ == nullptr || doors_->registers().read_registers(address, words) != modbus::Exception::none)
+        words.clear();
     return words;
 }
 
@@ -98,7 +115,8 @@ void PlcSide::cycle() {
         boot_id_ = boot;
         read_ = asked_ = taken_ = 0;
     }
-    if (write(places().beat, {++beat_}) != modbus::Exception::none) invariants_.broken(Promise::one_story, "a heartbeat was refused");
+    if (write(places().beat, {++beat_}) != modbus::Exception::none)
+        invariants_.broken(Promise::one_story, "a heartbeat was refused");
     check_status();
     books_.check(doors_->station().snapshot());
     check_results();
@@ -115,9 +133,12 @@ void PlcSide::check_status() {
         invariants_.broken(Promise::one_story, "the registers show another state than the station is in");
     }
     const Counters& c = now.counters;
-    const std::array told{c.seen, c.inspected, c.pass, c.reject, c.unfit, c.missed, c.reject_commanded, c.reject_confirmed, c.reject_failed, c.reject_late};
+    const std::array told{
+        c.seen,          c.inspected,  c.pass, c.reject, c.unfit, c.missed, c.reject_commanded, c.reject_confirmed,
+        c.reject_failed, c.reject_late};
     for (std::size_t k = 0; k < told.size(); ++k) {
-        if (double_word(counters, 2 * k) != told[k]) return invariants_.broken(Promise::one_story, "the registers show other counters than the station's");
+        if (double_word(counters, 2 * k) != told[k])
+            return invariants_.broken(Promise::one_story, "the registers show other counters than the station's");
     }
 }
 
@@ -127,11 +148,15 @@ void PlcSide::check_results() {
     for (std::uint32_t sequence = read_ + 1; sequence <= newest; ++sequence) {
         const Words slot = read(address_of_result(sequence), kResultWords);
         const PartResult& r = told_[sequence % told_.size()];
-        const bool same = r.sequence == sequence && double_word(slot, 0) == sequence && double_word(slot, 22) == sequence && double_word(slot, 2) == r.part &&
-                          double_word(slot, 4) == r.arrived_ns / 1'000'000'000 && double_word(slot, 6) == r.arrived_ns / 1000 % 1'000'000 &&
-                          slot[8] == static_cast<std::uint16_t>(r.verdict) && slot[9] == static_cast<std::uint16_t>(r.reason) &&
-                          slot[17] == static_cast<std::uint16_t>(r.reject) && double_word(slot, 13) == r.latency_us;
-        if (!same) invariants_.broken(Promise::one_story, "the registers show another result than the station reported", r.part);
+        const bool same = r.sequence == sequence && double_word(slot, 0) == sequence &&
+            double_word(slot, 22) == sequence && double_word(slot, 2) == r.part &&
+            double_word(slot, 4) == r.arrived_ns / 1'000'000'000 &&
+            double_word(slot, 6) == r.arrived_ns / 1000 % 1'000'000 &&
+            slot[8] == static_cast<std::uint16_t>(r.verdict) && slot[9] == static_cast<std::uint16_t>(r.reason) &&
+            slot[17] == static_cast<std::uint16_t>(r.reject) && double_word(slot, 13) == r.latency_us;
+        if (!same)
+            invariants_.broken(Promise::one_story, "the registers show another result than the station reported",
+                               r.part);
     }
     read_ = std::max(read_, newest);
     if (asked_ <= taken_) asked_ = read_;  // what was refused is asked for again first
@@ -174,14 +199,18 @@ void PlcSide::command(CommandCode code, bool meant_for_this_boot) {
         books_.command_comes();
         const auto answer = write(places().token, words);
         if (doors_ != before) return;  // the process died of it
-        const int executed = doors_->executed(token), wanted = answer == modbus::Exception::none && to_this_boot ? 1 : 0;
+        const int executed = doors_->executed(token),
+                  wanted = answer == modbus::Exception::none && to_this_boot ? 1 : 0;
         if (executed != wanted) {
-            invariants_.broken(Promise::commands_once, "a command was carried out " + std::to_string(executed) + " times, not " + std::to_string(wanted));
+            invariants_.broken(
+                Promise::commands_once,
+                "a command was carried out " + std::to_string(executed) + " times, not " + std::to_string(wanted));
         }
     }
 }
 
-// -- misbehaviour -----------------------------------------------------------------------------------------------------------
+// -- misbehaviour
+// -----------------------------------------------------------------------------------------------------------
 
 // Any registers but a whole command and the PLC's own; half a command, too.
 void PlcSide::write_nonsense() {
@@ -199,7 +228,8 @@ void PlcSide::write_nonsense() {
 }
 
 void PlcSide::read_everything() {
-    for (int k = 0; k < 20; ++k) (void)read(static_cast<std::uint16_t>(draw() % 9000), static_cast<std::uint16_t>(1 + draw() % kMaxRead));
+    for (int k = 0; k < 20; ++k)
+        (void)read(static_cast<std::uint16_t>(draw() % 9000), static_cast<std::uint16_t>(1 + draw() % kMaxRead));
 }
 
 // The answer is lost, and lost again: the same command comes four times.
@@ -222,9 +252,11 @@ void PlcSide::command_with_care(CommandCode code) {
     command(code);
 }
 
-// To any state that commands lead to. There it waits, or is silent for longer than the station bears, or cannot keep its fingers still.
+// To any state that commands lead to. There it waits, or is silent for longer than the station bears, or cannot keep
+// its fingers still.
 void PlcSide::walk(Duration amount) {
-    constexpr std::array kTargets{State::preoperational, State::halted, State::initialized, State::ready, State::single_execution};
+    constexpr std::array kTargets{State::preoperational, State::halted, State::initialized, State::ready,
+                                  State::single_execution};
     const State target = kTargets[draw() % kTargets.size()];
     const std::uint64_t mood = draw() % 3;
     leave_alone_until_ = loop_.now() + amount;

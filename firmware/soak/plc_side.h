@@ -1,8 +1,8 @@
 // The PLC and SCADA at the line: what they read must be what the station reported, what they command is done once.
 //
-// PlcDoors is the station's half: registers and desk, put up as the service does it, one set a process. PlcSide is the other
-// half: a PLC that beats, acknowledges, brings a station that was stopped back to work, and sometimes misbehaves. It speaks
-// in whole register requests; a request may be lost, and so may its answer, and then it is sent again.
+// PlcDoors is the station's half: registers and desk, put up as the service does it, one set a process. PlcSide is the
+// other half: a PLC that beats, acknowledges, brings a station that was stopped back to work, and sometimes misbehaves.
+// It speaks in whole register requests; a request may be lost, and so may its answer, and then it is sent again.
 #pragma once
 
 #include <array>
@@ -38,7 +38,8 @@ class PlcDoors {
       public:
         explicit Counting(hal::EventLoop& loop) : operations(loop) {}
         CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
-        CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request, const StagedRecipe& staged) override;
+        CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request,
+                                 const StagedRecipe& staged) override;
         modbus::Exception on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) override {
             return operations.on_acknowledged(origin, sequence);
         }
@@ -61,7 +62,7 @@ class PlcDoors {
 
 class PlcSide {
   public:
-    static constexpr Duration kEvery = milliseconds(250);    // the PLC's cycle
+    static constexpr Duration kEvery = milliseconds(250);     // the PLC's cycle
     static constexpr Duration kTimeout = milliseconds(1000);  // without a beat for so long it counts as lost
 
     PlcSide(hal::EventLoop& loop, Invariants& invariants, Books& books, std::uint64_t seed)

@@ -39,7 +39,8 @@ Result<Pool> render_pool() {
     options.wobble_mm *= kShare;
     auto drawn = sim::draw_production(options);
     if (!drawn) return tl::unexpected(drawn.error());
-    auto frames = sim::RenderedFrames::make(drawn->scenes, {.exposures = 4, .nominal_share = 0.02, .seed = kPoolSeed, .progress = {}});
+    auto frames = sim::RenderedFrames::make(drawn->scenes,
+                                            {.exposures = 4, .nominal_share = 0.02, .seed = kPoolSeed, .progress = {}});
     if (!frames) return tl::unexpected(frames.error());
     return Pool{std::move(*drawn), std::move(*frames), scene.camera.extents, scene.camera.bits};
 }

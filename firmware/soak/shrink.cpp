@@ -11,13 +11,16 @@ using sim::FaultRule;
 
 class Shrinker {
   public:
-    Shrinker(const EpisodePlan& plan, const Try& attempt, std::uint64_t most_runs) : best_(plan), attempt_(attempt), most_runs_(most_runs) {}
+    Shrinker(const EpisodePlan& plan, const Try& attempt, std::uint64_t most_runs)
+        : best_(plan), attempt_(attempt), most_runs_(most_runs) {}
 
     Result<Shrunk> run() {
         const auto first = attempt_(best_);
         ++runs_;
         if (!first) return tl::unexpected(first.error());
-        if (first->promise.empty()) return fail(ErrorCode::invalid_argument, "this episode keeps every promise", "shrink one that breaks a promise");
+        if (first->promise.empty())
+            return fail(ErrorCode::invalid_argument, "this episode keeps every promise",
+                        "shrink one that breaks a promise");
         promise_ = first->promise;
         cut_parts(first->parts);
         for (bool better = true; better && runs_ < most_runs_;) {
@@ -93,7 +96,9 @@ class Shrinker {
 
 }  // namespace
 
-Result<Shrunk> shrink(const EpisodePlan& plan, const Try& attempt, std::uint64_t most_runs) { return Shrinker(plan, attempt, most_runs).run(); }
+Result<Shrunk> shrink(const EpisodePlan& plan, const Try& attempt, std::uint64_t most_runs) {
+    return Shrinker(plan, attempt, most_runs).run();
+}
 
 Result<Breakage> try_episode(const EpisodePlan& plan) {
     SoakReport report;

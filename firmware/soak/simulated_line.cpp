@@ -23,10 +23,12 @@ LineOptions timed_line(std::uint64_t seed, std::uint64_t parts) {
     cell.schedule.pitch_jitter = 0.2;
     cell.schedule.kinds = {{"good", false, 9}, {"bad", true, 1}};
     cell.rejector.permit_moves_belt = true;
-    cell.geometry.ejector_reach_mm = 2;  // 4 ms to either side: less than the pulse, or a pulse that began too late would hit all the same
+    cell.geometry.ejector_reach_mm =
+        2;  // 4 ms to either side: less than the pulse, or a pulse that began too late would hit all the same
     cell.part_sensor.latency = 200us;
     cell.strobe.report = {20us, 50us};
-    cell.strobe.limits.min_rest = 64ms;  // a little more than min_gap leaves: the light says no to some parts that are close
+    cell.strobe.limits.min_rest =
+        64ms;  // a little more than min_gap leaves: the light says no to some parts that are close
     cell.sensor.readout = {3ms, 2ms};
     cell.rejector.write = {300us, 2ms};
 
@@ -36,8 +38,8 @@ LineOptions timed_line(std::uint64_t seed, std::uint64_t parts) {
     core.exposure_delay = cell.camera_delay() - core.strobe_delay - core.strobe / 2;
     core.transport = cell.ejector_delay();
     core.frame_timeout = 50ms;
-    core.min_gap = 60ms;      // 30 mm: more than the camera and the ejector can confuse
-    core.max_part = 60ms;     // a part is 20 mm long
+    core.min_gap = 60ms;   // 30 mm: more than the camera and the ejector can confuse
+    core.max_part = 60ms;  // a part is 20 mm long
     core.frame_window = 2ms;
     return line;
 }
@@ -96,11 +98,13 @@ SimulatedLine::~SimulatedLine() {
 }
 
 Result<void> SimulatedLine::assemble() {
-    if (const auto wrong = problems(options_.core); !wrong.empty()) return fail(ErrorCode::invalid_argument, wrong.front());
+    if (const auto wrong = problems(options_.core); !wrong.empty())
+        return fail(ErrorCode::invalid_argument, wrong.front());
     auto cell = sim::SimulatedCell::make(loop_, options_.frames != nullptr ? *options_.frames : tokens_, options_.cell);
     if (!cell) return tl::unexpected(cell.error());
     cell_ = std::move(*cell);
-    invariants_ = std::make_unique<Invariants>(Invariants::Rules{options_.frames == nullptr, options_.core, 64}, *cell_, loop_);
+    invariants_ =
+        std::make_unique<Invariants>(Invariants::Rules{options_.frames == nullptr, options_.core, 64}, *cell_, loop_);
     cell_->faults().watch([this](Fault fault, Duration amount) { invariants_->fault(fault, amount); });
     books_.emplace(loop_, *invariants_);
     cell_->watch({.part_edge =
@@ -124,17 +128,20 @@ void SimulatedLine::take_parts_off() {
     cell_->world().take_off([](const sim::PartRecord&) { return true; });
 }
 
-// -- processes: born, killed, buried -----------------------------------------------------------------------------------
+// -- processes: born, killed, buried
+// -----------------------------------------------------------------------------------
 
 Result<void> SimulatedLine::start_process(bool line_unknown) {
-    auto judging = make_stand_in_inspector(loop_, options_.queue, [this](std::uint32_t part, const hal::FrameLease& frame) { return judge(part, frame); });
+    auto judging = make_stand_in_inspector(
+        loop_, options_.queue, [this](std::uint32_t part, const hal::FrameLease& frame) { return judge(part, frame); });
     ++processes_;
     Process& process = process_.emplace();  // the one before is buried
     process.gates = std::make_unique<Gates>(*cell_, *invariants_);
     process.inspector = std::make_unique<Witness>(std::move(judging), *this);
     Gates& gates = *process.gates;
     process.station = std::make_unique<Station>(
-        options_.core, Cell{loop_, gates.part_sensor(), gates.strobe(), gates.sensor(), gates.rejector(), *process.inspector}, this);
+        options_.core,
+        Cell{loop_, gates.part_sensor(), gates.strobe(), gates.sensor(), gates.rejector(), *process.inspector}, this);
     const auto boot = static_cast<std::uint32_t>(0x10001U + processes_);
     books_->open(boot, *process.station, [this](std::uint32_t faults) {
         process_->station->outside_faults(faults);
@@ -165,11 +172,12 @@ void SimulatedLine::process_dies(Duration down_for, bool line_unknown) {
         process_->inspector.reset();
     });
     loop_.call_after(options_.module_watchdog, [this] { process_->gates->close_rejector(); });
-    loop_.call_after(std::max(down_for, 2 * options_.module_watchdog), [this, line_unknown] { (void)start_process(line_unknown); });
+    loop_.call_after(std::max(down_for, 2 * options_.module_watchdog),
+                     [this, line_unknown] { (void)start_process(line_unknown); });
 }
 
-// As somebody who changes the configuration does: halt, and start again. What a clean end leaves behind says whether parts
-// are on the line.
+// As somebody who changes the configuration does: halt, and start again. What a clean end leaves behind says whether
+// parts are on the line.
 void SimulatedLine::restart_in_order() {
     if (!alive()) return;
     (void)process_->station->command(Command::halt);
@@ -180,7 +188,8 @@ void SimulatedLine::restart_in_order() {
     process_dies(milliseconds(200), !empty);
 }
 
-// -- what happens as parts come ----------------------------------------------------------------------------------------
+// -- what happens as parts come
+// ----------------------------------------------------------------------------------------
 
 void SimulatedLine::part_comes(const sim::PartRecord& part) {
     invariants_->part_arrives(part);
@@ -189,18 +198,21 @@ void SimulatedLine::part_comes(const sim::PartRecord& part) {
     if (const auto amount = faults.fires(Fault::process_crash)) {
         const std::uint64_t moment = sim::random_bits(options_.cell.seed, kMomentStream, drawn_++);
         const auto dies = [this, down_for = *amount] { process_dies(down_for, true); };
-        if (moment % 2 == 0 && alive()) process_->gates->after_calls(static_cast<int>(moment / 2 % 6), dies);  // in the middle of a step
+        if (moment % 2 == 0 && alive())
+            process_->gates->after_calls(static_cast<int>(moment / 2 % 6), dies);  // in the middle of a step
         else loop_.call_after(Duration(static_cast<Duration::rep>(moment % 100'000'000)), dies);
     }
     if (faults.fires(Fault::restart_ordered)) loop_.call_after({}, [this] { restart_in_order(); });
     if (const auto amount = faults.fires(Fault::plc_silent)) plc_->be_silent(*amount);
     if (faults.fires(Fault::plc_repeats)) loop_.call_after({}, [this] { plc_->repeat_a_command(); });
     if (faults.fires(Fault::plc_commands)) loop_.call_after({}, [this] { plc_->command_something(); });
-    if (const auto amount = faults.fires(Fault::plc_walks)) loop_.call_after({}, [this, stays = *amount] { plc_->walk(stays); });
+    if (const auto amount = faults.fires(Fault::plc_walks))
+        loop_.call_after({}, [this, stays = *amount] { plc_->walk(stays); });
     if (const auto amount = faults.fires(Fault::device_unplugged)) unplug_something(*amount);
     if (faults.fires(Fault::plc_nonsense)) loop_.call_after({}, [this] { plc_->write_nonsense(); });
     if (faults.fires(Fault::scada_floods)) plc_->read_everything();
-    for (const Fault fault : {Fault::store_error, Fault::store_in_doubt, Fault::store_slow, Fault::disk_full, Fault::clock_set}) {
+    for (const Fault fault :
+         {Fault::store_error, Fault::store_in_doubt, Fault::store_slow, Fault::disk_full, Fault::clock_set}) {
         if (const auto amount = faults.fires(fault)) books_->strike(fault, *amount);
     }
 }
@@ -208,15 +220,16 @@ void SimulatedLine::part_comes(const sim::PartRecord& part) {
 // At a moment of its own: also while it has nothing to do.
 void SimulatedLine::unplug_something(Duration amount) {
     const std::uint64_t draw = sim::random_bits(options_.cell.seed, kMomentStream, drawn_++);
-    loop_.call_after(Duration(static_cast<Duration::rep>(draw % 1'500'000'000)), [this, amount, device = static_cast<Device>(draw >> 32U & 3U)] {
-        invariants_->fault(Fault::device_unplugged, amount);  // from now
-        switch (device) {
-            case Device::part_sensor: return cell_->unplug_part_sensor(amount);
-            case Device::strobe: return cell_->strobe().unplug(amount);
-            case Device::sensor: return cell_->sensor().unplug(amount);
-            case Device::rejector: return cell_->rejector().unplug(amount);
-        }
-    });
+    loop_.call_after(Duration(static_cast<Duration::rep>(draw % 1'500'000'000)),
+                     [this, amount, device = static_cast<Device>(draw >> 32U & 3U)] {
+                         invariants_->fault(Fault::device_unplugged, amount);  // from now
+                         switch (device) {
+                             case Device::part_sensor: return cell_->unplug_part_sensor(amount);
+                             case Device::strobe: return cell_->strobe().unplug(amount);
+                             case Device::sensor: return cell_->sensor().unplug(amount);
+                             case Device::rejector: return cell_->rejector().unplug(amount);
+                         }
+                     });
 }
 
 StandInAnswer SimulatedLine::judge(std::uint32_t part, const hal::FrameLease& frame) {
@@ -224,7 +237,8 @@ StandInAnswer SimulatedLine::judge(std::uint32_t part, const hal::FrameLease& fr
     answer.judged = options_.judge ? options_.judge(part, frame) : judge_by_token(frame);
     if (cell_->faults().fires(Fault::inspector_failed)) answer.judged.failed = true;
     answer.after = options_.inspection + cell_->faults().fires(Fault::inspector_slow).value_or(Duration::zero());
-    if (const auto amount = cell_->faults().fires(Fault::inspector_hangs)) hangs_until_ = std::max(hangs_until_, loop_.now() + *amount);
+    if (const auto amount = cell_->faults().fires(Fault::inspector_hangs))
+        hangs_until_ = std::max(hangs_until_, loop_.now() + *amount);
     answer.after = std::max(answer.after, hangs_until_ - loop_.now());
     return answer;
 }
@@ -247,7 +261,12 @@ bool SimulatedLine::run() {
     const auto& cell = options_.cell;
     const double belt_mm = static_cast<double>(cell.schedule.parts) * cell.schedule.pitch_mm + cell.geometry.exit_mm;
     const hal::TimePoint limit = loop_.now() + 20 * cell.travel(belt_mm) + 60s;
-    const bool over = loop_.run_until([this] { return invariants_->time_stands_still() || (cell_->finished() && alive() && process_->station->core().line().size() == 0); }, limit);
+    const bool over = loop_.run_until(
+        [this] {
+            return invariants_->time_stands_still() ||
+                (cell_->finished() && alive() && process_->station->core().line().size() == 0);
+        },
+        limit);
     if (invariants_->time_stands_still()) return false;
     loop_.run_until(std::max(loop_.now() + 2s, books_->calm_from()));  // a last reset, and what waits for the disk
     if (alive()) books_->end(snapshot());
@@ -255,10 +274,12 @@ bool SimulatedLine::run() {
     return over;
 }
 
-// -- the person --------------------------------------------------------------------------------------------------------
+// -- the person
+// --------------------------------------------------------------------------------------------------------
 
 void SimulatedLine::person_comes() {
-    if (!std::exchange(person_is_coming_, true)) loop_.call_after(options_.reset_after, [this] { look_after_the_line(); });
+    if (!std::exchange(person_is_coming_, true))
+        loop_.call_after(options_.reset_after, [this] { look_after_the_line(); });
 }
 
 // Looks at a station that has stopped, takes the parts off where line stop says so, and resets it.

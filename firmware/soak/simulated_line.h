@@ -1,7 +1,7 @@
 // A whole line in virtual time: the real station, the simulated cell, a person who resets, and the omniscient observer.
 //
-// The station's process may die at any point and is started again, as systemd does it; then it does not know what is on the
-// line. The person who resets after line stop takes every part off the belt.
+// The station's process may die at any point and is started again, as systemd does it; then it does not know what is on
+// the line. The person who resets after line stop takes every part off the belt.
 #pragma once
 
 #include <functional>
@@ -28,16 +28,17 @@ struct LineOptions {
     Duration inspection = milliseconds(20);
     int queue = 4;
 
-    Duration reset_after = milliseconds(500);    // a person resets the station so long after an error
-    Duration module_watchdog = milliseconds(50);  // after the process died the rejector's module drops permit and outputs
+    Duration reset_after = milliseconds(500);  // a person resets the station so long after an error
+    Duration module_watchdog =
+        milliseconds(50);  // after the process died the rejector's module drops permit and outputs
 
     // In place of tokens: a frame source, which outlives the line, and what judges its frames. Its misses are its own.
     sim::FrameSource* frames = nullptr;
     Judge judge;
 };
 
-// A line of 10 parts a second on a belt of 500 mm/s, camera 100 mm and ejector 400 mm behind the part sensor. The belt stops
-// when the run permit drops. One part in ten is bad.
+// A line of 10 parts a second on a belt of 500 mm/s, camera 100 mm and ejector 400 mm behind the part sensor. The belt
+// stops when the run permit drops. One part in ten is bad.
 LineOptions timed_line(std::uint64_t seed, std::uint64_t parts);
 LineOptions encoder_line(std::uint64_t seed, std::uint64_t parts);  // followed by an encoder; the belt jitters
 

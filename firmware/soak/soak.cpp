@@ -25,22 +25,27 @@ void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::
     const Invariants& seen = line.invariants();
     const auto violation = [&](const std::string& text) {
         if (report.violations++ == 0) report.parts_to_violation = report.parts + line.cell().world().totals().arrived;
-        if (report.first_violations.size() < kViolationsShown) report.first_violations.push_back(text + "\n    " + label);
+        if (report.first_violations.size() < kViolationsShown)
+            report.first_violations.push_back(text + "\n    " + label);
     };
     report.results += seen.results();
-    if (report.violations == 0 && seen.violations() > 0) report.parts_to_violation = report.parts + seen.parts_to_violation();
+    if (report.violations == 0 && seen.violations() > 0)
+        report.parts_to_violation = report.parts + seen.parts_to_violation();
     report.violations += seen.violations();
     for (std::size_t k = 0; k < kPromises; ++k) report.broken[k] += seen.violations_of(static_cast<Promise>(k));
     for (const std::string& text : seen.first_violations()) {
-        if (report.first_violations.size() < kViolationsShown) report.first_violations.push_back(text + "\n    " + label);
+        if (report.first_violations.size() < kViolationsShown)
+            report.first_violations.push_back(text + "\n    " + label);
     }
     if (!over) violation("did not end");
     const Snapshot last = line.snapshot();
-    if (last.state != State::continuous_execution || last.line_stop) violation("ended in " + std::string(name_of(last.state)));
+    if (last.state != State::continuous_execution || last.line_stop)
+        violation("ended in " + std::string(name_of(last.state)));
     report.line_stops += line.line_stops();
     report.resets += line.resets();
     report.excused += seen.excused();
-    report.virtual_s += static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::seconds>(line.loop().now().time_since_epoch()).count());
+    report.virtual_s += static_cast<std::uint64_t>(
+        std::chrono::duration_cast<std::chrono::seconds>(line.loop().now().time_since_epoch()).count());
     for (std::size_t k = 0; k < report.reasons.size(); ++k) report.reasons[k] += seen.of(static_cast<PartReason>(k));
     report.coverage.merge(line.coverage());
     report.undisturbed += seen.undisturbed();
@@ -53,20 +58,24 @@ void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::
         report.planned[a] += faults.names(static_cast<Fault>(a)) ? 1U : 0U;
         report.fired[a] += fired;
         for (std::size_t b = 0; fired > 0 && b < a; ++b) {
-            if (faults.fired(static_cast<Fault>(b)) > 0) report.coverage.fired_together(static_cast<Fault>(a), static_cast<Fault>(b));
+            if (faults.fired(static_cast<Fault>(b)) > 0)
+                report.coverage.fired_together(static_cast<Fault>(a), static_cast<Fault>(b));
         }
     }
-    for (const Fault fault : faults.never_fired()) report.never_fired.push_back(label + ": " + std::string(sim::name_of(fault)));
+    for (const Fault fault : faults.never_fired())
+        report.never_fired.push_back(label + ": " + std::string(sim::name_of(fault)));
     report.fingerprint = sim::mix64(report.fingerprint ^ seen.fingerprint());
 }
 
 }  // namespace
 
 Result<LineOptions> line_of(const EpisodePlan& plan) {
-    LineOptions line = plan.line == LineProfile::timed ? timed_line(plan.seed, plan.parts) : encoder_line(plan.seed, plan.parts);
+    LineOptions line =
+        plan.line == LineProfile::timed ? timed_line(plan.seed, plan.parts) : encoder_line(plan.seed, plan.parts);
     line.cell.faults = plan.faults;
     line.core.plc_policy = static_cast<PlcPolicy>(sim::random_bits(plan.seed, kEpisodeStream, 0) % 3);
-    if (sim::random_bits(plan.seed, kEpisodeStream, 1) % 2 == 0) line.cell.sensor.buffers = 2 * line.queue;  // who is full first, the sensor or the inspector
+    if (sim::random_bits(plan.seed, kEpisodeStream, 1) % 2 == 0)
+        line.cell.sensor.buffers = 2 * line.queue;  // who is full first, the sensor or the inspector
     if (plan.real) {
         if (auto shown = show_real_parts(line); !shown) return tl::unexpected(shown.error());
     }
@@ -74,8 +83,9 @@ Result<LineOptions> line_of(const EpisodePlan& plan) {
 }
 
 std::string command_of(const EpisodePlan& plan) {
-    return "hordctl soak --episode " + std::to_string(plan.seed) + " --parts " + std::to_string(plan.parts) + " --line " +
-           std::string(name_of(plan.line)) + (plan.real ? " --real" : "") + (plan.faults.empty() ? "" : " --faults " + text_of(plan.faults));
+    return "hordctl soak --episode " + std::to_string(plan.seed) + " --parts " + std::to_string(plan.parts) +
+        " --line " + std::string(name_of(plan.line)) + (plan.real ? " --real" : "") +
+        (plan.faults.empty() ? "" : " --faults " + text_of(plan.faults));
 }
 
 Result<void> run_episode(const EpisodePlan& plan, SoakReport& report) {
@@ -126,7 +136,8 @@ void SoakReport::add(const SoakReport& later) {
 
 namespace {
 
-// The episodes of a soak by number: first the pairs of faults, and walks through the states with each fault, then random ones.
+// The episodes of a soak by number: first the pairs of faults, and walks through the states with each fault, then
+// random ones.
 class Plans {
   public:
     explicit Plans(const SoakOptions& options) : options_(options) {
@@ -136,7 +147,8 @@ class Plans {
         for (std::size_t k = 0; options.all_pairs && k < kWalks * sim::kFaults; ++k) {
             pairs_.push_back({Fault::plc_walks, static_cast<Fault>(k % sim::kFaults)});
         }
-        const std::uint64_t of_pairs = pairs_.size() * kPairParts, rest = options.parts > of_pairs ? options.parts - of_pairs : 0;
+        const std::uint64_t of_pairs = pairs_.size() * kPairParts,
+                            rest = options.parts > of_pairs ? options.parts - of_pairs : 0;
         count_ = pairs_.size() + (rest + options.parts_an_episode - 1) / options.parts_an_episode;
     }
     [[nodiscard]] std::uint64_t count() const { return count_; }
@@ -150,7 +162,8 @@ class Plans {
             }
             return plan;
         }
-        EpisodePlan plan = draw_plan(sim::random_bits(options_.seed, kEpisodeStream, number - pairs_.size()), options_.parts_an_episode);
+        EpisodePlan plan = draw_plan(sim::random_bits(options_.seed, kEpisodeStream, number - pairs_.size()),
+                                     options_.parts_an_episode);
         plan.real = plan.real && options_.real_parts;
         return plan;
     }
@@ -190,7 +203,8 @@ class Crew {
                 report_.add(done_.begin()->second);
                 done_.erase(done_.begin());
                 ++added_;
-                if (options_.progress) options_.progress(static_cast<double>(added_) / static_cast<double>(plans_.count()));
+                if (options_.progress)
+                    options_.progress(static_cast<double>(added_) / static_cast<double>(plans_.count()));
             }
         }
     }
@@ -209,8 +223,10 @@ class Crew {
 
 Result<SoakReport> soak(const SoakOptions& options) {
     if (options.parts == 0 || options.parts_an_episode < 200 || options.threads < 1) {
-        return fail(ErrorCode::invalid_argument, "a soak of " + std::to_string(options.parts) + " parts, " +
-                    std::to_string(options.parts_an_episode) + " an episode, on " + std::to_string(options.threads) + " threads",
+        return fail(ErrorCode::invalid_argument,
+                    "a soak of " + std::to_string(options.parts) + " parts, " +
+                        std::to_string(options.parts_an_episode) + " an episode, on " +
+                        std::to_string(options.threads) + " threads",
                     "use at least 1 part, 200 an episode, and 1 thread");
     }
     const Plans plans(options);
@@ -223,12 +239,16 @@ std::string describe(const SoakReport& r) {
         std::snprintf(digits.data(), digits.size(), "%016llx", static_cast<unsigned long long>(value));
         return std::string(digits.data());
     };
-    const auto line = [](const std::string& name, std::uint64_t value) { return name + std::string(28 - std::min<std::size_t>(27, name.size()), ' ') + std::to_string(value) + "\n"; };
+    const auto line = [](const std::string& name, std::uint64_t value) {
+        return name + std::string(28 - std::min<std::size_t>(27, name.size()), ' ') + std::to_string(value) + "\n";
+    };
     std::string text = line("parts", r.parts) + line("episodes", r.episodes) + line("results", r.results) +
-                       line("hours of production", r.virtual_s / 3600) + line("line stops", r.line_stops) + line("resets", r.resets) +
-                       line("excused (invisible faults)", r.excused) + line("parts with nothing wrong", r.undisturbed) +
-                       line("parts seen through optics", r.real_parts) + line("bad ones the pipeline passed", r.passed_bad) + line("processes", r.processes) +
-                       line("results on disks", r.stored) + line("results lost, and said so", r.lost) + line("fault pairs", r.coverage.pairs()) + line("violations", r.violations);
+        line("hours of production", r.virtual_s / 3600) + line("line stops", r.line_stops) + line("resets", r.resets) +
+        line("excused (invisible faults)", r.excused) + line("parts with nothing wrong", r.undisturbed) +
+        line("parts seen through optics", r.real_parts) + line("bad ones the pipeline passed", r.passed_bad) +
+        line("processes", r.processes) + line("results on disks", r.stored) +
+        line("results lost, and said so", r.lost) + line("fault pairs", r.coverage.pairs()) +
+        line("violations", r.violations);
     for (std::size_t k = 0; k < kPromises; ++k) {
         if (r.broken[k] > 0) text += line("  " + std::string(name_of(static_cast<Promise>(k))), r.broken[k]);
     }

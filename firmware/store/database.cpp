@@ -28,21 +28,29 @@ tl::unexpected<Error> Database::failed(int code) const {
     const std::string detail = handle_ != nullptr ? sqlite3_errmsg(handle_) : sqlite3_errstr(code);
     switch (code & 0xFF) {
         case SQLITE_FULL:
-            return fail(ErrorCode::io, name + " cannot grow: the disk is full", "free space on its disk, or lower store.keep_mb and store.frames_mb");
+            return fail(ErrorCode::io, name + " cannot grow: the disk is full",
+                        "free space on its disk, or lower store.keep_mb and store.frames_mb");
         case SQLITE_READONLY:
         case SQLITE_PERM:
-            return fail(ErrorCode::io, name + " cannot be written (" + detail + ")", "give the station's user the right to write its folder, and see that its disk is not mounted read-only");
+            return fail(ErrorCode::io, name + " cannot be written (" + detail + ")",
+                        "give the station's user the right to write its folder, and see that its disk is not mounted "
+                        "read-only");
         case SQLITE_CANTOPEN:
-            return fail(ErrorCode::io, name + " cannot be opened (" + detail + ")", "check that its folder exists and that this user may use it");
+            return fail(ErrorCode::io, name + " cannot be opened (" + detail + ")",
+                        "check that its folder exists and that this user may use it");
         case SQLITE_CORRUPT:
         case SQLITE_NOTADB:
-            return fail(ErrorCode::unreadable, name + " is damaged (" + detail + ")", "move the file, its -wal and its -shm out of the folder and keep them; the station starts a new one by itself");
+            return fail(ErrorCode::unreadable, name + " is damaged (" + detail + ")",
+                        "move the file, its -wal and its -shm out of the folder and keep them; the station starts a "
+                        "new one by itself");
         case SQLITE_BUSY:
-        case SQLITE_LOCKED:
-            return fail(ErrorCode::busy, name + " is locked by another program", "end that program");
+        case SQLITE_LOCKED: return fail(ErrorCode::busy, name + " is locked by another program", "end that program");
         case SQLITE_IOERR:
-            return fail(ErrorCode::io, name + " cannot be read or written (" + detail + ")", "check the disk and its cable, and the system's log");
-        case SQLITE_INTERRUPT: return fail(ErrorCode::timeout, "reading " + name + " takes too long", "ask for less: a shorter time, fewer rows");
+            return fail(ErrorCode::io, name + " cannot be read or written (" + detail + ")",
+                        "check the disk and its cable, and the system's log");
+        case SQLITE_INTERRUPT:
+            return fail(ErrorCode::timeout, "reading " + name + " takes too long",
+                        "ask for less: a shorter time, fewer rows");
         case SQLITE_NOMEM: return fail(ErrorCode::io, "no memory for " + name, "give the station more memory");
         default: return fail(ErrorCode::internal, name + ": " + detail, "report it");
     }
@@ -115,11 +123,13 @@ Result<void> Statement::run(std::span<const Value> values) {
 
 // -- the connection --------------------------------------------------------------------------------------------
 
-Result<std::unique_ptr<Database>> Database::open(const std::filesystem::path& file, Access access, const std::string& vfs) {
+Result<std::unique_ptr<Database>> Database::open(const std::filesystem::path& file, Access access,
+                                                 const std::string& vfs) {
     if (access != Access::create) {
         std::error_code error;
         if (!std::filesystem::exists(file, error) && vfs.empty()) {
-            return fail(ErrorCode::not_found, file.string() + " does not exist", "name the folder of a station's store");
+            return fail(ErrorCode::not_found, file.string() + " does not exist",
+                        "name the folder of a station's store");
         }
     }
     std::unique_ptr<Database> database(new Database(file));
@@ -143,14 +153,17 @@ void Database::limit_time(std::chrono::milliseconds most) {
     constexpr int kInstructions = 10'000;  // between two looks at the clock: a millisecond at most
     until_ = std::chrono::steady_clock::now() + most;
     sqlite3_progress_handler(
-        handle_, kInstructions, [](void* self) { return std::chrono::steady_clock::now() > static_cast<Database*>(self)->until_ ? 1 : 0; }, this);
+        handle_, kInstructions,
+        [](void* self) { return std::chrono::steady_clock::now() > static_cast<Database*>(self)->until_ ? 1 : 0; },
+        this);
 }
 
 Database::~Database() { sqlite3_close_v2(handle_); }
 
 Result<Statement> Database::prepare(std::string_view sql) {
     sqlite3_stmt* statement = nullptr;
-    const int code = sqlite3_prepare_v3(handle_, sql.data(), static_cast<int>(sql.size()), SQLITE_PREPARE_PERSISTENT, &statement, nullptr);
+    const int code = sqlite3_prepare_v3(handle_, sql.data(), static_cast<int>(sql.size()), SQLITE_PREPARE_PERSISTENT,
+                                        &statement, nullptr);
     if (code != SQLITE_OK) return failed(code);
     return Statement(*this, statement);
 }

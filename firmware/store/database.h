@@ -1,6 +1,7 @@
 // SQLite, as little of it as the store needs: a connection, and statements that give values.
 //
-// One thread at a time. Every error names the file and what a person should do about it (full disk, read-only, damaged).
+// One thread at a time. Every error names the file and what a person should do about it (full disk, read-only,
+// damaged).
 #pragma once
 
 #include <chrono>
@@ -55,9 +56,10 @@ class Database {
     // read_at_rest: nobody writes it while it is open; nothing is made beside it, no lock is taken.
     enum class Access : std::uint8_t { read, read_at_rest, write, create };
 
-    // `vfs` names another way to the disk (tests); empty: the system's. Fails with not_found, unreadable (damaged, or not
-    // a database), io (no permission, full disk).
-    static Result<std::unique_ptr<Database>> open(const std::filesystem::path& file, Access access, const std::string& vfs = {});
+    // `vfs` names another way to the disk (tests); empty: the system's. Fails with not_found, unreadable (damaged, or
+    // not a database), io (no permission, full disk).
+    static Result<std::unique_ptr<Database>> open(const std::filesystem::path& file, Access access,
+                                                  const std::string& vfs = {});
     ~Database();
     Database(const Database&) = delete;
     Database& operator=(const Database&) = delete;

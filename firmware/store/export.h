@@ -13,8 +13,8 @@ namespace hord::firmware::store {
 // "2026-11-21T07:15:00.250Z"
 std::string format_utc(UtcMicros time_us);
 
-// "2026-11-21", "2026-11-21T07:15", "2026-11-21T07:15:30", with or without Z, all UTC; or so long before `now_us`: "90s", "30m",
-// "12h", "7d". Fails with invalid_argument.
+// "2026-11-21", "2026-11-21T07:15", "2026-11-21T07:15:30", with or without Z, all UTC; or so long before `now_us`:
+// "90s", "30m", "12h", "7d". Fails with invalid_argument.
 Result<UtcMicros> parse_utc(std::string_view text, UtcMicros now_us);
 
 // Columns are only ever added, at the end.

@@ -22,13 +22,15 @@ std::uint64_t number_of(const fs::path& file) {
     const std::string name = file.filename().string();
     std::uint64_t number = 0;
     const auto read = std::from_chars(name.data(), name.data() + name.size(), number);
-    const bool ours = read.ec == std::errc() && read.ptr == name.data() + 12 && name.size() > 13 && name[12] == '-' && file.extension() == ".png";
+    const bool ours = read.ec == std::errc() && read.ptr == name.data() + 12 && name.size() > 13 && name[12] == '-' &&
+        file.extension() == ".png";
     return ours ? number : 0;
 }
 
 tl::unexpected<Error> not_written(const fs::path& file, int why) {
     return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(why) + ")",
-                why == ENOSPC || why == EDQUOT ? "free space on its disk, or lower store.frames_mb" : "check the folder's permissions and the disk");
+                why == ENOSPC || why == EDQUOT ? "free space on its disk, or lower store.frames_mb"
+                                               : "check the folder's permissions and the disk");
 }
 
 Result<void> write_synced(const fs::path& file, std::span<const std::uint8_t> bytes) {
@@ -50,9 +52,10 @@ Result<void> write_synced(const fs::path& file, std::span<const std::uint8_t> by
 }
 
 Result<std::uint64_t> free_bytes(const fs::path& folder) {
-    struct statvfs space{};
+    struct statvfs space {};
     if (statvfs(folder.c_str(), &space) != 0) {
-        return fail(ErrorCode::io, "the disk of " + folder.string() + " does not answer (" + std::strerror(errno) + ")", "check the disk");
+        return fail(ErrorCode::io, "the disk of " + folder.string() + " does not answer (" + std::strerror(errno) + ")",
+                    "check the disk");
     }
     return static_cast<std::uint64_t>(space.f_bavail) * space.f_frsize;
 }
@@ -65,7 +68,9 @@ Result<std::vector<ArchivedFile>> list_frames(const fs::path& folder) {
     std::error_code error;
     std::vector<ArchivedFile> files;
     fs::directory_iterator entries(folder, error);
-    if (error) return fail(ErrorCode::not_found, folder.string() + " cannot be read (" + error.message() + ")", "name the folder of a station's store");
+    if (error)
+        return fail(ErrorCode::not_found, folder.string() + " cannot be read (" + error.message() + ")",
+                    "name the folder of a station's store");
     for (; entries != fs::directory_iterator(); entries.increment(error)) {
         if (error) break;
         const std::uint64_t number = number_of(entries->path());
@@ -74,15 +79,18 @@ Result<std::vector<ArchivedFile>> list_frames(const fs::path& folder) {
         if (!error) files.push_back({number, entries->path(), bytes});
         error.clear();  // the ring has just removed it
     }
-    std::sort(files.begin(), files.end(), [](const ArchivedFile& a, const ArchivedFile& b) { return a.file.filename() < b.file.filename(); });
+    std::sort(files.begin(), files.end(),
+              [](const ArchivedFile& a, const ArchivedFile& b) { return a.file.filename() < b.file.filename(); });
     return files;
 }
 
-Result<std::unique_ptr<FrameArchive>> FrameArchive::open(const fs::path& folder, const ArchiveLimits& limits, ArchiveDisk disk) {
+Result<std::unique_ptr<FrameArchive>> FrameArchive::open(const fs::path& folder, const ArchiveLimits& limits,
+                                                         ArchiveDisk disk) {
     std::error_code error;
     fs::create_directory(folder, error);
     if (!fs::is_directory(folder)) {
-        return fail(ErrorCode::io, "the folder " + folder.string() + " cannot be made" + (error ? " (" + error.message() + ")" : ""),
+        return fail(ErrorCode::io,
+                    "the folder " + folder.string() + " cannot be made" + (error ? " (" + error.message() + ")" : ""),
                     "create it and give it to the station's user (store.folder)");
     }
     std::unique_ptr<FrameArchive> archive(new FrameArchive(folder, limits, std::move(disk)));
@@ -110,7 +118,8 @@ Result<void> FrameArchive::add(const std::string& label, std::span<const std::ui
 
 Result<void> FrameArchive::make_room(std::uint64_t bytes) {
     if (bytes > limits_.max_bytes) {
-        return fail(ErrorCode::io, fmt::format("a frame of {} bytes is larger than all frames together may be", bytes), "raise store.frames_mb");
+        return fail(ErrorCode::io, fmt::format("a frame of {} bytes is larger than all frames together may be", bytes),
+                    "raise store.frames_mb");
     }
     while (bytes_ + bytes > limits_.max_bytes) {
         if (auto removed = remove_oldest(); !removed) return removed;
@@ -120,7 +129,9 @@ Result<void> FrameArchive::make_room(std::uint64_t bytes) {
         if (!left) return tl::unexpected(left.error());
         if (*left >= limits_.min_free_bytes + bytes) return {};
         if (files_.empty()) {
-            return fail(ErrorCode::io, fmt::format("the disk of {} has {} MB left, and {} MB are to stay free", folder_.string(), *left / 1'000'000, limits_.min_free_bytes / 1'000'000),
+            return fail(ErrorCode::io,
+                        fmt::format("the disk of {} has {} MB left, and {} MB are to stay free", folder_.string(),
+                                    *left / 1'000'000, limits_.min_free_bytes / 1'000'000),
                         "free space on it, or lower store.free_mb");
         }
         if (auto removed = remove_oldest(); !removed) return removed;
@@ -131,7 +142,9 @@ Result<void> FrameArchive::remove_oldest() {
     const ArchivedFile& oldest = files_.front();
     std::error_code error;
     fs::remove(oldest.file, error);  // no error when somebody else has removed it
-    if (error) return fail(ErrorCode::io, oldest.file.string() + " cannot be removed (" + error.message() + ")", "check the folder's permissions and the disk");
+    if (error)
+        return fail(ErrorCode::io, oldest.file.string() + " cannot be removed (" + error.message() + ")",
+                    "check the folder's permissions and the disk");
     bytes_ -= oldest.bytes;
     files_.pop_front();
     return {};

@@ -1,7 +1,7 @@
 // A ring of frames on a disk: the oldest make room, by bytes and by what the disk has left.
 //
-// A file appears whole or not at all: it is written beside, synced and renamed. Its name begins with a number that counts over
-// restarts, so that names sort by age whatever the clock did:
+// A file appears whole or not at all: it is written beside, synced and renamed. Its name begins with a number that
+// counts over restarts, so that names sort by age whatever the clock did:
 //     000000000123-20261121T071500Z-p42-reject.png
 #pragma once
 
@@ -45,12 +45,13 @@ struct ArchiveLimits {
 class FrameArchive {
   public:
     // Makes the folder (not its parents), removes what was left unfinished. Blocks. Fails with io.
-    static Result<std::unique_ptr<FrameArchive>> open(const std::filesystem::path& folder, const ArchiveLimits& limits, ArchiveDisk disk = real_disk());
+    static Result<std::unique_ptr<FrameArchive>> open(const std::filesystem::path& folder, const ArchiveLimits& limits,
+                                                      ArchiveDisk disk = real_disk());
 
     [[nodiscard]] std::uint64_t next_number() const { return next_; }
 
-    // Stores under next_number(); `label` follows it in the name. Fails with io (no room, however much was removed; read-only;
-    // broken disk).
+    // Stores under next_number(); `label` follows it in the name. Fails with io (no room, however much was removed;
+    // read-only; broken disk).
     Result<void> add(const std::string& label, std::span<const std::uint8_t> bytes);
 
     // Removes the oldest until the limits hold: others use the disk, too. Fails with io when nothing is left to remove.

@@ -68,7 +68,8 @@ struct FrameKeeper::Buffer {
         const auto row_bytes = static_cast<std::size_t>(width_px) * static_cast<std::size_t>(frame.sample_bytes());
         samples.resize(row_bytes * static_cast<std::size_t>(height_px));
         for (int y = 0; y < height_px; ++y) {
-            std::memcpy(samples.data() + static_cast<std::size_t>(y) * row_bytes, frame.data + y * frame.stride_bytes, row_bytes);
+            std::memcpy(samples.data() + static_cast<std::size_t>(y) * row_bytes, frame.data + y * frame.stride_bytes,
+                        row_bytes);
         }
         maps = bytes_of_maps(inspection);
         defects.assign(inspection.defects.begin(), inspection.defects.end());
@@ -82,7 +83,8 @@ struct FrameKeeper::Buffer {
 };
 
 FrameKeeper::FrameKeeper(Open open, FrameKeeperOptions options, std::function<UtcMicros()> utc_now, Listener listener)
-    : open_(std::move(open)), options_(std::move(options)), utc_now_(std::move(utc_now)), listener_(std::move(listener)) {
+    : open_(std::move(open)), options_(std::move(options)), utc_now_(std::move(utc_now)),
+      listener_(std::move(listener)) {
     for (std::size_t k = 0; k < options_.buffers; ++k) free_.push_back(std::make_unique<Buffer>());
     if (options_.thread) thread_ = std::thread([this] { work(); });
 }
@@ -121,7 +123,10 @@ void FrameKeeper::on_inspection(std::uint32_t part, const algo::FrameView& frame
             recent_.pop_front();
         } else {
             if (inspection.verdict != algo::Verdict::pass) {
-                drop(lock, {ErrorCode::busy, "frames come faster than they can be kept", "use a faster disk, or keep fewer (store.frames_before, store.frames_after, store.sample_every)"});
+                drop(
+                    lock,
+                    {ErrorCode::busy, "frames come faster than they can be kept",
+                     "use a faster disk, or keep fewer (store.frames_before, store.frames_after, store.sample_every)"});
             }
             return;
         }
@@ -150,7 +155,8 @@ void FrameKeeper::on_result(const PartResult& result) {
     // What the inspection rejected is kept already; what was never inspected has no frame.
     if (result.verdict == PartVerdict::pass || result.reason < PartReason::verdict_late) return;
     const std::lock_guard lock(mutex_);
-    const auto found = std::find_if(recent_.begin(), recent_.end(), [&](const Handle& b) { return b->part == result.part; });
+    const auto found =
+        std::find_if(recent_.begin(), recent_.end(), [&](const Handle& b) { return b->part == result.part; });
     if (found == recent_.end()) {
         if (result.reason != PartReason::verdict_late) return;
         missed_.push_back(result.part);
@@ -257,10 +263,12 @@ std::string FrameKeeper::metadata_of(const Buffer& buffer) const {
     }
     return fmt::format(
         "{{\"hord\":1,\"station\":\"{}\",\"software\":\"{}\",\"boot\":{},\"part\":{},\"time_us\":{},\"role\":\"{}\",{}"
-        "\"grid\":{{\"m\":{},\"n\":{},\"i\":{},\"j\":{}}},\"bits\":{},\"verdict\":\"{}\",\"reason\":\"{}\",\"score\":{},\"defects\":{}],"
+        "\"grid\":{{\"m\":{},\"n\":{},\"i\":{},\"j\":{}}},\"bits\":{},\"verdict\":\"{}\",\"reason\":\"{}\",\"score\":{}"
+        ",\"defects\":{}],"
         "\"maps_sha256\":\"{}\",\"samples_sha256\":\"{}\",\"recipe\":\"{}\"}}",
-        json_escaped(options_.station), json_escaped(options_.software), options_.boot, buffer.part, buffer.time_us, buffer.role, trigger, e.m, e.n, e.i, e.j,
-        buffer.bits, algo::name_of(buffer.verdict), algo::name_of(buffer.reason), buffer.score, defects, to_hex(sha256(buffer.maps)),
+        json_escaped(options_.station), json_escaped(options_.software), options_.boot, buffer.part, buffer.time_us,
+        buffer.role, trigger, e.m, e.n, e.i, e.j, buffer.bits, algo::name_of(buffer.verdict),
+        algo::name_of(buffer.reason), buffer.score, defects, to_hex(sha256(buffer.maps)),
         digest_of_samples(buffer.view()), json_escaped(*buffer.recipe));
 }
 

@@ -1,8 +1,8 @@
 // Which frames are kept: those of parts that did not pass, some before and after each of them, and chosen samples.
 //
-// on_inspection() copies what is inspected into one of a fixed number of buffers and never waits for the disk; a thread of its
-// own makes PNGs and puts them into the archive. When the disk is slower than the frames that are to be kept, frames are
-// dropped and counted; verdicts and results are not concerned.
+// on_inspection() copies what is inspected into one of a fixed number of buffers and never waits for the disk; a thread
+// of its own makes PNGs and puts them into the archive. When the disk is slower than the frames that are to be kept,
+// frames are dropped and counted; verdicts and results are not concerned.
 //
 // The metadata of a frame is one JSON object, everything that replay needs:
 //   station, software, boot, part, time_us   who saw what, when
@@ -37,10 +37,10 @@ struct FrameKeeperOptions {
     algo::Extents extents = {};
     std::string station = {}, software = {};
     std::uint32_t boot = 0;
-    int before = 2, after = 2;        // parts around one that did not pass
-    std::uint32_t sample_every = 0;   // parts; 0: no samples
-    std::size_t buffers = 24;         // each of one frame and its maps
-    bool thread = true;               // false: nothing is written but in step()
+    int before = 2, after = 2;       // parts around one that did not pass
+    std::uint32_t sample_every = 0;  // parts; 0: no samples
+    std::size_t buffers = 24;        // each of one frame and its maps
+    bool thread = true;              // false: nothing is written but in step()
 };
 
 class FrameKeeper {
@@ -94,8 +94,8 @@ class FrameKeeper {
     mutable std::mutex mutex_;  // guards the rest
     std::condition_variable wake_;
     std::vector<Handle> free_;
-    std::deque<Handle> recent_;   // passed, not kept so far: the newest last
-    std::deque<Handle> waiting_;  // to be written
+    std::deque<Handle> recent_;         // passed, not kept so far: the newest last
+    std::deque<Handle> waiting_;        // to be written
     std::deque<std::uint32_t> missed_;  // parts whose result said reject before their frame was here
     std::shared_ptr<const std::string> recipe_ = std::make_shared<std::string>();
     int after_ = 0;

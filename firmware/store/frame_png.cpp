@@ -15,15 +15,18 @@ constexpr char kKeyword[] = "hord";
 }  // namespace
 
 Result<std::vector<std::uint8_t>> encode_png(const algo::FrameView& frame, std::string_view metadata, int level) {
-    return common::encode_grey_png(frame, {.level = level, .runs_only = false}, common::PngNote{kKeyword, std::string(metadata)});
+    return common::encode_grey_png(frame, {.level = level, .runs_only = false},
+                                   common::PngNote{kKeyword, std::string(metadata)});
 }
 
 Result<AnnotatedFrame> decode_png(std::span<const std::uint8_t> bytes, const std::string& name) {
     constexpr const char* kLeaveOut = "leave it out; nothing of it can be trusted";
     auto png = common::decode_grey_png(bytes, name, kKeyword);
     if (!png) return fail(png.error().code, png.error().what, kLeaveOut);
-    if (png->length != bytes.size()) return fail(ErrorCode::unreadable, name + " is damaged (something follows its end)", kLeaveOut);
-    if (!png->note) return fail(ErrorCode::unreadable, name + " says nothing of its part", "name frames that a station has kept");
+    if (png->length != bytes.size())
+        return fail(ErrorCode::unreadable, name + " is damaged (something follows its end)", kLeaveOut);
+    if (!png->note)
+        return fail(ErrorCode::unreadable, name + " says nothing of its part", "name frames that a station has kept");
     return AnnotatedFrame{std::move(png->frame), std::move(*png->note)};
 }
 

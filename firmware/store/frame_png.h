@@ -1,7 +1,7 @@
 // A frame with everything that is known of it, as one lossless PNG.
 //
-// Grey, 8 or 16 bits; 9- to 15-bit samples are right-aligned and their depth stands in sBIT. The metadata is UTF-8 text (JSON,
-// frame_keeper.h) in an iTXt chunk "hord". Any thread.
+// Grey, 8 or 16 bits; 9- to 15-bit samples are right-aligned and their depth stands in sBIT. The metadata is UTF-8 text
+// (JSON, frame_keeper.h) in an iTXt chunk "hord". Any thread.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,8 @@ struct AnnotatedFrame {
 // `level` is zlib's, 1 (fast) to 9 (small). Fails with invalid_argument (an empty frame), internal.
 Result<std::vector<std::uint8_t>> encode_png(const algo::FrameView& frame, std::string_view metadata, int level = 1);
 
-// Fails with unreadable when a byte is missing, changed or too many: every chunk's checksum is compared. `name` is for the message.
+// Fails with unreadable when a byte is missing, changed or too many: every chunk's checksum is compared. `name` is for
+// the message.
 Result<AnnotatedFrame> decode_png(std::span<const std::uint8_t> bytes, const std::string& name);
 
 // Fails with not_found and as decode_png().

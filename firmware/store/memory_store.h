@@ -37,7 +37,9 @@ class MemoryStore final : public ResultStore {
     explicit MemoryStore(MemoryDisk& disk) : disk_(disk), knows_the_run_(!disk.entries.empty()) {
         for (const Entry& entry : disk_.entries) last_ = std::max(last_, entry.number);
     }
-    static std::optional<Error> ask(const std::function<std::optional<Error>()>& what) { return what ? what() : std::nullopt; }
+    static std::optional<Error> ask(const std::function<std::optional<Error>()>& what) {
+        return what ? what() : std::nullopt;
+    }
 
     Result<void> do_write(std::span<const Entry> entries) override {
         if (auto error = ask(disk_.on_write)) return tl::unexpected(*error);

@@ -47,7 +47,8 @@ std::string_view name_of(RejectState state) {
 }
 
 std::string to_json(const algo::Defect& d) {
-    return fmt::format("{{\"m\":{},\"n\":{},\"area\":{},\"peak\":{},\"kind\":\"{}\"}}", d.m, d.n, d.area, d.peak, algo::name_of(d.kind));
+    return fmt::format("{{\"m\":{},\"n\":{},\"area\":{},\"peak\":{},\"kind\":\"{}\"}}", d.m, d.n, d.area, d.peak,
+                       algo::name_of(d.kind));
 }
 
 std::string to_json(std::span<const algo::Defect> defects) {
@@ -82,9 +83,18 @@ std::string to_json(const StartRecord& start) {
 
 std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, const Value& calibration) {
     const PartResult& r = record.result;
-    return {integer(r.sequence), integer(r.part),           text(name_of(r.verdict)),     text(name_of(r.reason)),
-            real(r.score),       integer(r.defects),        to_json(record.defects),      integer(r.latency_us),
-            integer(r.reject_latency_us), text(name_of(r.reject)), recipe,                calibration};
+    return {integer(r.sequence),
+            integer(r.part),
+            text(name_of(r.verdict)),
+            text(name_of(r.reason)),
+            real(r.score),
+            integer(r.defects),
+            to_json(record.defects),
+            integer(r.latency_us),
+            integer(r.reject_latency_us),
+            text(name_of(r.reject)),
+            recipe,
+            calibration};
 }
 
 std::vector<Value> values_of(const CommandRecord& record) {
@@ -92,7 +102,8 @@ std::vector<Value> values_of(const CommandRecord& record) {
 }
 
 std::vector<Value> values_of(const ChangeRecord& record) {
-    return {text(name_of(record.what)), text(record.peer), integer(record.token), text(record.name), text(record.before), text(record.after)};
+    return {text(name_of(record.what)), text(record.peer),   integer(record.token),
+            text(record.name),          text(record.before), text(record.after)};
 }
 
 std::vector<Value> values_of(const StartRecord& record, const std::string& before) {

@@ -31,14 +31,16 @@ std::string defects_of(const Json& list) {
     std::string json = "[";
     for (const Json& d : list) {
         if (json.size() > 1) json += ',';
-        json += fmt::format("{{\"m\":{},\"n\":{},\"area\":{},\"peak\":{},\"kind\":\"{}\"}}", d.at("m").get<float>(), d.at("n").get<float>(),
-                            d.at("area").get<std::uint32_t>(), d.at("peak").get<float>(), d.at("kind").get<std::string>());
+        json += fmt::format("{{\"m\":{},\"n\":{},\"area\":{},\"peak\":{},\"kind\":\"{}\"}}", d.at("m").get<float>(),
+                            d.at("n").get<float>(), d.at("area").get<std::uint32_t>(), d.at("peak").get<float>(),
+                            d.at("kind").get<std::string>());
     }
     return json + "]";
 }
 
 std::string judgement_json(const Judgement& j) {
-    return fmt::format("{{\"verdict\":\"{}\",\"reason\":\"{}\",\"score\":{},\"defects\":{},\"maps_sha256\":\"{}\"}}", j.verdict, j.reason, j.score, j.defects, j.maps_sha256);
+    return fmt::format("{{\"verdict\":\"{}\",\"reason\":\"{}\",\"score\":{},\"defects\":{},\"maps_sha256\":\"{}\"}}",
+                       j.verdict, j.reason, j.score, j.defects, j.maps_sha256);
 }
 
 struct Archived {
@@ -60,7 +62,8 @@ Archived read_metadata(const std::string& metadata) {
     then.defects = defects_of(json.at("defects"));
     then.maps_sha256 = json.at("maps_sha256").get<std::string>();
     const Json& grid = json.at("grid");
-    archived.extents = {grid.at("m").get<int>(), grid.at("n").get<int>(), grid.at("i").get<int>(), grid.at("j").get<int>()};
+    archived.extents = {grid.at("m").get<int>(), grid.at("n").get<int>(), grid.at("i").get<int>(),
+                        grid.at("j").get<int>()};
     archived.recipe = json.at("recipe").get<std::string>();
     archived.samples_sha256 = json.at("samples_sha256").get<std::string>();
     return archived;
@@ -78,9 +81,11 @@ std::string to_json_line(const Replayed& r) {
     changed("score", r.then.score != r.now.score);
     changed("defects", r.then.defects != r.now.defects);
     changed("maps", r.then.maps_sha256 != r.now.maps_sha256);
-    return fmt::format("{{\"frame\":\"{}\",\"part\":{},\"role\":\"{}\",\"recipe_then\":\"{}\",\"recipe_now\":\"{}\",\"then\":{},\"now\":{},\"changes\":[{}]}}",
-                       json_escaped(r.frame), r.part, json_escaped(r.role), json_escaped(r.recipe_then), json_escaped(r.recipe_now), judgement_json(r.then),
-                       judgement_json(r.now), changes);
+    return fmt::format(
+        "{{\"frame\":\"{}\",\"part\":{},\"role\":\"{}\",\"recipe_then\":\"{}\",\"recipe_now\":\"{}\",\"then\":{},"
+        "\"now\":{},\"changes\":[{}]}}",
+        json_escaped(r.frame), r.part, json_escaped(r.role), json_escaped(r.recipe_then), json_escaped(r.recipe_now),
+        judgement_json(r.then), judgement_json(r.now), changes);
 }
 
 struct Replay::Parts {
@@ -91,7 +96,9 @@ struct Replay::Parts {
     std::optional<algo::Pipeline> pipeline;
 };
 
-Replay::Replay(std::optional<algo::Recipe> recipe) : parts_(std::make_unique<Parts>()) { parts_->recipe = std::move(recipe); }
+Replay::Replay(std::optional<algo::Recipe> recipe) : parts_(std::make_unique<Parts>()) {
+    parts_->recipe = std::move(recipe);
+}
 Replay::~Replay() = default;
 
 Result<Replayed> Replay::judge(const std::filesystem::path& file) {
@@ -101,11 +108,13 @@ Result<Replayed> Replay::judge(const std::filesystem::path& file) {
     try {
         archived = read_metadata(annotated->metadata);
     } catch (const Json::exception& error) {
-        return fail(ErrorCode::unreadable, file.string() + " has metadata that cannot be read (" + error.what() + ")", "name frames that a station has kept");
+        return fail(ErrorCode::unreadable, file.string() + " has metadata that cannot be read (" + error.what() + ")",
+                    "name frames that a station has kept");
     }
     const algo::FrameView frame = annotated->frame.view();
     if (digest_of_samples(frame) != archived.samples_sha256) {
-        return fail(ErrorCode::unreadable, file.string() + " holds other samples than were kept", "leave it out; somebody has edited it");
+        return fail(ErrorCode::unreadable, file.string() + " holds other samples than were kept",
+                    "leave it out; somebody has edited it");
     }
     Replayed& replayed = archived.replayed;
     replayed.frame = file.filename().string();
@@ -113,7 +122,8 @@ Result<Replayed> Replay::judge(const std::filesystem::path& file) {
     const algo::Extents& e = archived.extents;
     const auto then = parse_recipe(archived.recipe, file.string());
     if (then) replayed.recipe_then = then->name;
-    const std::string wanted = fmt::format("{}x{} {}x{} {} {}", e.m, e.n, e.i, e.j, frame.bits, parts_->recipe ? std::string() : archived.recipe);
+    const std::string wanted = fmt::format("{}x{} {}x{} {} {}", e.m, e.n, e.i, e.j, frame.bits,
+                                           parts_->recipe ? std::string() : archived.recipe);
     if (!parts_->pipeline || parts_->known != wanted) {
         if (!parts_->recipe && !then) return tl::unexpected(then.error());
         const algo::Recipe& recipe = parts_->recipe ? *parts_->recipe : *then;
@@ -126,8 +136,8 @@ Result<Replayed> Replay::judge(const std::filesystem::path& file) {
     replayed.recipe_now = parts_->known_name;
     const auto inspection = parts_->pipeline->inspect(frame);
     if (!inspection) return tl::unexpected(inspection.error());
-    replayed.now = {std::string(algo::name_of(inspection->verdict)), std::string(algo::name_of(inspection->reason)), inspection->score,
-                    all_defects(inspection->defects), digest_of_maps(*inspection)};
+    replayed.now = {std::string(algo::name_of(inspection->verdict)), std::string(algo::name_of(inspection->reason)),
+                    inspection->score, all_defects(inspection->defects), digest_of_maps(*inspection)};
     return std::move(replayed);
 }
 

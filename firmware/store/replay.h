@@ -1,5 +1,5 @@
-// Judges archived frames again and compares with what was said then, bit for bit. No clock, no order but that of the frames:
-// the same frames, recipe and software give the same bytes.
+// Judges archived frames again and compares with what was said then, bit for bit. No clock, no order but that of the
+// frames: the same frames, recipe and software give the same bytes.
 #pragma once
 
 #include <filesystem>
@@ -28,11 +28,12 @@ struct Replayed {
     std::uint32_t part = 0;
     std::string role, recipe_then, recipe_now;  // names
     Judgement then, now;
-    [[nodiscard]] bool same() const { return then == now; }           // to the bit
+    [[nodiscard]] bool same() const { return then == now; }  // to the bit
     [[nodiscard]] bool verdict_changes() const { return then.verdict != now.verdict; }
 };
 
-// One JSON object, one line: {"frame",...,"then":{...},"now":{...},"changes":["verdict",...]}. Empty `changes`: bit for bit.
+// One JSON object, one line: {"frame",...,"then":{...},"now":{...},"changes":["verdict",...]}. Empty `changes`: bit for
+// bit.
 std::string to_json_line(const Replayed& replayed);
 
 class Replay {

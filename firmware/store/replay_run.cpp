@@ -27,11 +27,17 @@ Result<Shard> parse_shard(std::string_view text) {
     const bool divided = index.ec == std::errc() && index.ptr != end && *index.ptr == '/';
     const auto count = divided ? std::from_chars(index.ptr + 1, end, shard.count) : index;
     if (!divided || count.ec != std::errc() || count.ptr != end) {
-        return fail(ErrorCode::invalid_argument, fmt::format("\"{:.60}\" is no shard", text), "write 1/4, 2/4, 3/4, 4/4");
+        return fail(ErrorCode::invalid_argument, fmt::format("\"{:.60}\" is no shard", text),
+                    "write 1/4, 2/4, 3/4, 4/4");
     }
-    if (shard.count > kMaxShards) return fail(ErrorCode::invalid_argument, fmt::format("\"{:.60}\" asks for more than {} shards", text, kMaxShards), "use fewer and larger ones");
+    if (shard.count > kMaxShards)
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("\"{:.60}\" asks for more than {} shards", text, kMaxShards),
+                    "use fewer and larger ones");
     if (shard.index < 1 || shard.index > shard.count) {
-        return fail(ErrorCode::invalid_argument, fmt::format("there is no shard {} of {}", shard.index, shard.count), shard.count == 0 ? "write 1/4, 2/4, 3/4, 4/4" : fmt::format("they are 1/{0} to {0}/{0}", shard.count));
+        return fail(
+            ErrorCode::invalid_argument, fmt::format("there is no shard {} of {}", shard.index, shard.count),
+            shard.count == 0 ? "write 1/4, 2/4, 3/4, 4/4" : fmt::format("they are 1/{0} to {0}/{0}", shard.count));
     }
     return shard;
 }
@@ -39,11 +45,14 @@ Result<Shard> parse_shard(std::string_view text) {
 Result<void> put_in_order(std::vector<ArchivedFile>& frames) {
     std::vector<std::pair<std::string, ArchivedFile>> named;
     named.reserve(frames.size());
-    for (ArchivedFile& frame : frames) named.emplace_back(json_escaped(frame.file.filename().string()), std::move(frame));  // as it stands in the lines
+    for (ArchivedFile& frame : frames)
+        named.emplace_back(json_escaped(frame.file.filename().string()),
+                           std::move(frame));  // as it stands in the lines
     std::sort(named.begin(), named.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     frames.clear();
     for (auto& [name, frame] : named) frames.push_back(std::move(frame));
-    const auto twice = std::adjacent_find(named.begin(), named.end(), [](const auto& a, const auto& b) { return a.first == b.first; });
+    const auto twice =
+        std::adjacent_find(named.begin(), named.end(), [](const auto& a, const auto& b) { return a.first == b.first; });
     if (twice == named.end()) return {};
     return fail(ErrorCode::invalid_argument, "two frames are called " + twice->first, "name each frame once");
 }
@@ -69,7 +78,8 @@ void replay_all(const std::vector<ArchivedFile>& frames, const std::optional<alg
             std::vector<std::jthread> threads;
             for (auto& judge : judges) {
                 threads.emplace_back([&, one = judge.get()] {
-                    for (std::size_t k = next++; k < size; k = next++) judged[k].emplace(one->judge(frames[begin + k].file));
+                    for (std::size_t k = next++; k < size; k = next++)
+                        judged[k].emplace(one->judge(frames[begin + k].file));
                 });
             }
         }

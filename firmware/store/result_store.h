@@ -34,12 +34,12 @@ struct ChangeRecord {
     enum class What : std::uint8_t { recipe, configuration, calibration, lost };
     What what = What::recipe;
     UtcMicros time_us = 0;
-    std::string peer;         // address that asked for it; empty: the station itself
-    std::uint32_t token = 0;  // of the command
-    std::string name;         // of the recipe, of the configuration's file; lost: of what
+    std::string peer;           // address that asked for it; empty: the station itself
+    std::uint32_t token = 0;    // of the command
+    std::string name;           // of the recipe, of the configuration's file; lost: of what
     std::string before, after;  // whole texts
-    // Written only when `after` is not what the store knows already: what is in use when the station starts. `before` is
-    // then what the store knew.
+    // Written only when `after` is not what the store knows already: what is in use when the station starts. `before`
+    // is then what the store knew.
     bool if_new = false;
 };
 
@@ -67,8 +67,8 @@ struct AcknowledgeRecord {
 using Record = std::variant<StartRecord, ChangeRecord, CommandRecord, ResultRecord, AcknowledgeRecord>;
 
 // `number` counts the records of a run from 1, so that a batch can be repeated after an error without anything being
-// stored twice. 0: the run's start, and what was in use before the first entry that follows, stored where the store does not
-// know the run.
+// stored twice. 0: the run's start, and what was in use before the first entry that follows, stored where the store
+// does not know the run.
 struct Entry {
     std::uint64_t number = 0;
     Record record;
@@ -78,18 +78,18 @@ std::string_view name_of(ChangeRecord::What what);
 
 // How long results and commands are kept; changes are kept for good.
 struct Retention {
-    std::int64_t keep_us = 0;    // older ones are removed; 0: no limit
-    std::uint64_t max_bytes = 0; // the oldest are removed until the store takes no more; 0: no limit
+    std::int64_t keep_us = 0;     // older ones are removed; 0: no limit
+    std::uint64_t max_bytes = 0;  // the oldest are removed until the store takes no more; 0: no limit
 };
 
 class ResultStore {
   public:
     virtual ~ResultStore() = default;
 
-    // Blocks, on one thread. All of `entries`, in order, are durable when it returns: they outlive the process and a loss of
-    // power. On failure the store must not be used again: whether the batch was stored is known only to the next one that is
-    // opened, which leaves out what it has already. Fails with io (full, read-only, broken disk), unreadable (damaged), busy.
-    // The first entry of a run is its StartRecord.
+    // Blocks, on one thread. All of `entries`, in order, are durable when it returns: they outlive the process and a
+    // loss of power. On failure the store must not be used again: whether the batch was stored is known only to the
+    // next one that is opened, which leaves out what it has already. Fails with io (full, read-only, broken disk),
+    // unreadable (damaged), busy. The first entry of a run is its StartRecord.
     Result<void> write(std::span<const Entry> entries) { return do_write(entries); }
 
     // Removes what is older or more than allowed, a bounded number of rows in one call. True: there is more to remove.

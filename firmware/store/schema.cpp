@@ -8,13 +8,15 @@ namespace {
 constexpr std::int64_t kApplicationId = 0x484F5244;  // "HORD": file(1) and check_schema() know a store by it
 
 constexpr std::array<std::string_view, 17> kResultColumns{
-    "number", "v",            "run",     "entry",      "time_us",           "sequence", "part",   "verdict",    "reason",
-    "score",  "defect_count", "defects", "latency_us", "reject_latency_us", "reject",   "recipe", "calibration"};
+    "number",  "v",      "run",        "entry",        "time_us", "sequence",   "part",
+    "verdict", "reason", "score",      "defect_count", "defects", "latency_us", "reject_latency_us",
+    "reject",  "recipe", "calibration"};
 constexpr std::array<int, kSchemaVersion> kResultCounts{17, 17};
-constexpr std::array<std::string_view, 10> kCommandColumns{"number", "v", "run", "entry", "time_us", "peer", "token", "name", "before", "after"};
-constexpr std::array<int, kSchemaVersion> kCommandCounts{10, 10};
-constexpr std::array<std::string_view, 11> kChangeColumns{"number", "v",    "run",   "entry", "time_us", "what",
+constexpr std::array<std::string_view, 10> kCommandColumns{"number", "v",     "run",  "entry",  "time_us",
                                                            "peer",   "token", "name", "before", "after"};
+constexpr std::array<int, kSchemaVersion> kCommandCounts{10, 10};
+constexpr std::array<std::string_view, 11> kChangeColumns{"number", "v",     "run",  "entry",  "time_us", "what",
+                                                          "peer",   "token", "name", "before", "after"};
 constexpr std::array<int, kSchemaVersion> kChangeCounts{11, 11};
 
 // Version 1. Never edited: what comes later is a step of its own in migrate_schema().
@@ -39,7 +41,8 @@ CREATE TABLE acknowledged (run INTEGER PRIMARY KEY, sequence INTEGER NOT NULL, t
 )";
 
 // Version 2: parts that did not pass are found without reading those that did.
-constexpr const char* kVersion2 = "CREATE INDEX results_not_passed ON results (verdict, number) WHERE verdict <> 'pass'";
+constexpr const char* kVersion2 =
+    "CREATE INDEX results_not_passed ON results (verdict, number) WHERE verdict <> 'pass'";
 
 }  // namespace
 
@@ -67,11 +70,13 @@ Result<Age> check_schema(Database& database) {
     const auto application = database.get_integer("PRAGMA application_id");
     if (!application) return tl::unexpected(application.error());
     if (*application != kApplicationId || *version < 1) {
-        return fail(ErrorCode::unreadable, database.file().string() + " is a database, but no station's store", "name the folder of a station's store");
+        return fail(ErrorCode::unreadable, database.file().string() + " is a database, but no station's store",
+                    "name the folder of a station's store");
     }
     if (*version > kSchemaVersion) {
         return fail(ErrorCode::unsupported,
-                    database.file().string() + " has schema version " + std::to_string(*version) + ", this software knows up to " + std::to_string(kSchemaVersion),
+                    database.file().string() + " has schema version " + std::to_string(*version) +
+                        ", this software knows up to " + std::to_string(kSchemaVersion),
                     "use the newer software again, or move the store away");
     }
     return *version < kSchemaVersion ? Age::older : Age::current;
@@ -96,7 +101,8 @@ Result<int> migrate_schema(Database& database) {
     if (*version < 2) {
         if (auto done = database.execute(kVersion2); !done) return tl::unexpected(done.error());
     }
-    if (auto done = database.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion)); !done) return tl::unexpected(done.error());
+    if (auto done = database.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion)); !done)
+        return tl::unexpected(done.error());
     return static_cast<int>(*version);
 }
 

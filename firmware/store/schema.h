@@ -1,15 +1,15 @@
 // The tables of a store, their versions, and how an older file becomes a newer one.
 //
-// results and commands grow fast and lose their oldest rows to retention; changes stay. Each of the three is a hash chain
-// of its own: `number` counts from 1 without gaps for the life of the store, over restarts. `v` is the schema version that
-// the row was written with; its hash covers the columns of that version, so that a migration never touches a row that
-// exists.
+// results and commands grow fast and lose their oldest rows to retention; changes stay. Each of the three is a hash
+// chain of its own: `number` counts from 1 without gaps for the life of the store, over restarts. `v` is the schema
+// version that the row was written with; its hash covers the columns of that version, so that a migration never touches
+// a row that exists.
 //
 //   results   one row a part                            recipe, calibration: the row of changes that was in use
 //   commands  one row a command of a PLC or a person
-//   changes   what = start (its number is the `run` of what follows), recipe, configuration, calibration, lost, retention, migration
-//   heads     the newest number and hash of each chain, written with the row
-//   acknowledged  how far a PLC has taken the results of a run
+//   changes   what = start (its number is the `run` of what follows), recipe, configuration, calibration, lost,
+//   retention, migration heads     the newest number and hash of each chain, written with the row acknowledged  how far
+//   a PLC has taken the results of a run
 #pragma once
 
 #include <cstdint>
@@ -26,8 +26,8 @@ constexpr int kSchemaVersion = 2;
 
 struct ChainTable {
     std::string_view name;
-    std::span<const std::string_view> columns;      // all but `hash`, which is the last of the table
-    std::span<const int> columns_of_version;        // how many of them version 1, 2 ... had
+    std::span<const std::string_view> columns;                      // all but `hash`, which is the last of the table
+    std::span<const int> columns_of_version;                        // how many of them version 1, 2 ... had
     [[nodiscard]] std::string select(std::string_view rest) const;  // "SELECT columns, hash FROM name " + rest
 };
 extern const ChainTable kResults, kCommands, kChanges;

@@ -33,7 +33,9 @@ constexpr std::size_t kLongestLine = 16U << 20U;  // a frame with every defect t
 class Sum {
   public:
     Sum() { SHA256Init(&context_); }
-    void add(std::string_view bytes) { SHA256Update(&context_, reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()); }
+    void add(std::string_view bytes) {
+        SHA256Update(&context_, reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size());
+    }
     [[nodiscard]] std::string hex() const {
         SHA256_CTX copy = context_;
         Hash hash{};
@@ -46,12 +48,15 @@ class Sum {
 };
 
 std::string header_of(const ReplayIdentity& id, const Shard& shard) {
-    return fmt::format("{}1,\"archive\":\"{}\",\"frames\":{},\"recipe\":\"{}\",\"software\":\"{}\",\"program\":\"{}\",\"shard\":\"{}\"}}", kHeader, id.archive, id.frames, id.recipe,
-                       json_escaped(id.software), id.program, shard.text());
+    return fmt::format(
+        "{}1,\"archive\":\"{}\",\"frames\":{},\"recipe\":\"{}\",\"software\":\"{}\",\"program\":\"{}\",\"shard\":\"{}"
+        "\"}}",
+        kHeader, id.archive, id.frames, id.recipe, json_escaped(id.software), id.program, shard.text());
 }
 
 std::string trailer_of(const ReplayTally& tally, const std::string& sum) {
-    return fmt::format("{}{},\"same\":{},\"verdicts\":{},\"unreadable\":{},\"sha256\":\"{}\"}}", kTrailer, tally.records, tally.same, tally.verdicts, tally.unreadable, sum);
+    return fmt::format("{}{},\"same\":{},\"verdicts\":{},\"unreadable\":{},\"sha256\":\"{}\"}}", kTrailer,
+                       tally.records, tally.same, tally.verdicts, tally.unreadable, sum);
 }
 
 // A line's frame, as it is written; empty: it is no line of a frame.
@@ -77,7 +82,8 @@ void count(std::string_view line, ReplayTally& tally) {
 
 std::string archive_identity(const std::vector<ArchivedFile>& frames) {
     Sum sum;
-    for (const ArchivedFile& frame : frames) sum.add(fmt::format("{} {}\n", json_escaped(frame.file.filename().string()), frame.bytes));
+    for (const ArchivedFile& frame : frames)
+        sum.add(fmt::format("{} {}\n", json_escaped(frame.file.filename().string()), frame.bytes));
     return sum.hex();
 }
 
@@ -91,13 +97,15 @@ Result<std::string> program_identity() {
     std::ifstream in("/proc/self/exe", std::ios::binary);
     Sum sum;
     std::array<char, 1U << 16U> bytes{};
-    while (in.read(bytes.data(), bytes.size()) || in.gcount() > 0) sum.add({bytes.data(), static_cast<std::size_t>(in.gcount())});
+    while (in.read(bytes.data(), bytes.size()) || in.gcount() > 0)
+        sum.add({bytes.data(), static_cast<std::size_t>(in.gcount())});
     if (!in.eof()) return fail(ErrorCode::io, "the program's own file cannot be read", "mount /proc");
     return sum.hex();
 }
 
 std::string unreadable_line(const std::string& frame, ErrorCode why) {
-    return fmt::format("{}{}\",\"unreadable\":\"{}\"}}", kFrame, json_escaped(frame), why == ErrorCode::unreadable ? "damaged" : "the recipe does not fit it");
+    return fmt::format("{}{}\",\"unreadable\":\"{}\"}}", kFrame, json_escaped(frame),
+                       why == ErrorCode::unreadable ? "damaged" : "the recipe does not fit it");
 }
 
 // -- writing ---------------------------------------------------------------------------------------------------
@@ -117,7 +125,8 @@ struct ShardWriter::Parts {
         if (!beside.empty()) ::unlink(beside.c_str());
     }
     [[nodiscard]] tl::unexpected<Error> failed(int why) const {
-        return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(why) + ")", why == ENOSPC ? "free space on its disk" : "check the folder's owner and its disk");
+        return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(why) + ")",
+                    why == ENOSPC ? "free space on its disk" : "check the folder's owner and its disk");
     }
     Result<void> write(std::string_view line) {
         const std::array<std::string_view, 2> both{line, "\n"};
@@ -136,7 +145,8 @@ ShardWriter::~ShardWriter() = default;
 Result<ShardWriter> ShardWriter::create(const fs::path& file, const ReplayIdentity& identity, const Shard& shard) {
     auto parts = std::make_unique<Parts>();
     parts->file = file;
-    // A name of its own: a second worker at the same shard, started because the first one seemed dead, writes elsewhere.
+    // A name of its own: a second worker at the same shard, started because the first one seemed dead, writes
+    // elsewhere.
     std::string beside = file.string() + ".part.XXXXXX";
     const int fd = ::mkostemp(beside.data(), O_CLOEXEC);
     if (fd < 0) return parts->failed(errno);
@@ -165,7 +175,8 @@ Result<ReplayTally> ShardWriter::finish() {
     if (std::fclose(std::exchange(p.out, nullptr)) != 0) return p.failed(errno);
     if (::rename(p.beside.c_str(), p.file.c_str()) != 0) return p.failed(errno);
     p.beside.clear();
-    const int folder = ::open(p.file.has_parent_path() ? p.file.parent_path().c_str() : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    const int folder =
+        ::open(p.file.has_parent_path() ? p.file.parent_path().c_str() : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (folder < 0) return p.failed(errno);
     const int synced = ::fsync(folder), why = errno;
     ::close(folder);
@@ -182,10 +193,13 @@ class ShardReader {
   public:
     static Result<ShardReader> open(const fs::path& file) {
         ShardReader reader(file);
-        if (!reader.in_) return fail(ErrorCode::not_found, file.string() + " cannot be read (" + std::strerror(errno) + ")", "check the path");
+        if (!reader.in_)
+            return fail(ErrorCode::not_found, file.string() + " cannot be read (" + std::strerror(errno) + ")",
+                        "check the path");
         std::string beginning(kHeader.size(), '\0');
         std::error_code error;
-        const bool ours = fs::is_regular_file(file, error) && reader.in_.read(beginning.data(), static_cast<std::streamsize>(beginning.size())) && beginning == kHeader;
+        const bool ours = fs::is_regular_file(file, error) &&
+            reader.in_.read(beginning.data(), static_cast<std::streamsize>(beginning.size())) && beginning == kHeader;
         if (!ours) return reader.foreign();
         reader.in_.seekg(0);
         auto first = reader.next_line();
@@ -193,10 +207,12 @@ class ShardReader {
         const Json json = Json::parse(reader.line_, nullptr, false);
         try {
             if (json.at("hord_replay").get<int>() != 1) {
-                return fail(ErrorCode::unsupported, file.string() + " was written by other software", "replay and merge with one software");
+                return fail(ErrorCode::unsupported, file.string() + " was written by other software",
+                            "replay and merge with one software");
             }
-            reader.identity_ = {json.at("archive").get<std::string>(), json.at("frames").get<std::uint64_t>(), json.at("recipe").get<std::string>(),
-                                json.at("software").get<std::string>(), json.at("program").get<std::string>()};
+            reader.identity_ = {json.at("archive").get<std::string>(), json.at("frames").get<std::uint64_t>(),
+                                json.at("recipe").get<std::string>(), json.at("software").get<std::string>(),
+                                json.at("program").get<std::string>()};
             auto shard = parse_shard(json.at("shard").get<std::string>());
             if (!shard) return reader.foreign();
             reader.shard_ = *shard;
@@ -233,14 +249,17 @@ class ShardReader {
     explicit ShardReader(fs::path file) : file_(std::move(file)), in_(file_, std::ios::binary) {}
 
     [[nodiscard]] tl::unexpected<Error> torn(const char* how) const {
-        return fail(ErrorCode::unreadable, fmt::format("{} is torn or was changed: {}", file_.string(), how), fmt::format("replay shard {} again", shard_.text()));
+        return fail(ErrorCode::unreadable, fmt::format("{} is torn or was changed: {}", file_.string(), how),
+                    fmt::format("replay shard {} again", shard_.text()));
     }
     [[nodiscard]] tl::unexpected<Error> foreign() const {
-        return fail(ErrorCode::unreadable, file_.string() + " is no shard of a replay", "merge files that hordctl replay --shard I/N --out FILE wrote");
+        return fail(ErrorCode::unreadable, file_.string() + " is no shard of a replay",
+                    "merge files that hordctl replay --shard I/N --out FILE wrote");
     }
     Result<void> next_line() {
         if (!std::getline(in_, line_)) return identity_.archive.empty() ? foreign() : torn("its end is missing");
-        if (in_.eof() || line_.size() > kLongestLine) return identity_.archive.empty() ? foreign() : torn("its last line is cut off");
+        if (in_.eof() || line_.size() > kLongestLine)
+            return identity_.archive.empty() ? foreign() : torn("its last line is cut off");
         sum_.add(line_);
         sum_.add("\n");
         return {};
@@ -257,7 +276,9 @@ class ShardReader {
 
 Result<void> belongs(const ShardReader& one, const ShardReader& other) {
     const auto differ = [&](const char* what, const std::string& a, const std::string& b) {
-        return fail(ErrorCode::invalid_argument, fmt::format("{} and {} are of different replays: {} {} and {}", one.file().string(), other.file().string(), what, a.substr(0, 16), b.substr(0, 16)),
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{} and {} are of different replays: {} {} and {}", one.file().string(),
+                                other.file().string(), what, a.substr(0, 16), b.substr(0, 16)),
                     "replay the odd one again, from the same frames with the same recipe and software");
     };
     const ReplayIdentity &a = one.identity(), &b = other.identity();
@@ -276,7 +297,10 @@ Result<void> check_set(const std::vector<ShardReader>& shards) {
         if (auto same = belongs(shards.front(), shard); !same) return same;
         const auto [at, is_new] = by_index.emplace(shard.shard().index, &shard);
         if (!is_new) {
-            return fail(ErrorCode::invalid_argument, fmt::format("{} and {} are both shard {}", at->second->file().string(), shard.file().string(), shard.shard().text()), "name each shard once");
+            return fail(ErrorCode::invalid_argument,
+                        fmt::format("{} and {} are both shard {}", at->second->file().string(), shard.file().string(),
+                                    shard.shard().text()),
+                        "name each shard once");
         }
     }
     const std::uint64_t wanted = shards.front().shard().count;
@@ -289,7 +313,9 @@ Result<void> check_set(const std::vector<ShardReader>& shards) {
         ++named;
     }
     const std::uint64_t count = wanted - by_index.size();
-    return fail(ErrorCode::invalid_argument, fmt::format("{} of {} shards are missing: {}{}", count, wanted, missing, count > named ? " ..." : ""), "replay them, and name their files, too");
+    return fail(ErrorCode::invalid_argument,
+                fmt::format("{} of {} shards are missing: {}{}", count, wanted, missing, count > named ? " ..." : ""),
+                "replay them, and name their files, too");
 }
 
 }  // namespace
@@ -325,7 +351,9 @@ Result<ReplayTally> merge_shards(const std::vector<fs::path>& files, const fs::p
         waiting.pop();
         ShardReader& shard = shards[first];
         if (frames++ > 0 && shard.frame() == last) {
-            return fail(ErrorCode::invalid_argument, fmt::format("{} holds {}, which another shard holds, too", shard.file().string(), last), "replay all shards with one software");
+            return fail(ErrorCode::invalid_argument,
+                        fmt::format("{} holds {}, which another shard holds, too", shard.file().string(), last),
+                        "replay all shards with one software");
         }
         last = shard.frame();
         if (auto done = writer->add(shard.line()); !done) return tl::unexpected(done.error());
@@ -334,7 +362,10 @@ Result<ReplayTally> merge_shards(const std::vector<fs::path>& files, const fs::p
         if (*more) waiting.push(first);
     }
     if (frames != shards.front().identity().frames) {
-        return fail(ErrorCode::invalid_argument, fmt::format("the shards hold {} frames, and the archive {}", frames, shards.front().identity().frames), "replay all shards with one software");
+        return fail(
+            ErrorCode::invalid_argument,
+            fmt::format("the shards hold {} frames, and the archive {}", frames, shards.front().identity().frames),
+            "replay all shards with one software");
     }
     return writer->finish();
 }

@@ -1,11 +1,12 @@
 // What a replay said, as a file that can be joined with those of the other shards, on other machines, at other times.
 //
 //     {"hord_replay":1,"archive":SHA-256,"frames":1000,"recipe":"own","software":"0.1.0","program":SHA-256,"shard":"2/4"}
-//     one line a frame (replay.h), in the order of their names; {"frame":...,"unreadable":"..."} for one that cannot be judged
+//     one line a frame (replay.h), in the order of their names; {"frame":...,"unreadable":"..."} for one that cannot be
+//     judged
 //     {"records":250,"same":249,"verdicts":1,"unreadable":0,"sha256":SHA-256 of everything before this line}
 //
-// A file appears whole or not at all, whoever is killed meanwhile. The same archive, recipe and program give the same bytes, and
-// merged shards are the same bytes as one replay of everything.
+// A file appears whole or not at all, whoever is killed meanwhile. The same archive, recipe and program give the same
+// bytes, and merged shards are the same bytes as one replay of everything.
 #pragma once
 
 #include <cstdint>
@@ -23,11 +24,11 @@ namespace hord::firmware::store {
 
 // What must be the same for two shards to belong together.
 struct ReplayIdentity {
-    std::string archive;        // SHA-256 over the names and sizes of all its frames
-    std::uint64_t frames = 0;   // of the whole archive
-    std::string recipe;         // SHA-256 of its text; "own": each frame was judged with its own
-    std::string software;       // version
-    std::string program;        // SHA-256 of the program's file
+    std::string archive;       // SHA-256 over the names and sizes of all its frames
+    std::uint64_t frames = 0;  // of the whole archive
+    std::string recipe;        // SHA-256 of its text; "own": each frame was judged with its own
+    std::string software;      // version
+    std::string program;       // SHA-256 of the program's file
     bool operator==(const ReplayIdentity&) const = default;
 };
 
@@ -43,7 +44,8 @@ struct ReplayTally {
 class ShardWriter {
   public:
     // Writes beside `file`. Fails with io.
-    static Result<ShardWriter> create(const std::filesystem::path& file, const ReplayIdentity& identity, const Shard& shard);
+    static Result<ShardWriter> create(const std::filesystem::path& file, const ReplayIdentity& identity,
+                                      const Shard& shard);
     ShardWriter(ShardWriter&&) noexcept;
     ShardWriter& operator=(ShardWriter&&) = delete;
     ~ShardWriter();  // unfinished: nothing is left
@@ -60,8 +62,9 @@ class ShardWriter {
 // The line of a frame that cannot be judged.
 std::string unreadable_line(const std::string& frame, ErrorCode why);
 
-// All shards of one replay, in any order, as one file. Every file is checked to its last byte. Fails with not_found, unreadable
-// (no shard, torn, changed), invalid_argument (missing, repeated, of another replay), io; nothing is written then.
+// All shards of one replay, in any order, as one file. Every file is checked to its last byte. Fails with not_found,
+// unreadable (no shard, torn, changed), invalid_argument (missing, repeated, of another replay), io; nothing is written
+// then.
 Result<ReplayTally> merge_shards(const std::vector<std::filesystem::path>& files, const std::filesystem::path& out);
 
 }  // namespace hord::firmware::store

@@ -30,10 +30,12 @@ class FolderLock {
         FolderLock lock(open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
         if (lock.fd_ < 0) {
             return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(errno) + ")",
-                        "give the station's user the right to write its folder, and see that its disk has space and is not mounted read-only");
+                        "give the station's user the right to write its folder, and see that its disk has space and is "
+                        "not mounted read-only");
         }
         if (flock(lock.fd_, LOCK_EX | LOCK_NB) != 0) {
-            return fail(ErrorCode::busy, folder.string() + " is written by another program", "give each station a store.folder of its own");
+            return fail(ErrorCode::busy, folder.string() + " is written by another program",
+                        "give each station a store.folder of its own");
         }
         return lock;
     }
@@ -156,7 +158,8 @@ Result<std::unique_ptr<SqliteStore>> SqliteStore::open(const fs::path& folder, c
     std::error_code error;
     fs::create_directory(folder, error);
     if (!fs::is_directory(folder)) {
-        return fail(ErrorCode::io, "the folder " + folder.string() + " cannot be made" + (error ? " (" + error.message() + ")" : ""),
+        return fail(ErrorCode::io,
+                    "the folder " + folder.string() + " cannot be made" + (error ? " (" + error.message() + ")" : ""),
                     "create it and give it to the station's user (store.folder)");
     }
     auto lock = FolderLock::take(folder);
@@ -180,9 +183,11 @@ Result<void> SqliteStore::Parts::prepare() {
         // It decides how the file is laid out: before anything else.
         if (auto done = database->execute("PRAGMA auto_vacuum = INCREMENTAL"); !done) return done;
     }
-    // The log stays small: it is copied into the file every 1000 pages (SQLite's default) and cut to 16 MB after a burst.
-    if (auto done = database->execute("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA journal_size_limit = 16777216; "
-                                      "PRAGMA temp_store = MEMORY");
+    // The log stays small: it is copied into the file every 1000 pages (SQLite's default) and cut to 16 MB after a
+    // burst.
+    if (auto done = database->execute(
+            "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA journal_size_limit = 16777216; "
+            "PRAGMA temp_store = MEMORY");
         !done) {
         return done;
     }
@@ -201,13 +206,15 @@ Result<void> SqliteStore::Parts::prepare() {
         if (!migrated) return tl::unexpected(migrated.error());
         from = *migrated;
     }
-    for (auto [chain, table] : {std::pair(&results, &kResults), std::pair(&commands, &kCommands), std::pair(&changes, &kChanges)}) {
+    for (auto [chain, table] :
+         {std::pair(&results, &kResults), std::pair(&commands, &kCommands), std::pair(&changes, &kChanges)}) {
         auto opened = Chain::open(*database, *table, text != nullptr ? *text : "");
         if (!opened) return tl::unexpected(opened.error());
         chain->emplace(std::move(*opened));
     }
     if (from == kSchemaVersion) return {};
-    const std::vector<Value> row{std::string("migration"), std::string(), std::int64_t{0}, std::string("schema"), std::to_string(from), std::to_string(kSchemaVersion)};
+    const std::vector<Value> row{std::string("migration"), std::string(),        std::int64_t{0},
+                                 std::string("schema"),    std::to_string(from), std::to_string(kSchemaVersion)};
     if (auto done = changes->append(0, 0, 0, row); !done) return done;
     return close_batch(*transaction);
 }
@@ -215,7 +222,8 @@ Result<void> SqliteStore::Parts::prepare() {
 // Where the run that wrote last had come to.
 Result<void> SqliteStore::Parts::load() {
     for (std::size_t k = 0; k < in_use.size(); ++k) {
-        auto newest = database->prepare("SELECT number, after FROM changes WHERE what = ?1 ORDER BY number DESC LIMIT 1");
+        auto newest =
+            database->prepare("SELECT number, after FROM changes WHERE what = ?1 ORDER BY number DESC LIMIT 1");
         if (!newest) return tl::unexpected(newest.error());
         const Value what = std::string(name_of(static_cast<ChangeRecord::What>(k)));
         if (auto bound = newest->bind(std::span(&what, 1)); !bound) return bound;
@@ -253,7 +261,8 @@ Result<void> SqliteStore::Parts::close_batch(Transaction& transaction) {
 
 // A run that is known already goes on: its store was opened again after an error.
 Result<void> SqliteStore::Parts::store(std::uint64_t entry, const StartRecord& start) {
-    auto newest = database->prepare("SELECT number, time_us, after FROM changes WHERE what = 'start' ORDER BY number DESC LIMIT 1");
+    auto newest = database->prepare(
+        "SELECT number, time_us, after FROM changes WHERE what = 'start' ORDER BY number DESC LIMIT 1");
     if (!newest) return tl::unexpected(newest.error());
     const auto row = newest->step();
     if (!row) return tl::unexpected(row.error());
@@ -273,7 +282,8 @@ Result<void> SqliteStore::Parts::store(std::uint64_t entry, const StartRecord& s
                 last_entry = std::max(last_entry, static_cast<std::uint64_t>(*last));
             }
             const auto sequence =
-                database->get_integer("SELECT iif(run = ?1, sequence, 0) FROM results ORDER BY number DESC LIMIT 1", std::array<Value, 1>{run});
+                database->get_integer("SELECT iif(run = ?1, sequence, 0) FROM results ORDER BY number DESC LIMIT 1",
+                                      std::array<Value, 1>{run});
             if (!sequence) return tl::unexpected(sequence.error());
             last_sequence = static_cast<std::uint32_t>(*sequence);
             adopted = true;
@@ -298,15 +308,19 @@ Result<void> SqliteStore::Parts::store(std::uint64_t entry, const ChangeRecord& 
 
 Result<void> SqliteStore::Parts::store(std::uint64_t entry, const ResultRecord& result) {
     last_sequence = result.result.sequence;
-    const auto reference = [this](ChangeRecord::What what) { return in_use[static_cast<std::size_t>(what)].reference(); };
-    return results->append(run, entry, result.time_us,
-                           values_of(result, reference(ChangeRecord::What::recipe), reference(ChangeRecord::What::calibration)));
+    const auto reference = [this](ChangeRecord::What what) {
+        return in_use[static_cast<std::size_t>(what)].reference();
+    };
+    return results->append(
+        run, entry, result.time_us,
+        values_of(result, reference(ChangeRecord::What::recipe), reference(ChangeRecord::What::calibration)));
 }
 
 Result<void> SqliteStore::Parts::store(std::uint64_t /*entry*/, const AcknowledgeRecord& acknowledge) {
     auto upsert = database->prepare("INSERT OR REPLACE INTO acknowledged VALUES (?1, ?2, ?3, ?4)");
     if (!upsert) return tl::unexpected(upsert.error());
-    return upsert->run(std::array<Value, 4>{run, std::int64_t{acknowledge.sequence}, acknowledge.time_us, acknowledge.peer});
+    return upsert->run(
+        std::array<Value, 4>{run, std::int64_t{acknowledge.sequence}, acknowledge.time_us, acknowledge.peer});
 }
 
 // -- retention -------------------------------------------------------------------------------------------------
@@ -321,7 +335,8 @@ Result<bool> SqliteStore::do_prune(const Retention& retention, UtcMicros now_us)
         more = more || *done;
     }
     // Free pages go back to the file system, a few at a time.
-    if (auto done = parts_->database->execute("PRAGMA incremental_vacuum(4096)"); !done) return tl::unexpected(done.error());
+    if (auto done = parts_->database->execute("PRAGMA incremental_vacuum(4096)"); !done)
+        return tl::unexpected(done.error());
     parts_->broken = false;
     return more;
 }
@@ -329,8 +344,8 @@ Result<bool> SqliteStore::do_prune(const Retention& retention, UtcMicros now_us)
 Result<bool> SqliteStore::Parts::prune(const ChainTable& table, const Retention& retention, UtcMicros now_us) {
     const std::string name(table.name);
     std::array<std::int64_t, 5> known{};
-    const std::array<std::string, 5> questions{"SELECT min(number) FROM " + name, "SELECT max(number) FROM " + name, "PRAGMA page_count",
-                                               "PRAGMA freelist_count", "PRAGMA page_size"};
+    const std::array<std::string, 5> questions{"SELECT min(number) FROM " + name, "SELECT max(number) FROM " + name,
+                                               "PRAGMA page_count", "PRAGMA freelist_count", "PRAGMA page_size"};
     for (std::size_t k = 0; k < known.size(); ++k) {
         const auto answer = database->get_integer(questions[k]);
         if (!answer) return tl::unexpected(answer.error());
@@ -339,7 +354,8 @@ Result<bool> SqliteStore::Parts::prune(const ChainTable& table, const Retention&
     const auto [first, last, pages, free_pages, page_size] = known;
     if (first >= last) return false;  // the newest row stays, so that the chain can go on from it
 
-    // By age: the rows before the first that is young enough (a clock that was set back keeps rows, it never removes young ones).
+    // By age: the rows before the first that is young enough (a clock that was set back keeps rows, it never removes
+    // young ones).
     std::int64_t remove_to = first - 1;
     bool more = false;
     const std::int64_t furthest = std::min(last - 1, first + options.rows_in_one_prune - 1);
@@ -355,7 +371,8 @@ Result<bool> SqliteStore::Parts::prune(const ChainTable& table, const Retention&
         }
         more = remove_to == furthest && furthest < last - 1;
     }
-    // By size: the share of the rows that takes the store under its limit, and a hundredth more so that it is not asked every time.
+    // By size: the share of the rows that takes the store under its limit, and a hundredth more so that it is not asked
+    // every time.
     const auto used = static_cast<double>((pages - free_pages) * page_size);
     if (retention.max_bytes > 0 && used > static_cast<double>(retention.max_bytes)) {
         const double share = std::min(1.0, (used - static_cast<double>(retention.max_bytes)) / used + 0.01);
@@ -374,8 +391,11 @@ Result<bool> SqliteStore::Parts::prune(const ChainTable& table, const Retention&
     if (!remove) return tl::unexpected(remove.error());
     if (auto done = remove->run(std::array<Value, 1>{remove_to}); !done) return tl::unexpected(done.error());
     // verify asks for this row where the chain begins later than at 1.
-    const std::string what = fmt::format("{{\"from\":{},\"to\":{},\"hash\":\"{}\"}}", first, remove_to, bytes != nullptr ? to_hex(*bytes) : "");
-    if (auto done = changes->append(run, 0, now_us, {std::string("retention"), std::string(), std::int64_t{0}, name, std::string(), what}); !done) {
+    const std::string what = fmt::format("{{\"from\":{},\"to\":{},\"hash\":\"{}\"}}", first, remove_to,
+                                         bytes != nullptr ? to_hex(*bytes) : "");
+    if (auto done = changes->append(
+            run, 0, now_us, {std::string("retention"), std::string(), std::int64_t{0}, name, std::string(), what});
+        !done) {
         return tl::unexpected(done.error());
     }
     if (auto done = close_batch(*transaction); !done) return tl::unexpected(done.error());

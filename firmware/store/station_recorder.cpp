@@ -6,7 +6,8 @@
 namespace hord::firmware::store {
 namespace {
 
-// More parts with defects than can be between camera and ejector: what is older belongs to parts whose result never came.
+// More parts with defects than can be between camera and ejector: what is older belongs to parts whose result never
+// came.
 constexpr std::size_t kFoundKept = 512;
 
 StartRecord begun_now(StartRecord start, UtcMicros now) {
@@ -16,10 +17,12 @@ StartRecord begun_now(StartRecord start, UtcMicros now) {
 
 }  // namespace
 
-StationRecorder::StationRecorder(const hal::Clock& clock, std::function<UtcMicros()> utc_now, StoreQueue::Open open, StationRecorderOptions options,
-                                 StoreQueue::Listener queue_listener, std::unique_ptr<FrameKeeper> frames)
+StationRecorder::StationRecorder(const hal::Clock& clock, std::function<UtcMicros()> utc_now, StoreQueue::Open open,
+                                 StationRecorderOptions options, StoreQueue::Listener queue_listener,
+                                 std::unique_ptr<FrameKeeper> frames)
     : clock_(clock), utc_now_(utc_now), ignored_part_(options.ignored_part), frames_(std::move(frames)),
-      queue_(std::move(open), options.queue, begun_now(std::move(options.start), utc_now()), utc_now, std::move(queue_listener)) {}
+      queue_(std::move(open), options.queue, begun_now(std::move(options.start), utc_now()), utc_now,
+             std::move(queue_listener)) {}
 
 UtcMicros StationRecorder::utc_of(std::int64_t station_ns) const {
     const std::int64_t ago_ns = clock_.now().time_since_epoch().count() - station_ns;
@@ -41,7 +44,8 @@ void StationRecorder::on_result(const PartResult& result) {
     ResultRecord record{result, utc_of(result.arrived_ns), {}};
     {
         const std::lock_guard lock(mutex_);
-        const auto found = std::find_if(found_.begin(), found_.end(), [&](const Found& f) { return f.part == result.part; });
+        const auto found =
+            std::find_if(found_.begin(), found_.end(), [&](const Found& f) { return f.part == result.part; });
         if (found != found_.end()) {
             record.defects = std::move(found->defects);
             found_.erase(found);
@@ -62,7 +66,8 @@ Taken StationRecorder::on_acknowledged(const Who& who, std::uint32_t sequence) {
 
 void StationRecorder::on_change(const Change& change) {
     if (change.what == Change::What::command) {
-        queue_.add(CommandRecord{utc_now_(), change.who.peer, change.who.token, change.name, change.before, change.after});
+        queue_.add(
+            CommandRecord{utc_now_(), change.who.peer, change.who.token, change.name, change.before, change.after});
         return;
     }
     ChangeRecord record;
@@ -77,7 +82,8 @@ void StationRecorder::on_change(const Change& change) {
     queue_.add(std::move(record));
 }
 
-void StationRecorder::on_inspection(std::uint32_t part, const algo::FrameView& frame, const algo::Inspection& inspection) {
+void StationRecorder::on_inspection(std::uint32_t part, const algo::FrameView& frame,
+                                    const algo::Inspection& inspection) {
     if (part == ignored_part_) return;
     if (!inspection.defects.empty()) {
         Found found{part, {inspection.defects.begin(), inspection.defects.end()}};

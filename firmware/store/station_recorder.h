@@ -1,7 +1,7 @@
 // The station's recorder over the store: turns what the service tells into records, and frames into pictures.
 //
-// Results go to a StoreQueue, frames to a FrameKeeper (frame_keeper.h). What an inspection found is put together with the
-// part's result here. Nothing waits for a disk.
+// Results go to a StoreQueue, frames to a FrameKeeper (frame_keeper.h). What an inspection found is put together with
+// the part's result here. Nothing waits for a disk.
 #pragma once
 
 #include <cstdint>
@@ -20,17 +20,18 @@
 namespace hord::firmware::store {
 
 struct StationRecorderOptions {
-    StartRecord start = {};       // the run; its time is filled in
+    StartRecord start = {};  // the run; its time is filled in
     StoreQueueOptions queue = {};
     std::uint32_t ignored_part = 0xFFFFFFFF;  // of the station's own tests: nothing of it is kept
 };
 
 class StationRecorder final : public Recorder {
   public:
-    // `clock` is the one of PartResult::arrived_ns; `utc_now` the machine's. `queue_listener` as StoreQueue's. `frames` may be
-    // null: no frame is kept.
-    StationRecorder(const hal::Clock& clock, std::function<UtcMicros()> utc_now, StoreQueue::Open open, StationRecorderOptions options,
-                    StoreQueue::Listener queue_listener, std::unique_ptr<FrameKeeper> frames);
+    // `clock` is the one of PartResult::arrived_ns; `utc_now` the machine's. `queue_listener` as StoreQueue's. `frames`
+    // may be null: no frame is kept.
+    StationRecorder(const hal::Clock& clock, std::function<UtcMicros()> utc_now, StoreQueue::Open open,
+                    StationRecorderOptions options, StoreQueue::Listener queue_listener,
+                    std::unique_ptr<FrameKeeper> frames);
 
     // Before the station runs: what is in use then. Written where the store does not know it already.
     void in_use(ChangeRecord::What what, const std::string& name, const std::string& text);

@@ -15,8 +15,10 @@ hal::TimePoint steady_now() { return hal::TimePoint(std::chrono::steady_clock::n
 
 }  // namespace
 
-StoreQueue::StoreQueue(Open open, StoreQueueOptions options, StartRecord start, std::function<UtcMicros()> utc_now, Listener listener)
-    : open_(std::move(open)), options_(options), start_(std::move(start)), utc_now_(std::move(utc_now)), listener_(std::move(listener)) {
+StoreQueue::StoreQueue(Open open, StoreQueueOptions options, StartRecord start, std::function<UtcMicros()> utc_now,
+                       Listener listener)
+    : open_(std::move(open)), options_(options), start_(std::move(start)), utc_now_(std::move(utc_now)),
+      listener_(std::move(listener)) {
     if (options_.thread) thread_ = std::thread([this] { work(); });
 }
 
@@ -79,16 +81,20 @@ void StoreQueue::work() {
         } else {
             // Something comes; then a batch's time passes, unless somebody is in a hurry or much waits.
             wake_.wait_for(lock, options_.prune_every, [this] { return ending_ || urgent_ || !waiting_.empty(); });
-            wake_.wait_for(lock, options_.commit_every, [this] { return ending_ || urgent_ || waiting_.size() >= options_.batch; });
+            wake_.wait_for(lock, options_.commit_every,
+                           [this] { return ending_ || urgent_ || waiting_.size() >= options_.batch; });
         }
         urgent_ = false;
         bool good = write_one_batch(lock);
-        while (good && (ending_ || waiting_.size() >= options_.batch) && !waiting_.empty()) good = write_one_batch(lock);
+        while (good && (ending_ || waiting_.size() >= options_.batch) && !waiting_.empty())
+            good = write_one_batch(lock);
         if (good) prune(lock);
         if (ending_) break;
     }
     if (waiting_.empty()) return;
-    const Error error{ErrorCode::io, fmt::format("{} records could not be written to the store before the end", waiting_.size()), "see the errors before"};
+    const Error error{ErrorCode::io,
+                      fmt::format("{} records could not be written to the store before the end", waiting_.size()),
+                      "see the errors before"};
     lock.unlock();
     if (listener_.failed) listener_.failed(error);
 }
@@ -183,7 +189,8 @@ void StoreQueue::report_losses() {
     lost.what = ChangeRecord::What::lost;
     lost.time_us = utc_now_();
     lost.name = "results";
-    lost.after = fmt::format("{{\"records\":{},\"from_sequence\":{},\"to_sequence\":{}}}", lost_ - lost_reported_, lost_from_, lost_to_);
+    lost.after = fmt::format("{{\"records\":{},\"from_sequence\":{},\"to_sequence\":{}}}", lost_ - lost_reported_,
+                             lost_from_, lost_to_);
     waiting_.push_back({++counted_, std::move(lost)});
     lost_reported_ = lost_;
     reported_to_ = std::max(reported_to_, lost_to_);

@@ -1,8 +1,8 @@
 // Between the line and the disk: takes records at once, writes them in batches on a thread of its own.
 //
 // However slow, full or absent the disk is, add() costs a lock and a push. While the store fails it is opened again and
-// again; records wait meanwhile, and nothing is stored twice. Only when `capacity` results wait are further ones lost: they
-// are counted, reported, and entered into the store's changes ("lost") as soon as it works again.
+// again; records wait meanwhile, and nothing is stored twice. Only when `capacity` results wait are further ones lost:
+// they are counted, reported, and entered into the store's changes ("lost") as soon as it works again.
 #pragma once
 
 #include <condition_variable>
@@ -41,19 +41,21 @@ struct StoreQueueState {
     bool failing = false;
     std::uint32_t durable_sequence = 0;  // every result of this run up to it is durable, or counted as lost
     std::size_t waiting = 0;
-    std::uint64_t lost = 0;              // records since the start
+    std::uint64_t lost = 0;  // records since the start
 };
 
 class StoreQueue {
   public:
     using Open = std::function<Result<std::unique_ptr<ResultStore>>()>;
     struct Listener {
-        std::function<void(const Error&)> failed;  // once, when it begins to fail; again when what fails is something else
+        std::function<void(const Error&)>
+            failed;  // once, when it begins to fail; again when what fails is something else
         std::function<void()> works_again;
     };
 
     // `start` describes the run. `utc_now` is asked on the queue's thread, where `listener` is told, too.
-    StoreQueue(Open open, StoreQueueOptions options, StartRecord start, std::function<UtcMicros()> utc_now, Listener listener = {});
+    StoreQueue(Open open, StoreQueueOptions options, StartRecord start, std::function<UtcMicros()> utc_now,
+               Listener listener = {});
     ~StoreQueue();  // writes what waits, if the store works
     StoreQueue(const StoreQueue&) = delete;
     StoreQueue& operator=(const StoreQueue&) = delete;
@@ -61,8 +63,8 @@ class StoreQueue {
     // Any thread.
     void add(Record record);
 
-    // Any thread. Asks whether every result up to `sequence` is durable; if so, enters that `peer` has taken them, else has
-    // them written without waiting for the batch's time.
+    // Any thread. Asks whether every result up to `sequence` is durable; if so, enters that `peer` has taken them, else
+    // has them written without waiting for the batch's time.
     Kept acknowledge(std::string peer, UtcMicros time_us, std::uint32_t sequence);
 
     [[nodiscard]] StoreQueueState state() const;

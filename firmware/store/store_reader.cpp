@@ -57,7 +57,8 @@ Result<std::unique_ptr<StoreReader>> StoreReader::open(const std::filesystem::pa
     if (!database) return tl::unexpected(database.error());
     auto age = check_schema(**database);
     if (!age && age.error().code == ErrorCode::io) {
-        // Nobody writes, and this user may not make the files beside it that a reader of a log needs: there is no log to read.
+        // Nobody writes, and this user may not make the files beside it that a reader of a log needs: there is no log
+        // to read.
         std::error_code none;
         const auto log = std::filesystem::file_size((folder / kStoreFile).string() + "-wal", none);
         if (none || log == 0) {
@@ -67,9 +68,12 @@ Result<std::unique_ptr<StoreReader>> StoreReader::open(const std::filesystem::pa
         }
     }
     if (!age) return tl::unexpected(age.error());
-    if (*age == Age::empty) return fail(ErrorCode::unreadable, (*database)->file().string() + " is empty", "name the folder of a station's store");
+    if (*age == Age::empty)
+        return fail(ErrorCode::unreadable, (*database)->file().string() + " is empty",
+                    "name the folder of a station's store");
     if (*age == Age::older) {
-        return fail(ErrorCode::unsupported, (*database)->file().string() + " was written by older software", "start the station once: it brings the store up to date");
+        return fail(ErrorCode::unsupported, (*database)->file().string() + " was written by older software",
+                    "start the station once: it brings the store up to date");
     }
     const auto id = (*database)->get("SELECT value FROM meta WHERE key = 'id'");
     if (!id) return tl::unexpected(id.error());
@@ -86,27 +90,39 @@ const std::string& StoreReader::id() const { return parts_->id; }
 
 // The head knows it even when retention has removed every row.
 Result<std::int64_t> StoreReader::newest_number() {
-    return parts_->database->get_integer("SELECT max(coalesce((SELECT number FROM heads WHERE chain = 'results'), 0), coalesce((SELECT max(number) FROM results), 0))");
+    return parts_->database->get_integer(
+        "SELECT max(coalesce((SELECT number FROM heads WHERE chain = 'results'), 0), coalesce((SELECT max(number) FROM "
+        "results), 0))");
 }
 
-Result<void> StoreReader::each_result(const ResultFilter& filter, const std::function<void(const StoredResult&)>& take) {
+Result<void> StoreReader::each_result(const ResultFilter& filter,
+                                      const std::function<void(const StoredResult&)>& take) {
     Conditions where;
     add_times(where, filter);
     if (filter.number) where.add("number = ", *filter.number);
     if (filter.before) where.add("number < ", *filter.before);
-    if (filter.boot) where.add("run IN (SELECT number FROM changes WHERE what = 'start' AND json_extract(after, '$.boot') = ", std::int64_t{*filter.boot});
+    if (filter.boot)
+        where.add("run IN (SELECT number FROM changes WHERE what = 'start' AND json_extract(after, '$.boot') = ",
+                  std::int64_t{*filter.boot});
     if (filter.part) where.add("part = ", std::int64_t{*filter.part});
     if (!filter.verdict.empty()) where.add("verdict = ", filter.verdict);
     if (!filter.reason.empty()) where.add("reason = ", filter.reason);
-    if (!filter.recipe.empty()) where.add("recipe IN (SELECT number FROM changes WHERE what = 'recipe' AND name = ", filter.recipe);
-    if (!filter.kind.empty()) where.add("EXISTS (SELECT 1 FROM json_each(defects) WHERE json_extract(value, '$.kind') = ", filter.kind);
+    if (!filter.recipe.empty())
+        where.add("recipe IN (SELECT number FROM changes WHERE what = 'recipe' AND name = ", filter.recipe);
+    if (!filter.kind.empty())
+        where.add("EXISTS (SELECT 1 FROM json_each(defects) WHERE json_extract(value, '$.kind') = ", filter.kind);
     if (filter.after) where.add("number > ", *filter.after);
     const std::string chosen = "SELECT * FROM results " + where.sql();
-    const std::string inner = filter.oldest ? chosen + " ORDER BY number LIMIT " + std::to_string(*filter.oldest) : newest_of(chosen, filter.newest);
+    const std::string inner = filter.oldest ? chosen + " ORDER BY number LIMIT " + std::to_string(*filter.oldest)
+                                            : newest_of(chosen, filter.newest);
     auto rows = parts_->database->prepare(
-        "SELECT r.number, r.run, r.time_us, s.after, r.sequence, r.part, r.verdict, r.reason, r.reject, r.score, r.defect_count, r.defects, "
-        "r.latency_us, r.reject_latency_us, r.recipe, p.name, c.name FROM (" + inner + ") r "
-        "LEFT JOIN changes s ON s.number = r.run LEFT JOIN changes p ON p.number = r.recipe LEFT JOIN changes c ON c.number = r.calibration "
+        "SELECT r.number, r.run, r.time_us, s.after, r.sequence, r.part, r.verdict, r.reason, r.reject, r.score, "
+        "r.defect_count, r.defects, "
+        "r.latency_us, r.reject_latency_us, r.recipe, p.name, c.name FROM (" +
+        inner +
+        ") r "
+        "LEFT JOIN changes s ON s.number = r.run LEFT JOIN changes p ON p.number = r.recipe LEFT JOIN changes c ON "
+        "c.number = r.calibration "
         "ORDER BY r.number");
     if (!rows) return tl::unexpected(rows.error());
     if (auto bound = rows->bind(where.values()); !bound) return bound;
@@ -147,17 +163,22 @@ Result<void> StoreReader::each_result(const ResultFilter& filter, const std::fun
     }
 }
 
-Result<void> StoreReader::each_change(const ResultFilter& filter, const std::function<void(const StoredChange&)>& take) {
+Result<void> StoreReader::each_change(const ResultFilter& filter,
+                                      const std::function<void(const StoredChange&)>& take) {
     Conditions where;
     add_times(where, filter);
     if (!filter.what.empty()) where.add("what = ", filter.what);
     // Changes and commands have numbers of their own; together they are in the order of their times.
     const std::string both =
-        "SELECT * FROM (SELECT number, run, time_us, what, peer, token, name, before, after, entry FROM changes UNION ALL "
-        "SELECT number, run, time_us, 'command', peer, token, name, before, after, entry FROM commands) " + where.sql();
+        "SELECT * FROM (SELECT number, run, time_us, what, peer, token, name, before, after, entry FROM changes UNION "
+        "ALL "
+        "SELECT number, run, time_us, 'command', peer, token, name, before, after, entry FROM commands) " +
+        where.sql();
     const std::string order = " ORDER BY time_us, run, entry";
     const std::string newest_first = " ORDER BY time_us DESC, run DESC, entry DESC";
-    const std::string sql = filter.newest ? "SELECT * FROM (" + both + newest_first + " LIMIT " + std::to_string(*filter.newest) + ")" + order : both + order;
+    const std::string sql = filter.newest
+        ? "SELECT * FROM (" + both + newest_first + " LIMIT " + std::to_string(*filter.newest) + ")" + order
+        : both + order;
     auto rows = parts_->database->prepare(sql);
     if (!rows) return tl::unexpected(rows.error());
     if (auto bound = rows->bind(where.values()); !bound) return bound;

@@ -54,7 +54,7 @@ struct ResultFilter {
 struct ChainHead {
     std::string chain;  // "changes", "commands", "results"
     std::int64_t rows = 0, first = 0, number = 0;
-    std::string hash;   // hexadecimal; of row `number`
+    std::string hash;  // hexadecimal; of row `number`
 };
 
 struct Verification {
@@ -64,23 +64,24 @@ struct Verification {
 
 class StoreReader {
   public:
-    // Fails with not_found, unreadable (damaged, not a store), unsupported (written by newer or older software: a station's
-    // start brings an older one up to date), io.
+    // Fails with not_found, unreadable (damaged, not a store), unsupported (written by newer or older software: a
+    // station's start brings an older one up to date), io.
     static Result<std::unique_ptr<StoreReader>> open(const std::filesystem::path& folder);
     ~StoreReader();
 
     [[nodiscard]] const std::string& id() const;  // the store's name for itself: another store has another
     Result<std::int64_t> newest_number();         // of results; 0: none yet
-    // Whatever is asked from now on ends within this time, or fails with timeout: a long read keeps the station's log from being
-    // folded into its file.
+    // Whatever is asked from now on ends within this time, or fails with timeout: a long read keeps the station's log
+    // from being folded into its file.
     void limit_time(std::chrono::milliseconds most);
 
     // In the order of their numbers.
     Result<void> each_result(const ResultFilter& filter, const std::function<void(const StoredResult&)>& take);
-    Result<void> each_change(const ResultFilter& filter, const std::function<void(const StoredChange&)>& take);  // time, run, what, newest
+    Result<void> each_change(const ResultFilter& filter,
+                             const std::function<void(const StoredChange&)>& take);  // time, run, what, newest
 
-    // Reads every row. `noted`: heads that were noted before ("results 4711 9f86..."): the row must have that hash still, or
-    // have been removed by retention. At most 100 problems a chain are told one by one.
+    // Reads every row. `noted`: heads that were noted before ("results 4711 9f86..."): the row must have that hash
+    // still, or have been removed by retention. At most 100 problems a chain are told one by one.
     Result<Verification> verify(const std::vector<ChainHead>& noted = {});
 
   private:

@@ -20,7 +20,8 @@ std::string rows(std::int64_t from, std::int64_t to, std::string_view one, std::
 // One chain, checked row by row.
 class ChainCheck {
   public:
-    ChainCheck(Database& database, const std::string& store_id, const ChainTable& table, const std::vector<ChainHead>& noted)
+    ChainCheck(Database& database, const std::string& store_id, const ChainTable& table,
+               const std::vector<ChainHead>& noted)
         : database_(database), store_id_(store_id), table_(table), name_(table.name) {
         for (const ChainHead& head : noted) {
             if (head.chain == name_) noted_.push_back(head);
@@ -40,9 +41,11 @@ class ChainCheck {
         }
         if (auto done = check_head(); !done) return done;
         for (const ChainHead& head : noted_) {
-            if (head.number > head_.number) problem(fmt::format("row {}, noted before, is missing at the end", head.number));
+            if (head.number > head_.number)
+                problem(fmt::format("row {}, noted before, is missing at the end", head.number));
         }
-        if (problems_ > kProblemsTold) told_.push_back(fmt::format("{}: {} further problems", name_, problems_ - kProblemsTold));
+        if (problems_ > kProblemsTold)
+            told_.push_back(fmt::format("{}: {} further problems", name_, problems_ - kProblemsTold));
         return {};
     }
 
@@ -58,12 +61,15 @@ class ChainCheck {
     Result<void> find_begin() {
         before_ = genesis(store_id_, table_.name);
         head_.chain = name_;
-        auto last = database_.get("SELECT after FROM changes WHERE what = 'retention' AND name = ?1 ORDER BY number DESC LIMIT 1", std::array<Value, 1>{name_});
+        auto last = database_.get(
+            "SELECT after FROM changes WHERE what = 'retention' AND name = ?1 ORDER BY number DESC LIMIT 1",
+            std::array<Value, 1>{name_});
         if (!last) return tl::unexpected(last.error());
         const auto* text = std::get_if<std::string>(&*last);
         if (text == nullptr) return {};
         const auto json = nlohmann::json::parse(*text, nullptr, false);
-        const bool whole = json.is_object() && json.contains("to") && json["to"].is_number_integer() && json.contains("hash") && json["hash"].is_string();
+        const bool whole = json.is_object() && json.contains("to") && json["to"].is_number_integer() &&
+            json.contains("hash") && json["hash"].is_string();
         const auto hash = whole ? hash_from_hex(json["hash"].get<std::string>()) : std::nullopt;
         if (!hash) {
             problem("what retention removed cannot be read");
@@ -72,7 +78,8 @@ class ChainCheck {
         begin_ = json["to"].get<std::int64_t>();
         before_ = *hash;
         for (const ChainHead& head : noted_) {
-            if (head.number == begin_ && head.hash != to_hex(before_)) problem(fmt::format("row {}, removed by retention, had another hash than was noted", begin_));
+            if (head.number == begin_ && head.hash != to_hex(before_))
+                problem(fmt::format("row {}, removed by retention, had another hash than was noted", begin_));
         }
         return {};
     }
@@ -99,20 +106,24 @@ class ChainCheck {
         bool good = version >= 1 && version <= static_cast<std::int64_t>(table_.columns_of_version.size());
         const int covered = good ? table_.columns_of_version[static_cast<std::size_t>(version - 1)] : hash_column;
         for (int column = 0; column < covered; ++column) values.push_back(row.value(column));
-        for (int column = covered; column < hash_column; ++column) good = good && std::holds_alternative<std::monostate>(row.value(column));
+        for (int column = covered; column < hash_column; ++column)
+            good = good && std::holds_alternative<std::monostate>(row.value(column));
         const Hash hash = follow(before_, values);
         const Value stored = row.value(hash_column);
         if (!good || !equals(stored, hash)) {
-            problem(number == expected ? fmt::format("row {} is not as it was written", number) : fmt::format("row {} does not follow from the row before it", number));
+            problem(number == expected ? fmt::format("row {} is not as it was written", number)
+                                       : fmt::format("row {} does not follow from the row before it", number));
         }
         // What follows is compared with what stands here, so that one edited row is one problem.
         before_ = hash;
         if (const auto* blob = std::get_if<Blob>(&stored); blob != nullptr && blob->size() == before_.size()) {
             std::copy(blob->begin(), blob->end(), before_.begin());
         }
-        if (read_integer(kRunColumn) > known_changes) problem(fmt::format("row {} belongs to a run that the changes do not know", number));
+        if (read_integer(kRunColumn) > known_changes)
+            problem(fmt::format("row {} belongs to a run that the changes do not know", number));
         for (const ChainHead& head : noted_) {
-            if (head.number == number && head.hash != to_hex(before_)) problem(fmt::format("row {} has another hash than was noted", number));
+            if (head.number == number && head.hash != to_hex(before_))
+                problem(fmt::format("row {} has another hash than was noted", number));
         }
     }
 
@@ -123,7 +134,8 @@ class ChainCheck {
         if (!number) return tl::unexpected(number.error());
         if (!hash) return tl::unexpected(hash.error());
         if (*number > head_.number) {
-            problem(rows(std::max(head_.number, begin_) + 1, *number, "is missing at the end", "are missing at the end"));
+            problem(
+                rows(std::max(head_.number, begin_) + 1, *number, "is missing at the end", "are missing at the end"));
         } else if (*number < head_.number) {
             problem(rows(*number + 1, head_.number, "was inserted at the end", "were inserted at the end"));
         } else if (*number != 0 && !equals(*hash, before_)) {

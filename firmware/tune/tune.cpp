@@ -18,15 +18,19 @@ namespace {
 
 constexpr int kRepeats = 1000;
 constexpr std::uint64_t kSeed = 1;
-constexpr int kTimed = 25;                // judgements of a frame that are timed, each rung
-constexpr std::size_t kTimedFrames = 5;   // good ones, kept for that
-constexpr double kUnregistered = 1000;    // score of a part that the reference does not find: worse than any that it does
+constexpr int kTimed = 25;               // judgements of a frame that are timed, each rung
+constexpr std::size_t kTimedFrames = 5;  // good ones, kept for that
+constexpr double kUnregistered = 1000;  // score of a part that the reference does not find: worse than any that it does
 
 // What a limit is set for: the gradients, then the others.
-constexpr std::size_t kGradients = algo::kJudgedGradients.size(), kSlopes = kGradients, kLight = kGradients + 1, kValues = kGradients + 2;
+constexpr std::size_t kGradients = algo::kJudgedGradients.size(), kSlopes = kGradients, kLight = kGradients + 1,
+                      kValues = kGradients + 2;
 using Values = std::array<double, kValues>;
 
-std::size_t place_of(algo::Feature gradient) { return static_cast<std::size_t>(std::ranges::find(algo::kJudgedGradients, gradient) - algo::kJudgedGradients.begin()); }
+std::size_t place_of(algo::Feature gradient) {
+    return static_cast<std::size_t>(std::ranges::find(algo::kJudgedGradients, gradient) -
+                                    algo::kJudgedGradients.begin());
+}
 
 // Up, to three digits: a limit that people can read.
 double rounded_up(double value) {
@@ -39,7 +43,9 @@ double processor_ms() {
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
     return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
 }
-double wall_ms() { return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+double wall_ms() {
+    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
 
 // The base recipe with a rung's features; limits are set later.
 algo::Recipe recipe_of(const Rung& rung, const algo::Recipe& base) {
@@ -55,12 +61,14 @@ algo::Recipe recipe_of(const Rung& rung, const algo::Recipe& base) {
     if (!rung.reference) {
         recipe.reference.reset();
         recipe.tolerances.clear();
-        recipe.reject_score = usual.reject_score, recipe.grow_score = usual.grow_score, recipe.cluster_score = usual.cluster_score;
+        recipe.reject_score = usual.reject_score, recipe.grow_score = usual.grow_score,
+        recipe.cluster_score = usual.cluster_score;
     }
     return recipe;
 }
 
-// The worst value of a map: the limit at which the part would just be rejected. With a smallest area, that of a region as large.
+// The worst value of a map: the limit at which the part would just be rejected. With a smallest area, that of a region
+// as large.
 class WorstValue {
   public:
     WorstValue(const algo::Extents& extents, const algo::Recipe& base) : extents_(extents), min_area_(base.min_area) {}
@@ -68,7 +76,8 @@ class WorstValue {
     Result<double> of_gradient(algo::Map map, std::span<const std::uint8_t> mask) {
         double worst = 0;
         for (std::size_t k = 0; k < map.size(); ++k) {
-            if ((mask[k] & (algo::kNotJudged | algo::kNoGradient)) == 0) worst = std::max(worst, static_cast<double>(map[k]));
+            if ((mask[k] & (algo::kNotJudged | algo::kNoGradient)) == 0)
+                worst = std::max(worst, static_cast<double>(map[k]));
         }
         return of_a_region(worst, [&](algo::Recipe& recipe, float limit) {
             recipe.light = false;
@@ -79,7 +88,8 @@ class WorstValue {
     Result<double> of_light(algo::Map transmission, std::span<const std::uint8_t> mask) {
         double worst = 0;
         for (std::size_t k = 0; k < transmission.size(); ++k) {
-            if ((mask[k] & (algo::kNotJudged | algo::kSaturated)) == 0) worst = std::max(worst, 1 - static_cast<double>(transmission[k]));
+            if ((mask[k] & (algo::kNotJudged | algo::kSaturated)) == 0)
+                worst = std::max(worst, 1 - static_cast<double>(transmission[k]));
         }
         return of_a_region(worst, [&](algo::Recipe& recipe, float limit) {
             recipe.transmission_limit = 1 - limit;
@@ -148,8 +158,10 @@ class Tuner {
 Result<algo::Frame> Tuner::read(const std::string& file) const {
     auto frame = options_.read(file);
     if (!frame || first_.empty()) return frame;
-    if (frame->width_px() != tuned_.extents.width_px() || frame->height_px() != tuned_.extents.height_px() || frame->bits() != tuned_.bits) {
-        return fail(ErrorCode::invalid_argument, file + " is not of the size and depth of " + first_, "give frames of one camera");
+    if (frame->width_px() != tuned_.extents.width_px() || frame->height_px() != tuned_.extents.height_px() ||
+        frame->bits() != tuned_.bits) {
+        return fail(ErrorCode::invalid_argument, file + " is not of the size and depth of " + first_,
+                    "give frames of one camera");
     }
     return frame;
 }
@@ -157,14 +169,16 @@ Result<algo::Frame> Tuner::read(const std::string& file) const {
 Result<void> Tuner::set_up(const std::string& first) {
     const auto frame = read(first);
     if (!frame) return tl::unexpected(frame.error());
-    const auto extents = algo::extents_of_frame(frame->width_px(), frame->height_px(), options_.bins.first, options_.bins.second);
+    const auto extents =
+        algo::extents_of_frame(frame->width_px(), frame->height_px(), options_.bins.first, options_.bins.second);
     if (!extents) return fail(extents.error().code, first + ": " + extents.error().what, extents.error().cure);
     first_ = first;
     tuned_.extents = *extents;
     tuned_.bits = frame->bits();
     worst_.emplace(*extents, options_.base.recipe);
     const auto add = [&](const Rung& rung, std::vector<algo::Pipeline>& to) -> Result<void> {
-        auto pipeline = algo::Pipeline::create(*extents, tuned_.bits, recipe_of(rung, options_.base.recipe), options_.threads);
+        auto pipeline =
+            algo::Pipeline::create(*extents, tuned_.bits, recipe_of(rung, options_.base.recipe), options_.threads);
         if (!pipeline) return tl::unexpected(pipeline.error());
         to.push_back(std::move(*pipeline));
         return {};
@@ -184,7 +198,9 @@ Result<void> Tuner::set_up(const std::string& first) {
 Result<void> Tuner::look_at(const std::string& file, bool bad) {
     auto frame = read(file);
     if (!frame) return tl::unexpected(frame.error());
-    const auto named = [&](const Error& error) { return tl::unexpected(Error{error.code, file + ": " + error.what, error.cure}); };
+    const auto named = [&](const Error& error) {
+        return tl::unexpected(Error{error.code, file + ": " + error.what, error.cure});
+    };
     Part part;
     part.file = file;
     part.bad = bad;
@@ -199,7 +215,8 @@ Result<void> Tuner::look_at(const std::string& file, bool bad) {
         if (!worst) return named(worst.error());
         part.values[g] = *worst;
         if (g != 0) continue;
-        const auto slopes = worst_->of_gradient(seen->frobenius, seen->mask), light = worst_->of_light(seen->transmission, seen->mask);
+        const auto slopes = worst_->of_gradient(seen->frobenius, seen->mask),
+                   light = worst_->of_light(seen->transmission, seen->mask);
         if (!slopes) return named(slopes.error());
         if (!light) return named(light.error());
         part.values[kSlopes] = *slopes;
@@ -250,7 +267,8 @@ void Tuner::set_limits(RungMeasured& measured, const Values& limits, std::size_t
         if (good.size() < kLeastGood) {
             measured.no_limit = fmt::format("the reference finds only {} of the good parts", good.size());
         } else {
-            factor = rounded_up(std::max({gumbel_limit(good, options_.false_rejects), (1 + kMargin) * *std::ranges::max_element(good), 1e-3}));
+            factor = rounded_up(std::max(
+                {gumbel_limit(good, options_.false_rejects), (1 + kMargin) * *std::ranges::max_element(good), 1e-3}));
         }
         const auto scale = [&](float& limit) { limit = static_cast<float>(static_cast<double>(limit) * factor); };
         scale(recipe.reject_score), scale(recipe.grow_score), scale(recipe.cluster_score);
@@ -258,15 +276,20 @@ void Tuner::set_limits(RungMeasured& measured, const Values& limits, std::size_t
         if (rung.slopes) scale(recipe.frobenius_limit_bins);
     } else {
         measured.recipe.reference_file.clear();
-        if (rung.gradient) (*rung.gradient == algo::Feature::emd ? recipe.emd_limit_bins : recipe.gradient_limit) = static_cast<float>(limits[place_of(*rung.gradient)]);
+        if (rung.gradient)
+            (*rung.gradient == algo::Feature::emd ? recipe.emd_limit_bins : recipe.gradient_limit) =
+                static_cast<float>(limits[place_of(*rung.gradient)]);
         if (rung.slopes) recipe.frobenius_limit_bins = static_cast<float>(limits[kSlopes]);
         if (rung.light) {
             recipe.transmission_limit = static_cast<float>(std::max(0.0, 1 - limits[kLight]));
-            if (limits[kLight] >= 0.999) measured.no_limit = "good parts have places without light, or nearly: no limit of the transmission lets them pass";
+            if (limits[kLight] >= 0.999)
+                measured.no_limit =
+                    "good parts have places without light, or nearly: no limit of the transmission lets them pass";
         }
     }
     if (measured.no_limit.empty()) {
-        if (auto readable = parse_numbered_recipe(format_recipe(measured.recipe), "limit"); !readable) measured.no_limit = readable.error().what;
+        if (auto readable = parse_numbered_recipe(format_recipe(measured.recipe), "limit"); !readable)
+            measured.no_limit = readable.error().what;
     }
     // Scores and what they come to at the limits.
     std::vector<Scored> scored;
@@ -291,7 +314,10 @@ Result<void> Tuner::time_them() {
     std::deque<algo::Pipeline> pipelines;
     for (const RungMeasured& measured : tuned_.rungs) {
         // Limits do not change the time; those without are timed with the base recipe's.
-        auto pipeline = algo::Pipeline::create(tuned_.extents, tuned_.bits, measured.no_limit.empty() ? measured.recipe.recipe : recipe_of(measured.rung, options_.base.recipe), options_.threads);
+        auto pipeline = algo::Pipeline::create(
+            tuned_.extents, tuned_.bits,
+            measured.no_limit.empty() ? measured.recipe.recipe : recipe_of(measured.rung, options_.base.recipe),
+            options_.threads);
         if (!pipeline) return tl::unexpected(pipeline.error());
         pipelines.push_back(std::move(*pipeline));
     }
@@ -323,19 +349,24 @@ void Tuner::choose() {
     for (std::size_t k = 0; k < all.size(); ++k) {
         if (!all[k].fits) continue;
         const auto better = [&](const RungMeasured& than) {  // of two alike, the faster
-            return all[k].auc.value != than.auc.value ? all[k].auc.value > than.auc.value : all[k].wall_ms < than.wall_ms;
+            return all[k].auc.value != than.auc.value ? all[k].auc.value > than.auc.value
+                                                      : all[k].wall_ms < than.wall_ms;
         };
         if (!tuned_.best || better(all[*tuned_.best])) tuned_.best = k;
     }
     if (!tuned_.best) return;
     // A difference of exactly kAsGood is within it, however the areas were rounded.
-    const auto as_good = [&](const RungMeasured& m) { return m.fits && all[*tuned_.best].auc.value - m.auc.value <= kAsGood + 1e-9; };
+    const auto as_good = [&](const RungMeasured& m) {
+        return m.fits && all[*tuned_.best].auc.value - m.auc.value <= kAsGood + 1e-9;
+    };
     double fastest = all[*tuned_.best].wall_ms;
     for (std::size_t k = 0; k < all.size(); ++k) {
         all[k].behind = auc_difference(scored_[*tuned_.best], scored_[k], kRepeats, kSeed);
         if (as_good(all[k])) fastest = std::min(fastest, all[k].wall_ms);
     }
-    const auto simpler = [&](const RungMeasured& a, const RungMeasured& b) { return std::pair(a.rung.features(), a.wall_ms) < std::pair(b.rung.features(), b.wall_ms); };
+    const auto simpler = [&](const RungMeasured& a, const RungMeasured& b) {
+        return std::pair(a.rung.features(), a.wall_ms) < std::pair(b.rung.features(), b.wall_ms);
+    };
     for (std::size_t k = 0; k < all.size(); ++k) {
         if (!as_good(all[k]) || all[k].wall_ms > (1 + kAsFast) * fastest) continue;
         if (!tuned_.chosen || simpler(all[k], all[*tuned_.chosen])) tuned_.chosen = k;
@@ -365,10 +396,15 @@ Result<void> Tuner::judge_again() {
 Result<Tuned> Tuner::run(const std::vector<std::string>& good, const std::vector<std::string>& bad) {
     const auto enough = [](std::size_t count, std::size_t least, const char* what) -> Result<void> {
         if (count >= least) return {};
-        return fail(ErrorCode::invalid_argument, fmt::format("{} frame{} of {} parts", count, count == 1 ? "" : "s", what), fmt::format("give at least {}, of as many parts", least));
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{} frame{} of {} parts", count, count == 1 ? "" : "s", what),
+                    fmt::format("give at least {}, of as many parts", least));
     };
     for (const bool of_bad : {false, true}) {
-        if (auto fine = enough(of_bad ? bad.size() : good.size(), of_bad ? kLeastBad : kLeastGood, of_bad ? "bad" : "good"); !fine) return tl::unexpected(fine.error());
+        if (auto fine =
+                enough(of_bad ? bad.size() : good.size(), of_bad ? kLeastBad : kLeastGood, of_bad ? "bad" : "good");
+            !fine)
+            return tl::unexpected(fine.error());
     }
     if (auto ready = set_up(good.front()); !ready) return tl::unexpected(ready.error());
     const double total = static_cast<double>(good.size() + bad.size());
@@ -380,9 +416,13 @@ Result<Tuned> Tuner::run(const std::vector<std::string>& good, const std::vector
         }
     }
     for (const bool of_bad : {false, true}) {
-        if (auto fine = enough(of_bad ? tuned_.bad : tuned_.good, of_bad ? kLeastBad : kLeastGood, of_bad ? "bad" : "good"); !fine) {
+        if (auto fine =
+                enough(of_bad ? tuned_.bad : tuned_.good, of_bad ? kLeastBad : kLeastGood, of_bad ? "bad" : "good");
+            !fine) {
             const LeftOut& one = tuned_.left_out.front();
-            return fail(ErrorCode::invalid_argument, fmt::format("{} that can be judged ({}: {})", fine.error().what, one.file, one.why), fine.error().cure);
+            return fail(ErrorCode::invalid_argument,
+                        fmt::format("{} that can be judged ({}: {})", fine.error().what, one.file, one.why),
+                        fine.error().cure);
         }
     }
     const Values set = limits();
@@ -422,6 +462,9 @@ std::vector<Rung> rungs(bool with_reference) {
     return all;
 }
 
-Result<Tuned> tune(const std::vector<std::string>& good, const std::vector<std::string>& bad, const TuneOptions& options) { return Tuner(options).run(good, bad); }
+Result<Tuned> tune(const std::vector<std::string>& good, const std::vector<std::string>& bad,
+                   const TuneOptions& options) {
+    return Tuner(options).run(good, bad);
+}
 
 }  // namespace hord::firmware

@@ -23,7 +23,9 @@ std::string describe(const Tuned& tuned);
 // The recipe of the chosen rung, with how it came about. `made`: one line, say, on what date and from which folders.
 std::string recipe_text(const Tuned& tuned, const std::string& made);
 
-// Detection against time: every rung, those that nothing beats in both, the budget, and the chosen one. Fails as plot() does.
-Result<std::vector<std::filesystem::path>> plot_tuned(const Tuned& tuned, const std::filesystem::path& folder, const std::string& name);
+// Detection against time: every rung, those that nothing beats in both, the budget, and the chosen one. Fails as plot()
+// does.
+Result<std::vector<std::filesystem::path>> plot_tuned(const Tuned& tuned, const std::filesystem::path& folder,
+                                                      const std::string& name);
 
 }  // namespace hord::firmware

@@ -1,8 +1,9 @@
 // Any frame source seen through a cell that grows old: a weaker LED, a dark level that moves, dust on the lenslets.
 //
-// The weaker light is given to the source itself, so its noise is that of the weaker light. Dust lies on the lenslet array (or close to it: the
-// plane of the part's image) and takes its share of all bins of a lenslet, partly covered ones in proportion (64 places a lenslet); what it
-// leaves keeps the noise that it had. The dark level is added to every sample, whole DN, up to full scale.
+// The weaker light is given to the source itself, so its noise is that of the weaker light. Dust lies on the lenslet
+// array (or close to it: the plane of the part's image) and takes its share of all bins of a lenslet, partly covered
+// ones in proportion (64 places a lenslet); what it leaves keeps the noise that it had. The dark level is added to
+// every sample, whole DN, up to full scale.
 #pragma once
 
 #include <functional>
@@ -14,21 +15,23 @@
 namespace hord::sim {
 
 struct DustOnLenslets {
-    double m = 0, n = 0;    // centre, lenslets
-    double radius = 0.5;    // lenslets
+    double m = 0, n = 0;  // centre, lenslets
+    double radius = 0.5;  // lenslets
     double transmission = 0;
 };
 
 struct CellAge {
-    double light = 1;       // of the LED when it was new
-    int dark_dn = 0;        // more than when the camera was new
+    double light = 1;  // of the LED when it was new
+    int dark_dn = 0;   // more than when the camera was new
     std::vector<DustOnLenslets> dust;
 };
 
 class AgeingFrames final : public FrameSource {
   public:
-    // `of_exposure`: the cell's age at the k-th exposure, from 0. `young` outlives this; its frames are macro-pixel frames of these extents.
-    AgeingFrames(FrameSource& young, const algo::Extents& extents, std::function<CellAge(std::uint64_t exposure)> of_exposure)
+    // `of_exposure`: the cell's age at the k-th exposure, from 0. `young` outlives this; its frames are macro-pixel
+    // frames of these extents.
+    AgeingFrames(FrameSource& young, const algo::Extents& extents,
+                 std::function<CellAge(std::uint64_t exposure)> of_exposure)
         : young_(young), extents_(extents), of_exposure_(std::move(of_exposure)) {}
 
     [[nodiscard]] Format format() const override { return young_.format(); }

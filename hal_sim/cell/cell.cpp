@@ -35,15 +35,19 @@ std::string problems_of(const CellOptions& o, const FrameSource::Format& format)
     }
     need(share > 0, "schedule.kinds need one kind with a share above 0");
     const auto& g = o.geometry;
-    need(g.camera_mm > 0 && g.camera_reach_mm > 0 && g.ejector_reach_mm > 0, "geometry's places and reaches must be above 0");
+    need(g.camera_mm > 0 && g.camera_reach_mm > 0 && g.ejector_reach_mm > 0,
+         "geometry's places and reaches must be above 0");
     need(g.camera_mm < g.ejector_mm && g.ejector_mm + g.ejector_reach_mm < g.exit_mm,
          "geometry must be in the order camera, ejector, exit");
-    need(o.part_sensor.encoder_counts_per_mm >= 0 && o.part_sensor.encoder_every > 0ns, "part_sensor's encoder is impossible");
+    need(o.part_sensor.encoder_counts_per_mm >= 0 && o.part_sensor.encoder_every > 0ns,
+         "part_sensor's encoder is impossible");
     const auto& limits = o.strobe.limits;
-    need(limits.max_on > 0ns && limits.min_rest >= 0ns && limits.channels >= 1 && limits.channels <= 32 && o.strobe.nominal_pulse > 0ns,
+    need(limits.max_on > 0ns && limits.min_rest >= 0ns && limits.channels >= 1 && limits.channels <= 32 &&
+             o.strobe.nominal_pulse > 0ns,
          "strobe.limits are impossible");
     need(o.sensor.buffers >= 1, "sensor.buffers must be at least 1");
-    need(format.width_px > 0 && format.height_px > 0 && format.bits >= 8 && format.bits <= 16, "the frame source's format is impossible");
+    need(format.width_px > 0 && format.height_px > 0 && format.bits >= 8 && format.bits <= 16,
+         "the frame source's format is impossible");
     for (const FaultRule& rule : o.faults) {
         need(rule.probability >= 0 && rule.probability <= 1 && rule.first <= rule.last && rule.amount >= 0ns,
              "faults need a probability in [0, 1], first <= last and no negative amount");
@@ -53,9 +57,11 @@ std::string problems_of(const CellOptions& o, const FrameSource::Format& format)
 
 }  // namespace
 
-Result<std::unique_ptr<SimulatedCell>> SimulatedCell::make(hal::EventLoop& loop, FrameSource& frames, const CellOptions& options) {
+Result<std::unique_ptr<SimulatedCell>> SimulatedCell::make(hal::EventLoop& loop, FrameSource& frames,
+                                                           const CellOptions& options) {
     if (const std::string text = problems_of(options, frames.format()); !text.empty()) {
-        return fail(ErrorCode::invalid_argument, "simulated cell: " + text, "correct the options of the simulated cell");
+        return fail(ErrorCode::invalid_argument, "simulated cell: " + text,
+                    "correct the options of the simulated cell");
     }
     return std::unique_ptr<SimulatedCell>(new SimulatedCell(loop, frames, options));
 }
@@ -63,8 +69,7 @@ Result<std::unique_ptr<SimulatedCell>> SimulatedCell::make(hal::EventLoop& loop,
 SimulatedCell::SimulatedCell(hal::EventLoop& loop, FrameSource& frames, const CellOptions& options)
     : faults_(options.seed, options.faults),
       world_(loop, faults_, options.conveyor, options.schedule, options.geometry, options.seed),
-      part_sensor_(loop, world_, faults_, options.part_sensor),
-      strobe_(loop, faults_, options.strobe, options.seed),
+      part_sensor_(loop, world_, faults_, options.part_sensor), strobe_(loop, faults_, options.strobe, options.seed),
       sensor_(loop, world_, strobe_, frames, faults_, options.sensor, options.seed),
       rejector_(loop, world_, faults_, options.rejector, options.seed) {
     world_.watch({

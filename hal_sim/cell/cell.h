@@ -42,7 +42,8 @@ struct CellOptions {
 class SimulatedCell {
   public:
     // `loop` and `frames` outlive the cell. Fails with invalid_argument, every impossible option named.
-    static Result<std::unique_ptr<SimulatedCell>> make(hal::EventLoop& loop, FrameSource& frames, const CellOptions& options);
+    static Result<std::unique_ptr<SimulatedCell>> make(hal::EventLoop& loop, FrameSource& frames,
+                                                       const CellOptions& options);
 
     // The belt moves from now on; a station that is to see the first part is armed before.
     void start() { world_.start(); }

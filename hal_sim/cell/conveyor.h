@@ -14,7 +14,7 @@ namespace hord::sim {
 
 struct ConveyorOptions {
     double speed_mm_s = 500;
-    double jitter = 0;                                         // share of the speed, uniform: 0.01 is +-1 %
+    double jitter = 0;                                           // share of the speed, uniform: 0.01 is +-1 %
     hal::Duration jitter_every = std::chrono::milliseconds(20);  // how long one speed lasts
     struct Stop {
         hal::Duration after{};  // since start
@@ -56,9 +56,9 @@ class Conveyor {
     std::uint64_t seed_;
     hal::TimePoint start_;
     std::deque<Stretch> stretches_;
-    hal::TimePoint drawn_to_;        // stretches_ hold until here
+    hal::TimePoint drawn_to_;  // stretches_ hold until here
     double drawn_to_mm_ = 0;
-    std::uint64_t drawn_ = 0;        // speeds drawn so far
+    std::uint64_t drawn_ = 0;  // speeds drawn so far
     std::size_t next_stop_ = 0;
     bool halted_ = false;
 };

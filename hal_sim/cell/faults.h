@@ -14,69 +14,70 @@ namespace hord::sim {
 
 // The opportunity of a fault is what its second column says; `amount` means what the third says.
 enum class Fault : std::uint8_t {
-    frame_drop,            // each exposure       never delivered; the device's count shows a gap
-    frame_duplicate,       // each exposure       delivered twice, same sequence
-    frame_stale,           // each exposure       the frame before it comes in its place, with its old time
-    frame_late,            // each exposure       delivered `amount` later (200 ms)
-    frame_short,           // each exposure       half of its bytes
-    frame_corrupt,         // each exposure       flagged by the device
-    frame_dark,            // each exposure       no light reached the sensor
-    frame_saturated,       // each exposure       every sample at full scale
-    sensor_lost,           // each exposure       the device goes; start() fails for `amount` (100 ms)
-    strobe_dead,           // each pulse          reported as lit, no light
-    strobe_refused,        // each pulse          no light, and the report says so
-    strobe_weak,           // each pulse          a quarter of the light
-    strobe_double,         // each pulse          a second pulse, `amount` after the first ends (50 us)
-    strobe_late,           // each pulse          begins `amount` late (2 ms), as the report says
-    strobe_lost,           // each pulse          the device goes; start() fails for `amount` (100 ms)
-    edge_bounce,           // each arrival        two more edges pairs within `amount` (200 us)
-    edge_lost,             // each arrival        not delivered; the sequence shows a gap
-    edge_missed,           // each arrival        not delivered, without a trace
-    edge_ghost,            // each arrival        an arrival `amount` later (10 ms) with no part
-    encoder_slip,          // each arrival        the encoder loses `amount`'s worth of nominal motion (1 ms)
-    encoder_silent,        // each arrival        no reading and no count with an edge for `amount` (300 ms)
-    part_sensor_lost,      // each arrival        the device goes; start() fails for `amount` (100 ms)
-    reject_lost,           // each command        never acts, never acknowledged
-    reject_unacknowledged, // each command        acts, never acknowledged
-    reject_late,           // each command        acts `amount` late (100 ms), acknowledged then
-    reject_twice,          // each command        acts again `amount` after the first pulse ends (20 ms)
-    ejector_stuck,         // each command        acknowledged, the valve does not move
-    rejector_down,         // each command        the link goes for `amount` (100 ms), the command with it
-    part_close,            // each part           its front is a tenth to six tenths of its length behind the end of the one ahead
-    part_touching,         // each part           its front touches the one ahead: no edge between the two
-    part_missing,          // each part           its place on the belt is empty
-    part_removed,          // each arrival        taken off the belt by hand `amount` after its arrival (150 ms)
-    belt_stop,             // each arrival        the belt stands for `amount` (300 ms), whatever the permit says
-    inspector_slow,        // each inspection     takes `amount` longer (1 s)
-    inspector_failed,      // each inspection     answers that it could not
-    process_stalled,       // each arrival        the process does not get to run for `amount` (120 ms)
-    process_crash,         // each arrival        the process dies a moment later and is started again after `amount` (400 ms)
-    restart_ordered,       // each arrival        the station is halted, and started again with its configuration read anew
-    plc_silent,            // each arrival        the PLC neither beats nor asks for `amount` (3 s)
-    plc_repeats,           // each arrival        an answer is lost: the PLC sends its next command four times
-    plc_commands,          // each arrival        the PLC commands something, whatever the state
-    plc_nonsense,          // each arrival        writes of random registers, half a command, one for another boot
-    scada_floods,          // each arrival        twenty reads of random registers
-    store_error,           // each arrival        the disk answers every write with an error for `amount` (1 s)
-    store_in_doubt,        // each arrival        it writes for `amount`, and says that it has not (1 s)
-    store_slow,            // each arrival        nothing gets written for `amount`, and no error says so (2 s)
-    disk_full,             // each arrival        no space for `amount` (3 s)
-    clock_set,             // each arrival        somebody sets the machine's wall clock forth or back by `amount` (1 h)
-    inspector_hangs,       // each inspection     none is answered for `amount`, then all (1.5 s)
-    device_unplugged,      // each arrival        some device goes within 1.5 s, whatever it does then; start() fails for `amount` (300 ms)
-    plc_walks,             // each arrival        the PLC leads the station to some state, and leaves it there for `amount` (1.5 s)
+    frame_drop,             // each exposure       never delivered; the device's count shows a gap
+    frame_duplicate,        // each exposure       delivered twice, same sequence
+    frame_stale,            // each exposure       the frame before it comes in its place, with its old time
+    frame_late,             // each exposure       delivered `amount` later (200 ms)
+    frame_short,            // each exposure       half of its bytes
+    frame_corrupt,          // each exposure       flagged by the device
+    frame_dark,             // each exposure       no light reached the sensor
+    frame_saturated,        // each exposure       every sample at full scale
+    sensor_lost,            // each exposure       the device goes; start() fails for `amount` (100 ms)
+    strobe_dead,            // each pulse          reported as lit, no light
+    strobe_refused,         // each pulse          no light, and the report says so
+    strobe_weak,            // each pulse          a quarter of the light
+    strobe_double,          // each pulse          a second pulse, `amount` after the first ends (50 us)
+    strobe_late,            // each pulse          begins `amount` late (2 ms), as the report says
+    strobe_lost,            // each pulse          the device goes; start() fails for `amount` (100 ms)
+    edge_bounce,            // each arrival        two more edges pairs within `amount` (200 us)
+    edge_lost,              // each arrival        not delivered; the sequence shows a gap
+    edge_missed,            // each arrival        not delivered, without a trace
+    edge_ghost,             // each arrival        an arrival `amount` later (10 ms) with no part
+    encoder_slip,           // each arrival        the encoder loses `amount`'s worth of nominal motion (1 ms)
+    encoder_silent,         // each arrival        no reading and no count with an edge for `amount` (300 ms)
+    part_sensor_lost,       // each arrival        the device goes; start() fails for `amount` (100 ms)
+    reject_lost,            // each command        never acts, never acknowledged
+    reject_unacknowledged,  // each command        acts, never acknowledged
+    reject_late,            // each command        acts `amount` late (100 ms), acknowledged then
+    reject_twice,           // each command        acts again `amount` after the first pulse ends (20 ms)
+    ejector_stuck,          // each command        acknowledged, the valve does not move
+    rejector_down,          // each command        the link goes for `amount` (100 ms), the command with it
+    part_close,  // each part           its front is a tenth to six tenths of its length behind the end of the one ahead
+    part_touching,     // each part           its front touches the one ahead: no edge between the two
+    part_missing,      // each part           its place on the belt is empty
+    part_removed,      // each arrival        taken off the belt by hand `amount` after its arrival (150 ms)
+    belt_stop,         // each arrival        the belt stands for `amount` (300 ms), whatever the permit says
+    inspector_slow,    // each inspection     takes `amount` longer (1 s)
+    inspector_failed,  // each inspection     answers that it could not
+    process_stalled,   // each arrival        the process does not get to run for `amount` (120 ms)
+    process_crash,  // each arrival        the process dies a moment later and is started again after `amount` (400 ms)
+    restart_ordered,   // each arrival        the station is halted, and started again with its configuration read anew
+    plc_silent,        // each arrival        the PLC neither beats nor asks for `amount` (3 s)
+    plc_repeats,       // each arrival        an answer is lost: the PLC sends its next command four times
+    plc_commands,      // each arrival        the PLC commands something, whatever the state
+    plc_nonsense,      // each arrival        writes of random registers, half a command, one for another boot
+    scada_floods,      // each arrival        twenty reads of random registers
+    store_error,       // each arrival        the disk answers every write with an error for `amount` (1 s)
+    store_in_doubt,    // each arrival        it writes for `amount`, and says that it has not (1 s)
+    store_slow,        // each arrival        nothing gets written for `amount`, and no error says so (2 s)
+    disk_full,         // each arrival        no space for `amount` (3 s)
+    clock_set,         // each arrival        somebody sets the machine's wall clock forth or back by `amount` (1 h)
+    inspector_hangs,   // each inspection     none is answered for `amount`, then all (1.5 s)
+    device_unplugged,  // each arrival        some device goes within 1.5 s, whatever it does then; start() fails for
+                       // `amount` (300 ms)
+    plc_walks,  // each arrival        the PLC leads the station to some state, and leaves it there for `amount` (1.5 s)
 };
 inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::plc_walks) + 1;
 
-std::string_view name_of(Fault fault);                          // "frame-drop"
+std::string_view name_of(Fault fault);  // "frame-drop"
 std::optional<Fault> fault_named(std::string_view name);
 
 struct FaultRule {
     Fault fault = Fault::frame_drop;
-    double probability = 1;                 // of each opportunity in [first, last]
-    std::uint64_t first = 0;                // opportunities count from 0
-    std::uint64_t last = UINT64_MAX;        // inclusive
-    hal::Duration amount{};                 // 0: the fault's own, above
+    double probability = 1;           // of each opportunity in [first, last]
+    std::uint64_t first = 0;          // opportunities count from 0
+    std::uint64_t last = UINT64_MAX;  // inclusive
+    hal::Duration amount{};           // 0: the fault's own, above
 };
 
 class FaultPlan {
@@ -84,7 +85,8 @@ class FaultPlan {
     FaultPlan(std::uint64_t seed, std::vector<FaultRule> rules);
 
     // Counts an opportunity. The first rule that fires: the amount; else none.
-    // Depends on seed, fault and number of the opportunity only, so that removing a rule leaves the others as they were.
+    // Depends on seed, fault and number of the opportunity only, so that removing a rule leaves the others as they
+    // were.
     std::optional<hal::Duration> fires(Fault fault);
 
     // Told of every fault at the moment it fires.

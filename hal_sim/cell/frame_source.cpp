@@ -20,7 +20,8 @@ std::uint8_t checksum(const std::array<std::uint8_t, kTokenSamples>& token) {
 
 algo::FrameView TokenFrames::expose(const Exposure& exposure, std::span<std::byte> scratch) {
     const algo::FrameView view{scratch.data(), format_.width_px, format_.height_px,
-                               static_cast<std::ptrdiff_t>(format_.width_px) * (format_.bits > 8 ? 2 : 1), format_.bits};
+                               static_cast<std::ptrdiff_t>(format_.width_px) * (format_.bits > 8 ? 2 : 1),
+                               format_.bits};
     const auto set = [&](std::size_t at, std::uint32_t value) {
         if (format_.bits > 8) {
             reinterpret_cast<std::uint16_t*>(scratch.data())[at] = static_cast<std::uint16_t>(value);
@@ -28,8 +29,9 @@ algo::FrameView TokenFrames::expose(const Exposure& exposure, std::span<std::byt
             scratch[at] = static_cast<std::byte>(value);
         }
     };
-    const std::size_t samples = static_cast<std::size_t>(format_.width_px) * static_cast<std::size_t>(format_.height_px);
-    const bool dark = exposure.light < 0.5, saturated = exposure.light > 4;
+    const std::size_t samples =
+        static_cast<std::size_t>(format_.width_px) * static_cast<std::size_t>(format_.height_px);
+    const bool dark = exposure.light<0.5, saturated = exposure.light> 4;
     const std::uint32_t ground = dark ? 0 : saturated ? view.full_scale() : view.full_scale() / 4;
     for (std::size_t k = 0; k < samples; ++k) set(k, ground);
     if (dark || saturated) return view;
@@ -46,7 +48,8 @@ std::optional<TokenFrames::Token> TokenFrames::read(const algo::FrameView& frame
     if (frame.width_px * frame.height_px < static_cast<int>(kTokenSamples)) return std::nullopt;
     std::array<std::uint8_t, kTokenSamples> token{};
     for (int k = 0; k < static_cast<int>(kTokenSamples); ++k) {
-        token[static_cast<std::size_t>(k)] = static_cast<std::uint8_t>(frame.sample(k % frame.width_px, k / frame.width_px));
+        token[static_cast<std::size_t>(k)] =
+            static_cast<std::uint8_t>(frame.sample(k % frame.width_px, k / frame.width_px));
     }
     if (token[0] != kMark || token[11] != checksum(token)) return std::nullopt;
     Token out;

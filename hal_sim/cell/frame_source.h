@@ -15,9 +15,9 @@ struct Exposure {
     std::size_t kind = kNoPart;  // index into ScheduleOptions::kinds: one light field a kind
     std::uint64_t part = 0;      // the world's own number; 0: none
     bool bad = false;
-    double offset_mm = 0;        // the part is this far past the centre of view
-    double light = 1;            // 1: nominal, 0: dark, large: saturated
-    std::uint64_t seed = 0;      // of this exposure's noise
+    double offset_mm = 0;    // the part is this far past the centre of view
+    double light = 1;        // 1: nominal, 0: dark, large: saturated
+    std::uint64_t seed = 0;  // of this exposure's noise
 };
 
 class FrameSource {
@@ -39,7 +39,8 @@ class FrameSource {
 // camera, the rest is a constant. What a stand-in inspector judges by.
 class TokenFrames final : public FrameSource {
   public:
-    // At least 16 samples. A dark frame (light below a half) is all zero, a saturated one (light above 4) all full scale.
+    // At least 16 samples. A dark frame (light below a half) is all zero, a saturated one (light above 4) all full
+    // scale.
     explicit TokenFrames(Format format) : format_(format) {}
     [[nodiscard]] Format format() const override { return format_; }
     algo::FrameView expose(const Exposure& exposure, std::span<std::byte> scratch) override;

@@ -17,7 +17,8 @@ class Latency {
         : options_(options), seed_(seed), stream_(stream) {}
     hal::Duration next() {
         const double share = random_unit(seed_, stream_, drawn_++);
-        return options_.base + hal::Duration(static_cast<hal::Duration::rep>(share * static_cast<double>(options_.spread.count())));
+        return options_.base +
+            hal::Duration(static_cast<hal::Duration::rep>(share * static_cast<double>(options_.spread.count())));
     }
 
   private:

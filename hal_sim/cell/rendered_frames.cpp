@@ -27,9 +27,10 @@ struct Sum {
     }
 };
 
-// Another program renders otherwise, and so do other scenes: both are in the name, the program by its file's size and date.
-// The places of parts and defects are drawn from the seed; the scenes' names and poses tell draws apart.
-std::filesystem::path cache_file(const std::filesystem::path& folder, const std::vector<Scene>& scenes, const RenderedFramesOptions& options) {
+// Another program renders otherwise, and so do other scenes: both are in the name, the program by its file's size and
+// date. The places of parts and defects are drawn from the seed; the scenes' names and poses tell draws apart.
+std::filesystem::path cache_file(const std::filesystem::path& folder, const std::vector<Scene>& scenes,
+                                 const RenderedFramesOptions& options) {
     std::error_code error;
     const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
     const auto size = std::filesystem::file_size(program, error);
@@ -43,7 +44,8 @@ std::filesystem::path cache_file(const std::filesystem::path& folder, const std:
     for (const Scene& scene : scenes) {
         const algo::Extents& e = scene.camera.extents;
         for (const int n : {e.m, e.n, e.i, e.j, scene.camera.bits}) add(n);
-        for (const double x : {scene.pose.x_mm, scene.pose.y_mm, scene.camera.field_mm, scene.camera.bin_pitch_rad}) add(x);
+        for (const double x : {scene.pose.x_mm, scene.pose.y_mm, scene.camera.field_mm, scene.camera.bin_pitch_rad})
+            add(x);
         sum.add(scene.name.data(), scene.name.size());
     }
     return error ? std::filesystem::path() : folder / ("rendered-" + std::to_string(sum.value) + ".cache");
@@ -51,13 +53,16 @@ std::filesystem::path cache_file(const std::filesystem::path& folder, const std:
 
 }  // namespace
 
-Result<std::unique_ptr<RenderedFrames>> RenderedFrames::make(std::vector<Scene> scenes, const RenderedFramesOptions& options) {
+Result<std::unique_ptr<RenderedFrames>> RenderedFrames::make(std::vector<Scene> scenes,
+                                                             const RenderedFramesOptions& options) {
     if (scenes.empty() || options.exposures < 1) {
-        return fail(ErrorCode::invalid_argument, "rendered frames need a scene a kind of part and an exposure of each", "name scenes");
+        return fail(ErrorCode::invalid_argument, "rendered frames need a scene a kind of part and an exposure of each",
+                    "name scenes");
     }
     for (const Scene& scene : scenes) {
         if (!same_camera(scene.camera, scenes.front().camera)) {
-            return fail(ErrorCode::invalid_argument, "scene " + scene.name + " has another camera than " + scenes.front().name,
+            return fail(ErrorCode::invalid_argument,
+                        "scene " + scene.name + " has another camera than " + scenes.front().name,
                         "give all scenes of a cell the same [camera]");
         }
     }
@@ -70,20 +75,24 @@ Result<std::unique_ptr<RenderedFrames>> RenderedFrames::make(std::vector<Scene> 
     std::unique_ptr<RenderedFrames> frames(new RenderedFrames());
     frames->nominal_share_ = options.nominal_share;
     frames->scenes_ = std::move(scenes);
-    const std::filesystem::path cached = options.cache.empty() ? "" : cache_file(options.cache, frames->scenes_, options);
+    const std::filesystem::path cached =
+        options.cache.empty() ? "" : cache_file(options.cache, frames->scenes_, options);
     if (!cached.empty() && frames->take_from(cached, options.exposures)) return frames;
     const auto count = static_cast<double>(frames->scenes_.size());
     for (std::size_t kind = 0; kind < frames->scenes_.size(); ++kind) {
         const Scene& scene = frames->scenes_[kind];
         RenderOptions render_options;
         if (options.progress) {
-            render_options.progress = [&](double done) { options.progress((static_cast<double>(kind) + done) / count); };
+            render_options.progress = [&](double done) {
+                options.progress((static_cast<double>(kind) + done) / count);
+            };
         }
         auto field = render(scene, render_options);
         if (!field) return tl::unexpected(field.error());
         auto& ahead = frames->ahead_.emplace_back();
         for (int k = 0; k < options.exposures; ++k) {
-            ahead.push_back(sim::expose(*field, scene, random_bits(options.seed, 0xE4F0 + kind, static_cast<std::uint64_t>(k))));
+            ahead.push_back(
+                sim::expose(*field, scene, random_bits(options.seed, 0xE4F0 + kind, static_cast<std::uint64_t>(k))));
         }
         frames->fields_.push_back(std::move(*field));
     }
@@ -102,7 +111,9 @@ bool RenderedFrames::take_from(const std::filesystem::path& file, int exposures)
     };
     for (const Scene& scene : scenes_) {
         const Camera& camera = scene.camera;
-        LightField field{camera.extents, std::vector<float>(camera.extents.lenslets() * static_cast<std::size_t>(camera.extents.i * camera.extents.j))};
+        LightField field{camera.extents,
+                         std::vector<float>(camera.extents.lenslets() *
+                                            static_cast<std::size_t>(camera.extents.i * camera.extents.j))};
         read(field.bins.data(), field.bins.size() * sizeof(float));
         fields_.push_back(std::move(field));
         auto& ahead = ahead_.emplace_back();
@@ -138,7 +149,8 @@ void RenderedFrames::keep_in(const std::filesystem::path& file) const {
         if (!out.flush()) return;
     }
     std::error_code ignored;
-    for (const auto& entry : std::filesystem::directory_iterator(file.parent_path(), ignored)) {  // of other programs and scenes
+    for (const auto& entry :
+         std::filesystem::directory_iterator(file.parent_path(), ignored)) {  // of other programs and scenes
         if (entry.path().extension() == file.extension()) std::filesystem::remove(entry.path(), ignored);
     }
     std::filesystem::rename(beside, file, ignored);
@@ -171,8 +183,9 @@ algo::FrameView RenderedFrames::expose(const Exposure& exposure, std::span<std::
         const auto& ahead = ahead_[kind];
         return ahead[exposure.seed % ahead.size()].view();
     }
-    const algo::Frame frame = lenslets == 0 ? sim::expose(fields_[kind], scene, exposure.seed, exposure.light)
-                                            : sim::expose(shifted(fields_[kind], lenslets), scene, exposure.seed, exposure.light);
+    const algo::Frame frame = lenslets == 0
+        ? sim::expose(fields_[kind], scene, exposure.seed, exposure.light)
+        : sim::expose(shifted(fields_[kind], lenslets), scene, exposure.seed, exposure.light);
     std::memcpy(scratch.data(), frame.bytes().data(), std::min(scratch.size(), frame.bytes().size()));
     algo::FrameView view = frame.view();
     view.data = scratch.data();

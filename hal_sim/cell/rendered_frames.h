@@ -1,7 +1,7 @@
 // Frames with optics: one rendered light field a kind of part, exposed under the light that was really given.
 //
-// Rendering and noise take their time once, in make(): a few exposures of each kind are taken ahead at nominal light and
-// then lent as they are, so that delivering a frame costs the loop nothing. Another light, or a part that is not
+// Rendering and noise take their time once, in make(): a few exposures of each kind are taken ahead at nominal light
+// and then lent as they are, so that delivering a frame costs the loop nothing. Another light, or a part that is not
 // centred, is exposed when it happens.
 #pragma once
 
@@ -18,18 +18,20 @@
 namespace hord::sim {
 
 struct RenderedFramesOptions {
-    int exposures = 4;                             // of each kind, taken ahead; each with noise of its own
-    double nominal_share = 0.02;                   // light within this of 1 counts as nominal
+    int exposures = 4;            // of each kind, taken ahead; each with noise of its own
+    double nominal_share = 0.02;  // light within this of 1 counts as nominal
     std::uint64_t seed = 1;
-    std::function<void(double done)> progress;     // 0..1, from the calling thread; may be empty
-    std::filesystem::path cache = {};              // folder that keeps what this very program rendered for its next start; empty: nowhere
+    std::function<void(double done)> progress;  // 0..1, from the calling thread; may be empty
+    std::filesystem::path cache =
+        {};  // folder that keeps what this very program rendered for its next start; empty: nowhere
 };
 
 class RenderedFrames final : public FrameSource {
   public:
-    // scenes[k] is what ScheduleOptions::kinds[k] looks like; all have the same camera. The empty field is rendered, too.
-    // Fails with invalid_argument (no scene, different cameras, no exposure) or as render() does.
-    static Result<std::unique_ptr<RenderedFrames>> make(std::vector<Scene> scenes, const RenderedFramesOptions& options = {});
+    // scenes[k] is what ScheduleOptions::kinds[k] looks like; all have the same camera. The empty field is rendered,
+    // too. Fails with invalid_argument (no scene, different cameras, no exposure) or as render() does.
+    static Result<std::unique_ptr<RenderedFrames>> make(std::vector<Scene> scenes,
+                                                        const RenderedFramesOptions& options = {});
 
     [[nodiscard]] Format format() const override;
     algo::FrameView expose(const Exposure& exposure, std::span<std::byte> scratch) override;

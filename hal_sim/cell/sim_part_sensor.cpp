@@ -9,7 +9,8 @@ using hal::Duration;
 using hal::TimePoint;
 
 Result<void> SimPartSensor::do_start(Listener& listener) {
-    if (loop_.now() < back_at_) return fail(ErrorCode::not_found, "simulated part sensor is gone", "start it again when it is back");
+    if (loop_.now() < back_at_)
+        return fail(ErrorCode::not_found, "simulated part sensor is gone", "start it again when it is back");
     listener_ = &listener;
     sequence_ = 0;
     if (options_.encoder_counts_per_mm > 0) {
@@ -43,7 +44,8 @@ void SimPartSensor::lose(Duration gone_for) {
     Listener* listener = listener_;
     do_stop();
     lost_timer_ = loop_.call_after({}, [listener] {
-        listener->on_part_sensor_lost({ErrorCode::disconnected, "simulated part sensor is gone", "stop it and start it again"});
+        listener->on_part_sensor_lost(
+            {ErrorCode::disconnected, "simulated part sensor is gone", "stop it and start it again"});
     });
 }
 
@@ -58,7 +60,8 @@ void SimPartSensor::part_edge(bool arrives, TimePoint at) {
         slipped_mm_ += 1e-9 * static_cast<double>(amount->count()) * world_.nominal_speed_mm_s();
     }
     if (const auto amount = faults_.fires(Fault::encoder_silent)) silent_until_ = loop_.now() + *amount;
-    const bool missed = faults_.fires(Fault::edge_missed).has_value(), lost = faults_.fires(Fault::edge_lost).has_value();
+    const bool missed = faults_.fires(Fault::edge_missed).has_value(),
+               lost = faults_.fires(Fault::edge_lost).has_value();
     const auto bounces_for = faults_.fires(Fault::edge_bounce), ghost_after = faults_.fires(Fault::edge_ghost);
     swallow_departure_ = missed;
     if (lost) ++sequence_;

@@ -11,8 +11,8 @@
 namespace hord::sim {
 
 struct PartSensorOptions {
-    hal::Duration latency{};                                       // edge to delivery
-    double encoder_counts_per_mm = 0;                              // 0: no encoder
+    hal::Duration latency{};           // edge to delivery
+    double encoder_counts_per_mm = 0;  // 0: no encoder
     hal::Duration encoder_every = std::chrono::milliseconds(10);
 };
 

@@ -31,7 +31,8 @@ void SimRejector::link_goes_down(Duration gone_for) {
     move_permit(false);
     loop_.cancel(link_timer_);
     link_timer_ = loop_.call_after(gone_for, [this] { link_goes_up(); });
-    listener_->on_rejector_link(false, {ErrorCode::disconnected, "simulated rejector is gone", "wait; the driver keeps trying"});
+    listener_->on_rejector_link(
+        false, {ErrorCode::disconnected, "simulated rejector is gone", "wait; the driver keeps trying"});
 }
 
 void SimRejector::move_permit(bool permit) {
@@ -49,15 +50,11 @@ Result<void> SimRejector::do_reject(const hal::RejectCommand& command) {
     const auto entry = ledger_.enter(command);
     switch (entry.entered) {
         case hal::RejectLedger::Entered::full:
-            return fail(ErrorCode::busy, "simulated rejector's queue is full", "space the rejects or shorten the pulse");
-        case hal::RejectLedger::Entered::repeat:
-            break;
-        case hal::RejectLedger::Entered::settled:
-            report_at(loop_.now(), std::nullopt, entry.report);
-            break;
-        case hal::RejectLedger::Entered::fresh:
-            carry_out(command, entry.slot);
-            break;
+            return fail(ErrorCode::busy, "simulated rejector's queue is full",
+                        "space the rejects or shorten the pulse");
+        case hal::RejectLedger::Entered::repeat: break;
+        case hal::RejectLedger::Entered::settled: report_at(loop_.now(), std::nullopt, entry.report); break;
+        case hal::RejectLedger::Entered::fresh: carry_out(command, entry.slot); break;
     }
     return {};
 }
@@ -69,7 +66,8 @@ void SimRejector::carry_out(const hal::RejectCommand& command, std::size_t ledge
     const auto answer = [&](Outcome outcome, TimePoint at) { report_at(at, ledger_slot, {command.part, outcome, at}); };
     const auto down_for = faults_.fires(Fault::rejector_down), late_by = faults_.fires(Fault::reject_late),
                again_after = faults_.fires(Fault::reject_twice);
-    const bool lost = faults_.fires(Fault::reject_lost).has_value(), stuck = faults_.fires(Fault::ejector_stuck).has_value(),
+    const bool lost = faults_.fires(Fault::reject_lost).has_value(),
+               stuck = faults_.fires(Fault::ejector_stuck).has_value(),
                unacknowledged = faults_.fires(Fault::reject_unacknowledged).has_value();
     if (down_for && up_) {
         loop_.cancel(down_timer_);
@@ -89,7 +87,8 @@ void SimRejector::report_at(TimePoint due, std::optional<std::size_t> ledger_slo
     auto free = std::find_if(jobs_.begin(), jobs_.end(), [](const Job& j) { return !j.used; });
     if (free == jobs_.end()) free = jobs_.insert(jobs_.end(), Job{});
     *free = {report, ledger_slot, true, {}};
-    free->timer = loop_.call_at(due, [this, number = static_cast<std::size_t>(free - jobs_.begin())] { settle(number); });
+    free->timer =
+        loop_.call_at(due, [this, number = static_cast<std::size_t>(free - jobs_.begin())] { settle(number); });
 }
 
 void SimRejector::settle(std::size_t number) {
@@ -103,7 +102,8 @@ void SimRejector::plan_pulse(TimePoint from, TimePoint until) {
     auto free = std::find_if(pulses_.begin(), pulses_.end(), [](const Pulse& p) { return !p.used; });
     if (free == pulses_.end()) free = pulses_.insert(pulses_.end(), Pulse{});
     *free = {from, until, true, false, {}};
-    free->timer = loop_.call_at(from, [this, number = static_cast<std::size_t>(free - pulses_.begin())] { step(number); });
+    free->timer =
+        loop_.call_at(from, [this, number = static_cast<std::size_t>(free - pulses_.begin())] { step(number); });
 }
 
 void SimRejector::step(std::size_t number) {

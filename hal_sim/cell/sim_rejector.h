@@ -22,7 +22,8 @@ struct RejectorOptions {
 
 class SimRejector final : public hal::Rejector {
   public:
-    SimRejector(hal::EventLoop& loop, World& world, FaultPlan& faults, const RejectorOptions& options, std::uint64_t seed)
+    SimRejector(hal::EventLoop& loop, World& world, FaultPlan& faults, const RejectorOptions& options,
+                std::uint64_t seed)
         : loop_(loop), world_(world), faults_(faults), options_(options), latency_(options.write, seed, 0x4E7E) {}
     ~SimRejector() override;
 

@@ -11,12 +11,14 @@ using hal::Duration;
 using hal::TimePoint;
 using namespace std::chrono_literals;
 
-SimSensor::SimSensor(hal::EventLoop& loop, World& world, const SimStrobe& strobe, FrameSource& source, FaultPlan& faults,
-                     const SensorOptions& options, std::uint64_t seed)
+SimSensor::SimSensor(hal::EventLoop& loop, World& world, const SimStrobe& strobe, FrameSource& source,
+                     FaultPlan& faults, const SensorOptions& options, std::uint64_t seed)
     : loop_(loop), world_(world), strobe_(strobe), source_(source), faults_(faults), options_(options), seed_(seed),
-      latency_(options.readout, seed, 0x5E45), slots_(std::make_unique<Slot[]>(static_cast<std::size_t>(options.buffers))) {
+      latency_(options.readout, seed, 0x5E45),
+      slots_(std::make_unique<Slot[]>(static_cast<std::size_t>(options.buffers))) {
     const FrameSource::Format format = source_.format();
-    const auto bytes = static_cast<std::size_t>(format.width_px) * static_cast<std::size_t>(format.height_px) * (format.bits > 8 ? 2U : 1U);
+    const auto bytes = static_cast<std::size_t>(format.width_px) * static_cast<std::size_t>(format.height_px) *
+        (format.bits > 8 ? 2U : 1U);
     for (int k = 0; k < options_.buffers; ++k) slots_[static_cast<std::size_t>(k)].samples.resize(bytes);
     if (faults_.names(Fault::frame_stale)) last_samples_.resize(bytes);
 }
@@ -27,7 +29,8 @@ hal::SensorFormat SimSensor::do_format() const {
 }
 
 Result<void> SimSensor::do_start(Listener& listener) {
-    if (loop_.now() < back_at_) return fail(ErrorCode::not_found, "simulated sensor is gone", "start it again when it is back");
+    if (loop_.now() < back_at_)
+        return fail(ErrorCode::not_found, "simulated sensor is gone", "start it again when it is back");
     listener_ = &listener;
     lost_ = false;
     sequence_ = 0;
@@ -45,13 +48,18 @@ SimSensor::Slot* SimSensor::take_free() {
 Result<void> SimSensor::do_trigger(const hal::ExposureRequest& request) {
     if (lost_) return fail(ErrorCode::disconnected, "simulated sensor is gone", "stop it and start it again");
     Slot* slot = take_free();
-    if (slot == nullptr) return fail(ErrorCode::busy, "every frame buffer is lent or filling", "give frames back sooner, or set more buffers");
+    if (slot == nullptr)
+        return fail(ErrorCode::busy, "every frame buffer is lent or filling",
+                    "give frames back sooner, or set more buffers");
     if (const auto amount = faults_.fires(Fault::sensor_lost)) {
         lose(*amount);
         return {};  // accepted; the loss shows itself afterwards
     }
     slot->state.store(State::exposing, std::memory_order_relaxed);
-    slot->info = {.sequence = ++sequence_, .exposure_start = std::max(request.start, loop_.now()), .bytes_used = slot->samples.size(), .corrupt = false};
+    slot->info = {.sequence = ++sequence_,
+                  .exposure_start = std::max(request.start, loop_.now()),
+                  .bytes_used = slot->samples.size(),
+                  .corrupt = false};
     slot->end = slot->info.exposure_start + request.length;
     slot->timer = loop_.call_at(slot->end, [this, number = number_of(*slot)] { exposed(number); });
     return {};
@@ -60,11 +68,15 @@ Result<void> SimSensor::do_trigger(const hal::ExposureRequest& request) {
 // The shutter closes: what the sensor holds now is what was there, whatever happens to it on its way.
 void SimSensor::exposed(std::uint32_t number) {
     Slot& slot = slots_[number];
-    const bool dark = faults_.fires(Fault::frame_dark).has_value(), saturated = faults_.fires(Fault::frame_saturated).has_value(),
-               stale = faults_.fires(Fault::frame_stale).has_value(), dropped = faults_.fires(Fault::frame_drop).has_value(),
-               cut_short = faults_.fires(Fault::frame_short).has_value(), twice = faults_.fires(Fault::frame_duplicate).has_value();
+    const bool dark = faults_.fires(Fault::frame_dark).has_value(),
+               saturated = faults_.fires(Fault::frame_saturated).has_value(),
+               stale = faults_.fires(Fault::frame_stale).has_value(),
+               dropped = faults_.fires(Fault::frame_drop).has_value(),
+               cut_short = faults_.fires(Fault::frame_short).has_value(),
+               twice = faults_.fires(Fault::frame_duplicate).has_value();
     const auto late_by = faults_.fires(Fault::frame_late);
-    const SimStrobe::Light light = dark ? SimStrobe::Light{} : strobe_.light_between(slot.info.exposure_start, slot.end);
+    const SimStrobe::Light light =
+        dark ? SimStrobe::Light{} : strobe_.light_between(slot.info.exposure_start, slot.end);
     const TimePoint seen_at = light.amount > 0 ? light.at : slot.info.exposure_start;
     const World::InView view = world_.in_view(seen_at);
     Exposure exposure{.light = light.amount, .seed = random_bits(seed_, 0xF0A3, exposures_++)};
@@ -86,7 +98,8 @@ void SimSensor::exposed(std::uint32_t number) {
         if (stale) {  // before the first frame there is only an old, dark one
             std::copy(last_samples_.begin(), last_samples_.end(), slot.samples.begin());
             slot.view.data = slot.samples.data();
-            slot.info.exposure_start = last_info_.sequence == 0 ? slot.info.exposure_start - 1s : last_info_.exposure_start;
+            slot.info.exposure_start =
+                last_info_.sequence == 0 ? slot.info.exposure_start - 1s : last_info_.exposure_start;
             part = last_part_;
         }
         last_samples_.swap(fresh);

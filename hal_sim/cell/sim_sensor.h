@@ -1,4 +1,5 @@
-// The simulated lenslet sensor: an exposure holds the part that was really before the camera when the light really fell.
+// The simulated lenslet sensor: an exposure holds the part that was really before the camera when the light really
+// fell.
 #pragma once
 
 #include <array>
@@ -57,10 +58,14 @@ class SimSensor final : public hal::Sensor {
     Result<void> do_start(Listener& listener) override;
     Result<void> do_trigger(const hal::ExposureRequest& request) override;
     void do_stop() override;
-    void do_give_back(std::uint32_t slot) noexcept override { slots_[slot].state.store(State::free, std::memory_order_release); }
+    void do_give_back(std::uint32_t slot) noexcept override {
+        slots_[slot].state.store(State::free, std::memory_order_release);
+    }
 
     [[nodiscard]] Slot* take_free();
-    [[nodiscard]] std::uint32_t number_of(const Slot& slot) const { return static_cast<std::uint32_t>(&slot - slots_.get()); }
+    [[nodiscard]] std::uint32_t number_of(const Slot& slot) const {
+        return static_cast<std::uint32_t>(&slot - slots_.get());
+    }
     void exposed(std::uint32_t number);
     void deliver(std::uint32_t number);
     void deliver_later(Slot& slot, hal::TimePoint due);

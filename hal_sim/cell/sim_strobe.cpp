@@ -15,7 +15,8 @@ SimStrobe::~SimStrobe() {
 
 Result<void> SimStrobe::do_start(Listener& listener) {
     dark_from(loop_.now());
-    if (loop_.now() < back_at_) return fail(ErrorCode::not_found, "simulated strobe is gone", "start it again when it is back");
+    if (loop_.now() < back_at_)
+        return fail(ErrorCode::not_found, "simulated strobe is gone", "start it again when it is back");
     listener_ = &listener;
     lost_ = false;
     return {};
@@ -27,7 +28,8 @@ Result<void> SimStrobe::do_fire(const hal::StrobePulse& pulse) {
         lose(*amount);
         return fail(ErrorCode::disconnected, "simulated strobe is gone", "stop it and start it again");
     }
-    const bool refused = faults_.fires(Fault::strobe_refused).has_value(), dead = faults_.fires(Fault::strobe_dead).has_value(),
+    const bool refused = faults_.fires(Fault::strobe_refused).has_value(),
+               dead = faults_.fires(Fault::strobe_dead).has_value(),
                weak = faults_.fires(Fault::strobe_weak).has_value();
     const auto again_after = faults_.fires(Fault::strobe_double), late_by = faults_.fires(Fault::strobe_late);
     const TimePoint now = loop_.now();
@@ -65,7 +67,8 @@ SimStrobe::Light SimStrobe::light_between(TimePoint from, TimePoint until) const
     for (const Lit& lit : lit_) {
         const TimePoint begin = std::max(lit.from, from), end = std::min(lit.until, until);
         if (end <= begin) continue;
-        const double share = static_cast<double>((end - begin).count()) / static_cast<double>(options_.nominal_pulse.count());
+        const double share =
+            static_cast<double>((end - begin).count()) / static_cast<double>(options_.nominal_pulse.count());
         out.amount += share * lit.brightness;
         out.at = std::min(out.at, begin + (end - begin) / 2);
     }

@@ -36,14 +36,15 @@ class VirtualTime final : public hal::EventLoop {
     // Runs until no timer is left; false when timers due after `limit` remain (a periodic timer never ends).
     bool run_until_idle(hal::TimePoint limit);
 
-    // The process does not get to run for so long: what falls due meanwhile comes late. Loop thread, inside a callback too.
+    // The process does not get to run for so long: what falls due meanwhile comes late. Loop thread, inside a callback
+    // too.
     void stall(hal::Duration amount) { now_ += amount; }
 
     // Runs the next callback only; false when there is none.
     bool run_one();
 
     [[nodiscard]] std::optional<hal::TimePoint> next_due();
-    [[nodiscard]] std::size_t pending() const { return pending_; }     // timers, without what is posted
+    [[nodiscard]] std::size_t pending() const { return pending_; }  // timers, without what is posted
     [[nodiscard]] std::uint64_t callbacks_run() const { return run_; }
 
   private:

@@ -45,16 +45,19 @@ void World::draw_part() {
     part.number = drawn_ + 1;
     const double jitter = drawn_ == 0 ? 0 : schedule_.pitch_jitter * random_sign(seed_, kPitchStream, drawn_);
     part.front_mm = last_front_mm_ + schedule_.pitch_mm * (1 + jitter);
-    const bool close = faults_.fires(Fault::part_close).has_value(), missing = faults_.fires(Fault::part_missing).has_value();
+    const bool close = faults_.fires(Fault::part_close).has_value(),
+               missing = faults_.fires(Fault::part_missing).has_value();
     if (missing) part.front_mm += schedule_.pitch_mm;
     if (faults_.fires(Fault::part_touching) && drawn_ > 0) {
         part.touches_ahead = line_.back().touched_behind = true;
         part.front_mm = line_.back().front_mm + schedule_.part_length_mm;
     } else if (close && drawn_ > 0) {
-        part.front_mm = line_.back().front_mm + (1.1 + 0.5 * random_unit(seed_, kGapStream, drawn_)) * schedule_.part_length_mm;
+        part.front_mm =
+            line_.back().front_mm + (1.1 + 0.5 * random_unit(seed_, kGapStream, drawn_)) * schedule_.part_length_mm;
     }
     double lot = random_unit(seed_, kKindStream, drawn_) * share_sum_;
-    while (part.kind + 1 < schedule_.kinds.size() && lot >= schedule_.kinds[part.kind].share) lot -= schedule_.kinds[part.kind++].share;
+    while (part.kind + 1 < schedule_.kinds.size() && lot >= schedule_.kinds[part.kind].share)
+        lot -= schedule_.kinds[part.kind++].share;
     part.bad = schedule_.kinds[part.kind].bad;
     last_front_mm_ = part.front_mm;
     ++drawn_;
@@ -161,7 +164,8 @@ void World::feed(bool on) {
         if (next != nullptr) next->touches_ahead = false;
         if (ahead != nullptr) ahead->touched_behind = false;
     } else {
-        // It was held before the sensor. In real time a part may have been due there already when a busy machine came to stop the feed.
+        // It was held before the sensor. In real time a part may have been due there already when a busy machine came
+        // to stop the feed.
         const double stood = at_mm - *std::exchange(unfed_since_mm_, std::nullopt);
         const double shift = next == nullptr ? stood : std::max(stood, at_mm - next->front_mm);
         if (next != nullptr) next->front_mm += shift;
@@ -183,7 +187,9 @@ void World::settle(PartRecord& part, PartRecord::Fate fate, TimePoint at) {
     part.gone = at;
     const bool ejected = fate == PartRecord::Fate::ejected;
     if (fate == PartRecord::Fate::removed) ++totals_.removed;
-    else ++(ejected ? (part.bad ? totals_.ejected_bad : totals_.ejected_good) : (part.bad ? totals_.left_bad : totals_.left_good));
+    else
+        ++(ejected ? (part.bad ? totals_.ejected_bad : totals_.ejected_good)
+                   : (part.bad ? totals_.left_bad : totals_.left_good));
     if (watchers_.part_gone) watchers_.part_gone(part);
 }
 
@@ -221,7 +227,8 @@ World::InView World::in_view(TimePoint at) {
     for (PartRecord& part : line_) {
         const double offset = centre - part.front_mm;
         if (offset < -geometry_.camera_reach_mm) break;
-        if ((part.fate == PartRecord::Fate::ejected || part.fate == PartRecord::Fate::removed) && part.gone <= at) continue;
+        if ((part.fate == PartRecord::Fate::ejected || part.fate == PartRecord::Fate::removed) && part.gone <= at)
+            continue;
         if (offset > geometry_.camera_reach_mm) continue;
         if (best.part == nullptr || std::abs(offset) < std::abs(best.offset_mm)) best = {&part, offset};
     }

@@ -25,10 +25,10 @@ struct PartKind {
 };
 
 struct ScheduleOptions {
-    std::uint64_t parts = 0;      // how many come; 0: no end
-    double first_mm = 50;         // belt travel before the first
-    double pitch_mm = 50;         // from front edge to front edge
-    double pitch_jitter = 0;      // share of the pitch, uniform
+    std::uint64_t parts = 0;  // how many come; 0: no end
+    double first_mm = 50;     // belt travel before the first
+    double pitch_mm = 50;     // from front edge to front edge
+    double pitch_jitter = 0;  // share of the pitch, uniform
     double part_length_mm = 20;
     std::vector<PartKind> kinds = {{"good", false, 1}};
 };
@@ -44,15 +44,15 @@ struct GeometryOptions {
 // What truly became of a part.
 struct PartRecord {
     enum class Fate : std::uint8_t { on_line, ejected, left, removed };  // removed: taken off by hand
-    std::uint64_t number = 0;      // from 1, in the order of arrival
-    std::size_t kind = 0;          // index into ScheduleOptions::kinds
+    std::uint64_t number = 0;                                            // from 1, in the order of arrival
+    std::size_t kind = 0;                                                // index into ScheduleOptions::kinds
     bool bad = false;
     bool touches_ahead = false, touched_behind = false;  // no edge between the two
-    double front_mm = 0;           // belt position at which its front crosses the sensor
-    hal::TimePoint arrived;        // when it did: equals PartEdge::at unless a fault meddled
-    std::uint32_t exposures = 0;   // frames taken of it
+    double front_mm = 0;                                 // belt position at which its front crosses the sensor
+    hal::TimePoint arrived;                              // when it did: equals PartEdge::at unless a fault meddled
+    std::uint32_t exposures = 0;                         // frames taken of it
     Fate fate = Fate::on_line;
-    hal::TimePoint gone;           // ejected, left or removed
+    hal::TimePoint gone;  // ejected, left or removed
 };
 
 struct WorldTotals {
@@ -65,9 +65,9 @@ class World {
     // What looks at the world: called on the loop's thread, any may be empty.
     struct Watchers {
         std::function<void(const PartRecord&, bool arrives, hal::TimePoint at)> part_edge{};  // front, then back edge
-        std::function<void(const PartRecord&)> part_gone{};                                    // its fate is decided
-        std::function<void(bool open, hal::TimePoint at)> ejector{};                           // the valve moved
-        std::function<void()> over{};                                                          // finished(): nothing more will come
+        std::function<void(const PartRecord&)> part_gone{};                                   // its fate is decided
+        std::function<void(bool open, hal::TimePoint at)> ejector{};                          // the valve moved
+        std::function<void()> over{};  // finished(): nothing more will come
     };
 
     World(hal::EventLoop& loop, FaultPlan& faults, const ConveyorOptions& conveyor, const ScheduleOptions& schedule,
@@ -85,8 +85,8 @@ class World {
     void halt();
     void resume();
 
-    // Whether parts are put on the belt. Those that have not yet reached the part sensor when this ends come after it begins
-    // again, as far apart as they were.
+    // Whether parts are put on the belt. Those that have not yet reached the part sensor when this ends come after it
+    // begins again, as far apart as they were.
     void feed(bool on);
 
     [[nodiscard]] bool stands() const { return !conveyor_ || conveyor_->halted(); }
@@ -94,7 +94,8 @@ class World {
     // A person takes parts off the belt: those for which `takes` says so, of all that are between part sensor and exit.
     void take_off(const std::function<bool(const PartRecord&)>& takes);
 
-    // The ejector's valve opens or closes. Whatever is before it in between is ejected. `at` may lie a little in the past.
+    // The ejector's valve opens or closes. Whatever is before it in between is ejected. `at` may lie a little in the
+    // past.
     void set_ejector(bool open, hal::TimePoint at);
 
     // The part whose centre is nearest to the camera's, if any is in view, and how far it is past the centre, mm.
@@ -106,7 +107,9 @@ class World {
 
     [[nodiscard]] double belt_mm(hal::TimePoint at) { return conveyor_ ? conveyor_->position_mm(at) : 0; }
     [[nodiscard]] double nominal_speed_mm_s() const { return conveyor_options_.speed_mm_s; }
-    [[nodiscard]] const std::deque<PartRecord>& on_line() const { return line_; }  // in order of arrival; also those just gone
+    [[nodiscard]] const std::deque<PartRecord>& on_line() const {
+        return line_;
+    }  // in order of arrival; also those just gone
     [[nodiscard]] const WorldTotals& totals() const { return totals_; }
     [[nodiscard]] bool finished() const;  // every scheduled part is gone
     [[nodiscard]] const ScheduleOptions& schedule() const { return schedule_; }
@@ -114,7 +117,7 @@ class World {
 
   private:
     void draw_part();
-    void plan();                    // one timer, for whatever comes next
+    void plan();  // one timer, for whatever comes next
     void act();
     void eject_between(hal::TimePoint from, hal::TimePoint until);
     void settle(PartRecord& part, PartRecord::Fate fate, hal::TimePoint at);
@@ -132,9 +135,9 @@ class World {
     std::uint64_t seed_;
     Watchers watchers_;
     std::optional<Conveyor> conveyor_;
-    bool may_move_ = true;           // the permit's say
+    bool may_move_ = true;  // the permit's say
     std::optional<double> unfed_since_mm_;
-    std::uint32_t stopped_ = 0;      // belt_stop faults under way
+    std::uint32_t stopped_ = 0;  // belt_stop faults under way
 
     // Parts in order; line_[0] has index first_index_. All three cursors are indices.
     std::deque<PartRecord> line_;

@@ -1,15 +1,5 @@
 #include "hal_sim/coil_module/coil_module.h"
 
-#include <fcntl.h>
-#include <netinet/in.h>
-#include <netinet/tcp.h>
-#include <poll.h>
-#include <sched.h>
-#include <sys/eventfd.h>
-#include <sys/socket.h>
-#include <termios.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -20,6 +10,16 @@
 #include <span>
 #include <thread>
 #include <utility>
+
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sched.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <termios.h>
+#include <unistd.h>
 
 namespace hord::sim {
 namespace {
@@ -53,7 +53,8 @@ struct CoilModule::Module {
     const CoilModuleOptions options;
     int port = 0;
     int listener = -1, wake = -1;
-    int line = -1, line_kept_open = -1;  // serial: our end; the other, so that ours does not hang up between two drivers
+    int line = -1,
+        line_kept_open = -1;  // serial: our end; the other, so that ours does not hang up between two drivers
     std::string device;
     std::vector<int> clients;  // module's thread; or anyone while it is off
     Bytes heard;               // serial: of a request that is not complete
@@ -80,7 +81,8 @@ struct CoilModule::Module {
     ModuleImage image;  // module's thread; or anyone while it is off
 
     Module(const hal::Clock& c, const CoilModuleOptions& o)
-        : clock(c), options(o), port(o.port), state(static_cast<std::size_t>(o.coils)), image(o.kind, o.coils, o.pulse, o.watchdog) {
+        : clock(c), options(o), port(o.port), state(static_cast<std::size_t>(o.coils)),
+          image(o.kind, o.coils, o.pulse, o.watchdog) {
         image.moved = [this](int coil, bool on, hal::TimePoint at) { remember(coil, on, at); };
     }
 
@@ -116,9 +118,10 @@ struct CoilModule::Module {
         if (bind(listener, reinterpret_cast<sockaddr*>(&address), size) != 0 || listen(listener, 8) != 0) {
             const int error = errno;
             close(std::exchange(listener, -1));
-            return fail(error == EADDRINUSE ? ErrorCode::busy : ErrorCode::io,
-                        "the coil module cannot listen on 127.0.0.1:" + std::to_string(port) + ": " + std::strerror(error),
-                        "use another port, or 0 for a free one");
+            return fail(
+                error == EADDRINUSE ? ErrorCode::busy : ErrorCode::io,
+                "the coil module cannot listen on 127.0.0.1:" + std::to_string(port) + ": " + std::strerror(error),
+                "use another port, or 0 for a free one");
         }
         getsockname(listener, reinterpret_cast<sockaddr*>(&address), &size);
         port = ntohs(address.sin_port);
@@ -135,7 +138,8 @@ struct CoilModule::Module {
         line = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
         std::array<char, 64> name{};
         if (line < 0 || grantpt(line) != 0 || unlockpt(line) != 0 || ptsname_r(line, name.data(), name.size()) != 0) {
-            return fail(ErrorCode::io, std::string("the coil module has no pseudo-terminal: ") + std::strerror(errno), "mount devpts");
+            return fail(ErrorCode::io, std::string("the coil module has no pseudo-terminal: ") + std::strerror(errno),
+                        "mount devpts");
         }
         device = name.data();
         line_kept_open = ::open(device.c_str(), O_RDWR | O_NOCTTY | O_CLOEXEC);
@@ -175,7 +179,9 @@ struct CoilModule::Module {
                 const auto ns = std::max<std::int64_t>(0, (next - clock.now()).count());
                 wait = {ns / 1'000'000'000, ns % 1'000'000'000};
             }
-            if (ppoll(fds.data(), fds.size(), next == hal::TimePoint::max() ? nullptr : &wait, nullptr) < 0 && errno != EINTR) break;
+            if (ppoll(fds.data(), fds.size(), next == hal::TimePoint::max() ? nullptr : &wait, nullptr) < 0 &&
+                errno != EINTR)
+                break;
             if (!wake_up()) break;
             image.advance(clock.now());
             if (options.serial) {
@@ -224,7 +230,8 @@ struct CoilModule::Module {
             const std::scoped_lock lock(mutex);
             state[static_cast<std::size_t>(coil)] = on;
             history.push_back({coil, on, at});
-            if (history.size() >= 2 * static_cast<std::size_t>(kHistory)) history.erase(history.begin(), history.begin() + kHistory);
+            if (history.size() >= 2 * static_cast<std::size_t>(kHistory))
+                history.erase(history.begin(), history.begin() + kHistory);
         }
         if (on_coil) on_coil(coil, on, at);
     }
@@ -311,7 +318,8 @@ struct CoilModule::Module {
 
     bool send_all(const std::pair<int, Bytes>& message) const {
         const auto& [to, bytes] = message;
-        const ssize_t sent = options.serial ? write(to, bytes.data(), bytes.size()) : send(to, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+        const ssize_t sent =
+            options.serial ? write(to, bytes.data(), bytes.size()) : send(to, bytes.data(), bytes.size(), MSG_NOSIGNAL);
         return sent == static_cast<ssize_t>(bytes.size());
     }
 };
@@ -382,6 +390,8 @@ int CoilModule::watchdog_triggers() const {
 void CoilModule::power_off() { module_->off(); }
 Result<void> CoilModule::power_on() { return module_->thread.joinable() ? Result<void>{} : module_->on(); }
 
-void CoilModule::on_coil(std::function<void(int coil, bool on, hal::TimePoint at)> callback) { module_->on_coil = std::move(callback); }
+void CoilModule::on_coil(std::function<void(int coil, bool on, hal::TimePoint at)> callback) {
+    module_->on_coil = std::move(callback);
+}
 
 }  // namespace hord::sim

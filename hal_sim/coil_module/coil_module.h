@@ -1,6 +1,6 @@
-// A Modbus module as the rejector drives one: a peer of its own, in its own thread, over real sockets (Modbus TCP on loopback) or a
-// pseudo-terminal (Modbus RTU). Its framing is its own, so that a bug in the driver's library shows. Plays each kind of module that
-// has a profile. Remembers when which output moved, and misbehaves when told to.
+// A Modbus module as the rejector drives one: a peer of its own, in its own thread, over real sockets (Modbus TCP on
+// loopback) or a pseudo-terminal (Modbus RTU). Its framing is its own, so that a bug in the driver's library shows.
+// Plays each kind of module that has a profile. Remembers when which output moved, and misbehaves when told to.
 //
 //     auto module = sim::CoilModule::open(clock, {.port = 0});
 //     (*module)->on_coil([&](int coil, bool on, hal::TimePoint at) {                        // module's thread
@@ -20,15 +20,15 @@
 namespace hord::sim {
 
 struct CoilModuleOptions {
-    int port = 0;    // 0: a free one, chosen by the kernel
+    int port = 0;  // 0: a free one, chosen by the kernel
     int coils = 16;
     ModuleKind kind = ModuleKind::plain;
-    bool serial = false;  // Modbus RTU on a pseudo-terminal instead of TCP: device()
-    int unit = 1;         // serial: the one it answers to
+    bool serial = false;                                  // Modbus RTU on a pseudo-terminal instead of TCP: device()
+    int unit = 1;                                         // serial: the one it answers to
     hal::Duration pulse = std::chrono::milliseconds(10);  // moxa: what a pulse coil gives
     hal::Duration watchdog{};                             // moxa: its own watchdog; zero: none
-    // SCHED_FIFO with this priority, as a module is a machine of its own, which answers in time however busy this one is; 0, or
-    // where it is refused: the caller's policy.
+    // SCHED_FIFO with this priority, as a module is a machine of its own, which answers in time however busy this one
+    // is; 0, or where it is refused: the caller's policy.
     int realtime = 0;
 };
 
@@ -53,8 +53,8 @@ class CoilModule {
         hal::TimePoint at;
     };
 
-    // Listens on 127.0.0.1 (answers on its pseudo-terminal) when it returns. `clock` is asked on the module's thread and outlives it. Fails with busy
-    // (the port), io.
+    // Listens on 127.0.0.1 (answers on its pseudo-terminal) when it returns. `clock` is asked on the module's thread
+    // and outlives it. Fails with busy (the port), io.
     static Result<std::unique_ptr<CoilModule>> open(const hal::Clock& clock, const CoilModuleOptions& options = {});
     ~CoilModule();
 
@@ -63,19 +63,20 @@ class CoilModule {
     [[nodiscard]] std::string device() const;  // serial: the end that a driver opens
     [[nodiscard]] bool coil(int number) const;
     [[nodiscard]] std::vector<Move> history() const;  // of the newest 10,000 or more
-    [[nodiscard]] int connections() const;  // accepted since open()
+    [[nodiscard]] int connections() const;            // accepted since open()
 
     // The next `writes` write requests misbehave (-1: all); reading requests do so only with `reads`, too.
     void misbehave(CoilFault fault, int writes = -1, hal::Duration delay = {}, bool reads = false);
-    void misbehave_at_reads(CoilFault fault, int reads, hal::Duration delay = {});  // the next so many reading requests alone
-    [[nodiscard]] int misbehaved() const;  // requests, since open()
+    void misbehave_at_reads(CoilFault fault, int reads,
+                            hal::Duration delay = {});  // the next so many reading requests alone
+    [[nodiscard]] int misbehaved() const;               // requests, since open()
 
     void set_input(int number, bool on);  // a discrete input; as a sensor wired to it
     [[nodiscard]] bool watchdog_expired() const;
     [[nodiscard]] int watchdog_triggers() const;
 
-    void power_off();             // connections drop, nothing answers, all coils fall to 0
-    Result<void> power_on();      // the same port again. Fails with busy
+    void power_off();         // connections drop, nothing answers, all coils fall to 0
+    Result<void> power_on();  // the same port again. Fails with busy
 
     // Called on the module's thread, without any lock; before the first connection.
     void on_coil(std::function<void(int coil, bool on, hal::TimePoint at)> callback);

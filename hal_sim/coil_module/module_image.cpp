@@ -11,23 +11,22 @@ using hal::TimePoint;
 
 constexpr int kIllegalFunction = 1, kIllegalAddress = 2, kIllegalValue = 3, kDeviceFailure = 4;
 constexpr int kInputs = 64;
-constexpr int kWagoReadBack = 0x200, kWagoTime = 0x1000, kWagoTrigger = 0x1003, kWagoStatus = 0x1006, kWagoStop = 0x1008, kWagoItem = 0x2012;
+constexpr int kWagoReadBack = 0x200, kWagoTime = 0x1000, kWagoTrigger = 0x1003, kWagoStatus = 0x1006,
+              kWagoStop = 0x1008, kWagoItem = 0x2012;
 constexpr int kWagoItemNumber = 352;
 constexpr int kMoxaPulse = 16, kMoxaAlarm = 4144, kMoxaName = 5000, kMoxaNameWords = 10;
 constexpr std::string_view kMoxaModel = "E1213";
 constexpr auto kWagoUnit = std::chrono::milliseconds(100);
 
 int word(std::span<const std::uint8_t> bytes, std::size_t at) { return bytes[at] << 8 | bytes[at + 1]; }
-Bytes exception(std::uint8_t function, int code) { return {static_cast<std::uint8_t>(function | 0x80), static_cast<std::uint8_t>(code)}; }
+Bytes exception(std::uint8_t function, int code) {
+    return {static_cast<std::uint8_t>(function | 0x80), static_cast<std::uint8_t>(code)};
+}
 
 }  // namespace
 
 ModuleImage::ModuleImage(ModuleKind kind, int coils, hal::Duration pulse, hal::Duration watchdog)
-    : kind_(kind),
-      pulse_(pulse),
-      moxa_watchdog_(watchdog),
-      coils_(static_cast<std::size_t>(coils)),
-      inputs_(kInputs),
+    : kind_(kind), pulse_(pulse), moxa_watchdog_(watchdog), coils_(static_cast<std::size_t>(coils)), inputs_(kInputs),
       pulse_ends_(static_cast<std::size_t>(coils), TimePoint::max()) {}
 
 void ModuleImage::move(int coil, bool on, TimePoint at) {
@@ -137,7 +136,9 @@ Bytes ModuleImage::read_registers(std::span<const std::uint8_t> pdu, bool holdin
             if (at == kWagoStatus) value = expired_ ? 2 : running_ ? 1 : 0;
             if (at == kWagoItem) value = kWagoItemNumber;
         } else if (kind_ == ModuleKind::moxa && !holding && at >= kMoxaName && at < kMoxaName + kMoxaNameWords) {
-            const auto letter = [&](int k) { return k < static_cast<int>(kMoxaModel.size()) ? kMoxaModel[static_cast<std::size_t>(k)] : '\0'; };
+            const auto letter = [&](int k) {
+                return k < static_cast<int>(kMoxaModel.size()) ? kMoxaModel[static_cast<std::size_t>(k)] : '\0';
+            };
             value = letter(2 * (at - kMoxaName)) << 8 | letter(2 * (at - kMoxaName) + 1);
         }
         if (value < 0) return exception(pdu[0], kIllegalAddress);

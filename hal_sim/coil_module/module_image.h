@@ -1,5 +1,6 @@
-// What a Modbus module holds and how it answers: coils, inputs, registers, and what happens in it by itself. Pure: requests and times
-// in, replies out. Written from the vendors' manuals and independently of the driver, so that a wrong address shows.
+// What a Modbus module holds and how it answers: coils, inputs, registers, and what happens in it by itself. Pure:
+// requests and times in, replies out. Written from the vendors' manuals and independently of the driver, so that a
+// wrong address shows.
 #pragma once
 
 #include <array>
@@ -15,7 +16,8 @@ namespace hord::sim {
 enum class ModuleKind : std::uint8_t {
     plain,  // coils and discrete inputs from 0 on, device identification (function 43/14)
     wago,   // 750: coils read back at 0x200 + n (at n, the inputs are read), watchdog registers from 0x1000 on
-    moxa,   // ioLogik E1200: pulses by coil 16 + n, a watchdog that raises an alarm in coil 4144, its name from input register 5000 on
+    moxa,   // ioLogik E1200: pulses by coil 16 + n, a watchdog that raises an alarm in coil 4144, its name from input
+            // register 5000 on
 };
 
 class ModuleImage {

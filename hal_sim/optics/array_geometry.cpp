@@ -14,8 +14,13 @@ ArrayGeometry::ArrayGeometry(const Scene& scene) : extents_(scene.camera.extents
     row_ = hexagonal_ ? 0.86602540378443864676 : 1;
     pitch_px_ = array.pitch_px > 0 ? array.pitch_px : extents_.i;
     pitch_mm_ = scene.camera.field_mm / extents_.m;
-    width_px_ = array.width_px > 0 ? array.width_px : static_cast<int>(std::ceil(pitch_px_ * (extents_.m + (hexagonal_ ? 0.5 : 0)) - 1e-9));
-    height_px_ = array.height_px > 0 ? array.height_px : static_cast<int>(std::ceil(pitch_px_ * (row_ * (extents_.n - 1) + extents_.j / static_cast<double>(extents_.i)) - 1e-9));
+    width_px_ = array.width_px > 0
+        ? array.width_px
+        : static_cast<int>(std::ceil(pitch_px_ * (extents_.m + (hexagonal_ ? 0.5 : 0)) - 1e-9));
+    height_px_ = array.height_px > 0
+        ? array.height_px
+        : static_cast<int>(
+              std::ceil(pitch_px_ * (row_ * (extents_.n - 1) + extents_.j / static_cast<double>(extents_.i)) - 1e-9));
     double sin_x = 0, cos_x = 1, sin_y = 0, cos_y = 1, sine = 0, cosine = 1;
     exact::sin_cos(array.tilt_x_rad, sin_x, cos_x);
     exact::sin_cos(array.tilt_y_rad, sin_y, cos_y);
@@ -28,8 +33,8 @@ ArrayGeometry::ArrayGeometry(const Scene& scene) : extents_(scene.camera.extents
     const double pitches_a_focal = array.focal_um > 0 ? array.pitch_um / array.focal_um : 0;
     nearer_x_ = sin_y / cos_y * pitches_a_focal, nearer_y_ = sin_x / cos_x * pitches_a_focal;
     dead_share_ = array.dead_share, dead_ = array.dead, seed_ = scene.seed;
-    plain_ = !hexagonal_ && pitch_px_ == extents_.i && array.rotation_rad == 0 && array.tilt_x_rad == 0 && array.tilt_y_rad == 0 && distortion_ == 0 &&
-             offset_x_ == 0 && offset_y_ == 0;
+    plain_ = !hexagonal_ && pitch_px_ == extents_.i && array.rotation_rad == 0 && array.tilt_x_rad == 0 &&
+        array.tilt_y_rad == 0 && distortion_ == 0 && offset_x_ == 0 && offset_y_ == 0;
 }
 
 ArrayGeometry::Point ArrayGeometry::from_middle(int m, int n) const {
@@ -71,8 +76,12 @@ ArrayGeometry::Point ArrayGeometry::to_lattice(const Point& place_mm) const {
 
 bool ArrayGeometry::is_dead(int m, int n) const {
     constexpr std::uint32_t kPurpose = 7;
-    if (dead_share_ > 0 && Noise(seed_, static_cast<std::uint64_t>(n) * 65536 + static_cast<std::uint64_t>(m), kPurpose).uniform() < dead_share_) return true;
-    return std::any_of(dead_.begin(), dead_.end(), [&](const LensletArray::Lenslet& d) { return d.m == m && d.n == n; });
+    if (dead_share_ > 0 &&
+        Noise(seed_, static_cast<std::uint64_t>(n) * 65536 + static_cast<std::uint64_t>(m), kPurpose).uniform() <
+            dead_share_)
+        return true;
+    return std::any_of(dead_.begin(), dead_.end(),
+                       [&](const LensletArray::Lenslet& d) { return d.m == m && d.n == n; });
 }
 
 }  // namespace hord::sim

@@ -1,10 +1,10 @@
 // The light-field camera's view of the part: which ray belongs to which lenslet and bin.
 //
-// A 4f relay with the source at infinity maps equal slopes to equal offsets behind every lenslet (the paper's Fig. 2), so
-// bin (i,j) of lenslet (m,n) is a cell of a regular grid in four dimensions: position on the measurement plane, slope there.
-// A conventional plenoptic camera images the plane onto the lenslets through one lens, focal length f, at distance g. A ray from x
-// with slope u arrives with slope u (1 - g/f) - x/f there: in units of the offset that a slope makes on the axis, u + x / (g - f).
-// Offsets depend on the place (Fig. 1).
+// A 4f relay with the source at infinity maps equal slopes to equal offsets behind every lenslet (the paper's Fig. 2),
+// so bin (i,j) of lenslet (m,n) is a cell of a regular grid in four dimensions: position on the measurement plane,
+// slope there. A conventional plenoptic camera images the plane onto the lenslets through one lens, focal length f, at
+// distance g. A ray from x with slope u arrives with slope u (1 - g/f) - x/f there: in units of the offset that a slope
+// makes on the axis, u + x / (g - f). Offsets depend on the place (Fig. 1).
 #pragma once
 
 #include "hal_sim/optics/array_geometry.h"
@@ -39,7 +39,8 @@ class CameraGeometry {
 
     // To the part's frame, and the slope of the light back from it.
     [[nodiscard]] CameraRay to_part(double x_mm, double y_mm, double u_bins, double v_bins) const {
-        const double x = x_mm - shift_x_, y = y_mm - shift_y_, u = (u_bins - offset(x_mm)) * bin_rad_, v = (v_bins - offset(y_mm)) * bin_rad_;
+        const double x = x_mm - shift_x_, y = y_mm - shift_y_, u = (u_bins - offset(x_mm)) * bin_rad_,
+                     v = (v_bins - offset(y_mm)) * bin_rad_;
         return {cosine_ * x + sine_ * y, cosine_ * y - sine_ * x, cosine_ * u + sine_ * v, cosine_ * v - sine_ * u};
     }
     // Of undeflected light behind a lenslet at this place, bins; 0 everywhere in the 4f camera.

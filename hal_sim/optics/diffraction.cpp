@@ -20,7 +20,8 @@ double sinc_squared(double x) {
 // Gauss and Legendre's five points over [a, b].
 template <class F>
 double five_points(double a, double b, const F& f) {
-    constexpr double at[] = {0.90617984593866399, 0.53846931010568309}, weight[] = {0.23692688505618909, 0.47862867049936647};
+    constexpr double at[] = {0.90617984593866399, 0.53846931010568309},
+                     weight[] = {0.23692688505618909, 0.47862867049936647};
     const double middle = 0.5 * (a + b), half = 0.5 * (b - a);
     double sum = 0.56888888888888889 * f(middle);
     for (int k = 0; k < 2; ++k) sum += weight[k] * (f(middle - half * at[k]) + f(middle + half * at[k]));
@@ -29,15 +30,17 @@ double five_points(double a, double b, const F& f) {
 
 }  // namespace
 
-Diffraction::Diffraction(double first_zero, double step, int most_cells) : split_(std::max(1, static_cast<int>(std::ceil(step / kFinest - 1e-9)))) {
+Diffraction::Diffraction(double first_zero, double step, int most_cells)
+    : split_(std::max(1, static_cast<int>(std::ceil(step / kFinest - 1e-9)))) {
     const double narrow = step / split_;
     middle_ = split_ * most_cells;
     share_.resize(static_cast<std::size_t>(2 * middle_ + split_));
-    // With F the share of a point's light before x, the light of an even fine cell before an edge is a difference of its
-    // integral x F(x) - M(x), M(x) = integral of t sinc^2(t). All edges are multiples of a fine cell: both are summed up from 0.
+    // With F the share of a point's light before x, the light of an even fine cell before an edge is a difference of
+    // its integral x F(x) - M(x), M(x) = integral of t sinc^2(t). All edges are multiples of a fine cell: both are
+    // summed up from 0.
     const int edges = middle_ + 2 * split_ + 1;
     std::vector<double> integral(static_cast<std::size_t>(2 * edges + 1));  // at (k - edges) * narrow
-    double share = 0, moment = 0;                                            // from 0
+    double share = 0, moment = 0;                                           // from 0
     const double apart = narrow / first_zero;
     const int pieces = std::max(1, static_cast<int>(std::ceil(4 * apart)));
     for (int k = 0; k <= edges; ++k) {

@@ -5,8 +5,9 @@
 namespace hord::sim {
 namespace {
 
-constexpr std::array<std::string_view, kEffects> kNames{"fresnel",   "ghosts", "absorption", "dispersion", "diffraction",  "stop",     "vignetting", "crosstalk",
-                                                        "dust",      "motion", "photon-noise", "read-noise", "dark-current", "pedestal", "prnu",       "full-well"};
+constexpr std::array<std::string_view, kEffects> kNames{
+    "fresnel", "ghosts", "absorption",   "dispersion", "diffraction",  "stop",     "vignetting", "crosstalk",
+    "dust",    "motion", "photon-noise", "read-noise", "dark-current", "pedestal", "prnu",       "full-well"};
 
 }  // namespace
 
@@ -16,7 +17,7 @@ bool is_of_sensor(Effect effect) { return effect >= Effect::photon_noise; }
 
 bool is_dispersive(const Scene& scene) {
     return (scene.glass.abbe_number > 0 && !std::holds_alternative<NoPart>(scene.part)) ||
-           std::any_of(scene.defects.begin(), scene.defects.end(), [](const SceneDefect& defect) {
+        std::any_of(scene.defects.begin(), scene.defects.end(), [](const SceneDefect& defect) {
                const auto* inclusion = std::get_if<Inclusion>(&defect);
                return inclusion != nullptr && inclusion->abbe_number > 0;
            });

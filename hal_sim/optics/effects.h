@@ -1,7 +1,7 @@
 // The physical effects that a scene names: which they are, and the same scene without one of them.
 //
-// An effect is named by its parameters (docs/scene.md); what is not named is not computed. Quantisation and saturation at the
-// last DN belong to the sensor and are always there; defects are not effects.
+// An effect is named by its parameters (docs/scene.md); what is not named is not computed. Quantisation and saturation
+// at the last DN belong to the sensor and are always there; defects are not effects.
 #pragma once
 
 #include <array>

@@ -6,7 +6,8 @@
 
 namespace hord::sim::exact {
 
-double atan(double x);             // the Cephes rational approximation (S. Moshier, Methods and Programs for Mathematical Functions, 1989)
+double atan(
+    double x);  // the Cephes rational approximation (S. Moshier, Methods and Programs for Mathematical Functions, 1989)
 double atan2(double y, double x);  // (-pi, pi]; 0 at the origin
 double log(double x);              // x > 0, finite; by atanh's series on [sqrt(1/2), sqrt(2))
 double exp(double x);              // -700 < x < 700, clamped beyond; by Taylor's series on [-ln 2 / 2, ln 2 / 2]

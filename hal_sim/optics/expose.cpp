@@ -13,7 +13,8 @@ enum Purpose : std::uint32_t { kTemporal = 0, kGains = 1, kOffsets = 2 };
 // DN before rounding, of a pixel that light would fill to `dn`.
 class Sensor {
   public:
-    Sensor(const SensorNoise& noise, std::uint64_t seed) : noise_(noise), seed_(seed), dark_e_(noise.dark_e_per_s * noise.exposure_ms * 1e-3) {}
+    Sensor(const SensorNoise& noise, std::uint64_t seed)
+        : noise_(noise), seed_(seed), dark_e_(noise.dark_e_per_s * noise.exposure_ms * 1e-3) {}
 
     [[nodiscard]] double read(double dn, std::uint64_t pixel) const {
         if (noise_.prnu > 0) dn *= std::max(0.0, 1 + noise_.prnu * Noise(noise_.pattern_seed, pixel, kGains).normal());
@@ -37,7 +38,8 @@ class Sensor {
 
 }  // namespace
 
-algo::Frame expose(std::span<const float> light, int width_px, int height_px, const Scene& scene, std::uint64_t seed, double strength) {
+algo::Frame expose(std::span<const float> light, int width_px, int height_px, const Scene& scene, std::uint64_t seed,
+                   double strength) {
     algo::Frame frame(width_px, height_px, scene.camera.bits);
     const double top = frame.view().full_scale(), full = scene.camera.full_bin_dn * strength;
     const Sensor sensor(scene.noise, seed);

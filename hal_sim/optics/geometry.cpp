@@ -109,7 +109,8 @@ void Asphere::done() {
 }
 
 double next_crossing_of_others(const Surface& surface, const Ray& ray, bool inside, bool on_surface) {
-    return surface.shape == Surface::Shape::cone ? cone_crossing(surface, ray, inside, on_surface) : asphere_crossing(surface, ray, inside, on_surface);
+    return surface.shape == Surface::Shape::cone ? cone_crossing(surface, ray, inside, on_surface)
+                                                 : asphere_crossing(surface, ray, inside, on_surface);
 }
 
 bool is_inside(const Surface& surface, const Vec3& p) {
@@ -141,8 +142,8 @@ double crossing_error(const Surface& surface, const Ray& ray, double t) {
     if (surface.shape == Surface::Shape::plane) {
         return 4 * kRound * (length(f) / std::abs(dot(ray.direction, surface.axis)) + std::abs(t));
     }
-    // The point where the ray is said to cross is off the surface by the lengths' rounding; seen along the ray, that grows
-    // with the inverse cosine, and at a tangent it is the chord of a cap of that height.
+    // The point where the ray is said to cross is off the surface by the lengths' rounding; seen along the ray, that
+    // grows with the inverse cosine, and at a tangent it is the chord of a cap of that height.
     const double size = length(f) + surface.radius, height = 8 * kRound * size;
     const double cosine = std::abs(dot(ray.direction, foot_of(surface, ray.origin + t * ray.direction).normal));
     const double chord = std::sqrt(2 * (surface.shape >= Surface::Shape::cone ? size : surface.radius) * height);
@@ -159,10 +160,12 @@ Foot foot_of(const Surface& surface, const Vec3& p) {
             const auto [height, slope] = surface.asphere->at(dot(g, g));
             return {p + (height - h) * surface.axis, unit(surface.axis - (2 * slope) * g)};
         }
-        const double cosine = 1 / std::sqrt(1 + surface.radius * surface.radius), sine = surface.radius * cosine, across = length(g);
+        const double cosine = 1 / std::sqrt(1 + surface.radius * surface.radius), sine = surface.radius * cosine,
+                     across = length(g);
         const Vec3 outwards = across > 0 ? (1 / across) * g : Vec3{};
         const double along = across * sine + h * cosine;  // from the apex along the wall
-        return {surface.point + (along * cosine) * surface.axis + (along * sine) * outwards, cosine * outwards - sine * surface.axis};
+        return {surface.point + (along * cosine) * surface.axis + (along * sine) * outwards,
+                cosine * outwards - sine * surface.axis};
     }
     Vec3 centre = surface.point, out = f;
     if (surface.shape == Surface::Shape::cylinder) {

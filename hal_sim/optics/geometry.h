@@ -37,17 +37,19 @@ struct Rigid {
     Vec3 shift;
     [[nodiscard]] Vec3 turn(const Vec3& v) const { return v.x * x + v.y * y + v.z * z; }
     [[nodiscard]] Vec3 operator()(const Vec3& p) const { return turn(p) + shift; }
-    [[nodiscard]] Rigid operator*(const Rigid& first) const { return {turn(first.x), turn(first.y), turn(first.z), (*this)(first.shift)}; }
+    [[nodiscard]] Rigid operator*(const Rigid& first) const {
+        return {turn(first.x), turn(first.y), turn(first.z), (*this)(first.shift)};
+    }
     static Rigid of(const Vec3& position, const Vec3& rotation_rad);
 };
 
-// An asphere's height over its vertex plane, by the squared distance w from its axis, s(w) = c w / (1 + sqrt(1 - (1 + k) c^2 w)) +
-// a4 w^2 + a6 w^3 ...; beyond its rim it goes on straight in w, with the slope that it has there.
+// An asphere's height over its vertex plane, by the squared distance w from its axis, s(w) = c w / (1 + sqrt(1 - (1 +
+// k) c^2 w)) + a4 w^2 + a6 w^3 ...; beyond its rim it goes on straight in w, with the slope that it has there.
 struct Asphere {
     double curvature = 0, conic = 0;
-    std::vector<double> coefficients;  // of r^4, r^6, ... mm^-3, mm^-5, ...
-    double rim = 0;                    // w
-    double reach = kNever;             // from the vertex; crossings further off are not looked for
+    std::vector<double> coefficients;   // of r^4, r^6, ... mm^-3, mm^-5, ...
+    double rim = 0;                     // w
+    double reach = kNever;              // from the vertex; crossings further off are not looked for
     double steepest = 0, sharpest = 0;  // bounds on |s'| and |s''|; by done()
     void done();
     struct At {
@@ -79,13 +81,15 @@ bool is_inside(const Surface& surface, const Vec3& p);
 
 constexpr double kAlongAxis = 1e-30;  // squared sine to a cylinder's axis below which the ray never reaches its wall
 
-// How far along the ray the next crossing is (t >= 0; kNever) of a ray that is inside or outside (`inside`) and may start on
-// the surface (`on_surface`: it has just crossed it, into the side told by `inside`, or been reflected on that side).
-// Sphere: E. Haines et al., "Precision Improvements for Ray/Sphere Intersection", Ray Tracing Gems (2019), chapter 7.
+// How far along the ray the next crossing is (t >= 0; kNever) of a ray that is inside or outside (`inside`) and may
+// start on the surface (`on_surface`: it has just crossed it, into the side told by `inside`, or been reflected on that
+// side). Sphere: E. Haines et al., "Precision Improvements for Ray/Sphere Intersection", Ray Tracing Gems (2019),
+// chapter 7.
 inline double next_crossing(const Surface& surface, const Ray& ray, bool inside, bool on_surface);
 
-// next_crossing of cones and aspheres. A cone's roots are those of its quadric that lie on its nappe. An asphere's is approached
-// in steps that cannot pass it, by the bound on the second derivative along the ray, and that converge like Newton's.
+// next_crossing of cones and aspheres. A cone's roots are those of its quadric that lie on its nappe. An asphere's is
+// approached in steps that cannot pass it, by the bound on the second derivative along the ray, and that converge like
+// Newton's.
 double next_crossing_of_others(const Surface& surface, const Ray& ray, bool inside, bool on_surface);
 
 // How far off that may be, for the ray as given (first-order bound): |t - true t| <= this.

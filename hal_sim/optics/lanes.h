@@ -1,5 +1,5 @@
-// Numbers side by side, a ray each: two vectors of the machine's, so that one may wait for its square root while the other goes on.
-// Operators as of double; comparisons give masks, pick() chooses by them. For kernels' .cpp files only.
+// Numbers side by side, a ray each: two vectors of the machine's, so that one may wait for its square root while the
+// other goes on. Operators as of double; comparisons give masks, pick() chooses by them. For kernels' .cpp files only.
 #pragma once
 
 #include <cstdint>
@@ -27,16 +27,26 @@ template <class D>
 constexpr unsigned kCount = sizeof(D) / sizeof(double);
 
 template <class V>
-HORD_ALWAYS_INLINE Two<V> operator-(const Two<V>& x) { return {-x.a, -x.b}; }
+HORD_ALWAYS_INLINE Two<V> operator-(const Two<V>& x) {
+    return {-x.a, -x.b};
+}
 template <class V>
-HORD_ALWAYS_INLINE Two<V> operator~(const Two<V>& x) { return {~x.a, ~x.b}; }
-#define HORD_LANES_OPERATOR(OP)                                                                       \
-    template <class V>                                                                                \
-    HORD_ALWAYS_INLINE auto operator OP(const Two<V>& x, const Two<V>& y) { return Two<decltype(x.a OP y.a)>{x.a OP y.a, x.b OP y.b}; } \
-    template <class V>                                                                                \
-    HORD_ALWAYS_INLINE auto operator OP(double x, const Two<V>& y) { return Two<decltype(x OP y.a)>{x OP y.a, x OP y.b}; }              \
-    template <class V>                                                                                \
-    HORD_ALWAYS_INLINE auto operator OP(const Two<V>& x, double y) { return Two<decltype(x.a OP y)>{x.a OP y, x.b OP y}; }
+HORD_ALWAYS_INLINE Two<V> operator~(const Two<V>& x) {
+    return {~x.a, ~x.b};
+}
+#define HORD_LANES_OPERATOR(OP)                                             \
+    template <class V>                                                      \
+    HORD_ALWAYS_INLINE auto operator OP(const Two<V>& x, const Two<V>& y) { \
+        return Two<decltype(x.a OP y.a)>{x.a OP y.a, x.b OP y.b};           \
+    }                                                                       \
+    template <class V>                                                      \
+    HORD_ALWAYS_INLINE auto operator OP(double x, const Two<V>& y) {        \
+        return Two<decltype(x OP y.a)>{x OP y.a, x OP y.b};                 \
+    }                                                                       \
+    template <class V>                                                      \
+    HORD_ALWAYS_INLINE auto operator OP(const Two<V>& x, double y) {        \
+        return Two<decltype(x.a OP y)>{x.a OP y, x.b OP y};                 \
+    }
 HORD_LANES_OPERATOR(+)
 HORD_LANES_OPERATOR(-)
 HORD_LANES_OPERATOR(*)
@@ -48,14 +58,22 @@ HORD_LANES_OPERATOR(>=)
 HORD_LANES_OPERATOR(==)
 #undef HORD_LANES_OPERATOR
 template <class V>
-HORD_ALWAYS_INLINE Two<V> operator&(const Two<V>& x, const Two<V>& y) { return {x.a & y.a, x.b & y.b}; }
+HORD_ALWAYS_INLINE Two<V> operator&(const Two<V>& x, const Two<V>& y) {
+    return {x.a & y.a, x.b & y.b};
+}
 template <class V>
-HORD_ALWAYS_INLINE Two<V> operator|(const Two<V>& x, const Two<V>& y) { return {x.a | y.a, x.b | y.b}; }
+HORD_ALWAYS_INLINE Two<V> operator|(const Two<V>& x, const Two<V>& y) {
+    return {x.a | y.a, x.b | y.b};
+}
 
 template <class M, class V>
-HORD_ALWAYS_INLINE Two<V> pick(const Two<M>& mask, const Two<V>& yes, const Two<V>& no) { return {mask.a ? yes.a : no.a, mask.b ? yes.b : no.b}; }
+HORD_ALWAYS_INLINE Two<V> pick(const Two<M>& mask, const Two<V>& yes, const Two<V>& no) {
+    return {mask.a ? yes.a : no.a, mask.b ? yes.b : no.b};
+}
 template <class D>
-HORD_ALWAYS_INLINE D all(double x) { return {x - decltype(D::a){}, x - decltype(D::a){}}; }
+HORD_ALWAYS_INLINE D all(double x) {
+    return {x - decltype(D::a){}, x - decltype(D::a){}};
+}
 
 template <class V>
 HORD_ALWAYS_INLINE V root_of(const V& x) {
@@ -64,13 +82,19 @@ HORD_ALWAYS_INLINE V root_of(const V& x) {
     return out;
 }
 template <class V>
-HORD_ALWAYS_INLINE Two<V> root(const Two<V>& x) { return {root_of(x.a), root_of(x.b)}; }
+HORD_ALWAYS_INLINE Two<V> root(const Two<V>& x) {
+    return {root_of(x.a), root_of(x.b)};
+}
 template <class D>
-HORD_ALWAYS_INLINE D not_negative(const D& x) { return pick(x < 0, D{}, x); }  // std::max(x, 0.0)
+HORD_ALWAYS_INLINE D not_negative(const D& x) {
+    return pick(x < 0, D{}, x);
+}  // std::max(x, 0.0)
 
 // Bit k: lane k's.
 #if defined(__x86_64__)
-inline unsigned bits_of(const algo::Vector<std::int64_t, 16>& mask) { return static_cast<unsigned>(_mm_movemask_pd(reinterpret_cast<__m128d>(mask))); }
+inline unsigned bits_of(const algo::Vector<std::int64_t, 16>& mask) {
+    return static_cast<unsigned>(_mm_movemask_pd(reinterpret_cast<__m128d>(mask)));
+}
 [[gnu::target("avx2")]] inline unsigned bits_of(const algo::Vector<std::int64_t, 32>& mask) {
     return static_cast<unsigned>(_mm256_movemask_pd(reinterpret_cast<__m256d>(mask)));
 }
@@ -86,7 +110,9 @@ HORD_ALWAYS_INLINE unsigned bits_of(const V& mask) {
 }
 #endif
 template <class V>
-HORD_ALWAYS_INLINE unsigned bits(const Two<V>& mask) { return bits_of(mask.a) | bits_of(mask.b) << (kCount<Two<V>> / 2); }
+HORD_ALWAYS_INLINE unsigned bits(const Two<V>& mask) {
+    return bits_of(mask.a) | bits_of(mask.b) << (kCount<Two<V>> / 2);
+}
 
 // Vec3's, a lane each; the operators of geometry.h.
 template <class D>
@@ -99,29 +125,49 @@ struct Vec3s {
     }
 };
 template <class D>
-HORD_ALWAYS_INLINE Vec3s<D> operator+(const Vec3s<D>& a, const Vec3s<D>& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+HORD_ALWAYS_INLINE Vec3s<D> operator+(const Vec3s<D>& a, const Vec3s<D>& b) {
+    return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
 template <class D>
-HORD_ALWAYS_INLINE Vec3s<D> operator-(const Vec3s<D>& a, const Vec3s<D>& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+HORD_ALWAYS_INLINE Vec3s<D> operator-(const Vec3s<D>& a, const Vec3s<D>& b) {
+    return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
 template <class D>
-HORD_ALWAYS_INLINE Vec3s<D> operator-(const Vec3s<D>& a, const Vec3& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+HORD_ALWAYS_INLINE Vec3s<D> operator-(const Vec3s<D>& a, const Vec3& b) {
+    return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
 template <class D>
-HORD_ALWAYS_INLINE Vec3s<D> operator+(const Vec3& a, const Vec3s<D>& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+HORD_ALWAYS_INLINE Vec3s<D> operator+(const Vec3& a, const Vec3s<D>& b) {
+    return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
 template <class D>
-HORD_ALWAYS_INLINE Vec3s<D> operator*(const D& k, const Vec3s<D>& a) { return {k * a.x, k * a.y, k * a.z}; }
+HORD_ALWAYS_INLINE Vec3s<D> operator*(const D& k, const Vec3s<D>& a) {
+    return {k * a.x, k * a.y, k * a.z};
+}
 template <class D>
-HORD_ALWAYS_INLINE Vec3s<D> operator*(const D& k, const Vec3& a) { return {k * a.x, k * a.y, k * a.z}; }
+HORD_ALWAYS_INLINE Vec3s<D> operator*(const D& k, const Vec3& a) {
+    return {k * a.x, k * a.y, k * a.z};
+}
 template <class D>
-HORD_ALWAYS_INLINE Vec3s<D> operator*(double k, const Vec3s<D>& a) { return {k * a.x, k * a.y, k * a.z}; }
+HORD_ALWAYS_INLINE Vec3s<D> operator*(double k, const Vec3s<D>& a) {
+    return {k * a.x, k * a.y, k * a.z};
+}
 template <class D>
-HORD_ALWAYS_INLINE D dot(const Vec3s<D>& a, const Vec3s<D>& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+HORD_ALWAYS_INLINE D dot(const Vec3s<D>& a, const Vec3s<D>& b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
 template <class D>
-HORD_ALWAYS_INLINE D dot(const Vec3s<D>& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+HORD_ALWAYS_INLINE D dot(const Vec3s<D>& a, const Vec3& b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
 template <class M, class D>
 HORD_ALWAYS_INLINE Vec3s<D> pick(const M& mask, const Vec3s<D>& yes, const Vec3s<D>& no) {
     return {pick(mask, yes.x, no.x), pick(mask, yes.y, no.y), pick(mask, yes.z, no.z)};
 }
 template <class D>
-HORD_ALWAYS_INLINE Vec3s<D> unit(const Vec3s<D>& a) { return (1 / root(dot(a, a))) * a; }
+HORD_ALWAYS_INLINE Vec3s<D> unit(const Vec3s<D>& a) {
+    return (1 / root(dot(a, a))) * a;
+}
 
 template <class D>
 struct Rays {
@@ -164,7 +210,8 @@ HORD_ALWAYS_INLINE D next_crossing(const Surface& surface, const Rays<D>& ray, b
         case Surface::Shape::plane: {
             if (on_surface) return all<D>(kNever);
             const D towards = dot(d, surface.axis);
-            return pick(inside ? towards <= 0 : towards >= 0, all<D>(kNever), not_negative(-dot(f, surface.axis) / towards));
+            return pick(inside ? towards <= 0 : towards >= 0, all<D>(kNever),
+                        not_negative(-dot(f, surface.axis) / towards));
         }
         case Surface::Shape::sphere: {
             const D b = -dot(f, d);
@@ -181,12 +228,14 @@ HORD_ALWAYS_INLINE D next_crossing(const Surface& surface, const Rays<D>& ray, b
             const D b = -dot(g, e);
             if (on_surface) return pick(along, all<D>(kNever), not_negative(2 * b / a));
             const Vec3s<D> closest = g + (b / a) * e;
-            return pick(along, all<D>(kNever), convex_crossing(a, b, dot(g, g) - r * r, r * r - dot(closest, closest), inside));
+            return pick(along, all<D>(kNever),
+                        convex_crossing(a, b, dot(g, g) - r * r, r * r - dot(closest, closest), inside));
         }
         default: break;
     }
     double out[kCount<D>];
-    for (unsigned k = 0; k < kCount<D>; ++k) out[k] = next_crossing_of_others(surface, {ray.origin.at(k), d.at(k)}, inside, on_surface);
+    for (unsigned k = 0; k < kCount<D>; ++k)
+        out[k] = next_crossing_of_others(surface, {ray.origin.at(k), d.at(k)}, inside, on_surface);
     return algo::load<D>(out);
 }
 
@@ -231,7 +280,8 @@ HORD_ALWAYS_INLINE Feet<D> foot_of(const Surface& surface, const Vec3s<D>& p) {
     const Vec3s<D> f = p - surface.point;
     switch (surface.shape) {
         case Surface::Shape::plane:
-            return {p - dot(f, surface.axis) * surface.axis, {all<D>(surface.axis.x), all<D>(surface.axis.y), all<D>(surface.axis.z)}};
+            return {p - dot(f, surface.axis) * surface.axis,
+                    {all<D>(surface.axis.x), all<D>(surface.axis.y), all<D>(surface.axis.z)}};
         case Surface::Shape::sphere: {
             const Vec3s<D> normal = unit(f);
             return {surface.point + surface.radius * normal, normal};
@@ -249,7 +299,8 @@ HORD_ALWAYS_INLINE Feet<D> foot_of(const Surface& surface, const Vec3s<D>& p) {
         out[0][k] = point.x, out[1][k] = point.y, out[2][k] = point.z;
         out[3][k] = normal.x, out[4][k] = normal.y, out[5][k] = normal.z;
     }
-    return {{algo::load<D>(out[0]), algo::load<D>(out[1]), algo::load<D>(out[2])}, {algo::load<D>(out[3]), algo::load<D>(out[4]), algo::load<D>(out[5])}};
+    return {{algo::load<D>(out[0]), algo::load<D>(out[1]), algo::load<D>(out[2])},
+            {algo::load<D>(out[3]), algo::load<D>(out[4]), algo::load<D>(out[5])}};
 }
 
 }  // namespace hord::sim::lanes

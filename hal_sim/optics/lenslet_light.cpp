@@ -7,25 +7,27 @@
 namespace hord::sim {
 namespace {
 
-constexpr double kSampled = 0.25;        // share of a bin: a smaller cell that is not smooth is sampled
-constexpr double kSampledNear = 0.01;    // the same, next to a defect
-constexpr double kRays = 500;            // a bin, in sampled cells
-constexpr double kRaysNear = 3000;       // the same, next to a defect
-constexpr double kSampledEdge = 0.05;    // the same, where the edge of an obstacle runs through it
+constexpr double kSampled = 0.25;      // share of a bin: a smaller cell that is not smooth is sampled
+constexpr double kSampledNear = 0.01;  // the same, next to a defect
+constexpr double kRays = 500;          // a bin, in sampled cells
+constexpr double kRaysNear = 3000;     // the same, next to a defect
+constexpr double kSampledEdge = 0.05;  // the same, where the edge of an obstacle runs through it
 constexpr double kRaysEdge = 2000;
 constexpr int kFewestRays = 16;
-constexpr double kGhostly = 0.01;        // how much less closely ghosts are looked at: they hold less than a hundredth of the light
-constexpr double kStraight = 0.01;       // bins: bent more than this besides linearly, a cell is not smooth
-constexpr double kEven = 0.01;           // the same for the light's weight
-constexpr double kUniform = 1e-4;        // the same, for a cell whose box is wider than the light in it
-constexpr double kShift = 0.7;           // bins: a smooth cell over which the source moves further is halved
-constexpr double kFocus = 1.2;           // bins: half sides of a box of slopes in which edges are looked for
-constexpr int kMirrorRays = 256;         // of a lenslet on a rim, for light reflected by a wall; so many times, where there is some
+constexpr double kGhostly =
+    0.01;  // how much less closely ghosts are looked at: they hold less than a hundredth of the light
+constexpr double kStraight = 0.01;  // bins: bent more than this besides linearly, a cell is not smooth
+constexpr double kEven = 0.01;      // the same for the light's weight
+constexpr double kUniform = 1e-4;   // the same, for a cell whose box is wider than the light in it
+constexpr double kShift = 0.7;      // bins: a smooth cell over which the source moves further is halved
+constexpr double kFocus = 1.2;      // bins: half sides of a box of slopes in which edges are looked for
+constexpr int kMirrorRays =
+    256;  // of a lenslet on a rim, for light reflected by a wall; so many times, where there is some
 constexpr int kMirrorBatches = 4;
-constexpr double kMirrorNear = 0.5;      // bins: this close to the source, they say that there is some
+constexpr double kMirrorNear = 0.5;  // bins: this close to the source, they say that there is some
 
-// The additive recurrence of the root of x^5 = x + 1: evenly spread points in four dimensions (M. Roberts, "The unreasonable
-// effectiveness of quasirandom sequences", 2018).
+// The additive recurrence of the root of x^5 = x + 1: evenly spread points in four dimensions (M. Roberts, "The
+// unreasonable effectiveness of quasirandom sequences", 2018).
 constexpr double kStep[4] = {0.85667488385450287, 0.73389185662712604, 0.62870672103780871, 0.53859725722361015};
 
 constexpr int kAxes = 4;  // x, y, u, v
@@ -88,7 +90,9 @@ struct Samples {
         return worst;
     }
     // How far the source moves over half the cell.
-    [[nodiscard]] double shift() const { return std::hypot(effect(s, 0), effect(t, 0)) + std::hypot(effect(s, 1), effect(t, 1)); }
+    [[nodiscard]] double shift() const {
+        return std::hypot(effect(s, 0), effect(t, 0)) + std::hypot(effect(s, 1), effect(t, 1));
+    }
     // What half a side of the cell along an axis changes.
     [[nodiscard]] double effect(const double* of, int axis) const {
         double sum = 0;
@@ -101,7 +105,8 @@ bool is_smooth(const Samples& samples) {
     return samples.bent() < kStraight && samples.uneven() < kEven && samples.shift() < kShift;
 }
 
-// Where a cell's sequence of points begins: elsewhere in every cell, so that their errors are not alike and do not add up.
+// Where a cell's sequence of points begins: elsewhere in every cell, so that their errors are not alike and do not add
+// up.
 void shifted_start(const Cell& cell, double (&at)[kAxes]) {
     const auto bits = [](double value) { return std::bit_cast<std::uint64_t>(value); };
     std::uint64_t hash = 0;
@@ -136,7 +141,9 @@ struct Line {
 std::vector<Line> spectrum_of(const Collimator& source) {
     if (!(source.bandwidth_nm > 0)) return {{source.wavelength_nm, 1}};
     const double off = 0.77459666924148338 * 0.5 * source.bandwidth_nm;
-    return {{source.wavelength_nm - off, 5.0 / 18}, {source.wavelength_nm, 8.0 / 18}, {source.wavelength_nm + off, 5.0 / 18}};
+    return {{source.wavelength_nm - off, 5.0 / 18},
+            {source.wavelength_nm, 8.0 / 18},
+            {source.wavelength_nm + off, 5.0 / 18}};
 }
 
 }  // namespace
@@ -149,7 +156,8 @@ LensletLight::LensletLight(const Scene& scene, const SlopeGrid& grid)
         for (const auto& known : optics_) {
             if (same || known->wavelength_nm == wavelength_nm) return known.get();
         }
-        auto made = std::make_unique<Optics>(Optics{wavelength_nm, body_of(scene, true, wavelength_nm), body_of(scene, false, wavelength_nm), nullptr});
+        auto made = std::make_unique<Optics>(
+            Optics{wavelength_nm, body_of(scene, true, wavelength_nm), body_of(scene, false, wavelength_nm), nullptr});
         made->clean.low = made->body.low;
         made->clean.high = made->body.high;
         if (scene.effects.diffraction) {
@@ -173,21 +181,24 @@ LensletLight::LensletLight(const Scene& scene, const SlopeGrid& grid)
             for (int k = 0; k < places; ++k) {
                 const double moved = (k + 0.5) / places - 0.5;
                 for (const Ghost& way : ways) {
-                    passes_.push_back({optics, source.direction_x_rad / bin_rad_, source.direction_y_rad / bin_rad_, source.radius_rad / bin_rad_,
-                                       source.power * line.share / places, moved * scene.motion.way_x_mm(), moved * scene.motion.way_y_mm(), way});
+                    passes_.push_back({optics, source.direction_x_rad / bin_rad_, source.direction_y_rad / bin_rad_,
+                                       source.radius_rad / bin_rad_, source.power * line.share / places,
+                                       moved * scene.motion.way_x_mm(), moved * scene.motion.way_y_mm(), way});
                 }
             }
         }
     }
-    std::stable_sort(passes_.begin(), passes_.end(), [](const Pass& a, const Pass& b) { return a.optics->wavelength_nm < b.optics->wavelength_nm; });
+    std::stable_sort(passes_.begin(), passes_.end(),
+                     [](const Pass& a, const Pass& b) { return a.optics->wavelength_nm < b.optics->wavelength_nm; });
 }
 
 // One pass over one lenslet.
 class LensletLight::Gathering {
   public:
     Gathering(const LensletLight& in, const Pass& pass, const SlopeGrid& grid, const Cell& whole, double* cells)
-        : camera_(in.camera_), obstacles_(in.obstacles_), body_(pass.optics->body), clean_(pass.optics->clean), pass_(pass),
-          bin_rad_(in.bin_rad_), importance_(pass.ghost.is_one() ? kGhostly : 1), grid_(grid), whole_(whole), cells_(cells) {}
+        : camera_(in.camera_), obstacles_(in.obstacles_), body_(pass.optics->body), clean_(pass.optics->clean),
+          pass_(pass), bin_rad_(in.bin_rad_), importance_(pass.ghost.is_one() ? kGhostly : 1), grid_(grid),
+          whole_(whole), cells_(cells) {}
 
     void collect(const std::vector<const Feature*>& near) { collect(whole_, near); }
 
@@ -199,9 +210,12 @@ class LensletLight::Gathering {
     };
     void collect(const Cell& cell, const std::vector<const Feature*>& near);
     void look_for_mirrors(const Cell& whole);
-    [[nodiscard]] CameraRay ray_at(double x, double y, double u, double v) const { return camera_.to_part(x - pass_.shift_x, y - pass_.shift_y, u, v); }
+    [[nodiscard]] CameraRay ray_at(double x, double y, double u, double v) const {
+        return camera_.to_part(x - pass_.shift_x, y - pass_.shift_y, u, v);
+    }
     [[nodiscard]] Samples sample(const Cell& cell) const;
-    void keep_near(const Cell& cell, const std::vector<const Feature*>& before, std::vector<const Feature*>& near) const;
+    void keep_near(const Cell& cell, const std::vector<const Feature*>& before,
+                   std::vector<const Feature*>& near) const;
     [[nodiscard]] SlopeBox shrink(const Cell& cell, const Samples& samples) const;
     void add_smooth(const Cell& cell, const SlopeBox& lit, const Samples& samples, double transmission);
     void add_sampled(const Cell& cell, double rays_per_bin);
@@ -220,9 +234,11 @@ class LensletLight::Gathering {
     std::vector<Mirror> mirrors_;
 };
 
-void LensletLight::collect(const CameraGeometry::Place& lenslet, const SlopeGrid& grid, const SlopeBox& range, double* cells) const {
+void LensletLight::collect(const CameraGeometry::Place& lenslet, const SlopeGrid& grid, const SlopeBox& range,
+                           double* cells) const {
     std::fill_n(cells, grid.cells(), 0.0);
-    const Cell whole{lenslet.x_mm, lenslet.y_mm, lenslet.half_x_mm, lenslet.half_y_mm, range, 4 * lenslet.half_x_mm * lenslet.half_y_mm};
+    const Cell whole{lenslet.x_mm,      lenslet.y_mm, lenslet.half_x_mm,
+                     lenslet.half_y_mm, range,        4 * lenslet.half_x_mm * lenslet.half_y_mm};
     std::vector<const Feature*> near;
     std::vector<double> fine;
     for (std::size_t k = 0; k < passes_.size(); ++k) {
@@ -236,7 +252,8 @@ void LensletLight::collect(const CameraGeometry::Place& lenslet, const SlopeGrid
         const SlopeGrid sharp = pass.optics->diffraction->fine(grid);
         if (k == 0 || passes_[k - 1].optics != pass.optics) fine.assign(static_cast<std::size_t>(sharp.cells()), 0.0);
         Gathering(*this, pass, sharp, whole, fine.data()).collect(near);
-        if (k + 1 == passes_.size() || passes_[k + 1].optics != pass.optics) pass.optics->diffraction->blur(grid, fine.data(), cells);
+        if (k + 1 == passes_.size() || passes_[k + 1].optics != pass.optics)
+            pass.optics->diffraction->blur(grid, fine.data(), cells);
     }
 }
 
@@ -270,7 +287,8 @@ Samples LensletLight::Gathering::sample(const Cell& cell) const {
 }
 
 // Those features that a ray of the cell may meet, judged by the clean part's way of its central ray.
-void LensletLight::Gathering::keep_near(const Cell& cell, const std::vector<const Feature*>& before, std::vector<const Feature*>& near) const {
+void LensletLight::Gathering::keep_near(const Cell& cell, const std::vector<const Feature*>& before,
+                                        std::vector<const Feature*>& near) const {
     if (before.empty()) return;
     Way way;
     trace(clean_, ray_at(cell.x, cell.y, cell.u(), cell.v()), &way, pass_.ghost);
@@ -292,8 +310,8 @@ void LensletLight::Gathering::keep_near(const Cell& cell, const std::vector<cons
 SlopeBox LensletLight::Gathering::shrink(const Cell& cell, const Samples& samples) const {
     const auto lit = [&](double u0, double u1, double v0, double v1) {
         const double r = pass_.radius, s = pass_.s, t = pass_.t;
-        return SlopeBox{std::max(cell.box.u0, s - u1 - r), std::min(cell.box.u1, s - u0 + r), std::max(cell.box.v0, t - v1 - r),
-                        std::min(cell.box.v1, t - v0 + r)};
+        return SlopeBox{std::max(cell.box.u0, s - u1 - r), std::min(cell.box.u1, s - u0 + r),
+                        std::max(cell.box.v0, t - v1 - r), std::min(cell.box.v1, t - v0 + r)};
     };
     if (samples.one_path) {  // the four effects, and what they do not explain
         if (samples.path[0] == 0) return {};
@@ -307,12 +325,13 @@ SlopeBox LensletLight::Gathering::shrink(const Cell& cell, const Samples& sample
         return lit(u - du - more, u + du + more, v - dv - more, v + dv + more);
     }
     // Light that meets nothing may pass any edge; as seen, it comes from where the camera puts it.
-    SlopeBox all = lit(-camera_.offset(cell.x + cell.hx) - 0.1, -camera_.offset(cell.x - cell.hx) + 0.1, -camera_.offset(cell.y + cell.hy) - 0.1,
-                       -camera_.offset(cell.y - cell.hy) + 0.1);
+    SlopeBox all = lit(-camera_.offset(cell.x + cell.hx) - 0.1, -camera_.offset(cell.x - cell.hx) + 0.1,
+                       -camera_.offset(cell.y + cell.hy) - 0.1, -camera_.offset(cell.y - cell.hy) + 0.1);
     const auto add = [&](const SlopeBox& box) {
         if (box.is_empty()) return;
         all = all.is_empty() ? box
-                             : SlopeBox{std::min(all.u0, box.u0), std::max(all.u1, box.u1), std::min(all.v0, box.v0), std::max(all.v1, box.v1)};
+                             : SlopeBox{std::min(all.u0, box.u0), std::max(all.u1, box.u1), std::min(all.v0, box.v0),
+                                        std::max(all.v1, box.v1)};
     };
     for (int k = 0; k <= kCorners; ++k) {
         if (samples.path[k] == 0) continue;
@@ -330,14 +349,15 @@ SlopeBox LensletLight::Gathering::shrink(const Cell& cell, const Samples& sample
         add(lit(u0 - mu, u1 + mu, v0 - mv, v1 + mv));
     }
     for (const Mirror& mirror : mirrors_) {
-        add({std::max(cell.box.u0, mirror.lit.u0), std::min(cell.box.u1, mirror.lit.u1), std::max(cell.box.v0, mirror.lit.v0), std::min(cell.box.v1, mirror.lit.v1)});
+        add({std::max(cell.box.u0, mirror.lit.u0), std::min(cell.box.u1, mirror.lit.u1),
+             std::max(cell.box.v0, mirror.lit.v0), std::min(cell.box.v1, mirror.lit.v1)});
     }
     return all;
 }
 
-// Next to a wall along the light, some is reflected by it: a way between the free light and the glass's, too narrow for nine rays, and
-// in slopes far from theirs, for a mirror turns with the slope that it is seen with. Once a lenslet, and not near defects, whose cells are
-// small anyway.
+// Next to a wall along the light, some is reflected by it: a way between the free light and the glass's, too narrow for
+// nine rays, and in slopes far from theirs, for a mirror turns with the slope that it is seen with. Once a lenslet, and
+// not near defects, whose cells are small anyway.
 void LensletLight::Gathering::look_for_mirrors(const Cell& whole) {
     double u[kMirrorRays], v[kMirrorRays], at[kAxes];
     CameraRay rays[kMirrorRays];
@@ -348,7 +368,8 @@ void LensletLight::Gathering::look_for_mirrors(const Cell& whole) {
     for (int batch = 0; batch < kMirrorBatches && any; ++batch) {
         for (int k = 0; k < kMirrorRays; ++k) {
             step(at);
-            u[k] = whole.box.u0 + at[2] * (whole.box.u1 - whole.box.u0), v[k] = whole.box.v0 + at[3] * (whole.box.v1 - whole.box.v0);
+            u[k] = whole.box.u0 + at[2] * (whole.box.u1 - whole.box.u0),
+            v[k] = whole.box.v0 + at[3] * (whole.box.v1 - whole.box.v0);
             rays[k] = ray_at(whole.x + (2 * at[0] - 1) * whole.hx, whole.y + (2 * at[1] - 1) * whole.hy, u[k], v[k]);
         }
         trace_many(body_, rays, arrivals, pass_.ghost);
@@ -360,8 +381,10 @@ void LensletLight::Gathering::look_for_mirrors(const Cell& whole) {
             const double off = std::hypot(s - pass_.s, t - pass_.t);
             any = any || off < far;
             if (off > near) continue;
-            auto known = std::find_if(mirrors_.begin(), mirrors_.end(), [&](const Mirror& mirror) { return mirror.path == arrivals[k].path; });
-            if (known == mirrors_.end()) known = mirrors_.insert(known, {arrivals[k].path, {u[k], u[k], v[k], v[k]}, 0});
+            auto known = std::find_if(mirrors_.begin(), mirrors_.end(),
+                                      [&](const Mirror& mirror) { return mirror.path == arrivals[k].path; });
+            if (known == mirrors_.end())
+                known = mirrors_.insert(known, {arrivals[k].path, {u[k], u[k], v[k], v[k]}, 0});
             SlopeBox& lit = known->lit;
             lit = {std::min(lit.u0, u[k]), std::max(lit.u1, u[k]), std::min(lit.v0, v[k]), std::max(lit.v1, v[k])};
             ++known->rays;
@@ -397,26 +420,34 @@ void LensletLight::Gathering::collect(const Cell& cell, const std::vector<const 
 
     const Samples samples = sample(cell);
     // Rays of different paths in a wide box may have missed a third path between them: first find the lit slopes.
-    if (!samples.one_path && std::max(cell.hu(), cell.hv()) > kFocus) return halve(cell, cell.hu() >= cell.hv() ? 2 : 3, near);
-    if (!samples.one_path && near.empty() && !looked_ && !pass_.ghost.is_one()) looked_ = true, look_for_mirrors(whole_);
+    if (!samples.one_path && std::max(cell.hu(), cell.hv()) > kFocus)
+        return halve(cell, cell.hu() >= cell.hv() ? 2 : 3, near);
+    if (!samples.one_path && near.empty() && !looked_ && !pass_.ghost.is_one())
+        looked_ = true, look_for_mirrors(whole_);
     const SlopeBox lit = shrink(cell, samples);
     if (lit.is_empty()) return;
     const double transmission = obstacles_.empty() ? 1 : obstacles_.transmission(cell.x, cell.y, cell.hx, cell.hy, lit);
     if (transmission == 0) return;
     const bool edge = transmission < 0;  // of an obstacle
-    if (near.empty() && samples.one_path && !edge && samples.path[0] != kFreePath && is_smooth(samples) && samples.uneven() < kUniform) return add_smooth(cell, lit, samples, transmission);
+    if (near.empty() && samples.one_path && !edge && samples.path[0] != kFreePath && is_smooth(samples) &&
+        samples.uneven() < kUniform)
+        return add_smooth(cell, lit, samples, transmission);
     if (lit.area() < 0.6 * cell.box.area()) {
         Cell narrower = cell;
         narrower.box = lit;
         return collect(narrower, near);
     }
     if (samples.one_path && !edge && is_smooth(samples)) return add_smooth(cell, lit, samples, transmission);
-    if (edge ? weight < kSampledEdge : small) return add_sampled(cell, edge ? kRaysEdge : near.empty() ? kRays : kRaysNear);
+    if (edge ? weight < kSampledEdge : small)
+        return add_sampled(cell, edge ? kRaysEdge : near.empty() ? kRays : kRaysNear);
 
-    // Halve where the rays differ most: in the path they take, or in how far they are bent; the longest side at an obstacle.
+    // Halve where the rays differ most: in the path they take, or in how far they are bent; the longest side at an
+    // obstacle.
     if (edge && samples.one_path && is_smooth(samples)) {
-        const double u = cell.hu() * camera_.pitch_mm(), v = cell.hv() * camera_.pitch_mm();  // a bin as long as a lenslet
-        return halve(cell, std::max(u, v) > std::max(cell.hx, cell.hy) ? (u >= v ? 2 : 3) : (cell.hx >= cell.hy ? 0 : 1), near);
+        const double u = cell.hu() * camera_.pitch_mm(),
+                     v = cell.hv() * camera_.pitch_mm();  // a bin as long as a lenslet
+        return halve(
+            cell, std::max(u, v) > std::max(cell.hx, cell.hy) ? (u >= v ? 2 : 3) : (cell.hx >= cell.hy ? 0 : 1), near);
     }
     int axis = 0;
     double most = -1;
@@ -425,8 +456,10 @@ void LensletLight::Gathering::collect(const Cell& cell, const std::vector<const 
         if (samples.one_path) {
             difference = std::hypot(samples.effect(samples.du, a), samples.effect(samples.dv, a));
         } else {
-            for (int k = 0; k < kCorners; ++k) difference += samples.path[k] == samples.path[kCorners] ? kSigns[k][a] : 0;
-            difference = std::abs(difference) + 1e-3 * sides(a) / (sides(0) + sides(1));  // undecided: where it is widest
+            for (int k = 0; k < kCorners; ++k)
+                difference += samples.path[k] == samples.path[kCorners] ? kSigns[k][a] : 0;
+            difference =
+                std::abs(difference) + 1e-3 * sides(a) / (sides(0) + sides(1));  // undecided: where it is widest
         }
         if (difference > most) most = difference, axis = a;
     }
@@ -445,8 +478,10 @@ void LensletLight::Gathering::halve(const Cell& cell, int axis, const std::vecto
     collect(b, near);
 }
 
-void LensletLight::Gathering::add_smooth(const Cell& cell, const SlopeBox& lit, const Samples& samples, double transmission) {
-    const double weight = pass_.power * transmission * (samples.weight[kCorners] + kCorners * samples.mean(samples.weight)) / (kCorners + 1);
+void LensletLight::Gathering::add_smooth(const Cell& cell, const SlopeBox& lit, const Samples& samples,
+                                         double transmission) {
+    const double weight = pass_.power * transmission *
+        (samples.weight[kCorners] + kCorners * samples.mean(samples.weight)) / (kCorners + 1);
     SlopeMap map;
     map.at_u = cell.u(), map.at_v = cell.v();
     // A square's mean is a third of its value at the corners.
@@ -458,10 +493,16 @@ void LensletLight::Gathering::add_smooth(const Cell& cell, const SlopeBox& lit, 
     const double sy = samples.effect(samples.s, 1), ty = samples.effect(samples.t, 1);
 
     // Over positions by Gauss and Legendre, the finer the further the source moves.
-    static constexpr double kAt[4][4] = {{0}, {-0.57735026918962576, 0.57735026918962576}, {-0.77459666924148338, 0, 0.77459666924148338},
-                                         {-0.86113631159405258, -0.33998104358485626, 0.33998104358485626, 0.86113631159405258}};
-    static constexpr double kShare[4][4] = {{1}, {0.5, 0.5}, {5.0 / 18, 8.0 / 18, 5.0 / 18},
-                                            {0.17392742256872693, 0.32607257743127307, 0.32607257743127307, 0.17392742256872693}};
+    static constexpr double kAt[4][4] = {
+        {0},
+        {-0.57735026918962576, 0.57735026918962576},
+        {-0.77459666924148338, 0, 0.77459666924148338},
+        {-0.86113631159405258, -0.33998104358485626, 0.33998104358485626, 0.86113631159405258}};
+    static constexpr double kShare[4][4] = {
+        {1},
+        {0.5, 0.5},
+        {5.0 / 18, 8.0 / 18, 5.0 / 18},
+        {0.17392742256872693, 0.32607257743127307, 0.32607257743127307, 0.17392742256872693}};
     const auto order = [](double shift) { return shift < 0.005 ? 1 : shift < 0.1 ? 2 : shift < 0.25 ? 3 : 4; };
     const int nx = order(std::hypot(sx, tx)), ny = order(std::hypot(sy, ty));
     for (int b = 0; b < ny; ++b) {
@@ -469,14 +510,16 @@ void LensletLight::Gathering::add_smooth(const Cell& cell, const SlopeBox& lit, 
             const double x = kAt[nx - 1][a], y = kAt[ny - 1][b];
             map.s = s + x * sx + y * sy - pass_.s;
             map.t = t + x * tx + y * ty - pass_.t;
-            add_source(grid_, map, pass_.radius, lit, cell.share() * weight * kShare[nx - 1][a] * kShare[ny - 1][b], cells_);
+            add_source(grid_, map, pass_.radius, lit, cell.share() * weight * kShare[nx - 1][a] * kShare[ny - 1][b],
+                       cells_);
         }
     }
 }
 
 void LensletLight::Gathering::add_sampled(const Cell& cell, double rays_per_bin) {
     const double weight = pass_.power * cell.share() * cell.box.area();
-    const int count = std::max(kFewestRays, static_cast<int>(rays_per_bin * importance_ * cell.share() * cell.box.area()));
+    const int count =
+        std::max(kFewestRays, static_cast<int>(rays_per_bin * importance_ * cell.share() * cell.box.area()));
     double at[kAxes];
     shifted_start(cell, at);
     constexpr int kBatch = 128;
@@ -489,7 +532,8 @@ void LensletLight::Gathering::add_sampled(const Cell& cell, double rays_per_bin)
         std::size_t batch = 0;
         for (int k = done; k < std::min(count, done + kBatch); ++k) {
             step(at);
-            const double u = cell.box.u0 + at[2] * (cell.box.u1 - cell.box.u0), v = cell.box.v0 + at[3] * (cell.box.v1 - cell.box.v0);
+            const double u = cell.box.u0 + at[2] * (cell.box.u1 - cell.box.u0),
+                         v = cell.box.v0 + at[3] * (cell.box.v1 - cell.box.v0);
             const double x = cell.x + (2 * at[0] - 1) * cell.hx, y = cell.y + (2 * at[1] - 1) * cell.hy;
             const double passes = obstacles_.empty() ? 1 : obstacles_.transmission(x, y, u, v);
             if (passes == 0) continue;
@@ -503,7 +547,8 @@ void LensletLight::Gathering::add_sampled(const Cell& cell, double rays_per_bin)
             camera_.to_camera(arrivals[k].u, arrivals[k].v, s, t);
             s -= pass_.s, t -= pass_.t;
             if (s * s + t * t >= pass_.radius * pass_.radius) continue;
-            cells_[grid_.row(seen[k].v) * grid_.i + grid_.column(seen[k].u)] += seen[k].passes * arrivals[k].weight * weight / count;
+            cells_[grid_.row(seen[k].v) * grid_.i + grid_.column(seen[k].u)] +=
+                seen[k].passes * arrivals[k].weight * weight / count;
         }
     }
 }

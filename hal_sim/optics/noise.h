@@ -11,9 +11,9 @@ class Noise {
     // Draws of different (place, purpose) are independent; the same ones repeat.
     Noise(std::uint64_t seed, std::uint64_t place, std::uint32_t purpose = 0);
 
-    double uniform();                       // (0, 1), multiples of 2^-53 plus 2^-54
-    double normal();                        // mean 0, variance 1: M. Wichura, AS 241 (1988), of one uniform()
-    std::uint64_t poisson(double mean);     // 0 <= mean < 2^48: by inversion below 10, else W. Hörmann, PTRS (1993)
+    double uniform();                    // (0, 1), multiples of 2^-53 plus 2^-54
+    double normal();                     // mean 0, variance 1: M. Wichura, AS 241 (1988), of one uniform()
+    std::uint64_t poisson(double mean);  // 0 <= mean < 2^48: by inversion below 10, else W. Hörmann, PTRS (1993)
 
   private:
     std::uint32_t key_[2];

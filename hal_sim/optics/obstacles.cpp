@@ -36,13 +36,15 @@ Obstacles::Obstacles(const Scene& scene) {
 double Obstacles::transmission(double x_mm, double y_mm, double u_bins, double v_bins) const {
     double passes = 1;
     for (const Disc& d : discs_) {
-        const double x = d.of_place * x_mm + d.of_slope * u_bins - d.x, y = d.of_place * y_mm + d.of_slope * v_bins - d.y;
+        const double x = d.of_place * x_mm + d.of_slope * u_bins - d.x,
+                     y = d.of_place * y_mm + d.of_slope * v_bins - d.y;
         passes *= x * x + y * y < d.radius * d.radius ? d.inside : d.outside;
     }
     return passes;
 }
 
-double Obstacles::transmission(double x_mm, double y_mm, double half_x_mm, double half_y_mm, const SlopeBox& box) const {
+double Obstacles::transmission(double x_mm, double y_mm, double half_x_mm, double half_y_mm,
+                               const SlopeBox& box) const {
     double passes = 1;
     bool edge = false;
     for (const Disc& d : discs_) {
@@ -50,7 +52,8 @@ double Obstacles::transmission(double x_mm, double y_mm, double half_x_mm, doubl
         const double y = std::abs(d.of_place * y_mm + d.of_slope * 0.5 * (box.v0 + box.v1) - d.y);
         const double half_x = std::abs(d.of_place) * half_x_mm + std::abs(d.of_slope) * 0.5 * (box.u1 - box.u0);
         const double half_y = std::abs(d.of_place) * half_y_mm + std::abs(d.of_slope) * 0.5 * (box.v1 - box.v0);
-        const double far_x = x + half_x, far_y = y + half_y, near_x = std::max(x - half_x, 0.0), near_y = std::max(y - half_y, 0.0);
+        const double far_x = x + half_x, far_y = y + half_y, near_x = std::max(x - half_x, 0.0),
+                     near_y = std::max(y - half_y, 0.0);
         const double square = d.radius * d.radius;
         if (far_x * far_x + far_y * far_y < square) passes *= d.inside;
         else if (near_x * near_x + near_y * near_y >= square) passes *= d.outside;

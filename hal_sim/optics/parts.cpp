@@ -56,7 +56,8 @@ void build(Body& body, const DoubleConvexLens& lens) {
     const int camera_side = add_sphere(body, {0, 0, half - r}, r);
     const int source_side = add_sphere(body, {0, 0, r - half}, r);
     const int edge = add_cylinder(body, {}, {0, 0, 1}, a);
-    body.fill(Solid::all({Solid::inside(camera_side), Solid::inside(source_side), Solid::inside(edge)}), lens.refractive_index);
+    body.fill(Solid::all({Solid::inside(camera_side), Solid::inside(source_side), Solid::inside(edge)}),
+              lens.refractive_index);
     body.convex = true;
     bound(body, {a, a, half});
 }
@@ -99,7 +100,9 @@ void build(Body& body, const CylinderLens& lens) {
     bound(body, {w, l, half});
 }
 
-void build(Body& body, const Plate& plate) { build(body, Wedge{plate.half_size_mm, plate.thickness_mm, 0, 0, plate.refractive_index}); }
+void build(Body& body, const Plate& plate) {
+    build(body, Wedge{plate.half_size_mm, plate.thickness_mm, 0, 0, plate.refractive_index});
+}
 
 void build(Body& body, const Vial& vial) {
     const Vec3 along{0, 1, 0};
@@ -124,7 +127,9 @@ void add_hollow(Body& body, const Vec3& centre, double radius) {
     body.features.push_back({centre, centre, radius, radius / 8});
 }
 
-void add_defect(Body& body, const Around&, const AirBubble& bubble) { add_hollow(body, bubble.centre_mm, bubble.radius_mm); }
+void add_defect(Body& body, const Around&, const AirBubble& bubble) {
+    add_hollow(body, bubble.centre_mm, bubble.radius_mm);
+}
 void add_defect(Body& body, const Around&, const SphericalCut& cut) { add_hollow(body, cut.centre_mm, cut.radius_mm); }
 void add_defect(Body& body, const Around&, const AbsorbingSpeck& speck) {
     body.discs.push_back({speck.centre_mm, speck.radius_mm, speck.transmission});
@@ -148,7 +153,9 @@ void add_defect(Body& body, const Around& glass, const Inclusion& d) {
     body.fill_more(Solid::inside(sphere), dispersed(d.refractive_index, d.abbe_number, glass.wavelength_nm));
     body.features.push_back({d.centre_mm, d.centre_mm, d.radius_mm, d.radius_mm / 8});
 }
-void add_defect(Body& body, const Around&, const Scratch& d) { body.fill_more(thread(body, d.from_mm, d.to_mm, d.radius_mm), kAir); }
+void add_defect(Body& body, const Around&, const Scratch& d) {
+    body.fill_more(thread(body, d.from_mm, d.to_mm, d.radius_mm), kAir);
+}
 void add_defect(Body& body, const Around& glass, const Absorber& d) {
     const int sphere = add_sphere(body, d.centre_mm, d.radius_mm);
     body.fill_more(Solid::inside(sphere), glass.index, d.opaque ? kOpaque : glass.absorption + d.absorption_per_mm);
@@ -168,19 +175,23 @@ double dispersed(double index_d, double abbe_number, double wavelength_nm) {
 }
 
 double index_of(const Part& part) {
-    return std::visit([](const auto& p) {
-        if constexpr (requires { p.refractive_index; }) return p.refractive_index;
-        else return kAir;
-    }, part);
+    return std::visit(
+        [](const auto& p) {
+            if constexpr (requires { p.refractive_index; }) return p.refractive_index;
+            else return kAir;
+        },
+        part);
 }
 
 Body body_of(const Scene& scene, bool with_defects, double wavelength_nm) {
     Body body;
     const double index = dispersed(index_of(scene.part), scene.glass.abbe_number, wavelength_nm);
-    std::visit([&](auto part) {
-        if constexpr (requires { part.refractive_index; }) part.refractive_index = index;
-        build(body, part);
-    }, scene.part);
+    std::visit(
+        [&](auto part) {
+            if constexpr (requires { part.refractive_index; }) part.refractive_index = index;
+            build(body, part);
+        },
+        scene.part);
     body.tint(scene.glass.absorption_per_mm);
     if (with_defects) {
         const Around glass{index, wavelength_nm, scene.glass.absorption_per_mm};

@@ -8,9 +8,9 @@
 namespace hord::sim {
 
 struct Refraction {
-    Vec3 direction;              // unit
-    bool reflected = false;      // totally: the ray stays on its side
-    double cos_in = 1;           // cosines of the angles to the normal, before and after
+    Vec3 direction;          // unit
+    bool reflected = false;  // totally: the ray stays on its side
+    double cos_in = 1;       // cosines of the angles to the normal, before and after
     double cos_out = 1;
 };
 
@@ -29,13 +29,17 @@ inline Refraction refract(const Vec3& direction, const Vec3& normal, double inde
     return {(1.5 - 0.5 * dot(out, out)) * out, false, cosine, cos_out};  // one Newton step back to unit length
 }
 
-inline Vec3 mirrored(const Vec3& direction, const Vec3& normal) { return unit(direction - (2 * dot(direction, normal)) * normal); }
+inline Vec3 mirrored(const Vec3& direction, const Vec3& normal) {
+    return unit(direction - (2 * dot(direction, normal)) * normal);
+}
 
 // Share of unpolarised light that passes; 1 minus this is reflected. (Born and Wolf, section 1.5.2.)
 inline double fresnel_transmission(const Refraction& at, double index_before, double index_after) {
     if (at.reflected) return 0;
-    const double s = (index_before * at.cos_in - index_after * at.cos_out) / (index_before * at.cos_in + index_after * at.cos_out);
-    const double p = (index_before * at.cos_out - index_after * at.cos_in) / (index_before * at.cos_out + index_after * at.cos_in);
+    const double s =
+        (index_before * at.cos_in - index_after * at.cos_out) / (index_before * at.cos_in + index_after * at.cos_out);
+    const double p =
+        (index_before * at.cos_out - index_after * at.cos_in) / (index_before * at.cos_out + index_after * at.cos_in);
     return 1 - 0.5 * (s * s + p * p);
 }
 

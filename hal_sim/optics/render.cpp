@@ -39,12 +39,14 @@ void share_out_rows(int rows, const RenderOptions& options, const DoRow& do_row)
     if (options.progress) options.progress(1.0);
 }
 
-// Light for samples that other rows write waits until all rows are done, and is added in their order: sums do not depend on
-// threads.
+// Light for samples that other rows write waits until all rows are done, and is added in their order: sums do not
+// depend on threads.
 class Strays {
   public:
     explicit Strays(int rows) : rows_(static_cast<std::size_t>(rows)) {}
-    void add(int row, std::size_t sample, float light) { rows_[static_cast<std::size_t>(row)].push_back({sample, light}); }
+    void add(int row, std::size_t sample, float light) {
+        rows_[static_cast<std::size_t>(row)].push_back({sample, light});
+    }
     void pour(std::vector<float>& into) const {
         for (const auto& row : rows_) {
             for (const auto& [sample, light] : row) into[sample] += light;
@@ -55,7 +57,9 @@ class Strays {
     std::vector<std::vector<std::pair<std::size_t, float>>> rows_;
 };
 
-std::size_t index(int width, int x, int y) { return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x); }
+std::size_t index(int width, int x, int y) {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+}
 
 }  // namespace
 
@@ -64,7 +68,8 @@ Result<LightField> render(const Scene& scene, const RenderOptions& options) {
     const algo::Extents& e = scene.camera.extents;
     LightField field{e, std::vector<float>(e.lenslets() * static_cast<std::size_t>(e.bins()))};
     const CameraGeometry camera(scene);
-    // Only of an aligned square array with square lenslets of bins are a lenslet's neighbours' bins where its own would go on.
+    // Only of an aligned square array with square lenslets of bins are a lenslet's neighbours' bins where its own would
+    // go on.
     const int around = scene.effects.crosstalk && camera.array().is_plain() && e.i == e.j ? 1 : 0;
     const SlopeGrid grid = SlopeGrid::of(e, around);
     const LensletLight light(scene, grid);
@@ -103,8 +108,10 @@ Result<Picture> render_raw(const Scene& scene, const RenderOptions& options) {
     const auto under = [&](int m, int n, int& x0, int& y0) -> SlopeGrid {
         const ArrayGeometry::Point centre = array.centre_px(m, n);
         const double bin = array.bin_px(m, n);
-        x0 = static_cast<int>(std::floor(centre.x + range.u0 * bin + 0.5)), y0 = static_cast<int>(std::floor(centre.y + range.v0 * bin + 0.5));
-        const int x1 = static_cast<int>(std::ceil(centre.x + range.u1 * bin + 0.5)), y1 = static_cast<int>(std::ceil(centre.y + range.v1 * bin + 0.5));
+        x0 = static_cast<int>(std::floor(centre.x + range.u0 * bin + 0.5)),
+        y0 = static_cast<int>(std::floor(centre.y + range.v0 * bin + 0.5));
+        const int x1 = static_cast<int>(std::ceil(centre.x + range.u1 * bin + 0.5)),
+                  y1 = static_cast<int>(std::ceil(centre.y + range.v1 * bin + 0.5));
         return {(x0 - 0.5 - centre.x) / bin, (y0 - 0.5 - centre.y) / bin, 1 / bin, x1 - x0, y1 - y0};
     };
     int x0 = 0, y0 = 0;
@@ -167,8 +174,10 @@ Result<Picture> render_telecentric(const Scene& scene, const RenderOptions& opti
                 if (!(from.weight > 0)) continue;
                 // The panel stands in the camera's frame; its centre is on the axis.
                 double at_x = 0, at_y = 0;
-                geometry.position_to_camera(from.x - from.u * camera.panel_distance_mm, from.y - from.v * camera.panel_distance_mm, at_x, at_y);
-                if (std::abs(at_x) <= camera.panel_half_mm && std::abs(at_y) <= camera.panel_half_mm) light += from.weight;
+                geometry.position_to_camera(from.x - from.u * camera.panel_distance_mm,
+                                            from.y - from.v * camera.panel_distance_mm, at_x, at_y);
+                if (std::abs(at_x) <= camera.panel_half_mm && std::abs(at_y) <= camera.panel_half_mm)
+                    light += from.weight;
             }
             picture.light[index(camera.width_px, column, row)] = static_cast<float>(light / (side * side));
         }

@@ -19,7 +19,7 @@ struct LightField {
 
 // Where the defects truly are, in lenslets.
 struct TruthDefect {
-    double m = 0, n = 0;              // centre
+    double m = 0, n = 0;  // centre
     double radius_lenslets = 0;
     std::uint32_t area_lenslets = 0;  // lenslets touched by it
     const char* kind = "";            // as in the scene file: bubble, cut, speck, ...
@@ -32,8 +32,8 @@ struct Truth {
 };
 
 struct RenderOptions {
-    int threads = 0;                              // 0: one a core; the result does not depend on it
-    std::function<void(double done)> progress;    // 0..1, from the calling thread; may be empty
+    int threads = 0;                            // 0: one a core; the result does not depend on it
+    std::function<void(double done)> progress;  // 0..1, from the calling thread; may be empty
 };
 
 Result<LightField> render(const Scene& scene, const RenderOptions& options = {});
@@ -44,8 +44,8 @@ struct Picture {
     std::vector<float> light;
 };
 
-// What the scene's sensor sees behind its lenslet array: 1 for a pixel filled by the source. render() is what a perfect decode of
-// that gives: the light of the same lenslets, wherever they are, in bins centred on each.
+// What the scene's sensor sees behind its lenslet array: 1 for a pixel filled by the source. render() is what a perfect
+// decode of that gives: the light of the same lenslets, wherever they are, in bins centred on each.
 Result<Picture> render_raw(const Scene& scene, const RenderOptions& options = {});
 
 // What the scene's telecentric camera sees: 1 where all light comes from the panel.
@@ -58,6 +58,7 @@ Truth truth_of(const Scene& scene);
 algo::Frame expose(const LightField& field, const Scene& scene, std::uint64_t seed, double light = 1.0);
 
 // The same of any picture of light, row by row, 1 for a pixel filled by the source.
-algo::Frame expose(std::span<const float> light, int width_px, int height_px, const Scene& scene, std::uint64_t seed, double strength = 1.0);
+algo::Frame expose(std::span<const float> light, int width_px, int height_px, const Scene& scene, std::uint64_t seed,
+                   double strength = 1.0);
 
 }  // namespace hord::sim

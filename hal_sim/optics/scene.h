@@ -61,13 +61,15 @@ struct Vial {  // a tube along y, closed by its contents' ends
 // A shape of the scene's own, or several of them put together. In its own frame; then turned about x, y, z, then moved.
 struct Shape {
     enum class Kind : std::uint8_t {
-        union_of, intersection, difference,  // of the shapes in `of`; difference: of the first, without all others
-        sphere,                              // radius_mm about the origin
-        half_space,                          // z < 0
-        cylinder,                            // radius_mm about z, to half_height_mm either way
-        cone,                                // from its apex at the origin to radius_mm at z = height_mm
-        asphere,                             // z < s(r): curved towards +z where radius_of_curvature_mm is positive, flat at the vertex
-        block,                               // half_size_mm either way
+        union_of,
+        intersection,
+        difference,  // of the shapes in `of`; difference: of the first, without all others
+        sphere,      // radius_mm about the origin
+        half_space,  // z < 0
+        cylinder,    // radius_mm about z, to half_height_mm either way
+        cone,        // from its apex at the origin to radius_mm at z = height_mm
+        asphere,     // z < s(r): curved towards +z where radius_of_curvature_mm is positive, flat at the vertex
+        block,       // half_size_mm either way
     };
     Kind kind = Kind::sphere;
     Vec3 position_mm, rotation_rad;
@@ -139,12 +141,12 @@ struct Collimator {
     double direction_x_rad = 0, direction_y_rad = 0;  // slope of its light
     double radius_rad = 0.00915;                      // angular radius of its disc
     double wavelength_nm = kLineD;
-    double bandwidth_nm = 0;                          // full width of its even spectrum
-    double power = 1;                                 // radiance; 1 fills a bin to full_bin_dn
+    double bandwidth_nm = 0;  // full width of its even spectrum
+    double power = 1;         // radiance; 1 fills a bin to full_bin_dn
 };
 
 struct Light {
-    double source_radius_bins = 0.61;     // angular radius of the one collimated source, bin pitches
+    double source_radius_bins = 0.61;  // angular radius of the one collimated source, bin pitches
     double wavelength_nm = kLineD;
     double bandwidth_nm = 0;
     std::vector<Collimator> collimators;  // in place of that one
@@ -152,8 +154,8 @@ struct Light {
 
 // Named by a size above 0 each.
 struct Relay {
-    double f1_mm = 100, f2_mm = 100;    // of the 4f camera's lenses; their distances from part and array
-    double stop_radius_mm = 0;          // in the focal plane that they share
+    double f1_mm = 100, f2_mm = 100;  // of the 4f camera's lenses; their distances from part and array
+    double stop_radius_mm = 0;        // in the focal plane that they share
     double lens1_radius_mm = 0, lens2_radius_mm = 0;
 };
 
@@ -165,24 +167,27 @@ struct Dust {
     double transmission = 0;
 };
 
-// The lenslet array and where its lenslets are on the sensor (array_geometry.h). Aligned, a pixel a bin, unless it says otherwise.
+// The lenslet array and where its lenslets are on the sensor (array_geometry.h). Aligned, a pixel a bin, unless it says
+// otherwise.
 struct LensletArray {
     double pitch_um = 0, focal_um = 0;  // 0: not said; together with the relay they say field_mm and bin_pitch_rad
-    bool hexagonal = false;             // rows packed at sqrt(3)/2 of the pitch, every second one half a pitch to the right
-    double pitch_px = 0;                // 0: as many pixels as there are bins
-    double rotation_rad = 0;            // of the array on the sensor
+    bool hexagonal = false;   // rows packed at sqrt(3)/2 of the pitch, every second one half a pitch to the right
+    double pitch_px = 0;      // 0: as many pixels as there are bins
+    double rotation_rad = 0;  // of the array on the sensor
     double offset_x_px = 0, offset_y_px = 0;
-    double tilt_x_rad = 0, tilt_y_rad = 0;  // about the sensor's axes: pitches shrink, and distances to the sensor differ
-    double distortion = 0;              // k1: centres move out by k1 r^2, r = 1 at half the sensor's longer side
-    int width_px = 0, height_px = 0;    // of the sensor; 0: as large as the array
-    double dead_share = 0;              // of lenslets without light, drawn by the scene's seed
+    double tilt_x_rad = 0,
+           tilt_y_rad = 0;            // about the sensor's axes: pitches shrink, and distances to the sensor differ
+    double distortion = 0;            // k1: centres move out by k1 r^2, r = 1 at half the sensor's longer side
+    int width_px = 0, height_px = 0;  // of the sensor; 0: as large as the array
+    double dead_share = 0;            // of lenslets without light, drawn by the scene's seed
     struct Lenslet {
         int m = 0, n = 0;
     };
-    std::vector<Lenslet> dead;          // and these
+    std::vector<Lenslet> dead;  // and these
 };
 
-// A conventional plenoptic camera, to compare: one lens between part and lenslets in place of the relay (the paper's Fig. 1).
+// A conventional plenoptic camera, to compare: one lens between part and lenslets in place of the relay (the paper's
+// Fig. 1).
 struct MainLens {
     double focal_mm = 0;     // 0: there is none, the camera is a 4f
     double distance_mm = 0;  // from the measurement plane; beyond the focal length
@@ -193,7 +198,7 @@ struct Camera {
     double field_mm = 24;          // width of the lenslet field on the measurement plane
     double bin_pitch_rad = 0.015;  // slope of one bin
     int bits = 8;
-    double full_bin_dn = 240;      // DN of a bin filled by the source, before noise
+    double full_bin_dn = 240;  // DN of a bin filled by the source, before noise
     Relay relay;
     LensletArray array;
     MainLens main_lens;
@@ -227,14 +232,14 @@ struct TelecentricCamera {
 
 // The linear sensor of EMVA 1288. Quantisation and saturation at the last DN are always there.
 struct SensorNoise {
-    double electrons_per_dn = 0;  // 1 / system gain; 0: no photon noise
-    double read_e = 0;            // temporal dark noise, rms electrons
-    double dark_dn = 0;           // pedestal
-    double dark_e_per_s = 0;      // dark current: electrons a second and pixel, with their shot noise
-    double exposure_ms = 1;       // for which it flows
-    double dsnu_e = 0;            // rms of the pixels' dark offsets, electrons
-    double prnu = 0;              // rms of the pixels' sensitivities about 1
-    double full_well_e = 0;       // electrons that a pixel holds; 0: more than the last DN shows
+    double electrons_per_dn = 0;     // 1 / system gain; 0: no photon noise
+    double read_e = 0;               // temporal dark noise, rms electrons
+    double dark_dn = 0;              // pedestal
+    double dark_e_per_s = 0;         // dark current: electrons a second and pixel, with their shot noise
+    double exposure_ms = 1;          // for which it flows
+    double dsnu_e = 0;               // rms of the pixels' dark offsets, electrons
+    double prnu = 0;                 // rms of the pixels' sensitivities about 1
+    double full_well_e = 0;          // electrons that a pixel holds; 0: more than the last DN shows
     std::uint64_t pattern_seed = 1;  // of dsnu and prnu: the camera's own, the same in every frame
     bool photon_noise = true;        // false: electrons are counted without their shot noise
 };

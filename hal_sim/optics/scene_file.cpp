@@ -75,14 +75,16 @@ using Tables = std::map<std::string, std::vector<TomlTable>, std::less<>>;
 
 // `path` names the shape's table, as problems() does.
 void read_shape(TomlTable& table, Shape& shape, const std::string& path, Tables& tables) {
-    static constexpr std::array<std::string_view, 9> kKinds{"union", "intersection", "difference", "sphere", "half-space", "cylinder", "cone", "asphere", "block"};
+    static constexpr std::array<std::string_view, 9> kKinds{
+        "union", "intersection", "difference", "sphere", "half-space", "cylinder", "cone", "asphere", "block"};
     tables[path] = {table};
     if (const auto kind = table.choice("kind", kKinds)) shape.kind = static_cast<Shape::Kind>(*kind);
     else if (!table.has("kind")) table.problem("kind", "is missing", "name the kind of shape");
     vector(table, "position_mm", shape.position_mm);
     vector(table, "rotation_rad", shape.rotation_rad);
     using Kind = Shape::Kind;
-    if (shape.kind == Kind::sphere || shape.kind == Kind::cylinder || shape.kind == Kind::cone) number(table, "radius_mm", shape.radius_mm);
+    if (shape.kind == Kind::sphere || shape.kind == Kind::cylinder || shape.kind == Kind::cone)
+        number(table, "radius_mm", shape.radius_mm);
     if (shape.kind == Kind::cylinder) number(table, "half_height_mm", shape.half_height_mm);
     if (shape.kind == Kind::cone) number(table, "height_mm", shape.height_mm);
     if (shape.kind == Kind::block) vector(table, "half_size_mm", shape.half_size_mm);
@@ -93,9 +95,11 @@ void read_shape(TomlTable& table, Shape& shape, const std::string& path, Tables&
         number(table, "aperture_radius_mm", shape.aperture_radius_mm);
     }
     constexpr std::size_t kDeepest = 8;
-    if (static_cast<std::size_t>(std::count(path.begin(), path.end(), '[')) > kDeepest) return table.problem("of", "is nested too deeply", "use at most 8 levels");
+    if (static_cast<std::size_t>(std::count(path.begin(), path.end(), '[')) > kDeepest)
+        return table.problem("of", "is nested too deeply", "use at most 8 levels");
     std::vector<TomlTable> of = table.tables("of");
-    for (std::size_t k = 0; k < of.size(); ++k) read_shape(of[k], shape.of.emplace_back(), path + ".of[" + std::to_string(k) + "]", tables);
+    for (std::size_t k = 0; k < of.size(); ++k)
+        read_shape(of[k], shape.of.emplace_back(), path + ".of[" + std::to_string(k) + "]", tables);
 }
 void read(TomlTable& table, SolidPart& part) { number(table, "refractive_index", part.refractive_index); }
 
@@ -173,7 +177,9 @@ void read_light(TomlTable& table, std::vector<TomlTable>& collimators, Light& li
         number(given, "power", source.power);
     }
     for (const char* key : {"source_radius_bins", "wavelength_nm", "bandwidth_nm"}) {
-        if (!collimators.empty() && table.has(key)) table.problem(key, "is of the one source, and collimators are listed", "give it to each collimator instead");
+        if (!collimators.empty() && table.has(key))
+            table.problem(key, "is of the one source, and collimators are listed",
+                          "give it to each collimator instead");
     }
 }
 
@@ -197,10 +203,12 @@ void read_camera(TomlTable& table, TomlTable& relay, TomlTable& array, Camera& c
     number(array, "pitch_um", camera.array.pitch_um);
     number(array, "focal_um", camera.array.focal_um);
     if (array.has("pitch_um") != array.has("focal_um")) {
-        array.problem(array.has("pitch_um") ? "pitch_um" : "focal_um", "stands alone", "name pitch_um and focal_um, or neither");
+        array.problem(array.has("pitch_um") ? "pitch_um" : "focal_um", "stands alone",
+                      "name pitch_um and focal_um, or neither");
     } else if (camera.array.pitch_um > 0 && camera.array.focal_um > 0 && camera.extents.i > 0) {
         for (const char* key : {"field_mm", "bin_pitch_rad"}) {
-            if (table.has(key)) table.problem(key, "is said by camera.array's pitch_um and focal_um as well", "drop one or the other");
+            if (table.has(key))
+                table.problem(key, "is said by camera.array's pitch_um and focal_um as well", "drop one or the other");
         }
         derive_from_array(camera);
     }

@@ -1,4 +1,5 @@
-// A scene's own solid: shapes and their unions, intersections and differences, each with its place, as surfaces of a body.
+// A scene's own solid: shapes and their unions, intersections and differences, each with its place, as surfaces of a
+// body.
 #include "hal_sim/optics/shapes.h"
 
 #include <algorithm>
@@ -15,7 +16,9 @@ struct Builder {
     int add(Surface::Shape shape, const Rigid& at, const Vec3& point, const Vec3& axis, double radius) {
         return body.add({shape, at(point), unit(at.turn(axis)), radius});
     }
-    Solid plane(const Rigid& at, const Vec3& point, const Vec3& out) { return Solid::inside(add(Surface::Shape::plane, at, point, out, 0)); }
+    Solid plane(const Rigid& at, const Vec3& point, const Vec3& out) {
+        return Solid::inside(add(Surface::Shape::plane, at, point, out, 0));
+    }
 
     Solid primitive(const Shape& shape, const Rigid& at) {
         const Vec3 z{0, 0, 1};
@@ -23,10 +26,13 @@ struct Builder {
             case Shape::Kind::sphere: return Solid::inside(add(Surface::Shape::sphere, at, {}, z, shape.radius_mm));
             case Shape::Kind::half_space: return plane(at, {}, z);
             case Shape::Kind::cylinder:
-                return Solid::all({Solid::inside(add(Surface::Shape::cylinder, at, {}, z, shape.radius_mm)), plane(at, {0, 0, shape.half_height_mm}, z),
+                return Solid::all({Solid::inside(add(Surface::Shape::cylinder, at, {}, z, shape.radius_mm)),
+                                   plane(at, {0, 0, shape.half_height_mm}, z),
                                    plane(at, {0, 0, -shape.half_height_mm}, {0, 0, -1})});
             case Shape::Kind::cone:
-                return Solid::all({Solid::inside(add(Surface::Shape::cone, at, {}, z, shape.radius_mm / shape.height_mm)), plane(at, {0, 0, shape.height_mm}, z)});
+                return Solid::all(
+                    {Solid::inside(add(Surface::Shape::cone, at, {}, z, shape.radius_mm / shape.height_mm)),
+                     plane(at, {0, 0, shape.height_mm}, z)});
             case Shape::Kind::asphere: {
                 auto profile = std::make_shared<Asphere>();
                 profile->curvature = 1 / shape.radius_of_curvature_mm;
@@ -95,7 +101,8 @@ struct Builder {
             case Shape::Kind::block: return around({}, shape.half_size_mm);
             case Shape::Kind::half_space: {  // bounded on the side that it closes, where it stands along an axis
                 Bounds all;
-                for (const auto& [out, high, low, place] : {std::tuple{at.z.x, &all.high.x, &all.low.x, at.shift.x}, {at.z.y, &all.high.y, &all.low.y, at.shift.y},
+                for (const auto& [out, high, low, place] : {std::tuple{at.z.x, &all.high.x, &all.low.x, at.shift.x},
+                                                            {at.z.y, &all.high.y, &all.low.y, at.shift.y},
                                                             {at.z.z, &all.high.z, &all.low.z, at.shift.z}}) {
                     if (std::abs(out) > 1 - 1e-12) (out > 0 ? *high : *low) = place;
                 }
@@ -131,7 +138,9 @@ bool is_convex(const Shape& shape) {
 
 }  // namespace
 
-bool is_operation(Shape::Kind kind) { return kind == Shape::Kind::union_of || kind == Shape::Kind::intersection || kind == Shape::Kind::difference; }
+bool is_operation(Shape::Kind kind) {
+    return kind == Shape::Kind::union_of || kind == Shape::Kind::intersection || kind == Shape::Kind::difference;
+}
 
 int surfaces_of(const Shape& shape) {
     switch (shape.kind) {
@@ -157,7 +166,8 @@ void build(Body& body, const SolidPart& part) {
     body.high = bounds.high + Vec3{more, more, more};
     body.fill(Builder{body}.build(part.shape, {}, false), part.refractive_index);
     body.convex = is_convex(part.shape);
-    for (Surface& surface : body.surfaces) {  // aspheres look no further than across the part, from anywhere in front of it
+    for (Surface& surface :
+         body.surfaces) {  // aspheres look no further than across the part, from anywhere in front of it
         if (!surface.asphere) continue;
         auto profile = std::make_shared<Asphere>(*surface.asphere);
         profile->reach = 4 * length(body.high - body.low);

@@ -14,7 +14,9 @@ class Solid {
     static Solid inside(int surface) { return Solid(Op::surface, surface, {}); }
     static Solid all(std::vector<Solid> of) { return Solid(Op::all, 0, std::move(of)); }
     static Solid any(std::vector<Solid> of) { return Solid(Op::any, 0, std::move(of)); }
-    static Solid difference(Solid from, Solid cut) { return Solid(Op::difference, 0, {std::move(from), std::move(cut)}); }
+    static Solid difference(Solid from, Solid cut) {
+        return Solid(Op::difference, 0, {std::move(from), std::move(cut)});
+    }
 
     // Bit s of `state`: inside surface s.
     [[nodiscard]] bool contains(std::uint64_t state) const;
@@ -64,7 +66,7 @@ struct Body {
     void tint(double absorption);  // the part
     void fill_more(Solid defect, double index, double absorption = 0);
     void move(const Rigid& by);  // all of it; discs stay across the light
-    void done();  // after the last of these
+    void done();                 // after the last of these
 
     // 0: outside the part; 1: the part; from 2 on, its defects, be they hollow.
     [[nodiscard]] std::uint8_t medium(std::uint64_t state) const {
@@ -76,16 +78,17 @@ struct Body {
 
   private:
     [[nodiscard]] std::uint8_t work_out(std::uint64_t state) const;
-    std::vector<Solid> solids_;          // the part, then its defects
-    std::vector<double> indices_{1.0};   // of air, the part, its defects
+    std::vector<Solid> solids_;         // the part, then its defects
+    std::vector<double> indices_{1.0};  // of air, the part, its defects
     std::vector<double> absorptions_{0.0};
-    std::vector<std::uint8_t> table_;    // by state, for few surfaces
+    std::vector<std::uint8_t> table_;  // by state, for few surfaces
 };
 
 // The scene's part, with or without its defects, at a wavelength. The scene has no problems (scene.h).
 Body body_of(const Scene& scene, bool with_defects, double wavelength_nm = kLineD);
 
-// A defect where the pose's tilts and its shift along the light put it. (The rest of the pose is the camera's view: camera.h.)
+// A defect where the pose's tilts and its shift along the light put it. (The rest of the pose is the camera's view:
+// camera.h.)
 template <class Defect>
 Defect posed(Defect defect, const Pose& pose) {
     const Rigid by = Rigid::of({0, 0, pose.z_mm}, {pose.tilt_x_rad, pose.tilt_y_rad, 0});

@@ -8,7 +8,6 @@
 namespace hord::sim {
 namespace {
 
-
 double half_angle(double px, double py, double qx, double qy) {
     return 0.5 * exact::atan2(px * qy - py * qx, px * qx + py * qy);
 }
@@ -17,7 +16,8 @@ int cell_of(double at, double left, double step, int count) {
     return std::clamp(static_cast<int>(std::floor((at - left) / step)), 0, count - 1);
 }
 
-// The edges of the cells between low and high, with these two at the ends; `first`: the cell that the first piece is in.
+// The edges of the cells between low and high, with these two at the ends; `first`: the cell that the first piece is
+// in.
 int cuts(double low, double high, double left, double step, int count, double* cut, int& first) {
     first = cell_of(low, left, step, count);
     int n = 0;
@@ -51,7 +51,8 @@ double disc_in_triangle(double px, double py, double qx, double qy) {
     return area;
 }
 
-void add_source(const SlopeGrid& grid, const SlopeMap& map, double r, const SlopeBox& box, double weight, double* cells) {
+void add_source(const SlopeGrid& grid, const SlopeMap& map, double r, const SlopeBox& box, double weight,
+                double* cells) {
     const double det = map.determinant();
     if (det == 0 || weight == 0) return;
     // Where the disc lies in slope space: its centre, and the half sides of its bounding box.

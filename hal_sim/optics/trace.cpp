@@ -57,7 +57,8 @@ bool follow(const Body& body, Walk& walk, Way* way, [[maybe_unused]] Ghost ghost
         std::size_t first = 0;
         double t = kNever;
         for (std::size_t s = 0; s < count; ++s) {
-            next[s] = next_crossing(body.surfaces[s], ray, ((walk.state >> s) & 1U) != 0, ((walk.standing_on >> s) & 1U) != 0);
+            next[s] = next_crossing(body.surfaces[s], ray, ((walk.state >> s) & 1U) != 0,
+                                    ((walk.standing_on >> s) & 1U) != 0);
             if (next[s] < t) t = next[s], first = s;
         }
         if (t > walk.leaves) {
@@ -68,8 +69,10 @@ bool follow(const Body& body, Walk& walk, Way* way, [[maybe_unused]] Ghost ghost
         // Faces that coincide, within the bounds on both, are crossed as one.
         std::uint64_t crossed = std::uint64_t{1} << first;
         for (std::size_t s = 0; s < count; ++s) {
-            if (s == first || next[s] - t > kClose * body.size) continue;  // far from it: no need to work out the bounds
-            const double errors = crossing_error(body.surfaces[s], ray, next[s]) + crossing_error(body.surfaces[first], ray, t);
+            if (s == first || next[s] - t > kClose * body.size)
+                continue;  // far from it: no need to work out the bounds
+            const double errors =
+                crossing_error(body.surfaces[s], ray, next[s]) + crossing_error(body.surfaces[first], ray, t);
             if (next[s] - t <= errors) crossed |= std::uint64_t{1} << s;
         }
         if (!body.discs.empty()) pass_discs(body, ray, t, walk.weight, walk.path);
@@ -82,7 +85,8 @@ bool follow(const Body& body, Walk& walk, Way* way, [[maybe_unused]] Ghost ghost
         note(way, ray.origin, walk.medium != 0);
         bool through = true;
         if constexpr (kLosses) {
-            if (body.absorbs && body.absorption(walk.medium) > 0) walk.weight *= exact::exp(-body.absorption(walk.medium) * t);
+            if (body.absorbs && body.absorption(walk.medium) > 0)
+                walk.weight *= exact::exp(-body.absorption(walk.medium) * t);
             if (walk.weight < kLeast) return false;
         }
         if (index_before != index_after) {
@@ -131,7 +135,8 @@ bool pass(const Body& body, Walk& walk, Way* way, Ghost ghost) {
         note(way, ray.origin + (2 * (body.high.z - body.low.z)) * ray.direction, false);
         return true;
     }
-    for (std::size_t s = 0; s < body.surfaces.size(); ++s) walk.state |= std::uint64_t{is_inside(body.surfaces[s], ray.origin)} << s;
+    for (std::size_t s = 0; s < body.surfaces.size(); ++s)
+        walk.state |= std::uint64_t{is_inside(body.surfaces[s], ray.origin)} << s;
     walk.medium = body.medium(walk.state);
     if (walk.medium != 0) walk.leaves = kNever;
     return go_on(body, walk, way, ghost);

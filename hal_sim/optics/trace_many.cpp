@@ -1,6 +1,7 @@
-// Rays side by side, a lane each, as long as they go the same way: they meet the same surfaces in the same order. A lane that goes
-// another way than the first one is followed alone from where they part. Every lane does what trace() does, operation by operation,
-// so that the result has the same bits, whatever the number of lanes and whoever is beside it.
+// Rays side by side, a lane each, as long as they go the same way: they meet the same surfaces in the same order. A
+// lane that goes another way than the first one is followed alone from where they part. Every lane does what trace()
+// does, operation by operation, so that the result has the same bits, whatever the number of lanes and whoever is
+// beside it.
 #include <bit>
 
 #include "hal_sim/optics/exact_math.h"
@@ -36,20 +37,27 @@ template <class D>
 HORD_ALWAYS_INLINE D leaves_box_from_above(const Body& body, const Rays<D>& ray) {
     const D t = (body.low.z - body.high.z) / ray.direction.z;
     const D x = ray.origin.x + t * ray.direction.x, y = ray.origin.y + t * ray.direction.y;
-    const auto within = [](const D& a, const D& b, double low, double high) __attribute__((always_inline)) { return (a > low) & (a < high) & (b > low) & (b < high); };
-    if (bits(~(within(ray.origin.x, x, body.low.x, body.high.x) & within(ray.origin.y, y, body.low.y, body.high.y))) == 0) return t;
+    const auto within = [](const D& a, const D& b, double low, double high) __attribute__((always_inline)) {
+        return (a > low) & (a < high) & (b > low) & (b < high);
+    };
+    if (bits(~(within(ray.origin.x, x, body.low.x, body.high.x) & within(ray.origin.y, y, body.low.y, body.high.y))) ==
+        0)
+        return t;
     return leaves_box(body, ray);
 }
 
 template <class V>
-HORD_ALWAYS_INLINE Two<V> mixed(const Two<V>& path, std::uint64_t step) { return {mix(path.a, step), mix(path.b, step)}; }
+HORD_ALWAYS_INLINE Two<V> mixed(const Two<V>& path, std::uint64_t step) {
+    return {mix(path.a, step), mix(path.b, step)};
+}
 
 template <class D, class P>
 HORD_ALWAYS_INLINE void pass_discs(const Body& body, const Rays<D>& ray, const D& to, D& weight, P& path) {
     for (std::size_t k = 0; k < body.discs.size(); ++k) {
         const Disc& disc = body.discs[k];
         const D t = (disc.centre.z - ray.origin.z) / ray.direction.z;
-        const D x = ray.origin.x + t * ray.direction.x - disc.centre.x, y = ray.origin.y + t * ray.direction.y - disc.centre.y;
+        const D x = ray.origin.x + t * ray.direction.x - disc.centre.x,
+                y = ray.origin.y + t * ray.direction.y - disc.centre.y;
         const auto hit = (t >= 0) & (t < to) & (x * x + y * y < disc.radius * disc.radius);
         weight = pick(hit, weight * disc.transmission, weight);
         path = pick(hit, mixed(path, met_disc(k)), path);
@@ -65,7 +73,8 @@ struct Bend {
 
 // refract() and fresnel_transmission(); of the lanes of `wanted` only.
 template <bool kFresnel, class D>
-HORD_ALWAYS_INLINE Bend<D> bend(const Vec3s<D>& direction, const Vec3s<D>& normal, double before, double after, unsigned wanted) {
+HORD_ALWAYS_INLINE Bend<D> bend(const Vec3s<D>& direction, const Vec3s<D>& normal, double before, double after,
+                                unsigned wanted) {
     D cosine = dot(direction, normal);
     const Vec3s<D> tangent = direction - cosine * normal;
     const auto backwards = cosine < 0;
@@ -93,7 +102,8 @@ HORD_ALWAYS_INLINE void each(unsigned lanes, const Do& what) {
 
 // Up to as many rays as there are lanes.
 template <int Bytes, bool kLosses>
-HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, unsigned count, Arrival* arrivals, [[maybe_unused]] Ghost ghost) {
+HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, unsigned count, Arrival* arrivals,
+                                     [[maybe_unused]] Ghost ghost) {
     using D = Doubles<Bytes>;
     using P = Paths<Bytes>;
     constexpr unsigned kLanes = kCount<D>;
@@ -102,7 +112,8 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
         const CameraRay& one = from[k < count ? k : 0];
         given[0][k] = one.x, given[1][k] = one.y, given[2][k] = one.u, given[3][k] = one.v;
     }
-    const D x = algo::load<D>(given[0]), y = algo::load<D>(given[1]), u = algo::load<D>(given[2]), v = algo::load<D>(given[3]);
+    const D x = algo::load<D>(given[0]), y = algo::load<D>(given[1]), u = algo::load<D>(given[2]),
+            v = algo::load<D>(given[3]);
     const double start = body.high.z;
     Rays<D> ray{{x + u * start, y + v * start, all<D>(start)}, unit(Vec3s<D>{-u, -v, all<D>(-1)})};
     D weight = all<D>(1), leaves = leaves_box_from_above(body, ray);
@@ -112,32 +123,40 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
     std::uint64_t state = 0, standing_on = 0;
     [[maybe_unused]] int faces = 0;
 
-    const auto lose = [&](unsigned of) __attribute__((always_inline)) { each(of, [&](unsigned k) { arrivals[k] = {}; }); };
+    const auto lose = [&](unsigned of) __attribute__((always_inline)) {
+        each(of, [&](unsigned k) { arrivals[k] = {}; });
+    };
     const auto arrive = [&](unsigned of) __attribute__((always_inline)) {
         if (!body.discs.empty()) pass_discs(body, ray, all<D>(kNever), weight, path);
         const Vec3s<D>&o = ray.origin, &d = ray.direction;
         const D s = d.x / d.z, t = d.y / d.z;
         double out[5][kLanes];
         std::uint64_t paths[kLanes];
-        algo::store(s, out[0]), algo::store(t, out[1]), algo::store(o.x - s * o.z, out[2]), algo::store(o.y - t * o.z, out[3]);
+        algo::store(s, out[0]), algo::store(t, out[1]), algo::store(o.x - s * o.z, out[2]),
+            algo::store(o.y - t * o.z, out[3]);
         algo::store(weight, out[4]), algo::store(path, paths);
         const unsigned back = bits(d.z >= 0);
         each(of, [&](unsigned k) {
             if (((back >> k) & 1U) != 0) arrivals[k] = {};
-            else if (paths[k] == kFreePath) arrivals[k] = {from[k].u, from[k].v, from[k].x, from[k].y, out[4][k], kFreePath};
+            else if (paths[k] == kFreePath)
+                arrivals[k] = {from[k].u, from[k].v, from[k].x, from[k].y, out[4][k], kFreePath};
             else arrivals[k] = {out[0][k], out[1][k], out[2][k], out[3][k], out[4][k], paths[k]};
         });
     };
 
     if (const unsigned past = bits(leaves < 0) & lanes; past != 0) {
-        each(past, [&](unsigned k) { arrivals[k] = kLosses && ghost.is_one() ? Arrival{} : Arrival{from[k].u, from[k].v, from[k].x, from[k].y, 1, kFreePath}; });
+        each(past, [&](unsigned k) {
+            arrivals[k] = kLosses && ghost.is_one() ? Arrival{}
+                                                    : Arrival{from[k].u, from[k].v, from[k].x, from[k].y, 1, kFreePath};
+        });
         lanes &= ~past;
         if (lanes == 0) return;
     }
     const std::size_t surfaces = body.surfaces.size();
     unsigned other = 0;
     for (std::size_t s = 0; s < surfaces; ++s) {
-        const unsigned inside = inside_of(body.surfaces[s], ray.origin), leads = (inside >> std::countr_zero(lanes)) & 1U;
+        const unsigned inside = inside_of(body.surfaces[s], ray.origin),
+                       leads = (inside >> std::countr_zero(lanes)) & 1U;
         state |= std::uint64_t{leads} << s;
         other |= leads != 0 ? ~inside : inside;
     }
@@ -152,7 +171,8 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
         for (std::size_t s = 0; s < surfaces; ++s) {
             const bool inside = ((state >> s) & 1U) != 0, on = ((standing_on >> s) & 1U) != 0;
             next[s] = all<D>(kNever);  // or later than another one
-            if (s > 0 && inside && !on && (lanes & ~stays_inside(body.surfaces[s], ray, t + kClose * body.size)) == 0) continue;
+            if (s > 0 && inside && !on && (lanes & ~stays_inside(body.surfaces[s], ray, t + kClose * body.size)) == 0)
+                continue;
             next[s] = next_crossing(body.surfaces[s], ray, inside, on);
             t = pick(next[s] < t, next[s], t);
         }
@@ -194,7 +214,15 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
             std::uint64_t paths[kLanes];
             algo::store(weight, weights), algo::store(leaves, leave), algo::store(path, paths);
             each(alone, [&](unsigned k) {
-                Walk walk{{ray.origin.at(k), ray.direction.at(k)}, weights[k], paths[k], state, standing_on, medium, leave[k], step, faces};
+                Walk walk{{ray.origin.at(k), ray.direction.at(k)},
+                          weights[k],
+                          paths[k],
+                          state,
+                          standing_on,
+                          medium,
+                          leave[k],
+                          step,
+                          faces};
                 arrivals[k] = go_on(body, walk, nullptr, ghost) ? arrival_of(walk, from[k]) : Arrival{};
             });
             lanes = same;
@@ -245,17 +273,20 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
 }
 
 template <int Bytes>
-HORD_ALWAYS_INLINE void trace_all(const Body& body, const CameraRay* rays, std::size_t count, Arrival* arrivals, Ghost ghost) {
+HORD_ALWAYS_INLINE void trace_all(const Body& body, const CameraRay* rays, std::size_t count, Arrival* arrivals,
+                                  Ghost ghost) {
     constexpr std::size_t kLanes = kCount<Doubles<Bytes>>;
     for (std::size_t k = 0; k < count; k += kLanes) {
         const std::size_t some = count - k < kLanes ? count - k : kLanes;
         if (some == 1) arrivals[k] = trace(body, rays[k], nullptr, ghost);
-        else if (body.has_losses()) trace_packet<Bytes, true>(body, rays + k, static_cast<unsigned>(some), arrivals + k, ghost);
+        else if (body.has_losses())
+            trace_packet<Bytes, true>(body, rays + k, static_cast<unsigned>(some), arrivals + k, ghost);
         else trace_packet<Bytes, false>(body, rays + k, static_cast<unsigned>(some), arrivals + k, ghost);
     }
 }
 
-HORD_FOR_EACH_ISA(traced, void, trace_all, (const Body& body, const CameraRay* rays, std::size_t count, Arrival* arrivals, Ghost ghost),
+HORD_FOR_EACH_ISA(traced, void, trace_all,
+                  (const Body& body, const CameraRay* rays, std::size_t count, Arrival* arrivals, Ghost ghost),
                   (body, rays, count, arrivals, ghost))
 
 }  // namespace

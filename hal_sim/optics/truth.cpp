@@ -35,14 +35,16 @@ bool meets(const Way& way, const AbsorbingSpeck& d) {
 bool meets(const Way& way, const Inclusion& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
 bool meets(const Way& way, const Absorber& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
 template <class Thread>
-    requires requires(const Thread& d) { d.from_mm; }
+requires requires(const Thread& d) { d.from_mm; }
 bool meets(const Way& way, const Thread& d) {
     const double span = length(d.to_mm - d.from_mm);
     for (int k = 1; k < way.count; ++k) {
         if (!way.in_part[k]) continue;
         // The stretch's closest approach to the line: both are straight, so the distance along the scratch is convex.
         double low = 0, high = 1;
-        const auto at = [&](double t) { return distance_to_segment(d.from_mm + t * (d.to_mm - d.from_mm), way.points[k - 1], way.points[k]); };
+        const auto at = [&](double t) {
+            return distance_to_segment(d.from_mm + t * (d.to_mm - d.from_mm), way.points[k - 1], way.points[k]);
+        };
         while ((high - low) * span > 1e-3 * d.radius_mm) {
             const double a = low + (high - low) / 3, b = high - (high - low) / 3;
             (at(a) < at(b) ? high : low) = at(a) < at(b) ? b : a;
@@ -58,29 +60,37 @@ struct Around {
     double detail;  // its smallest measure
 };
 template <class Ball>
-    requires requires(const Ball& d) { d.centre_mm; }
+requires requires(const Ball& d) { d.centre_mm; }
 Around around(const Ball& d) { return {d.centre_mm, d.radius_mm, d.radius_mm}; }
 template <class Thread>
-    requires requires(const Thread& d) { d.from_mm; }
-Around around(const Thread& d) { return {0.5 * (d.from_mm + d.to_mm), 0.5 * length(d.to_mm - d.from_mm) + d.radius_mm, d.radius_mm}; }
+requires requires(const Thread& d) { d.from_mm; }
+Around around(const Thread& d) {
+    return {0.5 * (d.from_mm + d.to_mm), 0.5 * length(d.to_mm - d.from_mm) + d.radius_mm, d.radius_mm};
+}
 
 class Labels {
   public:
     Labels(const Scene& scene, const Body& clean)
-        : extents_(scene.camera.extents), camera_(scene), clean_(clean), seen_(extents_.lenslets()), balance_(extents_.lenslets()), touched_(extents_.lenslets()) {}
+        : extents_(scene.camera.extents), camera_(scene), clean_(clean), seen_(extents_.lenslets()),
+          balance_(extents_.lenslets()), touched_(extents_.lenslets()) {}
 
     // Sends light through the whole field, `per_side` squared rays a lenslet, and notes how each lenslet is reached.
     void survey(int per_side) {
         const double pitch = camera_.pitch_mm() / per_side;
         const int margin = per_side * (2 + extents_.m / 16);  // light may come in from beyond the field
         const ArrayGeometry::Point reach = camera_.reach_mm();
-        const int columns = static_cast<int>(std::ceil(2 * reach.x / pitch - 1e-6)), rows = static_cast<int>(std::ceil(2 * reach.y / pitch - 1e-6));
-        struct Ray { std::size_t lenslet; std::uint64_t path; };
+        const int columns = static_cast<int>(std::ceil(2 * reach.x / pitch - 1e-6)),
+                  rows = static_cast<int>(std::ceil(2 * reach.y / pitch - 1e-6));
+        struct Ray {
+            std::size_t lenslet;
+            std::uint64_t path;
+        };
         std::vector<Ray> through;
         std::vector<std::uint64_t> paths;
         for (int b = -margin; b < rows + margin; ++b) {
             for (int a = -margin; a < columns + margin; ++a) {
-                const CameraRay from = camera_.to_part((a + 0.5 - 0.5 * columns) * pitch, (b + 0.5 - 0.5 * rows) * pitch, 0, 0);
+                const CameraRay from =
+                    camera_.to_part((a + 0.5 - 0.5 * columns) * pitch, (b + 0.5 - 0.5 * rows) * pitch, 0, 0);
                 const Landing landing = shine(clean_, from.x, from.y);
                 std::size_t at = 0;
                 if (landing.path == 0 || !lenslet_at(landing, at)) continue;
@@ -94,7 +104,8 @@ class Labels {
         std::uint64_t usual = 0;
         std::size_t most = 0;
         for (std::size_t k = 0; k < paths.size();) {
-            const auto end = static_cast<std::size_t>(std::upper_bound(paths.begin(), paths.end(), paths[k]) - paths.begin());
+            const auto end =
+                static_cast<std::size_t>(std::upper_bound(paths.begin(), paths.end(), paths[k]) - paths.begin());
             if (end - k > most) most = end - k, usual = paths[k];
             k = end;
         }
@@ -137,7 +148,9 @@ class Labels {
 
     [[nodiscard]] std::vector<std::uint8_t> labels(int border_width) const {
         const int m_count = extents_.m, n_count = extents_.n;
-        const auto at = [&](int m, int n) { return static_cast<std::size_t>(n) * static_cast<std::size_t>(m_count) + static_cast<std::size_t>(m); };
+        const auto at = [&](int m, int n) {
+            return static_cast<std::size_t>(n) * static_cast<std::size_t>(m_count) + static_cast<std::size_t>(m);
+        };
         const auto is_part = [&](std::size_t k) { return balance_[k] > 0; };  // most of the light
         std::vector<std::uint8_t> border(extents_.lenslets());
         for (int n = 0; n < n_count; ++n) {
@@ -150,7 +163,8 @@ class Labels {
                 if (n + 1 < n_count) is_border = is_border || is_part(k) != is_part(at(m, n + 1));
                 if (!is_border) continue;
                 for (int b = std::max(0, n - border_width); b <= std::min(n_count - 1, n + border_width); ++b) {
-                    for (int a = std::max(0, m - border_width); a <= std::min(m_count - 1, m + border_width); ++a) border[at(a, b)] = 1;
+                    for (int a = std::max(0, m - border_width); a <= std::min(m_count - 1, m + border_width); ++a)
+                        border[at(a, b)] = 1;
                 }
             }
         }

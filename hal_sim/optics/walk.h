@@ -11,7 +11,9 @@ constexpr double kClose = 1e-6;   // of the body's size: larger than any crossin
 
 // A path by what it meets, one after the other; of numbers or of lanes of them. Once set, kMirrored stays.
 constexpr std::uint64_t met_disc(std::size_t disc) { return 1000 + disc; }
-constexpr std::uint64_t met_surface(std::size_t surface, bool reflected) { return 2 * surface + (reflected ? kMirrored | 1 : 0); }
+constexpr std::uint64_t met_surface(std::size_t surface, bool reflected) {
+    return 2 * surface + (reflected ? kMirrored | 1 : 0);
+}
 template <class Path>
 [[gnu::always_inline]] constexpr inline Path mix(const Path& path, std::uint64_t step) {
     return (((path ^ (step + 1)) * 0x9E3779B97F4A7C15ULL + (path >> 29)) & ~kMirrored) | ((path | step) & kMirrored);
@@ -24,11 +26,12 @@ struct Walk {
     std::uint64_t path = kFreePath;
     std::uint64_t state = 0, standing_on = 0;  // surfaces that it is inside of, and that it has just met
     std::uint8_t medium = 0;
-    double leaves = kNever;  // where it has left the box for good, when it meets nothing before
+    double leaves = kNever;   // where it has left the box for good, when it meets nothing before
     int step = 0, faces = 0;  // crossings; faces between media of different index
 };
 
-// Goes on until the ray has left the body for good; false when it is lost. `leaves` is then where it was last looked at.
+// Goes on until the ray has left the body for good; false when it is lost. `leaves` is then where it was last looked
+// at.
 bool go_on(const Body& body, Walk& walk, Way* way, Ghost ghost);
 
 // What is known of a ray that has left, by where it came from.

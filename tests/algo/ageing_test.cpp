@@ -21,17 +21,19 @@ struct Spot {
     double takes = 0.5;  // of the light
 };
 
-// What an inspection says of drawn parts: each lies a little differently, has a slope of light of its own, photon noise, and some have a flaw.
+// What an inspection says of drawn parts: each lies a little differently, has a slope of light of its own, photon
+// noise, and some have a flaw.
 class Line {
   public:
-    explicit Line(const Extents& extents = {64, 48, 5, 5}) : extents_(extents), sums_(extents.lenslets()), mask_(extents.lenslets()), surprise_(extents.lenslets()) {}
+    explicit Line(const Extents& extents = {64, 48, 5, 5})
+        : extents_(extents), sums_(extents.lenslets()), mask_(extents.lenslets()), surprise_(extents.lenslets()) {}
 
     double noise = kNoiseAt500Electrons;
-    double flawed = 0;              // share of the parts
+    double flawed = 0;                                 // share of the parts
     double flaw_m = -1, flaw_n = -1, flaw_within = 0;  // where: anywhere, or within so much of a place
-    bool flaw_fixed = false;        // in the part, at that place, in every part
+    bool flaw_fixed = false;                           // in the part, at that place, in every part
     bool reference = false;
-    double moves = 0;               // standard deviation of the part's place, lenslets, along each axis
+    double moves = 0;  // standard deviation of the part's place, lenslets, along each axis
     std::vector<Spot> dust;
 
     Inspection part() {
@@ -41,7 +43,9 @@ class Line {
         defects_.clear();
         if (uniform() < flawed) {
             Spot flaw{uniform() * extents_.m, uniform() * extents_.n, 0.5 + 2.5 * uniform(), 0.2 + 0.8 * uniform()};
-            if (flaw_within > 0) flaw.m = flaw_m + flaw_within * (2 * uniform() - 1), flaw.n = flaw_n + flaw_within * (2 * uniform() - 1);
+            if (flaw_within > 0)
+                flaw.m = flaw_m + flaw_within * (2 * uniform() - 1),
+                flaw.n = flaw_n + flaw_within * (2 * uniform() - 1);
             if (flaw_fixed) flaw = {flaw_m + x, flaw_n + y, 1.5, 0.6};
             spots.push_back(flaw);
             if (uniform() < 0.5) {  // found
@@ -94,7 +98,9 @@ class Line {
     std::normal_distribution<double> gauss_;
 };
 
-DustEstimator dust_of(const Line& line, int window = 100) { return std::move(*DustEstimator::create(line.extents(), window)); }
+DustEstimator dust_of(const Line& line, int window = 100) {
+    return std::move(*DustEstimator::create(line.extents(), window));
+}
 
 // Parts until the estimator first says `specks` or more; 0: never within `most`.
 int parts_until(DustEstimator& estimator, Line& line, bool specks, int most) {
@@ -104,7 +110,8 @@ int parts_until(DustEstimator& estimator, Line& line, bool specks, int most) {
     return 0;
 }
 
-// -- dust ------------------------------------------------------------------------------------------------------------------------
+// -- dust
+// ------------------------------------------------------------------------------------------------------------------------
 
 TEST(Dust, ten_thousand_parts_with_flaws_of_their_own_raise_no_alarm) {
     Line line({32, 32, 5, 5});
@@ -186,7 +193,8 @@ TEST(Dust, that_lies_opaque_on_a_lenslet_is_found_though_there_is_no_light_left)
     for (int k = 0; k < 100; ++k) {
         Inspection part = line.part();
         std::vector<std::uint8_t> mask(part.mask.begin(), part.mask.end());
-        for (std::size_t at = 0; at < mask.size(); ++at) mask[at] = static_cast<std::uint8_t>(mask[at] | (part.sums[at] == 0 ? kDark : 0));
+        for (std::size_t at = 0; at < mask.size(); ++at)
+            mask[at] = static_cast<std::uint8_t>(mask[at] | (part.sums[at] == 0 ? kDark : 0));
         part.mask = mask;
         closed = estimator.add(part);
     }
@@ -262,7 +270,8 @@ TEST(Dust, is_not_looked_for_where_nothing_is_judged_nor_in_parts_that_could_not
     EXPECT_EQ(parts_until(estimator, line, true, 200), 100);
 }
 
-// -- light, dark level, evenness --------------------------------------------------------------------------------------------
+// -- light, dark level, evenness
+// --------------------------------------------------------------------------------------------
 
 // A frame whose unlit bins read `dark` on average, and its inspection; good until the next part.
 struct Lit {
@@ -280,8 +289,9 @@ class Lamp {
         const double own = 1 + 0.05 * gauss_(random_);
         for (int n = 0; n < kField.n; ++n) {
             for (int m = 0; m < kField.m; ++m) {
-                sums_[static_cast<std::size_t>(n * kField.m + m)] =
-                    static_cast<std::uint32_t>(10'000 * light * own * (m < kField.m / 8 && n < kField.n / 8 ? tile_light : 1) * (1 + 0.05 * gauss_(random_)));
+                sums_[static_cast<std::size_t>(n * kField.m + m)] = static_cast<std::uint32_t>(
+                    10'000 * light * own * (m < kField.m / 8 && n < kField.n / 8 ? tile_light : 1) *
+                    (1 + 0.05 * gauss_(random_)));
             }
         }
         Inspection inspection;
@@ -306,7 +316,9 @@ class Lamp {
             for (int y = 0; y < frame.height_px(); ++y) {
                 for (int x = 0; x < frame.width_px(); ++x) {
                     const bool lit = std::abs(x % kField.i - 2) + std::abs(y % kField.j - 2) <= 1;
-                    frame.set(x, y, static_cast<std::uint32_t>(std::max(0L, std::lround(((lit ? 100 * light : 0) + dark) * per_dn + 0.8 * gauss_(random_)))));
+                    frame.set(x, y,
+                              static_cast<std::uint32_t>(std::max(
+                                  0L, std::lround(((lit ? 100 * light : 0) + dark) * per_dn + 0.8 * gauss_(random_)))));
                 }
             }
         }
@@ -362,7 +374,8 @@ TEST(LightTrend, the_dark_level_is_measured_to_a_fifth_of_a_dn_at_any_depth) {
         ASSERT_TRUE(trend);
         Lamp lamp(bits);
         const double scale = 1U << (bits - 8);
-        EXPECT_NEAR(after(*trend, lamp, 25).dark_dn, 3 * scale, 1.5) << bits;  // the darkest quarter lies below the mean
+        EXPECT_NEAR(after(*trend, lamp, 25).dark_dn, 3 * scale, 1.5)
+            << bits;  // the darkest quarter lies below the mean
         lamp.dark = 4.5;
         EXPECT_NEAR(after(*trend, lamp, 25).dark_drift_dn, 1.5 * scale, 0.2) << bits;
         lamp.dark = 2.5;

@@ -1,8 +1,9 @@
-// After set-up nothing allocates: every use of the heap is counted in this program, by whatever thread. And workspaces stay small.
-#include <gtest/gtest.h>
-
-#include <malloc.h>
+// After set-up nothing allocates: every use of the heap is counted in this program, by whatever thread. And workspaces
+// stay small.
 #include <random>
+
+#include <gtest/gtest.h>
+#include <malloc.h>
 
 #include "algo/distance.h"
 #include "algo/emd_anytime.h"
@@ -28,7 +29,8 @@ Frame any_frame(const Extents& e, int bits, std::uint64_t seed) {
             const auto kind = random() % 8;
             for (int k = 0; k < e.bins(); ++k) {
                 const bool lit = kind >= 6 || (kind >= 1 && random() % static_cast<unsigned>(e.bins()) < 8);
-                frame.set(m * e.i + k % e.i, n * e.j + k / e.i, lit ? static_cast<std::uint32_t>(random() % (full + (kind == 7 ? 1 : 0))) : 0);
+                frame.set(m * e.i + k % e.i, n * e.j + k / e.i,
+                          lit ? static_cast<std::uint32_t>(random() % (full + (kind == 7 ? 1 : 0))) : 0);
             }
         }
     }
@@ -52,7 +54,8 @@ TEST(Allocation, no_distance_kernel_allocates) {
         std::vector<double> out(64);
         EXPECT_EQ(allocated_by([&] {
                       for (std::size_t k = 1; k < 64; ++k) {
-                          const Hord a = rows[(k - 1) / 8].hord(static_cast<int>((k - 1) % 8)), b = rows[k / 8].hord(static_cast<int>(k % 8));
+                          const Hord a = rows[(k - 1) / 8].hord(static_cast<int>((k - 1) % 8)),
+                                     b = rows[k / 8].hord(static_cast<int>(k % 8));
                           out[0] += (*distance)(a, b);
                           distance->submit(a, b, &out[k]);
                       }
@@ -65,7 +68,8 @@ TEST(Allocation, no_distance_kernel_allocates) {
     auto decider = EmdDecider::create(ground);
     bool above = false;
     EXPECT_EQ(allocated_by([&] {
-                  for (int m = 1; m < 8; ++m) above = above != decider->exceeds(rows[0].hord(m - 1), rows[0].hord(m), 1.5);
+                  for (int m = 1; m < 8; ++m)
+                      above = above != decider->exceeds(rows[0].hord(m - 1), rows[0].hord(m), 1.5);
               }),
               0U);
 }
@@ -78,9 +82,12 @@ TEST(Allocation, no_map_allocates_after_set_up) {
                 for (std::size_t f = 0; f < static_cast<std::size_t>(Feature::transmission); ++f) {
                     const auto feature = static_cast<Feature>(f);
                     auto mapper = FeatureMapper::create(e, bits, levels(bits), feature, {.threads = threads});
-                    EXPECT_EQ(allocated_by([&] { EXPECT_TRUE(mapper->over_neighbours(frame.view())); }), 0U) << name_of(feature);
+                    EXPECT_EQ(allocated_by([&] { EXPECT_TRUE(mapper->over_neighbours(frame.view())); }), 0U)
+                        << name_of(feature);
                     if (is_distance(feature)) {
-                        EXPECT_EQ(allocated_by([&] { EXPECT_TRUE(mapper->against(frame.view(), reference.view())); }), 0U) << name_of(feature);
+                        EXPECT_EQ(allocated_by([&] { EXPECT_TRUE(mapper->against(frame.view(), reference.view())); }),
+                                  0U)
+                            << name_of(feature);
                     }
                 }
                 const auto ground = *GroundDistance::between_bins(e.i, e.j);
@@ -115,11 +122,13 @@ TEST(Workspace, of_every_map_is_below_16_mib_at_paper_size) {
     const auto lenslets = static_cast<double>(e.lenslets());
     for (std::size_t f = 0; f < static_cast<std::size_t>(Feature::transmission); ++f) {
         const auto feature = static_cast<Feature>(f);
-        expect_small(std::string(name_of(feature)), lenslets * (sizeof(float) + 1), [&] { return FeatureMapper::create(e, 16, levels(16), feature, {.threads = 2}); });
+        expect_small(std::string(name_of(feature)), lenslets * (sizeof(float) + 1),
+                     [&] { return FeatureMapper::create(e, 16, levels(16), feature, {.threads = 2}); });
     }
     const auto ground = *GroundDistance::between_bins(9, 9);
     expect_small("decisions", lenslets * 2, [&] { return EmdDecisions::create(e, 16, levels(16), ground, 2); });
-    expect_small("anytime", lenslets * (2 * sizeof(float) + 1), [&] { return AnytimeEmdMap::create(e, 16, levels(16), ground, 2); });
+    expect_small("anytime", lenslets * (2 * sizeof(float) + 1),
+                 [&] { return AnytimeEmdMap::create(e, 16, levels(16), ground, 2); });
 }
 
 TEST(Allocation, decoding_a_raw_frame_into_one_that_is_there) {

@@ -1,12 +1,12 @@
 #include "algo/bands.h"
 
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <atomic>
 #include <memory>
 #include <numeric>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 namespace hord::algo {
 namespace {
@@ -37,16 +37,19 @@ TEST(BandCrew, gives_a_thread_bands_that_follow_one_another) {
         constexpr int kBands = 24;
         std::vector<std::vector<int>> bands(static_cast<std::size_t>(threads));
         for (auto& of_worker : bands) of_worker.reserve(kBands);
-        (*crew)->share_out(kBands, [&](int worker, int band) { bands[static_cast<std::size_t>(worker)].push_back(band); });
+        (*crew)->share_out(kBands,
+                           [&](int worker, int band) { bands[static_cast<std::size_t>(worker)].push_back(band); });
         for (int worker = 0; worker < threads; ++worker) {
             const auto& of_worker = bands[static_cast<std::size_t>(worker)];
             const int begin = kBands * worker / threads, end = kBands * (worker + 1) / threads;
             std::size_t own = 0;
             while (own < of_worker.size() && of_worker[own] == begin + static_cast<int>(own)) ++own;
             // What follows is others': what is left of its own by then, others have taken.
-            for (std::size_t k = own; k < of_worker.size(); ++k) EXPECT_TRUE(of_worker[k] < begin || of_worker[k] >= end);
+            for (std::size_t k = own; k < of_worker.size(); ++k)
+                EXPECT_TRUE(of_worker[k] < begin || of_worker[k] >= end);
         }
-        const std::size_t taken = std::accumulate(bands.begin(), bands.end(), std::size_t{0}, [](std::size_t sum, const auto& b) { return sum + b.size(); });
+        const std::size_t taken = std::accumulate(bands.begin(), bands.end(), std::size_t{0},
+                                                  [](std::size_t sum, const auto& b) { return sum + b.size(); });
         EXPECT_EQ(taken, std::size_t{kBands});
     }
 }

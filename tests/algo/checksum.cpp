@@ -1,5 +1,5 @@
-// Prints one number for the bits of every distance over many random HORDs. The same on every processor, compiler and instruction set: the tests compare it with a literal, and build
-// and run this program for arm64.
+// Prints one number for the bits of every distance over many random HORDs. The same on every processor, compiler and
+// instruction set: the tests compare it with a literal, and build and run this program for arm64.
 #include <bit>
 #include <cinttypes>
 #include <cstdio>
@@ -36,7 +36,8 @@ std::uint64_t of_random_hords(int bins_i, int bins_j, std::uint32_t full_scale, 
     for (int n = 0; n < count; ++n) {
         std::vector<std::uint16_t> h(bins);
         const std::uint32_t lit = 1 + random.below(n % 4 == 0 ? bins : 9);
-        for (std::uint32_t k = 0; k < lit; ++k) h[random.below(bins)] = static_cast<std::uint16_t>(1 + random.below(full_scale));
+        for (std::uint32_t k = 0; k < lit; ++k)
+            h[random.below(bins)] = static_cast<std::uint16_t>(1 + random.below(full_scale));
         mass.push_back(h);
     }
     for (const auto& h : mass) {
@@ -57,8 +58,8 @@ std::uint64_t of_random_hords(int bins_i, int bins_j, std::uint32_t full_scale, 
 }  // namespace
 
 int main() {
-    const std::uint64_t sums[] = {of_random_hords(9, 9, 255, 800), of_random_hords(15, 15, 65535, 100), of_random_hords(4, 7, 4095, 400),
-                                  of_random_hords(3, 3, 2, 800)};
+    const std::uint64_t sums[] = {of_random_hords(9, 9, 255, 800), of_random_hords(15, 15, 65535, 100),
+                                  of_random_hords(4, 7, 4095, 400), of_random_hords(3, 3, 2, 800)};
     Checksum all;
     for (const auto s : sums) all.add(std::bit_cast<double>(s));
     std::printf("%016" PRIx64 "\n", all.value);

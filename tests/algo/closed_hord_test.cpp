@@ -15,7 +15,8 @@ using namespace testing;
 constexpr Isa kIsas[] = {Isa::portable, Isa::avx2, Isa::avx512};
 constexpr const char* kOnlyPortable = "this processor has no instruction set that closes HORDs up";
 
-// A row, its masses one after the other, exactly as many as there are, so that a sanitizer sees what is read beyond them.
+// A row, its masses one after the other, exactly as many as there are, so that a sanitizer sees what is read beyond
+// them.
 struct Row {
     int bins = 0;
     std::vector<std::uint16_t> masses;
@@ -33,7 +34,9 @@ struct Row {
         std::ranges::reverse(closed);
         by(masses.data(), sums, bins, closed.data());
     }
-    [[nodiscard]] Hord hord(std::size_t k) const { return {masses.data() + k * static_cast<std::size_t>(bins), sums[k]}; }
+    [[nodiscard]] Hord hord(std::size_t k) const {
+        return {masses.data() + k * static_cast<std::size_t>(bins), sums[k]};
+    }
 };
 
 // Up to `most` lit bins, at most `apart` bins from each other.
@@ -41,7 +44,8 @@ Histogram near_each_other(Random& random, int bins, int most, int apart, int ful
     Histogram h(static_cast<std::size_t>(bins));
     const int first = pick(random, 0, bins - 1);
     for (int n = pick(random, 1, most); n > 0; --n) {
-        h[static_cast<std::size_t>(std::min(first + pick(random, 0, apart), bins - 1))] = static_cast<std::uint16_t>(pick(random, 1, full_scale));
+        h[static_cast<std::size_t>(std::min(first + pick(random, 0, apart), bins - 1))] =
+            static_cast<std::uint16_t>(pick(random, 1, full_scale));
     }
     return h;
 }
@@ -74,7 +78,8 @@ TEST(ClosedHord, has_the_lit_bins_of_every_number_of_bins) {
         Random random(3);
         for (int bins = 9; bins <= kMostBins; ++bins) {
             Row row;
-            for (int n = 0; n < 40; ++n) row.add(near_each_other(random, bins, n % 2 == 0 ? 4 : 10, n % 3 == 0 ? 60 : 20, 65535));
+            for (int n = 0; n < 40; ++n)
+                row.add(near_each_other(random, bins, n % 2 == 0 ? 4 : 10, n % 3 == 0 ? 60 : 20, 65535));
             row.add(Histogram(static_cast<std::size_t>(bins)));
             row.close_up(closed_kernels(isa).close_up);
             row.close_up(closed_kernels(isa).close_up);
@@ -101,14 +106,16 @@ TEST(ClosedDifference, is_found_up_to_its_limits) {
         Histogram a(225), b(225);
         a[10] = static_cast<std::uint16_t>(sum_a / 2), a[12] = static_cast<std::uint16_t>(sum_a - sum_a / 2);
         const auto first = static_cast<std::size_t>(b_first);
-        b[first] = static_cast<std::uint16_t>(sum_b / 2), b[first + static_cast<std::size_t>(b_span) - 1] = static_cast<std::uint16_t>(sum_b - sum_b / 2);
+        b[first] = static_cast<std::uint16_t>(sum_b / 2),
+        b[first + static_cast<std::size_t>(b_span) - 1] = static_cast<std::uint16_t>(sum_b - sum_b / 2);
         Row row;
         row.add(a);
         row.add(b);
         const ClosedKernels kernels = closed_kernels(best_isa());
         row.close_up(kernels.close_up);
         ClosedDifference difference{};
-        EXPECT_EQ(kernels.subtract(row.closed[1], row.closed[0], difference) > 0, kernels.subtract(row.closed[0], row.closed[1], difference) > 0);
+        EXPECT_EQ(kernels.subtract(row.closed[1], row.closed[0], difference) > 0,
+                  kernels.subtract(row.closed[0], row.closed[1], difference) > 0);
         const int bins = kernels.subtract(row.closed[0], row.closed[1], difference);
         if (bins > 0) {
             EXPECT_EQ(difference.more[bins - 1], -static_cast<std::int64_t>(sum_b - sum_b / 2) * sum_a);
@@ -133,11 +140,14 @@ TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
             const int bins = pick(random, 16, kMostBins), full_scale = round % 2 == 0 ? 255 : 9000;
             Row row;
             row.add(near_each_other(random, bins, 5, 30, full_scale));
-            const std::size_t first = static_cast<std::size_t>(std::ranges::find_if(row.masses, [](auto m) { return m != 0; }) - row.masses.begin());
+            const std::size_t first = static_cast<std::size_t>(
+                std::ranges::find_if(row.masses, [](auto m) { return m != 0; }) - row.masses.begin());
             Histogram other = near_each_other(random, bins, 5, 30, full_scale);
             if (round % 3 != 0) {  // one that overlaps
                 other.assign(other.size(), 0);
-                for (int n = 0; n < 4; ++n) other[std::min(first + static_cast<std::size_t>(pick(random, 0, 12)), other.size() - 1)] = static_cast<std::uint16_t>(pick(random, 1, full_scale));
+                for (int n = 0; n < 4; ++n)
+                    other[std::min(first + static_cast<std::size_t>(pick(random, 0, 12)), other.size() - 1)] =
+                        static_cast<std::uint16_t>(pick(random, 1, full_scale));
             }
             row.add(other);
             row.close_up(kernels.close_up);
@@ -151,7 +161,8 @@ TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
             const bool light = std::uint64_t{a.sum} * b.sum < (std::uint64_t{1} << 31);
             if (count == 0) {
                 const bool both = row.closed[0].is_closed() && row.closed[1].is_closed();
-                EXPECT_TRUE(!both || !light || either.size() > kMostClosed || std::abs(row.closed[0].bin[0] - row.closed[1].bin[0]) > kClosedApart);
+                EXPECT_TRUE(!both || !light || either.size() > kMostClosed ||
+                            std::abs(row.closed[0].bin[0] - row.closed[1].bin[0]) > kClosedApart);
                 continue;
             }
             ++found;
@@ -164,18 +175,21 @@ TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
                     continue;
                 }
                 EXPECT_EQ(difference.bin[k], either[k]);
-                EXPECT_EQ(difference.more[k], std::int64_t{a.mass[either[k]]} * b.sum - std::int64_t{b.mass[either[k]]} * a.sum);
+                EXPECT_EQ(difference.more[k],
+                          std::int64_t{a.mass[either[k]]} * b.sum - std::int64_t{b.mass[either[k]]} * a.sum);
             }
         }
         EXPECT_GT(found, 1500);
     }
 }
 
-// Whatever way a pair goes, its distance has the same bits as alone: few bins, more, many, none, as many as equal masses, too heavy, dark.
+// Whatever way a pair goes, its distance has the same bits as alone: few bins, more, many, none, as many as equal
+// masses, too heavy, dark.
 TEST(ClosedHord, gives_the_distance_of_the_hord_to_the_last_bit) {
-    const GroundDistance grounds[] = {*GroundDistance::between_bins(9, 9), *GroundDistance::between_bins(9, 9, GroundNorm::manhattan),
-                                      *GroundDistance::between_bins(9, 9, GroundNorm::squared_euclidean), *GroundDistance::between_bins(15, 15),
-                                      *GroundDistance::between_bins(3, 3)};
+    const GroundDistance grounds[] = {*GroundDistance::between_bins(9, 9),
+                                      *GroundDistance::between_bins(9, 9, GroundNorm::manhattan),
+                                      *GroundDistance::between_bins(9, 9, GroundNorm::squared_euclidean),
+                                      *GroundDistance::between_bins(15, 15), *GroundDistance::between_bins(3, 3)};
     for (const GroundDistance& ground : grounds) {
         Random random(5);
         Row row;
@@ -188,22 +202,24 @@ TEST(ClosedHord, gives_the_distance_of_the_hord_to_the_last_bit) {
                 row.add(again);
                 continue;
             }
-            row.add(kind == 0   ? near_each_other(random, bins, 3, 3, 255)
-                    : kind == 1 ? near_each_other(random, bins, 4, 12, 3)
-                    : kind == 2 ? blob(random, ground.bins_i(), ground.bins_j(), 255, 0.5)
-                    : kind == 3 ? near_each_other(random, bins, 3, 2, 65535)
-                    : kind == 4 || kind == 6 ? near_each_other(random, bins, 9, 11, 4)
-                    : n % 9 == 0 ? Histogram(static_cast<std::size_t>(bins))
-                                 : scattered(random, bins, 1 + n % 30, 255));
+            row.add(kind == 0                    ? near_each_other(random, bins, 3, 3, 255)
+                        : kind == 1              ? near_each_other(random, bins, 4, 12, 3)
+                        : kind == 2              ? blob(random, ground.bins_i(), ground.bins_j(), 255, 0.5)
+                        : kind == 3              ? near_each_other(random, bins, 3, 2, 65535)
+                        : kind == 4 || kind == 6 ? near_each_other(random, bins, 9, 11, 4)
+                        : n % 9 == 0             ? Histogram(static_cast<std::size_t>(bins))
+                                                 : scattered(random, bins, 1 + n % 30, 255));
         }
         auto alone = EmdSolver::create(ground, Isa::portable);
         std::vector<double> expected;
-        for (std::size_t k = 1; k < row.sums.size(); ++k) expected.push_back(alone->distance(row.hord(k - 1), row.hord(k)));
+        for (std::size_t k = 1; k < row.sums.size(); ++k)
+            expected.push_back(alone->distance(row.hord(k - 1), row.hord(k)));
         for (const Isa isa : kIsas) {
             if (!has(isa)) continue;
             auto solver = EmdSolver::create(ground, isa);
             // As this solver would, and as one for another ground and another instruction set did.
-            for (const CloseUp close_up : {solver->close_up(), closed_kernels(isa == Isa::portable ? best_isa() : isa).close_up}) {
+            for (const CloseUp close_up :
+                 {solver->close_up(), closed_kernels(isa == Isa::portable ? best_isa() : isa).close_up}) {
                 row.close_up(close_up);
                 std::vector<double> out(expected.size(), -1);
                 for (std::size_t k = 1; k < row.sums.size(); ++k) {
@@ -231,7 +247,8 @@ TEST(ClosedHord, gives_the_same_where_few_bins_prove_nothing) {
     // Two bins of a line against one to the right above and one below: nearly the same gain by either.
     for (int n = 0; n < 4000; ++n) {
         Histogram h(81);
-        for (const int k : n % 2 == 0 ? std::vector<int>{36, 38} : std::vector<int>{32, 44, 50}) h[static_cast<std::size_t>(k)] = static_cast<std::uint16_t>(pick(random, 1, 9));
+        for (const int k : n % 2 == 0 ? std::vector<int>{36, 38} : std::vector<int>{32, 44, 50})
+            h[static_cast<std::size_t>(k)] = static_cast<std::uint16_t>(pick(random, 1, 9));
         row.add(h);
     }
     auto alone = EmdSolver::create(ground, Isa::portable), solver = EmdSolver::create(ground);

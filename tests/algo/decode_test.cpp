@@ -1,11 +1,11 @@
 #include "algo/decode.h"
 
-#include <gtest/gtest.h>
-
 #include <cstring>
 #include <numeric>
 #include <random>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 namespace hord::algo {
 namespace {
@@ -69,7 +69,8 @@ TEST(Decode, follows_padded_rows_and_rows_that_run_backwards) {
     const Frame frame = numbered(12);
     std::vector<std::uint16_t> padded(9 * 16, 4095);
     for (int y = 0; y < 9; ++y) {
-        for (int x = 0; x < 9; ++x) padded[static_cast<std::size_t>((8 - y) * 16 + x)] = static_cast<std::uint16_t>(frame.view().sample(x, y));
+        for (int x = 0; x < 9; ++x)
+            padded[static_cast<std::size_t>((8 - y) * 16 + x)] = static_cast<std::uint16_t>(frame.view().sample(x, y));
     }
     const FrameView upside_down{reinterpret_cast<const std::byte*>(padded.data() + 8 * 16), 9, 9, -32, 12};
     HordRow straight(kSmall), backwards(kSmall);
@@ -116,7 +117,8 @@ std::vector<Isa> isas_here() {
     return isas;
 }
 
-// Every number of bins, odd, even and rectangular, 8 to 16 bits: masses as defined, sums exact, by whatever instruction set.
+// Every number of bins, odd, even and rectangular, 8 to 16 bits: masses as defined, sums exact, by whatever instruction
+// set.
 TEST(Decode, holds_for_every_number_of_bins_and_every_bit_depth) {
     std::mt19937 random(2);
     const std::vector<Isa> isas = isas_here();
@@ -126,9 +128,11 @@ TEST(Decode, holds_for_every_number_of_bins_and_every_bit_depth) {
                 const Extents e{5, 3, i, j};
                 Frame frame(e.width_px(), e.height_px(), bits);
                 for (int y = 0; y < e.height_px(); ++y) {
-                    for (int x = 0; x < e.width_px(); ++x) frame.set(x, y, static_cast<std::uint32_t>(random()) & frame.view().full_scale());
+                    for (int x = 0; x < e.width_px(); ++x)
+                        frame.set(x, y, static_cast<std::uint32_t>(random()) & frame.view().full_scale());
                 }
-                const std::uint32_t dark = frame.view().full_scale() / 7, saturated = frame.view().full_scale() - static_cast<std::uint32_t>(i);
+                const std::uint32_t dark = frame.view().full_scale() / 7,
+                                    saturated = frame.view().full_scale() - static_cast<std::uint32_t>(i);
                 for (const Isa isa : isas) {
                     for (int n = 0; n < e.n; ++n) expect_definition(frame, e, {dark, 1, saturated}, n, isa);
                 }

@@ -1,18 +1,18 @@
 // Regions, positions, reasons and kinds, on maps drawn as text.
 #include "algo/defects.h"
 
-#include <gtest/gtest.h>
-
 #include <string>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "algo/mask.h"
 
 namespace hord::algo {
 namespace {
 
-// Each letter is a lenslet: '.' good, 'e' emd 3, 'E' emd 6, 'f' frobenius 2 and emd 4, 't' transmission 0.2, 'b' emd 3 and transmission 0.2,
-// 'd' dark, 's' saturated, 'r' rim with emd 9, 'o' outside and dark, 'x' border.
+// Each letter is a lenslet: '.' good, 'e' emd 3, 'E' emd 6, 'f' frobenius 2 and emd 4, 't' transmission 0.2, 'b' emd 3
+// and transmission 0.2, 'd' dark, 's' saturated, 'r' rim with emd 9, 'o' outside and dark, 'x' border.
 struct Maps {
     Extents extents;
     std::vector<float> emd, frobenius, transmission;
@@ -25,10 +25,20 @@ Maps maps_of(const std::vector<std::string>& rows) {
     maps.extents = {static_cast<int>(rows[0].size()), static_cast<int>(rows.size()), 9, 9};
     for (const std::string& row : rows) {
         for (const char c : row) {
-            maps.emd.push_back(c == 'e' || c == 'b' ? 3 : c == 'E' ? 6 : c == 'f' ? 4 : c == 'r' ? 9 : c == '.' ? 0.5F : 0);
+            maps.emd.push_back(c == 'e' || c == 'b' ? 3
+                                   : c == 'E'       ? 6
+                                   : c == 'f'       ? 4
+                                   : c == 'r'       ? 9
+                                   : c == '.'       ? 0.5F
+                                                    : 0);
             maps.frobenius.push_back(c == 'f' ? 2 : 0.1F);
             maps.transmission.push_back(c == 't' || c == 'b' ? 0.2F : c == 'd' || c == 's' || c == 'o' ? 0 : 1);
-            maps.mask.push_back(c == 'd' ? kDark : c == 's' ? kSaturated : c == 'r' ? kRim : c == 'o' ? kOutside | kDark : c == 'x' ? kBorder : kValid);
+            maps.mask.push_back(c == 'd'       ? kDark
+                                    : c == 's' ? kSaturated
+                                    : c == 'r' ? kRim
+                                    : c == 'o' ? kOutside | kDark
+                                    : c == 'x' ? kBorder
+                                               : kValid);
         }
     }
     return maps;
@@ -119,7 +129,9 @@ TEST(Defects, dark_lenslets_are_missing_light_and_rim_and_outside_are_not_judged
     EXPECT_TRUE(find({"rrrr", "r..o"}).defects.empty());
 }
 
-TEST(Defects, saturated_lenslets_are_not_taken_for_missing_light) { EXPECT_TRUE(find({"....", ".ss.", "...."}).defects.empty()); }
+TEST(Defects, saturated_lenslets_are_not_taken_for_missing_light) {
+    EXPECT_TRUE(find({"....", ".ss.", "...."}).defects.empty());
+}
 
 TEST(Defects, a_transmission_limit_of_0_switches_missing_light_off) {
     Recipe recipe = limits();
@@ -133,7 +145,10 @@ TEST(Defects, get_a_kind) {
     EXPECT_EQ(find({"...", ".t.", "..."}).defects[0].kind, DefectKind::absorbing);
     EXPECT_EQ(find({"...", ".b.", "..."}).defects[0].kind, DefectKind::unknown);
     EXPECT_EQ(find({"............", ".eeeeeeeeee.", "............"}).defects[0].kind, DefectKind::scratch);
-    EXPECT_EQ(find({"b.........", ".b........", "..b.......", "...b......", "....b.....", ".....b....", "......b...", ".......b.."}).defects[0].kind,
+    EXPECT_EQ(find({"b.........", ".b........", "..b.......", "...b......", "....b.....", ".....b....", "......b...",
+                    ".......b.."})
+                  .defects[0]
+                  .kind,
               DefectKind::scratch);
 }
 

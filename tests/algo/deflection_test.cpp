@@ -1,11 +1,11 @@
 #include "algo/deflection.h"
 
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <random>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 namespace hord::algo {
 namespace {
@@ -58,7 +58,8 @@ TEST(MeanDeflection, is_within_its_bound_of_double_for_every_geometry_and_bit_de
             sum += a;
         }
         const Deflection mean = mean_of(mass, i, j);
-        worst = std::max({worst, std::abs(mean.x.to_double_rounded() - x / sum), std::abs(mean.y.to_double_rounded() - y / sum)});
+        worst = std::max(
+            {worst, std::abs(mean.x.to_double_rounded() - x / sum), std::abs(mean.y.to_double_rounded() - y / sum)});
     }
     EXPECT_LE(worst, kDeflectionError);
     EXPECT_LT(kDeflectionError, std::ldexp(1.0, -12));

@@ -96,14 +96,18 @@ TEST_P(DistanceOn, agrees_with_its_definition) {
             EXPECT_NEAR(measure(Feature::chi2, a, b, i, j), static_cast<double>(chi2), kError);
             EXPECT_NEAR(measure(Feature::hellinger, a, b, i, j), static_cast<double>(std::sqrt(hellinger)), kError);
             EXPECT_NEAR(measure(Feature::centroid, a, b, i, j), static_cast<double>(std::hypot(x, y)), kError);
-            EXPECT_NEAR(measure(Feature::marginal, a, b, i, j), static_cast<double>(std::hypot(w1(columns), w1(lines))), kError);
+            EXPECT_NEAR(measure(Feature::marginal, a, b, i, j), static_cast<double>(std::hypot(w1(columns), w1(lines))),
+                        kError);
             if (overlap > 0) {
-                EXPECT_NEAR(measure(Feature::bhattacharyya, a, b, i, j), static_cast<double>(-std::log(overlap)), kError);
+                EXPECT_NEAR(measure(Feature::bhattacharyya, a, b, i, j), static_cast<double>(-std::log(overlap)),
+                            kError);
             }
         }
     }
 }
-INSTANTIATE_TEST_SUITE_P(bins, DistanceOn, ::testing::Values(Geometry{3, 3}, Geometry{9, 9}, Geometry{8, 8}, Geometry{15, 15}, Geometry{4, 7}, Geometry{15, 3}),
+INSTANTIATE_TEST_SUITE_P(bins, DistanceOn,
+                         ::testing::Values(Geometry{3, 3}, Geometry{9, 9}, Geometry{8, 8}, Geometry{15, 15},
+                                           Geometry{4, 7}, Geometry{15, 3}),
                          [](const auto& at) { return std::to_string(at.param.i) + "x" + std::to_string(at.param.j); });
 
 TEST(Distance, bounds_nest_centroid_marginal_emd_and_sliced_emd) {

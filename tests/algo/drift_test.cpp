@@ -19,11 +19,13 @@ struct Moved {
     double x = 0, y = 0, turn = 0, growth = 0;
 };
 
-// Frames of parts that are never quite alike: each a lens of another strength at another place, over the middle of the field.
+// Frames of parts that are never quite alike: each a lens of another strength at another place, over the middle of the
+// field.
 class Line {
   public:
     Frame part(const Moved& moved) {
-        const double lens_m = 18 + 3 * uniform(), lens_n = 15 + 3 * uniform(), strength = 0.1 + 0.03 * uniform(), radius = 8 + uniform();
+        const double lens_m = 18 + 3 * uniform(), lens_n = 15 + 3 * uniform(), strength = 0.1 + 0.03 * uniform(),
+                     radius = 8 + uniform();
         return lens(moved, lens_m, lens_n, strength, radius);
     }
     Frame lens(const Moved& moved, double lens_m, double lens_n, double strength, double radius) {
@@ -48,7 +50,9 @@ class Line {
     void spot(Frame& frame, int m, int n, double dx, double dy) {
         double across[9], down[9];
         for (int k = 0; k < 9; ++k) {
-            const auto share = [k](double d) { return 0.5 * (std::erf((k - 3.5 - d) * 0.9) - std::erf((k - 4.5 - d) * 0.9)); };
+            const auto share = [k](double d) {
+                return 0.5 * (std::erf((k - 3.5 - d) * 0.9) - std::erf((k - 4.5 - d) * 0.9));
+            };
             across[k] = share(dx);
             down[k] = share(dy);
         }
@@ -56,7 +60,8 @@ class Line {
             for (int i = 0; i < 9; ++i) {
                 const double light = 400 * across[i] * down[j];  // DN; 20 electrons each
                 const double noise = std::sqrt(light / 20 + 0.3) * gauss_(random_);
-                frame.set(m * 9 + i, n * 9 + j, static_cast<std::uint32_t>(std::clamp(std::lround(light + noise), 0L, 254L)));
+                frame.set(m * 9 + i, n * 9 + j,
+                          static_cast<std::uint32_t>(std::clamp(std::lround(light + noise), 0L, 254L)));
             }
         }
     }
@@ -71,13 +76,15 @@ DriftEstimator watched(Line& line, int parts) {
 }
 
 TEST(Drift, a_tenth_of_a_pixel_is_measured_within_fifty_parts) {
-    for (const Moved moved : {Moved{0.1, 0, 0, 0}, Moved{0.06, -0.08, 0, 0}, Moved{0, 0, 5e-4, 0}, Moved{0, 0, 0, -5e-4}}) {
+    for (const Moved moved :
+         {Moved{0.1, 0, 0, 0}, Moved{0.06, -0.08, 0, 0}, Moved{0, 0, 5e-4, 0}, Moved{0, 0, 0, -5e-4}}) {
         Line line;
         DriftEstimator estimator = watched(line, 33);  // the window is broken into by the shift
         for (int k = 0; k < 50; ++k) estimator.add(line.part(moved).view());
         ASSERT_TRUE(estimator.latest());
         const Drift& drift = *estimator.latest();
-        // The mean of a spot that 9 bins cut off and dark levels bite into moves a little less than the spot: a tenth is left for it.
+        // The mean of a spot that 9 bins cut off and dark levels bite into moves a little less than the spot: a tenth
+        // is left for it.
         EXPECT_NEAR(drift.shift_x_bins, moved.x, 0.01);
         EXPECT_NEAR(drift.shift_y_bins, moved.y, 0.01);
         EXPECT_NEAR(drift.turn_rad, moved.turn, 5e-5);
@@ -116,12 +123,14 @@ TEST(Drift, dark_frames_do_not_count) {
     EXPECT_LT(estimator.latest()->largest_bins, 0.03);
 }
 
-// -- against the calibration ------------------------------------------------------------------------------------------------
+// -- against the calibration
+// ------------------------------------------------------------------------------------------------
 
 DriftEstimator calibrated() { return std::move(*DriftEstimator::create(kExtents, kLevels, DriftZero::calibration)); }
 
 TEST(DriftSinceCalibration, is_measured_from_the_first_window_on_whatever_had_moved_before) {
-    for (const Moved moved : {Moved{}, Moved{0.1, 0, 0, 0}, Moved{0.06, -0.08, 0, 0}, Moved{0, 0, 5e-4, 0}, Moved{0, 0, 0, -5e-4}}) {
+    for (const Moved moved :
+         {Moved{}, Moved{0.1, 0, 0, 0}, Moved{0.06, -0.08, 0, 0}, Moved{0, 0, 5e-4, 0}, Moved{0, 0, 0, -5e-4}}) {
         Line line;
         DriftEstimator estimator = calibrated();
         for (int k = 0; k < 24; ++k) EXPECT_FALSE(estimator.add(line.part(moved).view()));

@@ -1,10 +1,10 @@
 #include "algo/emd_anytime.h"
 
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "algo/feature_map.h"
 #include "algo/recipe.h"
@@ -18,7 +18,8 @@ using namespace hord::algo::testing;
 LightLevels levels() { return light_levels({}, 8); }
 
 Frame scene(const Extents& e, std::uint64_t seed) {
-    const Frame frame = specked(drawn(e, 8, 240, lens(e, 0.4 * std::min(e.m, e.n), 3)), e, e.m / 2.0, e.n / 3.0, 2.5, 0);
+    const Frame frame =
+        specked(drawn(e, 8, 240, lens(e, 0.4 * std::min(e.m, e.n), 3)), e, e.m / 2.0, e.n / 3.0, 2.5, 0);
     return noisy(frame, {4, 4, 1}, seed);
 }
 
@@ -30,7 +31,8 @@ auto pieces(int count) {
 const Extents kField{70, 75, 9, 9};  // three rounds of bounds
 
 TEST(AnytimeEmd, brackets_every_lenslet_whenever_the_deadline_comes) {
-    const GroundDistance grounds[] = {*GroundDistance::between_bins(9, 9), *GroundDistance::between_bins(9, 9, GroundNorm::manhattan),
+    const GroundDistance grounds[] = {*GroundDistance::between_bins(9, 9),
+                                      *GroundDistance::between_bins(9, 9, GroundNorm::manhattan),
                                       *GroundDistance::between_bins(9, 9, GroundNorm::squared_euclidean)};
     const Feature features[] = {Feature::emd, Feature::emd_l1, Feature::emd_sq};
     for (int g = 0; g < 3; ++g) {

@@ -18,10 +18,10 @@ std::vector<GroundDistance> grounds() {
 }
 
 Histogram any(Random& random, int n) {
-    return n % 4 == 0   ? scattered(random, 81, 1 + n % 50, 255)
-           : n % 4 == 1 ? two_lobes(random, 9, 9, 4095)
-           : n % 4 == 2 ? scattered(random, 81, 5, 2)
-                        : blob(random, 9, 9, 255, 0.6);
+    return n % 4 == 0 ? scattered(random, 81, 1 + n % 50, 255)
+        : n % 4 == 1  ? two_lobes(random, 9, 9, 4095)
+        : n % 4 == 2  ? scattered(random, 81, 5, 2)
+                      : blob(random, 9, 9, 255, 0.6);
 }
 
 std::vector<Histogram> many(int count) {
@@ -46,7 +46,8 @@ TEST(EmdBounds, hold_what_the_solver_returns) {
     }
 }
 
-// From (0,0) and (2,0) to (0,2) and (2,1). Line by line the first goes to (2,1), the second to (0,2); column by column each stays in its own.
+// From (0,0) and (2,0) to (0,2) and (2,1). Line by line the first goes to (2,1), the second to (0,2); column by column
+// each stays in its own.
 TEST(EmdBounds, are_those_of_plans_line_by_line_and_column_by_column) {
     Histogram a(81), b(81);
     a[0] = a[2] = 7;
@@ -65,8 +66,8 @@ TEST(EmdBounds, are_those_of_plans_line_by_line_and_column_by_column) {
     EXPECT_EQ(bounds.upper(EmdBounds::Order::by_lines), 0);
 }
 
-// Limits are drawn near the distance itself, where a wrong bound would show, and exactly at it. With HORD_LONG_TESTS in the
-// environment: two million decisions.
+// Limits are drawn near the distance itself, where a wrong bound would show, and exactly at it. With HORD_LONG_TESTS in
+// the environment: two million decisions.
 TEST(EmdDecider, decides_as_the_exact_distance_does) {
     const bool is_long = std::getenv("HORD_LONG_TESTS") != nullptr;
     const auto h = many(is_long ? 125'000 : 4000);
@@ -135,7 +136,8 @@ TEST(AnytimeEmd, brackets_everything_at_once_and_solves_the_widest_first_until_t
         widest_left = widest;
     }
     EXPECT_EQ(open, 0U);
-    for (std::size_t n = 0; n < exact.size(); ++n) EXPECT_EQ(anytime->brackets()[n].upper, anytime->brackets()[n].lower);
+    for (std::size_t n = 0; n < exact.size(); ++n)
+        EXPECT_EQ(anytime->brackets()[n].upper, anytime->brackets()[n].lower);
 
     anytime->clear();
     EXPECT_TRUE(anytime->brackets().empty());

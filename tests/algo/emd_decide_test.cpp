@@ -1,12 +1,12 @@
 #include "algo/emd_decide.h"
 
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <random>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "algo/feature_map.h"
 #include "algo/recipe.h"
@@ -25,12 +25,14 @@ Frame any_frame(const Extents& e, std::uint64_t seed) {
     std::uniform_real_distribution<double> unit(-1, 1);
     const double a = unit(random), b = unit(random), c = unit(random);
     Frame frame = drawn(e, 8, 240, [&](int m, int n) -> Spot {
-        return {2.5 * std::sin(0.11 * m * a + 2 * b) * std::cos(0.07 * n) + (m % 17 == 0 ? 1 : 0), 2.5 * std::cos(0.09 * n * c + 0.05 * m), 1};
+        return {2.5 * std::sin(0.11 * m * a + 2 * b) * std::cos(0.07 * n) + (m % 17 == 0 ? 1 : 0),
+                2.5 * std::cos(0.09 * n * c + 0.05 * m), 1};
     });
     if (seed % 3 == 1) {  // a second lobe: the frame again, moved by some lenslets
         const Frame other = shifted(frame, e, 9, 5);
         for (int y = 0; y < frame.height_px(); ++y) {
-            for (int x = 0; x < frame.width_px(); ++x) frame.set(x, y, (frame.view().sample(x, y) + other.view().sample(x, y)) / 2);
+            for (int x = 0; x < frame.width_px(); ++x)
+                frame.set(x, y, (frame.view().sample(x, y) + other.view().sample(x, y)) / 2);
         }
     }
     frame = specked(frame, e, e.m / 2.0, e.n / 2.0, 2.2, 0);
@@ -80,7 +82,8 @@ TEST(EmdDecisions, are_those_of_the_exact_map_for_every_lenslet) {
                     ASSERT_TRUE(std::ranges::equal(map->mask, exact->mask));
                     for (std::size_t k = 0; k < e.lenslets(); ++k) {
                         const bool has_value = (exact->mask[k] & kNoGradient) == 0;
-                        ASSERT_EQ(map->reached[k] != 0, has_value && exact->values[k] >= limit) << "limit " << limit << " lenslet " << k << " round " << round;
+                        ASSERT_EQ(map->reached[k] != 0, has_value && exact->values[k] >= limit)
+                            << "limit " << limit << " lenslet " << k << " round " << round;
                     }
                     decided += map->pairs;
                 }

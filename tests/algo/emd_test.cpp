@@ -13,7 +13,8 @@ using namespace testing;
 // The contract of algo/emd.h. The oracle is closer than that to exact.
 constexpr double kContract = 1e-9;
 
-GroundDistance bins_apart(int i, int j, GroundNorm norm = GroundNorm::euclidean, double threshold = GroundDistance::kNoThreshold) {
+GroundDistance bins_apart(int i, int j, GroundNorm norm = GroundNorm::euclidean,
+                          double threshold = GroundDistance::kNoThreshold) {
     return *GroundDistance::between_bins(i, j, norm, threshold);
 }
 
@@ -107,9 +108,10 @@ TEST_P(EmdOnShape, agrees_with_lemon_for_8_to_16_bits_and_every_ground) {
         for (const int bits : {8, 10, 12, 16}) {
             const int full = (1 << bits) - 1;
             for (int n = 0; n < 3; ++n) {
-                const Histogram pairs[][2] = {{blob(random, i, j, full, 0.7), blob(random, i, j, full, 0.7)},
-                                              {two_lobes(random, i, j, full), two_lobes(random, i, j, full)},
-                                              {scattered(random, i * j, i * j / 2, full), blob(random, i, j, full, 2.0)}};
+                const Histogram pairs[][2] = {
+                    {blob(random, i, j, full, 0.7), blob(random, i, j, full, 0.7)},
+                    {two_lobes(random, i, j, full), two_lobes(random, i, j, full)},
+                    {scattered(random, i * j, i * j / 2, full), blob(random, i, j, full, 2.0)}};
                 for (const auto& [a, b] : pairs) {
                     EXPECT_NEAR(solver->distance(hord_of(a), hord_of(b)), lemon_distance(a, b, ground), kContract);
                 }
@@ -125,8 +127,9 @@ std::vector<Shape> every_shape() {
     for (const Shape s : {Shape{3, 15}, {15, 3}, {4, 7}, {9, 8}, {10, 15}}) shapes.push_back(s);
     return shapes;
 }
-INSTANTIATE_TEST_SUITE_P(bins, EmdOnShape, ::testing::ValuesIn(every_shape()),
-                         [](const auto& shape) { return std::to_string(shape.param.i) + "x" + std::to_string(shape.param.j); });
+INSTANTIATE_TEST_SUITE_P(bins, EmdOnShape, ::testing::ValuesIn(every_shape()), [](const auto& shape) {
+    return std::to_string(shape.param.i) + "x" + std::to_string(shape.param.j);
+});
 
 TEST(Emd, agrees_with_lemon_on_dense_histograms) {
     Random random(7);
@@ -138,9 +141,10 @@ TEST(Emd, agrees_with_lemon_on_dense_histograms) {
     }
 }
 
-// Small equal masses on a small grid: nearly every pivot is a tie. 60,000 pairs here; with HORD_LONG_TESTS in the environment 1e6.
-// Of more than 48 rows some are priced at a time; what is in doubt in any of them is computed exactly before the plan is accepted. Of 9,000 pairs of
-// random histograms this one needs it: it is 3e-8 too much where the last rows alone are looked at.
+// Small equal masses on a small grid: nearly every pivot is a tie. 60,000 pairs here; with HORD_LONG_TESTS in the
+// environment 1e6. Of more than 48 rows some are priced at a time; what is in doubt in any of them is computed exactly
+// before the plan is accepted. Of 9,000 pairs of random histograms this one needs it: it is 3e-8 too much where the
+// last rows alone are looked at.
 TEST(Emd, doubts_the_cells_of_all_rows_where_there_are_many) {
     std::mt19937 random(6);
     Histogram a(225), b(225);
@@ -156,7 +160,8 @@ TEST(Emd, doubts_the_cells_of_all_rows_where_there_are_many) {
 TEST(Emd, ends_and_is_exact_on_degenerate_ties) {
     const int pairs = std::getenv("HORD_LONG_TESTS") != nullptr ? 1'000'000 : 60'000;
     Random random(11);
-    const GroundDistance grounds[] = {bins_apart(5, 5), bins_apart(3, 3, GroundNorm::manhattan), bins_apart(4, 3, GroundNorm::squared_euclidean)};
+    const GroundDistance grounds[] = {bins_apart(5, 5), bins_apart(3, 3, GroundNorm::manhattan),
+                                      bins_apart(4, 3, GroundNorm::squared_euclidean)};
     for (const auto& ground : grounds) {
         auto solver = EmdSolver::create(ground);
         const int bins = ground.bins();
@@ -182,12 +187,14 @@ TEST(Emd, agrees_with_lemon_on_direction_maps) {
         auto solver = EmdSolver::create(*ground);
         for (int n = 0; n < 200; ++n) {
             const Histogram a = scattered(random, 25, 12, 255), b = scattered(random, 25, 12, 255);
-            EXPECT_NEAR(solver->distance(hord_of(a), hord_of(b)), lemon_distance(a, b, *ground), kContract * std::max(1.0, ground->largest() / 20));
+            EXPECT_NEAR(solver->distance(hord_of(a), hord_of(b)), lemon_distance(a, b, *ground),
+                        kContract * std::max(1.0, ground->largest() / 20));
         }
     }
 }
 
-// A calibrated map is nearly regular: many costs are nearly equal, and no float tells them apart. Two bins against some, alone and side by side.
+// A calibrated map is nearly regular: many costs are nearly equal, and no float tells them apart. Two bins against
+// some, alone and side by side.
 TEST(Emd, agrees_with_lemon_where_costs_are_nearly_equal) {
     Random random(15);
     std::uniform_real_distribution<double> unit(-1.0, 1.0);
@@ -203,7 +210,8 @@ TEST(Emd, agrees_with_lemon_where_costs_are_nearly_equal) {
             for (std::size_t n = 1; n < h.size(); ++n) solver->submit(hord_of(h[n - 1]), hord_of(h[n]), &out[n]);
             solver->finish();
             for (std::size_t n = 1; n < h.size(); ++n) {
-                const double right = lemon_distance(h[n - 1], h[n], ground), slack = kContract * std::max(1.0, ground.largest() / 20);
+                const double right = lemon_distance(h[n - 1], h[n], ground),
+                             slack = kContract * std::max(1.0, ground.largest() / 20);
                 ASSERT_NEAR(solver->distance(hord_of(h[n - 1]), hord_of(h[n])), right, slack);
                 ASSERT_NEAR(out[n], right, slack);
             }
@@ -212,7 +220,8 @@ TEST(Emd, agrees_with_lemon_where_costs_are_nearly_equal) {
     }
 }
 
-// -- one answer ---------------------------------------------------------------------------------------------------------
+// -- one answer
+// ---------------------------------------------------------------------------------------------------------
 
 // Alone or side by side, on whatever instruction set this processor has: the same bits.
 TEST(Emd, gives_the_same_bits_side_by_side_and_on_every_instruction_set) {
@@ -221,14 +230,15 @@ TEST(Emd, gives_the_same_bits_side_by_side_and_on_every_instruction_set) {
         Random random(31);
         std::vector<Histogram> h;
         for (int n = 0; n < 3000; ++n) {
-            h.push_back(n % 5 == 0   ? scattered(random, i * j, 1 + n % 60, 255)
-                        : n % 5 == 1 ? two_lobes(random, i, j, 4095)
-                        : n % 5 == 2 ? scattered(random, i * j, 4, 2)
-                                     : blob(random, i, j, 255, 0.6));
+            h.push_back(n % 5 == 0       ? scattered(random, i * j, 1 + n % 60, 255)
+                            : n % 5 == 1 ? two_lobes(random, i, j, 4095)
+                            : n % 5 == 2 ? scattered(random, i * j, 4, 2)
+                                         : blob(random, i, j, 255, 0.6));
         }
         auto alone = EmdSolver::create(ground, Isa::portable);
         std::vector<double> expected;
-        for (std::size_t n = 1; n < h.size(); ++n) expected.push_back(alone->distance(hord_of(h[n - 1]), hord_of(h[n])));
+        for (std::size_t n = 1; n < h.size(); ++n)
+            expected.push_back(alone->distance(hord_of(h[n - 1]), hord_of(h[n])));
         for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
             auto solver = EmdSolver::create(ground, isa);
             EXPECT_EQ(solver.has_value(), has(isa));
@@ -248,7 +258,8 @@ TEST(Emd, is_a_metric_on_histograms_and_at_least_the_distance_of_means) {
     const auto ground = bins_apart(9, 9);
     auto solver = EmdSolver::create(ground);
     for (int n = 0; n < 2000; ++n) {
-        const Histogram h[3] = {blob(random, 9, 9, 255, 0.7), two_lobes(random, 9, 9, 255), scattered(random, 81, 1 + n % 60, 255)};
+        const Histogram h[3] = {blob(random, 9, 9, 255, 0.7), two_lobes(random, 9, 9, 255),
+                                scattered(random, 81, 1 + n % 60, 255)};
         const double ab = solver->distance(hord_of(h[0]), hord_of(h[1]));
         const double bc = solver->distance(hord_of(h[1]), hord_of(h[2]));
         const double ac = solver->distance(hord_of(h[0]), hord_of(h[2]));

@@ -1,11 +1,11 @@
 #include "algo/feature_map.h"
 
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "algo/pipeline.h"
 #include "algo/plane_feature.h"
@@ -26,22 +26,26 @@ Frame eventful(const Extents& e, int bits, std::uint64_t seed) {
     return bits == 8 ? frame : at_bits(frame, bits);
 }
 
-// How far a map may be from the float of what algo/distance.h defines: not at all, but where algo/plane_feature.h says so.
+// How far a map may be from the float of what algo/distance.h defines: not at all, but where algo/plane_feature.h says
+// so.
 float tolerance(Feature feature) { return PlaneFeature::covers(feature) ? 6e-5F : 0.0F; }
 
 LightLevels levels(int bits) { return light_levels({}, bits); }
 
 // Every HORD of a frame, decoded one by one.
 struct Field {
-    Field(const Extents& extents, const Frame& frame) : e(extents), masses(e.lenslets() * static_cast<std::size_t>(e.bins())) {
+    Field(const Extents& extents, const Frame& frame)
+        : e(extents), masses(e.lenslets() * static_cast<std::size_t>(e.bins())) {
         const LightLevels l = levels(frame.bits());
         for (int n = 0; n < e.n; ++n) {
             for (int m = 0; m < e.m; ++m) {
                 const auto k = static_cast<std::size_t>(n * e.m + m) * static_cast<std::size_t>(e.bins());
-                Hord h = decode_hord(frame.view(), e, l, m, n, std::span(masses).subspan(k, static_cast<std::size_t>(e.bins())));
+                Hord h = decode_hord(frame.view(), e, l, m, n,
+                                     std::span(masses).subspan(k, static_cast<std::size_t>(e.bins())));
                 bool hot = false;
                 for (int y = 0; y < e.j; ++y) {
-                    for (int x = 0; x < e.i; ++x) hot = hot || frame.view().sample(m * e.i + x, n * e.j + y) >= l.saturated;
+                    for (int x = 0; x < e.i; ++x)
+                        hot = hot || frame.view().sample(m * e.i + x, n * e.j + y) >= l.saturated;
                 }
                 if (hot || h.sum < l.min_sum) h.sum = 0;
                 hords.push_back(h);
@@ -80,8 +84,10 @@ TEST(FeatureMap, over_neighbours_is_the_norm_of_the_two_distances_the_stencil_na
                             const Stencil down = stencil(field.at(m, n - 1).sum > 0, field.at(m, n + 1).sum > 0);
                             has_value = across.valid() && down.valid();
                             if (has_value) {
-                                const double x = across.weight() * (*distance)(field.at(m + across.before, n), field.at(m + across.after, n));
-                                const double y = down.weight() * (*distance)(field.at(m, n + down.before), field.at(m, n + down.after));
+                                const double x = across.weight() *
+                                    (*distance)(field.at(m + across.before, n), field.at(m + across.after, n));
+                                const double y = down.weight() *
+                                    (*distance)(field.at(m, n + down.before), field.at(m, n + down.after));
                                 right = std::sqrt(x * x + y * y);
                             }
                         }
@@ -104,14 +110,17 @@ TEST(FeatureMap, against_a_reference_is_the_distance_at_the_same_place) {
         auto distance = Distance::create(feature, e.i, e.j);
         auto mapper = FeatureMapper::create(e, 8, levels(8), feature);
         for (const bool as_frame : {true, false}) {
-            const auto map = as_frame ? mapper->against(frame.view(), reference.view()) : mapper->against(frame.view(), wanted.hords);
+            const auto map = as_frame ? mapper->against(frame.view(), reference.view())
+                                      : mapper->against(frame.view(), wanted.hords);
             ASSERT_TRUE(map);
             std::size_t compared = 0;
             for (std::size_t k = 0; k < e.lenslets(); ++k) {
                 const bool both = field.hords[k].sum > 0 && wanted.hords[k].sum > 0;
                 compared += both ? 1U : 0U;
                 ASSERT_EQ((map->mask[k] & kNoGradient) == 0, both);
-                ASSERT_NEAR(map->values[k], both ? static_cast<float>((*distance)(field.hords[k], wanted.hords[k])) : 0.0F, tolerance(feature));
+                ASSERT_NEAR(map->values[k],
+                            both ? static_cast<float>((*distance)(field.hords[k], wanted.hords[k])) : 0.0F,
+                            tolerance(feature));
             }
             EXPECT_GT(compared, e.lenslets() / 2);
         }
@@ -130,10 +139,12 @@ TEST(FeatureMap, against_a_reference_shows_what_changed_and_where) {
         if (m == 12 && n == 17) s.x += 0.5;
         return s;
     });
-    for (const Feature feature : {Feature::emd, Feature::chi2, Feature::hellinger, Feature::centroid, Feature::marginal}) {
+    for (const Feature feature :
+         {Feature::emd, Feature::chi2, Feature::hellinger, Feature::centroid, Feature::marginal}) {
         auto mapper = FeatureMapper::create(e, 8, levels(8), feature);
         const auto map = mapper->against(bad.view(), good.view());
-        for (std::size_t k = 0; k < e.lenslets(); ++k) ASSERT_EQ(map->values[k] > 0.05F, k == 17 * 31 + 12) << name_of(feature);
+        for (std::size_t k = 0; k < e.lenslets(); ++k)
+            ASSERT_EQ(map->values[k] > 0.05F, k == 17 * 31 + 12) << name_of(feature);
     }
 }
 
@@ -142,9 +153,10 @@ TEST(FeatureMap, of_the_jacobian_and_the_emd_is_the_pipelines) {
         const Frame frame = eventful(e, 8, 8);
         auto pipeline = Pipeline::create(e, 8, {}, 1, MapSet::all);
         const auto seen = pipeline->inspect(frame.view());
-        for (const auto& [feature, map] : {std::pair(Feature::emd, seen->emd), std::pair(Feature::jacobian_frobenius, seen->frobenius),
-                                           std::pair(Feature::jacobian_spectral, seen->spectral), std::pair(Feature::jacobian_nuclear, seen->nuclear),
-                                           std::pair(Feature::anisotropy, seen->anisotropy)}) {
+        for (const auto& [feature, map] :
+             {std::pair(Feature::emd, seen->emd), std::pair(Feature::jacobian_frobenius, seen->frobenius),
+              std::pair(Feature::jacobian_spectral, seen->spectral),
+              std::pair(Feature::jacobian_nuclear, seen->nuclear), std::pair(Feature::anisotropy, seen->anisotropy)}) {
             auto mapper = FeatureMapper::create(e, 8, levels(8), feature);
             EXPECT_TRUE(std::ranges::equal(mapper->over_neighbours(frame.view())->values, map)) << name_of(feature);
         }
@@ -193,11 +205,13 @@ TEST(FeatureMap, does_not_depend_on_the_instruction_set) {
                     auto wide = FeatureMapper::create(e, bits, levels(bits), feature, {.isa = isa});
                     ASSERT_EQ(wide.has_value(), has(isa));
                     if (!wide) continue;
-                    EXPECT_TRUE(std::ranges::equal(wide->over_neighbours(frame.view())->values, values)) << name_of(feature);
+                    EXPECT_TRUE(std::ranges::equal(wide->over_neighbours(frame.view())->values, values))
+                        << name_of(feature);
                     if (!is_distance(feature)) continue;
                     const auto a = wide->against(frame.view(), reference.view());
                     const std::vector<float> referred(a->values.begin(), a->values.end());
-                    EXPECT_TRUE(std::ranges::equal(portable->against(frame.view(), reference.view())->values, referred)) << name_of(feature);
+                    EXPECT_TRUE(std::ranges::equal(portable->against(frame.view(), reference.view())->values, referred))
+                        << name_of(feature);
                 }
             }
         }
@@ -206,7 +220,9 @@ TEST(FeatureMap, does_not_depend_on_the_instruction_set) {
 
 TEST(FeatureMap, flags_the_lenslets_whose_value_is_a_limit) {
     const Extents e{9, 8, 9, 9};
-    const Frame frame = drawn(e, 8, 240, [](int m, int) { return Spot{m < 5 ? -3.0 : 3.0, 0, 1}; });  // disjoint from column 4 to 6
+    const Frame frame = drawn(e, 8, 240, [](int m, int) {
+        return Spot{m < 5 ? -3.0 : 3.0, 0, 1};
+    });  // disjoint from column 4 to 6
     auto mapper = FeatureMapper::create(e, 8, levels(8), Feature::bhattacharyya);
     const auto map = mapper->over_neighbours(frame.view());
     EXPECT_EQ(map->at_limit, 2U * 6U);  // beside the step, on either side; the border has no gradient
@@ -221,11 +237,14 @@ TEST(FeatureMap, measures_ground_distances_along_a_direction_map) {
     const Frame frame = eventful(e, 8, 11);
     std::vector<Direction> directions;
     for (int k = 0; k < 20; ++k) directions.push_back({3.0 * (k % 5), 3.0 * (k / 5)});  // three pitches a bin
-    for (const Feature feature : {Feature::emd, Feature::emd_l1, Feature::centroid, Feature::marginal, Feature::sliced}) {
-        auto plain = FeatureMapper::create(e, 8, levels(8), feature), stretched = FeatureMapper::create(e, 8, levels(8), feature, {.distance = {.directions = directions}});
+    for (const Feature feature :
+         {Feature::emd, Feature::emd_l1, Feature::centroid, Feature::marginal, Feature::sliced}) {
+        auto plain = FeatureMapper::create(e, 8, levels(8), feature),
+             stretched = FeatureMapper::create(e, 8, levels(8), feature, {.distance = {.directions = directions}});
         ASSERT_TRUE(stretched);
         const auto a = plain->over_neighbours(frame.view()), b = stretched->over_neighbours(frame.view());
-        for (std::size_t k = 0; k < e.lenslets(); ++k) ASSERT_NEAR(b->values[k], 3 * a->values[k], 1e-5F) << name_of(feature);
+        for (std::size_t k = 0; k < e.lenslets(); ++k)
+            ASSERT_NEAR(b->values[k], 3 * a->values[k], 1e-5F) << name_of(feature);
     }
 }
 

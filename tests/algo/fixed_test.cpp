@@ -1,10 +1,10 @@
 #include "algo/fixed.h"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <limits>
 #include <random>
+
+#include <gtest/gtest.h>
 
 namespace hord::algo {
 namespace {
@@ -19,10 +19,10 @@ TEST(FixedPoint, holds_what_its_format_says) {
 }
 
 TEST(FixedPoint, rounds_ratios_to_nearest_and_halves_away_from_zero) {
-    EXPECT_EQ(Q4_4::from_ratio_rounded(1, 3).raw(), 5);    // 5.33
-    EXPECT_EQ(Q4_4::from_ratio_rounded(2, 3).raw(), 11);   // 10.67
+    EXPECT_EQ(Q4_4::from_ratio_rounded(1, 3).raw(), 5);   // 5.33
+    EXPECT_EQ(Q4_4::from_ratio_rounded(2, 3).raw(), 11);  // 10.67
     EXPECT_EQ(Q4_4::from_ratio_rounded(-2, 3).raw(), -11);
-    EXPECT_EQ(Q4_4::from_ratio_rounded(1, 32).raw(), 1);   // 0.5
+    EXPECT_EQ(Q4_4::from_ratio_rounded(1, 32).raw(), 1);  // 0.5
     EXPECT_EQ(Q4_4::from_ratio_rounded(-1, 32).raw(), -1);
 }
 

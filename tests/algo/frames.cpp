@@ -35,7 +35,8 @@ double overlap(double from, double to, int k, int bins) {
 
 std::optional<Frame> povray(const std::string& name) {
     const char* data = std::getenv("HORD_DATA");
-    const std::filesystem::path root = data != nullptr ? std::filesystem::path(data) : std::filesystem::path(HORD_SOURCE_DIR) / "../shared/data";
+    const std::filesystem::path root =
+        data != nullptr ? std::filesystem::path(data) : std::filesystem::path(HORD_SOURCE_DIR) / "../shared/data";
     const std::filesystem::path file = root / "povray" / (name + "_raw.png");
     if (!std::filesystem::exists(file)) return std::nullopt;
     const cv::Mat image = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
@@ -55,7 +56,8 @@ Frame drawn(const Extents& e, int bits, double full_bin_dn, const std::function<
             const Spot s = spot(m, n);
             for (int j = 0; j < e.j; ++j) {
                 for (int i = 0; i < e.i; ++i) {
-                    const double share = overlap(s.x - kHalfWidth, s.x + kHalfWidth, i, e.i) * overlap(s.y - kHalfWidth, s.y + kHalfWidth, j, e.j);
+                    const double share = overlap(s.x - kHalfWidth, s.x + kHalfWidth, i, e.i) *
+                        overlap(s.y - kHalfWidth, s.y + kHalfWidth, j, e.j);
                     frame.set(m * e.i + i, n * e.j + j, clamped(share * s.light * full_bin_dn, bits));
                 }
             }
@@ -93,7 +95,8 @@ Frame at_bits(const Frame& frame, int bits) {
 }
 
 Frame transposed(const Frame& frame) {
-    return changed(frame, frame.height_px(), frame.width_px(), frame.bits(), [](const FrameView& view, int x, int y) { return view.sample(y, x); });
+    return changed(frame, frame.height_px(), frame.width_px(), frame.bits(),
+                   [](const FrameView& view, int x, int y) { return view.sample(y, x); });
 }
 
 Frame mirrored(const Frame& frame) {

@@ -12,23 +12,23 @@
 
 namespace hord::algo::testing {
 
-// A light field traced by POV-Ray, an independent program ($HORD_DATA or ../shared/data, povray/NAME_raw.png; 9x9 bins);
-// nullopt where it is not there.
+// A light field traced by POV-Ray, an independent program ($HORD_DATA or ../shared/data, povray/NAME_raw.png; 9x9
+// bins); nullopt where it is not there.
 std::optional<Frame> povray(const std::string& name);
 constexpr Extents kPovray{111, 111, 9, 9};
 
 // What a lenslet of a drawn frame shows: a square spot 1.22 bins wide, evenly lit.
 struct Spot {
-    double x = 0, y = 0;   // deflection, bins from the centre
-    double light = 1;      // 1: a bin filled by the spot reads `full_bin`
+    double x = 0, y = 0;  // deflection, bins from the centre
+    double light = 1;     // 1: a bin filled by the spot reads `full_bin`
 };
 Frame drawn(const Extents& extents, int bits, double full_bin_dn, const std::function<Spot(int m, int n)>& spot);
 
 // A round lens with free light around it: deflection grows to `rim_bins` at `radius` lenslets from the centre.
 std::function<Spot(int, int)> lens(const Extents& extents, double radius, double rim_bins);
 
-// Photon and read noise: a sample of s DN is Poisson(s * light * electrons_per_dn) plus normal read noise; `bits` may be more than
-// the frame's, then the samples are scaled by the ratio of the full scales first.
+// Photon and read noise: a sample of s DN is Poisson(s * light * electrons_per_dn) plus normal read noise; `bits` may
+// be more than the frame's, then the samples are scaled by the ratio of the full scales first.
 struct Noise {
     double electrons_per_dn = 10;  // at 8 bits
     double read_electrons = 2;

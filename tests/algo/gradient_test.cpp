@@ -1,11 +1,11 @@
 #include "algo/gradient.h"
 
-#include <gtest/gtest.h>
-
 #include <array>
 #include <cmath>
 #include <random>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "algo/jacobian.h"
 
@@ -31,8 +31,8 @@ struct Masses {
 
 EmdSolver solver_for(int i, int j) { return std::move(*EmdSolver::create(*GroundDistance::between_bins(i, j))); }
 
-EmdGradient emd_gradient(EmdSolver& solver, const Stencil& across, const Masses& left, const Masses& right, const Stencil& down, const Masses& above,
-                         const Masses& below) {
+EmdGradient emd_gradient(EmdSolver& solver, const Stencil& across, const Masses& left, const Masses& right,
+                         const Stencil& down, const Masses& above, const Masses& below) {
     EmdGradient gradient;
     const auto closed = [&](const Masses& m) {
         ClosedHord hord;
@@ -49,8 +49,9 @@ constexpr Stencil kCentral = stencil(true, true);
 
 TEST(EmdGradient, of_hand_written_neighbours) {
     EmdSolver solver = solver_for(3, 3);
-    const Masses left{{0, 0, 0, 4, 0, 0, 0, 0, 0}}, right{{0, 0, 0, 0, 0, 7, 0, 0, 0}};    // two bins apart
-    const Masses above{{0, 0, 0, 0, 6, 0, 0, 0, 0}}, below{{1, 0, 1, 0, 0, 0, 1, 0, 1}};  // from the centre to all corners
+    const Masses left{{0, 0, 0, 4, 0, 0, 0, 0, 0}}, right{{0, 0, 0, 0, 0, 7, 0, 0, 0}};  // two bins apart
+    const Masses above{{0, 0, 0, 0, 6, 0, 0, 0, 0}},
+        below{{1, 0, 1, 0, 0, 0, 1, 0, 1}};  // from the centre to all corners
     const EmdGradient g = emd_gradient(solver, kCentral, left, right, kCentral, above, below);
     EXPECT_NEAR(g.x, 2.0, 1e-9);
     EXPECT_NEAR(g.y, std::sqrt(2.0), 1e-9);
@@ -74,11 +75,12 @@ TEST(EmdGradient, is_at_least_twice_the_frobenius_norm) {
         Masses around[4];
         for (Masses& m : around) {
             m.mass.resize(static_cast<std::size_t>(i * j));
-            for (int lit = 1 + static_cast<int>(random() % 6); lit > 0; --lit) m.mass[random() % m.mass.size()] = static_cast<std::uint16_t>(1 + random() % 255);
+            for (int lit = 1 + static_cast<int>(random() % 6); lit > 0; --lit)
+                m.mass[random() % m.mass.size()] = static_cast<std::uint16_t>(1 + random() % 255);
         }
-        const double emd =
-            emd_gradient(solver, kCentral, around[0], around[1], kCentral, around[2], around[3]).norm();
-        const SlopeQ slope = frobenius_norm(jacobian_of(kCentral, around[0].mean(i, j), around[1].mean(i, j), kCentral, around[2].mean(i, j), around[3].mean(i, j)));
+        const double emd = emd_gradient(solver, kCentral, around[0], around[1], kCentral, around[2], around[3]).norm();
+        const SlopeQ slope = frobenius_norm(jacobian_of(kCentral, around[0].mean(i, j), around[1].mean(i, j), kCentral,
+                                                        around[2].mean(i, j), around[3].mean(i, j)));
         ASSERT_GE(emd, 2 * slope.to_double_rounded() - 1e-6);  // the slope's own error, algo/jacobian.h
     }
 }

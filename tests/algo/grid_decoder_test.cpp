@@ -27,7 +27,8 @@ Frame noise(int width, int height, int bits) {
     Frame frame(width, height, bits);
     std::uint32_t state = 4711;
     for (int y = 0; y < height; ++y) {
-        for (int x = 0; x < width; ++x) frame.set(x, y, (state = state * 1664525U + 1013904223U) >> (32U - static_cast<unsigned>(bits)));
+        for (int x = 0; x < width; ++x)
+            frame.set(x, y, (state = state * 1664525U + 1013904223U) >> (32U - static_cast<unsigned>(bits)));
     }
     return frame;
 }
@@ -99,7 +100,8 @@ TEST(GridDecoder, single_lenslets_are_read_where_they_are) {
     auto all_moved = GridDecoder::create(moved, std::nullopt, 8, 8);
     auto none_moved = GridDecoder::create(lattice(0), std::nullopt, 8, 8);
     const Frame raw = noise(320, 288, 8);
-    const Frame seen = *decoder->decode(raw.view()), wanted = *all_moved->decode(raw.view()), before = *none_moved->decode(raw.view());
+    const Frame seen = *decoder->decode(raw.view()), wanted = *all_moved->decode(raw.view()),
+                before = *none_moved->decode(raw.view());
     for (int y = 0; y < seen.height_px(); ++y) {
         for (int x = 0; x < seen.width_px(); ++x) {
             const bool its_own = x / 8 == 6 && y / 8 == 5;

@@ -47,7 +47,8 @@ inline Histogram two_lobes(Random& random, int bins_i, int bins_j, int full_scal
 // `lit` bins, anywhere, with masses 1..largest. A small `largest` makes many ties.
 inline Histogram scattered(Random& random, int bins, int lit, int largest) {
     Histogram h(static_cast<std::size_t>(bins));
-    for (int n = 0; n < lit; ++n) h[static_cast<std::size_t>(pick(random, 0, bins - 1))] = static_cast<std::uint16_t>(pick(random, 1, largest));
+    for (int n = 0; n < lit; ++n)
+        h[static_cast<std::size_t>(pick(random, 0, bins - 1))] = static_cast<std::uint16_t>(pick(random, 1, largest));
     return h;
 }
 

@@ -1,6 +1,7 @@
-// Prints one number for the bits of every map, and of how random frames differ from references, over random frames and over the frames named: map_checksum [FRAME.raw ...]. The same on every
-// processor, compiler and instruction set: the tests build and run this program for arm64, too, and compare. Exit status 1: two
-// instruction sets of this processor disagree; 77: a frame is not there.
+// Prints one number for the bits of every map, and of how random frames differ from references, over random frames and
+// over the frames named: map_checksum [FRAME.raw ...]. The same on every processor, compiler and instruction set: the
+// tests build and run this program for arm64, too, and compare. Exit status 1: two instruction sets of this processor
+// disagree; 77: a frame is not there.
 //
 // FRAME.raw: eight little-endian bytes, columns and rows of lenslets; then their samples, 9x9 bins of 8 bits.
 #include <bit>
@@ -83,7 +84,8 @@ std::uint64_t of_frames(const Extents& e, const FrameView& frame, const FrameVie
     return sum.value;
 }
 
-// Golden HORDs of even spots, narrow ones at the left and wide ones at the right, that move from lenslet to lenslet; some are dark, some not known.
+// Golden HORDs of even spots, narrow ones at the left and wide ones at the right, that move from lenslet to lenslet;
+// some are dark, some not known.
 Reference reference_of(const Extents& e, int bits, Random& random) {
     Reference r;
     r.extents = e;
@@ -93,7 +95,8 @@ Reference reference_of(const Extents& e, int bits, Random& random) {
     r.parts = 16;
     const std::size_t count = e.lenslets();
     r.shares.assign(count * r.stride(), 0);
-    r.x.assign(count, 0), r.y.assign(count, 0), r.mask.assign(count, kValid), r.emd.assign(count, 0), r.frobenius.assign(count, 0);
+    r.x.assign(count, 0), r.y.assign(count, 0), r.mask.assign(count, kValid), r.emd.assign(count, 0),
+        r.frobenius.assign(count, 0);
     for (auto& spread : r.spread) spread.assign(count, 1e-4F);
     std::vector<int> weight(static_cast<std::size_t>(e.bins()));
     for (int n = 0; n < e.n; ++n) {
@@ -107,10 +110,13 @@ Reference reference_of(const Extents& e, int bits, Random& random) {
             const int reach = m < e.m / 2 ? 12 : 30;  // eighths of a bin
             int sum = 0;
             for (int b = 0; b < e.bins(); ++b) {
-                const int x = std::abs(8 * (b % e.i) - 4 * (e.i - 1) - m % 9 + 4), y = std::abs(8 * (b / e.i) - 4 * (e.j - 1) - n % 7 + 3);
+                const int x = std::abs(8 * (b % e.i) - 4 * (e.i - 1) - m % 9 + 4),
+                          y = std::abs(8 * (b / e.i) - 4 * (e.j - 1) - n % 7 + 3);
                 sum += weight[static_cast<std::size_t>(b)] = std::max(0, reach - x) * std::max(0, reach - y);
             }
-            for (int b = 0; b < e.bins(); ++b) r.shares[k * r.stride() + r.place(b % e.i, b / e.i)] = static_cast<std::uint16_t>(weight[static_cast<std::size_t>(b)] * 32760 / sum);
+            for (int b = 0; b < e.bins(); ++b)
+                r.shares[k * r.stride() + r.place(b % e.i, b / e.i)] =
+                    static_cast<std::uint16_t>(weight[static_cast<std::size_t>(b)] * 32760 / sum);
         }
     }
     return r;
@@ -130,7 +136,8 @@ std::uint64_t of_comparison(const Reference& r, const FrameView& frame, Isa isa)
             sum.add(std::uint64_t{d.has_light} + 2 * std::uint64_t{d.has_hord});
             const Scores scores = scores_of(d, r);
             sum.add(std::span<const float>(scores));
-            const float all[] = {d.light, d.light_variance, d.x, d.y, d.x_variance, d.y_variance, d.blur, d.blur_variance, d.chi2, d.degrees, d.sum};
+            const float all[] = {d.light, d.light_variance, d.x,    d.y,       d.x_variance, d.y_variance,
+                                 d.blur,  d.blur_variance,  d.chi2, d.degrees, d.sum};
             sum.add(std::span<const float>(all));
         }
     }
@@ -140,11 +147,13 @@ std::uint64_t of_comparison(const Reference& r, const FrameView& frame, Isa isa)
 Checksum of_everything(const std::vector<Frame>& given, Isa isa) {
     Checksum all;
     Random random;
-    for (const auto& [e, bits] : {std::pair(Extents{37, 9, 9, 9}, 8), std::pair(Extents{18, 5, 15, 4}, 16), std::pair(Extents{20, 7, 8, 8}, 12), std::pair(Extents{16, 6, 3, 3}, 10)}) {
+    for (const auto& [e, bits] : {std::pair(Extents{37, 9, 9, 9}, 8), std::pair(Extents{18, 5, 15, 4}, 16),
+                                  std::pair(Extents{20, 7, 8, 8}, 12), std::pair(Extents{16, 6, 3, 3}, 10)}) {
         const Frame frame = random_frame(e, bits, random), reference = random_frame(e, bits, random);
         all.add(of_frames(e, frame.view(), reference.view(), isa));
     }
-    for (const auto& [e, bits] : {std::pair(Extents{40, 23, 9, 9}, 12), std::pair(Extents{24, 12, 15, 6}, 16), std::pair(Extents{16, 10, 5, 5}, 8)}) {
+    for (const auto& [e, bits] : {std::pair(Extents{40, 23, 9, 9}, 12), std::pair(Extents{24, 12, 15, 6}, 16),
+                                  std::pair(Extents{16, 10, 5, 5}, 8)}) {
         const Reference reference = reference_of(e, bits, random);
         // Golden light, noise, and lenslets of every other kind.
         Frame frame = random_frame(e, bits, random);
@@ -154,14 +163,18 @@ Checksum of_everything(const std::vector<Frame>& given, Isa isa) {
                 if (random.below(8) == 0) continue;
                 const auto light = static_cast<std::uint32_t>(bits == 8 ? 700 : 1000);
                 for (int b = 0; b < e.bins(); ++b) {
-                    const std::uint32_t golden = reference.shares[k * reference.stride() + reference.place(b % e.i, b / e.i)];
-                    frame.set(m * e.i + b % e.i, n * e.j + b / e.i, std::min((1U << bits) - 2, golden * light / 32768 + random.below(6) + reference.levels.dark));
+                    const std::uint32_t golden =
+                        reference.shares[k * reference.stride() + reference.place(b % e.i, b / e.i)];
+                    frame.set(
+                        m * e.i + b % e.i, n * e.j + b / e.i,
+                        std::min((1U << bits) - 2, golden * light / 32768 + random.below(6) + reference.levels.dark));
                 }
             }
         }
         all.add(of_comparison(reference, frame.view(), isa));
     }
-    for (const Frame& frame : given) all.add(of_frames({frame.width_px() / 9, frame.height_px() / 9, 9, 9}, frame.view(), frame.view(), isa));
+    for (const Frame& frame : given)
+        all.add(of_frames({frame.width_px() / 9, frame.height_px() / 9, 9, 9}, frame.view(), frame.view(), isa));
     return all;
 }
 

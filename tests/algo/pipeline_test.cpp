@@ -1,10 +1,10 @@
 // The pipeline's contract: what it refuses, what it says of extremes, its symmetries, its memory.
 #include "algo/pipeline.h"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "frames.h"
 #include "tests/support/counted_heap.h"
@@ -52,13 +52,15 @@ Frame filled(const Extents& e, int bits, std::uint32_t value) {
     return frame;
 }
 
-// By hand: 3x3 lenslets of 3x3 bins. The middle's left neighbour has its light one bin to the left, the right one one bin to
-// the right; the upper and lower ones have theirs in the centre and half in the centre, half one bin down.
+// By hand: 3x3 lenslets of 3x3 bins. The middle's left neighbour has its light one bin to the left, the right one one
+// bin to the right; the upper and lower ones have theirs in the centre and half in the centre, half one bin down.
 TEST(Pipeline, computes_a_light_field_by_hand) {
     const Extents e{3, 3, 3, 3};
     Frame frame(9, 9, 8);
     const auto light = [&](int m, int n, int i, int j, std::uint32_t dn) { frame.set(m * 3 + i, n * 3 + j, dn + 1); };
-    for (const auto& [m, n] : {std::pair(0, 0), std::pair(2, 0), std::pair(0, 2), std::pair(2, 2), std::pair(1, 1), std::pair(1, 0)}) light(m, n, 1, 1, 100);
+    for (const auto& [m, n] :
+         {std::pair(0, 0), std::pair(2, 0), std::pair(0, 2), std::pair(2, 2), std::pair(1, 1), std::pair(1, 0)})
+        light(m, n, 1, 1, 100);
     light(0, 1, 0, 1, 100);
     light(2, 1, 2, 1, 100);
     light(1, 2, 1, 1, 50);
@@ -72,7 +74,7 @@ TEST(Pipeline, computes_a_light_field_by_hand) {
     const auto seen = pipeline.inspect(frame.view());
     ASSERT_TRUE(seen);
     expect_finite(*seen);
-    EXPECT_FLOAT_EQ(seen->emd[4], std::sqrt(2.0F * 2.0F + 0.5F * 0.5F));         // 2 bins across, half a bin down
+    EXPECT_FLOAT_EQ(seen->emd[4], std::sqrt(2.0F * 2.0F + 0.5F * 0.5F));          // 2 bins across, half a bin down
     EXPECT_FLOAT_EQ(seen->frobenius[4], std::sqrt(1.0F * 1.0F + 0.25F * 0.25F));  // half of each, per lenslet
     for (std::size_t k = 0; k < 9; ++k) {
         EXPECT_EQ(seen->transmission[k], 1.0F);
@@ -103,14 +105,17 @@ TEST(Pipeline, refuses_what_it_cannot_do_and_names_it) {
     const auto refused = Pipeline::create(kField, 8, recipe);
     ASSERT_FALSE(refused);
     EXPECT_EQ(refused.error().code, ErrorCode::invalid_argument);
-    for (const char* part : {"lid", "emd_limit_bins", "transmission_limit", "rim_margin 18", "saturated_dn", "zone 1", "zone 2"}) {
-        EXPECT_NE(refused.error().message().find(part), std::string::npos) << part << " is not in: " << refused.error().message();
+    for (const char* part :
+         {"lid", "emd_limit_bins", "transmission_limit", "rim_margin 18", "saturated_dn", "zone 1", "zone 2"}) {
+        EXPECT_NE(refused.error().message().find(part), std::string::npos)
+            << part << " is not in: " << refused.error().message();
     }
 }
 
 TEST(Pipeline, refuses_a_frame_it_was_not_set_up_for) {
     Pipeline pipeline = pipeline_for(kField);
-    const Frame wrong_size(kField.width_px() + 9, kField.height_px(), 8), wrong_bits(kField.width_px(), kField.height_px(), 12);
+    const Frame wrong_size(kField.width_px() + 9, kField.height_px(), 8),
+        wrong_bits(kField.width_px(), kField.height_px(), 12);
     EXPECT_EQ(pipeline.inspect(wrong_size.view()).error().code, ErrorCode::invalid_argument);
     EXPECT_EQ(pipeline.inspect(wrong_bits.view()).error().code, ErrorCode::invalid_argument);
     FrameView none = Frame(kField.width_px(), kField.height_px(), 8).view();
@@ -146,12 +151,14 @@ TEST(Pipeline, says_unfit_and_why) {
 
 TEST(Pipeline, keeps_its_head_at_the_extremes) {
     for (const int bits : {8, 10, 12, 16}) {
-        for (const Extents& e : {Extents{3, 3, 3, 3}, Extents{3, 40, 15, 15}, Extents{40, 3, 4, 7}, Extents{17, 19, 9, 9}}) {
+        for (const Extents& e :
+             {Extents{3, 3, 3, 3}, Extents{3, 40, 15, 15}, Extents{40, 3, 4, 7}, Extents{17, 19, 9, 9}}) {
             SCOPED_TRACE(std::to_string(bits) + " bits, " + std::to_string(e.m) + "x" + std::to_string(e.n));
             Pipeline pipeline = pipeline_for(e, bits);
             const std::uint32_t full = (1U << bits) - 1;
             std::vector<Frame> frames;
-            for (const std::uint32_t value : {0U, 1U, full / 2, full - 1, full}) frames.push_back(filled(e, bits, value));
+            for (const std::uint32_t value : {0U, 1U, full / 2, full - 1, full})
+                frames.push_back(filled(e, bits, value));
             Frame one_bin(e.width_px(), e.height_px(), bits);
             one_bin.set(e.width_px() / 2, e.height_px() / 2, full - 1);
             frames.push_back(one_bin);
@@ -159,7 +166,9 @@ TEST(Pipeline, keeps_its_head_at_the_extremes) {
             frames.push_back(one_bin);
             Frame checkered(e.width_px(), e.height_px(), bits);  // neighbours at opposite ends of the range
             for (int n = 0; n < e.n; ++n) {
-                for (int m = 0; m < e.m; ++m) checkered.set(m * e.i + ((m / 2 + n / 2) % 2) * (e.i - 1), n * e.j + ((m / 2) % 2) * (e.j - 1), full - 1);
+                for (int m = 0; m < e.m; ++m)
+                    checkered.set(m * e.i + ((m / 2 + n / 2) % 2) * (e.i - 1), n * e.j + ((m / 2) % 2) * (e.j - 1),
+                                  full - 1);
             }
             frames.push_back(checkered);
             for (const Frame& frame : frames) {
@@ -195,7 +204,8 @@ TEST(Pipeline, computes_the_other_norms_only_when_asked) {
     ASSERT_TRUE(all);
     const auto seen = all->inspect(frame.view());
     ASSERT_TRUE(seen);
-    for (std::size_t k = 0; k < seen->mask.size(); ++k) {  // for two singular values: nuclear^2 + (nuclear * anisotropy)^2 = 2 frobenius^2
+    for (std::size_t k = 0; k < seen->mask.size();
+         ++k) {  // for two singular values: nuclear^2 + (nuclear * anisotropy)^2 = 2 frobenius^2
         const double nuclear = seen->nuclear[k], difference = nuclear * seen->anisotropy[k];
         EXPECT_NEAR(nuclear * nuclear + difference * difference, 2.0 * seen->frobenius[k] * seen->frobenius[k], 1e-5);
         EXPECT_NEAR(seen->spectral[k], (nuclear + difference) / 2, 1e-5);
@@ -212,8 +222,8 @@ TEST(Pipeline, gives_the_same_answer_twice_and_after_other_frames) {
     const auto remember = [&](const Frame& frame) {
         const auto seen = pipeline.inspect(frame.view());
         EXPECT_TRUE(seen);
-        return std::tuple(seen->verdict, seen->score, std::vector(seen->emd.begin(), seen->emd.end()), std::vector(seen->mask.begin(), seen->mask.end()),
-                          seen->defects.size());
+        return std::tuple(seen->verdict, seen->score, std::vector(seen->emd.begin(), seen->emd.end()),
+                          std::vector(seen->mask.begin(), seen->mask.end()), seen->defects.size());
     };
     const auto first_good = remember(good), first_bad = remember(bad);
     EXPECT_EQ(std::get<0>(first_good), Verdict::pass);

@@ -1,12 +1,13 @@
-// Rows stored bin by bin are the rows that decode_row gives; the features made of them keep the bounds of algo/plane_feature.h.
+// Rows stored bin by bin are the rows that decode_row gives; the features made of them keep the bounds of
+// algo/plane_feature.h.
 #include "algo/plane_feature.h"
-
-#include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 #include <random>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "algo/distance.h"
 #include "algo/stencil.h"
@@ -14,8 +15,8 @@
 namespace hord::algo {
 namespace {
 
-constexpr double kShareError = 0x1p-22;    // of itself: algo/plane_row.h
-constexpr double kDistanceError = 2e-5;    // algo/plane_feature.h; the contract is 1e-4
+constexpr double kShareError = 0x1p-22;  // of itself: algo/plane_row.h
+constexpr double kDistanceError = 2e-5;  // algo/plane_feature.h; the contract is 1e-4
 constexpr double kGradientError = 6e-5;
 constexpr double kSlopeError = 0x1p-21;
 
@@ -30,7 +31,8 @@ Frame hostile(const Extents& e, int bits, std::uint64_t seed) {
             for (int k = 0; k < e.bins(); ++k) {
                 std::uint32_t dn = 0;
                 if (kind >= 9) dn = static_cast<std::uint32_t>(random() % full);
-                if (kind >= 2 && kind < 9 && random() % static_cast<unsigned>(e.bins()) < 5) dn = static_cast<std::uint32_t>(random() % full);
+                if (kind >= 2 && kind < 9 && random() % static_cast<unsigned>(e.bins()) < 5)
+                    dn = static_cast<std::uint32_t>(random() % full);
                 if (kind == 1 && k == e.bins() / 2) dn = 2;
                 if (kind == 5 && random() % 40 == 0) dn = full;
                 frame.set(m * e.i + k % e.i, n * e.j + k / e.i, dn);
@@ -40,7 +42,8 @@ Frame hostile(const Extents& e, int bits, std::uint64_t seed) {
     return frame;
 }
 
-const Extents kGeometries[] = {{47, 5, 9, 9}, {16, 4, 3, 3}, {3, 3, 15, 15}, {33, 4, 15, 4}, {18, 5, 5, 14}, {5, 6, 8, 8}, {64, 3, 13, 7}};
+const Extents kGeometries[] = {{47, 5, 9, 9},  {16, 4, 3, 3}, {3, 3, 15, 15}, {33, 4, 15, 4},
+                               {18, 5, 5, 14}, {5, 6, 8, 8},  {64, 3, 13, 7}};
 
 std::vector<Isa> isas() {
     std::vector<Isa> all;
@@ -57,7 +60,8 @@ TEST(PlaneRow, holds_what_decode_row_gives) {
             const LightLevels levels{1, 4, (1U << bits) - 1};
             HordRow right(e);
             for (const Isa isa : isas()) {
-                PlaneRow shares(e, PlaneUse::shares, isa), roots(e, PlaneUse::roots, isa), marginals(e, PlaneUse::marginals, isa), taken(e, PlaneUse::shares, isa);
+                PlaneRow shares(e, PlaneUse::shares, isa), roots(e, PlaneUse::roots, isa),
+                    marginals(e, PlaneUse::marginals, isa), taken(e, PlaneUse::shares, isa);
                 for (int n = 0; n < e.n; ++n) {  // one after the other: what is left of a row must not show in the next
                     decode_row(frame.view(), e, levels, n, right);
                     for (PlaneRow* row : {&shares, &roots, &marginals}) row->decode(frame.view(), levels, n);
@@ -84,9 +88,13 @@ TEST(PlaneRow, holds_what_decode_row_gives) {
                             y[static_cast<std::size_t>(k / e.i)] += h;
                         }
                         double passed = 0;
-                        for (int k = 0; k < e.i - 1; ++k) ASSERT_NEAR(marginals.plane(k)[m], passed += x[static_cast<std::size_t>(k)], 2 * kShareError);
+                        for (int k = 0; k < e.i - 1; ++k)
+                            ASSERT_NEAR(marginals.plane(k)[m], passed += x[static_cast<std::size_t>(k)],
+                                        2 * kShareError);
                         passed = 0;
-                        for (int k = 0; k < e.j - 1; ++k) ASSERT_NEAR(marginals.plane(e.i - 1 + k)[m], passed += y[static_cast<std::size_t>(k)], 2 * kShareError);
+                        for (int k = 0; k < e.j - 1; ++k)
+                            ASSERT_NEAR(marginals.plane(e.i - 1 + k)[m], passed += y[static_cast<std::size_t>(k)],
+                                        2 * kShareError);
                     }
                 }
             }
@@ -94,7 +102,8 @@ TEST(PlaneRow, holds_what_decode_row_gives) {
     }
 }
 
-// Windows of bins begin and end differently for every number of bins; half a lenslet at full scale has the largest moments there are.
+// Windows of bins begin and end differently for every number of bins; half a lenslet at full scale has the largest
+// moments there are.
 TEST(PlaneRow, holds_for_every_number_of_bins_however_the_light_lies) {
     std::mt19937 random(6);
     for (int i = kMinBins; i <= kMaxBins; ++i) {
@@ -110,13 +119,17 @@ TEST(PlaneRow, holds_for_every_number_of_bins_however_the_light_lies) {
                     int from = 0, to = i / 2;
                     if (n == 1) from = i - i / 2, to = i;
                     if (n == 2) from = y % i, to = std::min(from + 1 + y / i % 3, i);
-                    if (n >= 3) from = static_cast<int>(random() % static_cast<unsigned>(i)), to = std::min(from + static_cast<int>(random() % 9), i);
-                    for (int k = from; k < to; ++k) frame.set(m * i + k, y, n < 2 ? full : 1 + static_cast<std::uint32_t>(random() % full));
+                    if (n >= 3)
+                        from = static_cast<int>(random() % static_cast<unsigned>(i)),
+                        to = std::min(from + static_cast<int>(random() % 9), i);
+                    for (int k = from; k < to; ++k)
+                        frame.set(m * i + k, y, n < 2 ? full : 1 + static_cast<std::uint32_t>(random() % full));
                 }
             }
             HordRow right(e);
             for (const Isa isa : isas()) {
-                PlaneRow shares(e, PlaneUse::shares, isa), sums(e, PlaneUse::sums, isa), marginals(e, PlaneUse::marginals, isa, false);
+                PlaneRow shares(e, PlaneUse::shares, isa), sums(e, PlaneUse::sums, isa),
+                    marginals(e, PlaneUse::marginals, isa, false);
                 for (int n = 0; n < e.n; ++n) {
                     decode_row(frame.view(), e, levels, n, right);
                     for (PlaneRow* row : {&shares, &sums, &marginals}) row->decode(frame.view(), levels, n);
@@ -125,18 +138,23 @@ TEST(PlaneRow, holds_for_every_number_of_bins_however_the_light_lies) {
                         for (const PlaneRow* row : {&shares, &sums, &marginals}) {
                             ASSERT_EQ(row->sums()[at], right.sums()[at]) << i << " bins, row " << n;
                             ASSERT_EQ(row->mask()[at], right.mask()[at]);
-                            ASSERT_EQ(row->moments_x()[at], row == &marginals ? 0 : right.moments_x()[at]) << i << " bins, row " << n;
+                            ASSERT_EQ(row->moments_x()[at], row == &marginals ? 0 : right.moments_x()[at])
+                                << i << " bins, row " << n;
                             ASSERT_EQ(row->moments_y()[at], row == &marginals ? 0 : right.moments_y()[at]);
                         }
                         const Hord hord = right.hord(m);
                         std::uint32_t passed = 0;
                         for (int k = 0; k < e.bins(); ++k) {
-                            const float share = static_cast<float>(hord.mass[k]) * (1.0F / static_cast<float>(hord.sum));
+                            const float share =
+                                static_cast<float>(hord.mass[k]) * (1.0F / static_cast<float>(hord.sum));
                             ASSERT_EQ(shares.plane(k)[m], right.has_hord(m) ? share : 0.0F);
                         }
                         for (int k = 0; k + 1 < i; ++k) {
                             for (int j = 0; j < e.j; ++j) passed += hord.mass[j * i + k];
-                            ASSERT_EQ(marginals.plane(k)[m], right.has_hord(m) ? static_cast<float>(passed) * (1.0F / static_cast<float>(hord.sum)) : 0.0F);
+                            ASSERT_EQ(marginals.plane(k)[m],
+                                      right.has_hord(m)
+                                          ? static_cast<float>(passed) * (1.0F / static_cast<float>(hord.sum))
+                                          : 0.0F);
                         }
                     }
                 }
@@ -163,7 +181,9 @@ TEST(PlaneRow, a_dark_level_above_the_full_scale_leaves_no_light) {
     }
 }
 
-double bound(Feature feature, double right, double of_others) { return feature == Feature::centroid ? kSlopeError + 0x1p-24 * right : of_others; }
+double bound(Feature feature, double right, double of_others) {
+    return feature == Feature::centroid ? kSlopeError + 0x1p-24 * right : of_others;
+}
 
 TEST(PlaneFeature, keeps_its_error_bounds_on_hostile_frames) {
     for (const Extents& e : kGeometries) {
@@ -188,7 +208,8 @@ TEST(PlaneFeature, keeps_its_error_bounds_on_hostile_frames) {
                         const auto k = static_cast<std::size_t>(n * e.m + m);
                         double right = 0;
                         if (m > 0 && n > 0 && m < e.m - 1 && n < e.n - 1 && has_hord(m, n)) {
-                            const Stencil s = stencil(has_hord(m - 1, n), has_hord(m + 1, n)), t = stencil(has_hord(m, n - 1), has_hord(m, n + 1));
+                            const Stencil s = stencil(has_hord(m - 1, n), has_hord(m + 1, n)),
+                                          t = stencil(has_hord(m, n - 1), has_hord(m, n + 1));
                             if (s.valid() && t.valid()) {
                                 const double x = (*distance)(hord(m + s.before, n), hord(m + s.after, n)) * s.weight();
                                 const double y = (*distance)(hord(m, n + t.before), hord(m, n + t.after)) * t.weight();
@@ -196,7 +217,8 @@ TEST(PlaneFeature, keeps_its_error_bounds_on_hostile_frames) {
                             }
                             ASSERT_EQ((mask[k] & kNoGradient) == 0, s.valid() && t.valid());
                         }
-                        ASSERT_NEAR(values[k], right, bound(feature, right, kGradientError)) << name_of(feature) << " " << m << ", " << n;
+                        ASSERT_NEAR(values[k], right, bound(feature, right, kGradientError))
+                            << name_of(feature) << " " << m << ", " << n;
                     }
                 }
                 planes.against(frame.view(), reference.view(), levels, 0, e.n, values.data(), mask.data());
@@ -205,7 +227,8 @@ TEST(PlaneFeature, keeps_its_error_bounds_on_hostile_frames) {
                         const auto k = static_cast<std::size_t>(n * e.m + m);
                         const bool both = has_hord(m, n) && wanted[static_cast<std::size_t>(n)].has_hord(m);
                         ASSERT_EQ((mask[k] & kNoGradient) == 0, both);
-                        const double right = both ? (*distance)(hord(m, n), wanted[static_cast<std::size_t>(n)].hord(m)) : 0;
+                        const double right =
+                            both ? (*distance)(hord(m, n), wanted[static_cast<std::size_t>(n)].hord(m)) : 0;
                         ASSERT_NEAR(values[k], right, bound(feature, right, kDistanceError));
                     }
                 }
@@ -230,7 +253,9 @@ TEST(PlaneFeature, does_not_depend_on_where_the_blocks_begin) {
         PlaneFeature(wide, feature, best_isa()).over_neighbours(frame.view(), {1, 4, 255}, 0, 7, a.data(), mask.data());
         PlaneFeature(moved, feature, best_isa()).over_neighbours(cut.view(), {1, 4, 255}, 0, 7, b.data(), mask.data());
         for (int n = 1; n < 6; ++n) {
-            for (int m = 1; m < moved.m - 1; ++m) ASSERT_EQ(a[static_cast<std::size_t>(n * 40 + m + 5)], b[static_cast<std::size_t>(n * 35 + m)]) << name_of(feature);
+            for (int m = 1; m < moved.m - 1; ++m)
+                ASSERT_EQ(a[static_cast<std::size_t>(n * 40 + m + 5)], b[static_cast<std::size_t>(n * 35 + m)])
+                    << name_of(feature);
         }
     }
 }

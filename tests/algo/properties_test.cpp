@@ -1,9 +1,9 @@
 // What must hold of any light field: mirroring, exchanging rows and columns, exposure, geometry, noise.
-#include <gtest/gtest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "algo/pipeline.h"
 #include "frames.h"
@@ -27,8 +27,14 @@ Seen inspected(const Extents& e, const Frame& frame, const Recipe& recipe = {}) 
     EXPECT_TRUE(pipeline);
     const auto seen = pipeline->inspect(frame.view());
     EXPECT_TRUE(seen);
-    return {seen->verdict, seen->reason, seen->score, {seen->defects.begin(), seen->defects.end()}, {seen->emd.begin(), seen->emd.end()},
-            {seen->frobenius.begin(), seen->frobenius.end()}, {seen->transmission.begin(), seen->transmission.end()}, {seen->mask.begin(), seen->mask.end()}};
+    return {seen->verdict,
+            seen->reason,
+            seen->score,
+            {seen->defects.begin(), seen->defects.end()},
+            {seen->emd.begin(), seen->emd.end()},
+            {seen->frobenius.begin(), seen->frobenius.end()},
+            {seen->transmission.begin(), seen->transmission.end()},
+            {seen->mask.begin(), seen->mask.end()}};
 }
 
 // A noisy lens with a dark speck, a dim one, and a saturated lenslet: something of everything.
@@ -44,7 +50,8 @@ const Extents kGeometries[] = {{41, 47, 9, 9}, {44, 36, 8, 10}, {40, 40, 5, 3}, 
 
 // Every map, to the bit, and every judgement, whatever the number of threads.
 TEST(Threads, do_not_change_the_answer) {
-    for (const Extents& e : {Extents{41, 47, 9, 9}, Extents{40, 3, 5, 5}, Extents{33, 16, 9, 9}, Extents{33, 17, 8, 8}, Extents{21, 65, 4, 6}}) {
+    for (const Extents& e : {Extents{41, 47, 9, 9}, Extents{40, 3, 5, 5}, Extents{33, 16, 9, 9}, Extents{33, 17, 8, 8},
+                             Extents{21, 65, 4, 6}}) {
         SCOPED_TRACE(std::to_string(e.m) + "x" + std::to_string(e.n));
         const Frame frame = eventful(e, 13);
         auto alone = Pipeline::create(e, 8, {}, 1, MapSet::all);
@@ -62,8 +69,8 @@ TEST(Threads, do_not_change_the_answer) {
                 EXPECT_EQ(seen->score, expected->score);
                 EXPECT_EQ(seen->defects.size(), expected->defects.size());
                 EXPECT_TRUE(std::ranges::equal(seen->mask, expected->mask));
-                for (const auto map : {&Inspection::emd, &Inspection::frobenius, &Inspection::transmission, &Inspection::spectral, &Inspection::nuclear,
-                                       &Inspection::anisotropy}) {
+                for (const auto map : {&Inspection::emd, &Inspection::frobenius, &Inspection::transmission,
+                                       &Inspection::spectral, &Inspection::nuclear, &Inspection::anisotropy}) {
                     EXPECT_EQ((*seen.*map).size(), e.lenslets());
                     EXPECT_TRUE(std::ranges::equal(*seen.*map, *expected.*map));
                 }
@@ -87,8 +94,8 @@ TEST(Symmetry, exchanging_rows_and_columns_exchanges_the_maps_and_nothing_else) 
             for (int m = 0; m < e.m; ++m) {
                 const auto a = static_cast<std::size_t>(n * e.m + m), b = static_cast<std::size_t>(m * e.n + n);
                 ASSERT_EQ(turned.mask[b], straight.mask[a]);
-                ASSERT_NEAR(turned.emd[b], straight.emd[a], 1e-6F);       // the solver may choose another optimal plan
-                ASSERT_EQ(turned.frobenius[b], straight.frobenius[a]);    // to the bit
+                ASSERT_NEAR(turned.emd[b], straight.emd[a], 1e-6F);     // the solver may choose another optimal plan
+                ASSERT_EQ(turned.frobenius[b], straight.frobenius[a]);  // to the bit
                 ASSERT_EQ(turned.transmission[b], straight.transmission[a]);
             }
         }
@@ -105,7 +112,8 @@ TEST(Symmetry, mirroring_mirrors_the_maps_and_nothing_else) {
         ASSERT_EQ(turned.defects.size(), straight.defects.size());
         for (int n = 0; n < e.n; ++n) {
             for (int m = 0; m < e.m; ++m) {
-                const auto a = static_cast<std::size_t>(n * e.m + m), b = static_cast<std::size_t>(n * e.m + e.m - 1 - m);
+                const auto a = static_cast<std::size_t>(n * e.m + m),
+                           b = static_cast<std::size_t>(n * e.m + e.m - 1 - m);
                 ASSERT_EQ(turned.mask[b], straight.mask[a]);
                 ASSERT_NEAR(turned.emd[b], straight.emd[a], 1e-6F);
                 ASSERT_EQ(turned.frobenius[b], straight.frobenius[a]);
@@ -145,7 +153,8 @@ TEST(Exposure, from_a_quarter_to_nominal_gives_the_same_verdict_in_noise) {
     const Frame bad = specked(good, e, 30, 22, 1.5, 0.2);
     for (const double light : {0.25, 0.5, 1.0}) {
         for (std::uint64_t seed = 1; seed <= 4; ++seed) {
-            EXPECT_EQ(inspected(e, noisy(good, {10, 2, light}, seed)).verdict, Verdict::pass) << light << " seed " << seed;
+            EXPECT_EQ(inspected(e, noisy(good, {10, 2, light}, seed)).verdict, Verdict::pass)
+                << light << " seed " << seed;
             const Seen seen = inspected(e, noisy(bad, {10, 2, light}, seed));
             ASSERT_EQ(seen.defects.size(), 1U) << light << " seed " << seed;
             EXPECT_NEAR(seen.defects[0].m, 30, 1);
@@ -154,11 +163,13 @@ TEST(Exposure, from_a_quarter_to_nominal_gives_the_same_verdict_in_noise) {
     }
 }
 
-// The default limits' reason, in algo/recipe.h: a part that bends light over the whole range of 9 bins within 40 lenslets passes.
+// The default limits' reason, in algo/recipe.h: a part that bends light over the whole range of 9 bins within 40
+// lenslets passes.
 TEST(DefaultLimits, pass_a_lens_over_the_whole_range_in_40_lenslets_and_refuse_one_twice_as_steep) {
     const Extents e{64, 64, 9, 9};
     for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-        EXPECT_EQ(inspected(e, noisy(drawn(e, 8, 240, lens(e, 19.5, 3.8)), {10, 2, 1}, seed)).verdict, Verdict::pass) << seed;
+        EXPECT_EQ(inspected(e, noisy(drawn(e, 8, 240, lens(e, 19.5, 3.8)), {10, 2, 1}, seed)).verdict, Verdict::pass)
+            << seed;
         const Seen steep = inspected(e, noisy(drawn(e, 8, 240, lens(e, 9, 3.8)), {10, 2, 1}, seed));
         EXPECT_EQ(steep.verdict, Verdict::reject) << seed;
         EXPECT_EQ(steep.reason, Reason::slope);
@@ -167,7 +178,8 @@ TEST(DefaultLimits, pass_a_lens_over_the_whole_range_in_40_lenslets_and_refuse_o
 
 // Odd, even and rectangular bins at 8 to 16 bits: a lens passes, with a speck or a jump of its deflection it does not.
 TEST(Geometry, of_any_bins_and_bit_depth_is_judged_alike) {
-    for (const auto& [i, j] : {std::pair(3, 3), std::pair(4, 4), std::pair(3, 15), std::pair(7, 8), std::pair(10, 10), std::pair(15, 15)}) {
+    for (const auto& [i, j] :
+         {std::pair(3, 3), std::pair(4, 4), std::pair(3, 15), std::pair(7, 8), std::pair(10, 10), std::pair(15, 15)}) {
         for (const int bits : {8, 10, 12, 16}) {
             SCOPED_TRACE(std::to_string(i) + "x" + std::to_string(j) + " at " + std::to_string(bits));
             const Extents e{40, 38, i, j};
@@ -197,7 +209,9 @@ TEST(Geometry, of_any_bins_and_bit_depth_is_judged_alike) {
 // One lenslet that bends its light shows as its four neighbours, one region around the true place.
 TEST(Geometry, a_defect_of_one_lenslet_is_found_where_it_is) {
     const Extents e{30, 30, 9, 9};
-    const Frame frame = drawn(e, 8, 240, [](int m, int n) -> Spot { return m == 13 && n == 17 ? Spot{2, -1, 1} : Spot{}; });
+    const Frame frame = drawn(e, 8, 240, [](int m, int n) -> Spot {
+        return m == 13 && n == 17 ? Spot{2, -1, 1} : Spot{};
+    });
     const Seen seen = inspected(e, frame);
     ASSERT_EQ(seen.defects.size(), 1U);
     EXPECT_EQ(seen.defects[0].m, 13);

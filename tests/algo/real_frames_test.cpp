@@ -1,8 +1,8 @@
-// The verdict on light fields that an independent program traced: good parts pass, defects are found at their true places -
-// also in noise, at other exposures and bit depths, and wherever the part lies in the field.
-#include <gtest/gtest.h>
-
+// The verdict on light fields that an independent program traced: good parts pass, defects are found at their true
+// places - also in noise, at other exposures and bit depths, and wherever the part lies in the field.
 #include <cmath>
+
+#include <gtest/gtest.h>
 
 #include "algo/pipeline.h"
 #include "frames.h"
@@ -77,9 +77,11 @@ TEST_P(RealFrame, is_judged_truly_at_12_and_16_bits) {
 }
 
 TEST_P(RealFrame, is_judged_truly_wherever_the_part_lies) {
-    for (const auto& [dm, dn] : {std::pair(5, -3), std::pair(-8, 8), std::pair(-30, 12), std::pair(-9, 0), std::pair(0, 10)}) {
+    for (const auto& [dm, dn] :
+         {std::pair(5, -3), std::pair(-8, 8), std::pair(-30, 12), std::pair(-9, 0), std::pair(0, 10)}) {
         SCOPED_TRACE(std::to_string(dm) + ", " + std::to_string(dn));
-        expect_true_verdict(GetParam(), shifted(frame_, kPovray, dm, dn), {static_cast<float>(dm), static_cast<float>(dn)});
+        expect_true_verdict(GetParam(), shifted(frame_, kPovray, dm, dn),
+                            {static_cast<float>(dm), static_cast<float>(dn)});
     }
 }
 
@@ -94,7 +96,8 @@ class GoodPart : public RealFrame {};
 class BadPart : public RealFrame {};
 
 TEST_P(GoodPart, with_an_absorbing_speck_is_rejected_at_the_speck) {
-    for (const auto& [m, n, radius, transmission] : {std::tuple(70.0, 40.0, 2.0, 0.0), std::tuple(48.3, 61.7, 1.0, 0.0), std::tuple(60.0, 75.0, 3.0, 0.5)}) {
+    for (const auto& [m, n, radius, transmission] :
+         {std::tuple(70.0, 40.0, 2.0, 0.0), std::tuple(48.3, 61.7, 1.0, 0.0), std::tuple(60.0, 75.0, 3.0, 0.5)}) {
         SCOPED_TRACE(m);
         const Frame speck = specked(frame_, kPovray, m, n, radius, transmission);
         const Scene truth{GetParam().name, false, {static_cast<float>(m), static_cast<float>(n)}};

@@ -32,14 +32,17 @@ const LightLevels kLevels{6, 60, 4095};
 constexpr double kHalfM = 15, kHalfN = 12;  // of the elliptic part, lenslets
 
 // A part that bends light more along x than along y, in free light: nothing about it is round. One electron a DN.
-Frame part(const Pose& pose, const std::function<void(int, int, Spot&)>& defect = [](int, int, Spot&) {}) {
+Frame part(
+    const Pose& pose, const std::function<void(int, int, Spot&)>& defect = [](int, int, Spot&) {}) {
     const PoseMap map(pose, kField);
     const double full_bin = kElectrons / (1.22 * 1.22);
     const auto inside = [&](int m, int n) {  // share of the lenslet, of 7x7 points
         double share = 0;
         for (int k = 0; k < 49; ++k) {
             const auto q = map.to_reference(m + (k % 7 - 3) / 7.0, n + (k / 7 - 3) / 7.0);
-            share += std::hypot((q.m - 0.5 * (kField.m - 1)) / kHalfM, (q.n - 0.5 * (kField.n - 1)) / kHalfN) < 1 ? 1.0 / 49 : 0;
+            share += std::hypot((q.m - 0.5 * (kField.m - 1)) / kHalfM, (q.n - 0.5 * (kField.n - 1)) / kHalfN) < 1
+                ? 1.0 / 49
+                : 0;
         }
         return share;
     };
@@ -53,11 +56,14 @@ Frame part(const Pose& pose, const std::function<void(int, int, Spot&)>& defect 
     });
     const Frame beside = drawn(kField, kBits, full_bin, [&](int m, int n) { return Spot{0, 0, 1 - inside(m, n)}; });
     for (int y = 0; y < frame.height_px(); ++y) {
-        for (int x = 0; x < frame.width_px(); ++x) frame.set(x, y, frame.view().sample(x, y) + beside.view().sample(x, y));
+        for (int x = 0; x < frame.width_px(); ++x)
+            frame.set(x, y, frame.view().sample(x, y) + beside.view().sample(x, y));
     }
     return frame;
 }
-Frame seen(const Frame& frame, std::uint64_t seed, double light = 1) { return noisy(frame, {1, 2, light}, seed, kBits); }
+Frame seen(const Frame& frame, std::uint64_t seed, double light = 1) {
+    return noisy(frame, {1, 2, light}, seed, kBits);
+}
 
 Pose wobble(std::uint64_t seed) {
     std::mt19937_64 random(seed);
@@ -66,12 +72,14 @@ Pose wobble(std::uint64_t seed) {
     return {x, y, std::sin(turn(random))};
 }
 
-Result<Learned> learn(std::size_t count, const std::function<Frame(std::size_t)>& frame, std::optional<float> gain = 1.0F) {
+Result<Learned> learn(std::size_t count, const std::function<Frame(std::size_t)>& frame,
+                      std::optional<float> gain = 1.0F) {
     LearnOptions options;
     options.levels = kLevels;
     options.electrons_per_dn = gain;
     options.read_dn = kReadDn;
-    return learn_reference(kField, kBits, count, [&](std::size_t k) -> Result<Frame> { return frame(k); }, options);
+    return learn_reference(
+        kField, kBits, count, [&](std::size_t k) -> Result<Frame> { return frame(k); }, options);
 }
 
 // Of sixteen parts that lie a little differently each.
@@ -102,7 +110,11 @@ Judged judge(const Frame& frame, const Recipe& with = recipe(), int threads = 1)
     EXPECT_TRUE(pipeline) << pipeline.error().message();
     const auto found = pipeline->inspect(frame.view());
     EXPECT_TRUE(found);
-    return {found->verdict, found->reason, {found->defects.begin(), found->defects.end()}, {found->surprise.begin(), found->surprise.end()}, found->registered};
+    return {found->verdict,
+            found->reason,
+            {found->defects.begin(), found->defects.end()},
+            {found->surprise.begin(), found->surprise.end()},
+            found->registered};
 }
 
 TEST(Reference, parts_are_registered_to_a_small_fraction_of_a_lenslet) {
@@ -135,7 +147,10 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
                 decode_row(frame.view(), kField, kLevels, n, row);
                 sums.insert(sums.end(), row.sums().begin(), row.sums().end());
                 mask.insert(mask.end(), row.mask().begin(), row.mask().end());
-                mean_deflections(row, std::span(deflections).subspan(static_cast<std::size_t>(n * kField.m), static_cast<std::size_t>(kField.m)));
+                mean_deflections(
+                    row,
+                    std::span(deflections)
+                        .subspan(static_cast<std::size_t>(n * kField.m), static_cast<std::size_t>(kField.m)));
             }
             const Registered at = registrar.find(r.maps(), deflections, sums, mask, 1, r.parts);
             ASSERT_TRUE(at.found());
@@ -146,7 +161,8 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
                 for (const Difference& d : differences) {
                     if (!d.has_hord) continue;
                     const Scores scores = scores_of(d, r);
-                    for (std::size_t w = 0; w < kDeviations; ++w) squares[w] += static_cast<double>(scores[w]) * static_cast<double>(scores[w]);
+                    for (std::size_t w = 0; w < kDeviations; ++w)
+                        squares[w] += static_cast<double>(scores[w]) * static_cast<double>(scores[w]);
                     count += 1;
                 }
             }
@@ -165,11 +181,14 @@ TEST(Reference, a_good_part_passes_however_it_lies) {
     for (std::uint64_t seed = 200; seed < 220; ++seed) {
         const Judged judged = judge(seen(part(wobble(seed)), seed, seed % 2 == 0 ? 1.0 : 0.7));
         EXPECT_EQ(judged.verdict, Verdict::pass) << seed << ": " << explain(judged.registered.outcome);
-        for (const Defect& d : judged.defects) ADD_FAILURE() << seed << ": " << name_of(d.kind) << " at " << d.m << ", " << d.n << ", " << d.area << " lenslets, score " << d.score << ", peak " << d.peak;
+        for (const Defect& d : judged.defects)
+            ADD_FAILURE() << seed << ": " << name_of(d.kind) << " at " << d.m << ", " << d.n << ", " << d.area
+                          << " lenslets, score " << d.score << ", peak " << d.peak;
     }
 }
 
-// What gradients and transmission limits do not see: a tenth less light, a spread a third wider in two lenslets, a bend of a tenth of a bin.
+// What gradients and transmission limits do not see: a tenth less light, a spread a third wider in two lenslets, a bend
+// of a tenth of a bin.
 TEST(Reference, weak_defects_are_found_where_they_are_and_named) {
     struct Case {
         const char* name;
@@ -178,8 +197,14 @@ TEST(Reference, weak_defects_are_found_where_they_are_and_named) {
     };
     const auto near = [](int m, int n) { return std::abs(m - 24) <= 1 && std::abs(n - 15) <= 1; };
     const Case cases[] = {
-        {"absorbing", DefectKind::absorbing, [&](int m, int n, Spot& s) { if (near(m, n)) s.light *= 0.75; }},
-        {"surface", DefectKind::surface, [&](int m, int n, Spot& s) { if (near(m, n)) s.x += 0.2; }},
+        {"absorbing", DefectKind::absorbing,
+         [&](int m, int n, Spot& s) {
+             if (near(m, n)) s.light *= 0.75;
+         }},
+        {"surface", DefectKind::surface,
+         [&](int m, int n, Spot& s) {
+             if (near(m, n)) s.x += 0.2;
+         }},
     };
     for (const Case& c : cases) {
         const Judged judged = judge(seen(part(wobble(7), c.change), 7));
@@ -216,14 +241,17 @@ TEST(Reference, a_dimple_is_a_surface_and_haze_scatters) {
                 if (std::hypot(x, y) < radius) s.x += 0.33 * x, s.y += 0.33 * y;
             }));
             haze.push_back(part(wobble(7), [&](int m, int n, Spot& s) {
-                if (std::hypot(m - 24, n - 15) < radius && k % 2 == 0 && k != 4) s.x += 4.5 * dx, s.y += 4.5 * dy;  // four ninths of it, by 1.5 bins
+                if (std::hypot(m - 24, n - 15) < radius && k % 2 == 0 && k != 4)
+                    s.x += 4.5 * dx, s.y += 4.5 * dy;  // four ninths of it, by 1.5 bins
             }));
         }
-        for (const auto& [frames, kind] : {std::pair(&dimple, DefectKind::surface), std::pair(&haze, DefectKind::scattering)}) {
+        for (const auto& [frames, kind] :
+             {std::pair(&dimple, DefectKind::surface), std::pair(&haze, DefectKind::scattering)}) {
             for (const double light : {0.5, 1.0, 2.0}) {
                 const Judged judged = judge(seen(mean_of(*frames), 7, light));
                 ASSERT_EQ(judged.verdict, Verdict::reject) << radius;
-                EXPECT_EQ(judged.defects[0].kind, kind) << radius << " lenslets, light " << light << ", got " << name_of(judged.defects[0].kind);
+                EXPECT_EQ(judged.defects[0].kind, kind)
+                    << radius << " lenslets, light " << light << ", got " << name_of(judged.defects[0].kind);
             }
         }
     }
@@ -233,7 +261,11 @@ TEST(Reference, a_dimple_is_a_surface_and_haze_scatters) {
 TEST(Reference, a_defect_beside_the_rim_is_found) {
     const Pose pose{0.3, -0.2, 0.01};
     const auto at = PoseMap(pose, kField).to_part(0.5 * (kField.m - 1) + kHalfM - 1.5, 0.5 * (kField.n - 1));
-    const Judged judged = judge(seen(part(pose, [&](int m, int n, Spot& s) { if (m == std::lround(at.m) && n == std::lround(at.n)) s.light *= 0.4; }), 3));
+    const Judged judged = judge(seen(part(pose,
+                                          [&](int m, int n, Spot& s) {
+                                              if (m == std::lround(at.m) && n == std::lround(at.n)) s.light *= 0.4;
+                                          }),
+                                     3));
     ASSERT_EQ(judged.verdict, Verdict::reject);
     EXPECT_NEAR(judged.defects[0].m, at.m, 1);
     EXPECT_NEAR(judged.defects[0].n, at.n, 1);
@@ -252,10 +284,15 @@ TEST(Reference, a_part_that_does_not_lie_where_it_should_is_unfit) {
 TEST(Reference, small_defects_are_tolerated_as_the_recipe_says) {
     Recipe r = recipe();
     r.lenslet_mm = 0.2F;
-    const auto two_specks = [](int m, int n, Spot& s) { if (n == 18 && (m == 12 || m == 28)) s.light *= 0.3; };
+    const auto two_specks = [](int m, int n, Spot& s) {
+        if (n == 18 && (m == 12 || m == 28)) s.light *= 0.3;
+    };
     const Frame frame = seen(part(wobble(9), two_specks), 9);
     ASSERT_EQ(judge(frame, r).defects.size(), 2U);
-    r.tolerances = {{.kinds = 1U << static_cast<unsigned>(DefectKind::absorbing), .where = std::nullopt, .largest_mm = 0.7F, .number = 2}};
+    r.tolerances = {{.kinds = 1U << static_cast<unsigned>(DefectKind::absorbing),
+                     .where = std::nullopt,
+                     .largest_mm = 0.7F,
+                     .number = 2}};
     EXPECT_EQ(judge(frame, r).verdict, Verdict::pass);
     r.tolerances[0].number = 1;
     EXPECT_EQ(judge(frame, r).defects.size(), 1U);
@@ -263,7 +300,8 @@ TEST(Reference, small_defects_are_tolerated_as_the_recipe_says) {
     r.tolerances[0].largest_mm = 0.1F;
     EXPECT_EQ(judge(frame, r).defects.size(), 2U);
     r.tolerances[0].largest_mm = 0.7F;
-    r.tolerances[0].where = Zone{.shape = Zone::Shape::circle, .use = {}, .centre = {12, 18}, .radius = 4, .corners = {}};
+    r.tolerances[0].where =
+        Zone{.shape = Zone::Shape::circle, .use = {}, .centre = {12, 18}, .radius = 4, .corners = {}};
     const Judged one = judge(frame, r);
     ASSERT_EQ(one.defects.size(), 1U);
     EXPECT_NEAR(one.defects[0].m, 28, 1);
@@ -273,9 +311,10 @@ TEST(Reference, small_defects_are_tolerated_as_the_recipe_says) {
 
 // Without the EMD the rows are read another way; what a reference says of them is the same.
 TEST(Reference, judges_the_same_without_any_gradient) {
-    const Frame bad = seen(part({0.3, -0.2, 0}, [](int m, int n, Spot& spot) {
-                               if (std::abs(m - 22) <= 1 && std::abs(n - 15) <= 1) spot.light *= 0.6;
-                           }),
+    const Frame bad = seen(part({0.3, -0.2, 0},
+                                [](int m, int n, Spot& spot) {
+                                    if (std::abs(m - 22) <= 1 && std::abs(n - 15) <= 1) spot.light *= 0.6;
+                                }),
                            81);
     const Judged usual = judge(bad);
     ASSERT_EQ(usual.verdict, Verdict::reject);
@@ -294,7 +333,8 @@ TEST(Reference, judges_the_same_without_any_gradient) {
     without.gradient_limit = 1;
     const auto refused = Pipeline::create(kField, kBits, without);
     ASSERT_FALSE(refused);
-    EXPECT_NE(refused.error().message().find("choose emd or no gradient"), std::string::npos) << refused.error().message();
+    EXPECT_NE(refused.error().message().find("choose emd or no gradient"), std::string::npos)
+        << refused.error().message();
 }
 
 TEST(Reference, the_judgement_does_not_depend_on_the_number_of_threads) {
@@ -331,15 +371,20 @@ TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
         decode_row(frame.view(), kField, kLevels, n, row);
         comparer.compare_row(row, n, PoseMap(pose, kField), 1, differences);
         for (int m = 0; m < kField.m; ++m) {
-            if (read_there[static_cast<std::size_t>(n * kField.m + m)] == 0 || !differences[static_cast<std::size_t>(m)].has_hord) continue;
+            if (read_there[static_cast<std::size_t>(n * kField.m + m)] == 0 ||
+                !differences[static_cast<std::size_t>(m)].has_hord)
+                continue;
             ++looked_at;
-            EXPECT_LT(scores_of(differences[static_cast<std::size_t>(m)], r)[static_cast<std::size_t>(Deviation::bend)], 4) << m << ", " << n;
+            EXPECT_LT(scores_of(differences[static_cast<std::size_t>(m)], r)[static_cast<std::size_t>(Deviation::bend)],
+                      4)
+                << m << ", " << n;
         }
     }
     EXPECT_GT(looked_at, 80);
 }
 
-// Along a part's row golden HORDs are interpolated column by column: the same as from all sixteen lenslets around at once, where the row is level.
+// Along a part's row golden HORDs are interpolated column by column: the same as from all sixteen lenslets around at
+// once, where the row is level.
 TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
     const Reference& r = learned().reference;
     const GoldenReader reader(r, best_isa());
@@ -353,14 +398,16 @@ TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
             row.start_row(map, n, 0.8);
             for (int m = 0; m < kField.m; ++m) {
                 const auto at = map.to_reference(m, n);
-                const int column = static_cast<int>(std::floor(at.m)), block = (column - 1) >> 4, lane = (column - 1) & 15, first = lane / at_once * at_once;
+                const int column = static_cast<int>(std::floor(at.m)), block = (column - 1) >> 4,
+                          lane = (column - 1) & 15, first = lane / at_once * at_once;
                 std::vector<float> alone(r.stride() + 16);
                 const GoldenReader::Golden a = reader.read(at.m, at.n, 0.8, alone.data());
                 with_hord += a.has_hord ? 1 : 0;
                 row.move_to(block);
                 if ((row.plain() >> lane & 1U) == 0) continue;
                 GoldenRow::Lanes lanes{};
-                for (std::size_t c = 0; c < 4; ++c) lanes.weights[c][lane] = static_cast<float>(cubic_at(at.m - column).of[c]);
+                for (std::size_t c = 0; c < 4; ++c)
+                    lanes.weights[c][lane] = static_cast<float>(cubic_at(at.m - column).of[c]);
                 const BinRect& lit = row.lit();
                 std::vector<float> along(static_cast<std::size_t>(lit.columns() * lit.rows() * at_once));
                 row.interpolate(first, lit, lanes, along.data(), lit.columns());
@@ -371,7 +418,10 @@ TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
                 double differs = 0;
                 for (int j = 0; j < kField.j; ++j) {
                     for (int i = 0; i < kField.i; ++i) {
-                        const float here = lit.has(i, j) ? along[static_cast<std::size_t>(((j - lit.top) * lit.columns() + i - lit.left) * at_once + lane - first)] : 0.0F;
+                        const float here = lit.has(i, j)
+                            ? along[static_cast<std::size_t>(((j - lit.top) * lit.columns() + i - lit.left) * at_once +
+                                                             lane - first)]
+                            : 0.0F;
                         differs += static_cast<double>(std::abs(alone[r.place(i, j)] - here));
                     }
                 }
@@ -387,7 +437,8 @@ TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
     }
 }
 
-// Rows of bins and columns of bins are not worked on alike (algo/bin_fit.h), but light that moves by some bins along either has moved as far.
+// Rows of bins and columns of bins are not worked on alike (algo/bin_fit.h), but light that moves by some bins along
+// either has moved as far.
 TEST(Reference, light_moves_as_far_along_rows_of_bins_as_along_columns) {
     const Extents e{24, 8, 9, 9};
     Reference r;
@@ -397,20 +448,27 @@ TEST(Reference, light_moves_as_far_along_rows_of_bins_as_along_columns) {
     r.sensor = {2.5F, 1.5F, 3.0F};
     r.parts = 16;
     r.shares.assign(e.lenslets() * r.stride(), 0);
-    r.light.assign(e.lenslets(), 2000), r.x.assign(e.lenslets(), 0), r.y.assign(e.lenslets(), 0), r.emd.assign(e.lenslets(), 0), r.frobenius.assign(e.lenslets(), 0);
+    r.light.assign(e.lenslets(), 2000), r.x.assign(e.lenslets(), 0), r.y.assign(e.lenslets(), 0),
+        r.emd.assign(e.lenslets(), 0), r.frobenius.assign(e.lenslets(), 0);
     r.mask.assign(e.lenslets(), kValid);
     for (auto& spread : r.spread) spread.assign(e.lenslets(), 1e-4F);
     const auto weight = [](int k) { return k == 4 ? 2 : k == 3 || k == 5 ? 1 : 0; };  // of 4
     for (std::size_t k = 0; k < e.lenslets(); ++k) {
-        for (int b = 0; b < e.bins(); ++b) r.shares[k * r.stride() + r.place(b % 9, b / 9)] = static_cast<std::uint16_t>(weight(b % 9) * weight(b / 9) * 2047);
+        for (int b = 0; b < e.bins(); ++b)
+            r.shares[k * r.stride() + r.place(b % 9, b / 9)] =
+                static_cast<std::uint16_t>(weight(b % 9) * weight(b / 9) * 2047);
     }
     constexpr int kFifths = 1;  // of the light: moves by one bin
     const auto differences = [&](bool along_rows) {
         Frame frame(e.width_px(), e.height_px(), 12);
         for (int y = 0; y < e.height_px(); ++y) {
             for (int x = 0; x < e.width_px(); ++x) {
-                const int i = x % 9, j = y % 9, before = along_rows ? weight(i - 1) * weight(j) : weight(i) * weight(j - 1);
-                frame.set(x, y, kLevels.dark + static_cast<std::uint32_t>(2000 * ((5 - kFifths) * weight(i) * weight(j) + kFifths * before) / (5 * 16)));
+                const int i = x % 9, j = y % 9,
+                          before = along_rows ? weight(i - 1) * weight(j) : weight(i) * weight(j - 1);
+                frame.set(x, y,
+                          kLevels.dark +
+                              static_cast<std::uint32_t>(
+                                  2000 * ((5 - kFifths) * weight(i) * weight(j) + kFifths * before) / (5 * 16)));
             }
         }
         Comparer comparer(r);
@@ -440,25 +498,31 @@ TEST(Reference, the_comparison_has_the_same_bits_on_every_instruction_set) {
         std::vector<Difference> differences(kField.lenslets());
         for (int n = 0; n < kField.n; ++n) {
             decode_row(frame.view(), kField, kLevels, n, row);
-            comparer.compare_row(row, n, PoseMap({0.3, -0.4, 0.01}, kField), 1,
-                                 std::span(differences).subspan(static_cast<std::size_t>(n * kField.m), static_cast<std::size_t>(kField.m)));
+            comparer.compare_row(
+                row, n, PoseMap({0.3, -0.4, 0.01}, kField), 1,
+                std::span(differences)
+                    .subspan(static_cast<std::size_t>(n * kField.m), static_cast<std::size_t>(kField.m)));
         }
         all.push_back(std::move(differences));
     }
     for (std::size_t k = 0; k < all[0].size(); ++k) {
         for (const auto& other : all) {
             const Difference &a = all[0][k], &b = other[k];
-            const bool same = a.has_hord == b.has_hord && a.light == b.light && a.x == b.x && a.y == b.y && a.blur == b.blur && a.chi2 == b.chi2 &&
-                              a.degrees == b.degrees && a.x_variance == b.x_variance && a.blur_variance == b.blur_variance;
+            const bool same = a.has_hord == b.has_hord && a.light == b.light && a.x == b.x && a.y == b.y &&
+                a.blur == b.blur && a.chi2 == b.chi2 && a.degrees == b.degrees && a.x_variance == b.x_variance &&
+                a.blur_variance == b.blur_variance;
             ASSERT_TRUE(same) << k;
         }
     }
 }
 
 TEST(Learning, names_the_parts_that_differ_from_all_others) {
-    const auto speck = [](int m, int n, Spot& s) { if (std::hypot(m - 25, n - 20) < 2.5) s.light *= 0.4; };
+    const auto speck = [](int m, int n, Spot& s) {
+        if (std::hypot(m - 25, n - 20) < 2.5) s.light *= 0.4;
+    };
     std::vector<Frame> frames;
-    for (std::uint64_t k = 0; k < 12; ++k) frames.push_back(seen(k == 4 ? part(wobble(k), speck) : k == 9 ? part({9, 3, 0}) : part(wobble(k)), k));
+    for (std::uint64_t k = 0; k < 12; ++k)
+        frames.push_back(seen(k == 4 ? part(wobble(k), speck) : k == 9 ? part({9, 3, 0}) : part(wobble(k)), k));
     const auto all = learn(frames.size(), [&](std::size_t k) { return frames[k]; });
     ASSERT_TRUE(all) << all.error().message();
     EXPECT_EQ(all->reference.parts, 10U);
@@ -471,7 +535,8 @@ TEST(Learning, names_the_parts_that_differ_from_all_others) {
 TEST(Learning, estimates_the_sensors_gain) {
     std::vector<Frame> frames;
     for (std::uint64_t k = 0; k < 12; ++k) frames.push_back(seen(part(wobble(k)), k));
-    const auto all = learn(frames.size(), [&](std::size_t k) { return frames[k]; }, std::nullopt);
+    const auto all = learn(
+        frames.size(), [&](std::size_t k) { return frames[k]; }, std::nullopt);
     ASSERT_TRUE(all);
     EXPECT_NEAR(all->reference.sensor.electrons_per_dn, 1, 0.3);
 }
@@ -499,7 +564,9 @@ TEST(Learning, single_readings_far_from_all_light_leave_nothing_in_the_golden_ho
 }
 
 TEST(Learning, tells_the_read_noise_from_the_bins_without_light) {
-    const auto told = [](const Frame& frame, const LightLevels& levels) { return read_noise_of(kField, levels, 4, [&](std::size_t) -> Result<Frame> { return frame; }); };
+    const auto told = [](const Frame& frame, const LightLevels& levels) {
+        return read_noise_of(kField, levels, 4, [&](std::size_t) -> Result<Frame> { return frame; });
+    };
     const Frame clean = part({});
     for (const double electrons : {0.0, 1.0, 2.0, 4.0}) {
         const auto read = told(noisy(clean, {1, electrons, 1}, 7, kBits), kLevels);
@@ -536,17 +603,19 @@ TEST(Learning, needs_eight_parts_that_lie_alike) {
 TEST(Learning, the_same_frames_give_the_same_reference) {
     std::vector<Frame> frames;
     for (std::uint64_t k = 0; k < 8; ++k) frames.push_back(seen(part(wobble(k)), k));
-    const auto a = learn(8, [&](std::size_t k) { return frames[k]; }), b = learn(8, [&](std::size_t k) { return frames[k]; });
+    const auto a = learn(8, [&](std::size_t k) { return frames[k]; }),
+               b = learn(8, [&](std::size_t k) { return frames[k]; });
     ASSERT_TRUE(a && b);
     EXPECT_EQ(a->reference.shares, b->reference.shares);
     EXPECT_EQ(a->reference.spread, b->reference.spread);
     EXPECT_TRUE(check(a->reference));
 }
 
-// Parts that wobble, some with a flaw, judged against the reference: no dust is imagined, a fading light is, and a speck is found where it lies.
+// Parts that wobble, some with a flaw, judged against the reference: no dust is imagined, a fading light is, and a
+// speck is found where it lies.
 TEST(Reference, ageing_optics_are_told_from_parts_that_wobble) {
     constexpr int kWindow = 50;
-    const char* more = std::getenv("HORD_AGEING_PARTS");  // by hand
+    const char* more = std::getenv("HORD_AGEING_PARTS");                // by hand
     const int clean = more != nullptr ? std::atoi(more) / kWindow : 3;  // windows
     auto pipeline = Pipeline::create(kField, kBits, recipe());
     ASSERT_TRUE(pipeline);

@@ -63,7 +63,8 @@ TEST(Resample, a_bin_is_the_mean_of_what_lies_under_it) {
             // Lenslet (1, 2): its first bin covers pixels 13, 14 in x and 25, 26 in y.
             const int x = 13 + 2 * i;
             const int y = 25 + 2 * j;
-            const std::uint32_t sum = view.sample(x, y) + view.sample(x + 1, y) + view.sample(x, y + 1) + view.sample(x + 1, y + 1);
+            const std::uint32_t sum =
+                view.sample(x, y) + view.sample(x + 1, y) + view.sample(x, y + 1) + view.sample(x + 1, y + 1);
             EXPECT_EQ(decoded->view().sample(6 + i, 12 + j), (sum + 2) / 4);
         }
     }
@@ -88,9 +89,9 @@ TEST(Resample, full_scale_stays_full_scale_and_black_stays_black) {
 }
 
 TEST(Resample, a_ramp_is_read_at_the_bins_own_places) {
-    // On a linear ramp a box's mean is the ramp at its centre: to the places of lenslet and bin (1/64 px each), the weights
-    // (1/256 for each of 4 pixels up to 1.5 px away, and what rounding leaves, together 0.025 px), a pixel's light being
-    // spread evenly over it (1/8 px over the box's width of 2.2 px) and the rounding of samples.
+    // On a linear ramp a box's mean is the ramp at its centre: to the places of lenslet and bin (1/64 px each), the
+    // weights (1/256 for each of 4 pixels up to 1.5 px away, and what rounding leaves, together 0.025 px), a pixel's
+    // light being spread evenly over it (1/8 px over the box's width of 2.2 px) and the rounding of samples.
     const double slope = 97;
     Frame raw(300, 300, 16);
     for (int y = 0; y < 300; ++y) {
@@ -154,7 +155,8 @@ TEST(Resample, the_same_bits_on_every_machine) {
     EXPECT_EQ(hash, 2871495133730868134U);
 }
 
-// 8-bit samples go through whole rows of bins at once where the processor can; the same samples in a deeper frame go one by one.
+// 8-bit samples go through whole rows of bins at once where the processor can; the same samples in a deeper frame go
+// one by one.
 TEST(Resample, eight_bit_frames_have_the_bits_of_the_general_way) {
     const Frame narrow = noise(300, 280, 8);
     Frame deep(300, 280, 12);
@@ -165,7 +167,8 @@ TEST(Resample, eight_bit_frames_have_the_bits_of_the_general_way) {
         for (const auto& [bins_i, bins_j] : {std::pair{9, 9}, {8, 7}, {5, 12}, {15, 15}, {3, 4}}) {
             if (pitch / bins_i < 0.5 || pitch / bins_j < 0.5) continue;
             SCOPED_TRACE(::testing::Message() << pitch << " px, " << bins_i << "x" << bins_j);
-            LensletGrid grid = upright(static_cast<int>(300 / pitch) + 2, static_cast<int>(280 / pitch) + 2, pitch, -3.3);  // beyond every rim
+            LensletGrid grid = upright(static_cast<int>(300 / pitch) + 2, static_cast<int>(280 / pitch) + 2, pitch,
+                                       -3.3);  // beyond every rim
             grid.width_px = 300;
             grid.height_px = 280;
             grid.parameters[3] = 0.02 * pitch;
@@ -173,7 +176,8 @@ TEST(Resample, eight_bit_frames_have_the_bits_of_the_general_way) {
             ASSERT_TRUE(resampler) << resampler.error().message();
             const Frame a = *resampler->decode(narrow.view()), b = *resampler->decode(deep.view());
             for (int y = 0; y < a.height_px(); ++y) {
-                for (int x = 0; x < a.width_px(); ++x) ASSERT_EQ(a.view().sample(x, y), b.view().sample(x, y)) << x << "," << y;
+                for (int x = 0; x < a.width_px(); ++x)
+                    ASSERT_EQ(a.view().sample(x, y), b.view().sample(x, y)) << x << "," << y;
             }
             const auto size = static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(bins_i * bins_j);
             std::vector<std::uint16_t> one(size), two(size);

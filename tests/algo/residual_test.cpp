@@ -10,9 +10,11 @@ namespace hord::algo {
 namespace {
 
 // Masses of exactly `bins` bins on the heap, so that a sanitizer sees what is read beyond them.
-std::vector<std::uint16_t> random_masses(int bins, std::uint32_t one_in, std::uint32_t full_scale, std::mt19937& random) {
+std::vector<std::uint16_t> random_masses(int bins, std::uint32_t one_in, std::uint32_t full_scale,
+                                         std::mt19937& random) {
     std::vector<std::uint16_t> mass(static_cast<std::size_t>(bins));
-    for (auto& m : mass) m = random() % one_in == 0 ? static_cast<std::uint16_t>(1 + random() % full_scale) : std::uint16_t{0};
+    for (auto& m : mass)
+        m = random() % one_in == 0 ? static_cast<std::uint16_t>(1 + random() % full_scale) : std::uint16_t{0};
     mass[random() % mass.size()] = 1;  // never dark
     return mass;
 }
@@ -55,7 +57,8 @@ void expect_definition(FindResidual<Mass> find, std::uint32_t full_scale) {
     Residual<Mass> residual;
     for (int bins = 9; bins <= kMostBins; ++bins) {
         for (const std::uint32_t one_in : {1U, 3U, 20U}) {
-            const auto a = random_masses(bins, one_in, full_scale, random), b = random_masses(bins, one_in, full_scale, random);
+            const auto a = random_masses(bins, one_in, full_scale, random),
+                       b = random_masses(bins, one_in, full_scale, random);
             const Hord first = hord_of(a), second = hord_of(b);
             SCOPED_TRACE(std::to_string(bins) + " bins");
             find(first, second, bins, residual);
@@ -68,7 +71,9 @@ void expect_definition(FindResidual<Mass> find, std::uint32_t full_scale) {
 // 225 bins of 200 add up to 45,000, whose square is below 2^31.
 constexpr std::uint32_t kLightScale = 200;
 
-TEST(Residual, holds_the_bins_that_differ_in_order_as_doubles) { expect_definition<double>(find_residual<double>, 65535); }
+TEST(Residual, holds_the_bins_that_differ_in_order_as_doubles) {
+    expect_definition<double>(find_residual<double>, 65535);
+}
 
 TEST(Residual, holds_light_masses_as_integers_on_every_instruction_set) {
     for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
@@ -82,7 +87,8 @@ TEST(Residual, holds_light_masses_of_any_sum) {
     for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
         if (!has(isa)) continue;
         Residual<std::int32_t> residual;
-        for (const std::uint16_t sum : {std::uint16_t{1}, std::uint16_t{32766}, std::uint16_t{32767}, std::uint16_t{32768}, std::uint16_t{46340}}) {
+        for (const std::uint16_t sum : {std::uint16_t{1}, std::uint16_t{32766}, std::uint16_t{32767},
+                                        std::uint16_t{32768}, std::uint16_t{46340}}) {
             for (const std::uint32_t others : {1U, 2U, 32767U, 32768U, 46340U}) {
                 std::vector<std::uint16_t> a(81), b(81);
                 const std::size_t at = random() % 81;

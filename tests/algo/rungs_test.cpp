@@ -1,12 +1,13 @@
-// The features that a recipe chooses: each is the map it is named for, what is not chosen is not there, and the usual choice is what it always was.
-#include <gtest/gtest.h>
-
+// The features that a recipe chooses: each is the map it is named for, what is not chosen is not there, and the usual
+// choice is what it always was.
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <string>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "algo/feature_map.h"
 #include "algo/pipeline.h"
@@ -46,7 +47,8 @@ Frame eventful(const Extents& e, int bits) {
 
 const Extents kGeometries[] = {{41, 37, 9, 9}, {30, 3, 5, 7}, {17, 33, 8, 10}, {3, 20, 3, 15}};
 
-// Whole numbers only, so that no library's rounding has a say: a lens of light that wanders, dark and bright places, saturated samples.
+// Whole numbers only, so that no library's rounding has a say: a lens of light that wanders, dark and bright places,
+// saturated samples.
 Frame counted_frame(const Extents& e, std::uint32_t seed) {
     Frame frame(e.width_px(), e.height_px(), 8);
     std::uint32_t state = seed;
@@ -106,7 +108,8 @@ TEST(Rungs, each_is_the_feature_map_of_its_name_and_leaves_the_others_as_they_ar
             const auto all = usual.inspect(frame.view());
             ASSERT_TRUE(all);
             for (const Feature feature : kCheap) {
-                SCOPED_TRACE(std::string(name_of(feature)) + " " + std::to_string(e.i) + "x" + std::to_string(e.j) + ", " + std::to_string(bits) + " bits");
+                SCOPED_TRACE(std::string(name_of(feature)) + " " + std::to_string(e.i) + "x" + std::to_string(e.j) +
+                             ", " + std::to_string(bits) + " bits");
                 Pipeline pipeline = pipeline_for(e, bits, only(feature, true, true), 1, MapSet::all);
                 const auto seen = pipeline.inspect(frame.view());
                 ASSERT_TRUE(seen);
@@ -115,8 +118,10 @@ TEST(Rungs, each_is_the_feature_map_of_its_name_and_leaves_the_others_as_they_ar
                 EXPECT_EQ(seen->compares, feature);
                 EXPECT_TRUE(std::ranges::equal(seen->gradient, map->values));
                 EXPECT_TRUE(std::ranges::equal(seen->mask, all->mask));
-                for (const auto& [here, there] : {std::pair(seen->frobenius, all->frobenius), std::pair(seen->transmission, all->transmission), std::pair(seen->spectral, all->spectral),
-                                                  std::pair(seen->nuclear, all->nuclear), std::pair(seen->anisotropy, all->anisotropy)}) {
+                for (const auto& [here, there] :
+                     {std::pair(seen->frobenius, all->frobenius), std::pair(seen->transmission, all->transmission),
+                      std::pair(seen->spectral, all->spectral), std::pair(seen->nuclear, all->nuclear),
+                      std::pair(seen->anisotropy, all->anisotropy)}) {
                     EXPECT_FALSE(here.empty());
                     EXPECT_TRUE(std::ranges::equal(here, there));
                 }
@@ -128,7 +133,8 @@ TEST(Rungs, each_is_the_feature_map_of_its_name_and_leaves_the_others_as_they_ar
 TEST(Rungs, do_not_depend_on_the_number_of_threads) {
     const Extents e{33, 65, 9, 9};
     const Frame frame = eventful(e, 8);
-    for (const Recipe& recipe : {only(Feature::chi2, true, true), only(Feature::marginal, false, true), only(std::nullopt, true, false), only(std::nullopt, false, true)}) {
+    for (const Recipe& recipe : {only(Feature::chi2, true, true), only(Feature::marginal, false, true),
+                                 only(std::nullopt, true, false), only(std::nullopt, false, true)}) {
         Pipeline alone = pipeline_for(e, 8, recipe);
         const auto one = alone.inspect(frame.view());
         for (const int threads : {2, 3}) {
@@ -138,7 +144,9 @@ TEST(Rungs, do_not_depend_on_the_number_of_threads) {
             EXPECT_EQ(many->score, one->score);
             EXPECT_EQ(many->defects.size(), one->defects.size());
             EXPECT_TRUE(std::ranges::equal(many->mask, one->mask));
-            for (const auto& [here, there] : {std::pair(many->gradient, one->gradient), std::pair(many->frobenius, one->frobenius), std::pair(many->transmission, one->transmission)}) {
+            for (const auto& [here, there] :
+                 {std::pair(many->gradient, one->gradient), std::pair(many->frobenius, one->frobenius),
+                  std::pair(many->transmission, one->transmission)}) {
                 EXPECT_TRUE(std::ranges::equal(here, there));
             }
         }
@@ -175,7 +183,8 @@ TEST(Rungs, what_is_off_is_empty_and_judged_by_nobody) {
     const Case cases[] = {
         {emd, true, true, false, false, worst(all->emd, 0.3F), Reason::deflection},
         {slopes, false, false, true, false, worst(all->frobenius, 0.1F), Reason::slope},
-        {only(std::nullopt, false, true), false, false, false, true, (1 - least_light) / (1 - Recipe{}.transmission_limit), Reason::absorption},
+        {only(std::nullopt, false, true), false, false, false, true,
+         (1 - least_light) / (1 - Recipe{}.transmission_limit), Reason::absorption},
         {chi2, false, true, false, false, 0, Reason::deflection},
     };
     for (const Case& c : cases) {
@@ -196,7 +205,8 @@ TEST(Rungs, what_is_off_is_empty_and_judged_by_nobody) {
 
 TEST(Rungs, allocate_nothing_for_a_good_part) {
     const Extents e{40, 36, 9, 9};
-    for (const Recipe& recipe : {only(Feature::chi2, true, true), only(Feature::hellinger, true, true), only(Feature::marginal, false, true), only(std::nullopt, true, false)}) {
+    for (const Recipe& recipe : {only(Feature::chi2, true, true), only(Feature::hellinger, true, true),
+                                 only(Feature::marginal, false, true), only(std::nullopt, true, false)}) {
         for (const auto& [bits, threads] : {std::pair(8, 1), std::pair(12, 2)}) {
             Recipe lenient = recipe;
             if (lenient.gradient) lenient.gradient_limit = 3;
@@ -221,8 +231,10 @@ TEST(Rungs, contradictions_are_named) {
     };
     EXPECT_EQ(said({}), "");
     for (const Feature feature : kCheap) EXPECT_EQ(said(only(feature, false, false)), "");
-    for (const Feature feature : {Feature::centroid, Feature::sliced, Feature::bhattacharyya, Feature::emd_l1, Feature::jacobian_nuclear, Feature::transmission}) {
-        EXPECT_NE(said(only(feature, true, true)).find("no part is judged by " + std::string(name_of(feature))), std::string::npos);
+    for (const Feature feature : {Feature::centroid, Feature::sliced, Feature::bhattacharyya, Feature::emd_l1,
+                                  Feature::jacobian_nuclear, Feature::transmission}) {
+        EXPECT_NE(said(only(feature, true, true)).find("no part is judged by " + std::string(name_of(feature))),
+                  std::string::npos);
     }
     Recipe recipe = only(Feature::chi2, true, true);
     recipe.gradient_limit = 0;
@@ -231,7 +243,8 @@ TEST(Rungs, contradictions_are_named) {
     recipe.emd_limit_bins = 2;
     recipe.frobenius_limit_bins = 2;
     recipe.transmission_limit = 0.5F;
-    for (const char* limit : {"emd_limit_bins", "frobenius_limit_bins", "transmission_limit"}) EXPECT_NE(said(recipe).find(limit), std::string::npos) << limit;
+    for (const char* limit : {"emd_limit_bins", "frobenius_limit_bins", "transmission_limit"})
+        EXPECT_NE(said(recipe).find(limit), std::string::npos) << limit;
     recipe = only(Feature::emd, true, true);
     recipe.gradient_limit = 1;
     EXPECT_NE(said(recipe).find("gradient_limit"), std::string::npos);

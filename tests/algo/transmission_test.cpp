@@ -1,8 +1,8 @@
 #include "algo/transmission.h"
 
-#include <gtest/gtest.h>
-
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "algo/mask.h"
 

@@ -8,9 +8,12 @@
 
 namespace hord::algo::testing {
 
-double lemon_distance(const std::vector<std::uint16_t>& a, const std::vector<std::uint16_t>& b, const GroundDistance& ground) {
+double lemon_distance(const std::vector<std::uint16_t>& a, const std::vector<std::uint16_t>& b,
+                      const GroundDistance& ground) {
     using Graph = lemon::SmartDigraph;
-    const auto total = [](const std::vector<std::uint16_t>& h) { return std::accumulate(h.begin(), h.end(), std::int64_t{0}); };
+    const auto total = [](const std::vector<std::uint16_t>& h) {
+        return std::accumulate(h.begin(), h.end(), std::int64_t{0});
+    };
     const std::int64_t sum_a = total(a), sum_b = total(b);
 
     Graph graph;
@@ -20,8 +23,8 @@ double lemon_distance(const std::vector<std::uint16_t>& a, const std::vector<std
     for (std::size_t k = 0; k < b.size(); ++k) sinks.push_back(graph.addNode());
     Graph::NodeMap<std::int64_t> supply(graph, 0);
     Graph::ArcMap<std::int64_t> cost(graph);
-    // Whole-number costs: with doubles LEMON can go round in circles for ever. The largest becomes 2^40, so that the plan is
-    // within 2^-40 of it; the plan itself is evaluated with the true costs.
+    // Whole-number costs: with doubles LEMON can go round in circles for ever. The largest becomes 2^40, so that the
+    // plan is within 2^-40 of it; the plan itself is evaluated with the true costs.
     const double scale = 0x1p40 / ground.largest();
     for (std::size_t k = 0; k < a.size(); ++k) {
         supply[sources[k]] = a[k] * sum_b;

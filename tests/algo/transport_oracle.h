@@ -8,6 +8,7 @@
 
 namespace hord::algo::testing {
 
-double lemon_distance(const std::vector<std::uint16_t>& a, const std::vector<std::uint16_t>& b, const GroundDistance& ground);
+double lemon_distance(const std::vector<std::uint16_t>& a, const std::vector<std::uint16_t>& b,
+                      const GroundDistance& ground);
 
 }  // namespace hord::algo::testing

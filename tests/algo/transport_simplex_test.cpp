@@ -19,7 +19,8 @@ struct Problem {
     std::vector<double> cost, supply, demand;
     std::vector<std::uint8_t> row_bin, col_bin;
 
-    Problem(Random& random, int r, int c) : rows(r), cols(c), bins(std::max(r, c)), cost(static_cast<std::size_t>(bins * bins)) {
+    Problem(Random& random, int r, int c)
+        : rows(r), cols(c), bins(std::max(r, c)), cost(static_cast<std::size_t>(bins * bins)) {
         std::uniform_real_distribution<double> unit(0.0, 1.0);
         for (double& value : cost) value = unit(random);
         for (int i = 0; i < rows; ++i) row_bin.push_back(static_cast<std::uint8_t>(i));
@@ -33,8 +34,12 @@ struct Problem {
         for (int n = rows; n < total; ++n) supply[static_cast<std::size_t>(pick(random, 0, rows - 1))] += 1;
         for (int n = cols; n < total; ++n) demand[static_cast<std::size_t>(pick(random, 0, cols - 1))] += 1;
     }
-    [[nodiscard]] Transport transport() const { return {rows, cols, supply.data(), demand.data(), row_bin.data(), col_bin.data()}; }
-    [[nodiscard]] TransportSimplex simplex(Isa isa = best_isa()) const { return {cost.data(), bins, *std::max_element(cost.begin(), cost.end()), isa}; }
+    [[nodiscard]] Transport transport() const {
+        return {rows, cols, supply.data(), demand.data(), row_bin.data(), col_bin.data()};
+    }
+    [[nodiscard]] TransportSimplex simplex(Isa isa = best_isa()) const {
+        return {cost.data(), bins, *std::max_element(cost.begin(), cost.end()), isa};
+    }
 };
 
 // From the first row and column to the last, whatever it costs.
@@ -64,8 +69,8 @@ std::vector<std::size_t> members(const std::vector<bool>& of) {
     return in;
 }
 
-// The open cell of least reduced cost c_ij - R_i - K_j, one after the other, R_i and K_j the mean costs of its row and its column: as transport_start.h
-// says it, and nothing saved.
+// The open cell of least reduced cost c_ij - R_i - K_j, one after the other, R_i and K_j the mean costs of its row and
+// its column: as transport_start.h says it, and nothing saved.
 std::vector<TransportStep> least_reduced_costs(Problem p) {
     double total = 0;
     for (const double mass : p.supply) total += mass;
@@ -97,7 +102,8 @@ std::vector<TransportStep> least_reduced_costs(Problem p) {
     return steps;
 }
 
-// A column more or less than fill a vector, up to six in registers, and in memory. Rounding of costs may swap two cells now and then.
+// A column more or less than fill a vector, up to six in registers, and in memory. Rounding of costs may swap two cells
+// now and then.
 TEST(TransportSimplex, begins_with_the_cells_of_least_reduced_cost) {
     Random random(6);
     for (const int cols : {2, 8, 9, 16, 17, 24, 25, 32, 33, 40, 41, 48, 49, 70}) {
@@ -110,21 +116,24 @@ TEST(TransportSimplex, begins_with_the_cells_of_least_reduced_cost) {
                 Problem p(random, rows, cols);
                 p.share_out(random, n % 2 == 0 ? 100000 : std::max(rows, cols) + n);  // few units make ties
                 auto simplex = p.simplex(isa);
-                const auto alone = simplex.solve(p.transport()), from = simplex.solve(p.transport(), least_reduced_costs(p).data());
+                const auto alone = simplex.solve(p.transport()),
+                           from = simplex.solve(p.transport(), least_reduced_costs(p).data());
                 ASSERT_TRUE(alone.proven && from.proven) << rows << "x" << cols;
                 ASSERT_NEAR(alone.cost, from.cost, 1e-10 * 100000) << rows << "x" << cols;
                 found += alone.pivots;
                 given += from.pivots;
                 differ += alone.pivots != from.pivots ? 1 : 0;
             }
-            EXPECT_LE(differ, kProblems / 8) << cols << " columns: " << found << " pivots, " << given << " from the plain start";
+            EXPECT_LE(differ, kProblems / 8)
+                << cols << " columns: " << found << " pivots, " << given << " from the plain start";
         }
     }
 }
 
 TEST(TransportSimplex, comes_to_the_same_cost_from_any_start) {
     Random random(3);
-    const std::pair<int, int> sizes[] = {{2, 2}, {5, 3}, {9, 14}, {16, 17}, {17, 17}, {33, 32}, {35, 38}, {40, 45}, {40, 57}, {60, 50}};
+    const std::pair<int, int> sizes[] = {{2, 2},   {5, 3},   {9, 14},  {16, 17}, {17, 17},
+                                         {33, 32}, {35, 38}, {40, 45}, {40, 57}, {60, 50}};
     for (const auto& [rows, cols] : sizes) {
         for (int n = 0; n < 20; ++n) {
             Problem p(random, rows, cols);
@@ -138,7 +147,8 @@ TEST(TransportSimplex, comes_to_the_same_cost_from_any_start) {
     }
 }
 
-// Costs along the start are 1 and 0 by turns: dual variables climb from row to row to many times the largest cost, out of the range of integers.
+// Costs along the start are 1 and 0 by turns: dual variables climb from row to row to many times the largest cost, out
+// of the range of integers.
 TEST(TransportSimplex, finds_its_way_back_from_dual_variables_out_of_range) {
     Random random(4);
     for (int side = 3; side <= 40; ++side) {

@@ -1,6 +1,7 @@
-// How fast a 5000 x 5000 px white frame becomes a lenslet grid, against the usual way to lenslet centres in the same run: OpenCV's
-// Otsu threshold and the centroids of its connected components (libpleno's way, which ends there: without a grid, a model or an
-// error). CPU time of one thread, the frame in memory; repetitions of all benchmarks are interleaved, the table holds medians.
+// How fast a 5000 x 5000 px white frame becomes a lenslet grid, against the usual way to lenslet centres in the same
+// run: OpenCV's Otsu threshold and the centroids of its connected components (libpleno's way, which ends there: without
+// a grid, a model or an error). CPU time of one thread, the frame in memory; repetitions of all benchmarks are
+// interleaved, the table holds medians.
 #include <cstdio>
 #include <ctime>
 #include <string>
@@ -21,7 +22,10 @@ struct Case {
     bool hexagonal;
     double pitch_px;
 };
-const std::vector<Case> kCases{{"square 14.3 px", false, 14.3}, {"hexagonal 14.3 px", true, 14.3}, {"square 49.6 px", false, 49.6}, {"hexagonal 49.6 px", true, 49.6}};
+const std::vector<Case> kCases{{"square 14.3 px", false, 14.3},
+                               {"hexagonal 14.3 px", true, 14.3},
+                               {"square 49.6 px", false, 49.6},
+                               {"hexagonal 49.6 px", true, 49.6}};
 
 algo::Frame white_frame(const Case& of) {
     calib::test::White white;
@@ -65,8 +69,12 @@ int main(int argc, char** argv) {
     for (const Case& of : kCases) frames.push_back(white_frame(of));
     for (std::size_t k = 0; k < kCases.size(); ++k) {
         const auto add = [&](const char* who, auto run) {
-            benchmark::RegisterBenchmark((kCases[k].name + "/" + who).c_str(), [&frames, k, run](benchmark::State& s) { run(s, frames[k]); })
-                ->Unit(benchmark::kMillisecond)->Repetitions(5)->Iterations(1)->ReportAggregatesOnly();
+            benchmark::RegisterBenchmark((kCases[k].name + "/" + who).c_str(),
+                                         [&frames, k, run](benchmark::State& s) { run(s, frames[k]); })
+                ->Unit(benchmark::kMillisecond)
+                ->Repetitions(5)
+                ->Iterations(1)
+                ->ReportAggregatesOnly();
         };
         add("here", ours);
         add("components", peer);
@@ -78,11 +86,14 @@ int main(int argc, char** argv) {
     benchmark::Initialize(&count, arguments.data());
     Medians medians;
     benchmark::RunSpecifiedBenchmarks(&medians);
-    std::printf("\nGrid of a 5000 x 5000 px white frame: CPU time of one thread, median of 5\n\n"
-                "| frame | here, ms | threshold and components, ms | ratio |\n|---|---|---|---|\n");
+    std::printf(
+        "\nGrid of a 5000 x 5000 px white frame: CPU time of one thread, median of 5\n\n"
+        "| frame | here, ms | threshold and components, ms | ratio |\n|---|---|---|---|\n");
     for (const Case& of : kCases) {
-        const auto here = medians.cpu_time.find(of.name + "/here"), other = medians.cpu_time.find(of.name + "/components");
+        const auto here = medians.cpu_time.find(of.name + "/here"),
+                   other = medians.cpu_time.find(of.name + "/components");
         if (here == medians.cpu_time.end() || other == medians.cpu_time.end()) continue;
-        std::printf("| %s | %.0f | %.0f | %.2f |\n", of.name.c_str(), here->second, other->second, here->second / other->second);
+        std::printf("| %s | %.0f | %.0f | %.2f |\n", of.name.c_str(), here->second, other->second,
+                    here->second / other->second);
     }
 }

@@ -1,5 +1,6 @@
-// What judging against a reference costs, step by step: the paper's lens, 111x111 lenslets of 9x9 bins, 12 bits, 2,000 electrons a lenslet. Times a lenslet inside the
-// part; features alone are given beside them, for machines differ and are not alone (./dev bench).
+// What judging against a reference costs, step by step: the paper's lens, 111x111 lenslets of 9x9 bins, 12 bits, 2,000
+// electrons a lenslet. Times a lenslet inside the part; features alone are given beside them, for machines differ and
+// are not alone (./dev bench).
 #include <cstdio>
 #include <memory>
 #include <span>
@@ -38,13 +39,16 @@ struct Compared {
         scene.noise.read_e = static_cast<double>(kProductionReadDn);
         const auto light = sim::render(scene).value();
         std::vector<algo::Frame> frames;
-        for (std::uint64_t k = 0; k <= algo::Reference::kMinParts; ++k) frames.push_back(expose_part(light, scene, 1, k));
+        for (std::uint64_t k = 0; k <= algo::Reference::kMinParts; ++k)
+            frames.push_back(expose_part(light, scene, 1, k));
         algo::LearnOptions learning;
         learning.levels = algo::light_levels(recipe, scene.camera.bits);
         learning.electrons_per_dn = kProductionGain;
         learning.read_dn = kProductionReadDn;
         const algo::Extents& e = scene.camera.extents;
-        auto learned = algo::learn_reference(e, scene.camera.bits, algo::Reference::kMinParts, [&](std::size_t k) -> Result<algo::Frame> { return frames[k]; }, learning);
+        auto learned = algo::learn_reference(
+            e, scene.camera.bits, algo::Reference::kMinParts,
+            [&](std::size_t k) -> Result<algo::Frame> { return frames[k]; }, learning);
         recipe.reference = std::make_shared<const algo::Reference>(std::move(learned.value().reference));
         frame = std::move(frames.back());
         auto pipeline = algo::Pipeline::create(e, scene.camera.bits, recipe).value();
@@ -58,7 +62,8 @@ struct Compared {
         algo::HordRow row(e);
         for (int n = 0; n < e.n; ++n) {
             algo::decode_row(frame.view(), e, recipe.reference->levels, n, row);
-            algo::mean_deflections(row, std::span(deflections).subspan(static_cast<std::size_t>(n * e.m), static_cast<std::size_t>(e.m)));
+            algo::mean_deflections(
+                row, std::span(deflections).subspan(static_cast<std::size_t>(n * e.m), static_cast<std::size_t>(e.m)));
         }
         for (const std::uint8_t bits : mask) lenslets += (bits & algo::kOutside) == 0 ? 1 : 0;
     }
@@ -69,7 +74,8 @@ const Compared& compared() {
 }
 
 void a_lenslet(benchmark::State& state) {
-    state.counters["a_lenslet"] = benchmark::Counter(compared().lenslets, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+    state.counters["a_lenslet"] = benchmark::Counter(
+        compared().lenslets, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
 }
 
 void inspect(benchmark::State& state, bool with_reference) {
@@ -85,7 +91,11 @@ void find_pose(benchmark::State& state) {
     const Compared& c = compared();
     const algo::Reference& r = *c.recipe.reference;
     algo::Registrar registrar(r.extents);
-    for (auto _ : state) benchmark::DoNotOptimize(registrar.find(r.maps(), c.deflections, c.sums, c.mask, static_cast<double>(r.sensor.electrons_per_dn), r.parts).light);
+    for (auto _ : state)
+        benchmark::DoNotOptimize(
+            registrar
+                .find(r.maps(), c.deflections, c.sums, c.mask, static_cast<double>(r.sensor.electrons_per_dn), r.parts)
+                .light);
     a_lenslet(state);
 }
 
@@ -97,7 +107,9 @@ std::vector<algo::Difference> compare_all(algo::Comparer& comparer) {
     const auto columns = static_cast<std::size_t>(e.m);
     for (int n = 0; n < e.n; ++n) {
         const auto at = static_cast<std::size_t>(n) * columns;
-        comparer.compare_row(c.frame.view(), std::span(c.sums).subspan(at, columns), std::span(c.mask).subspan(at, columns), n, pose, c.registered.light, std::span(all).subspan(at, columns));
+        comparer.compare_row(c.frame.view(), std::span(c.sums).subspan(at, columns),
+                             std::span(c.mask).subspan(at, columns), n, pose, c.registered.light,
+                             std::span(all).subspan(at, columns));
     }
     return all;
 }
@@ -115,7 +127,9 @@ void judge(benchmark::State& state) {
     const auto differences = compare_all(comparer);
     algo::Judge judge(c.scene.camera.extents, c.recipe);
     std::vector<float> surprise(differences.size());
-    for (auto _ : state) benchmark::DoNotOptimize(judge.find({differences, c.emd, c.frobenius, c.mask}, c.registered.pose, surprise).score);
+    for (auto _ : state)
+        benchmark::DoNotOptimize(
+            judge.find({differences, c.emd, c.frobenius, c.mask}, c.registered.pose, surprise).score);
     a_lenslet(state);
 }
 

@@ -1,7 +1,7 @@
-// What the decode of raw frames costs at paper size (555 x 555 lenslets, 9 x 9 bins, 8 bit), against the macro-pixel path in the same
-// run: that path is one inspection of bench/frame_555_9x9.png (from $HORD_DATA or ../shared/data), one thread. The raw frames
-// are noise, of 9.4 px a lenslet, rotated by 3 degrees: their content does not change the work. CPU time; medians of interleaved
-// repetitions.
+// What the decode of raw frames costs at paper size (555 x 555 lenslets, 9 x 9 bins, 8 bit), against the macro-pixel
+// path in the same run: that path is one inspection of bench/frame_555_9x9.png (from $HORD_DATA or ../shared/data), one
+// thread. The raw frames are noise, of 9.4 px a lenslet, rotated by 3 degrees: their content does not change the work.
+// CPU time; medians of interleaved repetitions.
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -41,7 +41,8 @@ algo::LensletGrid grid_of(bool hexagonal) {
 algo::Frame noise(int side) {
     algo::Frame frame(side, side, 8);
     std::uint32_t state = 1;
-    for (std::byte& sample : frame.bytes()) sample = static_cast<std::byte>((state = state * 1664525U + 1013904223U) >> 24U);
+    for (std::byte& sample : frame.bytes())
+        sample = static_cast<std::byte>((state = state * 1664525U + 1013904223U) >> 24U);
     return frame;
 }
 
@@ -65,13 +66,15 @@ int main(int argc, char** argv) {
     using namespace hord;
     using namespace hord::bench;
     const char* given = std::getenv("HORD_DATA");
-    const auto folder = given != nullptr ? std::filesystem::path(given) : std::filesystem::path(HORD_SOURCE_DIR) / "../shared/data";
+    const auto folder =
+        given != nullptr ? std::filesystem::path(given) : std::filesystem::path(HORD_SOURCE_DIR) / "../shared/data";
     const cv::Mat macro = cv::imread((folder / "bench/frame_555_9x9.png").string(), cv::IMREAD_UNCHANGED);
     if (macro.empty() || macro.depth() != CV_8U) {
         std::printf("no bench/frame_555_9x9.png below %s: set HORD_DATA\n", folder.c_str());
         return 1;
     }
-    const algo::FrameView view{reinterpret_cast<const std::byte*>(macro.data), macro.cols, macro.rows, static_cast<std::ptrdiff_t>(macro.step[0]), 8};
+    const algo::FrameView view{reinterpret_cast<const std::byte*>(macro.data), macro.cols, macro.rows,
+                               static_cast<std::ptrdiff_t>(macro.step[0]), 8};
     const algo::Extents extents{kLenslets, kLenslets, kBins, kBins};
     auto pipeline = algo::Pipeline::create(extents, 8, {});
     const auto square = grid_of(false), hexagonal = grid_of(true);
@@ -80,7 +83,11 @@ int main(int argc, char** argv) {
     if (!pipeline || !resampler || !regridder) return 1;
     const algo::Frame raw_square = noise(square.width_px), raw_hexagonal = noise(hexagonal.width_px);
     const auto add = [](const char* name, auto run) {
-        benchmark::RegisterBenchmark(name, run)->Unit(benchmark::kMillisecond)->Repetitions(7)->Iterations(1)->ReportAggregatesOnly();
+        benchmark::RegisterBenchmark(name, run)
+            ->Unit(benchmark::kMillisecond)
+            ->Repetitions(7)
+            ->Iterations(1)
+            ->ReportAggregatesOnly();
     };
     add("macro-pixel path", [&](benchmark::State& s) {
         for (auto _ : s) benchmark::DoNotOptimize(pipeline->inspect(view));
@@ -104,8 +111,12 @@ int main(int argc, char** argv) {
     Medians medians;
     benchmark::RunSpecifiedBenchmarks(&medians);
     const double path = medians.cpu_time["macro-pixel path"];
-    std::printf("\nDecode of raw frames at paper size, CPU time of one thread, median of 7\n\n| work | ms | of the macro-pixel path |\n|---|---|---|\n");
-    for (const char* name : {"macro-pixel path", "of it, splitting into HORDs", "decode, square lattice", "decode, hexagonal lattice"}) {
-        std::printf("| %s | %.1f | %.2f |\n", name, medians.cpu_time[name], path > 0 ? medians.cpu_time[name] / path : 0.0);
+    std::printf(
+        "\nDecode of raw frames at paper size, CPU time of one thread, median of 7\n\n| work | ms | of the macro-pixel "
+        "path |\n|---|---|---|\n");
+    for (const char* name :
+         {"macro-pixel path", "of it, splitting into HORDs", "decode, square lattice", "decode, hexagonal lattice"}) {
+        std::printf("| %s | %.1f | %.2f |\n", name, medians.cpu_time[name],
+                    path > 0 ? medians.cpu_time[name] / path : 0.0);
     }
 }

@@ -1,10 +1,12 @@
 // How fast the exact earth mover's distance is, against stock solvers in the same run (./dev bench).
 //
-// Work: every pair of neighbouring lit lenslets of two frames of 555x555 lenslets and 9x9 bins, dark threshold 3 DN: frame_555_9x9.png (from
-// $HORD_DATA/bench or ../shared/data/bench), and the lens with a bubble of hal_sim/scenes/bubble.toml, rendered here, with 0.6 DN of read noise. And
-// synthetic pairs of 9x9 bins: two lobes, about 37 lit bins, and dense (81). Here whole frames are worked on, row by row, from decoded HORDs as a
-// station does. The peers are too slow for that: they get a random subset of the pairs, and all figures are CPU time a pair. Repetitions of all
-// benchmarks are interleaved and the table is made of medians, so that other load on the machine meets all of them alike.
+// Work: every pair of neighbouring lit lenslets of two frames of 555x555 lenslets and 9x9 bins, dark threshold 3 DN:
+// frame_555_9x9.png (from $HORD_DATA/bench or ../shared/data/bench), and the lens with a bubble of
+// hal_sim/scenes/bubble.toml, rendered here, with 0.6 DN of read noise. And synthetic pairs of 9x9 bins: two lobes,
+// about 37 lit bins, and dense (81). Here whole frames are worked on, row by row, from decoded HORDs as a station does.
+// The peers are too slow for that: they get a random subset of the pairs, and all figures are CPU time a pair.
+// Repetitions of all benchmarks are interleaved and the table is made of medians, so that other load on the machine
+// meets all of them alike.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -31,7 +33,8 @@ using Pair = std::pair<Hord, Hord>;
 constexpr int kBins = 9;
 constexpr int kPeerPairs = 3000;  // of the frame
 constexpr unsigned kSeed = 20261121;
-constexpr int kRepetitions = 31;  // many and short: what a shared machine takes away for a while, it takes from all of them
+constexpr int kRepetitions =
+    31;  // many and short: what a shared machine takes away for a while, it takes from all of them
 
 // Lenslets of 9x9 bins, one after the other.
 struct Field {
@@ -87,7 +90,8 @@ Work frame_work(const algo::FrameView& frame) {
     }
     const auto add = [&](int x0, int y0, int x1, int y1) {
         if (x1 >= m || y1 >= n) return;
-        const Hord a = work.field.at(static_cast<std::size_t>(y0 * m + x0)), b = work.field.at(static_cast<std::size_t>(y1 * m + x1));
+        const Hord a = work.field.at(static_cast<std::size_t>(y0 * m + x0)),
+                   b = work.field.at(static_cast<std::size_t>(y1 * m + x1));
         if (a.sum > 0 && b.sum > 0) work.pairs.emplace_back(a, b);
     };
     for (int y = 0; y < n; ++y) {
@@ -104,7 +108,8 @@ Work frame_work(const algo::FrameView& frame) {
 Work stored_frame() {
     const cv::Mat image = cv::imread((data_dir() / "bench/frame_555_9x9.png").string(), cv::IMREAD_UNCHANGED);
     if (image.empty()) return {};
-    return frame_work({reinterpret_cast<const std::byte*>(image.data), image.cols, image.rows, static_cast<std::ptrdiff_t>(image.step), 8});
+    return frame_work({reinterpret_cast<const std::byte*>(image.data), image.cols, image.rows,
+                       static_cast<std::ptrdiff_t>(image.step), 8});
 }
 
 Work lens_with_bubble() {
@@ -131,7 +136,8 @@ Work synthetic(std::size_t pairs, std::size_t peer_pairs, Light draw) {
         auto& h = work.field.add();
         for (int bin = 0; bin < kBins * kBins; ++bin) {
             const double dn = 250 * light(bin % kBins, bin / kBins) + noise(random);
-            h[static_cast<std::size_t>(bin)] = dn <= 3 ? std::uint16_t{0} : static_cast<std::uint16_t>(std::min(dn, 255.0));
+            h[static_cast<std::size_t>(bin)] =
+                dn <= 3 ? std::uint16_t{0} : static_cast<std::uint16_t>(std::min(dn, 255.0));
         }
         work.field.close();
     }
@@ -170,7 +176,11 @@ Work dense() {
 const Work& work_named(const std::string& name) {
     static std::map<std::string, Work> made;
     if (const auto found = made.find(name); found != made.end()) return found->second;
-    return made[name] = name == "frame" ? stored_frame() : name == "lens with bubble" ? lens_with_bubble() : name == "two-lobe" ? two_lobes() : name == "mid" ? mid() : dense();
+    return made[name] = name == "frame" ? stored_frame()
+        : name == "lens with bubble"    ? lens_with_bubble()
+        : name == "two-lobe"            ? two_lobes()
+        : name == "mid"                 ? mid()
+                                        : dense();
 }
 
 const algo::GroundDistance& ground() {
@@ -179,8 +189,8 @@ const algo::GroundDistance& ground() {
 }
 
 void per_pair(benchmark::State& state, std::size_t pairs) {
-    state.counters["ns_a_pair"] =
-        benchmark::Counter(static_cast<double>(pairs) * 1e-9, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+    state.counters["ns_a_pair"] = benchmark::Counter(
+        static_cast<double>(pairs) * 1e-9, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
 }
 
 void ours_frame(benchmark::State& state, const Work& work, algo::Isa isa);
@@ -203,8 +213,9 @@ void fetch(const Hord& h) {
     for (int k = 0; k < kBins * kBins; k += kLine) __builtin_prefetch(h.mass + k);
 }
 
-// The whole frame as a station does it: each row of lenslets is closed up, and compared with itself and with the row above. A station's rows are in
-// cache, because it has just decoded them; here they come from memory, so that the next one is fetched while this one is worked on.
+// The whole frame as a station does it: each row of lenslets is closed up, and compared with itself and with the row
+// above. A station's rows are in cache, because it has just decoded them; here they come from memory, so that the next
+// one is fetched while this one is worked on.
 void ours_frame(benchmark::State& state, const Work& work, algo::Isa isa) {
     const auto m = static_cast<std::size_t>(work.columns), n = work.field.sum.size() / m;
     auto solver = *algo::EmdSolver::create(ground(), isa);
@@ -214,7 +225,8 @@ void ours_frame(benchmark::State& state, const Work& work, algo::Isa isa) {
         double* to = out.data();
         for (std::size_t y = 0; y < n; ++y) {
             std::swap(here, above);
-            solver.close_up()(work.field.at(y * m).mass, std::span(work.field.sum).subspan(y * m, m), kBins * kBins, here.data());
+            solver.close_up()(work.field.at(y * m).mass, std::span(work.field.sum).subspan(y * m, m), kBins * kBins,
+                              here.data());
             for (std::size_t x = 0; x < m; ++x) {
                 if (y + 1 < n) fetch(work.field.at((y + 1) * m + x));
                 if (x > 0) solver.submit(here[x - 1], here[x], to++);
@@ -253,9 +265,11 @@ class Medians : public benchmark::ConsoleReporter {
 const char* const kPeers[] = {"cv, zeros skipped", "cv, cancelled", "LEMON, zeros skipped"};
 
 void print_table(const std::map<std::string, double>& ns, const std::vector<std::string>& works) {
-    std::printf("\nExact earth mover's distance, Euclidean ground, 9x9 bins: CPU time a pair, median, one thread\n\n"
-                "| pairs | lit bins | here, ns | portable, ns | %s | %s | %s | against the best |\n|---|---|---|---|---|---|---|---|\n",
-                kPeers[0], kPeers[1], kPeers[2]);
+    std::printf(
+        "\nExact earth mover's distance, Euclidean ground, 9x9 bins: CPU time a pair, median, one thread\n\n"
+        "| pairs | lit bins | here, ns | portable, ns | %s | %s | %s | against the best "
+        "|\n|---|---|---|---|---|---|---|---|\n",
+        kPeers[0], kPeers[1], kPeers[2]);
     for (const auto& work : works) {
         const double here = ns.at(work + "/here");
         std::printf("| %s | %.1f | %.1f | %.1f |", work.c_str(), work_named(work).lit, here, ns.at(work + "/portable"));
@@ -271,7 +285,8 @@ void print_table(const std::map<std::string, double>& ns, const std::vector<std:
     for (const auto& work : works) {
         if (work_named(work).columns == 0) continue;
         const double pairs = static_cast<double>(work_named(work).pairs.size());
-        std::printf("%s: %.0f pairs in %.1f ms on one core; peers from a random %d of them.\n", work.c_str(), pairs, pairs * ns.at(work + "/here") * 1e-6, kPeerPairs);
+        std::printf("%s: %.0f pairs in %.1f ms on one core; peers from a random %d of them.\n", work.c_str(), pairs,
+                    pairs * ns.at(work + "/here") * 1e-6, kPeerPairs);
     }
 }
 
@@ -283,15 +298,22 @@ int main(int argc, char** argv) {
     using hord::algo::Isa;
     std::vector<std::string> works = {"frame", "lens with bubble", "two-lobe", "mid", "dense"};
     if (work_named("frame").pairs.empty()) {
-        std::printf("no bench/frame_555_9x9.png below %s: set HORD_DATA; measuring the others only\n", data_dir().c_str());
+        std::printf("no bench/frame_555_9x9.png below %s: set HORD_DATA; measuring the others only\n",
+                    data_dir().c_str());
         works.erase(works.begin());
     }
     for (const auto& work : works) {
         const auto add = [&](const std::string& name, auto run) {
-            benchmark::RegisterBenchmark((work + "/" + name).c_str(), run)->Unit(benchmark::kMillisecond)->Repetitions(kRepetitions)->MinTime(0.02)->ReportAggregatesOnly();
+            benchmark::RegisterBenchmark((work + "/" + name).c_str(), run)
+                ->Unit(benchmark::kMillisecond)
+                ->Repetitions(kRepetitions)
+                ->MinTime(0.02)
+                ->ReportAggregatesOnly();
         };
         add("here", [work](benchmark::State& s) { ours(s, work, hord::algo::best_isa()); });
-        add("avx2", [work](benchmark::State& s) { hord::algo::has(Isa::avx2) ? ours(s, work, Isa::avx2) : s.SkipWithError("no AVX2"); });
+        add("avx2", [work](benchmark::State& s) {
+            hord::algo::has(Isa::avx2) ? ours(s, work, Isa::avx2) : s.SkipWithError("no AVX2");
+        });
         add("portable", [work](benchmark::State& s) { ours(s, work, Isa::portable); });
         add(kPeers[0], [work](benchmark::State& s) { peer(s, work, CvPeer(ground(), false)); });
         add(kPeers[1], [work](benchmark::State& s) { peer(s, work, CvPeer(ground(), true)); });

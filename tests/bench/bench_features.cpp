@@ -1,10 +1,11 @@
 // How fast whole maps are, as a ratio to summing the frame's bytes in the same run (./dev bench).
 //
-// Work: frame_555_9x9.png (from $HORD_DATA/bench or ../shared/data/bench; dark threshold 3 DN), from samples to one value a lenslet:
-// decoding is part of it. `bytes summed` is the fastest sum we know (SAD instructions on x86-64): it is bound by memory. Repetitions of all
-// benchmarks are interleaved; the tables are made of medians of CPU time, so that other load on the machine meets all of them alike. Two
-// threads against one is a ratio of elapsed times, and needs a machine with two idle cores.
-// Repetitions are many and short: what a shared machine takes away for a while, it takes from all of them.
+// Work: frame_555_9x9.png (from $HORD_DATA/bench or ../shared/data/bench; dark threshold 3 DN), from samples to one
+// value a lenslet: decoding is part of it. `bytes summed` is the fastest sum we know (SAD instructions on x86-64): it
+// is bound by memory. Repetitions of all benchmarks are interleaved; the tables are made of medians of CPU time, so
+// that other load on the machine meets all of them alike. Two threads against one is a ratio of elapsed times, and
+// needs a machine with two idle cores. Repetitions are many and short: what a shared machine takes away for a while, it
+// takes from all of them.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -46,7 +47,8 @@ const cv::Mat& image() {
 }
 
 algo::FrameView frame() {
-    return {reinterpret_cast<const std::byte*>(image().data), image().cols, image().rows, static_cast<std::ptrdiff_t>(image().step), 8};
+    return {reinterpret_cast<const std::byte*>(image().data), image().cols, image().rows,
+            static_cast<std::ptrdiff_t>(image().step), 8};
 }
 
 algo::Extents extents() { return {image().cols / kBins, image().rows / kBins, kBins, kBins}; }
@@ -58,9 +60,12 @@ std::uint64_t sum_of_bytes(const std::uint8_t* from, std::size_t count) {
     __m128i sums[4] = {};
     const auto* vectors = reinterpret_cast<const __m128i*>(from);
     for (; k + 64 <= count; k += 64, vectors += 4) {
-        for (int v = 0; v < 4; ++v) sums[v] = _mm_add_epi64(sums[v], _mm_sad_epu8(_mm_loadu_si128(vectors + v), _mm_setzero_si128()));
+        for (int v = 0; v < 4; ++v)
+            sums[v] = _mm_add_epi64(sums[v], _mm_sad_epu8(_mm_loadu_si128(vectors + v), _mm_setzero_si128()));
     }
-    for (const __m128i& s : sums) sum += static_cast<std::uint64_t>(_mm_cvtsi128_si64(s)) + static_cast<std::uint64_t>(_mm_cvtsi128_si64(_mm_srli_si128(s, 8)));
+    for (const __m128i& s : sums)
+        sum += static_cast<std::uint64_t>(_mm_cvtsi128_si64(s)) +
+            static_cast<std::uint64_t>(_mm_cvtsi128_si64(_mm_srli_si128(s, 8)));
 #endif
     for (; k < count; ++k) sum += from[k];
     return sum;
@@ -81,16 +86,20 @@ struct Threads {
 };
 std::map<Feature, Threads> of_threads;
 
-// One map by one thread; one by two; and two maps at once, each by a mapper and a thread of its own that share nothing: what two cores of this machine
-// give. In turn, so that what others leave of the machine is the same for all three.
+// One map by one thread; one by two; and two maps at once, each by a mapper and a thread of its own that share nothing:
+// what two cores of this machine give. In turn, so that what others leave of the machine is the same for all three.
 void threads(benchmark::State& state, Feature feature) {
-    const auto mapper = [&](int count) { return *FeatureMapper::create(extents(), 8, kLevels, feature, {.threads = count}); };
+    const auto mapper = [&](int count) {
+        return *FeatureMapper::create(extents(), 8, kLevels, feature, {.threads = count});
+    };
     const auto elapsed_ms = [](auto work) {
         const auto begin = std::chrono::steady_clock::now();
         work();
         return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
     };
-    const auto compute = [](FeatureMapper& by) { benchmark::DoNotOptimize(by.over_neighbours(frame())->values.data()); };
+    const auto compute = [](FeatureMapper& by) {
+        benchmark::DoNotOptimize(by.over_neighbours(frame())->values.data());
+    };
     FeatureMapper one = mapper(1), another = mapper(1), two = mapper(2);
     Threads& seen = of_threads[feature];
     for (auto _ : state) {
@@ -125,7 +134,8 @@ class Collected : public benchmark::ConsoleReporter {
             if (run.run_type == Run::RT_Iteration) {
                 const std::string name = run.run_name.function_name;
                 cpu_ms[name].push_back(run.GetAdjustedCPUTime());
-                if (const auto found = run.counters.find("solved"); found != run.counters.end()) solved[name] = found->second.value;
+                if (const auto found = run.counters.find("solved"); found != run.counters.end())
+                    solved[name] = found->second.value;
             }
         }
         ConsoleReporter::ReportRuns(runs);
@@ -135,15 +145,19 @@ class Collected : public benchmark::ConsoleReporter {
     std::map<std::string, double> solved;
 };
 
-const Feature kCheap[] = {Feature::chi2, Feature::hellinger, Feature::marginal, Feature::centroid, Feature::jacobian_frobenius};
+const Feature kCheap[] = {Feature::chi2, Feature::hellinger, Feature::marginal, Feature::centroid,
+                          Feature::jacobian_frobenius};
 const float kLimits[] = {0.5F, 1.0F, 2.0F};
 
 std::string map_name(Feature feature, const char* how) { return std::string(algo::name_of(feature)) + "/" + how; }
 
 void print_tables(const Collected& seen) {
     const double sum = seen.median("bytes summed");
-    std::printf("\nWhole maps of the frame, samples to values: CPU time, median, one thread. Bytes summed: %.2f ms\n\n", sum);
-    std::printf("| feature | here, ms | of the sum | AVX2, ms | of the sum | portable, ms | of the sum |\n|---|---|---|---|---|---|---|\n");
+    std::printf("\nWhole maps of the frame, samples to values: CPU time, median, one thread. Bytes summed: %.2f ms\n\n",
+                sum);
+    std::printf(
+        "| feature | here, ms | of the sum | AVX2, ms | of the sum | portable, ms | of the sum "
+        "|\n|---|---|---|---|---|---|---|\n");
     for (const Feature f : kCheap) {
         std::printf("| %s |", std::string(algo::name_of(f)).c_str());
         for (const char* how : {"here", "avx2", "portable"}) {
@@ -152,9 +166,12 @@ void print_tables(const Collected& seen) {
         }
         std::printf("\n");
     }
-    std::printf("\nTwo threads against one: elapsed time. What the machine gives: two maps at once by one thread each, which share nothing, against one after the\n"
-                "other. Quietest: of all runs; median: of the ratios of runs one right after the other\n\n"
-                "| feature | one, ms | two, ms | quietest | median | the machine gives, quietest | median |\n|---|---|---|---|---|---|---|\n");
+    std::printf(
+        "\nTwo threads against one: elapsed time. What the machine gives: two maps at once by one thread each, which "
+        "share nothing, against one after the\n"
+        "other. Quietest: of all runs; median: of the ratios of runs one right after the other\n\n"
+        "| feature | one, ms | two, ms | quietest | median | the machine gives, quietest | median "
+        "|\n|---|---|---|---|---|---|---|\n");
     for (const auto& [f, t] : of_threads) {
         const auto ratios = [&](const std::vector<double>& of, double maps) {
             std::vector<double> all;
@@ -163,16 +180,18 @@ void print_tables(const Collected& seen) {
         };
         const auto least = [](const std::vector<double>& all) { return *std::min_element(all.begin(), all.end()); };
         const double one = least(t.one_ms), two = least(t.two_ms);
-        std::printf("| %s | %.1f | %.1f | %.2fx | %.2fx | %.2fx | %.2fx |\n", std::string(algo::name_of(f)).c_str(), one, two, one / two, ratios(t.two_ms, 1),
-                    2 * one / least(t.maps_ms), ratios(t.maps_ms, 2));
+        std::printf("| %s | %.1f | %.1f | %.2fx | %.2fx | %.2fx | %.2fx |\n", std::string(algo::name_of(f)).c_str(),
+                    one, two, one / two, ratios(t.two_ms, 1), 2 * one / least(t.maps_ms), ratios(t.maps_ms, 2));
     }
     const double exact = seen.median(map_name(Feature::emd, "here"));
-    std::printf("\nDeciding the EMD gradient (CPU time, median, one thread); the exact map takes %.0f ms, decoding included\n\n"
-                "| limit, bins | ms | of the exact map | distances solved |\n|---|---|---|---|\n",
-                exact);
+    std::printf(
+        "\nDeciding the EMD gradient (CPU time, median, one thread); the exact map takes %.0f ms, decoding included\n\n"
+        "| limit, bins | ms | of the exact map | distances solved |\n|---|---|---|---|\n",
+        exact);
     for (const float limit : kLimits) {
         const std::string name = "decide/" + std::to_string(limit);
-        std::printf("| %.1f | %.0f | %.2fx | %.1f %% |\n", static_cast<double>(limit), seen.median(name), seen.median(name) / exact, 100 * seen.solved.at(name));
+        std::printf("| %.1f | %.0f | %.2fx | %.1f %% |\n", static_cast<double>(limit), seen.median(name),
+                    seen.median(name) / exact, 100 * seen.solved.at(name));
     }
 }
 
@@ -186,19 +205,28 @@ int main(int argc, char** argv) {
         return 0;
     }
     const auto add = [](const std::string& name, auto run) {
-        return benchmark::RegisterBenchmark(name.c_str(), run)->Unit(benchmark::kMillisecond)->Repetitions(31)->MinTime(0.02)->MeasureProcessCPUTime();
+        return benchmark::RegisterBenchmark(name.c_str(), run)
+            ->Unit(benchmark::kMillisecond)
+            ->Repetitions(31)
+            ->MinTime(0.02)
+            ->MeasureProcessCPUTime();
     };
     add("bytes summed", bytes_summed);
     for (const Feature f : kCheap) {
         add(map_name(f, "here"), [f](benchmark::State& s) { feature_map(s, f, hord::algo::best_isa()); });
-        add(map_name(f, "avx2"), [f](benchmark::State& s) { feature_map(s, f, hord::algo::has(Isa::avx2) ? Isa::avx2 : Isa::portable); });
+        add(map_name(f, "avx2"),
+            [f](benchmark::State& s) { feature_map(s, f, hord::algo::has(Isa::avx2) ? Isa::avx2 : Isa::portable); });
         add(map_name(f, "portable"), [f](benchmark::State& s) { feature_map(s, f, Isa::portable); });
     }
-    add(map_name(Feature::emd, "here"), [](benchmark::State& s) { feature_map(s, Feature::emd, hord::algo::best_isa()); });
+    add(map_name(Feature::emd, "here"),
+        [](benchmark::State& s) { feature_map(s, Feature::emd, hord::algo::best_isa()); });
     for (const Feature f : {Feature::emd, Feature::chi2, Feature::jacobian_frobenius}) {
-        benchmark::RegisterBenchmark(map_name(f, "threads").c_str(), [f](benchmark::State& s) { threads(s, f); })->Iterations(f == Feature::emd ? 50 : 400);
+        benchmark::RegisterBenchmark(map_name(f, "threads").c_str(), [f](benchmark::State& s) {
+            threads(s, f);
+        })->Iterations(f == Feature::emd ? 50 : 400);
     }
-    for (const float limit : kLimits) add("decide/" + std::to_string(limit), [limit](benchmark::State& s) { decisions(s, limit); });
+    for (const float limit : kLimits)
+        add("decide/" + std::to_string(limit), [limit](benchmark::State& s) { decisions(s, limit); });
     std::vector<char*> arguments(argv, argv + argc);
     std::string interleave = "--benchmark_enable_random_interleaving=true";
     arguments.push_back(interleave.data());

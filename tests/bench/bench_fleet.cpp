@@ -2,9 +2,9 @@
 //
 //     bench_fleet [STATIONS [SECONDS]]        200 stations, 20 s a line
 //
-// Stations are the edge nodes of hord-mqtt over its own connections, with results that are counted up instead of a store; a few processes
-// hold them all. One consumer subscribes to everything with QoS 1 and counts. One real hord-mqtt over a real store runs beside them in the
-// last line. Everything shares this machine.
+// Stations are the edge nodes of hord-mqtt over its own connections, with results that are counted up instead of a
+// store; a few processes hold them all. One consumer subscribes to everything with QoS 1 and counts. One real hord-mqtt
+// over a real store runs beside them in the last line. Everything shares this machine.
 #include <cerrno>
 #include <chrono>
 #include <csignal>
@@ -38,7 +38,10 @@ namespace fs = std::filesystem;
 constexpr int kPort = 18'830, kProcesses = 4;
 
 double seconds(Clock::duration d) { return std::chrono::duration<double>(d).count(); }
-std::int64_t utc_us() { return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch()).count(); }
+std::int64_t utc_us() {
+    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+        .count();
+}
 
 [[noreturn]] void give_up(const std::string& why) {
     fmt::print(stderr, "bench_fleet: {}\n", why);
@@ -64,20 +67,26 @@ Use use_of(pid_t pid) {
     return use;
 }
 
-// Results that come at a pace, without a line: number k at `begin` + k / rate. A rate of 0: `waiting` of them are there from the start.
+// Results that come at a pace, without a line: number k at `begin` + k / rate. A rate of 0: `waiting` of them are there
+// from the start.
 class CountedResults final : public mqtt::ResultSource {
   public:
-    CountedResults(std::string id, double rate, std::int64_t waiting) : id_(std::move(id)), rate_(rate), waiting_(waiting) {}
+    CountedResults(std::string id, double rate, std::int64_t waiting)
+        : id_(std::move(id)), rate_(rate), waiting_(waiting) {}
 
   private:
-    std::int64_t newest() const { return waiting_ + static_cast<std::int64_t>(static_cast<double>(utc_us() - begin_us_) * 1e-6 * rate_); }
+    std::int64_t newest() const {
+        return waiting_ + static_cast<std::int64_t>(static_cast<double>(utc_us() - begin_us_) * 1e-6 * rate_);
+    }
     Result<Where> do_look() override { return Where{id_, newest()}; }
     Result<std::vector<store::StoredResult>> do_read(std::int64_t after, std::size_t count) override {
         std::vector<store::StoredResult> results;
         for (std::int64_t k = after + 1; k <= newest() && results.size() < count; ++k) {
             store::StoredResult r;
             r.number = k;
-            r.time_us = rate_ > 0 ? begin_us_ + static_cast<std::int64_t>(static_cast<double>(k - waiting_) / rate_ * 1e6) : begin_us_;
+            r.time_us = rate_ > 0
+                ? begin_us_ + static_cast<std::int64_t>(static_cast<double>(k - waiting_) / rate_ * 1e6)
+                : begin_us_;
             r.boot = 7;
             r.sequence = r.part = static_cast<std::uint32_t>(k);
             const bool reject = k % 10 == 0;
@@ -120,7 +129,9 @@ std::vector<Reading> readings_now() {
     const double now = static_cast<double>(utc_us() / 1'000'000 % 1'000'000);
     for (const BlockId id : mqtt::blocks_told()) {
         for (const Register& row : find_block(id)->registers) {
-            const bool changes = id == BlockId::counters ? row.name == "seen" || row.name == "inspected" || row.name == "pass" : row.name.starts_with("latency_");
+            const bool changes = id == BlockId::counters
+                ? row.name == "seen" || row.name == "inspected" || row.name == "pass"
+                : row.name.starts_with("latency_");
             if (row.type == RegisterType::text) readings.push_back({&row, std::nullopt, "HORD station"});
             else readings.push_back({&row, changes ? now : 1, "1"});
         }
@@ -133,7 +144,8 @@ std::vector<Reading> readings_now() {
     std::vector<std::unique_ptr<mqtt::Agent>> agents;
     for (int k = from; k < to; ++k) {
         auto results = std::make_unique<CountedResults>(fmt::format("{:032x}", k), rate, waiting);
-        auto agent = mqtt::Agent::open(options_of(k, folder), std::move(results), readings_now, [](const std::string&) {});
+        auto agent =
+            mqtt::Agent::open(options_of(k, folder), std::move(results), readings_now, [](const std::string&) {});
         if (!agent) give_up(agent.error().message());
         agents.push_back(std::move(*agent));
     }
@@ -152,15 +164,19 @@ class Consumer {
   public:
     Consumer() : client_(mosquitto_new("consumer", true, this)) {
         mosquitto_int_option(client_, MOSQ_OPT_RECEIVE_MAXIMUM, 1000);
-        mosquitto_message_callback_set(client_, [](mosquitto*, void* self, const mosquitto_message* m) { static_cast<Consumer*>(self)->take(*m); });
-        if (mosquitto_connect(client_, "127.0.0.1", kPort, 60) != MOSQ_ERR_SUCCESS) give_up("the consumer cannot connect");
+        mosquitto_message_callback_set(client_, [](mosquitto*, void* self, const mosquitto_message* m) {
+            static_cast<Consumer*>(self)->take(*m);
+        });
+        if (mosquitto_connect(client_, "127.0.0.1", kPort, 60) != MOSQ_ERR_SUCCESS)
+            give_up("the consumer cannot connect");
         mosquitto_subscribe(client_, nullptr, "spBv1.0/#", 1);
     }
     ~Consumer() { mosquitto_destroy(client_); }
     Consumer(const Consumer&) = delete;
     Consumer& operator=(const Consumer&) = delete;
     void serve(milliseconds wait) {
-        if (mosquitto_loop(client_, static_cast<int>(wait.count()), 100) != MOSQ_ERR_SUCCESS) give_up("the consumer lost its connection");
+        if (mosquitto_loop(client_, static_cast<int>(wait.count()), 100) != MOSQ_ERR_SUCCESS)
+            give_up("the consumer lost its connection");
     }
     Counted counted;
 
@@ -174,9 +190,12 @@ class Consumer {
         }
         // A result begins with its number: field 2, alias 20100.
         const auto* bytes = static_cast<const unsigned char*>(m.payload);
-        if (m.payloadlen < 20 || bytes[7] != 0x12 || bytes[9] != 0x10 || bytes[10] != 0x84 || bytes[11] != 0x9D || bytes[12] != 0x01) return;
+        if (m.payloadlen < 20 || bytes[7] != 0x12 || bytes[9] != 0x10 || bytes[10] != 0x84 || bytes[11] != 0x9D ||
+            bytes[12] != 0x01)
+            return;
         ++counted.results;
-        counted.bytes += static_cast<std::uint64_t>(m.payloadlen) + topic.size() + 9;  // header 5, topic length 2, message id 2
+        counted.bytes +=
+            static_cast<std::uint64_t>(m.payloadlen) + topic.size() + 9;  // header 5, topic length 2, message id 2
     }
     mosquitto* client_;
 };
@@ -187,7 +206,10 @@ class Fleet {
         std::string name = fs::exists("/dev/shm") ? "/dev/shm/hord-fleet-XXXXXX" : "/tmp/hord-fleet-XXXXXX";
         if (::mkdtemp(name.data()) == nullptr) give_up("no folder");
         folder_ = name;
-        std::ofstream(folder_ / "conf") << "listener " << kPort << " 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\nmax_inflight_messages 1000\n" << (::getuid() == 0 ? "user root\n" : "");
+        std::ofstream(folder_ / "conf")
+            << "listener " << kPort
+            << " 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\nmax_inflight_messages 1000\n"
+            << (::getuid() == 0 ? "user root\n" : "");
         broker_ = start({"/usr/sbin/mosquitto", "-c", (folder_ / "conf").string()}, "/dev/null");
         std::this_thread::sleep_for(milliseconds(500));
     }
@@ -245,19 +267,27 @@ void steady(int stations, double rate, int duration_s) {
     const long empty_kb = use_of(fleet.broker()).resident_kb;
     fleet.launch(stations, rate, 0);
     const auto settle = Clock::now() + std::chrono::seconds(30);
-    while (consumer.counted.births < static_cast<std::uint64_t>(stations) && Clock::now() < settle) consumer.serve(milliseconds(10));
-    for (const auto until = Clock::now() + std::chrono::seconds(3); Clock::now() < until;) consumer.serve(milliseconds(10));
+    while (consumer.counted.births < static_cast<std::uint64_t>(stations) && Clock::now() < settle)
+        consumer.serve(milliseconds(10));
+    for (const auto until = Clock::now() + std::chrono::seconds(3); Clock::now() < until;)
+        consumer.serve(milliseconds(10));
     const Counted before = consumer.counted;
     const double broker = use_of(fleet.broker()).cpu_s, station = fleet.stations_cpu(), own = use_of(::getpid()).cpu_s;
     const auto began = Clock::now();
     while (Clock::now() - began < std::chrono::seconds(duration_s)) consumer.serve(milliseconds(10));
     const double took = seconds(Clock::now() - began);
     const Counted& now = consumer.counted;
-    const double results = static_cast<double>(now.results - before.results), messages = static_cast<double>(now.messages - before.messages);
+    const double results = static_cast<double>(now.results - before.results),
+                 messages = static_cast<double>(now.messages - before.messages);
     const double broker_s = use_of(fleet.broker()).cpu_s - broker;
-    fmt::print("| {} | {:g} | {:.0f} | {:.0f} | {:.1f} % | {:.1f} us | {:.1f} MB | {:.0f} kB | {:.2f} % | {:.1f} % | {:.0f} |\n", stations, rate, results / took, messages / took, 100 * broker_s / took,
-               1e6 * broker_s / messages, static_cast<double>(use_of(fleet.broker()).resident_kb) / 1000, static_cast<double>(use_of(fleet.broker()).resident_kb - empty_kb) / stations,
-               100 * (fleet.stations_cpu() - station) / took / stations, 100 * (use_of(::getpid()).cpu_s - own) / took, static_cast<double>(now.bytes - before.bytes) / results);
+    fmt::print(
+        "| {} | {:g} | {:.0f} | {:.0f} | {:.1f} % | {:.1f} us | {:.1f} MB | {:.0f} kB | {:.2f} % | {:.1f} % | {:.0f} "
+        "|\n",
+        stations, rate, results / took, messages / took, 100 * broker_s / took, 1e6 * broker_s / messages,
+        static_cast<double>(use_of(fleet.broker()).resident_kb) / 1000,
+        static_cast<double>(use_of(fleet.broker()).resident_kb - empty_kb) / stations,
+        100 * (fleet.stations_cpu() - station) / took / stations, 100 * (use_of(::getpid()).cpu_s - own) / took,
+        static_cast<double>(now.bytes - before.bytes) / results);
     std::fflush(stdout);
 }
 
@@ -275,8 +305,11 @@ void flood(int stations, std::int64_t waiting) {
     }
     const double took = seconds(Clock::now() - began);
     const double count = static_cast<double>(all);
-    fmt::print("\n{} stations with {} results each that waited: {} results in {:.1f} s, {:.0f} a second; processor time a result: broker {:.1f} us, stations {:.1f} us, consumer {:.1f} us\n", stations, waiting, all, took,
-               count / took, 1e6 * (use_of(fleet.broker()).cpu_s - broker) / count, 1e6 * (fleet.stations_cpu() - station) / count, 1e6 * (use_of(::getpid()).cpu_s - own) / count);
+    fmt::print(
+        "\n{} stations with {} results each that waited: {} results in {:.1f} s, {:.0f} a second; processor time a "
+        "result: broker {:.1f} us, stations {:.1f} us, consumer {:.1f} us\n",
+        stations, waiting, all, took, count / took, 1e6 * (use_of(fleet.broker()).cpu_s - broker) / count,
+        1e6 * (fleet.stations_cpu() - station) / count, 1e6 * (use_of(::getpid()).cpu_s - own) / count);
     std::fflush(stdout);
 }
 
@@ -301,8 +334,11 @@ void real_program(const std::string& program, double rate, int duration_s) {
         if (auto done = (*store)->write(entries); !done) give_up(done.error().message());
     };
     write(1);
-    std::ofstream(fleet.folder() / "mqtt.toml") << "[broker]\nhost = \"127.0.0.1\"\nport = " << kPort << "\n[results]\nstore = \"store\"\nstate_file = \"cursor\"\nbegin = \"all\"\n[station]\nmodbus = \"127.0.0.1:1\"\n";
-    const pid_t node = Fleet::start({program, "--config", (fleet.folder() / "mqtt.toml").string()}, (fleet.folder() / "log").string());
+    std::ofstream(fleet.folder() / "mqtt.toml") << "[broker]\nhost = \"127.0.0.1\"\nport = " << kPort
+                                                << "\n[results]\nstore = \"store\"\nstate_file = \"cursor\"\nbegin = "
+                                                   "\"all\"\n[station]\nmodbus = \"127.0.0.1:1\"\n";
+    const pid_t node =
+        Fleet::start({program, "--config", (fleet.folder() / "mqtt.toml").string()}, (fleet.folder() / "log").string());
     while (consumer.counted.results == 0) consumer.serve(milliseconds(10));
     const auto began = Clock::now();
     const double cpu = use_of(node).cpu_s;
@@ -312,8 +348,11 @@ void real_program(const std::string& program, double rate, int duration_s) {
         consumer.serve(milliseconds(100));
     }
     const double took = seconds(Clock::now() - began);
-    fmt::print("\nhord-mqtt itself, {:g} results a second from a store: {:.2f} % of a core, {:.1f} MB resident; {} of {} results at the consumer; a birth has {} bytes\n", rate, 100 * (use_of(node).cpu_s - cpu) / took,
-               static_cast<double>(use_of(node).resident_kb) / 1000, consumer.counted.results, written, consumer.counted.birth_bytes);
+    fmt::print(
+        "\nhord-mqtt itself, {:g} results a second from a store: {:.2f} % of a core, {:.1f} MB resident; {} of {} "
+        "results at the consumer; a birth has {} bytes\n",
+        rate, 100 * (use_of(node).cpu_s - cpu) / took, static_cast<double>(use_of(node).resident_kb) / 1000,
+        consumer.counted.results, written, consumer.counted.birth_bytes);
     Fleet::end(node);
 }
 
@@ -324,7 +363,9 @@ int main(int argc, char** argv) {
     const int stations = argc > 1 ? std::atoi(argv[1]) : 200, duration_s = argc > 2 ? std::atoi(argv[2]) : 20;
     if (stations < 1 || duration_s < 1) give_up("usage: bench_fleet [STATIONS [SECONDS]]");
     const std::string program = (fs::read_symlink("/proc/self/exe").parent_path() / "hord-mqtt").string();
-    fmt::print("| stations | parts/s each | results/s | messages/s | broker | broker a message | broker memory | a station more | station (simulated) | consumer | bytes a result |\n|---|---|---|---|---|---|---|---|---|---|---|\n");
+    fmt::print(
+        "| stations | parts/s each | results/s | messages/s | broker | broker a message | broker memory | a station "
+        "more | station (simulated) | consumer | bytes a result |\n|---|---|---|---|---|---|---|---|---|---|---|\n");
     for (const double rate : {0.1, 1.0, 5.0, 10.0}) steady(stations, rate, duration_s);
     steady(stations / 2, 10, duration_s);
     flood(stations, 500);

@@ -1,10 +1,11 @@
-// How the cost of a map grows: with the number of lenslets, of bins, of lit bins, and with the read noise that gets past the dark
-// threshold. Usage: bench_growth OUT  writes OUT/growth.csv, and prints the table. tests/bench/growth.gp plots it.
+// How the cost of a map grows: with the number of lenslets, of bins, of lit bins, and with the read noise that gets
+// past the dark threshold. Usage: bench_growth OUT  writes OUT/growth.csv, and prints the table. tests/bench/growth.gp
+// plots it.
 //
-// Frames: a spot of light in every lenslet that moves smoothly over the field, at 8 bits and up to 250 DN, dark threshold 3 DN; 64x64
-// lenslets are drawn and repeated. `decided`: whether the EMD's gradient reaches 1 bin (algo/emd_decide.h). CPU time of one thread, with
-// decoding. Every frame is measured once a round, so that what else the machine does for a while meets all rows of the table alike, and the
-// median of the rounds counts.
+// Frames: a spot of light in every lenslet that moves smoothly over the field, at 8 bits and up to 250 DN, dark
+// threshold 3 DN; 64x64 lenslets are drawn and repeated. `decided`: whether the EMD's gradient reaches 1 bin
+// (algo/emd_decide.h). CPU time of one thread, with decoding. Every frame is measured once a round, so that what else
+// the machine does for a while meets all rows of the table alike, and the median of the rounds counts.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -44,8 +45,10 @@ Frame drawn(const Scene& s) {
         for (int x = 0; x < tile_px; ++x) {
             const int m = x / s.bins, n = y / s.bins;
             const double middle = (s.bins - 1) / 2.0, swing = 0.3 * s.bins, turn = 2 * std::acos(-1.0) / kTile;
-            const double dx = x % s.bins - middle - swing * std::sin(turn * m), dy = y % s.bins - middle - swing * std::cos(turn * n);
-            const double dn = 250 * std::exp(-(dx * dx + dy * dy) / (2 * s.radius * s.radius)) + s.noise_dn * noise(random);
+            const double dx = x % s.bins - middle - swing * std::sin(turn * m),
+                         dy = y % s.bins - middle - swing * std::cos(turn * n);
+            const double dn =
+                250 * std::exp(-(dx * dx + dy * dy) / (2 * s.radius * s.radius)) + s.noise_dn * noise(random);
             tile[static_cast<std::size_t>(y) * static_cast<std::size_t>(tile_px) + static_cast<std::size_t>(x)] =
                 static_cast<std::uint8_t>(std::clamp(std::lround(dn), 0L, 254L));
         }
@@ -54,7 +57,9 @@ Frame drawn(const Scene& s) {
     Frame frame(side_px, side_px, 8);
     for (int y = 0; y < side_px; ++y) {
         for (int x = 0; x < side_px; ++x) {
-            frame.set(x, y, tile[static_cast<std::size_t>(y % tile_px) * static_cast<std::size_t>(tile_px) + static_cast<std::size_t>(x % tile_px)]);
+            frame.set(x, y,
+                      tile[static_cast<std::size_t>(y % tile_px) * static_cast<std::size_t>(tile_px) +
+                           static_cast<std::size_t>(x % tile_px)]);
         }
     }
     return frame;
@@ -123,9 +128,13 @@ void print(const Point& p, std::ofstream& csv) {
 
 std::vector<Point> all_points() {
     std::vector<Point> points;
-    const auto add = [&](const char* series, const std::string& what, const Scene& scene) { points.push_back({series, what, scene}); };
-    for (const int side : {64, 128, 256, 512, 1024, 2048}) add("lenslets", std::to_string(side) + "x" + std::to_string(side), {.lenslets = side});
-    for (int bins = 3; bins <= 15; ++bins) add("bins", std::to_string(bins) + "x" + std::to_string(bins), {.lenslets = 128, .bins = bins});
+    const auto add = [&](const char* series, const std::string& what, const Scene& scene) {
+        points.push_back({series, what, scene});
+    };
+    for (const int side : {64, 128, 256, 512, 1024, 2048})
+        add("lenslets", std::to_string(side) + "x" + std::to_string(side), {.lenslets = side});
+    for (int bins = 3; bins <= 15; ++bins)
+        add("bins", std::to_string(bins) + "x" + std::to_string(bins), {.lenslets = 128, .bins = bins});
     for (const double radius : {0.15, 0.3, 0.45, 0.62, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 6.0}) {
         add("lit bins", "spot " + std::to_string(radius).substr(0, 4), {.lenslets = 128, .radius = radius});
     }

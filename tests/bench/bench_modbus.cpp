@@ -1,9 +1,11 @@
-// The register server under attack, and against libmodbus's own server. Prints tables as Markdown: docs/results/modbus.md.
+// The register server under attack, and against libmodbus's own server. Prints tables as Markdown:
+// docs/results/modbus.md.
 //
 //   bench_modbus [SECONDS]     of each measurement, 3 unless given
 //
-// Server and clients share one core in the comparison (sched_setaffinity), as the question is what a request costs. Under attack
-// they may use all there are: a legitimate client polls every 10 ms, and what counts is its longest wait and that no request fails.
+// Server and clients share one core in the comparison (sched_setaffinity), as the question is what a request costs.
+// Under attack they may use all there are: a legitimate client polls every 10 ms, and what counts is its longest wait
+// and that no request fails.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -63,7 +65,9 @@ class Peer {
     }
     [[nodiscard]] bool good() const { return good_; }
     [[nodiscard]] int fd() const { return fd_; }
-    void send(const Bytes& bytes) const { [[maybe_unused]] const auto sent = ::send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT); }
+    void send(const Bytes& bytes) const {
+        [[maybe_unused]] const auto sent = ::send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+    }
     // The whole reply of kRead40 within two seconds.
     [[nodiscard]] bool reply() const {
         std::array<std::uint8_t, kReply40> bytes;
@@ -227,7 +231,8 @@ std::vector<Attack> attacks() {
                 for (int k = 0; k < 50 && !over; ++k) {
                     peer.send(frame);
                     pollfd ready{peer.fd(), POLLIN, 0};
-                    if (::poll(&ready, 1, 20) > 0 && ::recv(peer.fd(), sink.data(), sink.size(), MSG_DONTWAIT) <= 0) break;
+                    if (::poll(&ready, 1, 20) > 0 && ::recv(peer.fd(), sink.data(), sink.size(), MSG_DONTWAIT) <= 0)
+                        break;
                 }
             }
         };
@@ -237,7 +242,8 @@ std::vector<Attack> attacks() {
         {"partial frames held, 31 connections",
          [](std::uint16_t port, const std::atomic<bool>& over) {
              std::vector<Peer> peers;
-             for (std::ptrdiff_t k = 0; k < 31; ++k) peers.emplace_back(port).send(Bytes(kRead40.begin(), kRead40.begin() + 1 + k % 11));
+             for (std::ptrdiff_t k = 0; k < 31; ++k)
+                 peers.emplace_back(port).send(Bytes(kRead40.begin(), kRead40.begin() + 1 + k % 11));
              hold(over);
          }},
         {"one byte every 0.4 s",
@@ -320,8 +326,10 @@ void compare(Clock::duration time) {
     for (std::size_t core = 0; core < CPU_SETSIZE; ++core) {
         if (CPU_ISSET(core, &all)) cores.push_back(core);
     }
-    fmt::print("| the server has | libmodbus {}.{}.{}, one client, requests a second | this station's, 32 clients | ratio |\n|---|---|---|---|\n", LIBMODBUS_VERSION_MAJOR,
-               LIBMODBUS_VERSION_MINOR, LIBMODBUS_VERSION_MICRO);
+    fmt::print(
+        "| the server has | libmodbus {}.{}.{}, one client, requests a second | this station's, 32 clients | ratio "
+        "|\n|---|---|---|---|\n",
+        LIBMODBUS_VERSION_MAJOR, LIBMODBUS_VERSION_MINOR, LIBMODBUS_VERSION_MICRO);
     if (cores.size() > 1) compare("a core of its own", cores[0], cores[1], time);
     compare("a core that its clients share", cores[0], cores[0], time);
     fmt::print("\nMedians of five rounds, in turn.\n\n");
@@ -343,7 +351,8 @@ void under_attack(Clock::duration time) {
         const Waits waits = poll_for(legitimate, time);
         over = true;
         attacker.join();
-        fmt::print("| {} | {} | {} | {:.2f} | {:.2f} | {:.2f} |\n", attack.name, waits.requests, waits.errors, waits.p50_ms, waits.p99_ms, waits.longest_ms);
+        fmt::print("| {} | {} | {} | {:.2f} | {:.2f} | {:.2f} |\n", attack.name, waits.requests, waits.errors,
+                   waits.p50_ms, waits.p99_ms, waits.longest_ms);
         std::fflush(stdout);
     }
 }

@@ -1,11 +1,14 @@
 // How fast the simulated cell traces, against POV-Ray on the same scene in the same run (./dev bench).
 //
-// Scene: the double-convex lens of hal_sim/scenes/lens.toml before a collimated source of 0.61 bins at infinity, no Fresnel losses.
-//   rays     999x999 parallel rays of one direction, slopes (0.009, 0.003): POV-Ray through an orthographic camera without antialiasing, less the
-//            time of 9x9 rays (start, parse); here trace_many(), one call a row, and for comparison trace(), one call a ray. The share
-//            of rays that reach the source must be the same.
+// Scene: the double-convex lens of hal_sim/scenes/lens.toml before a collimated source of 0.61 bins at infinity, no
+// Fresnel losses.
+//   rays     999x999 parallel rays of one direction, slopes (0.009, 0.003): POV-Ray through an orthographic camera
+//   without antialiasing, less the
+//            time of 9x9 rays (start, parse); here trace_many(), one call a row, and for comparison trace(), one call a
+//            ray. The share of rays that reach the source must be the same.
 //   frames   555x555 lenslets x 9x9 bins. POV-Ray's time is what 16 rays a bin take at its speed.
-// All times are CPU times of one thread, rounds are interleaved and medians printed: other load on the machine meets both alike.
+// All times are CPU times of one thread, rounds are interleaved and medians printed: other load on the machine meets
+// both alike.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -50,7 +53,8 @@ intersection { sphere { <0,0,H-R>, R } sphere { <0,0,R-H>, R } cylinder { <0,0,-
 )";
 
 double pov_seconds(const std::filesystem::path& scene, int side, const std::string& output = "-F") {
-    const std::string command = "povray +I" + scene.string() + " " + output + " +W" + std::to_string(side) + " +H" + std::to_string(side) + " -A -D -GA +WT1 >/dev/null 2>&1";
+    const std::string command = "povray +I" + scene.string() + " " + output + " +W" + std::to_string(side) + " +H" +
+        std::to_string(side) + " -A -D -GA +WT1 >/dev/null 2>&1";
     const double start = cpu_seconds(RUSAGE_CHILDREN);
     const int status = std::system(command.c_str());
     return status == 0 ? cpu_seconds(RUSAGE_CHILDREN) - start : -1;
@@ -64,8 +68,9 @@ double pov_lit(const std::filesystem::path& scene) {
     const std::string bytes(std::istreambuf_iterator<char>(in), {});
     const std::size_t samples = std::size_t{3} * kSide * kSide;
     if (bytes.size() < samples) return -1;
-    return static_cast<double>(std::count_if(bytes.end() - static_cast<std::ptrdiff_t>(samples), bytes.end(), [](char c) { return static_cast<unsigned char>(c) > 127; })) /
-           static_cast<double>(samples);
+    return static_cast<double>(std::count_if(bytes.end() - static_cast<std::ptrdiff_t>(samples), bytes.end(),
+                                             [](char c) { return static_cast<unsigned char>(c) > 127; })) /
+        static_cast<double>(samples);
 }
 
 struct Traced {
@@ -77,9 +82,12 @@ Traced trace_rows(const Body& body, bool side_by_side) {
     const double start = cpu_seconds(RUSAGE_SELF);
     double lit = 0;
     for (int y = 0; y < kSide; ++y) {
-        for (int x = 0; x < kSide; ++x) rays[static_cast<std::size_t>(x)] = {(x - 499) * 24.0 / kSide, (y - 499) * 24.0 / kSide, 0.009, 0.003};
+        for (int x = 0; x < kSide; ++x)
+            rays[static_cast<std::size_t>(x)] = {(x - 499) * 24.0 / kSide, (y - 499) * 24.0 / kSide, 0.009, 0.003};
         if (side_by_side) trace_many(body, rays, arrivals.data());
-        else std::transform(rays.begin(), rays.end(), arrivals.begin(), [&](const CameraRay& ray) { return trace(body, ray); });
+        else
+            std::transform(rays.begin(), rays.end(), arrivals.begin(),
+                           [&](const CameraRay& ray) { return trace(body, ray); });
         for (const Arrival& out : arrivals) lit += out.u * out.u + out.v * out.v < 0.00915 * 0.00915 ? out.weight : 0;
     }
     return {cpu_seconds(RUSAGE_SELF) - start, lit / kSide / kSide};
@@ -91,7 +99,8 @@ int main() {
     Scene scene;
     scene.part = DoubleConvexLens{};
     const Body body = body_of(scene, true);
-    const auto folder = std::filesystem::temp_directory_path() / ("hord_bench_render_" + std::to_string(Clock::now().time_since_epoch().count()));
+    const auto folder = std::filesystem::temp_directory_path() /
+        ("hord_bench_render_" + std::to_string(Clock::now().time_since_epoch().count()));
     std::filesystem::create_directory(folder);
     std::ofstream(folder / "lens.pov") << kPovScene;
 
@@ -112,14 +121,20 @@ int main() {
     if (!field) return 1;
 
     const double rays = static_cast<double>(kSide) * kSide, bins = 555.0 * 555 * 81;
-    std::printf("\nOne thread: %.2f million rays a second here (one by one %.2f)", rays / median(here) * 1e-6, rays / median(alone) * 1e-6);
+    std::printf("\nOne thread: %.2f million rays a second here (one by one %.2f)", rays / median(here) * 1e-6,
+                rays / median(alone) * 1e-6);
     const double pov = median(peer) - median(start);
     if (median(start) <= 0 || pov <= 0) {
         std::printf("; POV-Ray cannot be run: apt-get install povray\n");
     } else {
-        std::printf(", POV-Ray %.2f: %.1fx (one by one %.1fx)\n", rays / pov * 1e-6, pov / median(here), pov / median(alone));
-        std::printf("of these rays %.2f %% reach the source here, %.2f %% through POV-Ray\n", 100 * lit, 100 * peer_lit);
+        std::printf(", POV-Ray %.2f: %.1fx (one by one %.1fx)\n", rays / pov * 1e-6, pov / median(here),
+                    pov / median(alone));
+        std::printf("of these rays %.2f %% reach the source here, %.2f %% through POV-Ray\n", 100 * lit,
+                    100 * peer_lit);
     }
-    std::printf("555x555 x 9x9 bins: %.1f s of CPU time; 16 rays a bin in that time are %.1f million a second\n", frame, bins * 16 / frame * 1e-6);
-    if (median(start) > 0 && pov > 0) std::printf("POV-Ray at 16 rays a bin, at its speed above: %.0f s: %.0fx\n", bins * 16 * pov / rays, bins * 16 * pov / rays / frame);
+    std::printf("555x555 x 9x9 bins: %.1f s of CPU time; 16 rays a bin in that time are %.1f million a second\n", frame,
+                bins * 16 / frame * 1e-6);
+    if (median(start) > 0 && pov > 0)
+        std::printf("POV-Ray at 16 rays a bin, at its speed above: %.0f s: %.0fx\n", bins * 16 * pov / rays,
+                    bins * 16 * pov / rays / frame);
 }

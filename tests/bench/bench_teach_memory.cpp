@@ -1,6 +1,7 @@
-// How much memory teaching takes: bench_teach_memory [LENSLETS [BINS [BITS [PARTS]]]], 555 9 8 8 if not given. The teacher of the service
-// (firmware/teacher.h) is shown drawn parts one after the other, as the line would; printed is what the process held at most, above
-// what it held before the teach began. The frames lie in the folder that TMPDIR names.
+// How much memory teaching takes: bench_teach_memory [LENSLETS [BINS [BITS [PARTS]]]], 555 9 8 8 if not given. The
+// teacher of the service (firmware/teacher.h) is shown drawn parts one after the other, as the line would; printed is
+// what the process held at most, above what it held before the teach began. The frames lie in the folder that TMPDIR
+// names.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -43,8 +44,10 @@ void draw(algo::Frame& frame, const algo::Extents& e, std::uint64_t part) {
     for (int y = 0; y < frame.height_px(); ++y) {
         for (int x = 0; x < frame.width_px(); ++x) {
             const int m = x / e.i, n = y / e.j;
-            const float dx = static_cast<float>(x % e.i - e.i / 2) - 1.4F * (static_cast<float>(m) - x0) / static_cast<float>(e.m) + 0.7F;
-            const float dy = static_cast<float>(y % e.j - e.j / 2) - 1.0F * (static_cast<float>(n) - y0) / static_cast<float>(e.n) + 0.5F;
+            const float dx = static_cast<float>(x % e.i - e.i / 2) -
+                1.4F * (static_cast<float>(m) - x0) / static_cast<float>(e.m) + 0.7F;
+            const float dy = static_cast<float>(y % e.j - e.j / 2) -
+                1.0F * (static_cast<float>(n) - y0) / static_cast<float>(e.n) + 0.5F;
             const float clean = light * std::exp(-(dx * dx + dy * dy) / 0.7F);
             const float noisy = clean + std::sqrt(clean + 4) * noise[k++ % noise.size()];
             if (k % 4093 == 0) k += random() % 1024;
@@ -60,8 +63,11 @@ int main(int argc, char** argv) {
     const int lenslets = given(1, 555), bins = given(2, 9), bits = given(3, 8), parts = given(4, 8);
     const algo::Extents extents{lenslets, lenslets, bins, bins};
     std::string name = fs::temp_directory_path() / "hord-teach-memory-XXXXXX";
-    if (!algo::check(extents) || !algo::check_bits(bits) || parts < 8 || parts > 64 || ::mkdtemp(name.data()) == nullptr) {
-        fmt::print(stderr, "usage: bench_teach_memory [LENSLETS [BINS [BITS [PARTS]]]], 8 to 64 parts; the folder of TMPDIR must be writable\n");
+    if (!algo::check(extents) || !algo::check_bits(bits) || parts < 8 || parts > 64 ||
+        ::mkdtemp(name.data()) == nullptr) {
+        fmt::print(stderr,
+                   "usage: bench_teach_memory [LENSLETS [BINS [BITS [PARTS]]]], 8 to 64 parts; the folder of TMPDIR "
+                   "must be writable\n");
         return 2;
     }
 
@@ -69,7 +75,8 @@ int main(int argc, char** argv) {
     firmware::NumberedRecipe recipe;
     recipe.number = 1;
     recipe.recipe.name = "drawn";
-    recipe.recipe.emd_limit_bins = recipe.recipe.frobenius_limit_bins = 100;  // what the parts look like is not what is measured
+    recipe.recipe.emd_limit_bins = recipe.recipe.frobenius_limit_bins =
+        100;  // what the parts look like is not what is measured
     recipe.recipe.transmission_limit = 0;
     recipe.recipe.reject_score = recipe.recipe.grow_score = recipe.recipe.cluster_score = 1000;
     algo::Frame frame(extents.width_px(), extents.height_px(), bits);
@@ -84,9 +91,12 @@ int main(int argc, char** argv) {
         options.folder = name;
         options.thread = false;
         firmware::LineTeacher teacher(loop, options);
-        const auto begun = teacher.begin(static_cast<std::uint32_t>(parts), recipe, {{}, [&](Result<firmware::Taught> taught) {
-            outcome = taught ? "taught" + (taught->remarks.empty() ? "" : ": " + taught->remarks) : taught.error().message();
-        }});
+        const auto begun = teacher.begin(static_cast<std::uint32_t>(parts), recipe,
+                                         {{}, [&](Result<firmware::Taught> taught) {
+                                              outcome = taught
+                                                  ? "taught" + (taught->remarks.empty() ? "" : ": " + taught->remarks)
+                                                  : taught.error().message();
+                                          }});
         if (!begun) outcome = begun.error().message();
         for (int part = 1; part <= parts && outcome.empty(); ++part) {
             draw(frame, extents, static_cast<std::uint64_t>(part));
@@ -100,8 +110,8 @@ int main(int argc, char** argv) {
     fs::remove_all(name, ignored);
     timespec cpu{};
     ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &cpu);
-    fmt::print("{}x{} lenslets of {}x{} bins, {} bits ({:.0f} MB a frame), {} parts: {}\n", lenslets, lenslets, bins, bins, bits,
-               static_cast<double>(frame.bytes().size()) / 1e6, parts, outcome);
+    fmt::print("{}x{} lenslets of {}x{} bins, {} bits ({:.0f} MB a frame), {} parts: {}\n", lenslets, lenslets, bins,
+               bins, bits, static_cast<double>(frame.bytes().size()) / 1e6, parts, outcome);
     fmt::print("the teach took {:.0f} MB at most, {} s of processor time\n", megabytes("VmHWM") - before, cpu.tv_sec);
     return outcome.starts_with("taught") ? 0 : 1;
 }

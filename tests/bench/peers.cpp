@@ -25,7 +25,8 @@ double CvPeer::distance(const algo::Hord& a, const algo::Hord& b) {
     const auto add = [&](int side, int k, std::int64_t mass) {
         const auto& at = ground_.directions()[static_cast<std::size_t>(k)];
         signature_[side].insert(signature_[side].end(),
-                                {static_cast<float>(static_cast<double>(mass) * scale), static_cast<float>(at.x), static_cast<float>(at.y)});
+                                {static_cast<float>(static_cast<double>(mass) * scale), static_cast<float>(at.x),
+                                 static_cast<float>(at.y)});
     };
     std::int64_t moved = 0;
     for (int k = 0; k < ground_.bins(); ++k) {
@@ -38,7 +39,8 @@ double CvPeer::distance(const algo::Hord& a, const algo::Hord& b) {
     }
     if (signature_[0].empty() || signature_[1].empty()) return 0;
     const auto mat = [](std::vector<float>& s) { return cv::Mat(static_cast<int>(s.size() / 3), 3, CV_32F, s.data()); };
-    return static_cast<double>(cv::EMD(mat(signature_[0]), mat(signature_[1]), cv::DIST_L2)) * static_cast<double>(moved) * scale;
+    return static_cast<double>(cv::EMD(mat(signature_[0]), mat(signature_[1]), cv::DIST_L2)) *
+        static_cast<double>(moved) * scale;
 }
 
 LemonPeer::LemonPeer(const algo::GroundDistance& ground) : ground_(ground) {
@@ -64,10 +66,12 @@ double LemonPeer::distance(const algo::Hord& a, const algo::Hord& b) {
     Graph::NodeMap<std::int64_t> supply(graph);
     Graph::ArcMap<std::int64_t> cost(graph);
     for (int p = 0; p < count[0]; ++p) supply[Graph::nodeFromId(p)] = static_cast<std::int64_t>(a.mass[bin[p]]) * b.sum;
-    for (int q = count[0]; q < count[0] + count[1]; ++q) supply[Graph::nodeFromId(q)] = -static_cast<std::int64_t>(b.mass[bin[q]]) * a.sum;
+    for (int q = count[0]; q < count[0] + count[1]; ++q)
+        supply[Graph::nodeFromId(q)] = -static_cast<std::int64_t>(b.mass[bin[q]]) * a.sum;
     for (int p = 0; p < count[0]; ++p) {
         for (int q = count[0]; q < count[0] + count[1]; ++q) {
-            cost[graph.addArc(Graph::nodeFromId(p), Graph::nodeFromId(q))] = cost_[static_cast<std::size_t>(bin[p] * ground_.bins() + bin[q])];
+            cost[graph.addArc(Graph::nodeFromId(p), Graph::nodeFromId(q))] =
+                cost_[static_cast<std::size_t>(bin[p] * ground_.bins() + bin[q])];
         }
     }
     lemon::NetworkSimplex<Graph, std::int64_t, std::int64_t> simplex(graph);
@@ -75,7 +79,10 @@ double LemonPeer::distance(const algo::Hord& a, const algo::Hord& b) {
     double work = 0;
     for (int arc = 0; arc < count[0] * count[1]; ++arc) {
         const std::int64_t flow = simplex.flow(Graph::arcFromId(arc));
-        if (flow != 0) work += static_cast<double>(flow) * static_cast<double>(cost_[static_cast<std::size_t>(bin[arc / count[1]] * ground_.bins() + bin[count[0] + arc % count[1]])]);
+        if (flow != 0)
+            work += static_cast<double>(flow) *
+                static_cast<double>(cost_[static_cast<std::size_t>(bin[arc / count[1]] * ground_.bins() +
+                                                                   bin[count[0] + arc % count[1]])]);
     }
     return work / kCostScale / (static_cast<double>(a.sum) * static_cast<double>(b.sum));
 }

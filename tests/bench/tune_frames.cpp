@@ -1,5 +1,6 @@
-// Frames for docs/results/tune.md: tune_frames FOLDER POVRAY writes FOLDER/production/{learn,good,bad} of the simulated production of
-// `hordctl experiment detection`, and FOLDER/povray/{good,bad} of traced frames in POVRAY, exposed with photon noise. Everything from fixed seeds.
+// Frames for docs/results/tune.md: tune_frames FOLDER POVRAY writes FOLDER/production/{learn,good,bad} of the simulated
+// production of `hordctl experiment detection`, and FOLDER/povray/{good,bad} of traced frames in POVRAY, exposed with
+// photon noise. Everything from fixed seeds.
 #include <cstdio>
 #include <filesystem>
 #include <string>
@@ -16,27 +17,36 @@ constexpr std::uint64_t kSeed = 6;
 
 bool write(const fs::path& folder, const std::string& name, const algo::Frame& frame) {
     fs::create_directories(folder);
-    if (const auto done = drivers::write_frame(folder / (name + ".png"), frame.view()); !done) return std::fprintf(stderr, "%s\n", done.error().message().c_str()), false;
+    if (const auto done = drivers::write_frame(folder / (name + ".png"), frame.view()); !done)
+        return std::fprintf(stderr, "%s\n", done.error().message().c_str()), false;
     return true;
 }
 
-// 60 good parts, each lying a little differently; 24 with haze (a tenth of the light scattered over 1.2 lenslets), 24 with a bubble of 0.1 to 1.5
-// lenslets, 12 with a speck; 16 other good ones to learn from.
+// 60 good parts, each lying a little differently; 24 with haze (a tenth of the light scattered over 1.2 lenslets), 24
+// with a bubble of 0.1 to 1.5 lenslets, 12 with a speck; 16 other good ones to learn from.
 bool production(const fs::path& folder) {
     const sim::Scene scene = firmware::round_part();
-    const auto part = [&](const char* kind, const std::string& name, firmware::Flaw flaw, double size, firmware::Stream stream, std::uint32_t number) {
+    const auto part = [&](const char* kind, const std::string& name, firmware::Flaw flaw, double size,
+                          firmware::Stream stream, std::uint32_t number) {
         const bool painted = flaw == firmware::Flaw::haze || flaw == firmware::Flaw::speck;
         auto made = firmware::make_part(scene, painted ? firmware::Flaw::none : flaw, size, 1, kSeed, stream, number);
         if (!made) return std::fprintf(stderr, "%s\n", made.error().message().c_str()), false;
         if (painted) firmware::add_flaw(*made, flaw, size, kSeed, stream, number);
-        return write(folder / kind, name + std::to_string(100 + number % 100), firmware::expose_part(made->light, scene, kSeed, number + 1000 * static_cast<std::uint64_t>(stream)));
+        return write(
+            folder / kind, name + std::to_string(100 + number % 100),
+            firmware::expose_part(made->light, scene, kSeed, number + 1000 * static_cast<std::uint64_t>(stream)));
     };
     bool fine = true;
-    for (std::uint32_t k = 0; k < 16; ++k) fine = fine && part("learn", "part", firmware::Flaw::none, 0, firmware::Stream::learn, k);
-    for (std::uint32_t k = 0; k < 60; ++k) fine = fine && part("good", "part", firmware::Flaw::none, 0, firmware::Stream::test, k);
-    for (std::uint32_t k = 0; k < 24; ++k) fine = fine && part("bad", "haze", firmware::Flaw::haze, 1.2, firmware::Stream::test, 100 + k);
-    for (std::uint32_t k = 0; k < 24; ++k) fine = fine && part("bad", "bubble", firmware::Flaw::bubble, 0, firmware::Stream::test, 200 + k);
-    for (std::uint32_t k = 0; k < 12; ++k) fine = fine && part("bad", "speck", firmware::Flaw::speck, 1, firmware::Stream::test, 300 + k);
+    for (std::uint32_t k = 0; k < 16; ++k)
+        fine = fine && part("learn", "part", firmware::Flaw::none, 0, firmware::Stream::learn, k);
+    for (std::uint32_t k = 0; k < 60; ++k)
+        fine = fine && part("good", "part", firmware::Flaw::none, 0, firmware::Stream::test, k);
+    for (std::uint32_t k = 0; k < 24; ++k)
+        fine = fine && part("bad", "haze", firmware::Flaw::haze, 1.2, firmware::Stream::test, 100 + k);
+    for (std::uint32_t k = 0; k < 24; ++k)
+        fine = fine && part("bad", "bubble", firmware::Flaw::bubble, 0, firmware::Stream::test, 200 + k);
+    for (std::uint32_t k = 0; k < 12; ++k)
+        fine = fine && part("bad", "speck", firmware::Flaw::speck, 1, firmware::Stream::test, 300 + k);
     return fine;
 }
 
@@ -52,7 +62,9 @@ bool povray(const fs::path& folder, const fs::path& from) {
         const auto traced = drivers::read_frame(from / (std::string(e.scene) + "_111_raw.png"));
         if (!traced) return std::fprintf(stderr, "%s\n", traced.error().message().c_str()), false;
         for (int k = 0; k < e.count; ++k) {
-            if (!write(folder / e.kind, std::string(e.scene) + std::to_string(100 + k), algo::testing::noisy(*traced, noise, ++seed))) return false;
+            if (!write(folder / e.kind, std::string(e.scene) + std::to_string(100 + k),
+                       algo::testing::noisy(*traced, noise, ++seed)))
+                return false;
         }
     }
     return true;

@@ -1,5 +1,5 @@
-// hord-mqtt against a real mosquitto: brokers that restart, networks that fail, processes that are killed, and people who send what
-// they should not. Every result arrives, and its number tells repeats.
+// hord-mqtt against a real mosquitto: brokers that restart, networks that fail, processes that are killed, and people
+// who send what they should not. Every result arrives, and its number tells repeats.
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
@@ -38,7 +38,9 @@ class WrittenStore {
         std::vector<firmware::store::Entry> entries{{0, start()}};
         for (std::uint32_t k = 0; k < count; ++k) {
             ++written_;
-            entries.push_back({written_, result(written_, written_ % 10 == 0 ? firmware::PartVerdict::reject : firmware::PartVerdict::pass)});
+            entries.push_back(
+                {written_,
+                 result(written_, written_ % 10 == 0 ? firmware::PartVerdict::reject : firmware::PartVerdict::pass)});
         }
         const auto done = store_->write(entries);
         ASSERT_TRUE(done) << done.error().message();
@@ -56,14 +58,21 @@ class Mqtt : public ::testing::Test {
         if (const std::string missing = missing_tools(); !missing.empty()) GTEST_SKIP() << missing;
     }
     // `modbus` 1: nobody listens there.
-    void write_config(int broker_port, const std::string& results = "begin = \"all\"\n", const std::string& sparkplug = "", const std::string& broker = "", int modbus = 1) {
-        std::ofstream(folder / "mqtt.toml") << "[broker]\nhost = \"127.0.0.1\"\nport = " << broker_port << "\nkeepalive_s = 5\n" << broker << "[sparkplug]\ngroup = \"g\"\nnode = \"n\"\n"
-                                            << sparkplug << "[results]\nstore = \"store\"\nstate_file = \"cursor\"\n" << results << "[station]\nmodbus = \"127.0.0.1:" << modbus
-                                            << "\"\nevery_ms = 200\n";
+    void write_config(int broker_port, const std::string& results = "begin = \"all\"\n",
+                      const std::string& sparkplug = "", const std::string& broker = "", int modbus = 1) {
+        std::ofstream(folder / "mqtt.toml")
+            << "[broker]\nhost = \"127.0.0.1\"\nport = " << broker_port << "\nkeepalive_s = 5\n"
+            << broker << "[sparkplug]\ngroup = \"g\"\nnode = \"n\"\n"
+            << sparkplug << "[results]\nstore = \"store\"\nstate_file = \"cursor\"\n"
+            << results << "[station]\nmodbus = \"127.0.0.1:" << modbus << "\"\nevery_ms = 200\n";
     }
-    std::unique_ptr<Running> node() { return std::make_unique<Running>("hord-mqtt", std::vector<std::string>{"--config", folder / "mqtt.toml"}); }
-    static void publish(int port, const std::string& topic, const std::string& payload, const std::vector<std::string>& more = {}) {
-        std::vector<std::string> arguments{"-h", "127.0.0.1", "-p", std::to_string(port), "-t", topic, "-q", "1", "-m", payload};
+    std::unique_ptr<Running> node() {
+        return std::make_unique<Running>("hord-mqtt", std::vector<std::string>{"--config", folder / "mqtt.toml"});
+    }
+    static void publish(int port, const std::string& topic, const std::string& payload,
+                        const std::vector<std::string>& more = {}) {
+        std::vector<std::string> arguments{"-h", "127.0.0.1", "-p",   std::to_string(port), "-t", topic, "-q",
+                                           "1",  "-m",        payload};
         arguments.insert(arguments.end(), more.begin(), more.end());
         const Said said = run("/usr/bin/mosquitto_pub", arguments);
         EXPECT_EQ(said.status, 0) << said.err;
@@ -88,17 +97,27 @@ TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
     Broker broker(folder.path().string());
     Consumer consumer(folder.path().string(), broker.port());
     const int modbus = free_port();
-    // Small parts, far apart, all good enough, with patience for a machine that does other things, too: what is shown here is not the line.
-    std::ofstream(folder / "lenient.toml") << "schema = 1\nname = \"lenient\"\nnumber = 9\nversion = 1\n[limits]\nemd_bins = 10.0\nfrobenius_bins = 10.0\ntransmission = 0.01\n";
-    std::ofstream(folder / "station.toml") << "[station]\nmax_failures_in_a_row = 0\n[inspection]\nmacro = \"3x3\"\nrecipe = \"lenient.toml\"\n"
-                                              "[line]\nexposure_delay_ms = 250\ntransport_ms = 1500\nmin_gap_ms = 220\n"
-                                              "[timing]\ntrigger_lead_ms = 200\nframe_timeout_ms = 500\nstrobe_window_us = 50000\nframe_window_us = 40000\n[rejector]\nearly_ms = 100\npulse_ms = 200\nconfirm_timeout_ms = 10000\nresponse_timeout_ms = 1000\n[store]\nframes_mb = 0\n";
-    // It runs in real time: a machine that is too busy for that stops its line, before anything that is shown here has begun. Then again.
+    // Small parts, far apart, all good enough, with patience for a machine that does other things, too: what is shown
+    // here is not the line.
+    std::ofstream(folder / "lenient.toml")
+        << "schema = 1\nname = \"lenient\"\nnumber = 9\nversion = 1\n[limits]\nemd_bins = 10.0\nfrobenius_bins = "
+           "10.0\ntransmission = 0.01\n";
+    std::ofstream(folder / "station.toml")
+        << "[station]\nmax_failures_in_a_row = 0\n[inspection]\nmacro = \"3x3\"\nrecipe = \"lenient.toml\"\n"
+           "[line]\nexposure_delay_ms = 250\ntransport_ms = 1500\nmin_gap_ms = 220\n"
+           "[timing]\ntrigger_lead_ms = 200\nframe_timeout_ms = 500\nstrobe_window_us = 50000\nframe_window_us = "
+           "40000\n[rejector]\nearly_ms = 100\npulse_ms = 200\nconfirm_timeout_ms = 10000\nresponse_timeout_ms = "
+           "1000\n[store]\nframes_mb = 0\n";
+    // It runs in real time: a machine that is too busy for that stops its line, before anything that is shown here has
+    // begun. Then again.
     std::unique_ptr<Running> running;
     for (int attempt = 0; attempt < 10 && !running; ++attempt) {
         fs::remove_all(folder / "store");
-        auto next = std::make_unique<Running>("hordctl", std::vector<std::string>{"run", "--simulate", "--config", folder / "station.toml", "--rate", "4", "--good", "1", "--variety", "1", "--modbus",
-                                                                                  "127.0.0.1:" + std::to_string(modbus), "--json", "--store", folder / "store"});
+        auto next = std::make_unique<Running>(
+            "hordctl",
+            std::vector<std::string>{"run", "--simulate", "--config", folder / "station.toml", "--rate", "4", "--good",
+                                     "1", "--variety", "1", "--modbus", "127.0.0.1:" + std::to_string(modbus), "--json",
+                                     "--store", folder / "store"});
         ASSERT_TRUE(next->says("to ContinuousExecution", std::chrono::seconds(120))) << next->so_far().err;
         if (next->says("\"part\":3,", std::chrono::seconds(20))) running = std::move(next);
     }
@@ -131,7 +150,11 @@ TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
     }
     if (std::system("command -v protoc >/dev/null") == 0) {
         std::ofstream(folder / "birth", std::ios::binary) << birth.payload;
-        const Said said = run("/bin/sh", {"-c", "protoc --decode=hord.sparkplug.Payload -I" HORD_SOURCE_DIR "/firmware/mqtt sparkplug_b.proto <" + (folder / "birth")});
+        const Said said =
+            run("/bin/sh",
+                {"-c",
+                 "protoc --decode=hord.sparkplug.Payload -I" HORD_SOURCE_DIR "/firmware/mqtt sparkplug_b.proto <" +
+                     (folder / "birth")});
         EXPECT_EQ(said.status, 0) << said.err;
         EXPECT_THAT(said.out, HasSubstr("name: \"Node Control/Rebirth\""));
         EXPECT_THAT(said.out, HasSubstr("name: \"Result/Number\"\n  alias: 20100\n"));
@@ -145,7 +168,8 @@ TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
     EXPECT_EQ(consumer.of("NBIRTH")[1].find("bdSeq")->whole, 0U);
 
     // Hostile commands are counted, told, and do nothing.
-    const std::vector<std::string> hostile{"garbage", "", std::string(8000, 'x'), "\x12\x06\x10\x66\x58\x03\x20\x08", std::string("\x12\x1A\x0A\x14Node Control/REBIRTH\x20\x0B\x70\x01", 28)};
+    const std::vector<std::string> hostile{"garbage", "", std::string(8000, 'x'), "\x12\x06\x10\x66\x58\x03\x20\x08",
+                                           std::string("\x12\x1A\x0A\x14Node Control/REBIRTH\x20\x0B\x70\x01", 28)};
     for (const std::string& bytes : hostile) publish(broker.port(), "spBv1.0/g/NCMD/n", bytes);
     const auto refused = [&] {
         std::uint64_t count = 0;
@@ -167,7 +191,8 @@ TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
     const auto parts = [&] {
         std::size_t count = 0;
         const std::string& out = station.so_far().out;
-        for (std::size_t at = out.find("\"part\":"); at != std::string::npos; at = out.find("\"part\":", at + 1)) ++count;
+        for (std::size_t at = out.find("\"part\":"); at != std::string::npos; at = out.find("\"part\":", at + 1))
+            ++count;
         return count;
     };
     const std::size_t before = parts();
@@ -198,7 +223,8 @@ TEST_F(Mqtt, every_result_arrives_over_broken_networks_restarted_brokers_and_kil
     for (int round = 0; round < 16; ++round) {
         store.add(static_cast<std::uint32_t>(40 + random() % 100));
         // Something is under way when it fails.
-        ASSERT_TRUE(wait_until([&] { return arrived(consumer).first + 200 > store.written(); })) << "round " << round << ": " << mqtt->so_far().err;
+        ASSERT_TRUE(wait_until([&] { return arrived(consumer).first + 200 > store.written(); }))
+            << "round " << round << ": " << mqtt->so_far().err;
         switch (round % 4) {
             case 0: network.cut(); break;
             case 1:
@@ -217,10 +243,15 @@ TEST_F(Mqtt, every_result_arrives_over_broken_networks_restarted_brokers_and_kil
                 network.refuse(false);
         }
     }
-    EXPECT_TRUE(wait_until([&] { return arrived(consumer).first == store.written(); })) << arrived(consumer).first << " of " << store.written() << "\n" << mqtt->so_far().err;
+    EXPECT_TRUE(wait_until([&] { return arrived(consumer).first == store.written(); }))
+        << arrived(consumer).first << " of " << store.written() << "\n"
+        << mqtt->so_far().err;
     const Said said = mqtt->stop(SIGTERM);
     EXPECT_EQ(said.status, 0);
-    EXPECT_THAT(said.err, HasSubstr(" of " + std::to_string(store.written())));  // the broker's last confirmations may still have been under way
+    EXPECT_THAT(
+        said.err,
+        HasSubstr(" of " +
+                  std::to_string(store.written())));  // the broker's last confirmations may still have been under way
     const auto numbers = consumer.results();
     EXPECT_EQ(numbers.size(), store.written());  // none that does not exist
     EXPECT_EQ(numbers.rbegin()->first, store.written());
@@ -229,7 +260,8 @@ TEST_F(Mqtt, every_result_arrives_over_broken_networks_restarted_brokers_and_kil
     for (const ReadMessage& data : consumer.of("NDATA")) {
         if (data.find(20'100) == nullptr) continue;
         std::string content;
-        for (const ReadMetric& metric : data.metrics) content += std::to_string(metric.time) + " " + std::to_string(metric.whole) + " " + metric.text + ";";
+        for (const ReadMetric& metric : data.metrics)
+            content += std::to_string(metric.time) + " " + std::to_string(metric.whole) + " " + metric.text + ";";
         const auto [at, is_new] = said_before.emplace(data.find(20'100)->whole, content);
         EXPECT_EQ(at->second, content);
     }
@@ -252,7 +284,8 @@ TEST_F(Mqtt, results_wait_for_the_primary_host_and_come_as_history) {
     for (const ReadMessage& data : consumer.of("NDATA")) {
         if (data.find(20'100) == nullptr) continue;
         for (const ReadMetric& metric : data.metrics) EXPECT_TRUE(metric.historical);
-        EXPECT_EQ(data.find(20'100)->time, static_cast<std::uint64_t>(firmware::store::test::kNoon / 1000) + data.find(20'100)->whole * 100);
+        EXPECT_EQ(data.find(20'100)->time,
+                  static_cast<std::uint64_t>(firmware::store::test::kNoon / 1000) + data.find(20'100)->whole * 100);
         EXPECT_EQ(data.find(kBoot)->whole, 7U);
     }
     publish(broker.port(), "spBv1.0/STATE/scada", R"({"online":false,"timestamp":2000})", {"-r"});
@@ -309,7 +342,8 @@ TEST_F(Mqtt, needs_no_more_memory_for_a_long_outage) {
     ASSERT_GT(before, 0);
     broker.start();
     Consumer consumer(folder.path().string(), broker.port());
-    ASSERT_TRUE(wait_until([&] { return fs::file_size(folder / "messages") > 20'000U * 300U; })) << fs::file_size(folder / "messages");
+    ASSERT_TRUE(wait_until([&] { return fs::file_size(folder / "messages") > 20'000U * 300U; }))
+        << fs::file_size(folder / "messages");
     EXPECT_LT(largest_kb() - before, 8'000);
     // Results and what the node says of itself are mixed; nothing on the way changes the order.
     std::optional<std::uint64_t> seq;
@@ -327,31 +361,43 @@ TEST_F(Mqtt, uses_its_certificate_and_password_and_says_which_of_them_is_wrong) 
     // An authority, the broker's certificate and the station's; another authority.
     const std::string script =
         "set -e; cd \"$1\"\n"
-        "for ca in ca other; do openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout $ca.key -out $ca.pem -subj /CN=$ca -days 2; done\n"
+        "for ca in ca other; do openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout "
+        "$ca.key -out $ca.pem -subj /CN=$ca -days 2; done\n"
         "for who in broker station; do\n"
-        "  openssl req -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout $who.key -out $who.csr -subj /CN=$who\n"
-        "  echo subjectAltName=IP:127.0.0.1 >ext; openssl x509 -req -in $who.csr -CA ca.pem -CAkey ca.key -CAcreateserial -out $who.pem -days 2 -extfile ext\n"
+        "  openssl req -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout $who.key -out $who.csr -subj "
+        "/CN=$who\n"
+        "  echo subjectAltName=IP:127.0.0.1 >ext; openssl x509 -req -in $who.csr -CA ca.pem -CAkey ca.key "
+        "-CAcreateserial -out $who.pem -days 2 -extfile ext\n"
         "done\n"
-        "mosquitto_passwd -c -b passwords cell-3 secret; printf 'secret\\n' >password; chmod 600 password; chmod 644 passwords\n";
+        "mosquitto_passwd -c -b passwords cell-3 secret; printf 'secret\\n' >password; chmod 600 password; chmod 644 "
+        "passwords\n";
     const Said made = run("/bin/sh", {"-c", script, "sh", folder.path().string()});
     ASSERT_EQ(made.status, 0) << made.err;
-    Broker broker(folder.path().string(), "allow_anonymous false\npassword_file " + (folder / "passwords") + "\n", true);
-    const std::vector<std::string> tls{"--cafile", folder / "ca.pem", "--cert", folder / "station.pem", "--key", folder / "station.key", "-u", "cell-3", "-P", "secret"};
+    Broker broker(folder.path().string(), "allow_anonymous false\npassword_file " + (folder / "passwords") + "\n",
+                  true);
+    const std::vector<std::string> tls{"--cafile", folder / "ca.pem",
+                                       "--cert",   folder / "station.pem",
+                                       "--key",    folder / "station.key",
+                                       "-u",       "cell-3",
+                                       "-P",       "secret"};
     Consumer consumer(folder.path().string(), broker.port(), tls);
     WrittenStore store(folder / "store");
     store.add(3);
     const std::string login = "user = \"cell-3\"\npassword_file = \"password\"\n";
     const auto with = [&](const std::string& ca, const std::string& certificate, const std::string& user) {
-        const std::string own = certificate.empty() ? "" : "certificate = \"" + certificate + ".pem\"\nkey = \"" + certificate + ".key\"\n";
-        write_config(broker.port(), "begin = \"all\"\n", "", user + (ca.empty() ? "" : "[tls]\nca = \"" + ca + ".pem\"\n" + own));
+        const std::string own =
+            certificate.empty() ? "" : "certificate = \"" + certificate + ".pem\"\nkey = \"" + certificate + ".key\"\n";
+        write_config(broker.port(), "begin = \"all\"\n", "",
+                     user + (ca.empty() ? "" : "[tls]\nca = \"" + ca + ".pem\"\n" + own));
         return node();
     };
     const auto complains = [&](std::unique_ptr<Running> mqtt, const std::string& text) {
         EXPECT_TRUE(mqtt->says(text, std::chrono::seconds(120))) << mqtt->so_far().err;
         EXPECT_EQ(mqtt->so_far().err.find("secret"), std::string::npos);
     };
-    complains(with("other", "station", login), "check [tls]");                                      // not its authority
-    complains(with("ca", "", login), "hord-mqtt: broker 127.0.0.1:" + std::to_string(broker.port())); // no certificate of its own
+    complains(with("other", "station", login), "check [tls]");  // not its authority
+    complains(with("ca", "", login),
+              "hord-mqtt: broker 127.0.0.1:" + std::to_string(broker.port()));  // no certificate of its own
     complains(with("nowhere", "station", login), "the certificate authority");
     complains(with("ca", "station", ""), "refuses the login of nobody");
     std::ofstream(folder / "password") << "wrong\n";

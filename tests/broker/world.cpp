@@ -28,7 +28,8 @@ int listen_anywhere(int& port) {
     const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     sockaddr_in address = loopback(0);
     socklen_t size = sizeof address;
-    if (fd < 0 || bind(fd, reinterpret_cast<sockaddr*>(&address), size) != 0 || listen(fd, 16) != 0) throw std::runtime_error("no port");
+    if (fd < 0 || bind(fd, reinterpret_cast<sockaddr*>(&address), size) != 0 || listen(fd, 16) != 0)
+        throw std::runtime_error("no port");
     getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size);
     port = ntohs(address.sin_port);
     return fd;
@@ -42,13 +43,16 @@ bool answers(int port) {
     return connected;
 }
 
-bool installed(const char* tool) { return std::system((std::string("PATH=$PATH:/usr/sbin command -v ") + tool + " >/dev/null").c_str()) == 0; }
+bool installed(const char* tool) {
+    return std::system((std::string("PATH=$PATH:/usr/sbin command -v ") + tool + " >/dev/null").c_str()) == 0;
+}
 
 }  // namespace
 
 std::string missing_tools() {
     for (const char* tool : {"mosquitto", "mosquitto_sub", "mosquitto_pub", "openssl"}) {
-        if (!installed(tool)) return std::string(tool) + " is not installed (apt-get install mosquitto mosquitto-clients openssl)";
+        if (!installed(tool))
+            return std::string(tool) + " is not installed (apt-get install mosquitto mosquitto-clients openssl)";
     }
     return {};
 }
@@ -72,9 +76,12 @@ bool wait_until(const std::function<bool()>& holds, std::chrono::seconds patienc
 
 Broker::Broker(const std::string& folder, const std::string& more, bool tls) : folder_(folder) {
     std::ofstream out(folder + "/mosquitto.conf");
-    out << "listener " << port_ << " 127.0.0.1\npersistence true\npersistence_location " << folder << "/\nmax_queued_messages 0\nautosave_interval 1\n";
+    out << "listener " << port_ << " 127.0.0.1\npersistence true\npersistence_location " << folder
+        << "/\nmax_queued_messages 0\nautosave_interval 1\n";
     if (getuid() == 0) out << "user root\n";
-    if (tls) out << "cafile " << folder << "/ca.pem\ncertfile " << folder << "/broker.pem\nkeyfile " << folder << "/broker.key\nrequire_certificate true\n";
+    if (tls)
+        out << "cafile " << folder << "/ca.pem\ncertfile " << folder << "/broker.pem\nkeyfile " << folder
+            << "/broker.key\nrequire_certificate true\n";
     out << (more.empty() ? "allow_anonymous true\n" : more);
     out.close();
     start();
@@ -83,7 +90,8 @@ Broker::Broker(const std::string& folder, const std::string& more, bool tls) : f
 void Broker::start() {
     const char* program = access("/usr/sbin/mosquitto", X_OK) == 0 ? "/usr/sbin/mosquitto" : "/usr/bin/mosquitto";
     process_ = std::make_unique<Running>(program, std::vector<std::string>{"-c", folder_ + "/mosquitto.conf"});
-    if (!wait_until([&] { return answers(port_); })) throw std::runtime_error("mosquitto does not start: " + process_->so_far().err);
+    if (!wait_until([&] { return answers(port_); }))
+        throw std::runtime_error("mosquitto does not start: " + process_->so_far().err);
 }
 
 void Broker::stop(int signal) {
@@ -130,7 +138,8 @@ void Network::run() {
         if (poll(fds.data(), fds.size(), 5) <= 0) continue;
         std::size_t at = 1;
         for (auto pair = pairs.begin(); pair != pairs.end(); at += 2) {
-            const bool alive = (fds[at].revents == 0 || pass(pair->a, pair->b)) && (fds[at + 1].revents == 0 || pass(pair->b, pair->a));
+            const bool alive = (fds[at].revents == 0 || pass(pair->a, pair->b)) &&
+                (fds[at + 1].revents == 0 || pass(pair->b, pair->a));
             if (!alive) drop(*pair);
             pair = alive ? std::next(pair) : pairs.erase(pair);
         }
@@ -198,7 +207,8 @@ ReadMessage decode(const std::string& topic, int qos, const std::string& payload
     message.topic = topic;
     message.payload = payload;
     message.qos = qos;
-    if (topic.find("/STATE/") != std::string::npos || topic.find("/NCMD/") != std::string::npos) return message;  // not a station's
+    if (topic.find("/STATE/") != std::string::npos || topic.find("/NCMD/") != std::string::npos)
+        return message;  // not a station's
     for (const Field& field : fields_of(payload)) {
         if (field.number == 3) message.seq = field.value;
         if (field.number != 2) continue;
@@ -226,9 +236,18 @@ ReadMessage decode(const std::string& topic, int qos, const std::string& payload
 
 // -- the consumer ----------------------------------------------------------------------------------------------
 
-Consumer::Consumer(const std::string& folder, int port, const std::vector<std::string>& more) : file_(folder + "/messages") {
-    std::vector<std::string> arguments{"-c", "out=$1; shift; exec stdbuf -oL mosquitto_sub \"$@\" >\"$out\"", "sh", file_, "-h", "127.0.0.1", "-p", std::to_string(port), "-t", "spBv1.0/#", "-q", "1", "-c", "-i",
-                                       "consumer", "-k", "5", "-F", "%t %q %x", "-d"};
+Consumer::Consumer(const std::string& folder, int port, const std::vector<std::string>& more)
+    : file_(folder + "/messages") {
+    std::vector<std::string> arguments{"-c",       "out=$1; shift; exec stdbuf -oL mosquitto_sub \"$@\" >\"$out\"",
+                                       "sh",       file_,
+                                       "-h",       "127.0.0.1",
+                                       "-p",       std::to_string(port),
+                                       "-t",       "spBv1.0/#",
+                                       "-q",       "1",
+                                       "-c",       "-i",
+                                       "consumer", "-k",
+                                       "5",        "-F",
+                                       "%t %q %x", "-d"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     process_ = std::make_unique<Running>("/bin/sh", arguments);
     if (!wait_until([&] {
@@ -250,7 +269,8 @@ std::vector<ReadMessage> Consumer::all() {
         std::string topic, hex, bytes;
         int qos = 0;
         words >> topic >> qos >> hex;
-        for (std::size_t k = 0; k + 1 < hex.size(); k += 2) bytes += static_cast<char>(std::stoi(hex.substr(k, 2), nullptr, 16));
+        for (std::size_t k = 0; k + 1 < hex.size(); k += 2)
+            bytes += static_cast<char>(std::stoi(hex.substr(k, 2), nullptr, 16));
         messages.push_back(decode(topic, qos, bytes));
     }
     return messages;

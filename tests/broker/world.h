@@ -1,5 +1,5 @@
-// What surrounds hord-mqtt: a mosquitto on a port of its own, a network that can be cut, a consumer, and a decoder that shares no code
-// with the station.
+// What surrounds hord-mqtt: a mosquitto on a port of its own, a network that can be cut, a consumer, and a decoder that
+// shares no code with the station.
 #pragma once
 
 #include <atomic>
@@ -45,7 +45,7 @@ class Network {
     Network(const Network&) = delete;
     Network& operator=(const Network&) = delete;
     [[nodiscard]] int port() const { return port_; }
-    void cut() { ++cuts_; }                       // every connection ends; the next ones work
+    void cut() { ++cuts_; }                            // every connection ends; the next ones work
     void refuse(bool whether) { refuses_ = whether; }  // new ones, too, end at once
 
   private:

@@ -28,19 +28,33 @@ void expect_grid(const White& white, double rms_px, double max_px) {
 }
 
 TEST(CalibrateGrid, square_lattice_with_dead_lenslets_is_found_to_a_thousandth_of_a_pixel) {
-    expect_grid({.width_px = 700, .height_px = 600, .pitch_px = 17.3, .rotation_deg = 3, .dead_share = 0.02}, kGridRms, kGridMax);
+    expect_grid({.width_px = 700, .height_px = 600, .pitch_px = 17.3, .rotation_deg = 3, .dead_share = 0.02}, kGridRms,
+                kGridMax);
 }
 
 TEST(CalibrateGrid, shear_perspective_and_distortion_are_fitted) {
-    expect_grid({.width_px = 900, .height_px = 800, .pitch_px = 15.7, .rotation_deg = -7, .shear = 0.002, .perspective_x = 0.002,
-                 .perspective_y = -0.002, .k1 = -0.004, .dead_share = 0.02},
+    expect_grid({.width_px = 900,
+                 .height_px = 800,
+                 .pitch_px = 15.7,
+                 .rotation_deg = -7,
+                 .shear = 0.002,
+                 .perspective_x = 0.002,
+                 .perspective_y = -0.002,
+                 .k1 = -0.004,
+                 .dead_share = 0.02},
                 kGridRms, kGridMax);
 }
 
 TEST(CalibrateGrid, hexagonal_lattice_is_found_at_any_rotation) {
     for (const double rotation : {0.0, 10.0, 30.0, -22.0}) {
         SCOPED_TRACE(rotation);
-        expect_grid({.width_px = 600, .height_px = 600, .hexagonal = true, .pitch_px = 19.1, .rotation_deg = rotation, .dead_share = 0.02}, kGridRms, kGridMax);
+        expect_grid({.width_px = 600,
+                     .height_px = 600,
+                     .hexagonal = true,
+                     .pitch_px = 19.1,
+                     .rotation_deg = rotation,
+                     .dead_share = 0.02},
+                    kGridRms, kGridMax);
     }
 }
 
@@ -51,7 +65,13 @@ TEST(CalibrateGrid, forty_five_degrees_is_a_rotation_like_any_other) {
 TEST(CalibrateGrid, integer_pitch_at_no_rotation_has_no_bias_of_the_pixel_phase) {
     // All lenslets fall on the pixels alike, so that nothing averages out.
     expect_grid({.width_px = 500, .height_px = 500, .pitch_px = 20}, 0.002, kGridMax);
-    expect_grid({.width_px = 500, .height_px = 500, .hexagonal = true, .pitch_px = 24, .offset_x_px = 0.15, .offset_y_px = 0.37}, 0.002, kGridMax);
+    expect_grid({.width_px = 500,
+                 .height_px = 500,
+                 .hexagonal = true,
+                 .pitch_px = 24,
+                 .offset_x_px = 0.15,
+                 .offset_y_px = 0.37},
+                0.002, kGridMax);
 }
 
 TEST(CalibrateGrid, pitches_from_eight_to_sixty_four_pixels_are_found) {
@@ -60,28 +80,46 @@ TEST(CalibrateGrid, pitches_from_eight_to_sixty_four_pixels_are_found) {
 }
 
 TEST(CalibrateGrid, spots_are_lenslets_too) {
-    expect_grid({.width_px = 500, .height_px = 500, .pitch_px = 23, .rotation_deg = 0.6, .disc_radius_px = -1.6}, kGridRms, kGridMax);
+    expect_grid({.width_px = 500, .height_px = 500, .pitch_px = 23, .rotation_deg = 0.6, .disc_radius_px = -1.6},
+                kGridRms, kGridMax);
 }
 
 TEST(CalibrateGrid, vignetting_inside_the_lenslets_does_not_shift_the_grid) {
     // A centre of gravity would be g R / 8 wrong: 0.2 px at the corner.
-    expect_grid({.width_px = 800, .height_px = 800, .pitch_px = 20.3, .rotation_deg = 2, .vignetting = 0.2, .dead_share = 0.02}, 0.02, 0.05);
+    expect_grid(
+        {.width_px = 800, .height_px = 800, .pitch_px = 20.3, .rotation_deg = 2, .vignetting = 0.2, .dead_share = 0.02},
+        0.02, 0.05);
 }
 
 TEST(CalibrateGrid, sharp_edges_do_not_shift_centres_with_their_place_on_the_pixels) {
     for (const double radius : {4.24, 3.03}) {  // nearly touching, and apart
         SCOPED_TRACE(radius);
-        expect_grid({.width_px = 420, .height_px = 420, .pitch_px = 10.1, .rotation_deg = 2.9, .disc_radius_px = radius, .edge_px = 0.3, .subpixels = 6}, kGridRms, kGridMax);
+        expect_grid({.width_px = 420,
+                     .height_px = 420,
+                     .pitch_px = 10.1,
+                     .rotation_deg = 2.9,
+                     .disc_radius_px = radius,
+                     .edge_px = 0.3,
+                     .subpixels = 6},
+                    kGridRms, kGridMax);
     }
 }
 
-// -- single lenslets ------------------------------------------------------------------------------------------------------------
+// -- single lenslets
+// ------------------------------------------------------------------------------------------------------------
 
 // An array whose lenslets are each a little away from where they should be: no smooth model knows of that.
 TEST(CalibrateGrid, misplaced_lenslets_get_places_of_their_own) {
     for (const bool hexagonal : {false, true}) {
         SCOPED_TRACE(hexagonal);
-        const White white{.width_px = 600, .height_px = 600, .hexagonal = hexagonal, .pitch_px = 17.3, .rotation_deg = 3, .k1 = 0.004, .misplaced_px = 0.05, .dead_share = 0.02};
+        const White white{.width_px = 600,
+                          .height_px = 600,
+                          .hexagonal = hexagonal,
+                          .pitch_px = 17.3,
+                          .rotation_deg = 3,
+                          .k1 = 0.004,
+                          .misplaced_px = 0.05,
+                          .dead_share = 0.02};
         const auto drawn = test::draw(white);
         const auto calibration = calibrate_grid(drawn.frame.view());
         ASSERT_TRUE(calibration) << calibration.error().message();
@@ -94,7 +132,8 @@ TEST(CalibrateGrid, misplaced_lenslets_get_places_of_their_own) {
         EXPECT_NEAR(fit.shifts.rms_px, white.misplaced_px, 0.1 * white.misplaced_px);
         EXPECT_GT(fit.shifts.share, 0.98);
         EXPECT_LT(fit.shifts.left_x_px, 0.2 * fit.cv_x_rms_px);
-        // The truth: lenslets that were measured are where they are said to be, to the noise of a centre and half a thousandth.
+        // The truth: lenslets that were measured are where they are said to be, to the noise of a centre and half a
+        // thousandth.
         algo::LensletGrid smooth = fit.grid;
         smooth.shifts_px.clear();
         double with = 0, without = 0;
@@ -102,21 +141,25 @@ TEST(CalibrateGrid, misplaced_lenslets_get_places_of_their_own) {
         for (const Observation& seen : calibration->observations) {
             if (!seen.used) continue;
             const auto at = fit.grid.centre_px(seen.m, seen.n), model = smooth.centre_px(seen.m, seen.n);
-            const auto true_one = std::min_element(drawn.truth.begin(), drawn.truth.end(), [&](const test::TruePoint& a, const test::TruePoint& b) {
-                return std::hypot(a.x - model.x_px, a.y - model.y_px) < std::hypot(b.x - model.x_px, b.y - model.y_px);
-            });
+            const auto true_one = std::min_element(drawn.truth.begin(), drawn.truth.end(),
+                                                   [&](const test::TruePoint& a, const test::TruePoint& b) {
+                                                       return std::hypot(a.x - model.x_px, a.y - model.y_px) <
+                                                           std::hypot(b.x - model.x_px, b.y - model.y_px);
+                                                   });
             with += std::pow(std::hypot(at.x_px - true_one->x, at.y_px - true_one->y), 2);
             without += std::pow(std::hypot(model.x_px - true_one->x, model.y_px - true_one->y), 2);
             ++measured;
         }
-        RecordProperty(hexagonal ? "hexagonal, px from the truth with and without" : "square, px from the truth with and without",
-                       test::text(std::sqrt(with / measured)) + " and " + test::text(std::sqrt(without / measured)));
+        RecordProperty(
+            hexagonal ? "hexagonal, px from the truth with and without" : "square, px from the truth with and without",
+            test::text(std::sqrt(with / measured)) + " and " + test::text(std::sqrt(without / measured)));
         EXPECT_LT(std::sqrt(with / measured), 0.005);
         EXPECT_GT(std::sqrt(without / measured), 0.06);
     }
 }
 
-// A few lenslets lie off, the others in their places: the model is made of the others, and the few are read where they are.
+// A few lenslets lie off, the others in their places: the model is made of the others, and the few are read where they
+// are.
 TEST(CalibrateGrid, a_few_displaced_lenslets_get_places_of_their_own) {
     White white{.width_px = 600, .height_px = 600, .pitch_px = 18.7, .rotation_deg = 2};
     // One in each of some cells of the lattice, and so never two side by side.
@@ -152,10 +195,14 @@ TEST(CalibrateGrid, centres_that_are_not_to_be_believed_get_no_place) {
     fit.grid.parameters = {10, 10, 20, 0, 0, 20};
     fit.rejected = 6;
     const auto off_by = [](int m, int n, double dx, double split) {
-        return Observation{.m = m, .n = n, .centre_px = {10 + 20.0 * m + dx, 10 + 20.0 * n}, .used = false, .split_px = algo::PixelPoint{split, 0}};
+        return Observation{.m = m,
+                           .n = n,
+                           .centre_px = {10 + 20.0 * m + dx, 10 + 20.0 * n},
+                           .used = false,
+                           .split_px = algo::PixelPoint{split, 0}};
     };
-    std::vector<Observation> seen{off_by(0, 0, 0.4, 0.1), off_by(2, 0, 0.4, 0.3), off_by(0, 2, 1.4, 0.1), off_by(2, 2, 0.4, 0.1),
-                                  off_by(4, 2, 0.4, 0.1), off_by(5, 2, 0.4, 0.1)};
+    std::vector<Observation> seen{off_by(0, 0, 0.4, 0.1), off_by(2, 0, 0.4, 0.3), off_by(0, 2, 1.4, 0.1),
+                                  off_by(2, 2, 0.4, 0.1), off_by(4, 2, 0.4, 0.1), off_by(5, 2, 0.4, 0.1)};
     std::vector<std::uint8_t> whole(18, 1);
     whole[2 * 6 + 2] = 0;
     place_displaced(seen, whole, fit);
@@ -171,7 +218,8 @@ TEST(CalibrateGrid, centres_that_are_not_to_be_believed_get_no_place) {
 }
 
 TEST(CalibrateGrid, lenslets_in_their_places_get_none) {
-    const White white{.width_px = 600, .height_px = 600, .pitch_px = 17.3, .rotation_deg = 3, .k1 = 0.004, .dead_share = 0.02};
+    const White white{
+        .width_px = 600, .height_px = 600, .pitch_px = 17.3, .rotation_deg = 3, .k1 = 0.004, .dead_share = 0.02};
     White few = white, sharp = white, gradient = white, whole = white, slightly = white;
     few.electrons_per_dn = 0.02;  // 400 electrons a pixel: residuals of a fiftieth of a pixel, all of it noise
     sharp.edge_px = 0.3;
@@ -211,7 +259,8 @@ TEST(CalibrateGrid, a_dark_quarter_is_missing_and_not_invented) {
 }
 
 TEST(CalibrateGrid, dead_lenslets_among_lit_ones_are_missing) {
-    const auto drawn = test::draw({.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = 2, .dead_share = 0.03});
+    const auto drawn =
+        test::draw({.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = 2, .dead_share = 0.03});
     const auto calibration = calibrate_grid(drawn.frame.view());
     ASSERT_TRUE(calibration) << calibration.error().message();
     EXPECT_EQ(calibration->whole, calibration->complete);
@@ -220,11 +269,19 @@ TEST(CalibrateGrid, dead_lenslets_among_lit_ones_are_missing) {
 }
 
 TEST(CalibrateGrid, thirty_percent_dead_lenslets_leave_the_grid_as_good) {
-    expect_grid({.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = -4, .dead_share = 0.3}, kGridRms, kGridMax);
+    expect_grid({.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = -4, .dead_share = 0.3}, kGridRms,
+                kGridMax);
 }
 
 TEST(CalibrateGrid, a_saturated_frame_is_measured_by_its_edges_and_counted) {
-    White white{.width_px = 600, .height_px = 600, .pitch_px = 20.6, .rotation_deg = 1, .peak_dn = 300, .background_dn = 8, .electrons_per_dn = 80, .bits = 8};
+    White white{.width_px = 600,
+                .height_px = 600,
+                .pitch_px = 20.6,
+                .rotation_deg = 1,
+                .peak_dn = 300,
+                .background_dn = 8,
+                .electrons_per_dn = 80,
+                .bits = 8};
     const auto drawn = test::draw(white);
     const auto calibration = calibrate_grid(drawn.frame.view());
     ASSERT_TRUE(calibration) << calibration.error().message();
@@ -245,12 +302,15 @@ TEST(CalibrateGrid, a_bubble_in_the_white_frame_costs_its_own_lenslets_only) {
 }
 
 TEST(CalibrateGrid, a_frame_with_a_part_in_the_light_is_no_white_frame) {
-    // Structure of half a pitch and the full contrast: about what a textured part shows inside the lenslets. As weak as dust on the
-    // array, it does no harm.
+    // Structure of half a pitch and the full contrast: about what a textured part shows inside the lenslets. As weak as
+    // dust on the array, it does no harm.
     White white{.width_px = 500, .height_px = 500, .pitch_px = 18.7, .rotation_deg = 2};
     const auto calibrate = [&](double contrast) {
         white.light = [contrast](double x, double y) {
-            return 1 - contrast * (0.5 + 0.25 * std::sin(0.41 * x + 2 * std::sin(0.051 * y)) + 0.25 * std::cos(0.37 * y - 3 * std::cos(0.043 * x)));
+            return 1 -
+                contrast *
+                (0.5 + 0.25 * std::sin(0.41 * x + 2 * std::sin(0.051 * y)) +
+                 0.25 * std::cos(0.37 * y - 3 * std::cos(0.043 * x)));
         };
         return calibrate_grid(test::draw(white).frame.view());
     };

@@ -1,5 +1,5 @@
-// A rotated, distorted, hexagonal array, calibrated from its white frame, decoded: its features against those of the ideal, aligned
-// square array that sees the same scene.
+// A rotated, distorted, hexagonal array, calibrated from its white frame, decoded: its features against those of the
+// ideal, aligned square array that sees the same scene.
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -23,7 +23,8 @@ struct Scene {
     double pitch_px, scale, strength;
     [[nodiscard]] std::pair<double, double> deflection_bins(double x, double y) const {
         const double k = 2 * 3.14159265358979323846 / (scale * pitch_px);
-        return {strength * std::sin(k * x + 0.4 * std::sin(0.7 * k * y)), strength * std::cos(0.8 * k * y - 0.3) * std::sin(0.5 * k * x + 1)};
+        return {strength * std::sin(k * x + 0.4 * std::sin(0.7 * k * y)),
+                strength * std::cos(0.8 * k * y - 0.3) * std::sin(0.5 * k * x + 1)};
     }
 };
 
@@ -52,8 +53,10 @@ Frame ideal(const algo::Extents& extents, algo::PixelPoint first, double pitch, 
             for (int j = 0; j < kBins; ++j) {
                 for (int i = 0; i < kBins; ++i) {
                     const double x = i - 4 - dx, y = j - 4 - dy;
-                    const double share = 0.25 * (std::erf(a * (x + 0.5)) - std::erf(a * (x - 0.5))) * (std::erf(a * (y + 0.5)) - std::erf(a * (y - 0.5)));
-                    frame.set(m * kBins + i, n * kBins + j, static_cast<std::uint32_t>(std::lround(peak_dn * area * share)));
+                    const double share = 0.25 * (std::erf(a * (x + 0.5)) - std::erf(a * (x - 0.5))) *
+                        (std::erf(a * (y + 0.5)) - std::erf(a * (y - 0.5)));
+                    frame.set(m * kBins + i, n * kBins + j,
+                              static_cast<std::uint32_t>(std::lround(peak_dn * area * share)));
                 }
             }
         }
@@ -106,7 +109,8 @@ Difference decode_and_compare(bool hexagonal, double pitch, const Scene& scene, 
         return std::pair(dx * layout.box_x_px, dy * layout.box_y_px);
     };
     const auto decoded = regridder->decode(test::draw(object).frame.view());
-    const auto wanted = ideal(regridder->extents(), regridder->first_px(), regridder->pitch_px(), scene, object.peak_dn);
+    const auto wanted =
+        ideal(regridder->extents(), regridder->first_px(), regridder->pitch_px(), scene, object.peak_dn);
     return compare_emd(*decoded, wanted, regridder->extents());
 }
 

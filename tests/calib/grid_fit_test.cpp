@@ -46,7 +46,18 @@ LensletGrid true_grid(GridRung rung, int columns = 24, int rows = 20) {
         p[half + 2] = s;
         return grid;
     }
-    const std::vector<double> all{grid.middle_x_px + 1.3, grid.middle_y_px - 0.7, s, -0.04 * s, 0.045 * s, 1.01 * s, 0.004, -0.003, -0.006, 0.003, 0.05, -0.04};
+    const std::vector<double> all{grid.middle_x_px + 1.3,
+                                  grid.middle_y_px - 0.7,
+                                  s,
+                                  -0.04 * s,
+                                  0.045 * s,
+                                  1.01 * s,
+                                  0.004,
+                                  -0.003,
+                                  -0.006,
+                                  0.003,
+                                  0.05,
+                                  -0.04};
     std::copy(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(p.size()), p.begin());
     return grid;
 }
@@ -93,8 +104,10 @@ TEST(GridFit, analytic_derivatives_agree_with_numeric_ones) {
                 grid.parameters[k] = kept;
                 const double size = 1 + std::abs(of_x[k]) + std::abs(of_y[k]);
                 // Central differences: the second derivative's share is below step^2, the rounding below 1e-13 / step.
-                EXPECT_NEAR((high.x_px - low.x_px) / (2 * step), of_x[k], 1e-6 * size) << parameter_name(rung, static_cast<int>(k));
-                EXPECT_NEAR((high.y_px - low.y_px) / (2 * step), of_y[k], 1e-6 * size) << parameter_name(rung, static_cast<int>(k));
+                EXPECT_NEAR((high.x_px - low.x_px) / (2 * step), of_x[k], 1e-6 * size)
+                    << parameter_name(rung, static_cast<int>(k));
+                EXPECT_NEAR((high.y_px - low.y_px) / (2 * step), of_y[k], 1e-6 * size)
+                    << parameter_name(rung, static_cast<int>(k));
             }
         }
     }
@@ -112,7 +125,8 @@ TEST(GridFit, every_rung_finds_its_own_grid_again) {
 }
 
 TEST(GridFit, the_image_gets_the_model_that_it_requires_and_no_more) {
-    for (const GridRung rung : {GridRung::similarity, GridRung::affine, GridRung::homography, GridRung::radial1, GridRung::cubic}) {
+    for (const GridRung rung :
+         {GridRung::similarity, GridRung::affine, GridRung::homography, GridRung::radial1, GridRung::cubic}) {
         SCOPED_TRACE(name_of(rung));
         auto truth = true_grid(rung);
         if (rung == GridRung::similarity) truth.parameters[3] = 3;
@@ -121,7 +135,8 @@ TEST(GridFit, the_image_gets_the_model_that_it_requires_and_no_more) {
         ASSERT_TRUE(fit) << fit.error().message();
         EXPECT_EQ(fit->grid.rung, rung) << fit->reason;
         EXPECT_THAT(fit->reason, ::testing::HasSubstr(std::string(name_of(rung))));
-        EXPECT_EQ(std::count_if(fit->ladder.begin(), fit->ladder.end(), [](const RungReport& r) { return r.chosen; }), 1);
+        EXPECT_EQ(std::count_if(fit->ladder.begin(), fit->ladder.end(), [](const RungReport& r) { return r.chosen; }),
+                  1);
     }
 }
 
@@ -191,7 +206,8 @@ TEST(GridFit, degenerate_centres_are_answered_and_never_abort) {
     std::vector<Observation> crowded;
     for (int k = 0; k < 25; ++k) crowded.push_back({k % 5, k / 5, {1, 1}, true});
     (void)fit_grid(frame, crowded);
-    std::vector<Observation> broken{{0, 0, {std::nan(""), 0}, true}, {1, 0, {1, 0}, true}, {0, 1, {0, 1}, true}, {1, 1, {1, 1}, true}};
+    std::vector<Observation> broken{
+        {0, 0, {std::nan(""), 0}, true}, {1, 0, {1, 0}, true}, {0, 1, {0, 1}, true}, {1, 1, {1, 1}, true}};
     EXPECT_FALSE(fit_grid(frame, broken));
     std::vector<Observation> none;
     EXPECT_FALSE(fit_grid(frame, none));

@@ -14,7 +14,8 @@ namespace {
 using ::testing::HasSubstr;
 
 GridFile example() {
-    const auto drawn = test::draw({.width_px = 300, .height_px = 260, .hexagonal = true, .pitch_px = 21, .rotation_deg = 3});
+    const auto drawn =
+        test::draw({.width_px = 300, .height_px = 260, .hexagonal = true, .pitch_px = 21, .rotation_deg = 3});
     const auto calibration = calibrate_grid(drawn.frame.view());
     return file_of(*calibration, {"ACME \"one\" 0042", "2026-11-21T03:00:00Z", "white.png", ""});
 }
@@ -41,7 +42,8 @@ TEST(GridToml, what_is_written_is_read_to_the_last_bit) {
 TEST(GridToml, shifts_of_single_lenslets_are_written_and_read_to_the_last_bit) {
     GridFile file = example();
     EXPECT_THAT(to_toml(file), HasSubstr("version = 1\n"));
-    for (int k = 0; k < file.grid.columns * file.grid.rows; ++k) file.grid.shifts_px.push_back({std::round(40 * std::sin(k)) * 0.001, -k * 0.001});
+    for (int k = 0; k < file.grid.columns * file.grid.rows; ++k)
+        file.grid.shifts_px.push_back({std::round(40 * std::sin(k)) * 0.001, -k * 0.001});
     file.statistics.shifts = {0.03, 0.9, 0.004, 0.005};
     const auto read = parse_grid(to_toml(file), "grid.toml");
     ASSERT_TRUE(read) << read.error().message();

@@ -20,17 +20,20 @@ std::filesystem::path data() {
 struct Picture {
     cv::Mat pixels;
     [[nodiscard]] algo::FrameView view() const {
-        return {reinterpret_cast<const std::byte*>(pixels.data), pixels.cols, pixels.rows, static_cast<std::ptrdiff_t>(pixels.step[0]),
-                pixels.depth() == CV_8U ? 8 : 16};
+        return {reinterpret_cast<const std::byte*>(pixels.data), pixels.cols, pixels.rows,
+                static_cast<std::ptrdiff_t>(pixels.step[0]), pixels.depth() == CV_8U ? 8 : 16};
     }
 };
 
 class RealFrames : public ::testing::Test {
   protected:
     void SetUp() override {
-        if (!std::filesystem::exists(data() / "lenslet")) GTEST_SKIP() << "no real frames: set HORD_DATA to the folder that holds lenslet/";
+        if (!std::filesystem::exists(data() / "lenslet"))
+            GTEST_SKIP() << "no real frames: set HORD_DATA to the folder that holds lenslet/";
     }
-    static Picture load(const std::string& name) { return {cv::imread((data() / "lenslet" / (name + ".png")).string(), cv::IMREAD_UNCHANGED)}; }
+    static Picture load(const std::string& name) {
+        return {cv::imread((data() / "lenslet" / (name + ".png")).string(), cv::IMREAD_UNCHANGED)};
+    }
 
     // Cross-validated over blocks, an axis; at least `found` lenslets, and 99 % of those that light reaches whole.
     static void expect(const std::string& name, algo::LatticeKind kind, double pitch, double cv_px, int found) {
@@ -68,7 +71,8 @@ TEST_F(RealFrames, the_dark_frame_changes_little) {
 }
 
 TEST_F(RealFrames, bad_frames_are_refused_with_the_reason) {
-    for (const char* name : {"sh_bad_mmt_mmirs_blank", "sh_bad_mmt_mmirs_bogus", "lf_sq_napariLF_dark", "lf_sq_napariLF_object"}) {
+    for (const char* name :
+         {"sh_bad_mmt_mmirs_blank", "sh_bad_mmt_mmirs_bogus", "lf_sq_napariLF_dark", "lf_sq_napariLF_object"}) {
         SCOPED_TRACE(name);
         const auto calibration = calibrate_grid(load(name).view());
         ASSERT_FALSE(calibration);

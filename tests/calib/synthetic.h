@@ -49,11 +49,12 @@ struct White {
     double pitch_px = 20, rotation_deg = 0, shear = 0;
     double perspective_x = 0, perspective_y = 0, k1 = 0;  // at half the longer side from the middle
     double offset_x_px = 0.3, offset_y_px = -0.4;         // of a lenslet from the middle
-    double disc_radius_px = 0;  // 0: 0.42 pitch; negative: a Gaussian spot of that sigma
-    double edge_px = 0.8;       // blur of the disc's edge, sigma
-    int subpixels = 1;          // a side, that a pixel's light is the mean of: sharp edges need more than one
-    double misplaced_px = 0;    // of each lenslet alone, along x and along y, sigma
-    double vignetting = 0;      // of light across a lenslet, from its middle to its rim, at the frame's corner; outwards brighter
+    double disc_radius_px = 0;                            // 0: 0.42 pitch; negative: a Gaussian spot of that sigma
+    double edge_px = 0.8;                                 // blur of the disc's edge, sigma
+    int subpixels = 1;        // a side, that a pixel's light is the mean of: sharp edges need more than one
+    double misplaced_px = 0;  // of each lenslet alone, along x and along y, sigma
+    double vignetting =
+        0;  // of light across a lenslet, from its middle to its rim, at the frame's corner; outwards brighter
     double peak_dn = 20000, background_dn = 200;
     double electrons_per_dn = 1, read_e = 3;
     bool noise = true;
@@ -109,7 +110,8 @@ inline Drawn draw(const White& w) {
                 x += w.misplaced_px * random.normal();
                 y += w.misplaced_px * random.normal();
             }
-            if (x >= -0.5 && y >= -0.5 && x < w.width_px - 0.5 && y < w.height_px - 0.5) out.truth.push_back({x, y, dead});
+            if (x >= -0.5 && y >= -0.5 && x < w.width_px - 0.5 && y < w.height_px - 0.5)
+                out.truth.push_back({x, y, dead});
             if (dead) continue;
             if (w.deflect) {
                 const auto [dx, dy] = w.deflect(x, y);
@@ -119,18 +121,23 @@ inline Drawn draw(const White& w) {
             const double g = w.vignetting / std::sqrt(2.0) / half;
             const double gx = g * (x - middle_x);
             const double gy = g * (y - middle_y);
-            for (int py = std::max(0, static_cast<int>(std::ceil(y - reach))); py <= std::min<double>(w.height_px - 1, y + reach); ++py) {
-                for (int px = std::max(0, static_cast<int>(std::ceil(x - reach))); px <= std::min<double>(w.width_px - 1, x + reach); ++px) {
+            for (int py = std::max(0, static_cast<int>(std::ceil(y - reach)));
+                 py <= std::min<double>(w.height_px - 1, y + reach); ++py) {
+                for (int px = std::max(0, static_cast<int>(std::ceil(x - reach)));
+                     px <= std::min<double>(w.width_px - 1, x + reach); ++px) {
                     double value = 0;
                     for (int s = 0; s < w.subpixels * w.subpixels; ++s) {
                         const double dx = px + (s % w.subpixels + 0.5) / w.subpixels - 0.5 - x;
-                        const double dy = py + (s / w.subpixels + 0.5) / w.subpixels - 0.5 - y;  // NOLINT(bugprone-integer-division): the row
+                        const double dy = py + (s / w.subpixels + 0.5) / w.subpixels - 0.5 -
+                            y;  // NOLINT(bugprone-integer-division): the row
                         const double r = std::sqrt(dx * dx + dy * dy);
-                        double here = radius > 0 ? 0.5 * std::erfc((r - radius) / (std::sqrt(2.0) * w.edge_px)) : std::exp(-0.5 * r * r / (radius * radius));
+                        double here = radius > 0 ? 0.5 * std::erfc((r - radius) / (std::sqrt(2.0) * w.edge_px))
+                                                 : std::exp(-0.5 * r * r / (radius * radius));
                         if (radius > 0) here *= 1 + (gx * dx + gy * dy) / radius;
                         value += here / (w.subpixels * w.subpixels);
                     }
-                    light[static_cast<std::size_t>(py) * static_cast<std::size_t>(w.width_px) + static_cast<std::size_t>(px)] += static_cast<float>(value);
+                    light[static_cast<std::size_t>(py) * static_cast<std::size_t>(w.width_px) +
+                          static_cast<std::size_t>(px)] += static_cast<float>(value);
                 }
             }
         }
@@ -139,10 +146,13 @@ inline Drawn draw(const White& w) {
     const double top = static_cast<double>((1U << static_cast<unsigned>(w.bits)) - 1U);
     for (int y = 0; y < w.height_px; ++y) {
         for (int x = 0; x < w.width_px; ++x) {
-            double dn = light[static_cast<std::size_t>(y) * static_cast<std::size_t>(w.width_px) + static_cast<std::size_t>(x)] * w.peak_dn;
+            double dn = light[static_cast<std::size_t>(y) * static_cast<std::size_t>(w.width_px) +
+                              static_cast<std::size_t>(x)] *
+                w.peak_dn;
             if (w.light) dn *= w.light(x, y);
             dn += w.background_dn;
-            if (w.noise) dn += random.normal() * std::sqrt(dn * w.electrons_per_dn + w.read_e * w.read_e) / w.electrons_per_dn;
+            if (w.noise)
+                dn += random.normal() * std::sqrt(dn * w.electrons_per_dn + w.read_e * w.read_e) / w.electrons_per_dn;
             out.frame.set(x, y, static_cast<std::uint32_t>(std::clamp(std::round(dn), 0.0, top)));
         }
     }
@@ -152,8 +162,8 @@ inline Drawn draw(const White& w) {
 // How far the fitted grid is from the truth, matched by place: every true lenslet against the nearest grid node.
 struct Comparison {
     double rms_px = 0, max_px = 0;
-    int unmatched_truth = 0;   // true lenslets without a grid node within a quarter pitch
-    int invented = 0;          // centres measured where the truth has no living lenslet
+    int unmatched_truth = 0;  // true lenslets without a grid node within a quarter pitch
+    int invented = 0;         // centres measured where the truth has no living lenslet
     int found_alive = 0, alive_complete = 0;
 };
 
@@ -206,7 +216,9 @@ inline Comparison compare(const Drawn& drawn, const GridCalibration& calibration
     }
     const double margin = 0.5 * pitch;
     for (const TruePoint& p : drawn.truth) {
-        if (!p.dead && p.x > margin && p.y > margin && p.x < drawn.frame.width_px() - 1 - margin && p.y < drawn.frame.height_px() - 1 - margin) ++out.alive_complete;
+        if (!p.dead && p.x > margin && p.y > margin && p.x < drawn.frame.width_px() - 1 - margin &&
+            p.y < drawn.frame.height_px() - 1 - margin)
+            ++out.alive_complete;
     }
     return out;
 }

@@ -36,7 +36,8 @@ struct Camera {
     }
     [[nodiscard]] DirectionRad sensor_of(DirectionRad stage) const {
         if (mirrored) stage.y_rad = -stage.y_rad;
-        return {std::cos(turn) * stage.x_rad - std::sin(turn) * stage.y_rad, std::sin(turn) * stage.x_rad + std::cos(turn) * stage.y_rad};
+        return {std::cos(turn) * stage.x_rad - std::sin(turn) * stage.y_rad,
+                std::sin(turn) * stage.x_rad + std::cos(turn) * stage.y_rad};
     }
 };
 
@@ -50,7 +51,8 @@ std::vector<DirectionRad> ring(int count, double radius_rad, double start = 0.3)
 }
 
 // Captures at `stage` directions as a fit sees them, each mean good to `noise_px`.
-std::vector<Tilt> tilts_of(const Camera& camera, const std::vector<DirectionRad>& stage, double noise_px, std::uint64_t seed) {
+std::vector<Tilt> tilts_of(const Camera& camera, const std::vector<DirectionRad>& stage, double noise_px,
+                           std::uint64_t seed) {
     test::Random random(seed);
     std::vector<Tilt> out;
     for (const DirectionRad& direction : stage) {
@@ -137,7 +139,8 @@ TEST(DirectionFit, nearly_collinear_tilts_are_refused) {
     ASSERT_FALSE(fit);
     EXPECT_EQ(fit.error().code, ErrorCode::refused);
     EXPECT_THAT(fit.error().message(), HasSubstr("one line"));
-    EXPECT_FALSE(fit_directions(empty_of(camera), tilts_of(camera, std::vector<DirectionRad>(5), 0.002, 1), camera.pitch));
+    EXPECT_FALSE(
+        fit_directions(empty_of(camera), tilts_of(camera, std::vector<DirectionRad>(5), 0.002, 1), camera.pitch));
 }
 
 TEST(DirectionFit, frames_that_do_not_belong_to_their_angles_are_refused) {
@@ -158,7 +161,8 @@ TEST(DirectionFit, ninety_five_percent_intervals_of_the_rotation_cover_it) {
     for (std::uint64_t run = 0; run < 400; ++run) {
         const auto fit = fit_directions(empty_of(camera), tilts_of(camera, stage, 0.01, 100 + run), camera.pitch);
         ASSERT_TRUE(fit);
-        if (std::abs(fit->stage_rotation_rad - camera.turn) < 2.02 * fit->stage_rotation_sigma) ++inside;  // Student, 38 degrees of freedom
+        if (std::abs(fit->stage_rotation_rad - camera.turn) < 2.02 * fit->stage_rotation_sigma)
+            ++inside;  // Student, 38 degrees of freedom
     }
     RecordProperty("coverage of the rotation", test::text(inside / 400.0));
     EXPECT_GT(inside, 368);
@@ -171,8 +175,11 @@ class TiltFrames : public ::testing::Test {
     static constexpr int kSide = 420;
     static inline const Camera camera;
 
-    static White white() { return {.width_px = kSide, .height_px = kSide, .pitch_px = camera.pitch, .rotation_deg = 1.5}; }
-    static algo::Frame capture(DirectionRad stage, std::uint64_t seed, const std::function<double(double, double)>& pixel_answer = nullptr) {
+    static White white() {
+        return {.width_px = kSide, .height_px = kSide, .pitch_px = camera.pitch, .rotation_deg = 1.5};
+    }
+    static algo::Frame capture(DirectionRad stage, std::uint64_t seed,
+                               const std::function<double(double, double)>& pixel_answer = nullptr) {
         White spots = white();
         const PixelPoint at = camera.place(camera.sensor_of(stage));
         spots.offset_x_px += at.x_px;
@@ -215,15 +222,18 @@ TEST_F(TiltFrames, captured_frames_give_the_map_to_a_fiftieth_of_a_pixel) {
     const algo::BinLayout layout = algo::layout_of(read->grid, *read->directions, 9, 9);
     EXPECT_NEAR(layout.step_i_rad, camera.pitch / 9 / camera.scale, 0.01 * layout.step_i_rad);
     for (const int bin : {0, 8, 40, 44, 72}) {
-        const PixelPoint should = camera.place({(bin % 9 - 4) * layout.step_i_rad, (bin / 9 - 4) * layout.step_j_rad});  // NOLINT(bugprone-integer-division)
-        if (bin % 8 == 0 && bin != 40) continue;  // corners lie beyond the tilts
+        const PixelPoint should =
+            camera.place({(bin % 9 - 4) * layout.step_i_rad,
+                          (bin / 9 - 4) * layout.step_j_rad});  // NOLINT(bugprone-integer-division)
+        if (bin % 8 == 0 && bin != 40) continue;                // corners lie beyond the tilts
         EXPECT_NEAR(layout.offsets_px[static_cast<std::size_t>(bin)].x_px, should.x_px, 2 * kLeftOut) << bin;
         EXPECT_NEAR(layout.offsets_px[static_cast<std::size_t>(bin)].y_px, should.y_px, 2 * kLeftOut) << bin;
     }
 }
 
 TEST_F(TiltFrames, a_flat_frame_takes_away_what_single_pixels_do) {
-    // Pixels whose answer rises by half across every lenslet pull all spots the same way; without the flat frame that is a shift.
+    // Pixels whose answer rises by half across every lenslet pull all spots the same way; without the flat frame that
+    // is a shift.
     const auto answer = [](double x, double) { return 0.75 + 0.5 * (std::fmod(x, 12.0) / 12.0); };
     algo::Frame flat(kSide, kSide, 16);
     for (int y = 0; y < kSide; ++y) {
@@ -249,7 +259,8 @@ TEST_F(TiltFrames, a_capture_without_spots_or_of_another_size_is_refused) {
 }
 
 TEST(TiltList, angles_are_read_in_radians_or_degrees_and_problems_are_named) {
-    const auto list = parse_tilts("empty = \"e.png\"\ndark = \"d.png\"\n[[tilt]]\nframe = \"1.png\"\nx_deg = 1.0\ny_rad = 0.01\n", "tilts.toml");
+    const auto list = parse_tilts(
+        "empty = \"e.png\"\ndark = \"d.png\"\n[[tilt]]\nframe = \"1.png\"\nx_deg = 1.0\ny_rad = 0.01\n", "tilts.toml");
     ASSERT_TRUE(list) << list.error().message();
     ASSERT_EQ(list->tilts.size(), 1U);
     EXPECT_NEAR(list->tilts[0].direction.x_rad, std::numbers::pi / 180, 1e-15);

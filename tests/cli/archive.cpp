@@ -1,5 +1,5 @@
-// Fills a store's frames folder as a station does, without a line: hord_test_archive STORE FRAMES [LENSLETS BINS]. Every frame is another, some
-// are rejects. For tests that need frames and no real time, and to measure a replay.
+// Fills a store's frames folder as a station does, without a line: hord_test_archive STORE FRAMES [LENSLETS BINS].
+// Every frame is another, some are rejects. For tests that need frames and no real time, and to measure a replay.
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -27,7 +27,8 @@ algo::Frame part_frame(const algo::Extents& e, std::uint32_t seed, bool bad) {
             for (int j = 0; j < e.j; ++j) {
                 for (int i = 0; i < e.i; ++i) {
                     const double spot = 200 * std::exp(-((i - x) * (i - x) + (j - y) * (j - y)));
-                    frame.set(m * e.i + i, n * e.j + j, static_cast<std::uint32_t>(spot + static_cast<double>(random() % 3)));
+                    frame.set(m * e.i + i, n * e.j + j,
+                              static_cast<std::uint32_t>(spot + static_cast<double>(random() % 3)));
                 }
             }
         }
@@ -48,8 +49,12 @@ Result<void> fill(const std::filesystem::path& store, std::uint32_t count, const
     options.sample_every = 1;
     options.before = options.after = 0;
     options.thread = false;
-    store::FrameKeeper keeper([&] { return store::FrameArchive::open(store / store::kFramesFolder, {.max_bytes = 100'000'000'000, .min_free_bytes = 0}); }, options,
-                              [] { return store::UtcMicros{1'790'000'000'000'000}; });
+    store::FrameKeeper keeper(
+        [&] {
+            return store::FrameArchive::open(store / store::kFramesFolder,
+                                             {.max_bytes = 100'000'000'000, .min_free_bytes = 0});
+        },
+        options, [] { return store::UtcMicros{1'790'000'000'000'000}; });
     keeper.set_recipe(format_recipe({.number = 1, .version = 1, .recipe = recipe}));
     for (std::uint32_t part = 1; part <= count; ++part) {
         const algo::Frame frame = part_frame(extents, part, part % 10 == 0);
@@ -59,7 +64,9 @@ Result<void> fill(const std::filesystem::path& store, std::uint32_t count, const
         while (keeper.step()) {
         }
     }
-    if (keeper.counts().kept != count) return fail(ErrorCode::io, fmt::format("{} of {} frames were kept", keeper.counts().kept, count), "see the disk");
+    if (keeper.counts().kept != count)
+        return fail(ErrorCode::io, fmt::format("{} of {} frames were kept", keeper.counts().kept, count),
+                    "see the disk");
     return {};
 }
 

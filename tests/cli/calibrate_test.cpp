@@ -36,8 +36,9 @@ TEST(Calibrate, a_real_sensor_is_calibrated_and_its_object_frame_decoded) {
     const auto data = photographs();
     if (data.empty()) GTEST_SKIP() << "no real input: set HORD_DATA, or put it at ../shared/data";
     const TemporaryFolder folder;
-    const Said said = run("hordctl", {"calibrate", data / "lf_sq_napariLF_white.png", "--dark", data / "lf_sq_napariLF_dark.png", "--out",
-                                      folder / "grid.toml", "--centres", folder / "centres.csv", "--json"});
+    const Said said = run("hordctl",
+                          {"calibrate", data / "lf_sq_napariLF_white.png", "--dark", data / "lf_sq_napariLF_dark.png",
+                           "--out", folder / "grid.toml", "--centres", folder / "centres.csv", "--json"});
     ASSERT_EQ(said.status, 0) << said.err;
     const Json json = Json::parse(said.out);
     EXPECT_EQ(json["lattice"], "square");
@@ -47,7 +48,9 @@ TEST(Calibrate, a_real_sensor_is_calibrated_and_its_object_frame_decoded) {
     std::getline(centres, header);
     EXPECT_EQ(header, "m,n,x_px,y_px");
 
-    const Said object = run("hordctl", {"inspect", data / "lf_sq_napariLF_object.png", "--grid", folder / "grid.toml", "--out", folder / "maps", "--json"});
+    const Said object = run("hordctl",
+                            {"inspect", data / "lf_sq_napariLF_object.png", "--grid", folder / "grid.toml", "--out",
+                             folder / "maps", "--json"});
     EXPECT_NE(object.status, 2) << object.err;
     EXPECT_EQ(Json::parse(object.out)["grid"]["i"], 9);
     EXPECT_TRUE(std::filesystem::exists(folder / "maps/lf_sq_napariLF_object.emd.tiff"));
@@ -87,9 +90,11 @@ TEST(Calibrate, a_worse_calibration_is_not_installed_over_a_better_one) {
     white.electrons_per_dn = 0.005;  // a hundred electrons a pixel
     write_pgm(folder / "noisy.pgm", calib::test::draw(white).frame);
     const std::string grid = folder / "grid.toml";
-    const Said first = run("hordctl", {"calibrate", folder / "good.pgm", "--out", grid, "--pictures", folder / "pictures"});
+    const Said first =
+        run("hordctl", {"calibrate", folder / "good.pgm", "--out", grid, "--pictures", folder / "pictures"});
     ASSERT_EQ(first.status, 0) << first.err;
-    for (const char* name : {"residuals.png", "centres.png", "models.png"}) EXPECT_TRUE(std::filesystem::exists(std::filesystem::path(folder / "pictures") / name)) << name;
+    for (const char* name : {"residuals.png", "centres.png", "models.png"})
+        EXPECT_TRUE(std::filesystem::exists(std::filesystem::path(folder / "pictures") / name)) << name;
     const auto read = [&] {
         std::ifstream in(grid);
         return std::string(std::istreambuf_iterator<char>(in), {});
@@ -125,10 +130,13 @@ TEST(Calibrate, captures_at_known_tilts_give_radians) {
     for (int k = 0; k < 4; ++k) {
         const std::string name = std::to_string(k) + ".pgm";
         capture(name, tilts[k].first, tilts[k].second);
-        list << "[[tilt]]\nframe = \"" << name << "\"\nx_rad = " << tilts[k].first << "\ny_rad = " << tilts[k].second << "\n";
+        list << "[[tilt]]\nframe = \"" << name << "\"\nx_rad = " << tilts[k].first << "\ny_rad = " << tilts[k].second
+             << "\n";
     }
     list.close();
-    const Said said = run("hordctl", {"calibrate", folder / "white.pgm", "--tilts", folder / "tilts", "--out", folder / "grid.toml", "--json"});
+    const Said said =
+        run("hordctl",
+            {"calibrate", folder / "white.pgm", "--tilts", folder / "tilts", "--out", folder / "grid.toml", "--json"});
     ASSERT_EQ(said.status, 0) << said.err;
     const Json directions = Json::parse(said.out)["directions"];
     EXPECT_NEAR(directions["scale_px_a_rad"].get<double>(), px_a_rad, 1);
@@ -144,7 +152,8 @@ TEST(Calibrate, captures_at_known_tilts_give_radians) {
     line << "empty = \"empty.pgm\"\n";
     for (int k = 0; k < 3; ++k) line << "[[tilt]]\nframe = \"0.pgm\"\nx_rad = 0.03\ny_rad = 0\n";
     line.close();
-    const Said refused = run("hordctl", {"calibrate", folder / "white.pgm", "--tilts", folder / "tilts", "--out", folder / "other.toml"});
+    const Said refused = run(
+        "hordctl", {"calibrate", folder / "white.pgm", "--tilts", folder / "tilts", "--out", folder / "other.toml"});
     EXPECT_EQ(refused.status, 2);
     EXPECT_THAT(refused.err, HasSubstr("one line"));
     EXPECT_FALSE(std::filesystem::exists(folder / "other.toml"));

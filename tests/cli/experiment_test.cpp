@@ -24,8 +24,10 @@ TEST(Experiment, help_lists_what_can_be_asked_and_how_long_it_takes) {
 
 TEST(Experiment, a_wrong_command_line_or_folder_is_status_2_and_one_line) {
     const TemporaryFolder folder;
-    const std::vector<std::vector<std::string>> wrong = {
-        {"experiment"}, {"experiment", "paper"}, {"experiment", "no-such", "--out", folder / "x"}, {"experiment", "paper", "--out", "/dev/null/x", "--quick"}};
+    const std::vector<std::vector<std::string>> wrong = {{"experiment"},
+                                                         {"experiment", "paper"},
+                                                         {"experiment", "no-such", "--out", folder / "x"},
+                                                         {"experiment", "paper", "--out", "/dev/null/x", "--quick"}};
     for (const auto& arguments : wrong) {
         const Said said = run("hordctl", arguments);
         EXPECT_EQ(said.status, 2) << arguments.back();

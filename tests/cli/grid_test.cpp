@@ -1,4 +1,5 @@
-// A station whose sensor delivers raw frames of a turned, distorted, hexagonal lenslet array: calibrated, decoded, watched for drift.
+// A station whose sensor delivers raw frames of a turned, distorted, hexagonal lenslet array: calibrated, decoded,
+// watched for drift.
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -19,14 +20,15 @@ using Json = nlohmann::json;
 constexpr auto kPatience = std::chrono::seconds(120);
 constexpr std::uint32_t kGridDrift = 1U << 12U;
 
-// The frames of one array, rendered once for all tests: `white` for the calibration, `lens` a good part, `moved` the same after the
-// array moved by 0.15 px, `bubble` a bad one.
+// The frames of one array, rendered once for all tests: `white` for the calibration, `lens` a good part, `moved` the
+// same after the array moved by 0.15 px, `bubble` a bad one.
 class RawFrames : public ::testing::Test {
   protected:
     static void SetUpTestSuite() {
         rendered = new TemporaryFolder;
         render("white", 3.9, "", 0.4);
-        const std::string lens = "[part]\nkind = \"double-convex\"\nradius_of_curvature_mm = 500\naperture_radius_mm = 8\n";
+        const std::string lens =
+            "[part]\nkind = \"double-convex\"\nradius_of_curvature_mm = 500\naperture_radius_mm = 8\n";
         render("lens", 0.9, lens, 0.4);
         render("moved", 0.9, lens, 0.55);
         render("dim", 3.9, "", 0.4, 0.1);
@@ -39,13 +41,17 @@ class RawFrames : public ::testing::Test {
         delete rendered;
         rendered = nullptr;
     }
-    static void render(const std::string& name, double source_radius_bins, const std::string& part, double offset_x_px, double electrons_per_dn = 40) {
+    static void render(const std::string& name, double source_radius_bins, const std::string& part, double offset_x_px,
+                       double electrons_per_dn = 40) {
         std::ofstream(*rendered / (name + ".toml"))
             << part << "[light]\nsource_radius_bins = " << source_radius_bins
-            << "\n[camera]\nm = 47\nn = 54\nfull_bin_dn = 230\n[camera.array]\nlattice = \"hexagonal\"\npitch_px = 14.3\nrotation_rad = 0.05\n"
+            << "\n[camera]\nm = 47\nn = 54\nfull_bin_dn = 230\n[camera.array]\nlattice = \"hexagonal\"\npitch_px = "
+               "14.3\nrotation_rad = 0.05\n"
                "distortion = 0.004\nwidth_px = 620\nheight_px = 600\noffset_px = ["
             << offset_x_px << ", -0.7]\n[noise]\nelectrons_per_dn = " << electrons_per_dn << "\nread_e = 2\n";
-        const Said said = run("hordctl", {"render", *rendered / (name + ".toml"), "--out", *rendered / (name + ".macro.png"), "--raw", *rendered / (name + ".png")});
+        const Said said = run("hordctl",
+                              {"render", *rendered / (name + ".toml"), "--out", *rendered / (name + ".macro.png"),
+                               "--raw", *rendered / (name + ".png")});
         ASSERT_EQ(said.status, 0) << said.err;
     }
     static std::string grid() { return *rendered / "grid.toml"; }
@@ -54,9 +60,11 @@ class RawFrames : public ::testing::Test {
     std::string config_of(const std::vector<std::string>& frames, const std::string& calibration) const {
         std::filesystem::create_directories(folder / "frames");
         for (std::size_t k = 0; k < frames.size(); ++k) {
-            std::filesystem::copy(*rendered / (frames[k] + ".png"), folder / ("frames/" + std::to_string(1000 + k) + ".png"));
+            std::filesystem::copy(*rendered / (frames[k] + ".png"),
+                                  folder / ("frames/" + std::to_string(1000 + k) + ".png"));
         }
-        std::ofstream(folder / "c.toml") << "[modbus]\nport = 0\n[line]\nexposure_delay_ms = 100\n[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n"
+        std::ofstream(folder / "c.toml") << "[modbus]\nport = 0\n[line]\nexposure_delay_ms = 100\n[sensor]\nbackend = "
+                                            "\"frames\"\nfolder = \"frames\"\n"
                                          << "[inspection]\ngrid = \"" << calibration << "\"\n";
         return folder / "c.toml";
     }
@@ -91,7 +99,8 @@ TEST_F(RawFrames, of_an_array_that_has_moved_raise_the_fault_and_good_parts_stil
     ASSERT_TRUE(station.says("registers at 127.0.0.1:", kPatience)) << station.so_far().err;
     const std::string said = station.so_far().err;
     const auto at = said.find("127.0.0.1:") + 10;
-    auto client = firmware::modbus::Client::connect({"127.0.0.1", static_cast<std::uint16_t>(std::stoi(said.substr(at)))}, std::chrono::seconds(20));
+    auto client = firmware::modbus::Client::connect(
+        {"127.0.0.1", static_cast<std::uint16_t>(std::stoi(said.substr(at)))}, std::chrono::seconds(20));
     ASSERT_TRUE(client) << client.error().message();
     const auto calibration = client->read(8502, 8);
     ASSERT_TRUE(calibration);
@@ -135,7 +144,8 @@ TEST_F(RawFrames, are_not_decoded_with_a_worse_calibration_than_before) {
     std::filesystem::create_directory(folder / "state");
     const auto start = [&](const std::string& calibration) {
         std::filesystem::remove_all(folder / "frames");
-        return std::vector<std::string>{"STATE_DIRECTORY=" + (folder / "state"), hordd, "--config", config_of({"lens"}, calibration)};
+        return std::vector<std::string>{"STATE_DIRECTORY=" + (folder / "state"), hordd, "--config",
+                                        config_of({"lens"}, calibration)};
     };
     {
         Running service("/usr/bin/env", start(grid()));

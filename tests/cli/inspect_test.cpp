@@ -39,11 +39,14 @@ std::string write(const TemporaryFolder& folder, const std::string& name, const 
     return file;
 }
 
-std::size_t lines(const std::string& text) { return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n')); }
+std::size_t lines(const std::string& text) {
+    return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
+}
 
 TEST(Inspect, a_plain_field_passes_with_status_0_at_8_and_16_bits) {
     const TemporaryFolder folder;
-    const Said said = run("hordctl", {"inspect", write(folder, "a.png", plain_frame(8)), write(folder, "b.png", plain_frame(16))});
+    const Said said =
+        run("hordctl", {"inspect", write(folder, "a.png", plain_frame(8)), write(folder, "b.png", plain_frame(16))});
     EXPECT_EQ(said.status, 0) << said.err;
     EXPECT_EQ(lines(said.out), 2U);
     EXPECT_THAT(said.out, HasSubstr("pass"));
@@ -58,14 +61,18 @@ TEST(Inspect, json_is_one_object_a_line_with_every_promised_key) {
     EXPECT_EQ(json["verdict"], "pass");
     EXPECT_EQ(json["feature"]["name"], "emd");
     EXPECT_GT(json["feature"]["valid"], 0);
-    for (const char* key : {"frame", "reason", "score", "defects", "feature", "ms"}) EXPECT_TRUE(json.contains(key)) << key;
+    for (const char* key : {"frame", "reason", "score", "defects", "feature", "ms"})
+        EXPECT_TRUE(json.contains(key)) << key;
     for (const char* key : {"unit", "p50", "p99", "max"}) EXPECT_TRUE(json["feature"].contains(key)) << key;
-    for (const char* key : {"decode", "hord", "feature", "decide", "total"}) EXPECT_TRUE(json["ms"].contains(key)) << key;
+    for (const char* key : {"decode", "hord", "feature", "decide", "total"})
+        EXPECT_TRUE(json["ms"].contains(key)) << key;
 }
 
 TEST(Inspect, out_writes_map_picture_and_json) {
     const TemporaryFolder folder;
-    const Said said = run("hordctl", {"inspect", write(folder, "a.png", plain_frame()), "--out", folder / "maps", "--feature", "transmission"});
+    const Said said =
+        run("hordctl",
+            {"inspect", write(folder, "a.png", plain_frame()), "--out", folder / "maps", "--feature", "transmission"});
     ASSERT_EQ(said.status, 0) << said.err;
     for (const char* name : {"maps/a.transmission.tiff", "maps/a.transmission.png", "maps/a.json"}) {
         EXPECT_GT(std::filesystem::file_size(folder.path() / name), 100U) << name;
@@ -74,7 +81,8 @@ TEST(Inspect, out_writes_map_picture_and_json) {
 
 TEST(Inspect, every_feature_it_names_has_a_map) {
     const TemporaryFolder folder;
-    const std::string frame = write(folder, "a.png", plain_frame()), reference = write(folder, "good.png", plain_frame());
+    const std::string frame = write(folder, "a.png", plain_frame()),
+                      reference = write(folder, "good.png", plain_frame());
     std::vector<std::string> names;
     for (const auto name : algo::kFeatureNames) {
         names.emplace_back(name);
@@ -102,7 +110,8 @@ TEST(Inspect, compares_with_a_reference_at_the_same_place) {
         for (int x = 8; x > 0; --x) moved.set(7 * 9 + x, 8 * 9 + y, moved.view().sample(7 * 9 + x - 1, 8 * 9 + y));
     }
     const std::string good = write(folder, "good.png", plain_frame()), frame = write(folder, "moved.png", moved);
-    for (const auto& [feature, distance] : {std::pair("reference-emd", 1.0), std::pair("reference-centroid", 1.0), std::pair("reference-emd-l1", 1.0)}) {
+    for (const auto& [feature, distance] :
+         {std::pair("reference-emd", 1.0), std::pair("reference-centroid", 1.0), std::pair("reference-emd-l1", 1.0)}) {
         const Said said = run("hordctl", {"inspect", frame, "--reference", good, "--feature", feature, "--json"});
         ASSERT_EQ(said.status, 1) << said.err;  // the part itself is rejected, by the recipe
         const Json map = Json::parse(said.out)["feature"];
@@ -164,9 +173,12 @@ TEST(Inspect, refuses_a_reference_feature_without_a_reference_and_the_other_way_
     const std::string frame = write(folder, "a.png", plain_frame());
     expect_refusal({frame, "--feature", "reference-chi2"}, "reference-chi2", "--reference FRAME");
     expect_refusal({frame, "--feature", "chi2", "--reference", frame}, "chi2", "reference-chi2");
-    expect_refusal({frame, "--feature", "reference-transmission", "--reference", frame}, "reference-transmission", "emd");
-    expect_refusal({frame, "--feature", "reference-chi2", "--reference", "/nonexistent/b.png"}, "/nonexistent/b.png", "");
-    expect_refusal({frame, "--feature", "reference-chi2", "--reference", write(folder, "deep.png", plain_frame(16))}, "deep.png", "at 8");
+    expect_refusal({frame, "--feature", "reference-transmission", "--reference", frame}, "reference-transmission",
+                   "emd");
+    expect_refusal({frame, "--feature", "reference-chi2", "--reference", "/nonexistent/b.png"}, "/nonexistent/b.png",
+                   "");
+    expect_refusal({frame, "--feature", "reference-chi2", "--reference", write(folder, "deep.png", plain_frame(16))},
+                   "deep.png", "at 8");
 }
 
 TEST(Inspect, refuses_an_unknown_recipe_key_and_an_impossible_value_at_once) {
@@ -180,7 +192,8 @@ TEST(Inspect, refuses_an_unknown_recipe_key_and_an_impossible_value_at_once) {
 
 TEST(Inspect, a_bad_frame_does_not_hide_the_verdicts_of_the_others) {
     const TemporaryFolder folder;
-    const Said said = run("hordctl", {"inspect", "/nonexistent/a.png", write(folder, "b.png", plain_frame()), "--json"});
+    const Said said =
+        run("hordctl", {"inspect", "/nonexistent/a.png", write(folder, "b.png", plain_frame()), "--json"});
     EXPECT_EQ(said.status, 2);
     EXPECT_EQ(Json::parse(said.out)["verdict"], "pass");
 }
@@ -196,7 +209,8 @@ TEST(Inspect, refuses_two_frames_that_would_overwrite_each_other) {
 // Frames made by an independent ray tracer, with its truth beside them.
 TEST(Inspect, finds_the_defects_of_independent_frames_at_their_true_places) {
     const auto data = real_data() / "povray";
-    if (!std::filesystem::is_directory(data)) GTEST_SKIP() << "no real input: set HORD_DATA, or put it at ../shared/data";
+    if (!std::filesystem::is_directory(data))
+        GTEST_SKIP() << "no real input: set HORD_DATA, or put it at ../shared/data";
     const TemporaryFolder folder;
     std::vector<std::string> arguments{"inspect", "--json", "--macro", "9x9", "--out", folder / "maps"};
     const std::vector<std::string> names{"lens_111", "empty_111", "wedge_111", "bubble_r500_111", "cutout_111"};

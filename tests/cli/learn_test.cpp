@@ -20,7 +20,8 @@ using Json = nlohmann::json;
 
 constexpr int kColumns = 26, kRows = 24;
 
-// A weak lens that fills the field, 12 bits in a 16-bit file, one electron a DN; `speck`: nine lenslets with a third less light.
+// A weak lens that fills the field, 12 bits in a 16-bit file, one electron a DN; `speck`: nine lenslets with a third
+// less light.
 algo::Frame part(std::uint64_t seed, bool speck = false) {
     std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;
@@ -49,8 +50,10 @@ class Learn : public ::testing::Test {
     }
     Said learn(int parts) {
         std::vector<std::string> arguments{"learn"};
-        for (int k = 0; k < parts; ++k) arguments.push_back(write("good" + std::to_string(k) + ".png", part(static_cast<std::uint64_t>(k) + 1)));
-        arguments.insert(arguments.end(), {"--bits", "12", "--electrons-per-dn", "1", "--read-dn", "2", "--out", reference});
+        for (int k = 0; k < parts; ++k)
+            arguments.push_back(write("good" + std::to_string(k) + ".png", part(static_cast<std::uint64_t>(k) + 1)));
+        arguments.insert(arguments.end(),
+                         {"--bits", "12", "--electrons-per-dn", "1", "--read-dn", "2", "--out", reference});
         return run("hordctl", arguments);
     }
     TemporaryFolder folder;
@@ -65,7 +68,8 @@ TEST_F(Learn, what_was_learned_tells_good_from_bad_and_says_why) {
 
     EXPECT_EQ(run("hordctl", {"inspect", good, "--bits", "12", "--reference", reference}).status, 0);
     // Three in ten of the light is what the default recipe alone tolerates.
-    const Said said = run("hordctl", {"inspect", bad, "--bits", "12", "--reference", reference, "--json", "--out", folder / "maps"});
+    const Said said =
+        run("hordctl", {"inspect", bad, "--bits", "12", "--reference", reference, "--json", "--out", folder / "maps"});
     ASSERT_EQ(said.status, 1) << said.err << said.out;
     const Json json = Json::parse(said.out);
     EXPECT_EQ(json["reason"], "absorption");
@@ -91,13 +95,15 @@ TEST_F(Learn, a_recipe_names_its_reference_and_tolerates_in_mm) {
     EXPECT_EQ(with(scale + "[[tolerate]]\nkinds = [\"absorbing\"]\nlargest_mm = 1.5\n").status, 0);
     EXPECT_EQ(with(scale + "[[tolerate]]\nkinds = [\"scratch\"]\nlargest_mm = 1.5\n").status, 1);
     // At (0.5, -0.5) mm from the middle.
-    const std::string here = "shape = \"circle\"\ncentre = [0.5, -0.5]\nradius = 0.4\n", there = "shape = \"circle\"\ncentre = [-1.5, 0.5]\nradius = 0.4\n";
+    const std::string here = "shape = \"circle\"\ncentre = [0.5, -0.5]\nradius = 0.4\n",
+                      there = "shape = \"circle\"\ncentre = [-1.5, 0.5]\nradius = 0.4\n";
     EXPECT_EQ(with(scale + "[[tolerate]]\nlargest_mm = 1.5\n" + here).status, 0);
     EXPECT_EQ(with(scale + "[[tolerate]]\nlargest_mm = 1.5\n" + there).status, 1);
     // Every problem at once.
     const Said refused = with("grow_score = 9\n[[tolerate]]\nkinds = [\"dent\"]\ndeepest_rad = 0.1\n");
     EXPECT_EQ(refused.status, 2);
-    for (const char* problem : {"grow_score", "dent", "largest_mm", "lenslet_mm", "bin_rad"}) EXPECT_THAT(refused.err, HasSubstr(problem));
+    for (const char* problem : {"grow_score", "dent", "largest_mm", "lenslet_mm", "bin_rad"})
+        EXPECT_THAT(refused.err, HasSubstr(problem));
 }
 
 TEST_F(Learn, a_damaged_reference_and_too_few_parts_are_refused) {

@@ -22,7 +22,8 @@ struct Child {
 };
 
 Child start(const std::string& program, const std::vector<std::string>& arguments) {
-    const std::string path = program.find('/') == std::string::npos ? std::string(HORD_BIN_DIR) + "/" + program : program;
+    const std::string path =
+        program.find('/') == std::string::npos ? std::string(HORD_BIN_DIR) + "/" + program : program;
     std::vector<char*> argv{const_cast<char*>(path.c_str())};
     for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
     argv.push_back(nullptr);
@@ -136,7 +137,8 @@ TemporaryFolder::~TemporaryFolder() {
 
 std::filesystem::path real_data() {
     const char* named = std::getenv("HORD_DATA");
-    const std::filesystem::path data = named != nullptr ? std::filesystem::path(named) : std::filesystem::path(HORD_SOURCE_DIR) / "../shared/data";
+    const std::filesystem::path data =
+        named != nullptr ? std::filesystem::path(named) : std::filesystem::path(HORD_SOURCE_DIR) / "../shared/data";
     return std::filesystem::is_directory(data) ? data : std::filesystem::path();
 }
 

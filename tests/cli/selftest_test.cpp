@@ -15,8 +15,11 @@ using ::testing::HasSubstr;
 
 TEST(Selftest, of_the_simulated_cell_has_a_row_for_everything_and_leaves_the_ejector_alone) {
     const Said said = run("hordctl", {"selftest", "--simulate"});
-    for (const char* row : {"judgement", "part sensor", "light 0", "sensor", "frame", "rejector"}) EXPECT_THAT(said.out, HasSubstr(row)) << said.err;
-    EXPECT_THAT(said.out, AllOf(HasSubstr("HORD coil module 1.0; ejector (coil 0) is 0; run permit (coil 1) is 0"), HasSubstr("not moved: add --actuate")));
+    for (const char* row : {"judgement", "part sensor", "light 0", "sensor", "frame", "rejector"})
+        EXPECT_THAT(said.out, HasSubstr(row)) << said.err;
+    EXPECT_THAT(said.out,
+                AllOf(HasSubstr("HORD coil module 1.0; ejector (coil 0) is 0; run permit (coil 1) is 0"),
+                      HasSubstr("not moved: add --actuate")));
     EXPECT_THAT(said.out, HasSubstr("spots of")) << "its frame was judged";
     EXPECT_TRUE(said.status == 0 || said.status == 1) << said.err;  // a busy machine misses flashes
 }
@@ -41,7 +44,9 @@ device = "/dev/no-such-line"
 )";
     const Said said = run("hordctl", {"selftest", "--config", folder / "c.toml", "--actuate"});
     EXPECT_EQ(said.status, 1) << said.err;
-    EXPECT_THAT(said.out, AllOf(HasSubstr("/dev/no-such-video"), HasSubstr("no-such-chip"), HasSubstr("/dev/no-such-line"), HasSubstr("4 of 5 rows are bad")));
+    EXPECT_THAT(said.out,
+                AllOf(HasSubstr("/dev/no-such-video"), HasSubstr("no-such-chip"), HasSubstr("/dev/no-such-line"),
+                      HasSubstr("4 of 5 rows are bad")));
     std::size_t cures = 0;
     for (auto at = said.out.find("cure: "); at != std::string::npos; at = said.out.find("cure: ", at + 1)) ++cures;
     EXPECT_EQ(cures, 4U) << said.out;
@@ -53,16 +58,21 @@ TEST(Selftest, refuses_what_does_not_go_together) {
     EXPECT_EQ(run("hordctl", {"selftest", "--config", "/no/such.toml"}).status, 2);
 }
 
-// What was measured adds up: every second of 6 edges lights at once, the others as planned; idle and busy. Numbers are not asserted.
+// What was measured adds up: every second of 6 edges lights at once, the others as planned; idle and busy. Numbers are
+// not asserted.
 TEST(Latency, of_this_machine_says_what_it_measured_and_what_it_cannot_see) {
     const Said said = run("hordctl", {"latency", "--simulate", "--edges", "6"});
     EXPECT_EQ(said.status, 0) << said.err;
-    EXPECT_THAT(said.out, AllOf(HasSubstr("clock source: "), HasSubstr("kernel preemption: "), HasSubstr("policy: "), HasSubstr("cannot see")));
+    EXPECT_THAT(said.out,
+                AllOf(HasSubstr("clock source: "), HasSubstr("kernel preemption: "), HasSubstr("policy: "),
+                      HasSubstr("cannot see")));
     const auto edges_of = [&](const std::string& series) {
         const auto at = said.out.find(series + ": ");
         int measured = -1, missed = -1;
         if (at == std::string::npos) return -1;
-        return std::sscanf(said.out.c_str() + at + series.size(), ": %d measured, %d missed", &measured, &missed) == 2 ? measured + missed : -1;
+        return std::sscanf(said.out.c_str() + at + series.size(), ": %d measured, %d missed", &measured, &missed) == 2
+            ? measured + missed
+            : -1;
     };
     for (const std::string load : {"idle", "pipeline busy"}) {
         EXPECT_EQ(edges_of("edge to light, as soon as possible, " + load), 3) << said.out;

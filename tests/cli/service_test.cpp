@@ -80,9 +80,11 @@ class NotifySocket {
 class Service : public ::testing::Test {
   protected:
     void write_config(const std::string& more = "", const std::string& modbus = "port = 0\n") {
-        std::ofstream(folder / "c.toml") << "[inspection]\nmacro = \"3x3\"\n[line]\nexposure_delay_ms = 100\n[modbus]\n" << modbus << more;
+        std::ofstream(folder / "c.toml") << "[inspection]\nmacro = \"3x3\"\n[line]\nexposure_delay_ms = 100\n[modbus]\n"
+                                         << modbus << more;
     }
-    std::vector<std::string> under(const std::vector<std::string>& environment, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> under(const std::vector<std::string>& environment,
+                                   const std::vector<std::string>& more = {}) {
         std::vector<std::string> arguments{"CACHE_DIRECTORY=" + cache};
         arguments.insert(arguments.end(), environment.begin(), environment.end());
         arguments.insert(arguments.end(), {kHordd, "--config", folder / "c.toml"});
@@ -95,7 +97,8 @@ class Service : public ::testing::Test {
         return std::regex_search(text, found, std::regex("registers at [^ ]*:([0-9]+)")) ? found[1].str() : "";
     }
     static Result<firmware::modbus::Client> client_at(const std::string& port) {
-        return firmware::modbus::Client::connect({"127.0.0.1", static_cast<std::uint16_t>(std::stoi(port))}, std::chrono::seconds(10));
+        return firmware::modbus::Client::connect({"127.0.0.1", static_cast<std::uint16_t>(std::stoi(port))},
+                                                 std::chrono::seconds(10));
     }
 
     TemporaryFolder folder;
@@ -164,12 +167,18 @@ class BeatingPlc {
 
 // Every time on this line is long: how fast the machine is does not matter here. Its recipe passes whatever has light.
 TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_when_it_is_back) {
-    std::ofstream(folder / "wide.toml") << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n";
-    std::ofstream(folder / "c.toml") << "[station]\nmax_failures_in_a_row = 0\n[line]\nexposure_delay_ms = 400\ntransport_ms = 3000\nmin_gap_ms = 450\n"
-                                        "[timing]\nstrobe_window_us = 150000\nframe_window_us = 200000\nframe_timeout_ms = 1500\ntrigger_lead_ms = 300\n"
-                                        "[rejector]\nearly_ms = 400\npulse_ms = 440\nconfirm_timeout_ms = 10000\n[modbus]\nport = 0\n"
-                                        "[inspection]\nmacro = \"3x3\"\nrecipe = \"wide.toml\"\n[plc]\npolicy = \"reject_all\"\ntimeout_ms = 2000\n";
-    Running service("hordctl", {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--state", folder.path().string()});
+    std::ofstream(folder / "wide.toml")
+        << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n";
+    std::ofstream(folder / "c.toml")
+        << "[station]\nmax_failures_in_a_row = 0\n[line]\nexposure_delay_ms = 400\ntransport_ms = 3000\nmin_gap_ms = "
+           "450\n"
+           "[timing]\nstrobe_window_us = 150000\nframe_window_us = 200000\nframe_timeout_ms = 1500\ntrigger_lead_ms = "
+           "300\n"
+           "[rejector]\nearly_ms = 400\npulse_ms = 440\nconfirm_timeout_ms = 10000\n[modbus]\nport = 0\n"
+           "[inspection]\nmacro = \"3x3\"\nrecipe = \"wide.toml\"\n[plc]\npolicy = \"reject_all\"\ntimeout_ms = 2000\n";
+    Running service("hordctl",
+                    {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--state",
+                     folder.path().string()});
     ASSERT_TRUE(service.says("registers at", kPatience)) << service.so_far().err << service.so_far().out;
     const std::string port = port_of(service.so_far());
     auto scada = client_at(port);  // reads and commands; it is the PLC that beats
@@ -179,7 +188,8 @@ TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_wh
         return words ? std::uint32_t{words->at(0)} << 16U | words->at(1) : 0;
     };
     const auto comes = [](const auto& what) {
-        for (const auto until = std::chrono::steady_clock::now() + kPatience; std::chrono::steady_clock::now() < until;) {
+        for (const auto until = std::chrono::steady_clock::now() + kPatience;
+             std::chrono::steady_clock::now() < until;) {
             if (what()) return true;
             std::this_thread::sleep_for(std::chrono::milliseconds(20));
         }
@@ -196,7 +206,12 @@ TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_wh
         if (!last) return {};
         return {std::uint32_t{last->at(2)} << 16U | last->at(3), last->at(8)};
     };
-    const auto passes_after = [&](std::uint32_t part) { return comes([&] { const Newest now = newest(); return now.part > part && now.verdict == 1; }); };
+    const auto passes_after = [&](std::uint32_t part) {
+        return comes([&] {
+            const Newest now = newest();
+            return now.part > part && now.verdict == 1;
+        });
+    };
 
     auto connection = client_at(port);
     ASSERT_TRUE(connection) << connection.error().message();
@@ -240,15 +255,18 @@ TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_wh
     EXPECT_EQ(two(115) & firmware::kFaultPlc, 0U);
     // Who halted it brings it up again; what it has done by itself meanwhile is refused.
     EXPECT_TRUE(comes([&] {
-        for (const auto command : {firmware::CommandCode::initialise, firmware::CommandCode::arm, firmware::CommandCode::start_continuous}) {
+        for (const auto command :
+             {firmware::CommandCode::initialise, firmware::CommandCode::arm, firmware::CommandCode::start_continuous}) {
             (void)scada->command(command, 0, 0, std::chrono::seconds(60));
         }
-        return scada->read(102, 1).value_or(std::vector<std::uint16_t>{0})[0] == static_cast<std::uint16_t>(firmware::State::continuous_execution);
+        return scada->read(102, 1).value_or(std::vector<std::uint16_t>{0})[0] ==
+            static_cast<std::uint16_t>(firmware::State::continuous_execution);
     })) << service.so_far().err;
     EXPECT_TRUE(passes_after(parts_seen()));
     service.stop(SIGINT);
 
-    const Said kept = run("hordctl", {"results", "--store", folder / "store", "--reason", "plc-lost", "--format", "csv"});
+    const Said kept =
+        run("hordctl", {"results", "--store", folder / "store", "--reason", "plc-lost", "--format", "csv"});
     EXPECT_GE(std::ranges::count(kept.out, '\n'), 6) << kept.out << kept.err;
 }
 
@@ -267,7 +285,9 @@ TEST_F(Service, takes_the_socket_that_systemd_opened) {
     close(probe);
 
     write_config("", "port = 502\n");
-    Running service("/usr/bin/env", {"CACHE_DIRECTORY=" + cache, activate, "-E", "CACHE_DIRECTORY", "--listen=127.0.0.1:" + port, "--fdname=modbus", kHordd, "--config", folder / "c.toml"});
+    Running service("/usr/bin/env",
+                    {"CACHE_DIRECTORY=" + cache, activate, "-E", "CACHE_DIRECTORY", "--listen=127.0.0.1:" + port,
+                     "--fdname=modbus", kHordd, "--config", folder / "c.toml"});
     ASSERT_TRUE(service.says("Listening on", kPatience)) << service.so_far().err;
     auto plc = client_at(port);  // before the service runs: it waits, and is not refused
     ASSERT_TRUE(plc) << plc.error().message();
@@ -282,7 +302,8 @@ TEST_F(Service, takes_the_socket_that_systemd_opened) {
 TEST_F(Service, times_in_real_time_and_inspects_in_what_is_left) {
     sched_param param{};
     param.sched_priority = 1;
-    if (sched_setscheduler(0, SCHED_FIFO, &param) != 0) GTEST_SKIP() << "real-time policies are refused here (run as root, or raise LimitRTPRIO)";
+    if (sched_setscheduler(0, SCHED_FIFO, &param) != 0)
+        GTEST_SKIP() << "real-time policies are refused here (run as root, or raise LimitRTPRIO)";
     param.sched_priority = 0;
     ASSERT_EQ(sched_setscheduler(0, SCHED_OTHER, &param), 0);
 
@@ -340,14 +361,17 @@ TEST_F(Service, remembers_the_recipe_that_was_committed_until_another_is_configu
     EXPECT_EQ(number_in_use(true), 7);
     EXPECT_EQ(number_in_use(false), 7);
     std::ofstream(folder / "other.toml") << "name = \"other\"\nnumber = 9\n";
-    std::ofstream(folder / "c.toml") << "[inspection]\nmacro = \"3x3\"\nrecipe = \"other.toml\"\n[modbus]\nport = 0\n[station]\nautostart = false\n";
+    std::ofstream(folder / "c.toml")
+        << "[inspection]\nmacro = \"3x3\"\nrecipe = \"other.toml\"\n[modbus]\nport = 0\n[station]\nautostart = false\n";
     EXPECT_EQ(number_in_use(false), 9);
 }
 
 TEST_F(Service, refuses_a_bad_configuration_with_a_status_that_systemd_does_not_repeat) {
     write_config("", "prot = 0\n");
     for (const char* only : {"--check", ""}) {
-        const Said said = run(kHordd, *only != 0 ? std::vector<std::string>{"--config", folder / "c.toml", only} : std::vector<std::string>{"--config", folder / "c.toml"});
+        const Said said = run(kHordd,
+                              *only != 0 ? std::vector<std::string>{"--config", folder / "c.toml", only}
+                                         : std::vector<std::string>{"--config", folder / "c.toml"});
         EXPECT_EQ(said.status, 78);
         EXPECT_THAT(said.err, HasSubstr("c.toml:6"));
     }
@@ -370,7 +394,8 @@ TEST_F(Service, cannot_make_a_rejector_safe_that_does_not_answer_and_says_so) {
 }
 
 TEST(ServiceFiles, the_catalogue_in_the_tree_is_what_the_code_prints) {
-    EXPECT_EQ(run(kHordd, {"--catalog"}).out, text_of(kDeploy / "hord.catalog")) << "run: hordd --catalog > deploy/hord.catalog";
+    EXPECT_EQ(run(kHordd, {"--catalog"}).out, text_of(kDeploy / "hord.catalog"))
+        << "run: hordd --catalog > deploy/hord.catalog";
 }
 
 TEST(ServiceFiles, every_message_id_is_there_once_and_its_cure_with_it) {
@@ -387,11 +412,17 @@ TEST(ServiceFiles, every_message_id_is_there_once_and_its_cure_with_it) {
 TEST(ServiceFiles, the_units_are_sound_and_expose_little) {
     const std::string analyze = "/usr/bin/systemd-analyze";
     if (!std::filesystem::exists(analyze)) GTEST_SKIP() << analyze << " is not installed (package systemd)";
-    for (const auto& [unit, threshold] : std::map<std::string, std::string>{{"hordd.service", "17"}, {"hord-page.service", "15"}, {"hord-mqtt.service", "13"}}) {
-        const Said security = run(analyze, {"security", "--offline=true", "--no-pager", "--threshold=" + threshold, (kDeploy / unit).string()});
-        EXPECT_EQ(security.status, 0) << unit << security.out.substr(security.out.size() - std::min<std::size_t>(security.out.size(), 200));
+    for (const auto& [unit, threshold] : std::map<std::string, std::string>{
+             {"hordd.service", "17"}, {"hord-page.service", "15"}, {"hord-mqtt.service", "13"}}) {
+        const Said security =
+            run(analyze,
+                {"security", "--offline=true", "--no-pager", "--threshold=" + threshold, (kDeploy / unit).string()});
+        EXPECT_EQ(security.status, 0) << unit
+                                      << security.out.substr(security.out.size() -
+                                                             std::min<std::size_t>(security.out.size(), 200));
         EXPECT_THAT(security.out, HasSubstr("Overall exposure level"));
-        // That the program is not installed here, nor its man page, it says as well; a line that systemd would not take is another matter.
+        // That the program is not installed here, nor its man page, it says as well; a line that systemd would not take
+        // is another matter.
         const Said verified = run(analyze, {"verify", "--man=no", (kDeploy / unit).string()});
         EXPECT_THAT(verified.err, Not(HasSubstr("ignoring"))) << unit;
     }

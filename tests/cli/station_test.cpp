@@ -7,13 +7,12 @@
 #include <thread>
 
 #include <arpa/inet.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
-#include <unistd.h>
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
 #include <nlohmann/json.hpp>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include "firmware/modbus/client.h"
 #include "tests/cli/program.h"
@@ -88,7 +87,10 @@ TEST(Status, says_so_when_nobody_answers) {
 // -- run -------------------------------------------------------------------------------------------------------
 
 TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ejector) {
-    const Said said = run("hordctl", {"run", "--simulate", "--variety", "1", "--parts", "12", "--rate", "2", "--modbus", "127.0.0.1:0", "--json"}, std::chrono::seconds(120));
+    const Said said = run(
+        "hordctl",
+        {"run", "--simulate", "--variety", "1", "--parts", "12", "--rate", "2", "--modbus", "127.0.0.1:0", "--json"},
+        std::chrono::seconds(120));
     ASSERT_EQ(said.status, 0) << said.err;
     const auto parts = json_lines(said.out);
     ASSERT_EQ(parts.size(), 12U) << said.out;
@@ -102,7 +104,9 @@ TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ej
 
 TEST(Run, vitals_are_written_and_stay_flat) {
     const TemporaryFolder folder;
-    const Said said = run("hordctl", {"run", "--simulate", "--variety", "1", "--parts", "60", "--modbus", "127.0.0.1:0", "--vitals", folder / "v.csv", "--vitals-every", "1"},
+    const Said said = run("hordctl",
+                          {"run", "--simulate", "--variety", "1", "--parts", "60", "--modbus", "127.0.0.1:0",
+                           "--vitals", folder / "v.csv", "--vitals-every", "1"},
                           std::chrono::seconds(120));
     EXPECT_THAT(said.out, HasSubstr("descriptors"));
     std::ifstream file(folder / "v.csv");
@@ -130,9 +134,12 @@ TEST(Run, resets_no_real_line_by_itself) {
     EXPECT_THAT(said.err, HasSubstr("--simulate"));
 }
 
-// A process that was held up for longer than a part's way to the ejector has stopped its line; somebody resets it, and the parts go on.
+// A process that was held up for longer than a part's way to the ejector has stopped its line; somebody resets it, and
+// the parts go on.
 TEST(Run, is_reset_after_it_was_held_up_and_goes_on) {
-    Running station("hordctl", {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--reset-after", "1", "--json"});
+    Running station("hordctl",
+                    {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--reset-after",
+                     "1", "--json"});
     ASSERT_TRUE(station.says("\"part\":3", std::chrono::seconds(120))) << station.so_far().err;
     station.signal(SIGSTOP);
     std::this_thread::sleep_for(std::chrono::seconds(2));
@@ -140,7 +147,8 @@ TEST(Run, is_reset_after_it_was_held_up_and_goes_on) {
     ASSERT_TRUE(station.says("Error to Initialized", std::chrono::seconds(120))) << station.so_far().err;
     const std::string& out = station.so_far().out;
     const int last = std::stoi(out.substr(out.rfind("\"part\":") + 7));
-    EXPECT_TRUE(station.says("\"part\":" + std::to_string(last + 8) + ",", std::chrono::seconds(120))) << station.so_far().err;
+    EXPECT_TRUE(station.says("\"part\":" + std::to_string(last + 8) + ",", std::chrono::seconds(120)))
+        << station.so_far().err;
     const Said said = station.stop(SIGINT);
     EXPECT_THAT(said.err, HasSubstr("the line was stopped and reset"));
 }
@@ -154,12 +162,15 @@ std::string port_of(const Said& said) {
 
 // By mbpoll, a Modbus client that nobody here wrote, and by hordctl's own.
 TEST(Run, ident_to_last_can_be_read_while_it_runs) {
-    Running station("hordctl", {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--json"});
+    Running station("hordctl",
+                    {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--json"});
     ASSERT_TRUE(station.says("\"part\":3", std::chrono::seconds(120))) << station.so_far().err;
     const std::string port = port_of(station.so_far());
     ASSERT_NE(port, "");
     const auto poll = [&](int from, int count) {
-        return run("/usr/bin/mbpoll", {"-m", "tcp", "-p", port, "-0", "-o", "10", "-r", std::to_string(from), "-c", std::to_string(count), "-t", "4:hex", "-1", "127.0.0.1"});
+        return run("/usr/bin/mbpoll",
+                   {"-m", "tcp", "-p", port, "-0", "-o", "10", "-r", std::to_string(from), "-c", std::to_string(count),
+                    "-t", "4:hex", "-1", "127.0.0.1"});
     };
     const Said ident = poll(0, 10);
     EXPECT_EQ(ident.status, 0) << ident.out << ident.err;
@@ -196,7 +207,9 @@ class Plc {
         const auto words = read(address, 2);
         return std::uint32_t{words[0]} << 16U | words[1];
     }
-    Result<void> write(std::uint16_t address, const std::vector<std::uint16_t>& words) { return client_.write(address, words); }
+    Result<void> write(std::uint16_t address, const std::vector<std::uint16_t>& words) {
+        return client_.write(address, words);
+    }
     // The reply's error once it is known.
     int command(std::uint16_t code, std::uint16_t argument = 0) {
         EXPECT_TRUE(write(8002, {0, ++token_, boot_, code, 0, argument}));
@@ -217,7 +230,8 @@ class Plc {
 
   private:
     static firmware::modbus::Client connect(const std::string& port) {
-        auto client = firmware::modbus::Client::connect({"127.0.0.1", static_cast<std::uint16_t>(std::stoi(port))}, std::chrono::seconds(10));
+        auto client = firmware::modbus::Client::connect({"127.0.0.1", static_cast<std::uint16_t>(std::stoi(port))},
+                                                        std::chrono::seconds(10));
         if (!client) throw std::runtime_error(client.error().message());
         return std::move(*client);
     }
@@ -229,8 +243,11 @@ TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
     const TemporaryFolder folder;
     std::filesystem::create_directories(folder / "recipes");
     std::ofstream(folder / "recipes/seven.toml") << "name = \"seven\"\nnumber = 7\n[limits]\nemd_bins = 0.9\n";
-    std::ofstream(folder / "c.toml") << "[station]\nautostart = false\n[plc]\npolicy = \"stop\"\ntimeout_ms = 60000\n" << kRoomyLine;
-    Running station("hordctl", {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--modbus", "127.0.0.1:0"});
+    std::ofstream(folder / "c.toml") << "[station]\nautostart = false\n[plc]\npolicy = \"stop\"\ntimeout_ms = 60000\n"
+                                     << kRoomyLine;
+    Running station("hordctl",
+                    {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--modbus",
+                     "127.0.0.1:0"});
     ASSERT_TRUE(station.says("registers at", std::chrono::seconds(120))) << station.so_far().err;
     Plc plc(port_of(station.so_far()));
     EXPECT_TRUE(plc.write(8102, {1}));  // alive
@@ -300,8 +317,10 @@ TEST(Run, without_its_rejector_no_part_is_passed_and_the_line_is_stopped) {
     const TemporaryFolder folder;
     const HeldPort absent(false), silent(true);
     for (const int port : {absent.port(), silent.port()}) {
-        std::ofstream(folder / "c.toml") << "[rejector]\nbackend = \"modbus\"\nport = " << port << "\n[modbus]\nport = 0\n";
-        const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--variety", "1", "--parts", "5", "--json"});
+        std::ofstream(folder / "c.toml") << "[rejector]\nbackend = \"modbus\"\nport = " << port
+                                         << "\n[modbus]\nport = 0\n";
+        const Said said =
+            run("hordctl", {"run", "--config", folder / "c.toml", "--variety", "1", "--parts", "5", "--json"});
         EXPECT_EQ(said.status, 3) << said.err;
         const auto parts = json_lines(said.out);
         EXPECT_EQ(parts.size(), 5U) << said.err;
@@ -312,7 +331,8 @@ TEST(Run, without_its_rejector_no_part_is_passed_and_the_line_is_stopped) {
 
 TEST(Run, recorded_frames_get_the_verdicts_that_inspect_gives) {
     const auto data = real_data() / "povray";
-    if (!std::filesystem::is_directory(data)) GTEST_SKIP() << "no real input: set HORD_DATA, or put it at ../shared/data";
+    if (!std::filesystem::is_directory(data))
+        GTEST_SKIP() << "no real input: set HORD_DATA, or put it at ../shared/data";
     const TemporaryFolder folder;
     std::filesystem::create_directories(folder / "frames");
     std::vector<std::string> arguments{"inspect", "--json"};
@@ -322,7 +342,8 @@ TEST(Run, recorded_frames_get_the_verdicts_that_inspect_gives) {
         arguments.push_back(file);
     }
     const auto inspected = json_lines(run("hordctl", arguments).out);
-    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n" << kRoomyLine;
+    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n"
+                                     << kRoomyLine;
     const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--rate", "2", "--json"});
     const auto played = json_lines(said.out);
     ASSERT_EQ(inspected.size(), 5U);

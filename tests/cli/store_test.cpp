@@ -21,10 +21,14 @@ namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 using Json = nlohmann::json;
 
-std::size_t lines(const std::string& text) { return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n')); }
+std::size_t lines(const std::string& text) {
+    return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
+}
 
 Said produce(const TemporaryFolder& folder, int parts, const std::vector<std::string>& more = {}) {
-    std::vector<std::string> arguments{"run", "--simulate", "--variety", "1", "--parts", std::to_string(parts), "--rate", "2", "--good", "0.5", "--modbus", "127.0.0.1:0", "--json", "--store", folder / "store"};
+    std::vector<std::string> arguments{
+        "run", "--simulate", "--variety",   "1",      "--parts", std::to_string(parts), "--rate", "2", "--good",
+        "0.5", "--modbus",   "127.0.0.1:0", "--json", "--store", folder / "store"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return run("hordctl", arguments);
 }
@@ -71,8 +75,11 @@ TEST(Store, of_a_simulated_line_holds_every_part_verifies_and_replays_to_the_bit
         return run("hordctl", arguments).status;
     };
     EXPECT_EQ(replay_to("all.jsonl", {"--jobs", "2"}), 0);
-    for (const std::string shard : {"3/3", "1/3", "2/3"}) EXPECT_EQ(replay_to(shard.substr(0, 1) + ".jsonl", {"--shard", shard}), 0);
-    const Said merged = run("hordctl", {"merge", folder / "3.jsonl", folder / "1.jsonl", folder / "2.jsonl", "--out", folder / "merged.jsonl"});
+    for (const std::string shard : {"3/3", "1/3", "2/3"})
+        EXPECT_EQ(replay_to(shard.substr(0, 1) + ".jsonl", {"--shard", shard}), 0);
+    const Said merged =
+        run("hordctl",
+            {"merge", folder / "3.jsonl", folder / "1.jsonl", folder / "2.jsonl", "--out", folder / "merged.jsonl"});
     EXPECT_EQ(merged.status, 0) << merged.err;
     const auto bytes_of = [&](const std::string& name) {
         std::ifstream in(folder / name, std::ios::binary);
@@ -81,7 +88,8 @@ TEST(Store, of_a_simulated_line_holds_every_part_verifies_and_replays_to_the_bit
     EXPECT_EQ(bytes_of("merged.jsonl"), bytes_of("all.jsonl"));
     EXPECT_THAT(bytes_of("all.jsonl"), HasSubstr(replayed.out));
     for (const std::string wrong : {"4/3", "x", "1/99999999999999999999"}) {
-        const Said refused = run("hordctl", {"replay", "--store", store, "--shard=" + wrong, "--out", folder / "no.jsonl"});
+        const Said refused =
+            run("hordctl", {"replay", "--store", store, "--shard=" + wrong, "--out", folder / "no.jsonl"});
         EXPECT_EQ(refused.status, 2) << wrong;
         EXPECT_THAT(refused.err, HasSubstr("shard")) << wrong;
     }
@@ -102,7 +110,9 @@ TEST(Store, is_replayed_to_the_same_bytes_by_workers_of_which_one_is_killed_and_
     const std::string store = folder / "store";
     ASSERT_EQ(run("hord_test_archive", {store, "60"}).status, 0);
     const auto unfinished = [&] {
-        return std::any_of(fs::directory_iterator(folder.path()), {}, [](const fs::directory_entry& entry) { return entry.path().string().find("2.jsonl.part.") != std::string::npos; });
+        return std::any_of(fs::directory_iterator(folder.path()), {}, [](const fs::directory_entry& entry) {
+            return entry.path().string().find("2.jsonl.part.") != std::string::npos;
+        });
     };
     bool killed = false;
     for (int attempt = 0; attempt < 20 && !killed; ++attempt) {
@@ -113,7 +123,8 @@ TEST(Store, is_replayed_to_the_same_bytes_by_workers_of_which_one_is_killed_and_
     }
     ASSERT_TRUE(killed);
     ASSERT_EQ(run("hordctl", {"replay", "--store", store, "--shard", "1/2", "--out", folder / "1.jsonl"}).status, 0);
-    const std::vector<std::string> merge{"merge", folder / "1.jsonl", folder / "2.jsonl", "--out", folder / "merged.jsonl"};
+    const std::vector<std::string> merge{"merge", folder / "1.jsonl", folder / "2.jsonl", "--out",
+                                         folder / "merged.jsonl"};
     const Said early = run("hordctl", merge);
     EXPECT_EQ(early.status, 2);
     EXPECT_THAT(early.err, HasSubstr("2.jsonl cannot be read"));
@@ -142,11 +153,14 @@ TEST(Store, that_cannot_be_opened_is_a_fault_and_the_line_goes_on) {
 
 TEST(Store, of_another_station_that_runs_is_not_touched) {
     const TemporaryFolder folder;
-    Running first("hordctl", {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--json", "--store", folder / "store"});
+    Running first("hordctl",
+                  {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--json", "--store",
+                   folder / "store"});
     ASSERT_TRUE(first.says("\"part\":1", std::chrono::seconds(120))) << first.so_far().err;
     const Said second = produce(folder, 2);
     EXPECT_THAT(second.err, HasSubstr("written by another program"));
-    first.stop(SIGINT);  // with whatever status: rendering the second's parts can make it late, and then it stops its line
+    first.stop(
+        SIGINT);  // with whatever status: rendering the second's parts can make it late, and then it stops its line
     EXPECT_EQ(run("hordctl", {"results", "verify", "--store", folder / "store"}).status, 0);
 }
 

@@ -24,8 +24,8 @@ using Json = nlohmann::json;
 constexpr int kColumns = 26, kRows = 24;
 enum class Flaw { none, speck, haze };
 
-// A weak lens that fills the field, 12 bits in a 16-bit file, one electron a DN. A speck takes a fifth of the light of nine lenslets; haze makes
-// their spots wider, by the root of two, and takes no light: their mean deflection stays.
+// A weak lens that fills the field, 12 bits in a 16-bit file, one electron a DN. A speck takes a fifth of the light of
+// nine lenslets; haze makes their spots wider, by the root of two, and takes no light: their mean deflection stays.
 algo::Frame part(std::uint64_t seed, Flaw flaw, int columns = kColumns) {
     std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;
@@ -55,12 +55,16 @@ std::string text_of(const std::string& file) {
 
 class Tune : public ::testing::Test {
   protected:
-    void write(const std::string& name, const algo::Frame& frame) { ASSERT_TRUE(drivers::write_frame(folder / name, frame.view())); }
+    void write(const std::string& name, const algo::Frame& frame) {
+        ASSERT_TRUE(drivers::write_frame(folder / name, frame.view()));
+    }
     void frames(int good, int bad, Flaw flaw) {
         std::filesystem::create_directories(folder / "good");
         std::filesystem::create_directories(folder / "bad");
-        for (int k = 0; k < good; ++k) write("good/" + std::to_string(10 + k) + ".png", part(static_cast<std::uint64_t>(k) + 1, Flaw::none));
-        for (int k = 0; k < bad; ++k) write("bad/" + std::to_string(10 + k) + ".png", part(static_cast<std::uint64_t>(k) + 1001, flaw));
+        for (int k = 0; k < good; ++k)
+            write("good/" + std::to_string(10 + k) + ".png", part(static_cast<std::uint64_t>(k) + 1, Flaw::none));
+        for (int k = 0; k < bad; ++k)
+            write("bad/" + std::to_string(10 + k) + ".png", part(static_cast<std::uint64_t>(k) + 1001, flaw));
     }
     Said tune(std::vector<std::string> more) {
         std::vector<std::string> arguments{"tune", "--good", folder / "good", "--bad", folder / "bad", "--bits", "12"};
@@ -90,7 +94,8 @@ std::map<std::string, Json> without_times(const std::string& out) {
 
 void expect_the_fastest_that_is_as_good(const Json& json) {
     double best = 0;
-    for (const Json& rung : json.at("rungs")) best = std::max(best, rung.at("fits").get<bool>() ? rung.at("auc").at("value").get<double>() : 0.0);
+    for (const Json& rung : json.at("rungs"))
+        best = std::max(best, rung.at("fits").get<bool>() ? rung.at("auc").at("value").get<double>() : 0.0);
     double least = 1e300, chosen = 0;
     for (const Json& rung : json.at("rungs")) {
         if (!rung.at("fits").get<bool>() || rung.at("auc").at("value").get<double>() < best - 0.005 - 1e-9) continue;
@@ -132,7 +137,8 @@ TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
     // Not over a file that is there, before anything is measured; and the same frames give the same answer.
     const Said again = tune({"--budget", "100000", "--out", folder / "lens.toml"});
     EXPECT_EQ(again.status, 2);
-    EXPECT_THAT(again.err, HasSubstr("lens.toml is there already: it is not overwritten: give another --out, or --force"));
+    EXPECT_THAT(again.err,
+                HasSubstr("lens.toml is there already: it is not overwritten: give another --out, or --force"));
     EXPECT_EQ(text_of(folder / "lens.toml"), recipe);
     const Said forced = tune({"--budget", "100000", "--out", folder / "lens.toml", "--force", "--json"});
     ASSERT_EQ(forced.status, 0) << forced.err;
@@ -141,14 +147,17 @@ TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
 
 TEST_F(Tune, parts_that_scatter_are_judged_by_a_distance) {
     frames(12, 8, Flaw::haze);
-    std::ofstream(folder / "base.toml") << "[light]\ndark_dn = 1\nmin_sum_dn = 60\n";  // what is spread thinly is to be seen
+    std::ofstream(folder / "base.toml")
+        << "[light]\ndark_dn = 1\nmin_sum_dn = 60\n";  // what is spread thinly is to be seen
     const Said said = tune({"--budget", "100000", "--recipe", folder / "base.toml", "--out", folder / "haze.toml"});
     ASSERT_EQ(said.status, 0) << said.err;
     EXPECT_THAT(said.out, HasSubstr("12 good and 8 bad frames of 26x24 lenslets of 9x9 bins, 12 bits"));
     EXPECT_THAT(said.out, HasSubstr("Chosen: "));
     EXPECT_THAT(said.out, HasSubstr("at most 22 % are (95 % sure)"));  // 1 - 0.05^(1/12)
     const std::string recipe = text_of(folder / "haze.toml");
-    EXPECT_THAT(recipe, AnyOf(HasSubstr("\"emd\""), HasSubstr("\"marginal\""), HasSubstr("\"hellinger\""), HasSubstr("\"chi2\""), Not(HasSubstr("features"))));
+    EXPECT_THAT(recipe,
+                AnyOf(HasSubstr("\"emd\""), HasSubstr("\"marginal\""), HasSubstr("\"hellinger\""),
+                      HasSubstr("\"chi2\""), Not(HasSubstr("features"))));
     EXPECT_THAT(recipe, HasSubstr("dark_dn = 1\n"));
     EXPECT_EQ(judge(501, Flaw::none, "haze.toml"), 0);
     EXPECT_EQ(judge(502, Flaw::haze, "haze.toml"), 1);
@@ -156,14 +165,17 @@ TEST_F(Tune, parts_that_scatter_are_judged_by_a_distance) {
 
 TEST_F(Tune, starts_from_a_recipe_and_measures_a_reference) {
     frames(12, 6, Flaw::speck);
-    std::vector<std::string> learn{"learn", "--bits", "12", "--electrons-per-dn", "1", "--read-dn", "2", "--out", folder / "lens.hordref"};
+    std::vector<std::string> learn{"learn",     "--bits", "12",    "--electrons-per-dn",   "1",
+                                   "--read-dn", "2",      "--out", folder / "lens.hordref"};
     for (int k = 0; k < 8; ++k) {
         write("learn" + std::to_string(k) + ".png", part(static_cast<std::uint64_t>(k) + 2001, Flaw::none));
         learn.push_back(folder / ("learn" + std::to_string(k) + ".png"));
     }
     ASSERT_EQ(run("hordctl", learn).status, 0);
-    std::ofstream(folder / "base.toml") << "name = \"lens\"\nnumber = 7\nversion = 3\n[limits]\nmin_area = 4\n[[zone]]\nshape = \"circle\"\ncentre = [13, 11]\nradius = 20\n";
-    const Said said = tune({"--budget", "100000", "--recipe", folder / "base.toml", "--reference", folder / "lens.hordref", "--out", folder / "lens.toml", "--json"});
+    std::ofstream(folder / "base.toml") << "name = \"lens\"\nnumber = 7\nversion = 3\n[limits]\nmin_area = "
+                                           "4\n[[zone]]\nshape = \"circle\"\ncentre = [13, 11]\nradius = 20\n";
+    const Said said = tune({"--budget", "100000", "--recipe", folder / "base.toml", "--reference",
+                            folder / "lens.hordref", "--out", folder / "lens.toml", "--json"});
     ASSERT_EQ(said.status, 0) << said.err;
     const auto rungs = without_times(said.out);
     ASSERT_EQ(rungs.size(), 14U);
@@ -172,7 +184,8 @@ TEST_F(Tune, starts_from_a_recipe_and_measures_a_reference) {
         EXPECT_THAT(rungs.at(name).at("limits").get<std::string>(), HasSubstr("reject_score"));
     }
     const std::string recipe = text_of(folder / "lens.toml");
-    for (const char* kept : {"name = \"lens\"", "number = 7", "version = 4", "min_area = 4", "radius = 20"}) EXPECT_THAT(recipe, HasSubstr(kept));
+    for (const char* kept : {"name = \"lens\"", "number = 7", "version = 4", "min_area = 4", "radius = 20"})
+        EXPECT_THAT(recipe, HasSubstr(kept));
     EXPECT_EQ(judge(501, Flaw::none, "lens.toml"), 0);
     EXPECT_EQ(judge(502, Flaw::speck, "lens.toml"), 1);
     // One that was learned from other frames does not fit.
@@ -226,7 +239,8 @@ TEST_F(Tune, frames_that_cannot_be_used_are_named) {
         EXPECT_THAT(wrong.err, AnyOf(HasSubstr("is no folder"), HasSubstr("is not named as recipes are")));
     }
     EXPECT_EQ(tune({"--budget", "-1"}).status, 2);
-    const Said both = run("hordctl", {"tune", "--good", folder / "good", "--bad", folder / "good/10.png", "--budget", "10"});
+    const Said both =
+        run("hordctl", {"tune", "--good", folder / "good", "--bad", folder / "good/10.png", "--budget", "10"});
     EXPECT_EQ(both.status, 2);
     EXPECT_THAT(both.err, HasSubstr("good/10.png is among the good frames, too"));
 }

@@ -1,8 +1,4 @@
 // libpng and libtiff behind our own calls, beside OpenCV's imgcodecs, which read and writes the same formats.
-#include "common/png_codec.h"
-#include "common/tiff_codec.h"
-#include "common/whole_file.h"
-
 #include <algorithm>
 #include <cstring>
 #include <limits>
@@ -10,14 +6,16 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
 #include <png.h>
 #include <sys/resource.h>
 #include <tiffio.h>
 #include <zlib.h>
 
-#include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
-
+#include "common/png_codec.h"
+#include "common/tiff_codec.h"
+#include "common/whole_file.h"
 #include "tests/drivers/temp_folder.h"
 
 namespace hord::common {
@@ -31,7 +29,8 @@ using Bytes = std::vector<std::uint8_t>;
 algo::Frame pattern(int width, int height, int bits) {
     algo::Frame frame(width, height, bits);
     for (int y = 0; y < height; ++y) {
-        for (int x = 0; x < width; ++x) frame.set(x, y, static_cast<std::uint32_t>(x * 2531 + y * 40503) & frame.view().full_scale());
+        for (int x = 0; x < width; ++x)
+            frame.set(x, y, static_cast<std::uint32_t>(x * 2531 + y * 40503) & frame.view().full_scale());
     }
     return frame;
 }
@@ -43,7 +42,8 @@ bool same(const algo::Frame& a, const algo::Frame& b) {
 cv::Mat decoded(const Bytes& file) { return cv::imdecode(file, cv::IMREAD_UNCHANGED); }
 
 bool same(const algo::Frame& frame, const cv::Mat& image) {
-    return image.isContinuous() && image.type() == (frame.bits() > 8 ? CV_16UC1 : CV_8UC1) && image.cols == frame.width_px() && image.rows == frame.height_px() &&
+    return image.isContinuous() && image.type() == (frame.bits() > 8 ? CV_16UC1 : CV_8UC1) &&
+        image.cols == frame.width_px() && image.rows == frame.height_px() &&
         std::memcmp(image.data, frame.bytes().data(), frame.bytes().size()) == 0;
 }
 
@@ -55,17 +55,20 @@ Bytes foreign_png(const algo::Frame& frame, int interlace, bool talkative) {
     png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
     png_infop info = png_create_info_struct(png);
     png_set_write_fn(
-        png, &out, [](png_structp to, png_bytep bytes, std::size_t count) {
+        png, &out,
+        [](png_structp to, png_bytep bytes, std::size_t count) {
             auto& all = *static_cast<Bytes*>(png_get_io_ptr(to));
             all.insert(all.end(), bytes, bytes + count);
         },
         nullptr);
-    png_set_IHDR(png, info, static_cast<png_uint_32>(frame.width_px()), static_cast<png_uint_32>(frame.height_px()), frame.bits() > 8 ? 16 : 8,
-                 PNG_COLOR_TYPE_GRAY, interlace, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+    png_set_IHDR(png, info, static_cast<png_uint_32>(frame.width_px()), static_cast<png_uint_32>(frame.height_px()),
+                 frame.bits() > 8 ? 16 : 8, PNG_COLOR_TYPE_GRAY, interlace, PNG_COMPRESSION_TYPE_DEFAULT,
+                 PNG_FILTER_TYPE_DEFAULT);
     if (talkative) {
         png_set_gAMA(png, info, 2.2);
         png_set_pHYs(png, info, 3, 4, PNG_RESOLUTION_METER);
-        const png_color_8 depth{.red = 0, .green = 0, .blue = 0, .gray = static_cast<png_byte>(frame.bits() > 8 ? 12 : 8), .alpha = 0};
+        const png_color_8 depth{
+            .red = 0, .green = 0, .blue = 0, .gray = static_cast<png_byte>(frame.bits() > 8 ? 12 : 8), .alpha = 0};
         png_set_sBIT(png, info, &depth);
         const png_color_16 dark{.index = 0, .red = 0, .green = 0, .blue = 0, .gray = 7};
         png_set_tRNS(png, info, nullptr, 0, &dark);
@@ -98,7 +101,8 @@ TEST(PngCodec, reads_what_others_write_interlaced_or_not_and_whatever_they_say_b
                 const Bytes file = foreign_png(frame, interlace, talkative);
                 const auto read = decode_grey_png(file, "f.png");
                 ASSERT_TRUE(read) << read.error().message();
-                EXPECT_TRUE(same(read->frame, frame)) << bits << " bits, interlace " << interlace << ", talkative " << talkative;
+                EXPECT_TRUE(same(read->frame, frame))
+                    << bits << " bits, interlace " << interlace << ", talkative " << talkative;
                 EXPECT_EQ(read->frame.bits(), bits);  // whatever sBIT says: nobody asked for a note
                 EXPECT_EQ(read->length, file.size());
                 EXPECT_TRUE(same(read->frame, decoded(file)));
@@ -116,7 +120,8 @@ TEST(PngCodec, writes_what_opencv_reads_as_the_same_samples) {
                                                   noted ? std::optional(PngNote{"hord", "µ"}) : std::nullopt);
                 ASSERT_TRUE(file) << file.error().message();
                 EXPECT_TRUE(same(frame, decoded(*file))) << bits;
-                EXPECT_EQ(decode_grey_png(*file, "f.png", "hord")->note, noted ? std::optional<std::string>("µ") : std::nullopt);
+                EXPECT_EQ(decode_grey_png(*file, "f.png", "hord")->note,
+                          noted ? std::optional<std::string>("µ") : std::nullopt);
                 EXPECT_EQ(decode_grey_png(*file, "f.png", "other")->note, std::nullopt);
             }
         }
@@ -126,7 +131,8 @@ TEST(PngCodec, writes_what_opencv_reads_as_the_same_samples) {
 TEST(PngCodec, reads_what_opencv_writes) {
     for (const int bits : {8, 16}) {
         const auto frame = pattern(301, 97, bits);
-        const cv::Mat image(frame.height_px(), frame.width_px(), bits > 8 ? CV_16UC1 : CV_8UC1, const_cast<std::byte*>(frame.bytes().data()));
+        const cv::Mat image(frame.height_px(), frame.width_px(), bits > 8 ? CV_16UC1 : CV_8UC1,
+                            const_cast<std::byte*>(frame.bytes().data()));
         Bytes theirs;
         ASSERT_TRUE(cv::imencode(".png", image, theirs));
         const auto read = decode_grey_png(theirs, "theirs.png");
@@ -137,7 +143,10 @@ TEST(PngCodec, reads_what_opencv_writes) {
 
 TEST(PngCodec, colour_is_blue_green_red_as_in_opencv) {
     Bytes bgr;
-    for (int k = 0; k < 5 * 3; ++k) bgr.insert(bgr.end(), {static_cast<std::uint8_t>(10 + k), static_cast<std::uint8_t>(100 + k), static_cast<std::uint8_t>(200 + k)});
+    for (int k = 0; k < 5 * 3; ++k)
+        bgr.insert(bgr.end(),
+                   {static_cast<std::uint8_t>(10 + k), static_cast<std::uint8_t>(100 + k),
+                    static_cast<std::uint8_t>(200 + k)});
     const auto file = encode_bgr_png(5, 3, bgr);
     ASSERT_TRUE(file) << file.error().message();
     const cv::Mat image = decoded(*file);
@@ -192,11 +201,13 @@ TEST(PngCodec, takes_no_memory_that_the_file_cannot_fill) {
     put_big_endian(file, static_cast<std::size_t>(note.begin() - file.begin()) - 4, 800'000'000);
     const auto noted = decode_grey_png(file, "noted.png", "hord");
     ASSERT_FALSE(noted);
-    // And not that it is cut off, which is seen when the memory is taken. Libpngs after Debian 12's pass over what is too large, and see it then.
+    // And not that it is cut off, which is seen when the memory is taken. Libpngs after Debian 12's pass over what is
+    // too large, and see it then.
     EXPECT_THAT(noted.error().what, HasSubstr(PNG_LIBPNG_VER > 10639 ? "cut off" : "too large"));
     // And what packs best of all is still read.
     const algo::Frame dark(3000, 2000, 16);
-    for (const int level : {1, 9}) EXPECT_TRUE(same(decode_grey_png(*encode_grey_png(dark.view(), {.level = level}), "dark.png")->frame, dark));
+    for (const int level : {1, 9})
+        EXPECT_TRUE(same(decode_grey_png(*encode_grey_png(dark.view(), {.level = level}), "dark.png")->frame, dark));
 }
 
 // -- TIFF --------------------------------------------------------------------------------------------------------
@@ -211,8 +222,9 @@ struct Layout {
 };
 
 std::string text_of(const Layout& layout) {
-    return std::string(layout.mode) + ", packing " + std::to_string(layout.packing) + ", predictor " + std::to_string(layout.predictor) + ", rows " +
-        std::to_string(layout.rows) + ", tile " + std::to_string(layout.tile) + ", orientation " + std::to_string(layout.orientation);
+    return std::string(layout.mode) + ", packing " + std::to_string(layout.packing) + ", predictor " +
+        std::to_string(layout.predictor) + ", rows " + std::to_string(layout.rows) + ", tile " +
+        std::to_string(layout.tile) + ", orientation " + std::to_string(layout.orientation);
 }
 
 Bytes tiff_of(const algo::Frame& frame, const Layout& layout) {
@@ -220,7 +232,8 @@ Bytes tiff_of(const algo::Frame& frame, const Layout& layout) {
     const auto path = folder.path() / "f.tiff";
     TIFF* tiff = TIFFOpen(path.c_str(), layout.mode);
     EXPECT_NE(tiff, nullptr);
-    const auto width = static_cast<std::uint32_t>(frame.width_px()), height = static_cast<std::uint32_t>(frame.height_px());
+    const auto width = static_cast<std::uint32_t>(frame.width_px()),
+               height = static_cast<std::uint32_t>(frame.height_px());
     const std::uint32_t sample = frame.bits() > 8 ? 2 : 1;
     TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, width);
     TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, height);
@@ -235,17 +248,21 @@ Bytes tiff_of(const algo::Frame& frame, const Layout& layout) {
     std::vector<std::byte> samples(frame.bytes().begin(), frame.bytes().end());
     if (layout.tile == 0) {
         TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, layout.rows);
-        for (std::uint32_t y = 0; y < height; ++y) EXPECT_EQ(TIFFWriteScanline(tiff, samples.data() + std::size_t{y} * width * sample, y, 0), 1);
+        for (std::uint32_t y = 0; y < height; ++y)
+            EXPECT_EQ(TIFFWriteScanline(tiff, samples.data() + std::size_t{y} * width * sample, y, 0), 1);
     } else {
         TIFFSetField(tiff, TIFFTAG_TILEWIDTH, layout.tile);
         TIFFSetField(tiff, TIFFTAG_TILELENGTH, layout.tile);
         for (std::uint32_t top = 0; top < height; top += layout.tile) {
             for (std::uint32_t left = 0; left < width; left += layout.tile) {
-                std::vector<std::byte> tile(std::size_t{layout.tile} * layout.tile * sample, std::byte{0xEE});  // beyond the image: must not be seen
+                std::vector<std::byte> tile(std::size_t{layout.tile} * layout.tile * sample,
+                                            std::byte{0xEE});  // beyond the image: must not be seen
                 const std::uint32_t columns = std::min(layout.tile, width - left);
                 for (std::uint32_t y = 0; y < std::min(layout.tile, height - top); ++y) {
-                    std::copy_n(samples.begin() + static_cast<std::ptrdiff_t>((std::size_t{top + y} * width + left) * sample), columns * sample,
-                                tile.begin() + static_cast<std::ptrdiff_t>(std::size_t{y} * layout.tile * sample));
+                    std::copy_n(
+                        samples.begin() + static_cast<std::ptrdiff_t>((std::size_t{top + y} * width + left) * sample),
+                        columns * sample,
+                        tile.begin() + static_cast<std::ptrdiff_t>(std::size_t{y} * layout.tile * sample));
                 }
                 EXPECT_GE(TIFFWriteTile(tiff, tile.data(), left, top, 0, 0), 0);
             }
@@ -261,9 +278,11 @@ TEST(TiffCodec, reads_strips_and_tiles_of_every_byte_order_and_packing) {
     for (const int bits : {8, 16}) {
         const auto frame = pattern(53, 37, bits);
         for (const char* mode : {"wl", "wb"}) {
-            for (const int packing : {COMPRESSION_NONE, COMPRESSION_LZW, COMPRESSION_ADOBE_DEFLATE, COMPRESSION_DEFLATE, COMPRESSION_PACKBITS}) {
+            for (const int packing : {COMPRESSION_NONE, COMPRESSION_LZW, COMPRESSION_ADOBE_DEFLATE, COMPRESSION_DEFLATE,
+                                      COMPRESSION_PACKBITS}) {
                 for (const int predictor : {PREDICTOR_NONE, PREDICTOR_HORIZONTAL}) {
-                    if (predictor != PREDICTOR_NONE && (packing == COMPRESSION_NONE || packing == COMPRESSION_PACKBITS)) continue;
+                    if (predictor != PREDICTOR_NONE && (packing == COMPRESSION_NONE || packing == COMPRESSION_PACKBITS))
+                        continue;
                     for (const std::uint32_t tile : {0U, 16U, 64U}) {
                         const Layout layout{.mode = mode, .packing = packing, .predictor = predictor, .tile = tile};
                         const Bytes file = tiff_of(frame, layout);
@@ -351,7 +370,8 @@ TEST(TiffCodec, whatever_is_wrong_is_in_the_error_and_nothing_is_printed) {
     int refused = 0;
     for (int k = 0; k < 2000; ++k) {
         Bytes file = good;
-        for (unsigned changes = 1 + random() % 4; changes > 0; --changes) file[random() % file.size()] = static_cast<std::uint8_t>(random());
+        for (unsigned changes = 1 + random() % 4; changes > 0; --changes)
+            file[random() % file.size()] = static_cast<std::uint8_t>(random());
         if (k % 3 == 0) file.resize(random() % file.size());
         const auto read = decode_grey_tiff(file, "f.tiff");
         if (read) continue;
@@ -387,7 +407,8 @@ TEST(TiffCodec, takes_no_memory_that_the_file_cannot_fill) {
     const algo::Frame dark(3000, 2000, 16);
     for (const int packing : {COMPRESSION_LZW, COMPRESSION_ADOBE_DEFLATE, COMPRESSION_PACKBITS}) {
         for (const std::uint32_t tile : {0U, 1024U}) {
-            const auto read = decode_grey_tiff(tiff_of(dark, {.packing = packing, .rows = 2000, .tile = tile}), "dark.tiff");
+            const auto read =
+                decode_grey_tiff(tiff_of(dark, {.packing = packing, .rows = 2000, .tile = tile}), "dark.tiff");
             ASSERT_TRUE(read) << packing << ": " << read.error().message();
             EXPECT_TRUE(same(*read, dark));
         }
@@ -398,13 +419,16 @@ TEST(TiffCodec, tags_that_name_the_same_bytes_over_and_over_do_not_fill_memory) 
     // 150 tags that nobody knows, each with all of a file of 4 MB: 600 MB, if all were kept.
     constexpr std::uint32_t kTags = 150, kSize = 4 << 20, kDirectory = 8;
     Bytes file(kSize);
-    const auto put16 = [&](std::size_t at, std::uint32_t value) { file[at] = static_cast<std::uint8_t>(value), file[at + 1] = static_cast<std::uint8_t>(value >> 8U); };
+    const auto put16 = [&](std::size_t at, std::uint32_t value) {
+        file[at] = static_cast<std::uint8_t>(value), file[at + 1] = static_cast<std::uint8_t>(value >> 8U);
+    };
     std::copy_n("II*", 3, file.begin());
     put_little_endian(file, 4, kDirectory);
     put16(kDirectory, kTags);
     std::size_t at = kDirectory + 2;
     const auto tag = [&](std::uint32_t which, std::uint32_t type, std::uint32_t count, std::uint32_t value) {
-        put16(at, which), put16(at + 2, type), put_little_endian(file, at + 4, count), put_little_endian(file, at + 8, value);
+        put16(at, which), put16(at + 2, type), put_little_endian(file, at + 4, count),
+            put_little_endian(file, at + 8, value);
         at += 12;
     };
     tag(TIFFTAG_IMAGEWIDTH, TIFF_LONG, 1, 16);

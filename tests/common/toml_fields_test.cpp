@@ -14,7 +14,8 @@ using ::testing::IsEmpty;
 
 TEST(TomlFields, absent_keys_keep_their_defaults_and_present_ones_are_read) {
     TomlProblems problems;
-    auto root = TomlTable::parse_text("[light]\nradius = 2\nname = \"red\"\non = true\nat = [1, 2.5]\n", "a.toml", problems);
+    auto root =
+        TomlTable::parse_text("[light]\nradius = 2\nname = \"red\"\non = true\nat = [1, 2.5]\n", "a.toml", problems);
     auto light = root.table("light");
     double radius = 1, power = 7;
     std::string name;
@@ -36,7 +37,8 @@ TEST(TomlFields, absent_keys_keep_their_defaults_and_present_ones_are_read) {
 
 TEST(TomlFields, every_problem_is_reported_with_file_line_and_cure) {
     TomlProblems problems;
-    auto root = TomlTable::parse_text("count = 1.5\n[light]\nradius = 200\nwidht = 3\nkind = \"x\"\n", "a.toml", problems);
+    auto root =
+        TomlTable::parse_text("count = 1.5\n[light]\nradius = 200\nwidht = 3\nkind = \"x\"\n", "a.toml", problems);
     int count = 4;
     double radius = 1, width = 1;
     root.integer("count", count, 0, 9);
@@ -46,10 +48,11 @@ TEST(TomlFields, every_problem_is_reported_with_file_line_and_cure) {
     constexpr std::array<std::string_view, 2> kinds{"led", "laser"};
     EXPECT_FALSE(light.choice("kind", kinds));
     root.refuse_unknown_keys();
-    EXPECT_THAT(problems.lines(), ElementsAre(HasSubstr("a.toml:1: count: is not a whole number"),
-                                              HasSubstr("a.toml:3: light.radius: 200 is out of range: use 0 to 10"),
-                                              HasSubstr("a.toml:5: light.kind: \"x\" is not known: use one of led, laser"),
-                                              HasSubstr("a.toml:4: light.widht: is not a known key: did you mean width?")));
+    EXPECT_THAT(problems.lines(),
+                ElementsAre(HasSubstr("a.toml:1: count: is not a whole number"),
+                            HasSubstr("a.toml:3: light.radius: 200 is out of range: use 0 to 10"),
+                            HasSubstr("a.toml:5: light.kind: \"x\" is not known: use one of led, laser"),
+                            HasSubstr("a.toml:4: light.widht: is not a known key: did you mean width?")));
     EXPECT_EQ(count, 4);
     EXPECT_EQ(radius, 1);
 }
@@ -67,7 +70,9 @@ TEST(TomlFields, a_missing_file_and_a_syntax_error_are_problems) {
     TomlProblems problems;
     auto missing = TomlTable::parse_file("/nonexistent/file.toml", problems);
     auto broken = TomlTable::parse_text("a = \n", "b.toml", problems);
-    EXPECT_THAT(problems.lines(), ElementsAre(HasSubstr("/nonexistent/file.toml: cannot be read"), HasSubstr("b.toml:1: not valid TOML")));
+    EXPECT_THAT(
+        problems.lines(),
+        ElementsAre(HasSubstr("/nonexistent/file.toml: cannot be read"), HasSubstr("b.toml:1: not valid TOML")));
 }
 
 }  // namespace

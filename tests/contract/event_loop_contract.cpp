@@ -1,8 +1,8 @@
 // What drivers/hal/event_loop.h promises.
+#include <thread>
+
 #include <sys/eventfd.h>
 #include <unistd.h>
-
-#include <thread>
 
 #include "tests/contract/harness.h"
 
@@ -146,7 +146,8 @@ TEST_P(EventLoopContract, a_descriptor_is_watched_until_unwatched_or_refused_as_
 TEST_P(EventLoopContract, a_descriptor_that_is_none_is_refused) {
     const auto watch = h_->loop().watch(-1, hal::EventLoop::Readiness::readable, [] {});
     ASSERT_FALSE(watch);
-    EXPECT_TRUE(watch.error().code == ErrorCode::io || watch.error().code == ErrorCode::unsupported) << watch.error().message();
+    EXPECT_TRUE(watch.error().code == ErrorCode::io || watch.error().code == ErrorCode::unsupported)
+        << watch.error().message();
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
-// The GPIO drivers behind the contract suites: over scripted lines everywhere, and over a gpio-sim chip where there is one.
-// HORD_GPIO_SIM is the chip's folder in configfs (/sys/kernel/config/gpio-sim/NAME), with the lines COLLIMATOR_A,
+// The GPIO drivers behind the contract suites: over scripted lines everywhere, and over a gpio-sim chip where there is
+// one. HORD_GPIO_SIM is the chip's folder in configfs (/sys/kernel/config/gpio-sim/NAME), with the lines COLLIMATOR_A,
 // COLLIMATOR_B, BARRIER and ENCODER.
 #include <cstdlib>
 #include <filesystem>
@@ -66,7 +66,8 @@ class ScriptedPartSensorHarness final : public PartSensorHarness {
     void bring_back() override { barrier_->there = encoder_->there = true; }
 
   private:
-    std::shared_ptr<scripted::Wire> barrier_ = std::make_shared<scripted::Wire>(), encoder_ = std::make_shared<scripted::Wire>();
+    std::shared_ptr<scripted::Wire> barrier_ = std::make_shared<scripted::Wire>(),
+                                    encoder_ = std::make_shared<scripted::Wire>();
     std::unique_ptr<GpioPartSensor> sensor_;
 };
 
@@ -96,7 +97,8 @@ struct SimulatedChip {
             const auto line = config / "bank0" / ("line" + number);
             if (!std::filesystem::exists(line)) throw std::runtime_error("the simulated chip has no line " + name);
             if (word_of(line / "name") != name) continue;
-            const std::filesystem::path device = std::filesystem::path("/sys/devices/platform") / word_of(config / "dev_name");
+            const std::filesystem::path device =
+                std::filesystem::path("/sys/devices/platform") / word_of(config / "dev_name");
             return device / word_of(config / "bank0" / "chip_name") / ("sim_gpio" + number);
         }
     }
@@ -108,7 +110,8 @@ struct SimulatedChip {
 class ChipStrobeHarness final : public StrobeHarness {
   public:
     ChipStrobeHarness() : StrobeHarness(real_loop()) {
-        auto opened = GpioStrobe::open(loop(), {{chip_.line("COLLIMATOR_A"), kLimits[0]}, {chip_.line("COLLIMATOR_B"), kLimits[1]}});
+        auto opened = GpioStrobe::open(
+            loop(), {{chip_.line("COLLIMATOR_A"), kLimits[0]}, {chip_.line("COLLIMATOR_B"), kLimits[1]}});
         EXPECT_TRUE(opened) << opened.error().message();
         strobe_ = std::move(*opened);
         EXPECT_FALSE(lit());
@@ -175,16 +178,23 @@ std::unique_ptr<H> on_chip(Options... options) {
 }
 const char* const kNoChip = "HORD_GPIO_SIM names no simulated GPIO chip on this machine";
 
-INSTANTIATE_TEST_SUITE_P(Gpio, StrobeContract,
-                         testing::Values(Backend<StrobeHarness>{"scripted_lines", [] { return std::make_unique<ScriptedStrobeHarness>(); }, ""},
-                                         Backend<StrobeHarness>{"chip", on_chip<StrobeHarness, ChipStrobeHarness>, kNoChip}),
-                         name_of<StrobeHarness>);
+INSTANTIATE_TEST_SUITE_P(
+    Gpio, StrobeContract,
+    testing::Values(Backend<StrobeHarness>{"scripted_lines", [] { return std::make_unique<ScriptedStrobeHarness>(); },
+                                           ""},
+                    Backend<StrobeHarness>{"chip", on_chip<StrobeHarness, ChipStrobeHarness>, kNoChip}),
+    name_of<StrobeHarness>);
 INSTANTIATE_TEST_SUITE_P(
     Gpio, PartSensorContract,
-    testing::Values(Backend<PartSensorHarness>{"scripted_lines", [] { return std::make_unique<ScriptedPartSensorHarness>(false); }, ""},
-                    Backend<PartSensorHarness>{"scripted_lines_encoder", [] { return std::make_unique<ScriptedPartSensorHarness>(true); }, ""},
-                    Backend<PartSensorHarness>{"chip", [] { return on_chip<PartSensorHarness, ChipPartSensorHarness>(false); }, kNoChip},
-                    Backend<PartSensorHarness>{"chip_encoder", [] { return on_chip<PartSensorHarness, ChipPartSensorHarness>(true); }, kNoChip}),
+    testing::Values(Backend<PartSensorHarness>{"scripted_lines",
+                                               [] { return std::make_unique<ScriptedPartSensorHarness>(false); }, ""},
+                    Backend<PartSensorHarness>{"scripted_lines_encoder",
+                                               [] { return std::make_unique<ScriptedPartSensorHarness>(true); }, ""},
+                    Backend<PartSensorHarness>{
+                        "chip", [] { return on_chip<PartSensorHarness, ChipPartSensorHarness>(false); }, kNoChip},
+                    Backend<PartSensorHarness>{"chip_encoder",
+                                               [] { return on_chip<PartSensorHarness, ChipPartSensorHarness>(true); },
+                                               kNoChip}),
     name_of<PartSensorHarness>);
 
 }  // namespace

@@ -5,15 +5,15 @@
 // returning false from the harness's question, and the check is skipped by name.
 #pragma once
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include <functional>
 #include <memory>
 #include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 
 #include "drivers/hal/event_loop.h"
 #include "drivers/hal/part_sensor.h"

@@ -1,6 +1,6 @@
-// The libcamera sensor behind the contract suite: over a camera that is a thread of the test everywhere, and through libcamera itself where
-// there is a camera. HORD_LIBCAMERA is its id, with "any" for the only one there is (vimc, in the rig); HORD_LIBCAMERA_LOSE and _RETURN are
-// commands that take it away and bring it back.
+// The libcamera sensor behind the contract suite: over a camera that is a thread of the test everywhere, and through
+// libcamera itself where there is a camera. HORD_LIBCAMERA is its id, with "any" for the only one there is (vimc, in
+// the rig); HORD_LIBCAMERA_LOSE and _RETURN are commands that take it away and bring it back.
 #include <cstdlib>
 #include <string>
 
@@ -15,7 +15,8 @@ class LibcameraHarness final : public SensorHarness {
   public:
     LibcameraHarness() : SensorHarness(real_loop()), camera_(std::make_shared<drivers::FakeCamera>(loop())) {
         drivers::CameraRequest request;
-        auto opened = drivers::LibcameraSensor::open(loop(), request, std::make_unique<drivers::FakeCameraPort>(camera_, request.buffers));
+        auto opened = drivers::LibcameraSensor::open(
+            loop(), request, std::make_unique<drivers::FakeCameraPort>(camera_, request.buffers));
         EXPECT_TRUE(opened) << opened.error().message();
         sensor_ = std::move(*opened);
     }
@@ -35,7 +36,8 @@ class RealCameraHarness final : public SensorHarness {
   public:
     explicit RealCameraHarness(const std::string& camera) : SensorHarness(real_loop()) {
         // Small, and both a multiple of six, as vimc wants it: it scales in software.
-        auto opened = drivers::LibcameraSensor::open(loop(), {.camera = camera == "any" ? "" : camera, .width_px = 96, .height_px = 72, .green = true});
+        auto opened = drivers::LibcameraSensor::open(
+            loop(), {.camera = camera == "any" ? "" : camera, .width_px = 96, .height_px = 72, .green = true});
         EXPECT_TRUE(opened) << opened.error().message();
         sensor_ = std::move(*opened);
     }
@@ -57,10 +59,11 @@ std::unique_ptr<SensorHarness> on_camera() {
     return std::make_unique<RealCameraHarness>(camera);
 }
 
-INSTANTIATE_TEST_SUITE_P(Libcamera, SensorContract,
-                         testing::Values(Backend<SensorHarness>{"fake_camera", [] { return std::make_unique<LibcameraHarness>(); }, ""},
-                                         Backend<SensorHarness>{"camera", on_camera, "HORD_LIBCAMERA names no camera on this machine"}),
-                         name_of<SensorHarness>);
+INSTANTIATE_TEST_SUITE_P(
+    Libcamera, SensorContract,
+    testing::Values(Backend<SensorHarness>{"fake_camera", [] { return std::make_unique<LibcameraHarness>(); }, ""},
+                    Backend<SensorHarness>{"camera", on_camera, "HORD_LIBCAMERA names no camera on this machine"}),
+    name_of<SensorHarness>);
 
 }  // namespace
 }  // namespace hord::contract

@@ -1,4 +1,5 @@
-// The libmodbus rejector behind the contract suite, against a simulated module on loopback and on a serial line, in real time.
+// The libmodbus rejector behind the contract suite, against a simulated module on loopback and on a serial line, in
+// real time.
 #include "drivers/modbus_rejector.h"
 #include "hal_sim/coil_module/coil_module.h"
 #include "tests/contract/harness.h"
@@ -16,7 +17,8 @@ class ModbusHarness final : public RejectorHarness {
         module_ = std::move(*opened);
         drivers::ModbusRejectorOptions options;
         options.address.port = module_->port();
-        if (serial) options.address = {.serial = drivers::SerialSettings{module_->device(), 115200, 'N', false}, .unit = 1};
+        if (serial)
+            options.address = {.serial = drivers::SerialSettings{module_->device(), 115200, 'N', false}, .unit = 1};
         options.response_timeout = serial ? 300ms : 1s;  // generous: the machine may be busy with other tests
         options.reconnect_every = 20ms;
         device_.emplace(loop(), options);
@@ -45,10 +47,11 @@ class ModbusHarness final : public RejectorHarness {
     std::optional<drivers::ModbusRejector> device_;
 };
 
-INSTANTIATE_TEST_SUITE_P(ModbusRejector, RejectorContract,
-                         testing::Values(Backend<RejectorHarness>{"loopback", [] { return std::make_unique<ModbusHarness>(false); }, ""},
-                                         Backend<RejectorHarness>{"serial", [] { return std::make_unique<ModbusHarness>(true); }, ""}),
-                         name_of<RejectorHarness>);
+INSTANTIATE_TEST_SUITE_P(
+    ModbusRejector, RejectorContract,
+    testing::Values(Backend<RejectorHarness>{"loopback", [] { return std::make_unique<ModbusHarness>(false); }, ""},
+                    Backend<RejectorHarness>{"serial", [] { return std::make_unique<ModbusHarness>(true); }, ""}),
+    name_of<RejectorHarness>);
 
 }  // namespace
 }  // namespace hord::contract

@@ -47,7 +47,8 @@ TEST_P(PartSensorContract, encoder_counts_come_with_every_edge_or_with_none_and_
     if (ear.edges[0].counts) {
         EXPECT_LT(*ear.edges[0].counts, *ear.edges[1].counts);
         ASSERT_TRUE(h_->run_until([&] { return ear.readings.size() >= 3; }));
-        for (std::size_t k = 1; k < ear.readings.size(); ++k) EXPECT_GE(ear.readings[k].counts, ear.readings[k - 1].counts);
+        for (std::size_t k = 1; k < ear.readings.size(); ++k)
+            EXPECT_GE(ear.readings[k].counts, ear.readings[k - 1].counts);
     } else {
         EXPECT_TRUE(ear.readings.empty());
     }

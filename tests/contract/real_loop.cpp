@@ -35,7 +35,8 @@ class RealLoop final : public LoopRunner {
 };
 
 INSTANTIATE_TEST_SUITE_P(SdEventLoop, EventLoopContract,
-                         testing::Values(Backend<Harness>{"real_time", [] { return std::make_unique<Harness>(real_loop()); }, ""}),
+                         testing::Values(Backend<Harness>{"real_time",
+                                                          [] { return std::make_unique<Harness>(real_loop()); }, ""}),
                          name_of<Harness>);
 
 }  // namespace

@@ -26,10 +26,11 @@ class RecordedHarness final : public SensorHarness {
     std::unique_ptr<drivers::RecordedFrames> sensor_;
 };
 
-INSTANTIATE_TEST_SUITE_P(RecordedFrames, SensorContract,
-                         testing::Values(Backend<SensorHarness>{"once", [] { return std::make_unique<RecordedHarness>(false); }, ""},
-                                         Backend<SensorHarness>{"repeating", [] { return std::make_unique<RecordedHarness>(true); }, ""}),
-                         name_of<SensorHarness>);
+INSTANTIATE_TEST_SUITE_P(
+    RecordedFrames, SensorContract,
+    testing::Values(Backend<SensorHarness>{"once", [] { return std::make_unique<RecordedHarness>(false); }, ""},
+                    Backend<SensorHarness>{"repeating", [] { return std::make_unique<RecordedHarness>(true); }, ""}),
+    name_of<SensorHarness>);
 
 }  // namespace
 }  // namespace hord::contract

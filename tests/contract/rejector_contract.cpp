@@ -53,7 +53,8 @@ TEST_P(RejectorContract, every_part_of_a_row_is_acted_on_and_reported) {
     start_and_wait();
     const hal::TimePoint first = h_->now() + 20ms;
     for (std::uint32_t part = 1; part <= 4; ++part) {
-        ASSERT_TRUE(h_->device().reject({.part = part, .start = first + part * (h_->window() + 40ms), .width = h_->window()}));
+        ASSERT_TRUE(
+            h_->device().reject({.part = part, .start = first + part * (h_->window() + 40ms), .width = h_->window()}));
     }
     ASSERT_TRUE(h_->run_until([&] { return ear_.reports.size() == 4 && h_->actuations().size() == 4 && all_off(); }));
     EXPECT_THAT(ear_.parts(), testing::ElementsAre(1U, 2U, 3U, 4U));
@@ -136,7 +137,8 @@ TEST_P(RejectorContract, it_works_again_after_stop_and_part_numbers_begin_anew) 
     start_and_wait();
     const std::size_t before = h_->actuations().size();
     ASSERT_TRUE(h_->device().reject(command(1, 5ms)));
-    ASSERT_TRUE(h_->run_until([&] { return !ear_.reports.empty() && h_->actuations().size() == before + 1 && all_off(); }));
+    ASSERT_TRUE(
+        h_->run_until([&] { return !ear_.reports.empty() && h_->actuations().size() == before + 1 && all_off(); }));
     EXPECT_EQ(ear_.reports[0].outcome, Outcome::confirmed);
     h_->device().stop();
 }

@@ -51,7 +51,8 @@ TEST_P(SensorContract, a_trigger_brings_one_whole_frame_of_the_format_exposed_no
     for (std::uint32_t k = 1; k <= 3; ++k) {
         const ExposureRequest asked = exposure(*h_, k);
         ASSERT_TRUE(h_->device().trigger(asked));
-        ASSERT_TRUE(h_->run_until([&] { return !ear.frames.empty(); })) << (ear.losses.empty() ? "not lost" : ear.losses[0].message());
+        ASSERT_TRUE(h_->run_until([&] { return !ear.frames.empty(); }))
+            << (ear.losses.empty() ? "not lost" : ear.losses[0].message());
         ASSERT_EQ(ear.frames.size(), 1U);
         const FrameLease frame = std::move(ear.frames[0]);
         ear.frames.clear();
@@ -60,8 +61,9 @@ TEST_P(SensorContract, a_trigger_brings_one_whole_frame_of_the_format_exposed_no
         EXPECT_EQ(frame.view().height_px, format.height_px);
         EXPECT_EQ(frame.view().bits, format.bits);
         EXPECT_GE(frame.view().stride_bytes, format.width_px * frame.view().sample_bytes());
-        EXPECT_GE(frame.info().bytes_used, static_cast<std::size_t>(format.width_px) * static_cast<std::size_t>(format.height_px) *
-                                               static_cast<std::size_t>(frame.view().sample_bytes()));
+        EXPECT_GE(frame.info().bytes_used,
+                  static_cast<std::size_t>(format.width_px) * static_cast<std::size_t>(format.height_px) *
+                      static_cast<std::size_t>(frame.view().sample_bytes()));
         EXPECT_FALSE(frame.info().corrupt);
         EXPECT_GE(frame.info().exposure_start, asked.start);
         EXPECT_LE(frame.info().exposure_start, h_->now());
@@ -82,7 +84,8 @@ TEST_P(SensorContract, no_frame_is_taken_that_began_shortly_before_the_start_ask
     std::uint32_t number = 0;
     const auto start_of = [&](const ExposureRequest& asked) -> TimePoint {
         EXPECT_TRUE(h_->device().trigger(asked));
-        EXPECT_TRUE(h_->run_until([&] { return !ear.frames.empty(); })) << (ear.losses.empty() ? "not lost" : ear.losses[0].message());
+        EXPECT_TRUE(h_->run_until([&] { return !ear.frames.empty(); }))
+            << (ear.losses.empty() ? "not lost" : ear.losses[0].message());
         if (ear.frames.empty()) return {};
         const TimePoint began = ear.frames[0].info().exposure_start;
         ear.frames.clear();

@@ -30,7 +30,10 @@ class InCell : public H {
 
 class SimPartSensorHarness final : public InCell<PartSensorHarness> {
   public:
-    SimPartSensorHarness(std::unique_ptr<LoopRunner> runner, double counts_per_mm) : InCell(std::move(runner), options(counts_per_mm)) { cell_->start(); }
+    SimPartSensorHarness(std::unique_ptr<LoopRunner> runner, double counts_per_mm)
+        : InCell(std::move(runner), options(counts_per_mm)) {
+        cell_->start();
+    }
     hal::PartSensor& device() override { return cell_->part_sensor(); }
     void pass_part() override {}  // they come by themselves, one every 30 ms
     bool lose() override { return lose_by(Fault::part_sensor_lost); }
@@ -52,7 +55,8 @@ class SimStrobeHarness final : public InCell<StrobeHarness> {
     hal::Strobe& device() override { return cell_->strobe(); }
     std::optional<hal::Duration> light() override {
         const double pulses = cell_->strobe().light_between({}, now() + 1h).amount;
-        return std::chrono::round<hal::Duration>(pulses * std::chrono::duration<double, std::nano>(sim::StrobeOptions{}.nominal_pulse));
+        return std::chrono::round<hal::Duration>(
+            pulses * std::chrono::duration<double, std::nano>(sim::StrobeOptions{}.nominal_pulse));
     }
     bool lose() override { return lose_by(Fault::strobe_lost); }
 
@@ -98,15 +102,17 @@ auto on_both(const std::string& name, Options... options) {
         Backend<H>{name + "_real_time", [=] { return std::make_unique<T>(real_loop(), options...); }, ""});
 }
 
-INSTANTIATE_TEST_SUITE_P(SimulatedCell, PartSensorContract, (on_both<PartSensorHarness, SimPartSensorHarness>("plain", 0.0)),
-                         name_of<PartSensorHarness>);
+INSTANTIATE_TEST_SUITE_P(SimulatedCell, PartSensorContract,
+                         (on_both<PartSensorHarness, SimPartSensorHarness>("plain", 0.0)), name_of<PartSensorHarness>);
 INSTANTIATE_TEST_SUITE_P(SimulatedCellWithEncoder, PartSensorContract,
-                         (on_both<PartSensorHarness, SimPartSensorHarness>("encoder", 20.0)), name_of<PartSensorHarness>);
+                         (on_both<PartSensorHarness, SimPartSensorHarness>("encoder", 20.0)),
+                         name_of<PartSensorHarness>);
 INSTANTIATE_TEST_SUITE_P(SimulatedCell, StrobeContract, (on_both<StrobeHarness, SimStrobeHarness>("one_channel", 1)),
                          name_of<StrobeHarness>);
-INSTANTIATE_TEST_SUITE_P(SimulatedCellAllChannels, StrobeContract, (on_both<StrobeHarness, SimStrobeHarness>("channels", 32)),
-                         name_of<StrobeHarness>);
-INSTANTIATE_TEST_SUITE_P(SimulatedCell, SensorContract, (on_both<SensorHarness, SimSensorHarness>("tokens")), name_of<SensorHarness>);
+INSTANTIATE_TEST_SUITE_P(SimulatedCellAllChannels, StrobeContract,
+                         (on_both<StrobeHarness, SimStrobeHarness>("channels", 32)), name_of<StrobeHarness>);
+INSTANTIATE_TEST_SUITE_P(SimulatedCell, SensorContract, (on_both<SensorHarness, SimSensorHarness>("tokens")),
+                         name_of<SensorHarness>);
 INSTANTIATE_TEST_SUITE_P(SimulatedCell, RejectorContract, (on_both<RejectorHarness, SimRejectorHarness>("in_process")),
                          name_of<RejectorHarness>);
 

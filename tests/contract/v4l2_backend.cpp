@@ -19,7 +19,9 @@ class V4l2Harness final : public SensorHarness {
         sensor_ = std::move(*opened);
     }
     ~V4l2Harness() override {
-        if (testing::Test::HasFailure()) std::printf("frames that nobody had asked for: %llu\n", static_cast<unsigned long long>(sensor_->unasked()));
+        if (testing::Test::HasFailure())
+            std::printf("frames that nobody had asked for: %llu\n",
+                        static_cast<unsigned long long>(sensor_->unasked()));
     }
     hal::Sensor& device() override { return *sensor_; }
     bool lose() override {
@@ -38,7 +40,8 @@ std::unique_ptr<SensorHarness> make() {
 }
 
 INSTANTIATE_TEST_SUITE_P(V4l2, SensorContract,
-                         testing::Values(Backend<SensorHarness>{"device", make, "HORD_V4L2_DEVICE names no video device on this machine"}),
+                         testing::Values(Backend<SensorHarness>{
+                             "device", make, "HORD_V4L2_DEVICE names no video device on this machine"}),
                          name_of<SensorHarness>);
 
 }  // namespace

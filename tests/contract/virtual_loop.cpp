@@ -19,7 +19,8 @@ class VirtualLoop final : public LoopRunner {
             time_.run_until(step);
         }
         // What another thread posts comes in real time.
-        for (const auto give_up = std::chrono::steady_clock::now() + kPatience; std::chrono::steady_clock::now() < give_up;) {
+        for (const auto give_up = std::chrono::steady_clock::now() + kPatience;
+             std::chrono::steady_clock::now() < give_up;) {
             if (time_.run_until(done, limit)) return true;
             std::this_thread::yield();
         }
@@ -32,7 +33,8 @@ class VirtualLoop final : public LoopRunner {
 };
 
 INSTANTIATE_TEST_SUITE_P(VirtualTime, EventLoopContract,
-                         testing::Values(Backend<Harness>{"default", [] { return std::make_unique<Harness>(virtual_loop()); }, ""}),
+                         testing::Values(Backend<Harness>{
+                             "default", [] { return std::make_unique<Harness>(virtual_loop()); }, ""}),
                          name_of<Harness>);
 
 }  // namespace

@@ -1,8 +1,6 @@
-// A camera that another process holds, whatever becomes of that process. The program in hord-camera's place is fake_camera_program.cpp.
+// A camera that another process holds, whatever becomes of that process. The program in hord-camera's place is
+// fake_camera_program.cpp.
 #include "drivers/camera_process.h"
-
-#include <dirent.h>
-#include <sched.h>
 
 #include <condition_variable>
 #include <filesystem>
@@ -10,8 +8,10 @@
 #include <mutex>
 #include <thread>
 
+#include <dirent.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sched.h>
 
 #include "drivers/camera_wire.h"
 
@@ -131,7 +131,8 @@ TEST(CameraProcess, that_does_not_stop_is_killed) {
 }
 
 TEST(CameraProcess, that_says_nothing_or_dies_when_asked_is_an_error_and_is_not_left_behind) {
-    for (const auto& [name, patience] : {std::pair<std::string, hal::Duration>{"hangs", 50ms}, {"dies-when-looked-at", kPatience}}) {
+    for (const auto& [name, patience] :
+         {std::pair<std::string, hal::Duration>{"hangs", 50ms}, {"dies-when-looked-at", kPatience}}) {
         const auto format = camera_called(name, patience)->look();
         ASSERT_FALSE(format);
         EXPECT_EQ(format.error().code, ErrorCode::io);
@@ -152,14 +153,16 @@ TEST(CameraProcess, whose_program_is_not_there_is_named_with_a_cure) {
     const auto format = open_camera_process({}, "/no/such/hord-camera")->look();
     ASSERT_FALSE(format);
     EXPECT_EQ(format.error().code, ErrorCode::not_found);
-    EXPECT_THAT(format.error().message(), AllOf(HasSubstr("/no/such/hord-camera"), HasSubstr("install the package again")));
+    EXPECT_THAT(format.error().message(),
+                AllOf(HasSubstr("/no/such/hord-camera"), HasSubstr("install the package again")));
 }
 
 // A camera's process may turn in circles: under the timing thread's policy it would leave a processor to nobody.
 TEST(CameraProcess, does_not_have_the_real_time_policy_of_who_starts_it) {
     sched_param param{};
     param.sched_priority = 1;
-    if (::sched_setscheduler(0, SCHED_FIFO, &param) != 0) GTEST_SKIP() << "this user may take no real-time policy (RLIMIT_RTPRIO)";
+    if (::sched_setscheduler(0, SCHED_FIFO, &param) != 0)
+        GTEST_SKIP() << "this user may take no real-time policy (RLIMIT_RTPRIO)";
     const auto port = camera_called("works");
     Heard heard;
     const auto memory = port->start(heard);
@@ -171,7 +174,13 @@ TEST(CameraProcess, does_not_have_the_real_time_policy_of_who_starts_it) {
 }
 
 TEST(CameraWire, carries_a_request_through_arguments_unchanged) {
-    const CameraRequest asked{.camera = "\\_SB_.PCI0 1:2.0", .width_px = 320, .height_px = 240, .bits = 12, .buffers = 5, .green = true, .controls = {{"AnalogueGain", -2}, {"ExposureTime", 600000}}};
+    const CameraRequest asked{.camera = "\\_SB_.PCI0 1:2.0",
+                              .width_px = 320,
+                              .height_px = 240,
+                              .bits = 12,
+                              .buffers = 5,
+                              .green = true,
+                              .controls = {{"AnalogueGain", -2}, {"ExposureTime", 600000}}};
     const auto order = camera_order(camera_arguments(CameraAsk::start, asked));
     ASSERT_TRUE(order);
     EXPECT_EQ(order->ask, CameraAsk::start);
@@ -181,7 +190,11 @@ TEST(CameraWire, carries_a_request_through_arguments_unchanged) {
     EXPECT_EQ(order->request.buffers, 5);
     EXPECT_TRUE(order->request.green);
     EXPECT_EQ(order->request.controls, asked.controls);
-    for (const std::vector<std::string>& wrong : {std::vector<std::string>{}, {"look"}, {"pry", "c", "1", "1", "8", "4", "0"}, {"look", "c", "1", "x", "8", "4", "0"}, {"look", "c", "1", "1", "8", "4", "0", "Gain"}}) {
+    for (const std::vector<std::string>& wrong : {std::vector<std::string>{},
+                                                  {"look"},
+                                                  {"pry", "c", "1", "1", "8", "4", "0"},
+                                                  {"look", "c", "1", "x", "8", "4", "0"},
+                                                  {"look", "c", "1", "1", "8", "4", "0", "Gain"}}) {
         EXPECT_FALSE(camera_order(wrong));
     }
 }

@@ -13,7 +13,8 @@ using testing::IsEmpty;
 
 constexpr TimePoint at(hal::Duration t) { return TimePoint(10s + t); }
 testing::Matcher<const EdgeFilter::Edge&> edge(bool active, hal::Duration t, std::uint32_t sequence) {
-    return testing::AllOf(testing::Field(&EdgeFilter::Edge::active, active), testing::Field(&EdgeFilter::Edge::at, at(t)),
+    return testing::AllOf(testing::Field(&EdgeFilter::Edge::active, active),
+                          testing::Field(&EdgeFilter::Edge::at, at(t)),
                           testing::Field(&EdgeFilter::Edge::sequence, sequence));
 }
 
@@ -100,7 +101,8 @@ TEST_F(EdgeFilterTest, a_level_whose_edge_is_still_on_its_way_is_no_loss) {
     settle(true, 42ms);
     feed(false, 60ms);
     settle(false, 61ms);
-    EXPECT_THAT(edges, ElementsAre(edge(true, 5ms, 1), edge(false, 40ms, 2), edge(true, 41ms, 3), edge(false, 60ms, 4)));
+    EXPECT_THAT(edges,
+                ElementsAre(edge(true, 5ms, 1), edge(false, 40ms, 2), edge(true, 41ms, 3), edge(false, 60ms, 4)));
     EXPECT_EQ(filter.lost(), 0U);
 }
 

@@ -1,4 +1,5 @@
-// A camera without libcamera: it runs free on a thread of its own, as libcamera's completes requests, and does what a test says.
+// A camera without libcamera: it runs free on a thread of its own, as libcamera's completes requests, and does what a
+// test says.
 #pragma once
 
 #include <array>
@@ -28,7 +29,7 @@ struct FakeCamera {
     std::optional<std::array<std::uint8_t, 3>> colours;  // of every pixel, but that the middle one is 16 y + x
     int width_px = 12, height_px = 6;
     std::ptrdiff_t stride_bytes = 16;
-    std::size_t short_by = 0;     // bytes that each frame lacks
+    std::size_t short_by = 0;  // bytes that each frame lacks
     bool corrupt = false;
     std::deque<std::uint32_t> queued;  // with the camera, in order
     int queue_calls = 0;
@@ -55,7 +56,10 @@ class FakeCameraPort final : public CameraPort {
     Result<CameraFormat> look() override {
         const std::scoped_lock lock(camera_->mutex);
         if (!camera_->there) return fail(ErrorCode::not_found, "the fake camera is not there", "bring it back");
-        return CameraFormat{camera_->width_px, camera_->height_px, {camera_->pixel_format, camera_->bits, camera_->packed, camera_->green}, camera_->stride_bytes};
+        return CameraFormat{camera_->width_px,
+                            camera_->height_px,
+                            {camera_->pixel_format, camera_->bits, camera_->packed, camera_->green},
+                            camera_->stride_bytes};
     }
 
     Result<std::shared_ptr<const Memory>> start(Listener& listener) override {
@@ -65,7 +69,8 @@ class FakeCameraPort final : public CameraPort {
             Memory memory;
         };
         auto held = std::make_shared<Held>();
-        const std::size_t size = static_cast<std::size_t>(camera_->stride_bytes) * static_cast<std::size_t>(camera_->height_px);
+        const std::size_t size =
+            static_cast<std::size_t>(camera_->stride_bytes) * static_cast<std::size_t>(camera_->height_px);
         {
             const std::scoped_lock lock(camera_->mutex);
             camera_->queued.clear();
@@ -105,10 +110,12 @@ class FakeCameraPort final : public CameraPort {
         std::unique_lock lock(camera_->mutex);
         for (;;) {
             const hal::TimePoint began = camera_->clock.now();
-            camera_->woken.wait_for(lock, std::chrono::milliseconds(2), [this] { return stopping_ || !camera_->there; });
+            camera_->woken.wait_for(lock, std::chrono::milliseconds(2),
+                                    [this] { return stopping_ || !camera_->there; });
             if (stopping_) return;
             if (!camera_->there) return listener.on_camera_gone();
-            if (camera_->silent || camera_->queued.empty()) continue;  // it waits for a buffer, so that a slow test sees no gap
+            if (camera_->silent || camera_->queued.empty())
+                continue;  // it waits for a buffer, so that a slow test sees no gap
             ++camera_->sequence;
             const std::uint32_t buffer = camera_->queued.front();
             camera_->queued.pop_front();
@@ -131,7 +138,8 @@ class FakeCameraPort final : public CameraPort {
         for (int y = 0; y < camera_->height_px; ++y) {
             for (int x = 0; x < camera_->width_px; ++x) {
                 std::byte* const pixel = frame.data() + y * camera_->stride_bytes + 3 * x;
-                for (std::size_t k = 0; k < 3; ++k) pixel[k] = std::byte(k == 1 ? static_cast<std::uint8_t>(16 * y + x) : (*camera_->colours)[k]);
+                for (std::size_t k = 0; k < 3; ++k)
+                    pixel[k] = std::byte(k == 1 ? static_cast<std::uint8_t>(16 * y + x) : (*camera_->colours)[k]);
             }
         }
     }

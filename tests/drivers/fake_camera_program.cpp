@@ -1,8 +1,5 @@
-// In hord-camera's place: a camera that does what its name says. The first pixel of a frame is its number, the second the thread's policy.
-#include <sched.h>
-#include <sys/mman.h>
-#include <unistd.h>
-
+// In hord-camera's place: a camera that does what its name says. The first pixel of a frame is its number, the second
+// the thread's policy.
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
@@ -10,6 +7,10 @@
 #include <deque>
 #include <mutex>
 #include <thread>
+
+#include <sched.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include "drivers/camera_host.h"
 
@@ -86,5 +87,7 @@ class NamedCamera final : public drivers::CameraDevice {
 }  // namespace
 
 int main(int argc, char** argv) {
-    return hord::drivers::host_camera(argc, argv, [](hord::drivers::CameraRequest request) { return std::make_unique<NamedCamera>(std::move(request)); });
+    return hord::drivers::host_camera(argc, argv, [](hord::drivers::CameraRequest request) {
+        return std::make_unique<NamedCamera>(std::move(request));
+    });
 }

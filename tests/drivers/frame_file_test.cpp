@@ -4,10 +4,9 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/stat.h>
-
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <sys/stat.h>
 
 #include "tests/drivers/temp_folder.h"
 
@@ -21,7 +20,8 @@ namespace fs = std::filesystem;
 algo::Frame ramp(int width, int height, int bits) {
     algo::Frame frame(width, height, bits);
     for (int y = 0; y < height; ++y) {
-        for (int x = 0; x < width; ++x) frame.set(x, y, static_cast<std::uint32_t>(x * 7 + y * 131) & frame.view().full_scale());
+        for (int x = 0; x < width; ++x)
+            frame.set(x, y, static_cast<std::uint32_t>(x * 7 + y * 131) & frame.view().full_scale());
     }
     return frame;
 }
@@ -136,7 +136,9 @@ TEST_F(FrameFile, a_tiff_that_names_an_orientation_is_turned_and_has_the_turned_
     const std::size_t first = number(4, 4) + 2;
     for (std::size_t k = 0; k < number(first - 2, 2); ++k) {
         const std::size_t entry = first + 12 * k;
-        if (number(entry, 2) != 277) continue;  // samples a pixel, one where it is not said: its place for the orientation, which is sorted before it
+        if (number(entry, 2) != 277)
+            continue;  // samples a pixel, one where it is not said: its place for the orientation, which is sorted
+                       // before it
         bytes.replace(entry, 12, std::string("\x12\x01\x03\x00\x01\x00\x00\x00\x06\x00\x00\x00", 12));
     }
     const auto turned = folder_.write("turned.tiff", bytes);
@@ -190,12 +192,15 @@ TEST_F(FrameFile, an_absurd_size_is_refused_before_memory_is_taken) {
 
 TEST_F(FrameFile, what_was_not_expected_is_refused_naming_both_sizes) {
     ASSERT_TRUE(write_frame(file("f.png"), ramp(27, 18, 8).view()));
-    expect_refused(read_frame(file("f.png"), {.width_px = 27, .height_px = 27}), file("f.png"), ErrorCode::invalid_argument,
-                   "27x18 pixels, expected 27x27");
-    expect_refused(read_frame(file("f.png"), {.bits = 12}), file("f.png"), ErrorCode::invalid_argument, "8-bit samples, expected 12");
+    expect_refused(read_frame(file("f.png"), {.width_px = 27, .height_px = 27}), file("f.png"),
+                   ErrorCode::invalid_argument, "27x18 pixels, expected 27x27");
+    expect_refused(read_frame(file("f.png"), {.bits = 12}), file("f.png"), ErrorCode::invalid_argument,
+                   "8-bit samples, expected 12");
     ASSERT_TRUE(write_frame(file("g.png"), ramp(27, 18, 16).view()));
-    expect_refused(read_frame(file("g.png"), {.bits = 8}), file("g.png"), ErrorCode::invalid_argument, "16-bit samples, expected 8");
-    expect_refused(read_frame(file("g.png"), {.bits = 10}), file("g.png"), ErrorCode::invalid_argument, "more than 10 bits");
+    expect_refused(read_frame(file("g.png"), {.bits = 8}), file("g.png"), ErrorCode::invalid_argument,
+                   "16-bit samples, expected 8");
+    expect_refused(read_frame(file("g.png"), {.bits = 10}), file("g.png"), ErrorCode::invalid_argument,
+                   "more than 10 bits");
 }
 
 TEST_F(FrameFile, writing_into_a_missing_folder_says_so_and_leaves_nothing) {

@@ -56,7 +56,8 @@ struct GpioPartSensorTest : testing::Test {
     }
 
     std::unique_ptr<firmware::SdEventLoop> loop = std::move(*firmware::SdEventLoop::open());
-    std::shared_ptr<scripted::Wire> barrier = std::make_shared<scripted::Wire>(), encoder = std::make_shared<scripted::Wire>();
+    std::shared_ptr<scripted::Wire> barrier = std::make_shared<scripted::Wire>(),
+                                    encoder = std::make_shared<scripted::Wire>();
     Ear ear;
     std::unique_ptr<GpioPartSensor> sensor;
 };
@@ -133,7 +134,8 @@ TEST_F(GpioPartSensorTest, each_edge_has_the_encoders_position_at_its_time) {
     for (int k = 1; k <= 10; ++k) encoder->change(true, at + k * 1ms);
     barrier->change(true, at + 4500us);
     barrier->change(false, at + 8ms);
-    ASSERT_TRUE(run_until([&] { return ear.edges.size() == 2 && !ear.readings.empty() && ear.readings.back().counts == 10; }));
+    ASSERT_TRUE(
+        run_until([&] { return ear.edges.size() == 2 && !ear.readings.empty() && ear.readings.back().counts == 10; }));
     EXPECT_EQ(ear.edges[0].counts, 4);
     EXPECT_EQ(ear.edges[1].counts, 8);
     sensor->stop();

@@ -1,11 +1,11 @@
 // The strobe without a chip: what it accepts, and that its lights are off whenever they have no reason to be on.
 #include "drivers/gpio_strobe.h"
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include <optional>
 #include <random>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 
 #include "firmware/event_loop_sd.h"
 #include "tests/drivers/scripted_lines.h"
@@ -92,7 +92,9 @@ TEST_F(GpioStrobeTest, a_pulse_lights_its_channels_alone_and_is_reported_as_it_w
 }
 
 TEST_F(GpioStrobeTest, each_channel_has_limits_of_its_own) {
-    open({{.max_on = 2ms, .min_rest = 0ms, .max_duty = 1}, {.max_on = 500us, .min_rest = 50ms, .max_duty = 1}, {.max_on = 2ms, .min_rest = 0ms, .max_duty = 0.1}});
+    open({{.max_on = 2ms, .min_rest = 0ms, .max_duty = 1},
+          {.max_on = 500us, .min_rest = 50ms, .max_duty = 1},
+          {.max_on = 2ms, .min_rest = 0ms, .max_duty = 0.1}});
     ASSERT_TRUE(strobe->start(ear));
     const auto refusal = [&](const hal::StrobePulse& p) {
         const auto done = strobe->fire(p);
@@ -107,11 +109,11 @@ TEST_F(GpioStrobeTest, each_channel_has_limits_of_its_own) {
     next.start += next.width;
     EXPECT_EQ(refusal(next), ErrorCode::busy);  // the second rests
     next.channels = 0b001;
-    EXPECT_EQ(refusal(next), std::nullopt);     // the first need not
+    EXPECT_EQ(refusal(next), std::nullopt);  // the first need not
     next.start += next.width;
     next.channels = 0b100;
     EXPECT_EQ(refusal(next), std::nullopt);
-    next.start += next.width + 4499us;          // 500 us in 5 ms are a tenth
+    next.start += next.width + 4499us;  // 500 us in 5 ms are a tenth
     EXPECT_EQ(refusal(next), ErrorCode::busy);
     next.start += 1us;
     EXPECT_EQ(refusal(next), std::nullopt);
@@ -184,8 +186,8 @@ TEST_F(GpioStrobeTest, a_line_that_cannot_be_set_is_let_go_of_and_every_pulse_is
     EXPECT_EQ(ear.losses.size(), 1U);
 }
 
-// The kernel tells nobody. A station that asks for no light meanwhile would take the strobe for up, and would not start it again with
-// the devices that it knows to be lost: the next part would get no light.
+// The kernel tells nobody. A station that asks for no light meanwhile would take the strobe for up, and would not start
+// it again with the devices that it knows to be lost: the next part would get no light.
 TEST_F(GpioStrobeTest, a_chip_that_went_away_is_noticed_without_a_pulse) {
     open({{}});
     ASSERT_TRUE(strobe->start(ear));
@@ -218,14 +220,17 @@ TEST_F(GpioStrobeTest, a_chip_that_went_away_is_noticed_long_before_the_next_pul
 }
 
 TEST_F(GpioStrobeTest, impossible_limits_are_all_named) {
-    const auto opened = GpioStrobe::open(*loop, {{.max_on = 0ns, .min_rest = -1ns, .max_duty = 0}}, [this] { return scripted::Outputs::request(lamps); });
+    const auto opened = GpioStrobe::open(*loop, {{.max_on = 0ns, .min_rest = -1ns, .max_duty = 0}},
+                                         [this] { return scripted::Outputs::request(lamps); });
     ASSERT_FALSE(opened);
     for (const char* what : {"max_on", "min_rest", "max_duty"}) EXPECT_THAT(opened.error().what, HasSubstr(what));
 }
 
 TEST(LightBudget, accepted_pulses_keep_every_limit_over_any_time) {
     std::mt19937_64 random(7);
-    const auto up_to = [&](Duration most) { return Duration(std::uniform_int_distribution<std::int64_t>(1, most.count())(random)); };
+    const auto up_to = [&](Duration most) {
+        return Duration(std::uniform_int_distribution<std::int64_t>(1, most.count())(random));
+    };
     for (int round = 0; round < 200; ++round) {
         const LightLimits limits{up_to(3ms), up_to(8ms), std::uniform_real_distribution<>(0.01, 1)(random)};
         LightBudget budget({limits});
@@ -248,7 +253,8 @@ TEST(LightBudget, accepted_pulses_keep_every_limit_over_any_time) {
             for (std::size_t k = first; k + 1 < lit.size(); ++k) {
                 on += lit[k].second;
                 const auto over = static_cast<double>((lit[k + 1].first - lit[first].first).count());
-                EXPECT_LE(static_cast<double>(on.count()), limits.max_duty * over + 1.0 * static_cast<double>(k - first + 1));  // ns of rounding
+                EXPECT_LE(static_cast<double>(on.count()),
+                          limits.max_duty * over + 1.0 * static_cast<double>(k - first + 1));  // ns of rounding
             }
         }
     }

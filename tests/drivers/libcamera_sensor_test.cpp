@@ -1,13 +1,13 @@
-// The libcamera sensor: what is chosen, what is refused, how frames are handed over. The seam's promises are in tests/contract.
+// The libcamera sensor: what is chosen, what is refused, how frames are handed over. The seam's promises are in
+// tests/contract.
 #include "drivers/libcamera_sensor.h"
-
-#include <poll.h>
 
 #include <array>
 #include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <poll.h>
 
 #include "drivers/camera_process.h"
 #include "drivers/hand_over.h"
@@ -37,7 +37,9 @@ TEST(CameraFormat, that_is_not_there_is_refused_with_the_list_of_what_there_is) 
     const auto colour = choose_grey_format("imx000", Names{"BGR888", "SRGGB10"}, 10);
     ASSERT_FALSE(colour);
     EXPECT_EQ(colour.error().code, ErrorCode::unsupported);
-    EXPECT_THAT(colour.error().message(), AllOf(HasSubstr("imx000"), HasSubstr("R10 or R10_CSI2P"), HasSubstr("BGR888, SRGGB10"), HasSubstr("sensor.bits")));
+    EXPECT_THAT(colour.error().message(),
+                AllOf(HasSubstr("imx000"), HasSubstr("R10 or R10_CSI2P"), HasSubstr("BGR888, SRGGB10"),
+                      HasSubstr("sensor.bits")));
     EXPECT_THAT(choose_grey_format("cam", Names{}, 8).error().what, HasSubstr("it has none"));
     EXPECT_THAT(choose_grey_format("cam", Names{"R8"}, 9).error().cure, HasSubstr("8, 10, 12 or 16"));
 }
@@ -61,7 +63,8 @@ TEST(CameraFormat, of_colour_is_taken_only_where_green_was_asked_for_and_there_i
     EXPECT_TRUE(green->green);
     EXPECT_FALSE(choose_grey_format("cam", colour, 10, true));
     EXPECT_FALSE(choose_grey_format("cam", Names{"BGR888", "R8"}, 8, true)->green);
-    EXPECT_THAT(choose_grey_format("cam", Names{"XRGB8888"}, 8, true).error().what, HasSubstr("R8 or BGR888 or RGB888"));
+    EXPECT_THAT(choose_grey_format("cam", Names{"XRGB8888"}, 8, true).error().what,
+                HasSubstr("R8 or BGR888 or RGB888"));
 }
 
 // libcamera itself, which has no such camera on any machine.
@@ -125,7 +128,8 @@ struct Ear final : hal::Sensor::Listener {
 class Sensor : public testing::Test {
   protected:
     void open() {
-        auto opened = LibcameraSensor::open(*loop_, {}, std::make_unique<FakeCameraPort>(camera_, CameraRequest{}.buffers));
+        auto opened =
+            LibcameraSensor::open(*loop_, {}, std::make_unique<FakeCameraPort>(camera_, CameraRequest{}.buffers));
         ASSERT_TRUE(opened) << opened.error().message();
         sensor_ = std::move(*opened);
         ASSERT_TRUE(sensor_->start(ear_));
@@ -172,7 +176,8 @@ TEST_F(Sensor, frames_that_nobody_asked_for_go_straight_back_and_are_no_gap) {
     EXPECT_TRUE(ear_.frames.empty());
 }
 
-// Unplugged with its buffers inside, and nobody says so. Until a frame is asked for, silence is nothing: the camera may be triggered.
+// Unplugged with its buffers inside, and nobody says so. Until a frame is asked for, silence is nothing: the camera may
+// be triggered.
 TEST_F(Sensor, that_was_asked_for_a_frame_and_falls_silent_is_lost) {
     open();
     (void)frame();
@@ -182,7 +187,8 @@ TEST_F(Sensor, that_was_asked_for_a_frame_and_falls_silent_is_lost) {
     ASSERT_TRUE(run_until([&] { return !ear_.losses.empty(); }));
     EXPECT_GE(loop_->now(), asked + LibcameraSensor::kSilence);
     EXPECT_THAT(ear_.losses[0].what, HasSubstr("no frames"));
-    EXPECT_EQ(sensor_->trigger({.exposure = 3, .start = loop_->now(), .length = 1ms}).error().code, ErrorCode::disconnected);
+    EXPECT_EQ(sensor_->trigger({.exposure = 3, .start = loop_->now(), .length = 1ms}).error().code,
+              ErrorCode::disconnected);
     sensor_->stop();
     camera_->change([](FakeCamera& camera) { camera.silent = false; });
     ASSERT_TRUE(sensor_->start(ear_));
@@ -194,7 +200,8 @@ TEST_F(Sensor, a_lent_buffer_is_not_with_the_camera_and_goes_back_when_its_lease
     open();
     hal::FrameLease lent = frame();
     const auto value = lent.view().sample(0, 0);
-    ASSERT_TRUE(run_until([&, from = loop_->now()] { return loop_->now() - from > 30ms; }));  // the camera goes on with the others
+    ASSERT_TRUE(run_until(
+        [&, from = loop_->now()] { return loop_->now() - from > 30ms; }));  // the camera goes on with the others
     EXPECT_EQ(lent.view().sample(0, 0), value);
     const auto calls = [&] {
         const std::scoped_lock lock(camera_->mutex);
@@ -251,7 +258,8 @@ TEST_F(Sensor, packed_samples_are_unpacked_row_by_row) {
     EXPECT_EQ(one.info().bytes_used, 12U * 6 * 2);
     // Every byte is the frame's number b: four samples b << 2, and their low bits from the fifth byte.
     const std::uint32_t b = one.view().sample(0, 0) >> 2U;
-    for (unsigned x = 0; x < 4; ++x) EXPECT_EQ(one.view().sample(static_cast<int>(x), 5), (b << 2U) | (b >> (2 * x) & 3U));
+    for (unsigned x = 0; x < 4; ++x)
+        EXPECT_EQ(one.view().sample(static_cast<int>(x), 5), (b << 2U) | (b >> (2 * x) & 3U));
 }
 
 TEST_F(Sensor, whose_buffers_are_too_small_does_not_start) {

@@ -1,5 +1,5 @@
-// The rejector driver with what particular modules have: the read-back's place, a watchdog, pulses of the module's own, a sensor
-// that sees the ejected part. The simulated modules are written from the manuals, not from the profiles.
+// The rejector driver with what particular modules have: the read-back's place, a watchdog, pulses of the module's own,
+// a sensor that sees the ejected part. The simulated modules are written from the manuals, not from the profiles.
 #include <algorithm>
 
 #include "firmware/module_profiles.h"
@@ -135,7 +135,9 @@ TEST_F(Module, that_lacks_what_is_asked_for_is_refused_at_start) {
     rejector_.emplace(*loop_, options_);
     const auto done = rejector_->start(ear_);
     ASSERT_FALSE(done);
-    EXPECT_THAT(done.error().what, AllOf(HasSubstr("watchdog must be 0"), HasSubstr("module_pulse must be 0"), HasSubstr("energise_to_pass")));
+    EXPECT_THAT(
+        done.error().what,
+        AllOf(HasSubstr("watchdog must be 0"), HasSubstr("module_pulse must be 0"), HasSubstr("energise_to_pass")));
 }
 
 TEST_F(Module, says_what_it_is_where_it_can) {

@@ -1,9 +1,8 @@
 // The rejector driver against a coil module that misbehaves, over loopback, in real time.
-#include "tests/drivers/rejector_bench.h"
-
 #include <algorithm>
 
 #include "hal_sim/cell/cell.h"
+#include "tests/drivers/rejector_bench.h"
 
 namespace hord::drivers {
 namespace {
@@ -159,7 +158,8 @@ TEST_F(Rejector, impossible_options_are_all_named_and_nothing_starts) {
     const auto done = rejector_->start(ear_);
     ASSERT_FALSE(done);
     EXPECT_EQ(done.error().code, ErrorCode::invalid_argument);
-    EXPECT_THAT(done.error().what, AllOf(HasSubstr("port"), HasSubstr("host"), HasSubstr("permit_coil"), HasSubstr("response_timeout")));
+    EXPECT_THAT(done.error().what,
+                AllOf(HasSubstr("port"), HasSubstr("host"), HasSubstr("permit_coil"), HasSubstr("response_timeout")));
     EXPECT_EQ(module_->connections(), 0);
 }
 
@@ -183,7 +183,8 @@ TEST_F(Rejector, the_module_ejects_the_part_that_is_really_there) {
     });
     start_and_wait();
     cell->start();
-    const hal::TimePoint centred = loop_->now() + cell_options.travel(cell_options.schedule.first_mm) + cell_options.ejector_delay();
+    const hal::TimePoint centred =
+        loop_->now() + cell_options.travel(cell_options.schedule.first_mm) + cell_options.ejector_delay();
     ASSERT_TRUE(rejector_->reject({1, centred - 50ms, 100ms}));
     EXPECT_TRUE(run_until([&] { return cell->world().totals().ejected_good == 1; }));
     EXPECT_TRUE(run_until([&] { return !module_->coil(kEjector); }));

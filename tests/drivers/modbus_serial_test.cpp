@@ -45,7 +45,9 @@ TEST_F(SerialRejector, noise_before_an_answer_is_settled_by_reading_back) {
     EXPECT_EQ(ear_.reports[0].outcome, Outcome::confirmed);
 }
 
-TEST_F(SerialRejector, a_late_answer_is_thrown_away_and_never_taken_for_another_one) { expect_one_command_at_most(CoilFault::late, kTimeout * 3 / 2); }
+TEST_F(SerialRejector, a_late_answer_is_thrown_away_and_never_taken_for_another_one) {
+    expect_one_command_at_most(CoilFault::late, kTimeout * 3 / 2);
+}
 
 TEST_F(SerialRejector, a_request_that_noise_swallowed_is_not_asked_again_and_fails) {
     start_and_wait();

@@ -103,8 +103,8 @@ TEST_F(Recorded, every_bad_file_is_named_before_anything_runs) {
     const auto sensor = RecordedFrames::open(loop_, {folder_.path()});
     ASSERT_FALSE(sensor);
     EXPECT_THAT(sensor.error().message(),
-                AllOf(HasSubstr("b.png is 18x9 pixels, expected 9x9"), HasSubstr("c.png has 16-bit samples, expected 8"),
-                      HasSubstr("d.png is not a PNG")));
+                AllOf(HasSubstr("b.png is 18x9 pixels, expected 9x9"),
+                      HasSubstr("c.png has 16-bit samples, expected 8"), HasSubstr("d.png is not a PNG")));
 }
 
 TEST_F(Recorded, a_missing_file_an_empty_folder_and_no_name_at_all_are_refused) {

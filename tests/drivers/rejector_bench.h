@@ -1,11 +1,10 @@
 // The rejector driver on the service's own event loop, in real time, against a simulated module that can misbehave.
 #pragma once
 
-#include "drivers/modbus_rejector.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "drivers/modbus_rejector.h"
 #include "firmware/event_loop_sd.h"
 #include "hal_sim/coil_module/coil_module.h"
 
@@ -37,7 +36,10 @@ struct Ear final : hal::Rejector::Listener {
 
 class RejectorBench : public testing::Test {
   protected:
-    explicit RejectorBench(const sim::CoilModuleOptions& module = {}) : loop_(std::move(*firmware::SdEventLoop::open())) { connect_to(module); }
+    explicit RejectorBench(const sim::CoilModuleOptions& module = {})
+        : loop_(std::move(*firmware::SdEventLoop::open())) {
+        connect_to(module);
+    }
     ~RejectorBench() override {
         if (rejector_) rejector_->stop();
     }
@@ -48,7 +50,8 @@ class RejectorBench : public testing::Test {
         module_ = std::move(*opened);
         options_.address.port = module_->port();
         if (module.serial) {
-            options_.address.serial = SerialSettings{.device = module_->device(), .baud = 115200, .parity = 'N', .rs485 = false};
+            options_.address.serial =
+                SerialSettings{.device = module_->device(), .baud = 115200, .parity = 'N', .rs485 = false};
             options_.address.unit = module.unit;
         }
         options_.response_timeout = kTimeout;

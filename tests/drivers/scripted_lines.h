@@ -1,14 +1,14 @@
-// GPIO lines without a chip: the drivers' other side is a test. Outputs remember what they were told, and when; an input's edges
-// are what the test says, and come through a descriptor as the kernel's do.
+// GPIO lines without a chip: the drivers' other side is a test. Outputs remember what they were told, and when; an
+// input's edges are what the test says, and come through a descriptor as the kernel's do.
 #pragma once
-
-#include <sys/eventfd.h>
-#include <unistd.h>
 
 #include <deque>
 #include <memory>
 #include <mutex>
 #include <vector>
+
+#include <sys/eventfd.h>
+#include <unistd.h>
 
 #include "drivers/gpio_lines.h"
 
@@ -82,9 +82,9 @@ class Outputs final : public GpioOutputs {
 struct Wire {
     bool level = false;
     bool there = true;
-    class Input* input = nullptr;  // who has taken it
-    void change(bool active, hal::TimePoint at);           // an edge that the kernel saw
-    void change_unseen(bool active) { level = active; }    // and one that nobody saw
+    class Input* input = nullptr;                        // who has taken it
+    void change(bool active, hal::TimePoint at);         // an edge that the kernel saw
+    void change_unseen(bool active) { level = active; }  // and one that nobody saw
     void tell(const GpioEdge& edge);
 };
 
@@ -92,7 +92,8 @@ class Input final : public GpioInput {
   public:
     static Result<std::unique_ptr<GpioInput>> request(const std::shared_ptr<Wire>& wire) {
         if (!wire->there) return tl::unexpected(gone());
-        if (wire->input != nullptr) return tl::unexpected(Error{ErrorCode::busy, "the scripted line is taken", "let go of it"});
+        if (wire->input != nullptr)
+            return tl::unexpected(Error{ErrorCode::busy, "the scripted line is taken", "let go of it"});
         return std::unique_ptr<GpioInput>(new Input(wire));
     }
     ~Input() override {
@@ -119,7 +120,9 @@ class Input final : public GpioInput {
     }
 
   private:
-    explicit Input(std::shared_ptr<Wire> wire) : wire_(std::move(wire)), fd_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) { wire_->input = this; }
+    explicit Input(std::shared_ptr<Wire> wire) : wire_(std::move(wire)), fd_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
+        wire_->input = this;
+    }
     std::shared_ptr<Wire> wire_;
     int fd_;
     std::deque<GpioEdge> waiting_;

@@ -1,10 +1,10 @@
 // What can be told without a video device; with one, tests/contract runs.
-#include "drivers/packed_samples.h"
 #include "drivers/v4l2_sensor.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "drivers/packed_samples.h"
 #include "hal_sim/cell/virtual_time.h"
 
 namespace hord::drivers {

@@ -1,8 +1,8 @@
-#include "firmware/modbus/access.h"
-
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
+
+#include "firmware/modbus/access.h"
 
 namespace hord::firmware::modbus {
 namespace {
@@ -30,15 +30,12 @@ TEST(Access, the_first_rule_that_holds_the_peer_decides) {
     EXPECT_EQ(access_of("192.0.2.7", rules), Access::read_write);
     EXPECT_EQ(access_of("192.0.2.8", rules), Access::read);
     EXPECT_EQ(access_of("192.0.3.7", rules), Access::none);
-    EXPECT_EQ(access_of("::ffff:192.0.2.7", rules), Access::read_write)
-        << "IPv4 that comes through an IPv6 listener";
+    EXPECT_EQ(access_of("::ffff:192.0.2.7", rules), Access::read_write) << "IPv4 that comes through an IPv6 listener";
     EXPECT_EQ(access_of("2001:db8:1::1", rules), Access::read_write);
     EXPECT_EQ(access_of("2001:db9::1", rules), Access::none);
 }
 
-TEST(Access, without_rules_everybody_may_write) {
-    EXPECT_EQ(access_of("198.51.100.1", {}), Access::read_write);
-}
+TEST(Access, without_rules_everybody_may_write) { EXPECT_EQ(access_of("198.51.100.1", {}), Access::read_write); }
 
 TEST(Access, a_prefix_of_zero_holds_everybody_of_its_kind) {
     const AccessRule v4[] = {{*parse_network("0.0.0.0/0"), false}};
@@ -49,8 +46,8 @@ TEST(Access, a_prefix_of_zero_holds_everybody_of_its_kind) {
 }
 
 TEST(Access, what_is_no_network_is_refused_with_a_cure) {
-    for (const char* text : {"", "plc", "192.0.2", "192.0.2.0/", "192.0.2.0/33", "192.0.2.0/-1",
-                             "192.0.2.0/2x", "192.0.2.1/24", "2001:db8::/129", "2001:db8::1/32"}) {
+    for (const char* text : {"", "plc", "192.0.2", "192.0.2.0/", "192.0.2.0/33", "192.0.2.0/-1", "192.0.2.0/2x",
+                             "192.0.2.1/24", "2001:db8::/129", "2001:db8::1/32"}) {
         const auto network = parse_network(text);
         ASSERT_FALSE(network) << text;
         EXPECT_FALSE(network.error().cure.empty());

@@ -1,12 +1,12 @@
 // What a misbehaving client does to the server, while a legitimate one polls: nothing. No request of the
 // legitimate client may fail, and its connection must live through everything.
-#include "modbus_peer.h"
-
 #include <random>
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+
+#include "modbus_peer.h"
 
 namespace hord::firmware::modbus {
 namespace {
@@ -225,8 +225,7 @@ TEST_F(Attack, without_descriptors_a_connection_makes_room_for_the_next) {
     address.sin_port = htons(port);
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     ASSERT_EQ(::connect(fresh, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-    ASSERT_EQ(::send(fresh, kReadMagic.data(), kReadMagic.size(), 0),
-              static_cast<ssize_t>(kReadMagic.size()));
+    ASSERT_EQ(::send(fresh, kReadMagic.data(), kReadMagic.size(), 0), static_cast<ssize_t>(kReadMagic.size()));
     Bytes reply(13);
     EXPECT_EQ(::recv(fresh, reply.data(), reply.size(), MSG_WAITALL), 13);
     EXPECT_EQ(reply, kMagicReply);

@@ -1,5 +1,3 @@
-#include "firmware/modbus/dispatcher.h"
-
 #include <algorithm>
 #include <map>
 #include <random>
@@ -7,6 +5,8 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "firmware/modbus/dispatcher.h"
 
 namespace hord::firmware::modbus {
 namespace {
@@ -57,8 +57,7 @@ class Dispatcher : public ::testing::Test {
     Memory memory;
     Bytes ask(const Bytes& request, bool may_write = true) {
         std::array<std::uint8_t, kMaxPdu> reply{};
-        const std::size_t size =
-            dispatch(memory, {.peer = "192.0.2.7:50123", .may_write = may_write}, request, reply);
+        const std::size_t size = dispatch(memory, {.peer = "192.0.2.7:50123", .may_write = may_write}, request, reply);
         return {reply.begin(), reply.begin() + static_cast<std::ptrdiff_t>(size)};
     }
 };
@@ -157,14 +156,12 @@ TEST_F(Dispatcher, read_write_writes_first_and_writes_nothing_when_it_cannot_rea
     EXPECT_EQ(memory.words[4], 0xABCD);
 }
 
-TEST_F(Dispatcher, what_the_model_refuses_is_passed_on) {
-    EXPECT_THAT(ask({6, 0, 150, 0, 1}), ElementsAre(0x86, 6));
-}
+TEST_F(Dispatcher, what_the_model_refuses_is_passed_on) { EXPECT_THAT(ask({6, 0, 150, 0, 1}), ElementsAre(0x86, 6)); }
 
 TEST_F(Dispatcher, a_read_only_listener_knows_no_writing_function) {
-    for (const Bytes& request : {Bytes{5, 0, 0, 0xFF, 0}, Bytes{6, 0, 0, 0, 1}, Bytes{15, 0, 0, 0, 1, 1, 1},
-                                 Bytes{16, 0, 0, 0, 1, 2, 0, 1}, Bytes{22, 0, 0, 0, 0, 0, 0},
-                                 Bytes{23, 0, 0, 0, 1, 0, 0, 0, 1, 2, 0, 1}}) {
+    for (const Bytes& request :
+         {Bytes{5, 0, 0, 0xFF, 0}, Bytes{6, 0, 0, 0, 1}, Bytes{15, 0, 0, 0, 1, 1, 1}, Bytes{16, 0, 0, 0, 1, 2, 0, 1},
+          Bytes{22, 0, 0, 0, 0, 0, 0}, Bytes{23, 0, 0, 0, 1, 0, 0, 0, 1, 2, 0, 1}}) {
         EXPECT_THAT(ask(request, false), ElementsAre(request[0] | 0x80, 1));
     }
     EXPECT_THAT(memory.writers, IsEmpty());
@@ -172,10 +169,8 @@ TEST_F(Dispatcher, a_read_only_listener_knows_no_writing_function) {
 }
 
 TEST_F(Dispatcher, identifies_the_device) {
-    EXPECT_THAT(ask({43, 14, 1, 0}),
-                ElementsAre(43, 14, 1, 0x83, 0, 0, 3, 0, 1, 'V', 1, 1, 'P', 2, 3, '1', '.', '0'));
-    EXPECT_THAT(ask({43, 14, 4, 0x80}),
-                ElementsAre(43, 14, 4, 0x83, 0, 0, 1, 0x80, 6, 's', 'e', 'r', 'i', 'a', 'l'));
+    EXPECT_THAT(ask({43, 14, 1, 0}), ElementsAre(43, 14, 1, 0x83, 0, 0, 3, 0, 1, 'V', 1, 1, 'P', 2, 3, '1', '.', '0'));
+    EXPECT_THAT(ask({43, 14, 4, 0x80}), ElementsAre(43, 14, 4, 0x83, 0, 0, 1, 0x80, 6, 's', 'e', 'r', 'i', 'a', 'l'));
     EXPECT_EQ(ask({43, 14, 2, 0})[6], 4) << "regular: four objects";
     EXPECT_EQ(ask({43, 14, 3, 0})[6], 5) << "extended: all";
     EXPECT_EQ(ask({43, 14, 1, 9})[7], 0) << "a stream from an unknown object starts at the first";

@@ -1,10 +1,10 @@
-#include "firmware/modbus/framer_rtu.h"
-
 #include <random>
 #include <vector>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "firmware/modbus/framer_rtu.h"
 
 namespace hord::firmware::modbus {
 namespace {
@@ -124,12 +124,8 @@ TEST_F(Line, noise_or_truncation_costs_at_most_the_request_it_hits) {
                         frame.insert(frame.begin() + static_cast<std::ptrdiff_t>(at),
                                      static_cast<std::uint8_t>(random()));
                         break;
-                    case 1:
-                        frame.erase(frame.begin() + static_cast<std::ptrdiff_t>(at));
-                        break;
-                    case 2:
-                        frame[at] ^= static_cast<std::uint8_t>(1 + random() % 255);
-                        break;
+                    case 1: frame.erase(frame.begin() + static_cast<std::ptrdiff_t>(at)); break;
+                    case 2: frame[at] ^= static_cast<std::uint8_t>(1 + random() % 255); break;
                     default:  // noise alone, in the silence before the request
                         hear(Bytes(1 + random() % 40, static_cast<std::uint8_t>(random())));
                         silence();
@@ -149,8 +145,8 @@ TEST_F(Line, random_bytes_never_make_a_request_for_us_but_with_a_good_crc) {
     Bytes noise(200'000);
     for (auto& byte : noise) byte = static_cast<std::uint8_t>(random());
     for (std::size_t k = 0; k < noise.size(); k += 50) {
-        hear(Bytes(noise.begin() + static_cast<std::ptrdiff_t>(k),
-                   noise.begin() + static_cast<std::ptrdiff_t>(k + 50)));
+        hear(
+            Bytes(noise.begin() + static_cast<std::ptrdiff_t>(k), noise.begin() + static_cast<std::ptrdiff_t>(k + 50)));
         silence();
     }
     EXPECT_THAT(requests, IsEmpty());

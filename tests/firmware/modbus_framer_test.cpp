@@ -1,11 +1,11 @@
-#include "firmware/modbus/framer_tcp.h"
-
 #include <algorithm>
 #include <random>
 #include <vector>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "firmware/modbus/framer_tcp.h"
 
 namespace hord::firmware::modbus {
 namespace {
@@ -28,8 +28,7 @@ std::vector<Copy> requests_in(FramerTcp& framer, const Bytes& bytes, std::vector
     for (const std::size_t end : cuts) {
         auto piece = std::span(bytes).subspan(begin, end - begin);
         while (const auto request = framer.take(piece)) {
-            all.push_back(
-                {request->transaction, request->unit, Bytes(request->pdu.begin(), request->pdu.end())});
+            all.push_back({request->transaction, request->unit, Bytes(request->pdu.begin(), request->pdu.end())});
         }
         begin = end;
     }
@@ -60,9 +59,9 @@ TEST(FramerTcp, one_frame_is_one_request) {
 TEST(FramerTcp, nothing_comes_of_a_frame_without_its_last_byte) {
     for (std::size_t size = 0; size < kReadThree.size(); ++size) {
         FramerTcp framer;
-        EXPECT_TRUE(requests_in(framer, Bytes(kReadThree.begin(),
-                                              kReadThree.begin() + static_cast<std::ptrdiff_t>(size)))
-                        .empty());
+        EXPECT_TRUE(
+            requests_in(framer, Bytes(kReadThree.begin(), kReadThree.begin() + static_cast<std::ptrdiff_t>(size)))
+                .empty());
         EXPECT_FALSE(framer.broken());
         EXPECT_EQ(framer.partial(), size > 0);
     }
@@ -109,9 +108,7 @@ TEST(FramerTcp, however_the_stream_is_cut_the_requests_are_the_same) {
     for (std::uint32_t seed = 0; seed < 500; ++seed) {
         SCOPED_TRACE(seed);
         std::mt19937 random(seed);
-        const auto below = [&](std::size_t n) {
-            return std::uniform_int_distribution<std::size_t>(0, n - 1)(random);
-        };
+        const auto below = [&](std::size_t n) { return std::uniform_int_distribution<std::size_t>(0, n - 1)(random); };
         std::vector<Copy> sent;
         Bytes stream;
         for (std::size_t k = 0, n = 1 + below(8); k < n; ++k) {

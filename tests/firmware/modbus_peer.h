@@ -1,11 +1,6 @@
 // A raw TCP peer that may misbehave, and a station to misbehave to.
 #pragma once
 
-#include "firmware/modbus/client.h"
-#include "firmware/modbus/server.h"
-#include "firmware/registers_image.h"
-#include "modbus_poll_loop.h"
-
 #include <cstdint>
 #include <vector>
 
@@ -15,6 +10,11 @@
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
+
+#include "firmware/modbus/client.h"
+#include "firmware/modbus/server.h"
+#include "firmware/registers_image.h"
+#include "modbus_poll_loop.h"
 
 namespace hord::firmware::modbus {
 
@@ -26,10 +26,8 @@ inline constexpr std::chrono::milliseconds kPatience{kPatienceMs};
 
 class Peer {
   public:
-    explicit Peer(std::uint16_t port, int receive_buffer = 0)
-        : fd_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
-        if (receive_buffer > 0)
-            ::setsockopt(fd_, SOL_SOCKET, SO_RCVBUF, &receive_buffer, sizeof receive_buffer);
+    explicit Peer(std::uint16_t port, int receive_buffer = 0) : fd_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+        if (receive_buffer > 0) ::setsockopt(fd_, SOL_SOCKET, SO_RCVBUF, &receive_buffer, sizeof receive_buffer);
         const int on = 1;
         ::setsockopt(fd_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
         sockaddr_in address{};
@@ -48,8 +46,7 @@ class Peer {
     std::size_t send(const Bytes& bytes) {
         std::size_t sent = 0;
         while (sent < bytes.size()) {
-            const auto count =
-                ::send(fd_, bytes.data() + sent, bytes.size() - sent, MSG_NOSIGNAL | MSG_DONTWAIT);
+            const auto count = ::send(fd_, bytes.data() + sent, bytes.size() - sent, MSG_NOSIGNAL | MSG_DONTWAIT);
             if (count <= 0) break;
             sent += static_cast<std::size_t>(count);
         }

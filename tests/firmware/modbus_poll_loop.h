@@ -1,8 +1,6 @@
 // A small event loop over poll(), on a thread of its own: what the server's tests run it on.
 #pragma once
 
-#include "drivers/hal/event_loop.h"
-
 #include <algorithm>
 #include <atomic>
 #include <deque>
@@ -15,6 +13,8 @@
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
+
+#include "drivers/hal/event_loop.h"
 
 namespace hord::firmware::modbus {
 
@@ -61,9 +61,9 @@ class PollLoop : public hal::EventLoop {
         std::erase_if(timers_, [&](const Timer& t) { return TimerId{t.id} == timer; });
     }
     Result<WatchId> do_watch(int fd, Readiness what, Callback callback) override {
-        const short events = what == Readiness::readable   ? POLLIN
-                             : what == Readiness::writable ? POLLOUT
-                                                           : POLLIN | POLLOUT;
+        const short events = what == Readiness::readable ? POLLIN
+            : what == Readiness::writable                ? POLLOUT
+                                                         : POLLIN | POLLOUT;
         watches_[++last_id_] = {fd, events, std::make_shared<Callback>(std::move(callback))};
         return WatchId{last_id_};
     }

@@ -1,9 +1,4 @@
 // The RTU server on a pseudo-terminal: with libmodbus as master, and with bytes.
-#include "firmware/event_loop_sd.h"
-#include "firmware/modbus/framer_rtu.h"
-#include "firmware/modbus/server_rtu.h"
-#include "modbus_peer.h"
-
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
@@ -13,6 +8,11 @@
 #include <gtest/gtest.h>
 #include <modbus/modbus.h>
 #include <termios.h>
+
+#include "firmware/event_loop_sd.h"
+#include "firmware/modbus/framer_rtu.h"
+#include "firmware/modbus/server_rtu.h"
+#include "modbus_peer.h"
 
 namespace hord::firmware::modbus {
 namespace {
@@ -75,8 +75,8 @@ TEST_F(Serial, libmodbus_reads_and_is_refused_over_the_line) {
 }
 
 TEST_F(Serial, a_device_is_opened_set_up_and_answered_on) {
-    auto made = loop.on_loop(
-        [&] { return ServerRtu::open(loop, image, {.device = device, .unit = 17, .rs485 = false}); });
+    auto made =
+        loop.on_loop([&] { return ServerRtu::open(loop, image, {.device = device, .unit = 17, .rs485 = false}); });
     ASSERT_TRUE(made) << made.error().message();
     server = std::move(*made);
     Bytes request{17, 3, 0, 2, 0, 2, 0, 0};

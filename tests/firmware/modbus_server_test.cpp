@@ -1,13 +1,13 @@
 // The register server over real sockets: with literal bytes, with libmodbus, and with mbpoll.
-#include "firmware/modbus/server.h"
-#include "modbus_peer.h"
-
 #include <array>
 #include <cstdio>
 #include <cstdlib>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "firmware/modbus/server.h"
+#include "modbus_peer.h"
 
 namespace hord::firmware::modbus {
 namespace {
@@ -128,8 +128,7 @@ TEST_F(ServedStation, who_may_only_read_knows_no_writing_function) {
 }
 
 TEST_F(ServedStation, a_taken_port_is_an_error_that_names_the_port_and_the_cure) {
-    const auto second =
-        loop.on_loop([&] { return Server::open(loop, image, {.host = "127.0.0.1", .port = port}); });
+    const auto second = loop.on_loop([&] { return Server::open(loop, image, {.host = "127.0.0.1", .port = port}); });
     ASSERT_FALSE(second);
     EXPECT_EQ(second.error().code, ErrorCode::busy);
     EXPECT_THAT(second.error().message(), HasSubstr(std::to_string(port)));
@@ -137,12 +136,10 @@ TEST_F(ServedStation, a_taken_port_is_an_error_that_names_the_port_and_the_cure)
 }
 
 TEST_F(ServedStation, an_address_that_is_not_ours_is_an_error) {
-    const auto foreign =
-        loop.on_loop([&] { return Server::open(loop, image, {.host = "192.0.2.1", .port = 0}); });
+    const auto foreign = loop.on_loop([&] { return Server::open(loop, image, {.host = "192.0.2.1", .port = 0}); });
     ASSERT_FALSE(foreign);
     EXPECT_EQ(foreign.error().code, ErrorCode::not_found);
-    const auto nonsense =
-        loop.on_loop([&] { return Server::open(loop, image, {.host = "no address", .port = 0}); });
+    const auto nonsense = loop.on_loop([&] { return Server::open(loop, image, {.host = "no address", .port = 0}); });
     ASSERT_FALSE(nonsense);
     EXPECT_EQ(nonsense.error().code, ErrorCode::invalid_argument);
 }
@@ -181,8 +178,7 @@ TEST(Endpoint, is_read_from_text) {
     EXPECT_EQ(parse_endpoint("10.0.0.5:1502")->port, 1502);
     EXPECT_EQ(parse_endpoint("[fe80::1]:1502")->host, "fe80::1");
     EXPECT_EQ(parse_endpoint("[::1]")->port, 502);
-    for (const char* wrong :
-         {"", ":502", "host:", "host:0", "host:65536", "host:5o2", "[::1", "[::1]x", "[::1]:"}) {
+    for (const char* wrong : {"", ":502", "host:", "host:0", "host:65536", "host:5o2", "[::1", "[::1]x", "[::1]:"}) {
         EXPECT_FALSE(parse_endpoint(wrong)) << wrong;
     }
 }

@@ -6,7 +6,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
@@ -28,8 +27,7 @@ Sample sample() {
     Sample s;
     for (int k = 0; k < kExtents.m * kExtents.n; ++k) {
         s.map.push_back(static_cast<float>(k % 97) * 0.013F - 0.2F);
-        s.mask.push_back(k % 11 == 0 ? algo::kDark : k % 7 == 0 ? algo::kSaturated
-                                                                : algo::kValid);
+        s.mask.push_back(k % 11 == 0 ? algo::kDark : k % 7 == 0 ? algo::kSaturated : algo::kValid);
     }
     return s;
 }
@@ -38,12 +36,13 @@ Picture drawn(const Sample& s) {
     defect.m = 12;
     defect.n = 9;
     defect.area = 5;
-    return draw(scale_to("EMD", "bins", s.map, s.mask, 0.5F), s.map, s.mask, kExtents, std::span(&defect, 1), {}, "a caption");
+    return draw(scale_to("EMD", "bins", s.map, s.mask, 0.5F), s.map, s.mask, kExtents, std::span(&defect, 1), {},
+                "a caption");
 }
 
 bool same(const cv::Mat& image, const Picture& picture) {
-    return image.type() == CV_8UC3 && image.cols == picture.width && image.rows == picture.height && image.isContinuous() &&
-        std::memcmp(image.data, picture.bgr.data(), picture.bgr.size()) == 0;
+    return image.type() == CV_8UC3 && image.cols == picture.width && image.rows == picture.height &&
+        image.isContinuous() && std::memcmp(image.data, picture.bgr.data(), picture.bgr.size()) == 0;
 }
 
 TEST(Pictures, a_png_holds_the_pixels_that_were_drawn) {
@@ -87,7 +86,8 @@ TEST(Pictures, a_float_map_is_read_back_equal) {
 TEST(Pictures, what_cannot_be_written_is_named_with_its_cure_and_leaves_nothing) {
     const TempFolder folder;
     const Sample s = sample();
-    for (const auto& done : {write_png(folder.path() / "no" / "map.png", drawn(s)), write_float_tiff(folder.path() / "no" / "map.tiff", s.map, kExtents)}) {
+    for (const auto& done : {write_png(folder.path() / "no" / "map.png", drawn(s)),
+                             write_float_tiff(folder.path() / "no" / "map.tiff", s.map, kExtents)}) {
         ASSERT_FALSE(done);
         EXPECT_EQ(done.error().code, ErrorCode::not_found);
         EXPECT_THAT(done.error().what, HasSubstr((folder.path() / "no").string()));

@@ -1,4 +1,6 @@
 // A reference on disk: what is written is read, and nothing else is; and the recipe that names one.
+#include "firmware/reference_file.h"
+
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -10,7 +12,6 @@
 #include <gtest/gtest.h>
 
 #include "firmware/recipe_file.h"
-#include "firmware/reference_file.h"
 
 namespace hord::firmware {
 namespace {
@@ -33,7 +34,8 @@ algo::Reference small() {
     for (auto& map : r.spread) map.assign(count, 1e-4F);
     r.emd.assign(count, 0.1F);
     r.frobenius.assign(count, 0.05F);
-    for (std::size_t k = 0; k < count; ++k) r.shares[k * r.stride() + r.place(1, 1)] = static_cast<std::uint16_t>(30000 + k);
+    for (std::size_t k = 0; k < count; ++k)
+        r.shares[k * r.stride() + r.place(1, 1)] = static_cast<std::uint16_t>(30000 + k);
     return r;
 }
 
@@ -85,7 +87,8 @@ TEST_F(ReferenceFile, a_damaged_byte_is_noticed) {
 
 TEST_F(ReferenceFile, what_is_cut_off_of_another_version_or_missing_is_refused_with_a_cure) {
     const std::string whole = text();
-    for (const std::size_t size : {std::size_t{0}, std::size_t{7}, std::size_t{20}, whole.size() / 2, whole.size() - 1}) {
+    for (const std::size_t size :
+         {std::size_t{0}, std::size_t{7}, std::size_t{20}, whole.size() / 2, whole.size() - 1}) {
         put(whole.substr(0, size));
         EXPECT_FALSE(read_reference(file)) << size << " bytes";
     }
@@ -110,15 +113,18 @@ TEST_F(ReferenceFile, what_is_not_sound_is_not_written) {
 
 TEST_F(ReferenceFile, a_recipe_that_names_it_survives_being_written_and_read) {
     const std::filesystem::path recipe = folder / "r.toml";
-    std::ofstream(recipe) << "schema = 1\n[scale]\nlenslet_mm = 0.5\nbin_rad = 0.015\n[reference]\nfile = \"part.hordref\"\nreject_score = 5.5\n"
-                             "[[tolerate]]\nkinds = [\"scratch\", \"absorbing\"]\nlargest_mm = 1.5\ndeepest_rad = 0.01\nnumber = 3\nshape = \"circle\"\ncentre = [0.5, -0.25]\nradius = 0.75\n";
+    std::ofstream(recipe) << "schema = 1\n[scale]\nlenslet_mm = 0.5\nbin_rad = 0.015\n[reference]\nfile = "
+                             "\"part.hordref\"\nreject_score = 5.5\n"
+                             "[[tolerate]]\nkinds = [\"scratch\", \"absorbing\"]\nlargest_mm = 1.5\ndeepest_rad = "
+                             "0.01\nnumber = 3\nshape = \"circle\"\ncentre = [0.5, -0.25]\nradius = 0.75\n";
     const auto once = load_numbered_recipe(recipe);
     ASSERT_TRUE(once) << once.error().message();
     ASSERT_TRUE(once->recipe.reference);
     EXPECT_EQ(once->recipe.reject_score, 5.5F);
     ASSERT_EQ(once->recipe.tolerances.size(), 1U);
     const algo::Tolerance& t = once->recipe.tolerances[0];
-    EXPECT_TRUE(t.is_about(algo::DefectKind::scratch) && t.is_about(algo::DefectKind::absorbing) && !t.is_about(algo::DefectKind::surface));
+    EXPECT_TRUE(t.is_about(algo::DefectKind::scratch) && t.is_about(algo::DefectKind::absorbing) &&
+                !t.is_about(algo::DefectKind::surface));
     ASSERT_TRUE(t.where);
     EXPECT_FLOAT_EQ(t.where->centre.m, 3);  // the middle of 5 is 2, and 0.5 mm is a lenslet
     EXPECT_FLOAT_EQ(t.where->centre.n, 1);
@@ -129,11 +135,15 @@ TEST_F(ReferenceFile, a_recipe_that_names_it_survives_being_written_and_read) {
 }
 
 TEST_F(ReferenceFile, where_something_is_tolerated_may_be_named_with_mm_as_zones_are) {
-    const auto read = [&](const std::string& place) {
-        std::ofstream(folder / "r.toml") << "[scale]\nlenslet_mm = 0.5\n[reference]\nfile = \"part.hordref\"\n[[tolerate]]\nlargest_mm = 1.5\n" << place;
-        return load_numbered_recipe(folder / "r.toml");
-    };
-    const auto plain = read("shape = \"circle\"\ncentre = [0.5, -0.25]\nradius = 0.75\n"), named = read("shape = \"circle\"\ncentre_mm = [0.5, -0.25]\nradius_mm = 0.75\n");
+    const auto read =
+        [&](const std::string& place) {
+            std::ofstream(folder / "r.toml")
+                << "[scale]\nlenslet_mm = 0.5\n[reference]\nfile = \"part.hordref\"\n[[tolerate]]\nlargest_mm = 1.5\n"
+                << place;
+            return load_numbered_recipe(folder / "r.toml");
+        };
+    const auto plain = read("shape = \"circle\"\ncentre = [0.5, -0.25]\nradius = 0.75\n"),
+               named = read("shape = \"circle\"\ncentre_mm = [0.5, -0.25]\nradius_mm = 0.75\n");
     ASSERT_TRUE(plain) << plain.error().message();
     ASSERT_TRUE(named) << named.error().message();
     EXPECT_EQ(crc32_of(*named), crc32_of(*plain));
@@ -141,7 +151,9 @@ TEST_F(ReferenceFile, where_something_is_tolerated_may_be_named_with_mm_as_zones
     EXPECT_EQ(named->recipe.tolerances[0].where->unit, algo::Zone::Unit::lenslets);
     EXPECT_FALSE(read("shape = \"circle\"\ncentre_mm = [0.5, -0.25]\nradius = 0.75\n"));
     // Zones in lenslets may stand beside it: what is tolerated was always in mm.
-    EXPECT_TRUE(read("shape = \"circle\"\ncentre_mm = [0.5, -0.25]\nradius_mm = 0.75\n[[zone]]\nshape = \"circle\"\ncentre = [2, 2]\nradius = 1\n"));
+    EXPECT_TRUE(
+        read("shape = \"circle\"\ncentre_mm = [0.5, -0.25]\nradius_mm = 0.75\n[[zone]]\nshape = \"circle\"\ncentre = "
+             "[2, 2]\nradius = 1\n"));
 }
 
 TEST_F(ReferenceFile, a_seal_covers_what_is_in_it_and_not_where_it_lies) {
@@ -178,13 +190,17 @@ TEST_F(ReferenceFile, its_checksum_is_the_one_of_the_file) {
 
 TEST(Recipe, says_nothing_new_where_there_is_no_reference) {
     const std::string text = format_recipe({});
-    for (const char* key : {"[scale]", "[reference]", "[[tolerate]]"}) EXPECT_THAT(text, ::testing::Not(HasSubstr(key)));
+    for (const char* key : {"[scale]", "[reference]", "[[tolerate]]"})
+        EXPECT_THAT(text, ::testing::Not(HasSubstr(key)));
 }
 
 TEST(Recipe, a_missing_reference_is_one_problem_among_all) {
-    const auto refused = parse_recipe("schema = 1\n[reference]\nfile = \"/nowhere/x.hordref\"\ngrow_score = 9.0\n[[tolerate]]\nlargest_mm = 1.0\n", "r.toml");
+    const auto refused = parse_recipe(
+        "schema = 1\n[reference]\nfile = \"/nowhere/x.hordref\"\ngrow_score = 9.0\n[[tolerate]]\nlargest_mm = 1.0\n",
+        "r.toml");
     ASSERT_FALSE(refused);
-    for (const char* problem : {"/nowhere/x.hordref", "grow_score", "lenslet_mm"}) EXPECT_THAT(refused.error().what + refused.error().cure, HasSubstr(problem));
+    for (const char* problem : {"/nowhere/x.hordref", "grow_score", "lenslet_mm"})
+        EXPECT_THAT(refused.error().what + refused.error().cure, HasSubstr(problem));
 }
 
 }  // namespace

@@ -38,8 +38,7 @@ Snapshot snapshot_of(State state, std::uint32_t seen, const PartResult& last) {
 
 class Image : public ::testing::Test {
   protected:
-    RegisterImage image{
-        StationIdentity{.vendor = "V", .firmware = "0.1.0", .serial = "S", .boot_id = 0xB007}};
+    RegisterImage image{StationIdentity{.vendor = "V", .firmware = "0.1.0", .serial = "S", .boot_id = 0xB007}};
     Words read(std::uint16_t address, std::size_t count) {
         Words words(count);
         EXPECT_EQ(image.read_registers(address, words), Exception::none) << address;
@@ -136,11 +135,11 @@ TEST_F(Image, latencies_and_the_rate_are_those_of_the_results) {
 }
 
 TEST_F(Image, what_is_published_of_health_calibration_and_recipe_is_read) {
-    image.publish(HealthReport{
-        .uptime_s = 70'000, .modbus_evicted = 3, .processor_celsius = -12.34, .disk_free_percent = 87.65});
+    image.publish(
+        HealthReport{.uptime_s = 70'000, .modbus_evicted = 3, .processor_celsius = -12.34, .disk_free_percent = 87.65});
     image.publish(CalibrationReport{.id = 0xCAFE0001, .residual_px = 0.0423, .drift_px = -0.02});
-    image.publish(RecipeInUse{
-        .number = 7, .crc32 = 0x89ABCDEF, .name = ShortText("bottle, 0.5 l, a name that is far too long")});
+    image.publish(
+        RecipeInUse{.number = 7, .crc32 = 0x89ABCDEF, .name = ShortText("bottle, 0.5 l, a name that is far too long")});
     EXPECT_THAT(read(8402, 2), ElementsAre(1, 4464));
     EXPECT_THAT(read(8417, 2), ElementsAre(0xFFFF, 0xFFFF)) << "not published";
     EXPECT_THAT(read(8432, 2), ElementsAre(static_cast<std::uint16_t>(-123), 877));
@@ -202,10 +201,9 @@ TEST_F(Image, a_million_reads_against_a_spinning_writer_are_neither_torn_nor_sta
         if (k % 2 == 0) {
             (void)image.read_registers(102, words);  // STATUS, COUNTERS and the first half of LAST
             const std::uint32_t now = at(words, 4);
-            torn += now != 0 && (at(words, 40) != now || at(words, 58) != (~now & 0x7FFFFFFF) ||
-                                 at(words, 100) != now)
-                        ? 1
-                        : 0;
+            torn += now != 0 && (at(words, 40) != now || at(words, 58) != (~now & 0x7FFFFFFF) || at(words, 100) != now)
+                ? 1
+                : 0;
             stale += now < newest ? 1 : 0;
             fresh += now > newest ? 1 : 0;
             newest = now;
@@ -214,10 +212,10 @@ TEST_F(Image, a_million_reads_against_a_spinning_writer_are_neither_torn_nor_sta
             (void)image.read_registers(address_of_result(newest), slot);
             const std::uint32_t s = at(slot, 0);
             stale += s < newest ? 1 : 0;
-            torn += at(slot, 22) != s || at(slot, 2) != (s ^ 0x55AA55AA) || at(slot, 4) != s ||
-                            slot[10] != s % 1000 || at(slot, 13) != s * 3 || at(slot, 15) != s * 5
-                        ? 1
-                        : 0;
+            torn += at(slot, 22) != s || at(slot, 2) != (s ^ 0x55AA55AA) || at(slot, 4) != s || slot[10] != s % 1000 ||
+                    at(slot, 13) != s * 3 || at(slot, 15) != s * 5
+                ? 1
+                : 0;
         }
     }
     stop = true;

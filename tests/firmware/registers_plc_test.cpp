@@ -1,14 +1,14 @@
 // The PLC's side: commands exactly once, heartbeat, acknowledgement, staged recipe.
 #include "firmware/registers_plc.h"
 
-#include "firmware/registers_image.h"
-
 #include <deque>
 #include <map>
 #include <random>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "firmware/registers_image.h"
 
 namespace hord::firmware {
 namespace {
@@ -64,11 +64,11 @@ class PlcSide : public ::testing::Test {
     Exception write(std::uint16_t address, const Words& words) {
         return image.write_registers({.peer = "192.0.2.7:50123"}, address, words);
     }
-    Exception command(std::uint32_t token, CommandCode code, std::uint32_t argument = 0,
-                      std::uint16_t boot = 0) {
+    Exception command(std::uint32_t token, CommandCode code, std::uint32_t argument = 0, std::uint16_t boot = 0) {
         const auto half = [](std::uint32_t v) { return static_cast<std::uint16_t>(v & 0xFFFFU); };
-        return write(8002, {half(token >> 16U), half(token), boot, static_cast<std::uint16_t>(code),
-                            half(argument >> 16U), half(argument), 0, 0});
+        return write(8002,
+                     {half(token >> 16U), half(token), boot, static_cast<std::uint16_t>(code), half(argument >> 16U),
+                      half(argument), 0, 0});
     }
     Words read(std::uint16_t address, std::size_t count) {
         Words words(count);
@@ -91,9 +91,7 @@ class PlcSide : public ::testing::Test {
 };
 
 // token, code, state, error
-Words reply_of(const Words& block) {
-    return {block[2], block[3], block[4], block[5], block[6]};
-}
+Words reply_of(const Words& block) { return {block[2], block[3], block[4], block[5], block[6]}; }
 
 TEST_F(PlcSide, a_command_is_executed_and_replied_to) {
     ASSERT_EQ(command(0x00010002, CommandCode::arm), Exception::none);
@@ -194,8 +192,7 @@ TEST_F(PlcSide, ten_thousand_commands_over_a_bad_network_are_executed_exactly_on
     std::uint32_t disturbed = 0;
     for (std::uint32_t token = 1; token <= 10'000; ++token) {
         for (bool acknowledged = false; !acknowledged;) {
-            for (auto copies = random() % 3; copies > 0; --copies)
-                under_way.push_back(token);  // lost, once, twice
+            for (auto copies = random() % 3; copies > 0; --copies) under_way.push_back(token);  // lost, once, twice
             while (!under_way.empty() && random() % 4 != 0) {
                 const std::size_t pick = random() % under_way.size();  // late and out of order
                 disturbed += pick > 0 ? 1 : 0;
@@ -292,8 +289,7 @@ TEST_F(PlcSide, a_recipe_is_staged_and_committed_by_its_checksum) {
     ASSERT_EQ(command(2, CommandCode::commit_recipe, crc), Exception::none);
     EXPECT_THAT(station.recipes, ElementsAre(StagedRecipe{7, 1500, 800, 600, 3, -2, 100, 700}));
     EXPECT_THAT(station.commands, IsEmpty());
-    EXPECT_THAT(read(8202, 8), ElementsAre(7, 1500, 800, 600, 3, 0xFFFE, 100, 700))
-        << "reads back as written";
+    EXPECT_THAT(read(8202, 8), ElementsAre(7, 1500, 800, 600, 3, 0xFFFE, 100, 700)) << "reads back as written";
 }
 
 TEST_F(PlcSide, the_checksum_is_the_ordinary_crc32_of_the_bytes_as_they_travel) {
@@ -344,8 +340,7 @@ TEST(RegisterImageWithoutDesk, takes_no_writes_and_shows_no_plc) {
     EXPECT_EQ(image.write_registers({}, 8102, std::span(&one, 1)), Exception::illegal_address);
     std::array<std::uint16_t, 12> plc{};
     ASSERT_EQ(image.read_registers(8100, plc), Exception::none);
-    EXPECT_THAT(
-        plc, ElementsAre(8, 98, 0, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF));
+    EXPECT_THAT(plc, ElementsAre(8, 98, 0, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF));
 }
 
 }  // namespace

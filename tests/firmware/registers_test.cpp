@@ -1,7 +1,5 @@
 #include "firmware/registers.h"
 
-#include "firmware/faults.h"
-
 #include <bit>
 #include <fstream>
 #include <iterator>
@@ -10,6 +8,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <toml++/toml.h>
+
+#include "firmware/faults.h"
 
 namespace hord::firmware {
 namespace {
@@ -39,12 +39,11 @@ Snapshot example() {
     return s;
 }
 
-std::vector<std::uint16_t> image_of(BlockId id, const Snapshot& snapshot,
-                                    const StationIdentity& identity = {}, const RegisterExtras& extras = {}) {
+std::vector<std::uint16_t> image_of(BlockId id, const Snapshot& snapshot, const StationIdentity& identity = {},
+                                    const RegisterExtras& extras = {}) {
     const Block& block = *find_block(id);
     std::vector<std::uint16_t> image(block.size());
-    encode(block, {.identity = identity, .snapshot = snapshot, .result = snapshot.last, .extras = extras},
-           image);
+    encode(block, {.identity = identity, .snapshot = snapshot, .result = snapshot.last, .extras = extras}, image);
     return image;
 }
 
@@ -70,8 +69,8 @@ TEST(Registers, status_is_encoded_as_documented) {
 TEST(Registers, a_result_is_encoded_as_documented) {
     const auto image = image_of(BlockId::last, example());
     EXPECT_THAT(std::vector(image.begin() + 2, image.begin() + 26),
-                ElementsAre(1, 2, 0, 9, 0, 12345, 678901 >> 16, 678901 & 0xFFFF, 2, 2, 2, 0, 1235, 0, 4321, 1,
-                            4464, 2, 0xFFFF, 0xFFFF, 0xFFFF, 0b11, 1, 2));
+                ElementsAre(1, 2, 0, 9, 0, 12345, 678901 >> 16, 678901 & 0xFFFF, 2, 2, 2, 0, 1235, 0, 4321, 1, 4464, 2,
+                            0xFFFF, 0xFFFF, 0xFFFF, 0b11, 1, 2));
 }
 
 TEST(Registers, before_the_first_result_its_values_are_not_available) {
@@ -79,10 +78,7 @@ TEST(Registers, before_the_first_result_its_values_are_not_available) {
     ASSERT_TRUE(readings);
     for (const Reading& reading : *readings) {
         const bool has_value = reading.what->name.starts_with("sequence") || reading.what->name == "flags";
-        EXPECT_EQ(reading.text, reading.what->name == "flags" ? "none"
-                                : has_value                   ? "0"
-                                                              : "-")
-            << reading.what->name;
+        EXPECT_EQ(reading.text, reading.what->name == "flags" ? "none" : has_value ? "0" : "-") << reading.what->name;
     }
 }
 
@@ -106,11 +102,10 @@ TEST(Registers, decoding_gives_back_names_units_and_values) {
             text += std::string(r.what->name) + '=' + r.text + ' ' + std::string(r.what->unit) + '\n';
     }
     for (const char* line :
-         {"magic=0x484F5244", "boot_id=0xDEADBEEF", "firmware=0.1.0", "serial=H-0042",
-          "state=8 ContinuousExecution", "bits=executing, run_permit, fault_latched",
-          "plc_heartbeat_age=- ms", "heartbeat=65535", "faults_latched=rejector, light-level",
-          "first_fault=4 rejector", "seen=74565 parts", "verdict=2 reject", "reason=2 slope", "score=1.235",
-          "latency=4321 us", "reject_latency=70000 us", "reject_state=2 confirmed"}) {
+         {"magic=0x484F5244", "boot_id=0xDEADBEEF", "firmware=0.1.0", "serial=H-0042", "state=8 ContinuousExecution",
+          "bits=executing, run_permit, fault_latched", "plc_heartbeat_age=- ms", "heartbeat=65535",
+          "faults_latched=rejector, light-level", "first_fault=4 rejector", "seen=74565 parts", "verdict=2 reject",
+          "reason=2 slope", "score=1.235", "latency=4321 us", "reject_latency=70000 us", "reject_state=2 confirmed"}) {
         EXPECT_THAT(text, HasSubstr(line));
     }
 }
@@ -164,8 +159,7 @@ TEST(Registers, names_are_unique_in_their_block) {
 TEST(Registers, the_documentation_in_the_tree_is_what_the_code_prints) {
     std::ifstream in(HORD_SOURCE_DIR "/docs/registers.md", std::ios::binary);
     const std::string tree{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-    EXPECT_EQ(tree, format_registers(MapFormat::markdown))
-        << "run: hordctl registers --format md > docs/registers.md";
+    EXPECT_EQ(tree, format_registers(MapFormat::markdown)) << "run: hordctl registers --format md > docs/registers.md";
 }
 
 TEST(Registers, rows_that_were_released_stay_where_they_are) {
@@ -216,7 +210,8 @@ TEST(Registers, telegraf_is_told_each_number_with_its_address_and_type) {
             EXPECT_EQ(field->at_path("scale").value_or(1.0), row.scale) << row.name;
             const std::string type = field->at_path("type").value_or<std::string>("");
             EXPECT_TRUE(type.ends_with(row.words == 2 ? "32" : "16")) << row.name << ' ' << type;
-            EXPECT_EQ(type.starts_with("INT"), row.type == RegisterType::s16 || row.type == RegisterType::s32) << row.name;
+            EXPECT_EQ(type.starts_with("INT"), row.type == RegisterType::s16 || row.type == RegisterType::s32)
+                << row.name;
         }
     }
     EXPECT_GT(told, 60U);

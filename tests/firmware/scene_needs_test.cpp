@@ -8,10 +8,10 @@
 namespace hord::firmware {
 namespace {
 
+using sim::Effect;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::Not;
-using sim::Effect;
 
 // Absorption of a third of the light and a dispersion that moves light by a thousandth of a bin.
 sim::Scene tinted() {
@@ -24,7 +24,8 @@ sim::Scene tinted() {
 }
 
 const EffectNeed& need(const SceneNeeds& needs, Effect effect) {
-    return *std::find_if(needs.effects.begin(), needs.effects.end(), [&](const EffectNeed& n) { return n.effect == effect; });
+    return *std::find_if(needs.effects.begin(), needs.effects.end(),
+                         [&](const EffectNeed& n) { return n.effect == effect; });
 }
 
 TEST(SceneNeeds, keeps_what_changes_a_feature_by_more_than_the_tolerance_and_drops_the_rest) {
@@ -50,7 +51,7 @@ TEST(SceneNeeds, depend_on_the_tolerance) {
 // Each of many small effects is within the tolerance; all of them together are not.
 TEST(SceneNeeds, are_judged_together) {
     sim::Scene scene = tinted();
-    scene.glass = {0, 0.01};  // 4 %
+    scene.glass = {0, 0.01};       // 4 %
     scene.effects.fresnel = true;  // 8 %
     const auto needs = needs_of(scene, {0.1, 1, {}});
     EXPECT_LT(need(*needs, Effect::absorption).change.largest(), 0.1);

@@ -1,10 +1,10 @@
 // A stream of requests [length, PDU...] to a whole station's registers: every reply is legal, no token does
 // two things.
-#include "firmware/registers_image.h"
-
 #include <algorithm>
 #include <cstdlib>
 #include <set>
+
+#include "firmware/registers_image.h"
 
 namespace {
 
@@ -20,8 +20,7 @@ class Handler : public PlcHandler {
     std::set<std::uint32_t> tokens;
     CommandOutcome on_command(const modbus::Origin&, const CommandRequest& request) override {
         if (request.token == 0 || !tokens.insert(request.token).second) std::abort();
-        return {request.code % 7 == 0 ? CommandState::executing : CommandState::completed, CommandError::none,
-                0};
+        return {request.code % 7 == 0 ? CommandState::executing : CommandState::completed, CommandError::none, 0};
     }
     CommandOutcome on_recipe(const modbus::Origin&, const CommandRequest&, const StagedRecipe&) override { return {}; }
     modbus::Exception on_acknowledged(const modbus::Origin&, std::uint32_t sequence) override {
@@ -48,8 +47,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         const auto request = rest.subspan(1, length);
         rest = rest.subspan(1 + length);
         std::array<std::uint8_t, modbus::kMaxPdu> reply{};
-        const std::size_t count =
-            modbus::dispatch(image, {.peer = "fuzz", .may_write = true}, request, reply);
+        const std::size_t count = modbus::dispatch(image, {.peer = "fuzz", .may_write = true}, request, reply);
         if (count < 2 || count > reply.size()) std::abort();
         if ((reply[0] & 0x7FU) != (request[0] & 0x7FU)) std::abort();
         if ((reply[0] & 0x80U) != 0 && count != 2) std::abort();

@@ -1,5 +1,6 @@
-// A frame file from anywhere: it is a frame that its bytes can hold, or an error that names it. The first byte chooses the door: a frame file,
-// a TIFF without the check of its header before, or a kept frame. A PNG's checksums are made right, or nothing would get past them.
+// A frame file from anywhere: it is a frame that its bytes can hold, or an error that names it. The first byte chooses
+// the door: a frame file, a TIFF without the check of its header before, or a kept frame. A PNG's checksums are made
+// right, or nothing would get past them.
 #include <cstdlib>
 #include <cstring>
 #include <vector>
@@ -15,7 +16,8 @@ namespace {
 void repair_checksums(std::vector<std::uint8_t>& file) {
     if (file.size() < 8 || std::memcmp(file.data(), "\x89PNG\r\n\x1a\n", 8) != 0) return;
     for (std::size_t at = 8; file.size() - at >= 12;) {
-        const std::size_t length = std::size_t{file[at]} << 24U | std::size_t{file[at + 1]} << 16U | std::size_t{file[at + 2]} << 8U | file[at + 3];
+        const std::size_t length = std::size_t{file[at]} << 24U | std::size_t{file[at + 1]} << 16U |
+            std::size_t{file[at + 2]} << 8U | file[at + 3];
         if (length > file.size() - at - 12) return;
         const auto sum = static_cast<std::uint32_t>(crc32(0, file.data() + at + 4, static_cast<uInt>(4 + length)));
         for (unsigned k = 0; k < 4; ++k) file[at + 8 + length + k] = static_cast<std::uint8_t>(sum >> (24 - 8 * k));
@@ -45,15 +47,20 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     std::vector<std::uint8_t> file(data + 1, data + size);
     repair_checksums(file);
     switch (data[0] % 3) {
-        case 0: check(drivers::decode_frame(std::as_bytes(std::span(file)), "the.file", {.bits = data[0] >= 128 ? 12 : 0}), file.size()); break;
+        case 0:
+            check(drivers::decode_frame(std::as_bytes(std::span(file)), "the.file", {.bits = data[0] >= 128 ? 12 : 0}),
+                  file.size());
+            break;
         case 1: check(common::decode_grey_tiff(file, "the.file"), file.size()); break;
         default:
-            check(common::decode_grey_png(file, "the.file", "hord").and_then([](common::GreyPng&& png) -> Result<algo::Frame> {
-                if (png.frame.bits() != 8 && png.frame.bits() != 16) {  // a kept frame's depth is told, not checked
-                    return algo::Frame(png.frame.width_px(), png.frame.height_px(), png.frame.bits());
-                }
-                return std::move(png.frame);
-            }),
+            check(common::decode_grey_png(file, "the.file", "hord")
+                      .and_then([](common::GreyPng&& png) -> Result<algo::Frame> {
+                          if (png.frame.bits() != 8 &&
+                              png.frame.bits() != 16) {  // a kept frame's depth is told, not checked
+                              return algo::Frame(png.frame.width_px(), png.frame.height_px(), png.frame.bits());
+                          }
+                          return std::move(png.frame);
+                      }),
                   file.size());
     }
     return 0;

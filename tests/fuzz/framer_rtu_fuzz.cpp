@@ -1,9 +1,9 @@
 // Each piece is [size, silence before it, bytes...]. A request must have been on the line with a good CRC,
 // and after the silences a good frame must be understood, whatever came before.
-#include "firmware/modbus/framer_rtu.h"
-
 #include <algorithm>
 #include <cstdlib>
+
+#include "firmware/modbus/framer_rtu.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace hord::firmware::modbus;

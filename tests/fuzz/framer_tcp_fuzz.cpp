@@ -1,9 +1,9 @@
 // The first byte chooses how the rest is cut into pieces; the requests must not depend on it.
-#include "firmware/modbus/framer_tcp.h"
-
 #include <algorithm>
 #include <cstdlib>
 #include <vector>
+
+#include "firmware/modbus/framer_tcp.h"
 
 namespace {
 

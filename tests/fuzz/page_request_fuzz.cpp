@@ -1,5 +1,5 @@
-// One connection to hord-page, byte by byte as it comes: every answer is whole and legal, nothing but the page's own files is given,
-// and without a token nobody commands.
+// One connection to hord-page, byte by byte as it comes: every answer is whole and legal, nothing but the page's own
+// files is given, and without a token nobody commands.
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
@@ -22,8 +22,18 @@ struct Fuzzed {
     Results results{"/nonexistent"};
     KeptFrames frames{"/nonexistent"};
     PartPictures pictures;
-    Pages pages{{config, tokens, viewers, live, results, frames, pictures,
-                 [](CommandCode, std::uint32_t, std::uint32_t, const std::string&) -> Result<modbus::Client::Reply> { std::abort(); }, {}, "fuzz"}};
+    Pages pages{{config,
+                 tokens,
+                 viewers,
+                 live,
+                 results,
+                 frames,
+                 pictures,
+                 [](CommandCode, std::uint32_t, std::uint32_t, const std::string&) -> Result<modbus::Client::Reply> {
+                     std::abort();
+                 },
+                 {},
+                 "fuzz"}};
 };
 
 }  // namespace
@@ -33,8 +43,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const std::string answer = answer_bytes(page.pages, page.viewers, {reinterpret_cast<const char*>(data), size});
     if (page.viewers.count() != 0) std::abort();
     if (!answer.empty() && !answer.starts_with("HTTP/1.")) std::abort();
-    const std::string_view asked(reinterpret_cast<const char*>(data), size);  // what was asked for by name may be named in a refusal
-    if (answer.starts_with("HTTP/1.1 500") || (answer.find("root:x:") != std::string::npos && asked.find("root:x:") == asked.npos)) std::abort();
+    const std::string_view asked(reinterpret_cast<const char*>(data),
+                                 size);  // what was asked for by name may be named in a refusal
+    if (answer.starts_with("HTTP/1.1 500") ||
+        (answer.find("root:x:") != std::string::npos && asked.find("root:x:") == asked.npos))
+        std::abort();
     const bool by_us = answer.starts_with("HTTP/1.1 2") || answer.starts_with("HTTP/1.1 404");
     if (by_us && answer.find("Content-Security-Policy: default-src 'none'") == std::string::npos) std::abort();
     return 0;

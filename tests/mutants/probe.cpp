@@ -61,14 +61,18 @@ int main(int count, char** arguments) {
         return 2;
     }
     if (report->violations == 0) {
-        std::printf("%llu parts, no promise broken, fingerprint %016llx\n", static_cast<unsigned long long>(report->parts), static_cast<unsigned long long>(report->fingerprint));
+        std::printf("%llu parts, no promise broken, fingerprint %016llx\n",
+                    static_cast<unsigned long long>(report->parts),
+                    static_cast<unsigned long long>(report->fingerprint));
     } else {
-        std::printf("%llu parts: %s\n", static_cast<unsigned long long>(report->parts_to_violation), report->first_violations.front().c_str());
+        std::printf("%llu parts: %s\n", static_cast<unsigned long long>(report->parts_to_violation),
+                    report->first_violations.front().c_str());
     }
     if (shrinks && report->first_broken) {
         const auto shrunk = shrink(*report->first_broken, try_episode);
         if (!shrunk || shrunk->plan.parts > report->first_broken->parts) return 1;
-        std::printf("shrunk in %llu runs: %s\n", static_cast<unsigned long long>(shrunk->runs), command_of(shrunk->plan).c_str());
+        std::printf("shrunk in %llu runs: %s\n", static_cast<unsigned long long>(shrunk->runs),
+                    command_of(shrunk->plan).c_str());
     }
     return (report->violations > 0) == expected ? 0 : 1;
 }

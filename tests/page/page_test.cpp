@@ -1,4 +1,5 @@
-// The page's parts by themselves: who may command, what is configured, what is kept in memory, what Prometheus and Grafana read.
+// The page's parts by themselves: who may command, what is configured, what is kept in memory, what Prometheus and
+// Grafana read.
 #include <fstream>
 #include <regex>
 #include <set>
@@ -23,23 +24,29 @@ using store::test::write_text;
 // -- tokens ----------------------------------------------------------------------------------------------------------
 
 TEST(PageTokens, know_their_owners_and_nobody_else) {
-    const auto tokens = Tokens::parse("# the night shift\nanna 0123456789abcdef01234567\nben  abcdefghijklmnopqrstuvwxyz # new\n", "t");
+    const auto tokens =
+        Tokens::parse("# the night shift\nanna 0123456789abcdef01234567\nben  abcdefghijklmnopqrstuvwxyz # new\n", "t");
     ASSERT_TRUE(tokens) << tokens.error().message();
     EXPECT_EQ(tokens->owner("0123456789abcdef01234567"), "anna");
     EXPECT_EQ(tokens->owner("abcdefghijklmnopqrstuvwxyz"), "ben");
-    for (const std::string& wrong : {std::string(), std::string("0123456789abcdef0123456"), std::string("0123456789abcdef012345678"), std::string("0123456789abcdef01234567\0", 25), std::string(100'000, 'a')}) {
+    for (const std::string& wrong :
+         {std::string(), std::string("0123456789abcdef0123456"), std::string("0123456789abcdef012345678"),
+          std::string("0123456789abcdef01234567\0", 25), std::string(100'000, 'a')}) {
         EXPECT_FALSE(tokens->owner(wrong)) << wrong.size();
     }
     EXPECT_FALSE(Tokens().owner(""));
 }
 
 TEST(PageTokens, refuse_what_would_be_guessed_or_mistaken) {
-    for (const char* text : {"", "# nobody\n", "anna\n", "anna short\n", "anna 0123456789abcdef01234567 more\n", "a-name-of-more-than-twenty-letters 0123456789abcdef01234567\n",
-                             "anna 0123456789abcdef01234567\nanna abcdefghijklmnopqrstuvwxyz\n", "anna 0123456789abcdef01234567\nben 0123456789abcdef01234567\n"}) {
+    for (const char* text : {"", "# nobody\n", "anna\n", "anna short\n", "anna 0123456789abcdef01234567 more\n",
+                             "a-name-of-more-than-twenty-letters 0123456789abcdef01234567\n",
+                             "anna 0123456789abcdef01234567\nanna abcdefghijklmnopqrstuvwxyz\n",
+                             "anna 0123456789abcdef01234567\nben 0123456789abcdef01234567\n"}) {
         const auto tokens = Tokens::parse(text, "t");
         ASSERT_FALSE(tokens) << text;
         EXPECT_FALSE(tokens.error().cure.empty());
-        EXPECT_THAT(tokens.error().message(), ::testing::Not(HasSubstr("0123456789abcdef")));  // a log is not the place for a token
+        EXPECT_THAT(tokens.error().message(),
+                    ::testing::Not(HasSubstr("0123456789abcdef")));  // a log is not the place for a token
     }
 }
 
@@ -79,13 +86,17 @@ TEST(PageConfiguration, the_one_that_is_installed_holds_every_key_at_its_default
 }
 
 TEST(PageConfiguration, every_problem_is_told_at_once_with_its_line) {
-    const auto read = parse_page_config("[page]\nport = 70000\nhots = \"x\"\nnames = [\"http://wall\"]\n[station]\nmodbus = \"a:b:c\"\npoll_ms = 1\n", "/etc/hord/page.toml");
+    const auto read = parse_page_config(
+        "[page]\nport = 70000\nhots = \"x\"\nnames = [\"http://wall\"]\n[station]\nmodbus = \"a:b:c\"\npoll_ms = 1\n",
+        "/etc/hord/page.toml");
     ASSERT_FALSE(read);
-    for (const char* part : {"page.toml:2", "page.toml:3", "host", "page.toml:4", "page.toml:6", "page.toml:7"}) EXPECT_THAT(read.error().what, HasSubstr(part));
+    for (const char* part : {"page.toml:2", "page.toml:3", "host", "page.toml:4", "page.toml:6", "page.toml:7"})
+        EXPECT_THAT(read.error().what, HasSubstr(part));
 }
 
 TEST(PageConfiguration, files_are_found_beside_it) {
-    const auto read = parse_page_config("[station]\nstore = \"store\"\n[actions]\ntokens = \"/x/t\"\n", "/etc/hord/page.toml");
+    const auto read =
+        parse_page_config("[station]\nstore = \"store\"\n[actions]\ntokens = \"/x/t\"\n", "/etc/hord/page.toml");
     ASSERT_TRUE(read);
     EXPECT_EQ(read->store, "/etc/hord/store");
     EXPECT_EQ(read->tokens, "/x/t");
@@ -161,7 +172,8 @@ TEST(PageParts, have_two_kinds_of_names_and_nothing_else_is_one) {
     ASSERT_TRUE(live);
     EXPECT_EQ(live->boot, 0x0a1b2c3dU);
     EXPECT_EQ(live->part, 42U);
-    for (const char* wrong : {"", "0", "-1", "+1", "1 ", "4711x", "..", "0a1b2c3d-", "0a1b2c3d-4294967296", "0a1b2c3-42", "0a1b2c3d-42-1", "0x1b2c3d-42", "99999999999999999999", "%31"}) {
+    for (const char* wrong : {"", "0", "-1", "+1", "1 ", "4711x", "..", "0a1b2c3d-", "0a1b2c3d-4294967296",
+                              "0a1b2c3-42", "0a1b2c3d-42-1", "0x1b2c3d-42", "99999999999999999999", "%31"}) {
         EXPECT_FALSE(parse_part_key(wrong)) << wrong;
     }
 }
@@ -189,7 +201,13 @@ TEST(PageResults, are_found_page_by_page) {
     EXPECT_EQ(count({{"part", "110"}}), 1U);
     EXPECT_EQ(count({{"recipe", "lens"}}), 30U);
     EXPECT_EQ(count({{"until", "2026-01-01"}}), 0U);
-    for (const Fields& wrong : {Fields{{"limit", "0"}}, {{"limit", "201"}}, {{"part", "x"}}, {{"since", "yesterday"}}, {{"verdcit", "reject"}}, {{"reason", std::string(101, 'a')}}, {{"recipe", "a\nb"}}}) {
+    for (const Fields& wrong : {Fields{{"limit", "0"}},
+                                {{"limit", "201"}},
+                                {{"part", "x"}},
+                                {{"since", "yesterday"}},
+                                {{"verdcit", "reject"}},
+                                {{"reason", std::string(101, 'a')}},
+                                {{"recipe", "a\nb"}}}) {
         const auto refused = page.results.search(wrong);
         ASSERT_FALSE(refused) << wrong.begin()->first;
         EXPECT_EQ(refused.error().code, ErrorCode::invalid_argument);
@@ -219,7 +237,8 @@ TEST(PageResults, are_read_while_a_station_writes) {
 
 // As hord-page.service has it: a user that may read the folder as a member of its group, and write nothing.
 TEST(PageResults, are_read_without_the_right_to_write_while_a_station_runs_and_when_none_does) {
-    if (::geteuid() != 0 || !std::filesystem::exists("/usr/bin/setpriv")) GTEST_SKIP() << "needs root and setpriv, to be another user";
+    if (::geteuid() != 0 || !std::filesystem::exists("/usr/bin/setpriv"))
+        GTEST_SKIP() << "needs root and setpriv, to be another user";
     SmallPage page;
     constexpr gid_t kGroup = 4711;
     const auto give = [&] {
@@ -233,7 +252,9 @@ TEST(PageResults, are_read_without_the_right_to_write_while_a_station_runs_and_w
         }
     };
     const auto as_member = [&] {
-        return hord::test::run("/usr/bin/setpriv", {"--reuid=4712", "--regid=4712", "--groups=4711", std::string(HORD_BIN_DIR) + "/hordctl", "results", "--store", page.folder.path().string(), "--format", "csv"});
+        return hord::test::run("/usr/bin/setpriv",
+                               {"--reuid=4712", "--regid=4712", "--groups=4711", std::string(HORD_BIN_DIR) + "/hordctl",
+                                "results", "--store", page.folder.path().string(), "--format", "csv"});
     };
     give();
     const auto at_rest = as_member();
@@ -254,7 +275,7 @@ TEST(PageFrames, belong_to_the_part_of_one_start_and_a_torn_one_is_told) {
     EXPECT_EQ(page.frames.find(kBoot + 1, kBadPart).error().code, ErrorCode::not_found);
     EXPECT_EQ(page.frames.find(kBoot, 111).error().code, ErrorCode::not_found);
     ASSERT_TRUE(page.frames.newest());
-    EXPECT_FALSE(page.frames.newest());  // nothing new
+    EXPECT_FALSE(page.frames.newest());          // nothing new
     keep_frame(page.folder.path(), 112, false);  // passed, and is not kept
     ASSERT_TRUE(page.frames.newest_reject());
     EXPECT_FALSE(page.frames.newest_reject());
@@ -288,14 +309,16 @@ TEST(PageRecord, holds_everything_and_an_archive_that_tar_reads) {
     ASSERT_EQ(reply.status, 200);
     const TempFolder folder;
     write_text(folder.path() / "r.tar", reply.body);
-    const auto said = hord::test::run("/bin/tar", {"-xf", (folder.path() / "r.tar").string(), "-C", folder.path().string()});
+    const auto said =
+        hord::test::run("/bin/tar", {"-xf", (folder.path() / "r.tar").string(), "-C", folder.path().string()});
     ASSERT_EQ(said.status, 0) << said.err;
     const auto inside = folder.path() / "part-00000007-110";
     const Json record = Json::parse(store::test::read_text(inside / "record.json"));
     EXPECT_EQ(record["result"]["number"], 10);
     EXPECT_EQ(record["frame_metadata"]["recipe"], "name = \"lens\"\n");
     EXPECT_EQ(store::test::read_text(inside / "frame.png"), page.get("/parts/10/frame.png").body);
-    EXPECT_THAT(Json::parse(page.get("/parts/11/record.json").body)["no_frame"].get<std::string>(), HasSubstr("no frame of part 111"));
+    EXPECT_THAT(Json::parse(page.get("/parts/11/record.json").body)["no_frame"].get<std::string>(),
+                HasSubstr("no frame of part 111"));
 }
 
 // -- Prometheus and Grafana ------------------------------------------------------------------------------------------
@@ -321,10 +344,13 @@ TEST(PageMetrics, are_as_prometheus_wants_them) {
 
 TEST(PageMetrics, say_what_the_station_said) {
     const std::string text = example_metrics();
-    for (const char* line : {"hord_station_up 1\n", "hord_station_state{state=\"ContinuousExecution\"} 1\n", "hord_station_state{state=\"Error\"} 0\n", "hord_fault_active{fault=\"light-level\"} 1\n",
-                             "hord_parts_judged_total{verdict=\"pass\"} 9\n", "hord_verdict_latency_seconds_bucket{le=\"0.15\"} 2\n", "hord_verdict_latency_seconds_bucket{le=\"0.1\"} 0\n",
-                             "hord_reject_latency_seconds_count 1\n", "hord_store_disk_free_ratio 0.5\n", "hord_plc_heartbeat_age_seconds 0.02\n", "hord_grid_drift_pixels 0.02\n",
-                             "name=\"lens \\\"a\\\"\\\\\""}) {
+    for (const char* line :
+         {"hord_station_up 1\n", "hord_station_state{state=\"ContinuousExecution\"} 1\n",
+          "hord_station_state{state=\"Error\"} 0\n", "hord_fault_active{fault=\"light-level\"} 1\n",
+          "hord_parts_judged_total{verdict=\"pass\"} 9\n", "hord_verdict_latency_seconds_bucket{le=\"0.15\"} 2\n",
+          "hord_verdict_latency_seconds_bucket{le=\"0.1\"} 0\n", "hord_reject_latency_seconds_count 1\n",
+          "hord_store_disk_free_ratio 0.5\n", "hord_plc_heartbeat_age_seconds 0.02\n", "hord_grid_drift_pixels 0.02\n",
+          "name=\"lens \\\"a\\\"\\\\\""}) {
         EXPECT_THAT(text, HasSubstr(line));
     }
     Viewers viewers(1);
@@ -338,13 +364,15 @@ TEST(PageMetrics, say_what_the_station_said) {
 
 std::set<std::string> names_in(const std::string& text, const std::regex& pattern) {
     std::set<std::string> names;
-    for (auto at = std::sregex_iterator(text.begin(), text.end(), pattern); at != std::sregex_iterator(); ++at) names.insert((*at)[1].str());
+    for (auto at = std::sregex_iterator(text.begin(), text.end(), pattern); at != std::sregex_iterator(); ++at)
+        names.insert((*at)[1].str());
     return names;
 }
 
 TEST(PageMetrics, all_that_the_dashboard_asks_for_exist_and_all_are_described) {
     const std::filesystem::path tree(HORD_SOURCE_DIR);
-    const Json dashboard = Json::parse(store::test::read_text(tree / "deploy/grafana/hord-station.json"), nullptr, false);
+    const Json dashboard =
+        Json::parse(store::test::read_text(tree / "deploy/grafana/hord-station.json"), nullptr, false);
     ASSERT_TRUE(dashboard.is_object());
     const std::string metrics = example_metrics();
     std::string asked;
@@ -358,9 +386,11 @@ TEST(PageMetrics, all_that_the_dashboard_asks_for_exist_and_all_are_described) {
     }
     EXPECT_GT(queries, 10);
     const std::set<std::string> there = names_in(metrics, std::regex("(?:^|\n)([a-z_][a-z0-9_]*)[{ ]"));
-    for (const std::string& name : names_in(asked, std::regex("\\b((?:hord|process)_[a-z0-9_]+)"))) EXPECT_TRUE(there.contains(name)) << name;
+    for (const std::string& name : names_in(asked, std::regex("\\b((?:hord|process)_[a-z0-9_]+)")))
+        EXPECT_TRUE(there.contains(name)) << name;
     const std::string page = store::test::read_text(tree / "docs/page.md");
-    for (const std::string& name : names_in(metrics, std::regex("# TYPE ([a-z0-9_]+)"))) EXPECT_THAT(page, HasSubstr("`" + name + "`"));
+    for (const std::string& name : names_in(metrics, std::regex("# TYPE ([a-z0-9_]+)")))
+        EXPECT_THAT(page, HasSubstr("`" + name + "`"));
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
-// What the page answers to requests: ordinary, malicious, too large, from another site. Through the same parsing as from a socket.
+// What the page answers to requests: ordinary, malicious, too large, from another site. Through the same parsing as
+// from a socket.
 #include <filesystem>
 #include <random>
 
@@ -27,7 +28,9 @@ std::string status(const std::string& answer) { return answer.substr(0, answer.f
 
 TEST(PageRequests, the_page_comes_whole_and_with_a_policy_that_lets_nothing_else_in) {
     SmallPage page;
-    for (const char* path : {"/", "/page.css", "/page.js", "/charts.js", "/icon.svg", "/api/page", "/api/state", "/api/history?span=24h", "/api/results", "/api/recipe", "/api/changes", "/metrics", "/parts/10/record.json"}) {
+    for (const char* path :
+         {"/", "/page.css", "/page.js", "/charts.js", "/icon.svg", "/api/page", "/api/state", "/api/history?span=24h",
+          "/api/results", "/api/recipe", "/api/changes", "/metrics", "/parts/10/record.json"}) {
         const std::string answer = ask(page, std::string("GET ") + path);
         EXPECT_EQ(status(answer), "HTTP/1.1 200 OK") << path;
         EXPECT_THAT(answer, HasSubstr("Content-Security-Policy: default-src 'none'; script-src 'self';"));
@@ -40,7 +43,8 @@ TEST(PageRequests, the_page_comes_whole_and_with_a_policy_that_lets_nothing_else
 TEST(PageRequests, the_site_names_no_outside_address_and_needs_no_inline_script) {
     for (const SiteFile& file : site_files()) {
         std::string text(file.text);
-        for (std::size_t at; (at = text.find("http://www.w3.org/")) != std::string::npos;) text.erase(at, 18);  // names of formats, never fetched
+        for (std::size_t at; (at = text.find("http://www.w3.org/")) != std::string::npos;)
+            text.erase(at, 18);  // names of formats, never fetched
         EXPECT_THAT(text, Not(HasSubstr("http://"))) << file.path;
         EXPECT_THAT(text, Not(HasSubstr("https://"))) << file.path;
         EXPECT_THAT(text, Not(HasSubstr("innerHTML"))) << file.path;
@@ -58,9 +62,12 @@ TEST(PageRequests, two_on_one_connection_are_answered_one_after_the_other) {
 TEST(PageRequests, a_path_leads_nowhere_but_to_what_there_is) {
     SmallPage page;
     store::test::write_text(page.folder.path() / "secret.png", "secret");
-    for (const char* path : {"/../../../../etc/passwd", "/..%2f..%2fetc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "/parts/../secret.png/frame.png", "/parts/..%2F..%2Fsecret/frame.png", "/parts/10/../../secret.png",
-                             "/parts/10/frame.png%00.txt", "/parts/10%00/frame.png", "/page.css%00", "/parts/%2e%2e/frame.png", "/parts//frame.png", "/parts/10/", "//etc/passwd", "/parts/10/frame.png/", "/site/page.js",
-                             "/parts/-1/record.json", "/parts/00000007-110%0d%0aX-Evil:1/frame.png", "/%ff%fe", "/api/../metrics/.."}) {
+    for (const char* path :
+         {"/../../../../etc/passwd", "/..%2f..%2fetc/passwd", "/%2e%2e/%2e%2e/etc/passwd",
+          "/parts/../secret.png/frame.png", "/parts/..%2F..%2Fsecret/frame.png", "/parts/10/../../secret.png",
+          "/parts/10/frame.png%00.txt", "/parts/10%00/frame.png", "/page.css%00", "/parts/%2e%2e/frame.png",
+          "/parts//frame.png", "/parts/10/", "//etc/passwd", "/parts/10/frame.png/", "/site/page.js",
+          "/parts/-1/record.json", "/parts/00000007-110%0d%0aX-Evil:1/frame.png", "/%ff%fe", "/api/../metrics/.."}) {
         const std::string answer = ask(page, std::string("GET ") + path);
         EXPECT_THAT(status(answer), ::testing::AnyOf(StartsWith("HTTP/1.1 400"), StartsWith("HTTP/1.1 404"))) << path;
         EXPECT_THAT(answer, Not(HasSubstr("secret"))) << path;
@@ -71,9 +78,14 @@ TEST(PageRequests, a_path_leads_nowhere_but_to_what_there_is) {
 
 TEST(PageRequests, only_by_its_own_names) {
     SmallPage page;
-    const auto called = [&](const std::string& host) { return status(answer_bytes(page.pages, page.viewers, "GET /api/state HTTP/1.1\r\n" + host + "\r\n")); };
-    for (const char* good : {"Host: localhost:8070\r\n", "Host: 127.0.0.1\r\n", "Host: [::1]:8070\r\n", "Host: WALL.example:80\r\n"}) EXPECT_EQ(called(good), "HTTP/1.1 200 OK") << good;
-    for (const char* bad : {"Host: evil.example\r\n", "Host: localhost.evil.example\r\n", "Host: \r\n", ""}) EXPECT_THAT(called(bad), StartsWith("HTTP/1.1 421")) << bad;
+    const auto called = [&](const std::string& host) {
+        return status(answer_bytes(page.pages, page.viewers, "GET /api/state HTTP/1.1\r\n" + host + "\r\n"));
+    };
+    for (const char* good :
+         {"Host: localhost:8070\r\n", "Host: 127.0.0.1\r\n", "Host: [::1]:8070\r\n", "Host: WALL.example:80\r\n"})
+        EXPECT_EQ(called(good), "HTTP/1.1 200 OK") << good;
+    for (const char* bad : {"Host: evil.example\r\n", "Host: localhost.evil.example\r\n", "Host: \r\n", ""})
+        EXPECT_THAT(called(bad), StartsWith("HTTP/1.1 421")) << bad;
     EXPECT_THAT(called("Host: localhost\r\nHost: evil.example\r\n"), StartsWith("HTTP/1.1 400"));
 }
 
@@ -91,7 +103,15 @@ TEST(PageRequests, too_much_or_too_strange_is_refused) {
     EXPECT_EQ(answer_bytes(page.pages, page.viewers, "GET / HTTP/1.1\r\nHost: loc"), "");  // it never came to an end
     EXPECT_EQ(answer_bytes(page.pages, page.viewers, ""), "");
     // Thousands of ranges ask for the same bytes: they are answered once.
-    const std::string ranges = ask(page, "GET /page.js", "Range: bytes=0-1" + [] { std::string s; for (int k = 0; k < 1500; ++k) s += ",0-9"; return s; }() + "\r\n");
+    const std::string ranges = ask(
+        page, "GET /page.js",
+        "Range: bytes=0-1" +
+            [] {
+                std::string s;
+                for (int k = 0; k < 1500; ++k) s += ",0-9";
+                return s;
+            }() +
+            "\r\n");
     EXPECT_EQ(status(ranges), "HTTP/1.1 200 OK");
 }
 
@@ -102,7 +122,8 @@ TEST(PageCommands, need_a_token_and_are_recorded_with_its_owner) {
     EXPECT_EQ(page.commands[0].code, CommandCode::stop);
     EXPECT_EQ(page.commands[0].who, "anna");
     EXPECT_THAT(page.log.back(), HasSubstr("stop for anna from 127.0.0.1"));
-    for (const char* token : {"", "0123456789abcdef0123456", "wrong-wrong-wrong-wrong-wrong"}) EXPECT_EQ(page.pages.answer(page.command(R"({"command":"stop"})", token)).status, 401);
+    for (const char* token : {"", "0123456789abcdef0123456", "wrong-wrong-wrong-wrong-wrong"})
+        EXPECT_EQ(page.pages.answer(page.command(R"({"command":"stop"})", token)).status, 401);
     Request bare = page.command(R"({"command":"stop"})");
     bare.authorization = kToken;
     EXPECT_EQ(page.pages.answer(bare).status, 401);
@@ -136,12 +157,19 @@ TEST(PageCommands, are_not_taken_from_another_site_or_in_another_form) {
     EXPECT_EQ(with([](Request& r) { r.content_type = "multipart/form-data; boundary=x"; }), 415);
     EXPECT_EQ(with([](Request& r) { r.host = "evil.example"; }), 421);
     EXPECT_EQ(with([](Request& r) { r.method = "GET"; }), 404);
-    for (const char* body : {"", "stop", "[]", "{}", R"({"command":5})", R"({"command":"explode"})", R"({"command":"commit_recipe"})", R"({"command":"teach"})", R"({"command":"use_recipe","argument":-1})",
-                             R"({"command":"use_recipe","argument":4294967296})", R"({"command":"use_recipe","argument":"7"})", "{\"command\":\"st\xff\"}"}) {
+    for (const char* body :
+         {"", "stop", "[]", "{}", R"({"command":5})", R"({"command":"explode"})", R"({"command":"commit_recipe"})",
+          R"({"command":"teach"})", R"({"command":"use_recipe","argument":-1})",
+          R"({"command":"use_recipe","argument":4294967296})", R"({"command":"use_recipe","argument":"7"})",
+          "{\"command\":\"st\xff\"}"}) {
         EXPECT_EQ(with([&](Request& r) { r.body = body; }), 400) << body;
     }
     EXPECT_TRUE(page.commands.empty());
-    EXPECT_EQ(with([](Request& r) { r.origin.clear(); r.fetch_site = "same-origin"; }), 200);
+    EXPECT_EQ(with([](Request& r) {
+                  r.origin.clear();
+                  r.fetch_site = "same-origin";
+              }),
+              200);
 }
 
 TEST(PageCommands, a_body_that_is_too_large_packed_or_chunked_is_not_read) {
@@ -149,7 +177,8 @@ TEST(PageCommands, a_body_that_is_too_large_packed_or_chunked_is_not_read) {
     const std::string head = "Authorization: Bearer " + std::string(kToken) + "\r\nContent-Type: application/json\r\n";
     const std::string body = R"({"command":"stop"})";
     const auto send = [&](const std::string& more, const std::string& what) {
-        return answer_bytes(page.pages, page.viewers, "POST /api/command HTTP/1.1\r\nHost: localhost\r\n" + head + more + "\r\n" + what);
+        return answer_bytes(page.pages, page.viewers,
+                            "POST /api/command HTTP/1.1\r\nHost: localhost\r\n" + head + more + "\r\n" + what);
     };
     EXPECT_THAT(send("Content-Length: 5000\r\n", std::string(5000, ' ')), StartsWith("HTTP/1.1 413"));
     EXPECT_THAT(send("Content-Length: 99999999999999\r\n", body), Not(StartsWith("HTTP/1.1 200")));
@@ -159,8 +188,11 @@ TEST(PageCommands, a_body_that_is_too_large_packed_or_chunked_is_not_read) {
     EXPECT_THAT(send("Content-Length: 18\r\n", body), StartsWith("HTTP/1.1 200"));
     EXPECT_EQ(page.commands.size(), 1U);
     // What follows a request with a body is never taken for another request.
-    const std::string hidden = "POST /api/command HTTP/1.1\r\nHost: localhost\r\n" + head + "Content-Length: 18\r\n\r\n" + body;
-    answer_bytes(page.pages, page.viewers, "GET /api/state HTTP/1.1\r\nHost: localhost\r\nContent-Length: " + std::to_string(hidden.size()) + "\r\n\r\n" + hidden);
+    const std::string hidden =
+        "POST /api/command HTTP/1.1\r\nHost: localhost\r\n" + head + "Content-Length: 18\r\n\r\n" + body;
+    answer_bytes(page.pages, page.viewers,
+                 "GET /api/state HTTP/1.1\r\nHost: localhost\r\nContent-Length: " + std::to_string(hidden.size()) +
+                     "\r\n\r\n" + hidden);
     EXPECT_EQ(page.commands.size(), 1U);
 }
 
@@ -177,10 +209,13 @@ TEST(PageCommands, what_the_station_refuses_is_told_with_its_cure) {
 TEST(PageRequests, the_fuzzers_corpus_is_survived) {
     int files = 0;
     std::mt19937 random(11);
-    for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::path(HORD_SOURCE_DIR) / "tests/fuzz/corpus/page")) {
+    for (const auto& entry :
+         std::filesystem::directory_iterator(std::filesystem::path(HORD_SOURCE_DIR) / "tests/fuzz/corpus/page")) {
         ++files;
         const std::string whole = store::test::read_text(entry.path());
-        const auto run = [](const std::string& bytes) { (void)LLVMFuzzerTestOneInput(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()); };
+        const auto run = [](const std::string& bytes) {
+            (void)LLVMFuzzerTestOneInput(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size());
+        };
         run(whole);
         for (int k = 0; k < 20; ++k) {
             std::string changed = whole;

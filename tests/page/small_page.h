@@ -27,7 +27,9 @@ inline algo::Frame part_frame(const algo::Extents& e, bool bad) {
             const bool jumps = bad && std::abs(m - 12) <= 1 && std::abs(n - 11) <= 1 && (m + n) % 2 == 0;
             const double x = jumps ? 0.2 : 2.0;
             for (int j = 0; j < e.j; ++j) {
-                for (int i = 0; i < e.i; ++i) frame.set(m * e.i + i, n * e.j + j, static_cast<std::uint32_t>(200 * std::exp(-((i - x) * (i - x) + (j - 2.0) * (j - 2.0)))));
+                for (int i = 0; i < e.i; ++i)
+                    frame.set(m * e.i + i, n * e.j + j,
+                              static_cast<std::uint32_t>(200 * std::exp(-((i - x) * (i - x) + (j - 2.0) * (j - 2.0)))));
             }
         }
     }
@@ -41,13 +43,18 @@ inline void keep_frame(const std::filesystem::path& store, std::uint32_t part, b
     options.extents = extents;
     options.boot = kBoot;
     options.thread = false;
-    store::FrameKeeper keeper([&] { return store::FrameArchive::open(store / store::kFramesFolder, {1'000'000'000, 0}); }, options, [] { return store::test::kNoon; });
+    store::FrameKeeper keeper(
+        [&] {
+            return store::FrameArchive::open(store / store::kFramesFolder, {1'000'000'000, 0});
+        },
+        options, [] { return store::test::kNoon; });
     const auto recipe = parse_recipe("name = \"lens\"\n", "lens.toml");
     keeper.set_recipe("name = \"lens\"\n");
     auto pipeline = algo::Pipeline::create(extents, 8, *recipe);
     const algo::Frame frame = part_frame(extents, bad);
     keeper.on_inspection(part, frame.view(), *pipeline->inspect(frame.view()));
-    while (keeper.step()) {}
+    while (keeper.step()) {
+    }
 }
 
 class SmallPage {
@@ -98,7 +105,8 @@ class SmallPage {
     std::vector<std::string> log;
     modbus::Client::Reply answer{CommandState::completed, CommandError::none, 0, "none"};
     Pages pages{{config, known, viewers, live, results, frames, pictures,
-                 [this](CommandCode code, std::uint32_t, std::uint32_t, const std::string& who) -> Result<modbus::Client::Reply> {
+                 [this](CommandCode code, std::uint32_t, std::uint32_t,
+                        const std::string& who) -> Result<modbus::Client::Reply> {
                      commands.push_back({code, who});
                      return answer;
                  },
@@ -120,7 +128,8 @@ inline Moment example_moment() {
     RegisterExtras extras;
     extras.recipe = {7, 0xCAFE, ShortText("lens \"a\"\\")};
     HealthReport& health = extras.health;
-    health.uptime_s = health.frames_lost = health.frames_corrupt = health.modbus_connections = health.modbus_requests = health.modbus_exceptions = health.modbus_evicted = health.modbus_broken = 1;
+    health.uptime_s = health.frames_lost = health.frames_corrupt = health.modbus_connections = health.modbus_requests =
+        health.modbus_exceptions = health.modbus_evicted = health.modbus_broken = 1;
     health.frames_waiting = std::uint16_t{1};
     health.processor_celsius = health.disk_free_percent = 50;
     extras.calibration = {1, 2, 0.01, 0.02, 60, 60};
@@ -128,7 +137,8 @@ inline Moment example_moment() {
     extras.plc.emplace();
     extras.plc->heartbeat_age_ms = 20;
     Moment moment;
-    for (const BlockId id : {BlockId::ident, BlockId::status, BlockId::counters, BlockId::plc, BlockId::recipe, BlockId::health, BlockId::calibration}) {
+    for (const BlockId id : {BlockId::ident, BlockId::status, BlockId::counters, BlockId::plc, BlockId::recipe,
+                             BlockId::health, BlockId::calibration}) {
         const Block& block = *find_block(id);
         std::vector<std::uint16_t> image(block.size());
         encode(block, {identity, snapshot, snapshot.last, extras}, image);

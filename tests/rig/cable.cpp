@@ -1,10 +1,5 @@
 #include "tests/rig/cable.h"
 
-#include <fcntl.h>
-#include <poll.h>
-#include <termios.h>
-#include <unistd.h>
-
 #include <array>
 #include <cerrno>
 #include <cstddef>
@@ -12,13 +7,19 @@
 #include <random>
 #include <stdexcept>
 
+#include <fcntl.h>
+#include <poll.h>
+#include <termios.h>
+#include <unistd.h>
+
 namespace hord::rig {
 namespace {
 
 int open_raw(const std::string& device) {
     const int fd = ::open(device.c_str(), O_RDWR | O_NOCTTY | O_CLOEXEC | O_NONBLOCK);
     termios settings{};
-    if (fd < 0 || tcgetattr(fd, &settings) != 0) throw std::runtime_error(device + " is no serial line: " + std::strerror(errno));
+    if (fd < 0 || tcgetattr(fd, &settings) != 0)
+        throw std::runtime_error(device + " is no serial line: " + std::strerror(errno));
     cfmakeraw(&settings);
     settings.c_cflag |= PARENB | CLOCAL | CREAD;
     cfsetspeed(&settings, B19200);

@@ -16,7 +16,9 @@ class Cable {
     Cable(const Cable&) = delete;
     Cable& operator=(const Cable&) = delete;
 
-    void hum(bool on) { hums_ = on; }  // any thread: a byte of noise before every fourth piece, and a flipped bit in every eighth
+    void hum(bool on) {
+        hums_ = on;
+    }  // any thread: a byte of noise before every fourth piece, and a flipped bit in every eighth
     [[nodiscard]] int disturbed() const { return disturbed_; }
 
   private:

@@ -18,6 +18,7 @@ int main(int argc, char** argv) {
     }
     std::ofstream out(argv[2], std::ios::binary);
     out << fmt::format("P5\n{} {}\n255\n", frame->width_px(), frame->height_px());
-    out.write(reinterpret_cast<const char*>(frame->bytes().data()), static_cast<std::streamsize>(frame->bytes().size()));
+    out.write(reinterpret_cast<const char*>(frame->bytes().data()),
+              static_cast<std::streamsize>(frame->bytes().size()));
     return out.flush() ? 0 : 2;
 }

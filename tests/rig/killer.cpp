@@ -1,9 +1,8 @@
 #include "tests/rig/killer.h"
 
-#include <csignal>
-
 #include <algorithm>
 #include <array>
+#include <csignal>
 #include <fstream>
 #include <string>
 #include <utility>
@@ -20,9 +19,10 @@ using hal::TimePoint;
 constexpr const char* kProcesses = "/sys/fs/cgroup/system.slice/hordd.service/cgroup.procs";
 constexpr auto kPatience = 120s;  // for a permit to fall
 
-// What is aimed at, in this order, again and again: where a phase begins, and of how long a time from there the moment is drawn: a little less
-// than the phase lasts (of a frame that was sent: until the next part's edge), so that one kill is enough to hit it. The frame is judged in
-// the beginning of that time. "The belt runs" is any moment of the first parts' ways, ends of phases among them.
+// What is aimed at, in this order, again and again: where a phase begins, and of how long a time from there the moment
+// is drawn: a little less than the phase lasts (of a frame that was sent: until the next part's edge), so that one kill
+// is enough to hit it. The frame is judged in the beginning of that time. "The belt runs" is any moment of the first
+// parts' ways, ends of phases among them.
 struct Aim {
     Phase at;
     Duration within;
@@ -73,7 +73,8 @@ void Killer::begins(Phase phase) {
     const Aim& aim = kAims[static_cast<std::size_t>(made_) % kAims.size()];
     if (kill_ || drawn_ || !permit_ || left_ == 0 || phase != aim.at) return;
     drawn_ = true;
-    timer_ = loop_.call_after(Duration(chance_() % static_cast<std::uint64_t>(aim.within.count())), [this] { strike(); });
+    timer_ =
+        loop_.call_after(Duration(chance_() % static_cast<std::uint64_t>(aim.within.count())), [this] { strike(); });
 }
 
 void Killer::strike() {
@@ -116,7 +117,8 @@ void Killer::lamps(std::uint32_t lit, TimePoint at) {
     if (lit != 0 && !was_lit) begins(Phase::light_on);
     if (lit == 0 && was_lit) begins(Phase::light_was_on);
     if (!kill_ || at < kill_->at) return;
-    if (lit != 0) kill_->was_lit = true;  // on before the kill but seen after it, or, if it lasts, a light of a dead station
+    if (lit != 0)
+        kill_->was_lit = true;  // on before the kill but seen after it, or, if it lasts, a light of a dead station
     else kill_->dark = at;
 }
 
@@ -127,7 +129,8 @@ void Killer::judge() {
     const Duration dark = kill.dark ? *kill.dark - kill.at : Duration::zero();
     const Duration rested = kill.rested ? *kill.rested - kill.at : Duration::zero();
     const Duration down = kill.permit_down ? *kill.permit_down - kill.at : Duration::zero();
-    bool good = kill.permit_down && lit_ == 0 && !ejects_ && (!kill.was_lit || kill.dark) && (!kill.was_ejecting || kill.rested);
+    bool good = kill.permit_down && lit_ == 0 && !ejects_ && (!kill.was_lit || kill.dark) &&
+        (!kill.was_ejecting || kill.rested);
     if (safe_within_ > Duration::zero() && std::max({dark, rested, down}) > safe_within_) good = false;
     Tally& tally = tallies_[kill.phase];
     ++tally.kills;
@@ -135,31 +138,42 @@ void Killer::judge() {
     if (kill.was_ejecting) tally.rested.push_back(rested);
     if (kill.permit_down) tally.down.push_back(down);
     if (!good) ++wrong_;
-    watchers_.say(kill.at, fmt::format("kill {}, {}{}: {}{}run permit down {}{}", made_, name_of(kill.phase), kill.was_ejecting && kill.phase != Phase::ejector_out ? ", ejector out" : "",
-                                       kill.was_lit ? fmt::format("dark after {:.1f} ms, ", ms(dark)) : std::string(),
-                                       kill.was_ejecting ? fmt::format("ejector at rest after {:.1f} ms, ", ms(rested)) : std::string(),
-                                       kill.permit_down ? fmt::format("after {:.1f} ms", ms(down)) : std::string("never"), good ? "" : " WRONG"));
+    watchers_.say(
+        kill.at,
+        fmt::format("kill {}, {}{}: {}{}run permit down {}{}", made_, name_of(kill.phase),
+                    kill.was_ejecting && kill.phase != Phase::ejector_out ? ", ejector out" : "",
+                    kill.was_lit ? fmt::format("dark after {:.1f} ms, ", ms(dark)) : std::string(),
+                    kill.was_ejecting ? fmt::format("ejector at rest after {:.1f} ms, ", ms(rested)) : std::string(),
+                    kill.permit_down ? fmt::format("after {:.1f} ms", ms(down)) : std::string("never"),
+                    good ? "" : " WRONG"));
     if (left_ == 0) return watchers_.over();
     if (permit_) begins(Phase::belt_runs);  // it came back already
 }
 
 bool Killer::finish() {
     const auto row = [this](const std::string& name, const Tally& tally) {
-        watchers_.say(loop_.now(), fmt::format("kills | {} | {} | {} | {} | {} |", name, tally.kills, spread(tally.dark), spread(tally.rested), spread(tally.down)));
+        watchers_.say(loop_.now(),
+                      fmt::format("kills | {} | {} | {} | {} | {} |", name, tally.kills, spread(tally.dark),
+                                  spread(tally.rested), spread(tally.down)));
     };
     Tally all;
     bool everywhere = true;
-    watchers_.say(loop_.now(), "kills | killed while | kills | lights dark after, p50 / max, ms | ejector at rest after | run permit down after |");
+    watchers_.say(loop_.now(),
+                  "kills | killed while | kills | lights dark after, p50 / max, ms | ejector at rest after | run "
+                  "permit down after |");
     for (const auto& [phase, name] : kPhases) {
         const Tally& tally = tallies_[phase];
         row(name, tally);
         all.kills += tally.kills;
-        for (const auto part : {&Tally::dark, &Tally::rested, &Tally::down}) (all.*part).insert((all.*part).end(), (tally.*part).begin(), (tally.*part).end());
+        for (const auto part : {&Tally::dark, &Tally::rested, &Tally::down})
+            (all.*part).insert((all.*part).end(), (tally.*part).begin(), (tally.*part).end());
         const auto aim = std::ranges::find(kAims, phase, &Aim::at);
         if (phase != Phase::belt_runs && made_ > aim - kAims.begin() && tally.kills == 0) everywhere = false;
     }
     row("all", all);
-    watchers_.say(loop_.now(), fmt::format("kills made {}, wrong {}{}", made_, wrong_, everywhere ? "" : "; a phase that was aimed at was never hit"));
+    watchers_.say(loop_.now(),
+                  fmt::format("kills made {}, wrong {}{}", made_, wrong_,
+                              everywhere ? "" : "; a phase that was aimed at was never hit"));
     return left_ == 0 && wrong_ == 0 && everywhere;
 }
 

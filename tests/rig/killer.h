@@ -1,9 +1,7 @@
-// Kills the station's service with SIGKILL, and says when its lights were dark and its outputs at rest after that: by the simulator's side
-// of the lines and by the module's own clock. It aims at one phase of a part's way after the other, and strikes at a random moment of it.
-// Everything on the loop's thread.
+// Kills the station's service with SIGKILL, and says when its lights were dark and its outputs at rest after that: by
+// the simulator's side of the lines and by the module's own clock. It aims at one phase of a part's way after the
+// other, and strikes at a random moment of it. Everything on the loop's thread.
 #pragma once
-
-#include <sys/types.h>
 
 #include <cstdint>
 #include <functional>
@@ -12,6 +10,8 @@
 #include <random>
 #include <string>
 #include <vector>
+
+#include <sys/types.h>
 
 #include "drivers/hal/event_loop.h"
 
@@ -25,14 +25,14 @@ enum class Phase : std::uint8_t { belt_runs, edge_seen, light_on, light_was_on, 
 class Killer {
   public:
     struct Watchers {
-        std::function<bool()> ready;                        // the station executes
+        std::function<bool()> ready;  // the station executes
         std::function<void(hal::TimePoint, const std::string&)> say;
         std::function<void()> over;
     };
     // `safe_within` zero: nothing is too late.
     Killer(hal::EventLoop& loop, int kills, hal::Duration safe_within, std::uint64_t seed, Watchers watchers);
 
-    void permit(bool on, hal::TimePoint at);   // the module's output
+    void permit(bool on, hal::TimePoint at);  // the module's output
     void ejector(bool on, hal::TimePoint at);
     void lamps(std::uint32_t lit, hal::TimePoint at);
     void edge() { begins(Phase::edge_seen); }

@@ -1,15 +1,16 @@
 #include "tests/rig/lamps.h"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <fstream>
 #include <stdexcept>
+
+#include <fcntl.h>
+#include <unistd.h>
 
 namespace hord::rig {
 namespace {
 
-// The simulator tells nobody of a change. A look wakes the emulated processor, which costs its host more than the look itself.
+// The simulator tells nobody of a change. A look wakes the emulated processor, which costs its host more than the look
+// itself.
 constexpr auto kBetweenLooks = std::chrono::milliseconds(2);
 
 std::string word_of(const std::filesystem::path& file) {
@@ -32,18 +33,22 @@ std::filesystem::path folder_of_line(const std::filesystem::path& chip, const st
         const auto line = chip / "bank0" / ("line" + number);
         if (!std::filesystem::exists(line)) throw std::runtime_error(chip.string() + " has no line " + name);
         if (word_of(line / "name") != name) continue;
-        return std::filesystem::path("/sys/devices/platform") / word_of(chip / "dev_name") / word_of(chip / "bank0" / "chip_name") / ("sim_gpio" + number);
+        return std::filesystem::path("/sys/devices/platform") / word_of(chip / "dev_name") /
+            word_of(chip / "bank0" / "chip_name") / ("sim_gpio" + number);
     }
 }
 
-DrivenLine::DrivenLine(const std::filesystem::path& chip, const std::string& name) : fd_(open_or_throw(folder_of_line(chip, name) / "pull", O_WRONLY)) {}
+DrivenLine::DrivenLine(const std::filesystem::path& chip, const std::string& name)
+    : fd_(open_or_throw(folder_of_line(chip, name) / "pull", O_WRONLY)) {}
 DrivenLine::~DrivenLine() { close(fd_); }
 void DrivenLine::drive(bool high) {
     const std::string_view pull = high ? "pull-up" : "pull-down";
-    if (pwrite(fd_, pull.data(), pull.size(), 0) < 0) throw std::runtime_error("the light barrier's line cannot be driven");
+    if (pwrite(fd_, pull.data(), pull.size(), 0) < 0)
+        throw std::runtime_error("the light barrier's line cannot be driven");
 }
 
-LampWatch::LampWatch(const hal::Clock& clock, const std::filesystem::path& chip, const std::vector<std::string>& lines, Told told) {
+LampWatch::LampWatch(const hal::Clock& clock, const std::filesystem::path& chip, const std::vector<std::string>& lines,
+                     Told told) {
     for (const std::string& line : lines) fds_.push_back(open_or_throw(folder_of_line(chip, line) / "value", O_RDONLY));
     thread_ = std::thread([this, &clock, told = std::move(told)] {
         std::uint32_t known = 0;

@@ -1,5 +1,5 @@
-// What the collimators' lines of a gpio-sim chip really do, watched through the simulator's side; and its light barrier's line,
-// driven. `chip` is the chip's folder in configfs (/sys/kernel/config/gpio-sim/NAME).
+// What the collimators' lines of a gpio-sim chip really do, watched through the simulator's side; and its light
+// barrier's line, driven. `chip` is the chip's folder in configfs (/sys/kernel/config/gpio-sim/NAME).
 #pragma once
 
 #include <atomic>
@@ -33,7 +33,8 @@ class DrivenLine {
 class LampWatch {
   public:
     using Told = std::function<void(std::uint32_t lit, hal::TimePoint at)>;  // on the watching thread; bit k is line k
-    LampWatch(const hal::Clock& clock, const std::filesystem::path& chip, const std::vector<std::string>& lines, Told told);
+    LampWatch(const hal::Clock& clock, const std::filesystem::path& chip, const std::vector<std::string>& lines,
+              Told told);
     ~LampWatch();
     LampWatch(const LampWatch&) = delete;
     LampWatch& operator=(const LampWatch&) = delete;

@@ -1,9 +1,8 @@
 #include "tests/rig/line.h"
 
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
-
-#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -40,14 +39,16 @@ void say(TimePoint at, const std::string& what) {
     std::fflush(stdout);
 }
 
-// 8-bit binary PGM without comments, as hord_rig_frames writes it: a decoder of pictures would take longer to load than all the rest.
+// 8-bit binary PGM without comments, as hord_rig_frames writes it: a decoder of pictures would take longer to load than
+// all the rest.
 algo::Frame read_pgm(const std::filesystem::path& file) {
     std::ifstream in(file, std::ios::binary);
     std::string magic;
     int width = 0, height = 0, full = 0;
     in >> magic >> width >> height >> full;
     in.get();
-    if (!in || magic != "P5" || full != 255 || width < 1 || height < 1) throw std::runtime_error(file.string() + " is no 8-bit PGM");
+    if (!in || magic != "P5" || full != 255 || width < 1 || height < 1)
+        throw std::runtime_error(file.string() + " is no 8-bit PGM");
     algo::Frame frame(width, height, 8);
     in.read(reinterpret_cast<char*>(frame.bytes().data()), static_cast<std::streamsize>(frame.bytes().size()));
     if (!in) throw std::runtime_error(file.string() + " is cut off");
@@ -59,10 +60,12 @@ const std::set<std::string> kHarmless = {"none", "bounce", "twice", "noise", "ed
 // ... and these have it rejected.
 const std::set<std::string> kUnjudged = {"no-frame", "short-frame", "late-frame", "camera-gone", "too-close"};
 
-// The station goes on to have parts rejected that it knows to be on the line: the next one's command comes two seconds after this one's.
+// The station goes on to have parts rejected that it knows to be on the line: the next one's command comes two seconds
+// after this one's.
 constexpr auto kNextCommand = 1800ms;
 
-// What the module does with the next write, which is the command for the part; the permit must fall, the ejector moves once at most.
+// What the module does with the next write, which is the command for the part; the permit must fall, the ejector moves
+// once at most.
 struct ModuleFault {
     sim::CoilFault how;
     hal::Duration delay{};
@@ -92,19 +95,19 @@ class Line {
         if (!options.person.empty()) person_ = std::make_unique<Person>(options.person);
         if (options.kills > 0) {
             if (!person_) throw std::runtime_error("--kills needs --person");
-            killer_ = std::make_unique<Killer>(loop, options.kills, options.safe_ms * 1ms, options.seed,
-                                               Killer::Watchers{[this] { return person_->executes(); }, say, [this] { loop_.request_stop(); }});
+            killer_ = std::make_unique<Killer>(
+                loop, options.kills, options.safe_ms * 1ms, options.seed,
+                Killer::Watchers{[this] { return person_->executes(); }, say, [this] { loop_.request_stop(); }});
         }
-        module_->on_coil([this](int coil, bool on, TimePoint at) {
-            loop_.post([this, coil, on, at] { on_coil(coil, on, at); });
-        });
-        world_.watch({.part_edge = [this](const sim::PartRecord& part, bool arrives, TimePoint) { on_edge(part, arrives); },
-                      .part_gone = [this](const sim::PartRecord& part) { on_gone(part); },
-                      .ejector = {},
-                      .over = [this] { loop_.call_after(2s, [this] { loop_.request_stop(); }); }});
-        lamps_.emplace(loop, options.chip, std::vector<std::string>{"COLLIMATOR_A", "COLLIMATOR_B"}, [this](std::uint32_t lit, TimePoint at) {
-            loop_.post([this, lit, at] { on_lamps(lit, at); });
-        });
+        module_->on_coil(
+            [this](int coil, bool on, TimePoint at) { loop_.post([this, coil, on, at] { on_coil(coil, on, at); }); });
+        world_.watch(
+            {.part_edge = [this](const sim::PartRecord& part, bool arrives, TimePoint) { on_edge(part, arrives); },
+             .part_gone = [this](const sim::PartRecord& part) { on_gone(part); },
+             .ejector = {},
+             .over = [this] { loop_.call_after(2s, [this] { loop_.request_stop(); }); }});
+        lamps_.emplace(loop, options.chip, std::vector<std::string>{"COLLIMATOR_A", "COLLIMATOR_B"},
+                       [this](std::uint32_t lit, TimePoint at) { loop_.post([this, lit, at] { on_lamps(lit, at); }); });
         loop_.call_after(std::chrono::seconds(options.patience_s), [this] { loop_.request_stop(); });
         say(loop_.now(), "ready");
     }
@@ -114,18 +117,29 @@ class Line {
         lamps_.reset();
         if (injection_) settle_injection();
         const sim::WorldTotals& totals = world_.totals();
-        say(loop_.now(), fmt::format("totals arrived {} ejected-good {} ejected-bad {} left-good {} left-bad {} removed {} pulses {} flashes {} longest-flash-ms {:.1f} wrong {}", totals.arrived,
-                                     totals.ejected_good, totals.ejected_bad, totals.left_good, totals.left_bad, totals.removed, totals.ejector_pulses, flashes_,
-                                     std::chrono::duration<double, std::milli>(longest_flash_).count(), wrong_));
+        say(loop_.now(),
+            fmt::format("totals arrived {} ejected-good {} ejected-bad {} left-good {} left-bad {} removed {} pulses "
+                        "{} flashes {} longest-flash-ms {:.1f} wrong {}",
+                        totals.arrived, totals.ejected_good, totals.ejected_bad, totals.left_good, totals.left_bad,
+                        totals.removed, totals.ejector_pulses, flashes_,
+                        std::chrono::duration<double, std::milli>(longest_flash_).count(), wrong_));
         const std::uint32_t faults = person_ ? person_->take_faults() : 0;
-        if (person_) say(loop_.now(), fmt::format("resets {} stops {} rejections-failed {} faults {:#x}", person_->resets(), stops_, person_->reject_failed(), faults));
-        const bool asks_for_edges = std::ranges::any_of(faults_, [](const auto& fault) { return fault.second == "edges-lost"; });
-        // Nobody knows what passed: the line must stand before the next part can be taken for it, and the station must say why.
+        if (person_)
+            say(loop_.now(),
+                fmt::format("resets {} stops {} rejections-failed {} faults {:#x}", person_->resets(), stops_,
+                            person_->reject_failed(), faults));
+        const bool asks_for_edges =
+            std::ranges::any_of(faults_, [](const auto& fault) { return fault.second == "edges-lost"; });
+        // Nobody knows what passed: the line must stand before the next part can be taken for it, and the station must
+        // say why.
         const bool told = stopped_for_edges_ && (faults & firmware::kFaultPartSensor) != 0;
         if (asks_for_edges) {
-            say(loop_.now(), fmt::format("edges-lost: {}, fault part-sensor {} {}",
-                                         stopped_for_edges_ ? fmt::format("permit down {:.0f} ms after the station ran on", ms(*stopped_for_edges_)) : std::string("permit never down"),
-                                         (faults & firmware::kFaultPartSensor) != 0 ? "up" : "never up", told ? "right" : "WRONG"));
+            say(loop_.now(),
+                fmt::format("edges-lost: {}, fault part-sensor {} {}",
+                            stopped_for_edges_
+                                ? fmt::format("permit down {:.0f} ms after the station ran on", ms(*stopped_for_edges_))
+                                : std::string("permit never down"),
+                            (faults & firmware::kFaultPartSensor) != 0 ? "up" : "never up", told ? "right" : "WRONG"));
             if (!told) ++wrong_;
         }
         if (cable_) say(loop_.now(), fmt::format("disturbed {}", cable_->disturbed()));
@@ -154,7 +168,8 @@ class Line {
             schedule.kinds.push_back({name, !name.starts_with("good"), 1});
             ++(schedule.kinds.back().bad ? bad : good);
         }
-        for (sim::PartKind& kind : schedule.kinds) kind.share = kind.bad ? (1 - o.good_share) / bad : o.good_share / good;
+        for (sim::PartKind& kind : schedule.kinds)
+            kind.share = kind.bad ? (1 - o.good_share) / bad : o.good_share / good;
         return schedule;
     }
     static sim::GeometryOptions geometry(const LineOptions& o) {
@@ -167,9 +182,11 @@ class Line {
     static std::map<std::string, algo::Frame> load(const std::string& folder) {
         std::map<std::string, algo::Frame> frames;
         for (const auto& entry : std::filesystem::directory_iterator(folder)) {
-            if (entry.path().extension() == ".pgm") frames.emplace(entry.path().stem().string(), read_pgm(entry.path()));
+            if (entry.path().extension() == ".pgm")
+                frames.emplace(entry.path().stem().string(), read_pgm(entry.path()));
         }
-        if (!frames.contains("empty") || frames.size() < 3) throw std::runtime_error(folder + " needs empty.pgm, a good and a bad part");
+        if (!frames.contains("empty") || frames.size() < 3)
+            throw std::runtime_error(folder + " needs empty.pgm, a good and a bad part");
         return frames;
     }
     void read_faults() {  // "3=bounce,7=no-frame"
@@ -177,7 +194,8 @@ class Line {
         for (std::string item; std::getline(list, item, ',');) {
             const auto equals = item.find('=');
             const std::string name = equals == std::string::npos ? "" : item.substr(equals + 1);
-            if (!kHarmless.contains(name) && !kUnjudged.contains(name) && !kModuleFaults.contains(name)) throw std::runtime_error("no such fault: " + item);
+            if (!kHarmless.contains(name) && !kUnjudged.contains(name) && !kModuleFaults.contains(name))
+                throw std::runtime_error("no such fault: " + item);
             faults_[std::stoull(item)] = name;
             if (kModuleFaults.contains(name)) ++module_faults_left_;
         }
@@ -186,7 +204,9 @@ class Line {
         const auto found = faults_.find(part);
         return found == faults_.end() ? "none" : found->second;
     }
-    [[nodiscard]] const std::string& kind_of(const sim::PartRecord& part) const { return world_.schedule().kinds[part.kind].name; }
+    [[nodiscard]] const std::string& kind_of(const sim::PartRecord& part) const {
+        return world_.schedule().kinds[part.kind].name;
+    }
 
     // The permit moves the belt, as it would a real line's.
     void on_coil(int coil, bool on, TimePoint at) {
@@ -226,7 +246,11 @@ class Line {
         person_->may_reset(false);
         loop_.call_after(500ms, [this] {
             world_.take_off([](const sim::PartRecord&) { return true; });
-            if (injection_) loop_.call_after(3s, [this] { if (injection_) settle_injection(); person_->may_reset(true); });
+            if (injection_)
+                loop_.call_after(3s, [this] {
+                    if (injection_) settle_injection();
+                    person_->may_reset(true);
+                });
             else person_->may_reset(true);
         });
     }
@@ -246,21 +270,29 @@ class Line {
         else loop_.call_after(2ms, [this] { look_whether_it_fired(); });
     }
 
-    // What came of it. From the command to the permit's end: what the station needs to know it failed, and to reach the module again.
+    // What came of it. From the command to the permit's end: what the station needs to know it failed, and to reach the
+    // module again.
     void settle_injection() {
         const Injection one = *std::exchange(injection_, std::nullopt);
         --module_faults_left_;
         const ModuleFault& how = kModuleFaults.at(one.fault);
         const std::uint32_t faults = person_->take_faults();
-        const bool right = one.fired && one.permit_down && one.moves == (how.moves ? 1 : 0) && (one.ejector.empty() || !one.ejector.back().on) && faults != 0 && person_->take_line_stop();
+        const bool right = one.fired && one.permit_down && one.moves == (how.moves ? 1 : 0) &&
+            (one.ejector.empty() || !one.ejector.back().on) && faults != 0 && person_->take_line_stop();
         if (!right) ++wrong_;
         std::string moves;
         for (const auto& move : one.ejector) {
-            moves += fmt::format("{}{} at {:.0f} ms", moves.empty() ? "" : ", ", move.on ? "out" : "back", one.fired ? ms(move.at - *one.fired) : 0.0);
+            moves += fmt::format("{}{} at {:.0f} ms", moves.empty() ? "" : ", ", move.on ? "out" : "back",
+                                 one.fired ? ms(move.at - *one.fired) : 0.0);
         }
-        say(loop_.now(), fmt::format("module-fault {} at part {}: {}; this command moved the ejector {} times ({}), permit down {}, faults {:#x} {}", one.fault, one.part,
-                                     one.fired ? "fired" : "never fired", one.moves, moves.empty() ? "it never moved" : moves,
-                                     one.permit_down && one.fired ? fmt::format("{:.0f} ms later", ms(*one.permit_down - *one.fired)) : std::string("never"), faults, right ? "right" : "WRONG"));
+        say(loop_.now(),
+            fmt::format("module-fault {} at part {}: {}; this command moved the ejector {} times ({}), permit down {}, "
+                        "faults {:#x} {}",
+                        one.fault, one.part, one.fired ? "fired" : "never fired", one.moves,
+                        moves.empty() ? "it never moved" : moves,
+                        one.permit_down && one.fired ? fmt::format("{:.0f} ms later", ms(*one.permit_down - *one.fired))
+                                                     : std::string("never"),
+                        faults, right ? "right" : "WRONG"));
     }
 
     void on_edge(const sim::PartRecord& part, bool arrives) {
@@ -271,7 +303,8 @@ class Line {
         for (int k = 1; fault == "bounce" && k <= 4; ++k) {
             loop_.call_after(k * 6ms, [this, arrives, k] { barrier_.drive(arrives == (k % 2 == 0)); });
         }
-        // Something follows it, of which the world knows nothing: nearer than parts may be, while this one's exposure still lasts.
+        // Something follows it, of which the world knows nothing: nearer than parts may be, while this one's exposure
+        // still lasts.
         if (fault == "too-close" && !arrives) {
             loop_.call_after(100ms, [this] { barrier_.drive(true); });
             loop_.call_after(250ms, [this] { barrier_.drive(false); });
@@ -279,8 +312,8 @@ class Line {
         if (fault == "edges-lost" && !arrives) loop_.call_after(300ms, [this] { lose_edges(); });
     }
 
-    // Something passes the barrier ten times while the station's process gets no processor, between one part and the next: twenty edges,
-    // of which the kernel keeps sixteen.
+    // Something passes the barrier ten times while the station's process gets no processor, between one part and the
+    // next: twenty edges, of which the kernel keeps sixteen.
     void lose_edges() {
         static constexpr int kEdges = 20;
         const pid_t pid = service_process();
@@ -305,8 +338,11 @@ class Line {
         longest_flash_ = std::max(longest_flash_, at - since);
         const auto view = world_.in_view(since + (at - since) / 2);
         const bool light_is_right = at - since > options_.light_ms * 1ms / 2 && at - since < options_.light_ms * 2ms;
-        loop_.call_at(at + options_.readout_ms * 1ms, [this, light_is_right, number = view.part == nullptr ? 0 : view.part->number,
-                                                       kind = view.part == nullptr ? std::string("empty") : kind_of(*view.part)] { read_out(number, kind, light_is_right); });
+        loop_.call_at(at + options_.readout_ms * 1ms,
+                      [this, light_is_right, number = view.part == nullptr ? 0 : view.part->number,
+                       kind = view.part == nullptr ? std::string("empty") : kind_of(*view.part)] {
+                          read_out(number, kind, light_is_right);
+                      });
     }
 
     // What the sensor sends. A light of the wrong length gives a dark frame.
@@ -321,7 +357,8 @@ class Line {
         const auto send = [this, part, kind, light_is_right](std::size_t bytes) {
             const algo::FrameView whole = frames_.at(kind).view();
             static const std::vector<std::byte> nothing(static_cast<std::size_t>(whole.stride_bytes * whole.height_px));
-            const algo::FrameView black{nothing.data(), whole.width_px, whole.height_px, whole.stride_bytes, whole.bits};
+            const algo::FrameView black{nothing.data(), whole.width_px, whole.height_px, whole.stride_bytes,
+                                        whole.bits};
             say(loop_.now(), fmt::format("frame {} {}", part, light_is_right ? kind : "dark"));
             video_.send(light_is_right ? whole : black, bytes);
             if (killer_) killer_->frame();
@@ -337,17 +374,22 @@ class Line {
             return;
         }
         const algo::FrameView whole = frames_.at(kind).view();
-        send(fault == "short-frame" ? static_cast<std::size_t>(whole.width_px) * static_cast<std::size_t>(whole.height_px) / 2 : SIZE_MAX);
+        send(fault == "short-frame"
+                 ? static_cast<std::size_t>(whole.width_px) * static_cast<std::size_t>(whole.height_px) / 2
+                 : SIZE_MAX);
         if (fault == "twice") loop_.call_after(30ms, [send] { send(SIZE_MAX); });
     }
 
     void on_gone(const sim::PartRecord& part) {
         const std::string fault = fault_of(part.number);
         const bool ejected = part.fate == sim::PartRecord::Fate::ejected;
-        if (part.fate == sim::PartRecord::Fate::removed) return say(loop_.now(), fmt::format("gone {} {} {} taken off", part.number, kind_of(part), fault));
+        if (part.fate == sim::PartRecord::Fate::removed)
+            return say(loop_.now(), fmt::format("gone {} {} {} taken off", part.number, kind_of(part), fault));
         const bool should = part.bad || kUnjudged.contains(fault);
         if (ejected != should) ++wrong_;
-        say(loop_.now(), fmt::format("gone {} {} {} {} {}", part.number, kind_of(part), fault, ejected ? "ejected" : "left", ejected == should ? "right" : "WRONG"));
+        say(loop_.now(),
+            fmt::format("gone {} {} {} {} {}", part.number, kind_of(part), fault, ejected ? "ejected" : "left",
+                        ejected == should ? "right" : "WRONG"));
     }
 
     firmware::SdEventLoop& loop_;

@@ -14,7 +14,9 @@ using namespace std::chrono_literals;
 constexpr std::uint16_t kState = 102, kRejectFailed = 158;
 constexpr std::uint16_t kContinuousExecution = 8, kLineStop = 1U << 2U;
 
-std::uint32_t pair_at(const std::vector<std::uint16_t>& words, std::size_t at) { return static_cast<std::uint32_t>(words[at]) << 16U | words[at + 1]; }
+std::uint32_t pair_at(const std::vector<std::uint16_t>& words, std::size_t at) {
+    return static_cast<std::uint32_t>(words[at]) << 16U | words[at + 1];
+}
 
 }  // namespace
 
@@ -50,7 +52,9 @@ void Person::run(const std::string& station) {
         stood = executes_ ? 0 : stood + 1;
         if (stood < 10 || !may_reset_) continue;
         stood = 0;
-        if (const auto reply = client->command(CommandCode::reset, 0, 0, 10s, "rig"); reply && reply->state == CommandState::completed) ++resets_;
+        if (const auto reply = client->command(CommandCode::reset, 0, 0, 10s, "rig");
+            reply && reply->state == CommandState::completed)
+            ++resets_;
     }
 }
 

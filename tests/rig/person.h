@@ -1,5 +1,5 @@
-// The person at the rig's line: watches the station's registers over Modbus TCP and, when it stands and the belt has been cleared, resets
-// it. What is seen on the way (faults, counters) is kept for the end.
+// The person at the rig's line: watches the station's registers over Modbus TCP and, when it stands and the belt has
+// been cleared, resets it. What is seen on the way (faults, counters) is kept for the end.
 #pragma once
 
 #include <atomic>

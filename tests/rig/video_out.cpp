@@ -1,10 +1,5 @@
 #include "tests/rig/video_out.h"
 
-#include <fcntl.h>
-#include <linux/videodev2.h>
-#include <sys/ioctl.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
@@ -12,9 +7,17 @@
 #include <utility>
 #include <vector>
 
+#include <fcntl.h>
+#include <linux/videodev2.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
 namespace hord::rig {
 
-VideoOut::VideoOut(std::string device, int width_px, int height_px) : device_(std::move(device)), width_(width_px), height_(height_px) { open(); }
+VideoOut::VideoOut(std::string device, int width_px, int height_px)
+    : device_(std::move(device)), width_(width_px), height_(height_px) {
+    open();
+}
 
 void VideoOut::open() {
     if (fd_ >= 0) return;
@@ -28,7 +31,8 @@ void VideoOut::open() {
     format.fmt.pix.field = V4L2_FIELD_NONE;
     format.fmt.pix.colorspace = V4L2_COLORSPACE_RAW;
     if (ioctl(fd_, VIDIOC_S_FMT, &format) != 0 || format.fmt.pix.width != static_cast<std::uint32_t>(width_) ||
-        format.fmt.pix.height != static_cast<std::uint32_t>(height_) || format.fmt.pix.pixelformat != V4L2_PIX_FMT_GREY) {
+        format.fmt.pix.height != static_cast<std::uint32_t>(height_) ||
+        format.fmt.pix.pixelformat != V4L2_PIX_FMT_GREY) {
         throw std::runtime_error(device_ + " takes no GREY frames of this size: " + std::strerror(errno));
     }
     // Before its first frame the device has no format for those who read; a camera that is on has sent some.
@@ -49,7 +53,8 @@ void VideoOut::send(const algo::FrameView& frame, std::size_t bytes) {
         packed.insert(packed.end(), row, row + frame.width_px);
     }
     const std::size_t count = std::min(bytes, packed.size());
-    if (::write(fd_, packed.data(), count) != static_cast<ssize_t>(count)) throw std::runtime_error(device_ + " does not take a frame: " + std::strerror(errno));
+    if (::write(fd_, packed.data(), count) != static_cast<ssize_t>(count))
+        throw std::runtime_error(device_ + " does not take a frame: " + std::strerror(errno));
 }
 
 }  // namespace hord::rig

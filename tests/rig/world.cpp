@@ -1,6 +1,6 @@
-// The simulated world below the real drivers: it moves the light barrier's GPIO line, watches the collimators', writes into the video
-// device the frame that this light shows, and is the rejector's Modbus module. The station above it is the installed one
-// and knows nothing of it.
+// The simulated world below the real drivers: it moves the light barrier's GPIO line, watches the collimators', writes
+// into the video device the frame that this light shows, and is the rejector's Modbus module. The station above it is
+// the installed one and knows nothing of it.
 //
 //   hord_rig_world line ...      parts on the belt, with faults; says what became of each, and whether that is right
 //   hord_rig_world camera ...    a video device that never rests, for the contract suites
@@ -54,7 +54,8 @@ int run_camera(const std::string& device, int width_px, int height_px, int perio
 
 // ---- edges
 
-// Parts pass the barrier without end, 25 to 40 ms apart and none of them alike; the module answers as a machine of its own would.
+// Parts pass the barrier without end, 25 to 40 ms apart and none of them alike; the module answers as a machine of its
+// own would.
 int run_edges(const std::string& chip, int port) {
     auto loop = firmware::SdEventLoop::open();
     if (!loop) throw std::runtime_error(loop.error().message());
@@ -66,7 +67,8 @@ int run_edges(const std::string& chip, int port) {
     bool high = false;
     std::function<void()> next = [&] {
         barrier.drive(high = !high);
-        (*loop)->call_after(high ? std::chrono::microseconds(5000) : std::chrono::microseconds(20'000 + chance() % 15'000), next);
+        (*loop)->call_after(
+            high ? std::chrono::microseconds(5000) : std::chrono::microseconds(20'000 + chance() % 15'000), next);
     };
     (*loop)->post(next);
     say((*loop)->now(), "ready");
@@ -91,7 +93,8 @@ int run_plc(const std::string& where) {
         const std::uint32_t sequence = (static_cast<std::uint32_t>((*last)[0]) << 16) | (*last)[1];
         if (sequence == told || !client->write(8103, *last)) return;
         told = sequence;
-        say((*loop)->now(), fmt::format("acknowledged {} {}", (static_cast<std::uint32_t>((*boot)[0]) << 16) | (*boot)[1], sequence));
+        say((*loop)->now(),
+            fmt::format("acknowledged {} {}", (static_cast<std::uint32_t>((*boot)[0]) << 16) | (*boot)[1], sequence));
     };
     std::function<void()> again = [&] {
         ask();
@@ -116,10 +119,15 @@ int main(int argc, char** argv) {
     belt->add_option("--parts", line.parts, "How many come")->capture_default_str();
     belt->add_option("--seed", line.seed)->capture_default_str();
     belt->add_option("--faults", line.faults, "At which parts: 3=bounce,7=no-frame");
-    belt->add_option("--serial", line.serial, "The module answers on a serial line instead: the far end of the station's");
-    belt->add_option("--person", line.person, "The station's registers: somebody clears the belt after a stop, and resets the station");
-    belt->add_option("--kills", line.kills, "Kill the service so often, at random moments, and measure what comes of it");
-    belt->add_option("--safe-ms", line.safe_ms, "Longest time from a kill to lights off and outputs at rest; 0: only told")->capture_default_str();
+    belt->add_option("--serial", line.serial,
+                     "The module answers on a serial line instead: the far end of the station's");
+    belt->add_option("--person", line.person,
+                     "The station's registers: somebody clears the belt after a stop, and resets the station");
+    belt->add_option("--kills", line.kills,
+                     "Kill the service so often, at random moments, and measure what comes of it");
+    belt->add_option("--safe-ms", line.safe_ms,
+                     "Longest time from a kill to lights off and outputs at rest; 0: only told")
+        ->capture_default_str();
     belt->add_option("--good-share", line.good_share, "Of the parts")->capture_default_str();
     belt->add_option("--patience", line.patience_s, "Give up after so many seconds")->capture_default_str();
     std::string device = "/dev/video10", plc = "127.0.0.1:502";

@@ -17,7 +17,8 @@ inline std::unique_ptr<SimulatedLine> run_scenario(const LineOptions& options) {
     line->keep_results(true);
     EXPECT_TRUE(line->run()) << "the line did not come to its end";
     for (const std::string& violation : line->invariants().first_violations()) ADD_FAILURE() << violation;
-    for (const sim::Fault fault : line->cell().faults().never_fired()) ADD_FAILURE() << sim::name_of(fault) << " never fired";
+    for (const sim::Fault fault : line->cell().faults().never_fired())
+        ADD_FAILURE() << sim::name_of(fault) << " never fired";
     return line;
 }
 

@@ -1,8 +1,8 @@
 // Random events against a shadow model: whatever devices and people do, the core keeps its promises.
 //
-// The events are adversarial: frames with wrong time stamps, counts and sizes, judgements of any part at any time, reports
-// twice or never, devices lost and back, commands at random, ticks late. The model knows only what was sent and checks
-// every action as it is made.
+// The events are adversarial: frames with wrong time stamps, counts and sizes, judgements of any part at any time,
+// reports twice or never, devices lost and back, commands at random, ticks late. The model knows only what was sent and
+// checks every action as it is made.
 #include <map>
 #include <random>
 
@@ -16,8 +16,8 @@ class Shadow {
     Shadow(std::uint64_t seed, const CoreConfig& config) : config_(config), core_(config), random_(seed) {}
 
     void run(int events) {
-        const Event start[] = {Command::initialise,          DeviceUp{Device::part_sensor}, DeviceUp{Device::strobe},
-                               DeviceUp{Device::sensor},     DeviceUp{Device::rejector},    Command::arm,
+        const Event start[] = {Command::initialise,      DeviceUp{Device::part_sensor}, DeviceUp{Device::strobe},
+                               DeviceUp{Device::sensor}, DeviceUp{Device::rejector},    Command::arm,
                                Command::start_continuous};
         for (const Event& e : start) step(e);
         for (int k = 0; k < events && !::testing::Test::HasFailure(); ++k) {
@@ -85,7 +85,9 @@ class Shadow {
         if (device == Device::part_sensor) edge_ = 0;
         return DeviceUp{device};
     }
-    std::uint32_t any_part() { return number_ == 0 ? 1 : number_ - static_cast<std::uint32_t>(pick(static_cast<int>(std::min(number_, 5U)))); }
+    std::uint32_t any_part() {
+        return number_ == 0 ? 1 : number_ - static_cast<std::uint32_t>(pick(static_cast<int>(std::min(number_, 5U))));
+    }
 
     Event any_event() {
         if (plc_lost_ && chance(10)) return PlcBack{};
@@ -132,13 +134,25 @@ class Shadow {
             case 14:
             case 15: {
                 const int v = pick(4);
-                return Judged{any_part(), chance(2), v >= 2 ? algo::Verdict::pass : v == 1 ? algo::Verdict::reject : algo::Verdict::unfit,
-                              v >= 2 ? algo::Reason::none : v == 1 ? algo::Reason::slope : algo::Reason::too_dark, 0, 0};
+                return Judged{any_part(),
+                              chance(2),
+                              v >= 2       ? algo::Verdict::pass
+                                  : v == 1 ? algo::Verdict::reject
+                                           : algo::Verdict::unfit,
+                              v >= 2       ? algo::Reason::none
+                                  : v == 1 ? algo::Reason::slope
+                                           : algo::Reason::too_dark,
+                              0,
+                              0};
             }
             case 16:
             case 17: {
                 using Outcome = hal::RejectReport::Outcome;
-                return hal::RejectReport{any_part(), chance(95) ? Outcome::confirmed : chance(50) ? Outcome::late : Outcome::failed, now_};
+                return hal::RejectReport{any_part(),
+                                         chance(95)       ? Outcome::confirmed
+                                             : chance(50) ? Outcome::late
+                                                          : Outcome::failed,
+                                         now_};
             }
             case 18: {
                 counts_ += pick(300);
@@ -167,10 +181,12 @@ class Shadow {
         const bool was_stopped = core_.snapshot().line_stop;
         core_.step(event, now_, actions_);
         const bool left = std::holds_alternative<Command>(event) && std::get<Command>(event) == Command::reset;
-        if (!std::holds_alternative<Tick>(event)) reset_after_stop_ = left && was_stopped;  // a long line needs ticks to end its stories
+        if (!std::holds_alternative<Tick>(event))
+            reset_after_stop_ = left && was_stopped;  // a long line needs ticks to end its stories
         bool frame_given_back = false;
         for (const Action& action : actions_) check(action, event, frame_given_back);
-        EXPECT_EQ(std::holds_alternative<FrameArrived>(event), frame_given_back) << "a frame is inspected or released, once";
+        EXPECT_EQ(std::holds_alternative<FrameArrived>(event), frame_given_back)
+            << "a frame is inspected or released, once";
         check_sums();
     }
 
@@ -192,7 +208,8 @@ class Shadow {
         if (std::holds_alternative<PlcBack>(event)) plc_lost_ = false;
         if (const auto* lost = std::get_if<DeviceLost>(&event)) down_[static_cast<int>(lost->device)] = true;
         if (const auto* back = std::get_if<DeviceUp>(&event)) down_[static_cast<int>(back->device)] = false;
-        if (std::holds_alternative<Command>(event) && std::get<Command>(event) == Command::initialise && core_.state() == State::preoperational) {
+        if (std::holds_alternative<Command>(event) && std::get<Command>(event) == Command::initialise &&
+            core_.state() == State::preoperational) {
             for (bool& down : down_) down = true;  // they are being opened
         }
         if (const auto* frame = std::get_if<FrameArrived>(&event)) {
@@ -252,7 +269,8 @@ class Shadow {
         ++reasons_[r.reason];
         ++outcomes_[r.reject];
         if (r.verdict == PartVerdict::pass) {
-            EXPECT_TRUE(p.own_frame && p.own_light && p.judged_pass) << "part " << r.part << " passed without valid data of its own";
+            EXPECT_TRUE(p.own_frame && p.own_light && p.judged_pass)
+                << "part " << r.part << " passed without valid data of its own";
             EXPECT_FALSE(p.commanded);
             EXPECT_FALSE(plc_lost_ && config_.plc_policy == PlcPolicy::reject_all) << "passed without the PLC";
             EXPECT_EQ(r.reject, RejectState::not_needed);
@@ -326,13 +344,14 @@ void run_seeds(const CoreConfig& config, std::uint64_t from) {
     for (const PartReason reason :
          {PartReason::none, PartReason::slope, PartReason::too_dark, PartReason::verdict_late, PartReason::frame_lost,
           PartReason::frame_stale, PartReason::frame_duplicate, PartReason::frame_short, PartReason::frame_corrupt,
-          PartReason::strobe_failed, PartReason::parts_too_close, PartReason::station_not_running, PartReason::device_lost,
-          PartReason::edge_lost, PartReason::inspector_failed}) {
+          PartReason::strobe_failed, PartReason::parts_too_close, PartReason::station_not_running,
+          PartReason::device_lost, PartReason::edge_lost, PartReason::inspector_failed}) {
         if (config.by_encoder && reason == PartReason::verdict_late) continue;
         EXPECT_GT(reasons[reason], 0) << name_of(reason) << " never happened";
     }
     EXPECT_EQ(reasons[PartReason::plc_lost] > 0, config.plc_policy == PlcPolicy::reject_all);
-    for (const RejectState outcome : {RejectState::not_needed, RejectState::confirmed, RejectState::failed, RejectState::late}) {
+    for (const RejectState outcome :
+         {RejectState::not_needed, RejectState::confirmed, RejectState::failed, RejectState::late}) {
         EXPECT_GT(outcomes[outcome], 0) << static_cast<int>(outcome) << " never happened";
     }
 }

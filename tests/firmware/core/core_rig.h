@@ -1,9 +1,9 @@
 // Drives a Core by hand: a clock that the test moves, devices that do what the test says, and a record of every action.
 #pragma once
 
-#include <gtest/gtest.h>
-
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "firmware/core/core.h"
 
@@ -71,7 +71,8 @@ class CoreRig {
         forget();
     }
 
-    // A part arrives now; returns its number (parts count from 1 and each has one edge here, unless a test says otherwise).
+    // A part arrives now; returns its number (parts count from 1 and each has one edge here, unless a test says
+    // otherwise).
     std::uint32_t part_arrives() {
         hal::PartEdge edge;
         edge.at = now;
@@ -96,9 +97,12 @@ class CoreRig {
         send(hal::StrobeReport{part, true, exposure_of(part).start + c.strobe_delay, c.strobe});
     }
     void frame_comes(std::uint32_t part) { frame_comes_at(exposure_of(part).start); }
-    void frame_comes_at(TimePoint exposure_start) { send(FrameArrived{++frames, {++frame_sequence, exposure_start, 1000, false}}); }
+    void frame_comes_at(TimePoint exposure_start) {
+        send(FrameArrived{++frames, {++frame_sequence, exposure_start, 1000, false}});
+    }
     void judged(std::uint32_t part, algo::Verdict verdict, algo::Reason reason = algo::Reason::none) {
-        send(Judged{part, false, verdict, reason, static_cast<std::uint16_t>(verdict == algo::Verdict::pass ? 0 : 2), 1.5F});
+        send(Judged{part, false, verdict, reason, static_cast<std::uint16_t>(verdict == algo::Verdict::pass ? 0 : 2),
+                    1.5F});
     }
     void confirmed(std::uint32_t part) { send(hal::RejectReport{part, hal::RejectReport::Outcome::confirmed, now}); }
     // Arrives, is exposed, and its light and frame come 10 ms after the edge.

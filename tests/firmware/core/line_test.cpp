@@ -183,7 +183,9 @@ TEST_F(Running, a_part_that_covers_the_sensor_for_too_long_hides_another_and_sto
     config.max_part = milliseconds(30);
     CoreRig touching{config};
     touching.bring_to(State::continuous_execution);
-    const auto edge = [&](hal::PartEdge::Kind kind) { touching.send(hal::PartEdge{kind, touching.now, ++touching.edges, {}}); };
+    const auto edge = [&](hal::PartEdge::Kind kind) {
+        touching.send(hal::PartEdge{kind, touching.now, ++touching.edges, {}});
+    };
     edge(hal::PartEdge::Kind::arrives);
     touching.advance(milliseconds(20));
     edge(hal::PartEdge::Kind::leaves);

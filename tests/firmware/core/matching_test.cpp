@@ -132,7 +132,8 @@ TEST_F(Running, light_at_the_wrong_time_or_of_the_wrong_length_does_not_count) {
         one.advance(milliseconds(10));
         one.frame_comes(part);
         one.judged(part, Verdict::pass);
-        one.send(hal::StrobeReport{part, wrong.lit, one.exposure_of(part).start + microseconds(100) + wrong.shift, wrong.width});
+        one.send(hal::StrobeReport{part, wrong.lit, one.exposure_of(part).start + microseconds(100) + wrong.shift,
+                                   wrong.width});
         one.advance(milliseconds(150));
         one.confirmed(part);
         EXPECT_EQ(one.only_result().reason, PartReason::strobe_failed);

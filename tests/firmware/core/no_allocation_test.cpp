@@ -35,7 +35,8 @@ TEST(NoAllocation, a_thousand_parts_of_every_fate_take_no_memory) {
         now += milliseconds(10);
         if (part % 7 != 0) send(hal::StrobeReport{part, part % 11 != 0, exposure + config.strobe_delay, config.strobe});
         if (part % 5 != 0) send(FrameArrived{1, {++frame, exposure, part % 13 == 0 ? 10U : 1000U, false}});
-        if (part % 6 != 0) send(Judged{part, part % 17 == 0, part % 2 == 0 ? algo::Verdict::pass : algo::Verdict::reject, {}, 0, 0});
+        if (part % 6 != 0)
+            send(Judged{part, part % 17 == 0, part % 2 == 0 ? algo::Verdict::pass : algo::Verdict::reject, {}, 0, 0});
         const TimePoint next = now + milliseconds(90);
         while (core->next_wake() <= next) {
             now = core->next_wake();

@@ -8,11 +8,13 @@
 namespace hord::firmware {
 namespace {
 
-constexpr State kStates[] = {State::preoperational, State::initialized,          State::ready, State::single_execution,
-                             State::continuous_execution, State::error, State::halted};
-constexpr Command kCommands[] = {Command::initialise, Command::arm,   Command::disarm, Command::start_single, Command::start_continuous,
-                                 Command::stop,       Command::abort, Command::halt,   Command::reset};
-constexpr const char* kNames[] = {"initialise", "arm", "disarm", "start_single", "start_continuous", "stop", "abort", "halt", "reset"};
+constexpr State kStates[] = {State::preoperational,       State::initialized, State::ready, State::single_execution,
+                             State::continuous_execution, State::error,       State::halted};
+constexpr Command kCommands[] = {
+    Command::initialise, Command::arm,   Command::disarm, Command::start_single, Command::start_continuous,
+    Command::stop,       Command::abort, Command::halt,   Command::reset};
+constexpr const char* kNames[] = {"initialise", "arm",   "disarm", "start_single", "start_continuous",
+                                  "stop",       "abort", "halt",   "reset"};
 
 // Written down by hand from OPC 40100-1, not taken from the transition table under test. With an empty line, stop is
 // finished at once.
@@ -107,9 +109,11 @@ TEST(States, events_change_the_state_only_where_a_device_is_lost_or_a_part_was_a
             rig.send(event);
             const bool operational = state == State::ready || executing(state);
             const auto* edge = std::get_if<hal::PartEdge>(&event);
-            const bool part_was_there = edge != nullptr && edge->kind == hal::PartEdge::Kind::leaves &&  // the first edge of all
-                                        state != State::preoperational && state != State::halted;
-            const State expected = part_was_there || (operational && std::holds_alternative<DeviceLost>(event)) ? State::error : state;
+            const bool part_was_there = edge != nullptr &&
+                edge->kind == hal::PartEdge::Kind::leaves &&  // the first edge of all
+                state != State::preoperational && state != State::halted;
+            const State expected =
+                part_was_there || (operational && std::holds_alternative<DeviceLost>(event)) ? State::error : state;
             EXPECT_EQ(rig.core.state(), expected) << name_of(state) << ", " << name;
             EXPECT_TRUE(rig.rejects.empty()) << name_of(state) << ", " << name;
             EXPECT_TRUE(rig.inspections.empty()) << name_of(state) << ", " << name;

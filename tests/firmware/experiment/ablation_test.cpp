@@ -18,8 +18,9 @@ TEST(AblationExperiment, claims_come_out_as_written_down_and_every_effect_is_loo
     ASSERT_TRUE(report) << report.error().message();
     EXPECT_GE(report->claims.size(), 4U);
     for (const Claim& claim : report->claims) EXPECT_TRUE(claim.as_expected()) << claim.text << ": " << claim.evidence;
-    for (const char* effect : {"fresnel", "ghosts", "absorption", "dispersion", "diffraction", "stop", "vignetting", "dust", "motion", "photon-noise", "read-noise", "dark-current", "pedestal",
-                               "prnu", "full-well"}) {
+    for (const char* effect :
+         {"fresnel", "ghosts", "absorption", "dispersion", "diffraction", "stop", "vignetting", "dust", "motion",
+          "photon-noise", "read-noise", "dark-current", "pedestal", "prnu", "full-well"}) {
         EXPECT_THAT(report->text, ::testing::HasSubstr(std::string("| ") + effect + " |")) << effect;
     }
     // A second run takes everything up: the same words, processor times included.

@@ -1,4 +1,5 @@
-// The quick form of `hordctl experiment paper`: its claims come out as docs/results/paper.md has them, and an interrupted run continues.
+// The quick form of `hordctl experiment paper`: its claims come out as docs/results/paper.md has them, and an
+// interrupted run continues.
 #include "firmware/experiment/paper.h"
 
 #include <fstream>
@@ -31,7 +32,8 @@ TEST(PaperExperiment, claims_come_out_as_written_down_and_an_interrupted_run_giv
     for (const Claim& claim : report->claims) EXPECT_TRUE(claim.as_expected()) << claim.text << ": " << claim.evidence;
     for (const auto& file : report->files) EXPECT_TRUE(std::filesystem::exists(file)) << file;
 
-    // As if interrupted while the bubble was noted down: two scenes are done, the rest is computed again, by one thread.
+    // As if interrupted while the bubble was noted down: two scenes are done, the rest is computed again, by one
+    // thread.
     const auto cells = folder.path() / "cells.jsonl";
     std::string text;
     {

@@ -45,7 +45,8 @@ TEST(Detection, a_difference_of_areas_is_of_the_same_draws) {
     EXPECT_EQ(none.value, 0);
     EXPECT_EQ(none.low, 0);
     EXPECT_EQ(none.high, 0);
-    // Scores that a monotone function turns into one another differ in nothing, either: less than the interval of each alone.
+    // Scores that a monotone function turns into one another differ in nothing, either: less than the interval of each
+    // alone.
     std::vector<Scored> cubed(std::begin(b), std::end(b));
     for (Scored& s : cubed) s.score = s.score * s.score * s.score;
     EXPECT_EQ(auc_difference(b, cubed, 200, 1).high, 0);
@@ -73,7 +74,8 @@ std::vector<Scored> normal_scores(std::uint64_t seed, double shift, int parts, i
     for (int part = 0; part < parts; ++part) {
         for (int k = 0; k < each; ++k) {
             const bool bad = k % 2 == 0;
-            scores.push_back({static_cast<float>(draw.normal() + (bad ? shift : 0)), static_cast<std::uint32_t>(part), bad});
+            scores.push_back(
+                {static_cast<float>(draw.normal() + (bad ? shift : 0)), static_cast<std::uint32_t>(part), bad});
         }
     }
     return scores;
@@ -84,10 +86,12 @@ TEST(Detection, intervals_hold_the_truth_as_often_as_they_say) {
     constexpr int kTrials = 200;
     int held = 0;
     for (int trial = 0; trial < kTrials; ++trial) {
-        const auto found = detection_of(normal_scores(static_cast<std::uint64_t>(trial), std::sqrt(2.0), 40, 10), 0.1, 200, 7);
+        const auto found =
+            detection_of(normal_scores(static_cast<std::uint64_t>(trial), std::sqrt(2.0), 40, 10), 0.1, 200, 7);
         if (found.auc.low <= truth && truth <= found.auc.high) ++held;
     }
-    // 95 % of 200: binomial standard deviation 3.1; the percentile bootstrap of 40 parts is known to hold a little less often.
+    // 95 % of 200: binomial standard deviation 3.1; the percentile bootstrap of 40 parts is known to hold a little less
+    // often.
     EXPECT_GE(held, 176);
 }
 

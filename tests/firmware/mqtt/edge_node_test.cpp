@@ -1,13 +1,13 @@
-// The edge node as a broker and its hosts see it, in virtual time: sessions, results, commands. Payloads are read back by
-// decode_command(), which payload_test.cpp compares with protoc.
+// The edge node as a broker and its hosts see it, in virtual time: sessions, results, commands. Payloads are read back
+// by decode_command(), which payload_test.cpp compares with protoc.
+#include "firmware/mqtt/edge_node.h"
+
 #include <map>
 #include <random>
 #include <set>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-
-#include "firmware/mqtt/edge_node.h"
 
 namespace hord::firmware::mqtt::test {
 namespace {
@@ -101,7 +101,8 @@ struct World {
     UtcMs now = kNow;
     std::vector<std::uint64_t> waiting;  // tokens without an answer
     std::vector<std::int64_t> arrived;   // numbers, as the node sent them
-    // Of these: not answered yet (each with the token that answers it; 0: the next fence), and what came to somebody who listens.
+    // Of these: not answered yet (each with the token that answers it; 0: the next fence), and what came to somebody
+    // who listens.
     std::vector<std::pair<std::uint64_t, std::int64_t>> under_way;
     std::vector<std::int64_t> delivered;
     std::vector<Outgoing> sent;
@@ -114,7 +115,8 @@ struct World {
         const auto wish = node.wish(now);
         if (!wish) return;
         std::vector<store::StoredResult> some;
-        for (std::int64_t k = std::max(wish->after + 1, first); k <= newest && some.size() < wish->count; ++k) some.push_back(result(k));
+        for (std::int64_t k = std::max(wish->after + 1, first); k <= newest && some.size() < wish->count; ++k)
+            some.push_back(result(k));
         node.offer(some, newest, now);
     }
     void carry() {
@@ -198,7 +200,8 @@ TEST(EdgeNode, is_born_with_every_metric_and_dies_with_the_same_bdSeq) {
     EXPECT_EQ(find(birth, "Node Control/Rebirth")->value, MetricValue(false));
     EXPECT_EQ(find(birth, "Station/STATUS/state")->alias, 102U);
     EXPECT_EQ(find(birth, "Result/Number")->alias, kResultAlias);
-    for (const char* name : {"Result/Verdict", "Station/Online", "Station/COUNTERS/seen", "Station/HEALTH/latency_p99"}) EXPECT_NE(find(birth, name), nullptr) << name;
+    for (const char* name : {"Result/Verdict", "Station/Online", "Station/COUNTERS/seen", "Station/HEALTH/latency_p99"})
+        EXPECT_NE(find(birth, name), nullptr) << name;
     EXPECT_EQ(find(birth, "Station/STATUS/heartbeat"), nullptr);
 
     // The next session has the next bdSeq, over 255, too; its birth begins with seq 0 again.
@@ -305,7 +308,8 @@ TEST(EdgeNode, publishes_again_what_a_lost_session_left_open_and_calls_it_histor
     EXPECT_FALSE(read(world.sent.back().payload).metrics[0].historical);  // came while it was connected
 }
 
-// Broker, network and process fail at random; what is under way then is lost in part: every number is delivered, and little is held.
+// Broker, network and process fail at random; what is under way then is lost in part: every number is delivered, and
+// little is held.
 TEST(EdgeNode, loses_nothing_over_random_failures) {
     for (unsigned seed = 1; seed <= 30; ++seed) {
         std::mt19937 random(seed);
@@ -343,7 +347,8 @@ TEST(EdgeNode, loses_nothing_over_random_failures) {
                 }
             }
             newest = world.newest;
-            delivered.insert(delivered.end(), world.delivered.begin(), world.delivered.end());  // what was under way when it was killed is not
+            delivered.insert(delivered.end(), world.delivered.begin(),
+                             world.delivered.end());  // what was under way when it was killed is not
         }
         World last(o, on_disk);
         last.newest = newest;
@@ -509,11 +514,22 @@ TEST(EdgeNode, refuses_and_counts_every_other_command) {
     by_alias.metrics[0].alias = 102;
     by_alias.metrics[0].value = std::uint64_t{8};
     const std::vector<std::string> hostile{
-        "", "garbage", std::string(5000, '\x12'), std::string(100, '\0'), "{\"online\":true}", encode(by_alias),
-        command({{"Node Control/Reboot", true}}), command({{"node control/rebirth", true}}), command({{"Station/STATUS/state", std::uint64_t{8}}}),
-        command({{"Node Control/Rebirth", false}}), command({{"Node Control/Rebirth", std::string("true")}}), command({{"Node Control/Rebirth", std::uint64_t{1}}}),
-        command({{"Node Control/Rebirth", {}}}), command({{"Node Control/Rebirth", true}}, DataType::text),
-        command({{"Node Control/Rebirth", true}, {"Station/STATUS/state", std::uint64_t{3}}}), command({{std::string(3000, 'x'), true}})};
+        "",
+        "garbage",
+        std::string(5000, '\x12'),
+        std::string(100, '\0'),
+        "{\"online\":true}",
+        encode(by_alias),
+        command({{"Node Control/Reboot", true}}),
+        command({{"node control/rebirth", true}}),
+        command({{"Station/STATUS/state", std::uint64_t{8}}}),
+        command({{"Node Control/Rebirth", false}}),
+        command({{"Node Control/Rebirth", std::string("true")}}),
+        command({{"Node Control/Rebirth", std::uint64_t{1}}}),
+        command({{"Node Control/Rebirth", {}}}),
+        command({{"Node Control/Rebirth", true}}, DataType::text),
+        command({{"Node Control/Rebirth", true}, {"Station/STATUS/state", std::uint64_t{3}}}),
+        command({{std::string(3000, 'x'), true}})};
     World world;
     world.connect();
     world.carry();
@@ -546,7 +562,9 @@ TEST(EdgeNode, waits_for_its_primary_host_and_leaves_when_that_goes) {
     EXPECT_THAT(world.sent, IsEmpty());
     const auto state = [&](const char* text) { world.node.message("spBv1.0/STATE/scada", text, world.now); };
     state("{\"online\":false,\"timestamp\":100}");
-    for (const char* bad : {"ONLINE", "{\"online\":true}", "{\"online\":1,\"timestamp\":1}", "[]", "{\"online\":true,\"timestamp\":\"x\"}"}) state(bad);
+    for (const char* bad : {"ONLINE", "{\"online\":true}", "{\"online\":1,\"timestamp\":1}", "[]",
+                            "{\"online\":true,\"timestamp\":\"x\"}"})
+        state(bad);
     EXPECT_EQ(world.node.figures().refused, 5U);
     state("{\"online\":true,\"timestamp\":99}");  // older than what is known
     EXPECT_TRUE(world.node.waits_for_host());

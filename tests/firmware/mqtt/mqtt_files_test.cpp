@@ -54,7 +54,8 @@ TEST(MqttConfig, refuses_what_cannot_be_with_line_and_cure) {
     EXPECT_THAT(problems("[sparkplug]\ngroup = \"#\"\n"), HasSubstr("cannot be part of a topic"));
     EXPECT_THAT(problems("[tls]\nca = \"ca.pem\"\ncertificate = \"c.pem\"\n"), HasSubstr("needs the other of the two"));
     EXPECT_THAT(problems("[tls]\ncertificate = \"c.pem\"\nkey = \"k.pem\"\n"), HasSubstr("without an authority"));
-    EXPECT_THAT(problems("[broker]\nhost = \"plant\"\nuser = \"u\"\npassword_file = \"p\"\n"), HasSubstr("readable for everybody"));
+    EXPECT_THAT(problems("[broker]\nhost = \"plant\"\nuser = \"u\"\npassword_file = \"p\"\n"),
+                HasSubstr("readable for everybody"));
     EXPECT_THAT(problems("[broker]\npassword_file = \"p\"\n"), HasSubstr("without a user"));
     EXPECT_THAT(problems("[station]\nmodbus = \"::\"\n"), HasSubstr("not a Modbus address"));
     EXPECT_THAT(problems("[results]\nqos = 2\nin_flight = 0\n"), HasSubstr("in_flight"));
@@ -131,7 +132,8 @@ TEST(ResultFeed, follows_a_store_that_is_being_written_and_notices_another) {
     EXPECT_THAT(*feed.read(5, 100), SizeIs(7));
 
     for (const auto& entry : fs::directory_iterator(folder.path())) {
-        if (entry.path().filename().string().starts_with("results.db")) fs::rename(entry.path(), entry.path().string() + ".damaged");
+        if (entry.path().filename().string().starts_with("results.db"))
+            fs::rename(entry.path(), entry.path().string() + ".damaged");
     }
     EXPECT_FALSE(feed.look());
     const TempFolder elsewhere;

@@ -50,7 +50,9 @@ class Plc {
         }
         return true;
     }
-    bool is(State state) { return client_->read(102, 1).value_or(std::vector<std::uint16_t>(1)).at(0) == static_cast<std::uint16_t>(state); }
+    bool is(State state) {
+        return client_->read(102, 1).value_or(std::vector<std::uint16_t>(1)).at(0) == static_cast<std::uint16_t>(state);
+    }
 
   private:
     std::optional<modbus::Client> client_;
@@ -66,8 +68,9 @@ class TeachService : public ::testing::Test {
         folder = ::mkdtemp(name.data());
         fs::create_directories(folder / "state");
         // Alone it passes whatever has light: only a reference can reject.
-        std::ofstream(folder / "wide.toml") << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n"
-                                               "[reference]\nreject_score = 12\ncluster_score = 18\n";
+        std::ofstream(folder / "wide.toml")
+            << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n"
+               "[reference]\nreject_score = 12\ncluster_score = 18\n";
         const auto wide = load_numbered_recipe(folder / "wide.toml");
         EXPECT_TRUE(wide) << wide.error().message();
         configured = crc32_of(*wide);
@@ -78,8 +81,8 @@ class TeachService : public ::testing::Test {
         std::string kind;
         PartResult result;
     };
-    // One life of the service: `plc` does on a thread of its own what it has to do, then the service ends. Where the machine is too slow for
-    // the line's times, and the station stops with an error, a person resets it.
+    // One life of the service: `plc` does on a thread of its own what it has to do, then the service ends. Where the
+    // machine is too slow for the line's times, and the station stops with an error, a person resets it.
     void live(double good_share, const std::function<void(Plc&)>& plc) {
         Config config;
         config.core.exposure_delay = milliseconds(100);
@@ -131,13 +134,15 @@ class TeachService : public ::testing::Test {
     // Of the parts of the last life whose fate is known: the good or the bad ones for which `is` holds.
     template <class F>
     std::size_t count(bool good, F is) const {
-        return static_cast<std::size_t>(std::count_if(seen.begin(), seen.end(), [&](const Seen& s) { return (s.kind == "good") == good && is(s.result); }));
+        return static_cast<std::size_t>(std::count_if(
+            seen.begin(), seen.end(), [&](const Seen& s) { return (s.kind == "good") == good && is(s.result); }));
     }
     std::vector<std::string> files() const {
         std::vector<std::string> names;
         for (const auto& entry : fs::recursive_directory_iterator(folder / "state")) {
             const std::string name = fs::relative(entry.path(), folder / "state");
-            const bool elses = name.starts_with("store") || name == "line-in-use";  // results; parts were on the line at the end
+            const bool elses =
+                name.starts_with("store") || name == "line-in-use";  // results; parts were on the line at the end
             if (entry.is_regular_file() && !elses) names.push_back(name);
         }
         std::sort(names.begin(), names.end());
@@ -171,10 +176,12 @@ TEST_F(TeachService, learns_from_twelve_parts_judges_by_them_and_still_does_afte
     live(0.5, [&](Plc& plc) {
         EXPECT_EQ(plc.read32(111), taught);
         EXPECT_TRUE(plc.sees([&] { return passes >= 5 && rejects >= 5; }));
-        // After 25 parts HEALTH tells how light and optics age: as new, and measured against the reference of the life before.
+        // After 25 parts HEALTH tells how light and optics age: as new, and measured against the reference of the life
+        // before.
         EXPECT_TRUE(plc.sees([&] { return plc.read32(8434) >> 16U != 0xFFFF; }));
         EXPECT_NEAR(plc.read32(8434) >> 16U, 1000, 50);  // light_output, tenths of a percent
-        EXPECT_NE(plc.read32(8440), 0xFFFFFFFFU);        // dust: looked for (how often a few frames, shown again and again, look like it is not asked)
+        EXPECT_NE(plc.read32(8440), 0xFFFFFFFFU);  // dust: looked for (how often a few frames, shown again and again,
+                                                   // look like it is not asked)
     });
     // What came too late on a busy machine is rejected, too, and says nothing of the reference.
     EXPECT_GE(count(true, passed), 4U);  // one may not have left the line before the end

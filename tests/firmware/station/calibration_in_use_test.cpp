@@ -1,5 +1,5 @@
-// The calibration of a running station: it fits the sensor, has an identity, and a worse one does not take the place of a better one;
-// and the watch over its drift.
+// The calibration of a running station: it fits the sensor, has an identity, and a worse one does not take the place of
+// a better one; and the watch over its drift.
 #include "firmware/calibration_in_use.h"
 
 #include <cmath>
@@ -18,7 +18,8 @@ using ::testing::HasSubstr;
 
 class CalibrationFile : public ::testing::Test {
   protected:
-    CalibrationFile() : folder(std::filesystem::temp_directory_path() / ("hord-calibration-" + std::to_string(::getpid()))) {
+    CalibrationFile()
+        : folder(std::filesystem::temp_directory_path() / ("hord-calibration-" + std::to_string(::getpid()))) {
         std::filesystem::create_directories(folder);
     }
     ~CalibrationFile() override { std::filesystem::remove_all(folder); }
@@ -38,7 +39,9 @@ class CalibrationFile : public ::testing::Test {
         EXPECT_TRUE(calib::write_grid(folder / name, file));
         return folder / name;
     }
-    [[nodiscard]] Result<CalibrationInUse> use(const std::filesystem::path& file) const { return use_calibration(file, folder / "kept.toml", {320, 288, 8, 4}, 8, 8); }
+    [[nodiscard]] Result<CalibrationInUse> use(const std::filesystem::path& file) const {
+        return use_calibration(file, folder / "kept.toml", {320, 288, 8, 4}, 8, 8);
+    }
 
     std::filesystem::path folder;
 };
@@ -90,14 +93,16 @@ TEST_F(CalibrationFile, kept_by_a_station_that_can_no_longer_be_read_stands_in_n
     EXPECT_TRUE(calib::read_grid(folder / "kept.toml"));
 }
 
-// -- drift ---------------------------------------------------------------------------------------------------------------------
+// -- drift
+// ---------------------------------------------------------------------------------------------------------------------
 
 // Free light at a place between the bins.
 algo::Frame free_light(const algo::Extents& e, double x_bins) {
     algo::Frame frame(e.width_px(), e.height_px(), 8);
     for (int n = 0; n < e.n; ++n) {
         for (int m = 0; m < e.m; ++m) {
-            frame.set(m * e.i + e.i / 2, n * e.j + e.j / 2, static_cast<std::uint32_t>(std::lround(200 * (1 - x_bins))));
+            frame.set(m * e.i + e.i / 2, n * e.j + e.j / 2,
+                      static_cast<std::uint32_t>(std::lround(200 * (1 - x_bins))));
             frame.set(m * e.i + e.i / 2 + 1, n * e.j + e.j / 2, static_cast<std::uint32_t>(std::lround(200 * x_bins)));
         }
     }

@@ -97,7 +97,8 @@ TEST_F(CellCheckTest, a_good_cell_has_good_rows_and_its_ejector_rests) {
     open();
     const auto rows = check();
     EXPECT_EQ(bad(rows), 0) << table_of(rows);
-    for (const char* what : {"part sensor", "lights", "light 0", "light 1", "sensor", "frame", "exposure", "saturation", "focus", "without light", "rejector"}) {
+    for (const char* what : {"part sensor", "lights", "light 0", "light 1", "sensor", "frame", "exposure", "saturation",
+                             "focus", "without light", "rejector"}) {
         EXPECT_EQ(row(rows, what).result, CheckRow::Result::good) << what << "\n" << table_of(rows);
     }
     EXPECT_EQ(row(rows, "ejector").result, CheckRow::Result::skipped);
@@ -115,7 +116,9 @@ TEST_F(CellCheckTest, what_could_not_be_opened_is_a_row_with_its_cure_and_the_re
     open();
     under_test_.part_sensor.device = fail(ErrorCode::busy, "chip line 6 is held by \"gpiomon\"", "end that program");
     under_test_.sensor.device = fail(ErrorCode::not_found, "/dev/video0: cannot be opened", "check the cable");
-    under_test_.ask_module = []() -> Result<std::string> { return fail(ErrorCode::refused, "coil 0 cannot be read: Illegal data address", "check the address"); };
+    under_test_.ask_module = []() -> Result<std::string> {
+        return fail(ErrorCode::refused, "coil 0 cannot be read: Illegal data address", "check the address");
+    };
     const auto rows = check(true);
     EXPECT_EQ(bad(rows), 3) << table_of(rows);
     const std::string table = table_of(rows);

@@ -1,13 +1,13 @@
 // The configuration and the recipe: defaults, documentation that is true, and every problem at once.
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
+#include "firmware/config.h"
 
 #include <fstream>
 #include <sstream>
 
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 #include <unistd.h>
 
-#include "firmware/config.h"
 #include "firmware/recipe_file.h"
 #include "firmware/recipe_folder.h"
 
@@ -55,25 +55,34 @@ TEST(Config, the_documented_file_is_the_defaults) {
     const Config defaults;
     EXPECT_EQ(file->name, defaults.name);
     const CoreConfig &a = file->core, &b = defaults.core;
-    EXPECT_EQ(std::tie(a.by_encoder, a.transport, a.transport_counts, a.encoder_timeout, a.max_parts, a.min_gap, a.exposure_delay, a.trigger_lead, a.exposure_counts, a.min_gap_counts,
-                       a.exposure, a.strobe_delay, a.strobe, a.strobe_channels, a.strobe_window, a.frame_window, a.frame_timeout),
-              std::tie(b.by_encoder, b.transport, b.transport_counts, b.encoder_timeout, b.max_parts, b.min_gap, b.exposure_delay, b.trigger_lead, b.exposure_counts, b.min_gap_counts,
-                       b.exposure, b.strobe_delay, b.strobe, b.strobe_channels, b.strobe_window, b.frame_window, b.frame_timeout));
-    EXPECT_EQ(std::tie(a.reject_lead, a.reject_early, a.reject_pulse, a.confirm_timeout, a.max_failures_in_a_row, a.heartbeat),
-              std::tie(b.reject_lead, b.reject_early, b.reject_pulse, b.confirm_timeout, b.max_failures_in_a_row, b.heartbeat));
+    EXPECT_EQ(std::tie(a.by_encoder, a.transport, a.transport_counts, a.encoder_timeout, a.max_parts, a.min_gap,
+                       a.exposure_delay, a.trigger_lead, a.exposure_counts, a.min_gap_counts, a.exposure,
+                       a.strobe_delay, a.strobe, a.strobe_channels, a.strobe_window, a.frame_window, a.frame_timeout),
+              std::tie(b.by_encoder, b.transport, b.transport_counts, b.encoder_timeout, b.max_parts, b.min_gap,
+                       b.exposure_delay, b.trigger_lead, b.exposure_counts, b.min_gap_counts, b.exposure,
+                       b.strobe_delay, b.strobe, b.strobe_channels, b.strobe_window, b.frame_window, b.frame_timeout));
+    EXPECT_EQ(std::tie(a.reject_lead, a.reject_early, a.reject_pulse, a.confirm_timeout, a.max_failures_in_a_row,
+                       a.heartbeat),
+              std::tie(b.reject_lead, b.reject_early, b.reject_pulse, b.confirm_timeout, b.max_failures_in_a_row,
+                       b.heartbeat));
     EXPECT_EQ(file->strobe, defaults.strobe);
     EXPECT_EQ(file->part_sensor, defaults.part_sensor);
     EXPECT_EQ(std::tie(file->modbus.host, file->modbus.port, file->modbus.read_only_port, file->modbus.max_connections),
-              std::tie(defaults.modbus.host, defaults.modbus.port, defaults.modbus.read_only_port, defaults.modbus.max_connections));
+              std::tie(defaults.modbus.host, defaults.modbus.port, defaults.modbus.read_only_port,
+                       defaults.modbus.max_connections));
     ASSERT_EQ(file->modbus.access.size(), defaults.modbus.access.size());
     for (std::size_t k = 0; k < file->modbus.access.size(); ++k) {
         const auto &rule = file->modbus.access[k], &same = defaults.modbus.access[k];
-        EXPECT_EQ(std::tie(rule.network.address, rule.network.prefix_bits, rule.may_write), std::tie(same.network.address, same.network.prefix_bits, same.may_write));
+        EXPECT_EQ(std::tie(rule.network.address, rule.network.prefix_bits, rule.may_write),
+                  std::tie(same.network.address, same.network.prefix_bits, same.may_write));
     }
     EXPECT_FALSE(file->serial);
-    EXPECT_EQ(std::tie(file->autostart, file->plc.timeout, a.plc_policy), std::tie(defaults.autostart, defaults.plc.timeout, b.plc_policy));
-    EXPECT_EQ(std::tie(file->inspection.bins_i, file->inspection.bins_j, file->inspection.threads, file->inspection.queue),
-              std::tie(defaults.inspection.bins_i, defaults.inspection.bins_j, defaults.inspection.threads, defaults.inspection.queue));
+    EXPECT_EQ(std::tie(file->autostart, file->plc.timeout, a.plc_policy),
+              std::tie(defaults.autostart, defaults.plc.timeout, b.plc_policy));
+    EXPECT_EQ(
+        std::tie(file->inspection.bins_i, file->inspection.bins_j, file->inspection.threads, file->inspection.queue),
+        std::tie(defaults.inspection.bins_i, defaults.inspection.bins_j, defaults.inspection.threads,
+                 defaults.inspection.queue));
     EXPECT_EQ(file->optics, defaults.optics);
 }
 
@@ -97,10 +106,13 @@ TEST(Config, the_documented_keys_of_other_backends_are_known_and_at_their_defaul
 }
 
 TEST(Config, a_camera_of_libcamera_is_named_with_its_format_and_controls) {
-    const auto config = parse("[sensor]\nbackend = \"libcamera\"\ncamera = \"/base/imx296\"\nwidth_px = 1440\nheight_px = 1080\nbits = 10\nbuffers = 6\n"
-                              "green = true\n[[sensor.control]]\nname = \"ExposureTime\"\nvalue = 500\n");
+    const auto config = parse(
+        "[sensor]\nbackend = \"libcamera\"\ncamera = \"/base/imx296\"\nwidth_px = 1440\nheight_px = 1080\nbits = "
+        "10\nbuffers = 6\n"
+        "green = true\n[[sensor.control]]\nname = \"ExposureTime\"\nvalue = 500\n");
     ASSERT_TRUE(config) << config.error().what;
-    EXPECT_EQ(std::get<CameraSensor>(config->sensor), (CameraSensor{"/base/imx296", 1440, 1080, 10, 6, true, {{"ExposureTime", 500}}}));
+    EXPECT_EQ(std::get<CameraSensor>(config->sensor),
+              (CameraSensor{"/base/imx296", 1440, 1080, 10, 6, true, {{"ExposureTime", 500}}}));
     EXPECT_EQ(std::get<CameraSensor>(parse("[sensor]\nbackend = \"libcamera\"\n")->sensor), CameraSensor{});
 }
 
@@ -133,24 +145,30 @@ TEST(Config, a_modules_profile_fills_its_addresses_and_each_can_be_overridden) {
     EXPECT_EQ(module.map.read_back_offset, 512);
     EXPECT_EQ(module.map.watchdog_time_register, 0x1000);
     EXPECT_EQ(module.watchdog, milliseconds(500));
-    const auto moxa = parse("[rejector]\nbackend = \"modbus\"\nprofile = \"moxa-iologik\"\nalarm_coil = -1\nmodule_pulse_ms = 12\n");
+    const auto moxa =
+        parse("[rejector]\nbackend = \"modbus\"\nprofile = \"moxa-iologik\"\nalarm_coil = -1\nmodule_pulse_ms = 12\n");
     ASSERT_TRUE(moxa) << moxa.error().what;
     EXPECT_EQ(std::get<ModbusRejector>(moxa->rejector).map.pulse_coil_offset, 16);
     EXPECT_EQ(std::get<ModbusRejector>(moxa->rejector).map.alarm_coil, -1);
-    const auto serial = parse("[rejector]\nbackend = \"modbus\"\ndevice = \"/dev/ttyUSB0\"\nbaud = 115200\nparity = \"odd\"\nrs485 = false\n");
+    const auto serial = parse(
+        "[rejector]\nbackend = \"modbus\"\ndevice = \"/dev/ttyUSB0\"\nbaud = 115200\nparity = \"odd\"\nrs485 = "
+        "false\n");
     ASSERT_TRUE(serial) << serial.error().what;
     const auto& line = std::get<ModbusRejector>(serial->rejector);
-    EXPECT_EQ(std::tie(line.device, line.baud, line.parity, line.rs485), std::make_tuple("/dev/ttyUSB0", 115200, 'O', false));
+    EXPECT_EQ(std::tie(line.device, line.baud, line.parity, line.rs485),
+              std::make_tuple("/dev/ttyUSB0", 115200, 'O', false));
 }
 
 TEST(Config, what_a_module_cannot_do_is_refused_with_the_cure) {
     const auto wrong = [](const std::string& keys) { return problems_of("[rejector]\nbackend = \"modbus\"\n" + keys); };
     EXPECT_THAT(wrong("profile = \"wago\"\n"), HasSubstr("use one of plain-coils, wago-750, moxa-iologik"));
     EXPECT_THAT(wrong("watchdog_ms = 500\n"), HasSubstr("cannot be set in this module"));
-    EXPECT_THAT(wrong("profile = \"wago-750\"\nwatchdog_ms = 60\n"), HasSubstr("shorter than three response_timeout_ms"));
+    EXPECT_THAT(wrong("profile = \"wago-750\"\nwatchdog_ms = 60\n"),
+                HasSubstr("shorter than three response_timeout_ms"));
     EXPECT_THAT(wrong("module_pulse_ms = 10\n"), HasSubstr("does not time"));
     EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 16\n"), HasSubstr("is longer than pulse_ms"));
-    EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 10\nenergise_to = \"pass\"\n"), HasSubstr("pulses an output on"));
+    EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 10\nenergise_to = \"pass\"\n"),
+                HasSubstr("pulses an output on"));
     EXPECT_THAT(wrong("confirm_input = 0\nconfirm_within_ms = 80\n"), HasSubstr("raise confirm_timeout_ms"));
     EXPECT_THAT(wrong("device = \"/dev/ttyS0\"\nunit = 0\n"), HasSubstr("use 1 to 247"));
     EXPECT_THAT(wrong("device = \"/dev/ttyS0\"\nport = 1502\n"), HasSubstr("either rejector.device, or host and port"));
@@ -182,7 +200,8 @@ TEST(Config, the_documented_keys_of_real_devices_are_known_and_at_their_defaults
     const StrobeConfig defaults;
     ASSERT_EQ(config->strobe.gpio.size(), 1U);
     EXPECT_EQ(config->strobe.gpio[0],
-              (StrobeChannel{{"pinctrl-bcm2711", "GPIO17", false, {}}, defaults.max_on, defaults.min_rest, defaults.max_duty}));
+              (StrobeChannel{
+                  {"pinctrl-bcm2711", "GPIO17", false, {}}, defaults.max_on, defaults.min_rest, defaults.max_duty}));
     GpioPartSensorLine barrier;
     barrier.line = {"label", "6", false, {}};
     barrier.encoder = {"pinctrl-bcm2711", "GPIO18", false, {}};
@@ -214,14 +233,18 @@ debounce_us = 20000
 [line]
 tracking = "time"
 )");
-    for (const char* what : {"sensor.bits: is no depth", "value: is missing", "strobe.channels: differs", "the limit protects the LED", "lights another channel",
-                             "duty: is not a known key", "part_sensor.chip: is missing", "debounce_us: ends after the exposure has begun"}) {
+    for (const char* what : {"sensor.bits: is no depth", "value: is missing", "strobe.channels: differs",
+                             "the limit protects the LED", "lights another channel", "duty: is not a known key",
+                             "part_sensor.chip: is missing", "debounce_us: ends after the exposure has begun"}) {
         EXPECT_THAT(all, HasSubstr(what));
     }
     EXPECT_THAT(problems_of("[strobe]\nbackend = \"gpio\"\n"), HasSubstr("describe every collimator"));
-    EXPECT_THAT(problems_of("[strobe]\nmax_duty = 0.005\n"), HasSubstr("is exceeded by parts that follow at line.min_gap_ms"));
-    EXPECT_THAT(problems_of("[line]\ntracking = \"encoder\"\n[part_sensor]\nbackend = \"gpio\"\nchip = \"soc\"\nline = \"6\"\n"),
-                HasSubstr("describe it in [part_sensor.encoder]"));
+    EXPECT_THAT(problems_of("[strobe]\nmax_duty = 0.005\n"),
+                HasSubstr("is exceeded by parts that follow at line.min_gap_ms"));
+    EXPECT_THAT(
+        problems_of(
+            "[line]\ntracking = \"encoder\"\n[part_sensor]\nbackend = \"gpio\"\nchip = \"soc\"\nline = \"6\"\n"),
+        HasSubstr("describe it in [part_sensor.encoder]"));
 }
 
 TEST(Config, every_collimator_has_limits_of_its_own_or_the_common_ones) {
@@ -246,7 +269,8 @@ max_duty = 0.1
     EXPECT_EQ(config->strobe.channels, 2);
     EXPECT_EQ(config->core.strobe_channels, 0b11U);
     EXPECT_EQ(config->strobe.gpio[0], (StrobeChannel{{"soc", "A", false, {}}, milliseconds(2), milliseconds(3), 0.3}));
-    EXPECT_EQ(config->strobe.gpio[1], (StrobeChannel{{"/dev/gpiochip3", "4", true, {}}, microseconds(400), milliseconds(9), 0.1}));
+    EXPECT_EQ(config->strobe.gpio[1],
+              (StrobeChannel{{"/dev/gpiochip3", "4", true, {}}, microseconds(400), milliseconds(9), 0.1}));
 }
 
 TEST(Config, every_key_reaches_its_field) {
@@ -337,7 +361,8 @@ threads = 2
 }
 
 TEST(Config, all_problems_are_told_at_once_with_line_and_cure) {
-    const std::string what = problems_of("[line]\ntransprt_ms = 300\nmax_parts = 0\n[timing]\nexposure_us = \"long\"\n");
+    const std::string what =
+        problems_of("[line]\ntransprt_ms = 300\nmax_parts = 0\n[timing]\nexposure_us = \"long\"\n");
     EXPECT_THAT(what, HasSubstr("cell.toml:2: line.transprt_ms: is not a known key: did you mean transport_ms?"));
     EXPECT_THAT(what, HasSubstr("cell.toml:3: line.max_parts: 0 is out of range: use 1 to 256"));
     EXPECT_THAT(what, HasSubstr("cell.toml:5: timing.exposure_us: is not a number"));
@@ -348,16 +373,20 @@ TEST(Config, what_cannot_work_together_is_refused) {
     EXPECT_THAT(problems_of("[rejector]\npulse_ms = 20\n"), HasSubstr("else a neighbour is ejected"));
     EXPECT_THAT(problems_of("[rejector]\nearly_ms = 15\n"), HasSubstr("shorten early_ms"));
     EXPECT_THAT(problems_of("[timing]\nexposure_us = 21000\n"), HasSubstr("an exposure takes 21 ms"));
-    EXPECT_THAT(problems_of("[line]\ntracking = \"encoder\"\nexposure_counts = 4000\n"), HasSubstr("lies behind the ejector"));
+    EXPECT_THAT(problems_of("[line]\ntracking = \"encoder\"\nexposure_counts = 4000\n"),
+                HasSubstr("lies behind the ejector"));
     EXPECT_THAT(problems_of("[timing]\nframe_window_us = 10000\n"), HasSubstr("a frame may belong to two parts"));
-    EXPECT_THAT(problems_of("[timing]\nstrobe_us = 450\n"), HasSubstr("the light ends 0.55 ms after the exposure's start"));
+    EXPECT_THAT(problems_of("[timing]\nstrobe_us = 450\n"),
+                HasSubstr("the light ends 0.55 ms after the exposure's start"));
     EXPECT_THAT(problems_of("[strobe]\nmax_on_us = 100\n"), HasSubstr("shorten the pulse; the limit protects the LED"));
     EXPECT_THAT(problems_of("[strobe]\nlit = [1]\n"), HasSubstr("names a channel that does not exist"));
     EXPECT_THAT(problems_of("[rejector]\nreject_coil = 1\n"), HasSubstr("give each output a coil of its own"));
     EXPECT_THAT(problems_of("[sensor]\nbackend = \"frames\"\n"), HasSubstr("name the folder of the recorded frames"));
     EXPECT_THAT(problems_of("[sensor]\nbackend = \"camera\"\n"), HasSubstr("use one of simulated, frames"));
     for (const char* macro : {"9", "9x", "x9", "9x9x9", "2x9", "16x9", "nine"}) {
-        EXPECT_THAT(problems_of(std::string("[inspection]\nmacro = \"") + macro + "\"\n"), HasSubstr("is not a macro-pixel")) << macro;
+        EXPECT_THAT(problems_of(std::string("[inspection]\nmacro = \"") + macro + "\"\n"),
+                    HasSubstr("is not a macro-pixel"))
+            << macro;
     }
 }
 
@@ -372,10 +401,13 @@ TEST(Recipe, the_documented_file_is_the_defaults) {
     const auto file = load_recipe(kDeploy / "recipes/default.toml");
     ASSERT_TRUE(file) << file.error().what;
     const algo::Recipe d;
-    EXPECT_EQ(std::tie(file->name, file->dark_dn, file->min_sum_dn, file->saturated_dn, file->min_area, file->rim_margin),
-              std::tie(d.name, d.dark_dn, d.min_sum_dn, d.saturated_dn, d.min_area, d.rim_margin));
-    EXPECT_EQ(std::tie(file->emd_limit_bins, file->frobenius_limit_bins, file->transmission_limit, file->max_saturated_share, file->min_lit_share),
-              std::tie(d.emd_limit_bins, d.frobenius_limit_bins, d.transmission_limit, d.max_saturated_share, d.min_lit_share));
+    EXPECT_EQ(
+        std::tie(file->name, file->dark_dn, file->min_sum_dn, file->saturated_dn, file->min_area, file->rim_margin),
+        std::tie(d.name, d.dark_dn, d.min_sum_dn, d.saturated_dn, d.min_area, d.rim_margin));
+    EXPECT_EQ(std::tie(file->emd_limit_bins, file->frobenius_limit_bins, file->transmission_limit,
+                       file->max_saturated_share, file->min_lit_share),
+              std::tie(d.emd_limit_bins, d.frobenius_limit_bins, d.transmission_limit, d.max_saturated_share,
+                       d.min_lit_share));
     EXPECT_EQ(std::tie(file->gradient, file->slopes, file->light), std::tie(d.gradient, d.slopes, d.light));
     EXPECT_TRUE(file->zones.empty());
 }
@@ -390,7 +422,8 @@ radius = 40
 use = "ignore"
 shape = "polygon"
 corners = [10, 11, 20, 10, 20, 30]
-)", "r.toml");
+)",
+                                     "r.toml");
     ASSERT_TRUE(recipe) << recipe.error().what;
     ASSERT_EQ(recipe->zones.size(), 2U);
     EXPECT_EQ(recipe->zones[0].use, algo::Zone::Use::inspect);
@@ -440,12 +473,19 @@ TEST(Recipe, zones_in_mixed_units_or_without_the_lenslets_size_are_refused) {
     const std::string scale = "[scale]\nlenslet_mm = 0.2\n";
     const std::string in_mm = "[[zone]]\nshape = \"circle\"\ncentre_mm = [0, 0]\nradius_mm = 1\n";
     EXPECT_EQ(problems(scale + in_mm), "");
-    EXPECT_THAT(problems(in_mm), AllOf(HasSubstr("is in mm, and the size of a lenslet is not known"), HasSubstr("give [scale] lenslet_mm"), HasSubstr("r.toml:2")));
-    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"circle\"\ncentre = [0, 0]\nradius_mm = 1\n"), HasSubstr("radius_mm: stands beside a place without _mm"));
-    EXPECT_THAT(problems(scale + in_mm + "[[zone]]\nshape = \"circle\"\ncentre = [5, 5]\nradius = 2\n"), HasSubstr("has another unit than the zones before it"));
-    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"circle\"\ncentre_mm = [0, 0]\n"), HasSubstr("radius_mm: is missing"));
-    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"polygon\"\ncorners_mm = [0, 0, 1, 0, 1]\n"), HasSubstr("corners_mm"));
-    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"polygon\"\ncorners_mm = [0, 0, 1, 0, 1, 1, 2]\n"), HasSubstr("give x and y of each corner"));
+    EXPECT_THAT(problems(in_mm),
+                AllOf(HasSubstr("is in mm, and the size of a lenslet is not known"),
+                      HasSubstr("give [scale] lenslet_mm"), HasSubstr("r.toml:2")));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"circle\"\ncentre = [0, 0]\nradius_mm = 1\n"),
+                HasSubstr("radius_mm: stands beside a place without _mm"));
+    EXPECT_THAT(problems(scale + in_mm + "[[zone]]\nshape = \"circle\"\ncentre = [5, 5]\nradius = 2\n"),
+                HasSubstr("has another unit than the zones before it"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"circle\"\ncentre_mm = [0, 0]\n"),
+                HasSubstr("radius_mm: is missing"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"polygon\"\ncorners_mm = [0, 0, 1, 0, 1]\n"),
+                HasSubstr("corners_mm"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"polygon\"\ncorners_mm = [0, 0, 1, 0, 1, 1, 2]\n"),
+                HasSubstr("give x and y of each corner"));
 }
 
 TEST(Recipe, problems_of_zones_are_told_with_their_cure) {
@@ -455,7 +495,8 @@ TEST(Recipe, problems_of_zones_are_told_with_their_cure) {
     };
     EXPECT_THAT(problems("[[zone]]\nshape = \"circle\"\n"), HasSubstr("write centre = [m, n]"));
     EXPECT_THAT(problems("[[zone]]\nuse = \"ignore\"\n"), HasSubstr("shape: is missing"));
-    EXPECT_THAT(problems("[[zone]]\nshape = \"polygon\"\ncorners = [1,2,3,4,5,6,7]\n"), HasSubstr("give m and n of each corner"));
+    EXPECT_THAT(problems("[[zone]]\nshape = \"polygon\"\ncorners = [1,2,3,4,5,6,7]\n"),
+                HasSubstr("give m and n of each corner"));
     EXPECT_THAT(problems("[[zone]]\nshape = \"polygon\"\ncorners = [1,2,3,4]\n"), HasSubstr("has 4 numbers"));
     EXPECT_THAT(problems("[limits]\nemd_bin = 1\n"), HasSubstr("did you mean emd_bins?"));
     EXPECT_THAT(problems("[limits]\nemd_bins = 0\n"), HasSubstr("out of range"));
@@ -481,7 +522,8 @@ radius = 2.5
 use = "ignore"
 shape = "polygon"
 corners = [1, 2, 3, 4, 5.5, 0.1]
-)", "r.toml");
+)",
+                                              "r.toml");
     ASSERT_TRUE(recipe) << recipe.error().what;
     const std::string text = format_recipe(*recipe);
     const auto again = parse_numbered_recipe(text, "again.toml");
@@ -503,7 +545,9 @@ corners = [1, 2, 3, 4, 5.5, 0.1]
 TEST(Recipe, the_usual_features_are_not_written) {
     const std::string text = format_recipe({});
     EXPECT_EQ(text.find("features"), std::string::npos);
-    EXPECT_EQ(text, format_recipe(*parse_numbered_recipe("features = [\"transmission\", \"emd\", \"jacobian-frobenius\"]\n", "r.toml")));
+    EXPECT_EQ(text,
+              format_recipe(*parse_numbered_recipe("features = [\"transmission\", \"emd\", \"jacobian-frobenius\"]\n",
+                                                   "r.toml")));
     EXPECT_EQ(crc32_of(NumberedRecipe{}), 0x2571D927U);  // computed then
 }
 
@@ -514,9 +558,11 @@ TEST(Recipe, features_are_chosen_and_survive_being_written_and_read) {
         bool slopes, light;
         float limit;
     } cases[] = {
-        {"features = [\"chi2\", \"jacobian-frobenius\"]\n[limits]\nchi2 = 0.4\nfrobenius_bins = 0.3\n", algo::Feature::chi2, true, false, 0.4F},
+        {"features = [\"chi2\", \"jacobian-frobenius\"]\n[limits]\nchi2 = 0.4\nfrobenius_bins = 0.3\n",
+         algo::Feature::chi2, true, false, 0.4F},
         {"features = [\"marginal\"]\n[limits]\nmarginal_bins = 0.7\n", algo::Feature::marginal, false, false, 0.7F},
-        {"features = [\"hellinger\", \"transmission\"]\n[limits]\nhellinger = 0.2\ntransmission = 0.8\n", algo::Feature::hellinger, false, true, 0.2F},
+        {"features = [\"hellinger\", \"transmission\"]\n[limits]\nhellinger = 0.2\ntransmission = 0.8\n",
+         algo::Feature::hellinger, false, true, 0.2F},
         {"features = [\"emd\"]\n[limits]\nemd_bins = 0.5\n", algo::Feature::emd, false, false, 0.5F},
         {"features = [\"transmission\"]\n", std::nullopt, false, true, 0},
     };
@@ -543,17 +589,24 @@ TEST(Recipe, features_that_contradict_are_told_with_their_cure) {
         return recipe ? std::string("no problem") : recipe.error().what;
     };
     EXPECT_THAT(said("features = [\"emd\", \"emd\"]\n"), HasSubstr("r.toml:1: features: has emd twice"));
-    EXPECT_THAT(said("features = [\"edm\"]\n"), HasSubstr("has edm, which is none: use emd, marginal, hellinger, chi2, jacobian-frobenius, transmission"));
+    EXPECT_THAT(
+        said("features = [\"edm\"]\n"),
+        HasSubstr("has edm, which is none: use emd, marginal, hellinger, chi2, jacobian-frobenius, transmission"));
     EXPECT_THAT(said("features = [\"sliced\"]\n"), HasSubstr("has sliced, by which no part is judged"));
     EXPECT_THAT(said("features = [\"reference-chi2\"]\n"), HasSubstr("has reference-chi2, by which no part is judged"));
-    EXPECT_THAT(said("features = [\"emd\", \"hellinger\"]\n[limits]\nhellinger = 1\n"), HasSubstr("has hellinger beside emd: compare neighbours by one distance"));
+    EXPECT_THAT(said("features = [\"emd\", \"hellinger\"]\n[limits]\nhellinger = 1\n"),
+                HasSubstr("has hellinger beside emd: compare neighbours by one distance"));
     EXPECT_THAT(said("features = []\n"), HasSubstr("leaves nothing to judge parts by"));
-    EXPECT_THAT(said("features = [\"transmission\"]\n[limits]\ntransmission = 0\n"), HasSubstr("leaves nothing to judge parts by"));
+    EXPECT_THAT(said("features = [\"transmission\"]\n[limits]\ntransmission = 0\n"),
+                HasSubstr("leaves nothing to judge parts by"));
     EXPECT_THAT(said("features = [\"chi2\"]\n"), HasSubstr("limits.chi2: is missing"));
     EXPECT_THAT(said("features = [\"chi2\"]\n[limits]\nchi2 = 3.5\n"), HasSubstr("out of range"));
-    EXPECT_THAT(said("features = [\"transmission\"]\n[limits]\nemd_bins = 1\n"), HasSubstr("r.toml:3: limits.emd_bins: is a limit of emd, which is not among the features"));
-    EXPECT_THAT(said("[limits]\nchi2 = 1\n"), HasSubstr("is a limit of chi2, which is not among the features: remove it, or add that to features"));
-    EXPECT_THAT(said("features = [\"emd\"]\n[limits]\nfrobenius_bins = 1\ntransmission = 0.5\n"), HasSubstr("is a limit of transmission"));
+    EXPECT_THAT(said("features = [\"transmission\"]\n[limits]\nemd_bins = 1\n"),
+                HasSubstr("r.toml:3: limits.emd_bins: is a limit of emd, which is not among the features"));
+    EXPECT_THAT(said("[limits]\nchi2 = 1\n"),
+                HasSubstr("is a limit of chi2, which is not among the features: remove it, or add that to features"));
+    EXPECT_THAT(said("features = [\"emd\"]\n[limits]\nfrobenius_bins = 1\ntransmission = 0.5\n"),
+                HasSubstr("is a limit of transmission"));
     // What was changed without a file, as by registers, is refused when it is written and read.
     NumberedRecipe changed;
     changed.recipe.slopes = false;
@@ -570,7 +623,8 @@ TEST(Recipe, for_another_program_and_with_a_broken_seal_is_refused) {
 
 // What the pipeline would refuse, the file refuses, with its line.
 TEST(Recipe, limits_that_no_pipeline_takes_are_refused_at_reading) {
-    for (const char* text : {"[limits]\ntransmission = 1\n", "[light]\nsaturated_dn = 65536\n", "[light]\ndark_dn = 200\nsaturated_dn = 100\n"}) {
+    for (const char* text : {"[limits]\ntransmission = 1\n", "[light]\nsaturated_dn = 65536\n",
+                             "[light]\ndark_dn = 200\nsaturated_dn = 100\n"}) {
         const auto recipe = parse_numbered_recipe(text, "r.toml");
         EXPECT_FALSE(recipe) << text;
     }

@@ -14,7 +14,8 @@ namespace hord::firmware {
 inline constexpr algo::Extents kDrawnExtents{18, 16, 7, 7};
 inline constexpr int kDrawnBits = 12;
 
-// Each seed lies a little differently and has noise of its own, one electron a DN. `speck`: nine lenslets with a third less light.
+// Each seed lies a little differently and has noise of its own, one electron a DN. `speck`: nine lenslets with a third
+// less light.
 inline algo::Frame drawn_lens(std::uint64_t seed, bool speck = false) {
     std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;

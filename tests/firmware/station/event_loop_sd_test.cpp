@@ -1,11 +1,11 @@
 // What the sd-event loop adds to the seam's contract (tests/contract): run, stop and signals.
 #include "firmware/event_loop_sd.h"
 
-#include <gtest/gtest.h>
-#include <unistd.h>
-
 #include <csignal>
 #include <thread>
+
+#include <gtest/gtest.h>
+#include <unistd.h>
 
 namespace hord::firmware {
 namespace {

@@ -38,7 +38,9 @@ struct FakeStrobe final : hal::Strobe {
         return {};
     }
     void do_stop() override { listener = nullptr; }
-    hal::StrobeLimits do_limits() const override { return {std::chrono::milliseconds(2), std::chrono::milliseconds(5), 1}; }
+    hal::StrobeLimits do_limits() const override {
+        return {std::chrono::milliseconds(2), std::chrono::milliseconds(5), 1};
+    }
 };
 
 struct FakeSensor final : hal::Sensor {
@@ -63,7 +65,8 @@ struct FakeSensor final : hal::Sensor {
     void do_give_back(std::uint32_t) noexcept override { ++given_back; }
 
     void deliver(hal::TimePoint exposure_start) {
-        listener->on_frame(hal::FrameLease(*this, sequence % 4, {samples.data(), 8, 8, 8, 8}, {++sequence, exposure_start, 64, false}));
+        listener->on_frame(hal::FrameLease(*this, sequence % 4, {samples.data(), 8, 8, 8, 8},
+                                           {++sequence, exposure_start, 64, false}));
     }
 };
 
@@ -89,7 +92,10 @@ struct FakeRejector final : hal::Rejector {
         ++stops;
         listener = nullptr;
     }
-    void link(bool up) { listener->on_rejector_link(up, up ? Error{} : Error{ErrorCode::disconnected, "module at 10.0.0.7", "check its cable"}); }
+    void link(bool up) {
+        listener->on_rejector_link(
+            up, up ? Error{} : Error{ErrorCode::disconnected, "module at 10.0.0.7", "check its cable"});
+    }
 };
 
 }  // namespace hord::firmware

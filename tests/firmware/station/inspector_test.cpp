@@ -1,12 +1,12 @@
 // Inspectors: bounded, on the loop's thread, and every frame goes back.
 #include "firmware/inspector.h"
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include <atomic>
 #include <future>
 #include <thread>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 
 #include "firmware/event_loop_sd.h"
 #include "hal_sim/cell/virtual_time.h"
@@ -143,7 +143,8 @@ TEST(InlineInspector, an_impossible_recipe_is_refused_at_once) {
 TEST(Inspectors, refuse_frames_before_they_are_started_and_give_them_back) {
     sim::VirtualTime loop;
     FlatFrames frames;
-    auto stand_in = make_stand_in_inspector(loop, 1, [](std::uint32_t, const hal::FrameLease&) { return StandInAnswer{}; });
+    auto stand_in =
+        make_stand_in_inspector(loop, 1, [](std::uint32_t, const hal::FrameLease&) { return StandInAnswer{}; });
     EXPECT_FALSE(stand_in->submit(1, frames.lend()));
     auto threaded = make_threaded_inspector(loop, settings());
     ASSERT_TRUE(threaded);
@@ -219,7 +220,8 @@ TEST(ThreadedInspector, can_be_started_again) {
     EXPECT_EQ(ear.answers[0].part, 9U);
 }
 
-// What feeds the watchdog: while one of two threads hangs in a frame, the call is not answered, however often it is made.
+// What feeds the watchdog: while one of two threads hangs in a frame, the call is not answered, however often it is
+// made.
 TEST(ThreadedInspector, a_roll_call_is_answered_when_every_thread_has_taken_a_turn) {
     auto loop = SdEventLoop::open();
     ASSERT_TRUE(loop);

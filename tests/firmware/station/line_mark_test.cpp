@@ -1,7 +1,6 @@
 #include "firmware/line_mark.h"
 
 #include <gtest/gtest.h>
-
 #include <unistd.h>
 
 namespace hord::firmware {

@@ -70,7 +70,7 @@ TEST_F(PlcCommands, a_single_shot_inspects_one_part) {
     part();
     light_and_frame();
     publish();
-    EXPECT_EQ(read32(106), 1U);  // last sequence
+    EXPECT_EQ(read32(106), 1U);      // last sequence
     EXPECT_EQ(read(210, 1)[0], 1U);  // pass
     loop.run_for(std::chrono::seconds(1));
     publish();
@@ -115,7 +115,8 @@ TEST_F(PlcCommands, staged_limits_are_judged_with_once_committed_and_what_regist
     EXPECT_FLOAT_EQ(operations.recipe().recipe.emd_limit_bins, 0.8F);
     EXPECT_EQ(operations.recipe().recipe.zones.size(), 1U);
     EXPECT_EQ(read32(8027), crc32_of(operations.recipe()));  // the reply's result
-    const auto change = std::find_if(notes.changes.begin(), notes.changes.end(), [](const Change& c) { return c.what == Change::What::recipe; });
+    const auto change = std::find_if(notes.changes.begin(), notes.changes.end(),
+                                     [](const Change& c) { return c.what == Change::What::recipe; });
     ASSERT_NE(change, notes.changes.end());
     EXPECT_EQ(change->who.peer, "192.0.2.7:50123");
     EXPECT_EQ(change->who.token, token);
@@ -127,7 +128,8 @@ TEST_F(PlcCommands, a_recipe_that_cannot_be_used_is_refused_as_a_whole_and_the_o
     open();
     ready();
     const std::string before = format_recipe(operations.recipe());
-    for (const Words& bad : {Words{12, 0}, Words{12, 1000, 400, 1000}, Words{12, 1000, 400, 700, 0}, Words{12, 800, 400, 700, 1, 200}}) {
+    for (const Words& bad :
+         {Words{12, 0}, Words{12, 1000, 400, 1000}, Words{12, 1000, 400, 700, 0}, Words{12, 800, 400, 700, 1, 200}}) {
         EXPECT_EQ(write(8202, bad), Exception::none);
         EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::bad_argument);
         EXPECT_EQ(format_recipe(operations.recipe()), before);

@@ -21,20 +21,25 @@ constexpr algo::Extents kField{40, 32, 5, 5};
 // Parts without noise, all alike but for what the test changes.
 class Line {
   public:
-    explicit Line(const OpticsLimits& limits = {.window_parts = 25, .least_light = 0.8, .most_dark_drift_dn = 1, .most_uneven = 0.2})
-        : watch(std::move(*OpticsWatch::create(kField, limits))), shares_(kField.lenslets(), 1.0F), mask_(kField.lenslets(), algo::kValid),
-          frame_(kField.width_px(), kField.height_px(), 8) {}
+    explicit Line(const OpticsLimits& limits = {.window_parts = 25,
+                                                .least_light = 0.8,
+                                                .most_dark_drift_dn = 1,
+                                                .most_uneven = 0.2})
+        : watch(std::move(*OpticsWatch::create(kField, limits))), shares_(kField.lenslets(), 1.0F),
+          mask_(kField.lenslets(), algo::kValid), frame_(kField.width_px(), kField.height_px(), 8) {}
 
     // So many windows; whether the watch changed its mind in any of their parts.
     bool windows(int count) {
         bool news = false;
         for (int y = 0; y < frame_.height_px(); ++y) {
-            for (int x = 0; x < frame_.width_px(); ++x) frame_.set(x, y, static_cast<std::uint32_t>(x % 5 == 2 && y % 5 == 2 ? 200 : dark));
+            for (int x = 0; x < frame_.width_px(); ++x)
+                frame_.set(x, y, static_cast<std::uint32_t>(x % 5 == 2 && y % 5 == 2 ? 200 : dark));
         }
         algo::Inspection part;
         part.verdict = algo::Verdict::pass;
         std::vector<std::uint32_t> sums;
-        for (const float share : shares_) sums.push_back(static_cast<std::uint32_t>(std::lround(1e6 * light * static_cast<double>(share))));
+        for (const float share : shares_)
+            sums.push_back(static_cast<std::uint32_t>(std::lround(1e6 * light * static_cast<double>(share))));
         part.sums = sums;
         part.mask = mask_;
         for (int k = 0; k < 25 * count; ++k) news = watch->add(frame_.view(), part) || news;
@@ -87,7 +92,8 @@ TEST(OpticsWatch, the_dark_level_may_neither_rise_nor_fall) {
     line.dark = 4;
     EXPECT_TRUE(line.windows(1));
     EXPECT_EQ(line.faults(), kFaultDarkDrift);
-    EXPECT_THAT(describe(kFaultDarkDrift, line.watch->view()).what, HasSubstr("by +2.00 DN since the first parts, to 4.00 DN"));
+    EXPECT_THAT(describe(kFaultDarkDrift, line.watch->view()).what,
+                HasSubstr("by +2.00 DN since the first parts, to 4.00 DN"));
     line.dark = 2;
     EXPECT_TRUE(line.windows(1));
     line.dark = 0;
@@ -101,7 +107,8 @@ TEST(OpticsWatch, a_region_that_darkens_is_told_with_its_place) {
     line.tile(0.7F);
     EXPECT_TRUE(line.windows(30));
     EXPECT_EQ(line.faults() & kFaultLightUneven, kFaultLightUneven);
-    EXPECT_THAT(describe(kFaultLightUneven, line.watch->view()).what, HasSubstr("around lenslet (2, 2) has changed by -30 %"));
+    EXPECT_THAT(describe(kFaultLightUneven, line.watch->view()).what,
+                HasSubstr("around lenslet (2, 2) has changed by -30 %"));
 }
 
 TEST(OpticsWatch, dust_is_told_with_lenslet_and_mm_and_again_when_it_lies_elsewhere) {
@@ -114,7 +121,9 @@ TEST(OpticsWatch, dust_is_told_with_lenslet_and_mm_and_again_when_it_lies_elsewh
     EXPECT_EQ(line.faults(), kFaultDust);
     EXPECT_EQ(line.watch->news(), kFaultDust);
     const Error told = describe(kFaultDust, line.watch->view());
-    EXPECT_THAT(told.what, HasSubstr("in 100 % of the last 25 parts: lenslet (30, 10), at (2.10, -1.10) mm from the field's middle, 1 lenslet;"));
+    EXPECT_THAT(told.what,
+                HasSubstr("in 100 % of the last 25 parts: lenslet (30, 10), at (2.10, -1.10) mm from the field's "
+                          "middle, 1 lenslet;"));
     EXPECT_THAT(told.what, HasSubstr("dust on the optics, or the same flaw in every part"));
     EXPECT_THAT(told.cure, HasSubstr("clean the lenslet array"));
     EXPECT_FALSE(line.windows(3)) << "told once";
@@ -145,7 +154,9 @@ TEST(OpticsWatch, another_recipe_begins_anew) {
 
 TEST(OpticsWatch, the_journal_tells_each_fault_with_an_id_of_its_own_and_its_end) {
     std::vector<std::pair<std::string, std::string>> told;
-    JournalStory story([&](const Entry& entry, std::string_view message, std::span<const Field>) { told.emplace_back(entry.id, message); });
+    JournalStory story([&](const Entry& entry, std::string_view message, std::span<const Field>) {
+        told.emplace_back(entry.id, message);
+    });
     story.faults(kFaultDust | kFaultLightFading);
     story.faults(0);
     ASSERT_EQ(told.size(), 4U);
@@ -169,7 +180,9 @@ TEST(OpticsWatch, the_registers_show_it) {
     };
     const auto none = std::uint16_t{0xFFFF};
     const auto s32_none = std::uint16_t{0x8000};
-    EXPECT_THAT(show(), ElementsAre(none, s32_none, 0, s32_none, none, none, none, none, none, none, none, none, none, s32_none, 0, s32_none, 0));
+    EXPECT_THAT(show(),
+                ElementsAre(none, s32_none, 0, s32_none, none, none, none, none, none, none, none, none, none, s32_none,
+                            0, s32_none, 0));
     line.watch->restart(0.2F);
     line.windows(1);
     line.light = 0.5;
@@ -177,10 +190,11 @@ TEST(OpticsWatch, the_registers_show_it) {
     line.speck(30, 10, 0.5F);
     line.windows(1);
     const auto words = show();
-    EXPECT_EQ(words[0], 875);                            // light_output: a quarter of the step
-    EXPECT_EQ(words[1], 0xFFFF);                         // dark_drift -1.00 DN
+    EXPECT_EQ(words[0], 875);     // light_output: a quarter of the step
+    EXPECT_EQ(words[1], 0xFFFF);  // dark_drift -1.00 DN
     EXPECT_EQ(words[2], 0xFF9C);
-    EXPECT_THAT(std::vector(words.begin() + 6, words.begin() + 17), ElementsAre(0, 1, 30, 10, 0, 1, 1000, 0, 2100, 0xFFFF, 0xFBB4));
+    EXPECT_THAT(std::vector(words.begin() + 6, words.begin() + 17),
+                ElementsAre(0, 1, 30, 10, 0, 1, 1000, 0, 2100, 0xFFFF, 0xFBB4));
 }
 
 TEST(OpticsWatch, limits_follow_the_configuration_and_the_bit_depth) {

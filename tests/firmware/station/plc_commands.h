@@ -66,7 +66,8 @@ class PlcCommands : public ::testing::Test, public StationObserver {
         station.emplace(config, Cell{loop, part_sensor, strobe, sensor, rejector, inspector}, this);
         desk.emplace(loop, operations, PlcOptions{policy, milliseconds(500), 0xB007});
         image.emplace(StationIdentity{.boot_id = 0xB007}, &*desk);
-        Operations::Works works{.station = *station, .inspector = inspector, .desk = *desk, .recorder = &notes, .teacher = teacher};
+        Operations::Works works{
+            .station = *station, .inspector = inspector, .desk = *desk, .recorder = &notes, .teacher = teacher};
         works.publish = [this] { publish(); };
         works.recipe = [](std::uint16_t number) -> Result<NumberedRecipe> {
             if (number == 88) {  // judged by the light alone
@@ -118,11 +119,15 @@ class PlcCommands : public ::testing::Test, public StationObserver {
         const Words w = read(address, 2);
         return std::uint32_t{w[0]} << 16U | w[1];
     }
-    modbus::Exception write(std::uint16_t address, const Words& words) { return image->write_registers({.peer = "192.0.2.7:50123"}, address, words); }
-    modbus::Exception send(std::uint32_t as, CommandCode code, std::uint32_t argument = 0, std::uint32_t argument2 = 0) {
+    modbus::Exception write(std::uint16_t address, const Words& words) {
+        return image->write_registers({.peer = "192.0.2.7:50123"}, address, words);
+    }
+    modbus::Exception send(std::uint32_t as, CommandCode code, std::uint32_t argument = 0,
+                           std::uint32_t argument2 = 0) {
         const auto low = [](std::uint32_t v) { return static_cast<std::uint16_t>(v & 0xFFFFU); };
-        return write(8002, {low(as >> 16U), low(as), 0xB007, static_cast<std::uint16_t>(code), low(argument >> 16U), low(argument),
-                            low(argument2 >> 16U), low(argument2)});
+        return write(8002,
+                     {low(as >> 16U), low(as), 0xB007, static_cast<std::uint16_t>(code), low(argument >> 16U),
+                      low(argument), low(argument2 >> 16U), low(argument2)});
     }
     // As a new command; what its reply says.
     CommandError command(CommandCode code, std::uint32_t argument = 0, std::uint32_t argument2 = 0) {
@@ -131,9 +136,7 @@ class PlcCommands : public ::testing::Test, public StationObserver {
         return static_cast<CommandError>(read(8026, 1)[0]);
     }
     CommandState reply_state() { return static_cast<CommandState>(read(8025, 1)[0]); }
-    void beat() {
-        EXPECT_EQ(write(8102, {++beats}), modbus::Exception::none);
-    }
+    void beat() { EXPECT_EQ(write(8102, {++beats}), modbus::Exception::none); }
     // Lets time pass as the service does, with its look at the heartbeat.
     void pass(Duration time) {
         for (Duration done{}; done < time; done += milliseconds(50)) {

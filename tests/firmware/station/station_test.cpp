@@ -34,9 +34,7 @@ class StationTest : public ::testing::Test {
         rejector.link(true);
         ASSERT_EQ(station->snapshot().state, State::continuous_execution);
     }
-    void part() {
-        part_sensor.listener->on_edge({hal::PartEdge::Kind::arrives, loop.now(), ++edges, {}});
-    }
+    void part() { part_sensor.listener->on_edge({hal::PartEdge::Kind::arrives, loop.now(), ++edges, {}}); }
     void light_and_frame() {
         const auto& pulse = strobe.pulses.back();
         strobe.listener->on_strobe({pulse.exposure, true, pulse.start, pulse.width});
@@ -193,9 +191,7 @@ TEST_F(StationTest, its_end_closes_every_device_and_gives_every_frame_back) {
     EXPECT_EQ(loop.pending(), 0U);
 }
 
-TEST_F(StationTest, takes_the_frame_size_from_the_sensor) {
-    EXPECT_EQ(station->core().config().frame_bytes, 64U);
-}
+TEST_F(StationTest, takes_the_frame_size_from_the_sensor) { EXPECT_EQ(station->core().config().frame_bytes, 64U); }
 
 }  // namespace
 }  // namespace hord::firmware

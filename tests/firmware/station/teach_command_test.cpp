@@ -1,4 +1,5 @@
-// The command teach in every state: what is accepted, what a PLC reads meanwhile, when the reference comes into use, what ends it.
+// The command teach in every state: what is accepted, what a PLC reads meanwhile, when the reference comes into use,
+// what ends it.
 #include <gmock/gmock.h>
 
 #include "tests/firmware/station/plc_commands.h"
@@ -57,7 +58,8 @@ class Teach : public PlcCommands {
         return static_cast<CommandError>(read(8026, 1)[0]);
     }
     const Change* recorded(Change::What what) const {
-        const auto found = std::find_if(notes.changes.rbegin(), notes.changes.rend(), [&](const Change& c) { return c.what == what; });
+        const auto found =
+            std::find_if(notes.changes.rbegin(), notes.changes.rend(), [&](const Change& c) { return c.what == what; });
         return found == notes.changes.rend() ? nullptr : &*found;
     }
     ToldTeacher told;
@@ -73,7 +75,8 @@ TEST_F(Teach, is_not_supported_where_nothing_can_be_learned) {
 TEST_F(Teach, takes_as_many_parts_as_it_is_told_from_8_to_64_and_16_when_it_is_not) {
     open();
     ready();
-    for (const std::uint32_t bad : {1U, 7U, 65U, 0x10010U}) EXPECT_EQ(command(CommandCode::teach, bad), CommandError::bad_argument);
+    for (const std::uint32_t bad : {1U, 7U, 65U, 0x10010U})
+        EXPECT_EQ(command(CommandCode::teach, bad), CommandError::bad_argument);
     for (const std::uint32_t good : {0U, 8U, 64U}) {
         EXPECT_EQ(command(CommandCode::teach, good), CommandError::none);
         EXPECT_EQ(reply_state(), CommandState::executing);

@@ -1,4 +1,5 @@
-// The teacher takes frames from the line, keeps them on the disk, learns, and leaves nothing behind but what it was asked for.
+// The teacher takes frames from the line, keeps them on the disk, learns, and leaves nothing behind but what it was
+// asked for.
 #include "firmware/teacher.h"
 
 #include <atomic>
@@ -41,7 +42,8 @@ class TeacherTest : public ::testing::Test {
         folder = ::mkdtemp(name.data());
         recipe.number = 7;
         recipe.recipe.name = "lens";
-        recipe.recipe.emd_limit_bins = 3;  // a drawn lens has seven narrow bins: its own gradients are not what is tested
+        recipe.recipe.emd_limit_bins =
+            3;  // a drawn lens has seven narrow bins: its own gradients are not what is tested
         recipe.recipe.frobenius_limit_bins = 3;
         recipe.recipe.transmission_limit = 0.5F;
     }
@@ -58,7 +60,9 @@ class TeacherTest : public ::testing::Test {
         teacher = std::make_unique<LineTeacher>(on, options);
     }
     Result<void> begin(std::uint32_t parts) {
-        return teacher->begin(parts, recipe, {[this](std::uint32_t k) { taken = k; }, [this](Result<Taught> r) { outcomes.push_back(std::move(r)); }});
+        return teacher->begin(
+            parts, recipe,
+            {[this](std::uint32_t k) { taken = k; }, [this](Result<Taught> r) { outcomes.push_back(std::move(r)); }});
     }
     void inspected(std::uint32_t part, const algo::Frame& frame, algo::Reason reason = algo::Reason::none) {
         teacher->on_inspection(part, frame.view(), seen(reason));
@@ -128,12 +132,14 @@ TEST_F(TeacherTest, takes_what_shows_a_part_whatever_the_verdict_and_nothing_els
     open(loop);
     inspected(1, drawn_lens(1));  // before it was asked for
     ASSERT_TRUE(begin(8));
-    for (const auto reason : {algo::Reason::too_dark, algo::Reason::saturated, algo::Reason::nothing_to_see}) inspected(2, drawn_lens(2), reason);
-    inspected(0xFFFFFFFF, drawn_lens(3));                     // the station's own test
-    inspected(4, algo::Frame(14, 14, kDrawnBits));            // another size
+    for (const auto reason : {algo::Reason::too_dark, algo::Reason::saturated, algo::Reason::nothing_to_see})
+        inspected(2, drawn_lens(2), reason);
+    inspected(0xFFFFFFFF, drawn_lens(3));           // the station's own test
+    inspected(4, algo::Frame(14, 14, kDrawnBits));  // another size
     inspected(5, algo::Frame(kDrawnExtents.width_px(), kDrawnExtents.height_px(), 8));
     EXPECT_EQ(taken, 0U);
-    for (const auto reason : {algo::Reason::none, algo::Reason::deflection, algo::Reason::slope, algo::Reason::absorption, algo::Reason::not_registered}) {
+    for (const auto reason : {algo::Reason::none, algo::Reason::deflection, algo::Reason::slope,
+                              algo::Reason::absorption, algo::Reason::not_registered}) {
         inspected(6, drawn_lens(6), reason);
     }
     EXPECT_EQ(taken, 5U);
@@ -159,7 +165,9 @@ TEST_F(TeacherTest, rows_with_padding_are_kept_without_it) {
     const algo::Frame frame = drawn_lens(1);
     const std::size_t row = static_cast<std::size_t>(frame.width_px()) * 2, stride = row + 14;
     std::vector<std::byte> padded(stride * static_cast<std::size_t>(frame.height_px()), std::byte{0xFF});
-    for (std::size_t y = 0; y < static_cast<std::size_t>(frame.height_px()); ++y) std::copy_n(frame.bytes().begin() + static_cast<std::ptrdiff_t>(y * row), row, padded.begin() + static_cast<std::ptrdiff_t>(y * stride));
+    for (std::size_t y = 0; y < static_cast<std::size_t>(frame.height_px()); ++y)
+        std::copy_n(frame.bytes().begin() + static_cast<std::ptrdiff_t>(y * row), row,
+                    padded.begin() + static_cast<std::ptrdiff_t>(y * stride));
     algo::FrameView view = frame.view();
     view.data = padded.data();
     view.stride_bytes = static_cast<std::ptrdiff_t>(stride);
@@ -331,13 +339,17 @@ TEST_F(TeacherTest, what_waits_for_the_line_to_stop_is_found_by_the_next_process
 TEST_F(TeacherTest, the_newest_of_a_recipe_is_kept_and_that_of_others) {
     open(loop);
     fs::create_directories(folder / "references");
-    for (const char* name : {"taught-7-1.hordref", "taught-7-9.hordref", "taught-70-2.hordref", "taught-7-mine.hordref", "mine.hordref"}) std::ofstream(folder / "references" / name) << "x";
+    for (const char* name :
+         {"taught-7-1.hordref", "taught-7-9.hordref", "taught-70-2.hordref", "taught-7-mine.hordref", "mine.hordref"})
+        std::ofstream(folder / "references" / name) << "x";
     ASSERT_TRUE(begin(8));
     good_parts(1, 8);
     ASSERT_TRUE(outcomes.at(0)) << outcomes[0].error().message();
     EXPECT_EQ(outcomes[0]->recipe.reference_file.filename(), "taught-7-10.hordref");
     teacher->in_use(outcomes[0]->recipe);
-    EXPECT_THAT(files(), UnorderedElementsAre("references/taught-7-10.hordref", "references/taught-70-2.hordref", "references/taught-7-mine.hordref", "references/mine.hordref"));
+    EXPECT_THAT(files(),
+                UnorderedElementsAre("references/taught-7-10.hordref", "references/taught-70-2.hordref",
+                                     "references/taught-7-mine.hordref", "references/mine.hordref"));
 }
 
 // -- threads ------------------------------------------------------------------------------------------------------

@@ -1,7 +1,8 @@
-// A station's process is killed at random moments, again and again, over one store: what was acknowledged is never lost, and the
-// store is never damaged.
+// A station's process is killed at random moments, again and again, over one store: what was acknowledged is never
+// lost, and the store is never damaged.
 //
-// HORD_CRASHES sets how often (the long form: 1000), HORD_CRASH_FOLDER where (a real disk), HORD_CRASH_SEED repeats a run.
+// HORD_CRASHES sets how often (the long form: 1000), HORD_CRASH_FOLDER where (a real disk), HORD_CRASH_SEED repeats a
+// run.
 #include <csignal>
 #include <cstdlib>
 #include <random>
@@ -25,8 +26,8 @@ std::uint64_t number_from_environment(const char* name, std::uint64_t otherwise)
     return text != nullptr ? std::strtoull(text, nullptr, 10) : otherwise;
 }
 
-// What runs until it is killed: parts come, a PLC acknowledges each fourth, a recipe changes now and then, old rows are pruned.
-// Every acknowledged sequence is written to `report` after, and only after, it was answered.
+// What runs until it is killed: parts come, a PLC acknowledges each fourth, a recipe changes now and then, old rows are
+// pruned. Every acknowledged sequence is written to `report` after, and only after, it was answered.
 [[noreturn]] void station(const std::filesystem::path& folder, std::uint32_t boot, int report) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     StoreQueueOptions options;
@@ -41,7 +42,8 @@ std::uint64_t number_from_environment(const char* name, std::uint64_t otherwise)
         },
         options, start(boot), [] { return kNoon; });
     for (std::uint32_t sequence = 1;; ++sequence) {
-        if (sequence % 64 == 1) queue.add(recipe("r" + std::to_string(sequence), std::string(200, static_cast<char>('a' + sequence % 26))));
+        if (sequence % 64 == 1)
+            queue.add(recipe("r" + std::to_string(sequence), std::string(200, static_cast<char>('a' + sequence % 26))));
         queue.add(result(sequence, sequence % 10 == 0 ? PartVerdict::reject : PartVerdict::pass));
         if (sequence % 4 != 0) continue;
         while (queue.acknowledge("plc", kNoon, sequence) != Kept::kept) std::this_thread::yield();
@@ -49,7 +51,8 @@ std::uint64_t number_from_environment(const char* name, std::uint64_t otherwise)
     }
 }
 
-// The last sequence that the station said was acknowledged before it was killed, `life` after its first sign of life or start.
+// The last sequence that the station said was acknowledged before it was killed, `life` after its first sign of life or
+// start.
 std::uint32_t live_and_die(const std::filesystem::path& folder, std::uint32_t boot, std::chrono::microseconds life) {
     int report[2];
     EXPECT_EQ(pipe(report), 0);
@@ -63,7 +66,8 @@ std::uint32_t live_and_die(const std::filesystem::path& folder, std::uint32_t bo
     const auto end = std::chrono::steady_clock::now() + life;
     pollfd readable{report[0], POLLIN, 0};
     while (true) {
-        const auto left = std::chrono::duration_cast<std::chrono::nanoseconds>(end - std::chrono::steady_clock::now()).count();
+        const auto left =
+            std::chrono::duration_cast<std::chrono::nanoseconds>(end - std::chrono::steady_clock::now()).count();
         if (left <= 0) break;
         const timespec wait{left / 1'000'000'000, left % 1'000'000'000};
         if (ppoll(&readable, 1, &wait, nullptr) <= 0) break;
@@ -84,7 +88,8 @@ TEST(Crash, no_acknowledged_result_is_lost_and_the_store_stays_whole) {
     const std::uint64_t seed = number_from_environment("HORD_CRASH_SEED", 20261121);
     const char* where = std::getenv("HORD_CRASH_FOLDER");
     const TempFolder temporary;
-    const std::filesystem::path folder = where != nullptr ? std::filesystem::path(where) / ("crash-" + std::to_string(getpid())) : temporary.path();
+    const std::filesystem::path folder =
+        where != nullptr ? std::filesystem::path(where) / ("crash-" + std::to_string(getpid())) : temporary.path();
     std::mt19937_64 random(seed);
     std::uint64_t lost = 0, damaged = 0, checked = 0, with_results = 0;
     for (std::uint32_t boot = 1; boot <= crashes; ++boot) {
@@ -123,9 +128,12 @@ TEST(Crash, no_acknowledged_result_is_lost_and_the_store_stays_whole) {
             EXPECT_THAT(problems, IsEmpty()) << "crash " << boot;
         }
     }
-    std::printf("crashes %llu (seed %llu), %llu of them with acknowledged results; acknowledged %llu, lost %llu, damaged stores %llu\n",
-                static_cast<unsigned long long>(crashes), static_cast<unsigned long long>(seed), static_cast<unsigned long long>(with_results),
-                static_cast<unsigned long long>(checked), static_cast<unsigned long long>(lost), static_cast<unsigned long long>(damaged));
+    std::printf(
+        "crashes %llu (seed %llu), %llu of them with acknowledged results; acknowledged %llu, lost %llu, damaged "
+        "stores %llu\n",
+        static_cast<unsigned long long>(crashes), static_cast<unsigned long long>(seed),
+        static_cast<unsigned long long>(with_results), static_cast<unsigned long long>(checked),
+        static_cast<unsigned long long>(lost), static_cast<unsigned long long>(damaged));
     EXPECT_EQ(lost, 0U);
     EXPECT_EQ(damaged, 0U);
     EXPECT_GT(with_results, crashes / 4) << "killed too early to show anything";

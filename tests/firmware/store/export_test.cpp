@@ -1,5 +1,6 @@
 // What leaves the station as text: compared with files that are kept, since programs of other people read them.
 #include "firmware/store/export.h"
+
 #include "tests/firmware/store/samples.h"
 
 namespace hord::firmware::store::test {
@@ -16,8 +17,13 @@ void fill(const TempFolder& folder) {
     late.result.verdict = PartVerdict::unfit;
     late.result.reason = PartReason::verdict_late;
     late.result.reject = RejectState::failed;
-    write(folder, Story().add(change).add(result(1)).add(result(2, PartVerdict::reject)).add(late).add(
-                      CommandRecord{kNoon + kSecond, "192.0.2.7:50123", 72, "start-continuous", "Ready", "completed"}));
+    write(folder,
+          Story()
+              .add(change)
+              .add(result(1))
+              .add(result(2, PartVerdict::reject))
+              .add(late)
+              .add(CommandRecord{kNoon + kSecond, "192.0.2.7:50123", 72, "start-continuous", "Ready", "completed"}));
 }
 
 template <class Row>
@@ -44,7 +50,8 @@ TEST(Export, times_are_read_as_people_write_them) {
     EXPECT_EQ(*read("90s"), now - 90 * kSecond);
     EXPECT_EQ(*read("7d"), now - 7 * kDay);
     EXPECT_EQ(format_utc(-1), "1969-12-31T23:59:59.999Z");
-    for (const char* bad : {"", "yesterday", "2026-02-30", "2026-11-21T", "2026-11-21T7", "21.11.2026", "-3d", "3w", "2026-11-21T07:15:30+01:00", "2026-11-21T25:00"}) {
+    for (const char* bad : {"", "yesterday", "2026-02-30", "2026-11-21T", "2026-11-21T7", "21.11.2026", "-3d", "3w",
+                            "2026-11-21T07:15:30+01:00", "2026-11-21T25:00"}) {
         EXPECT_FALSE(read(bad)) << bad;
     }
 }

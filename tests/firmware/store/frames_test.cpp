@@ -1,5 +1,5 @@
-// Frames that are kept: whole or recognised as torn, chosen as promised, in a ring that never fills the disk, judged again to
-// the bit.
+// Frames that are kept: whole or recognised as torn, chosen as promised, in a ring that never fills the disk, judged
+// again to the bit.
 #include <cmath>
 #include <random>
 
@@ -55,7 +55,8 @@ TEST(FramePng, gives_back_every_bit_and_every_word) {
         const auto back = decode_png(*png, "f.png");
         ASSERT_TRUE(back) << back.error().message();
         EXPECT_EQ(back->frame.bits(), bits);
-        EXPECT_TRUE(std::equal(frame.bytes().begin(), frame.bytes().end(), back->frame.bytes().begin(), back->frame.bytes().end()));
+        EXPECT_TRUE(std::equal(frame.bytes().begin(), frame.bytes().end(), back->frame.bytes().begin(),
+                               back->frame.bytes().end()));
         EXPECT_EQ(back->metadata, text);
     }
 }
@@ -65,7 +66,8 @@ TEST(FramePng, recognises_every_cut_and_every_changed_byte) {
     const auto png = encode_png(frame.view(), "{}");
     ASSERT_TRUE(png);
     for (std::size_t length = 0; length < png->size(); length += 1 + length / 50) {
-        EXPECT_FALSE(decode_png(std::span(*png).first(length), "f.png")) << "cut at " << length << " of " << png->size();
+        EXPECT_FALSE(decode_png(std::span(*png).first(length), "f.png"))
+            << "cut at " << length << " of " << png->size();
     }
     std::mt19937 random(7);
     for (int k = 0; k < 300; ++k) {
@@ -98,10 +100,12 @@ TEST(FrameArchive, keeps_the_newest_within_its_bytes_and_goes_on_counting_after_
         for (const char* label : {"a", "b", "c", "d", "e"}) ASSERT_TRUE((*archive)->add(label, bytes));
         EXPECT_EQ((*archive)->bytes(), 3000U);
     }
-    EXPECT_THAT(names(folder.path() / "frames"), ElementsAre("000000000003-c.png", "000000000004-d.png", "000000000005-e.png"));
+    EXPECT_THAT(names(folder.path() / "frames"),
+                ElementsAre("000000000003-c.png", "000000000004-d.png", "000000000005-e.png"));
     auto archive = FrameArchive::open(folder.path() / "frames", limits);
     ASSERT_TRUE((*archive)->add("f", bytes));
-    EXPECT_THAT(names(folder.path() / "frames"), ElementsAre("000000000004-d.png", "000000000005-e.png", "000000000006-f.png"));
+    EXPECT_THAT(names(folder.path() / "frames"),
+                ElementsAre("000000000004-d.png", "000000000005-e.png", "000000000006-f.png"));
     EXPECT_FALSE((*archive)->add("larger than all", std::vector<std::uint8_t>(4000)));
 }
 
@@ -117,7 +121,9 @@ TEST(FrameArchive, leaves_the_disk_what_it_was_told_to_whatever_others_write) {
         return sum;
     };
     static constexpr std::uint64_t kDisk = 20'000, kFree = 5'000;
-    disk.free_bytes = [&](const std::filesystem::path&) -> Result<std::uint64_t> { return kDisk - std::min(kDisk, used()); };
+    disk.free_bytes = [&](const std::filesystem::path&) -> Result<std::uint64_t> {
+        return kDisk - std::min(kDisk, used());
+    };
     auto archive = FrameArchive::open(folder.path(), {.max_bytes = 1'000'000, .min_free_bytes = kFree}, disk);
     ASSERT_TRUE(archive);
     for (int k = 0; k < 40; ++k) {
@@ -161,8 +167,13 @@ TEST(FrameArchive, names_the_file_that_a_disk_refuses) {
 struct Cell {
     explicit Cell(FrameKeeperOptions options = {}, ArchiveDisk disk = real_disk(), const algo::Recipe& recipe = {})
         : pipeline(algo::Pipeline::create(kExtents, 8, recipe).value()),
-          keeper([this, disk] { return FrameArchive::open(folder.path() / "frames", {.max_bytes = 100'000'000, .min_free_bytes = 0}, disk); }, complete(options),
-                 [] { return kNoon; }, {[this](const Error& e) { said.push_back(e.message()); }, [this] { said.emplace_back("works again"); }}) {
+          keeper(
+              [this, disk] {
+                  return FrameArchive::open(folder.path() / "frames", {.max_bytes = 100'000'000, .min_free_bytes = 0},
+                                            disk);
+              },
+              complete(options), [] { return kNoon; },
+              {[this](const Error& e) { said.push_back(e.message()); }, [this] { said.emplace_back("works again"); }}) {
         keeper.set_recipe(format_recipe({.number = 3, .version = 1, .recipe = recipe}));
     }
     static FrameKeeperOptions complete(FrameKeeperOptions options) {
@@ -203,7 +214,9 @@ struct Cell {
 TEST(FrameKeeper, keeps_rejects_and_the_parts_around_them) {
     Cell cell({.before = 2, .after = 1});
     for (std::uint32_t part = 1; part <= 12; ++part) cell.inspect(part, part == 5 || part == 10);
-    EXPECT_THAT(cell.kept(), ElementsAre("p3-before", "p4-before", "p5-reject", "p6-after", "p8-before", "p9-before", "p10-reject", "p11-after"));
+    EXPECT_THAT(cell.kept(),
+                ElementsAre("p3-before", "p4-before", "p5-reject", "p6-after", "p8-before", "p9-before", "p10-reject",
+                            "p11-after"));
     EXPECT_EQ(cell.keeper.counts().kept, 8U);
     EXPECT_EQ(cell.keeper.counts().dropped, 0U);
 }
@@ -211,7 +224,8 @@ TEST(FrameKeeper, keeps_rejects_and_the_parts_around_them) {
 TEST(FrameKeeper, keeps_a_part_around_two_rejects_once) {
     Cell cell({.before = 2, .after = 2});
     for (std::uint32_t part = 1; part <= 8; ++part) cell.inspect(part, part == 3 || part == 5);
-    EXPECT_THAT(cell.kept(), ElementsAre("p1-before", "p2-before", "p3-reject", "p4-after", "p5-reject", "p6-after", "p7-after"));
+    EXPECT_THAT(cell.kept(),
+                ElementsAre("p1-before", "p2-before", "p3-reject", "p4-after", "p5-reject", "p6-after", "p7-after"));
 }
 
 TEST(FrameKeeper, keeps_every_so_many_as_a_sample) {
@@ -252,8 +266,10 @@ TEST(FrameKeeper, drops_counts_and_says_so_when_the_disk_is_too_slow_and_recover
 TEST(FrameKeeper, goes_on_when_a_full_disk_has_room_again) {
     ArchiveDisk disk = real_disk();
     bool is_full = true;
-    disk.write = [&, real = disk.write](const std::filesystem::path& file, std::span<const std::uint8_t> bytes) -> Result<void> {
-        if (is_full) return fail(ErrorCode::io, file.string() + " cannot be written (No space left on device)", "free space");
+    disk.write = [&, real = disk.write](const std::filesystem::path& file,
+                                        std::span<const std::uint8_t> bytes) -> Result<void> {
+        if (is_full)
+            return fail(ErrorCode::io, file.string() + " cannot be written (No space left on device)", "free space");
         return real(file, bytes);
     };
     Cell cell({.before = 0, .after = 0}, disk);

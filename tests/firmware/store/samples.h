@@ -1,8 +1,6 @@
 // A store in a folder of its own, and records to put into it.
 #pragma once
 
-#include <stdlib.h>
-
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
@@ -12,6 +10,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <stdlib.h>
 
 #include "firmware/store/sqlite_store.h"
 #include "firmware/store/store_reader.h"
@@ -39,7 +38,9 @@ class TempFolder {
     std::filesystem::path path_;
 };
 
-inline void write_text(const std::filesystem::path& file, const std::string& text) { std::ofstream(file, std::ios::binary) << text; }
+inline void write_text(const std::filesystem::path& file, const std::string& text) {
+    std::ofstream(file, std::ios::binary) << text;
+}
 inline std::string read_text(const std::filesystem::path& file) {
     std::ifstream in(file, std::ios::binary);
     return {std::istreambuf_iterator<char>(in), {}};
@@ -63,7 +64,8 @@ inline ResultRecord result(std::uint32_t sequence, PartVerdict verdict = PartVer
         record.result.reason = PartReason::deflection;
         record.result.reject = RejectState::confirmed;
         record.result.reject_latency_us = 400'000;
-        record.defects = {{12.25F, 3.5F, 9, 1.7F, algo::DefectKind::scratch}, {40, 41, 4, 1.1F, algo::DefectKind::absorbing}};
+        record.defects = {{12.25F, 3.5F, 9, 1.7F, algo::DefectKind::scratch},
+                          {40, 41, 4, 1.1F, algo::DefectKind::absorbing}};
         record.result.defects = 2;
     }
     return record;
@@ -87,7 +89,8 @@ class Story {
         return *this;
     }
     Story& add_results(std::uint32_t from, std::uint32_t to) {
-        for (std::uint32_t k = from; k <= to; ++k) add(result(k, k % 10 == 0 ? PartVerdict::reject : PartVerdict::pass));
+        for (std::uint32_t k = from; k <= to; ++k)
+            add(result(k, k % 10 == 0 ? PartVerdict::reject : PartVerdict::pass));
         return *this;
     }
     [[nodiscard]] const std::vector<Entry>& entries() const { return entries_; }

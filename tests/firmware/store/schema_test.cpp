@@ -1,5 +1,6 @@
 // A store that older software wrote.
 #include "firmware/store/schema.h"
+
 #include "tests/firmware/store/samples.h"
 #include "tests/firmware/store/sql.h"
 
@@ -10,7 +11,9 @@ using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
 // Version 1 differed in an index alone.
-void turn_into_version_1(const TempFolder& folder) { sql(folder, "DROP INDEX results_not_passed; PRAGMA user_version = 1"); }
+void turn_into_version_1(const TempFolder& folder) {
+    sql(folder, "DROP INDEX results_not_passed; PRAGMA user_version = 1");
+}
 
 TEST(Migration, brings_an_older_file_up_to_date_and_says_so_in_the_changes) {
     const TempFolder folder;

@@ -1,12 +1,13 @@
-// Shards of a replay: joined to the bytes of one replay whatever their number and order, and refused by name when they do not belong
-// together or are not whole.
+// Shards of a replay: joined to the bytes of one replay whatever their number and order, and refused by name when they
+// do not belong together or are not whole.
+#include "firmware/store/shard_file.h"
+
 #include <csignal>
 #include <random>
 
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "firmware/store/shard_file.h"
 #include "tests/firmware/store/samples.h"
 
 namespace hord::firmware::store::test {
@@ -29,10 +30,12 @@ std::vector<ArchivedFile> frames(std::uint64_t count) {
 
 std::string line_of(const ArchivedFile& frame) {
     if (frame.number % 7 == 0) return unreadable_line(frame.file.string(), ErrorCode::unreadable);
-    return "{\"frame\":\"" + frame.file.string() + "\",\"part\":1,\"changes\":[" + (frame.number % 5 == 0 ? "\"verdict\"" : "") + "]}";
+    return "{\"frame\":\"" + frame.file.string() + "\",\"part\":1,\"changes\":[" +
+        (frame.number % 5 == 0 ? "\"verdict\"" : "") + "]}";
 }
 
-void write_shard(const fs::path& file, ReplayIdentity identity, const Shard& shard, const std::vector<ArchivedFile>& all) {
+void write_shard(const fs::path& file, ReplayIdentity identity, const Shard& shard,
+                 const std::vector<ArchivedFile>& all) {
     identity.frames = all.size();
     auto writer = ShardWriter::create(file, identity, shard);
     ASSERT_TRUE(writer) << writer.error().message();
@@ -75,7 +78,8 @@ TEST(Shards, of_any_number_in_any_order_are_the_bytes_of_one_replay) {
             EXPECT_EQ(merged->records, frame_count);
         }
     }
-    EXPECT_THAT(read_text(folder.path() / "one"), HasSubstr("\"records\":41,\"same\":29,\"verdicts\":7,\"unreadable\":5,"));
+    EXPECT_THAT(read_text(folder.path() / "one"),
+                HasSubstr("\"records\":41,\"same\":29,\"verdicts\":7,\"unreadable\":5,"));
 }
 
 TEST(Shards, hold_every_frame_once_and_the_same_one_whatever_else_there_is) {
@@ -107,7 +111,8 @@ TEST(Shards, that_do_not_belong_together_are_refused_by_name) {
         write_shard(folder.path() / "odd", other, {2, 3}, all);
         return refusal({files[0], folder.path() / "odd", files[2]}, out);
     };
-    EXPECT_THAT(odd([](ReplayIdentity& id) { id.archive = std::string(64, 'c'); }), HasSubstr("odd are of different replays: archive"));
+    EXPECT_THAT(odd([](ReplayIdentity& id) { id.archive = std::string(64, 'c'); }),
+                HasSubstr("odd are of different replays: archive"));
     EXPECT_THAT(odd([](ReplayIdentity& id) { id.recipe = std::string(64, 'c'); }), HasSubstr("recipe own"));
     EXPECT_THAT(odd([](ReplayIdentity& id) { id.software = "0.2.0"; }), HasSubstr("software 0.1.0 and 0.2.0"));
     EXPECT_THAT(odd([](ReplayIdentity& id) { id.program = std::string(64, 'c'); }), HasSubstr("program"));
@@ -119,7 +124,8 @@ TEST(Shards, that_do_not_belong_together_are_refused_by_name) {
         ASSERT_TRUE(writer);
         ASSERT_TRUE(writer->finish());
     }
-    EXPECT_THAT(refusal({files[0], folder.path() / "odd", files[2]}, out), HasSubstr("hold 6 frames, and the archive 10"));
+    EXPECT_THAT(refusal({files[0], folder.path() / "odd", files[2]}, out),
+                HasSubstr("hold 6 frames, and the archive 10"));
 }
 
 TEST(Shards, torn_at_any_byte_or_changed_in_any_are_refused) {
@@ -129,7 +135,8 @@ TEST(Shards, torn_at_any_byte_or_changed_in_any_are_refused) {
     const std::string whole = read_text(files[1]);
     for (std::size_t size = 0; size < whole.size(); ++size) {
         write_text(torn, whole.substr(0, size));
-        EXPECT_THAT(refusal({files[0], torn}, out), HasSubstr(size > whole.find('\n') ? "is torn" : "is no shard")) << size;
+        EXPECT_THAT(refusal({files[0], torn}, out), HasSubstr(size > whole.find('\n') ? "is torn" : "is no shard"))
+            << size;
     }
     for (std::size_t at = 0; at < whole.size(); ++at) {
         std::string changed = whole;
@@ -178,7 +185,8 @@ TEST(Shards, of_a_worker_that_is_killed_do_not_appear_and_come_out_the_same_the_
 TEST(Shards, are_named_as_one_of_how_many_and_not_otherwise) {
     EXPECT_EQ(parse_shard("2/4"), (Shard{2, 4}));
     EXPECT_EQ(parse_shard("100000/100000"), (Shard{100'000, 100'000}));
-    for (const char* wrong : {"", "/", "1", "1/", "/4", "0/4", "5/4", "1/0", "-1/4", "+1/4", " 1/4", "1/4 ", "1/4/4", "1/4x", "a/b", "1/100001", "18446744073709551617/2", "1/18446744073709551617"}) {
+    for (const char* wrong : {"", "/", "1", "1/", "/4", "0/4", "5/4", "1/0", "-1/4", "+1/4", " 1/4", "1/4 ", "1/4/4",
+                              "1/4x", "a/b", "1/100001", "18446744073709551617/2", "1/18446744073709551617"}) {
         const auto shard = parse_shard(wrong);
         ASSERT_FALSE(shard) << wrong;
         EXPECT_THAT(shard.error().message(), HasSubstr("shard")) << wrong;

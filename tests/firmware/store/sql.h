@@ -15,7 +15,8 @@ inline void sql(const std::filesystem::path& folder, const std::string& statemen
     sqlite3* db = nullptr;
     ASSERT_EQ(sqlite3_open((folder / "results.db").c_str(), &db), SQLITE_OK);
     char* why = nullptr;
-    EXPECT_EQ(sqlite3_exec(db, statements.c_str(), nullptr, nullptr, &why), SQLITE_OK) << (why != nullptr ? why : "") << " in " << statements;
+    EXPECT_EQ(sqlite3_exec(db, statements.c_str(), nullptr, nullptr, &why), SQLITE_OK)
+        << (why != nullptr ? why : "") << " in " << statements;
     sqlite3_free(why);
     sqlite3_close(db);
 }

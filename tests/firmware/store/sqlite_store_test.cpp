@@ -35,7 +35,9 @@ TEST(SqliteStore, gives_back_every_part_as_it_was_written) {
     EXPECT_EQ(r.reject, "confirmed");
     EXPECT_EQ(static_cast<float>(r.score.value()), 0.2F);
     EXPECT_EQ(r.defect_count, 2);
-    EXPECT_EQ(r.defects, R"([{"m":12.25,"n":3.5,"area":9,"peak":1.7,"kind":"scratch"},{"m":40,"n":41,"area":4,"peak":1.1,"kind":"absorbing"}])");
+    EXPECT_EQ(
+        r.defects,
+        R"([{"m":12.25,"n":3.5,"area":9,"peak":1.7,"kind":"scratch"},{"m":40,"n":41,"area":4,"peak":1.1,"kind":"absorbing"}])");
     EXPECT_EQ(r.latency_us, 4202);
     EXPECT_EQ(r.reject_latency_us, 400'000);
     EXPECT_EQ(r.recipe, "lens");
@@ -121,7 +123,9 @@ TEST(SqliteStore, records_who_changed_what_from_what) {
     change.before = "limit = 1";
     change.peer = "192.0.2.7:50123";
     change.token = 71;
-    write(folder, Story().add(change).add(CommandRecord{kNoon + 5, "192.0.2.7:50123", 72, "start-continuous", "Ready", "completed"}));
+    write(folder,
+          Story().add(change).add(
+              CommandRecord{kNoon + 5, "192.0.2.7:50123", 72, "start-continuous", "Ready", "completed"}));
     const auto all = changes(folder);
     ASSERT_THAT(all, SizeIs(3));
     EXPECT_EQ(all[1].peer, "192.0.2.7:50123");
@@ -136,7 +140,8 @@ TEST(SqliteStore, filters_by_time_verdict_kind_recipe_and_takes_the_newest) {
     const TempFolder folder;
     ResultRecord bubble = result(31, PartVerdict::reject);
     bubble.defects = {{1, 1, 1, 1, algo::DefectKind::scattering}};
-    write(folder, Story().add(recipe("a", "1")).add_results(1, 20).add(recipe("b", "2")).add_results(21, 30).add(bubble));
+    write(folder,
+          Story().add(recipe("a", "1")).add_results(1, 20).add(recipe("b", "2")).add_results(21, 30).add(bubble));
     ResultFilter filter;
     filter.verdict = "reject";
     EXPECT_THAT(results(folder, filter), SizeIs(4));
@@ -212,7 +217,11 @@ TEST(Retention, keeps_the_file_under_its_limit_and_gives_space_back) {
         last += 2000;
         ASSERT_TRUE(store->write(run.entries()));
         for (bool more = true; more;) more = store->prune({.keep_us = 0, .max_bytes = kLimit}, kNoon).value();
-        if (round >= 6) largest = std::max(largest, sql_integer(folder, "SELECT (page_count - freelist_count) * page_size FROM pragma_page_count, pragma_freelist_count, pragma_page_size"));
+        if (round >= 6)
+            largest = std::max(largest,
+                               sql_integer(folder,
+                                           "SELECT (page_count - freelist_count) * page_size FROM pragma_page_count, "
+                                           "pragma_freelist_count, pragma_page_size"));
     }
     EXPECT_LE(largest, kLimit);
     EXPECT_EQ(results(folder).back().sequence, last);

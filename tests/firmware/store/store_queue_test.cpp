@@ -1,8 +1,9 @@
 // Between the line and the disk: nothing is stored twice, nothing is lost silently, and nobody waits for the disk.
+#include "firmware/store/store_queue.h"
+
 #include <future>
 
 #include "firmware/store/memory_store.h"
-#include "firmware/store/store_queue.h"
 #include "tests/firmware/store/samples.h"
 
 namespace hord::firmware::store::test {
@@ -38,13 +39,16 @@ std::vector<std::uint32_t> count_to(std::uint32_t last) {
 
 // A queue without a thread over a disk in memory.
 struct Bench {
-    explicit Bench(StoreQueueOptions options = {}) : queue([this] { return MemoryStore::open(disk); }, without_thread(options), start(), [] { return kNoon; }, listener()) {}
+    explicit Bench(StoreQueueOptions options = {})
+        : queue([this] { return MemoryStore::open(disk); }, without_thread(options), start(), [] { return kNoon; },
+                listener()) {}
     static StoreQueueOptions without_thread(StoreQueueOptions options) {
         options.thread = false;
         return options;
     }
     StoreQueue::Listener listener() {
-        return {[this](const Error& error) { said.push_back(error.message()); }, [this] { said.emplace_back("works again"); }};
+        return {[this](const Error& error) { said.push_back(error.message()); },
+                [this] { said.emplace_back("works again"); }};
     }
     void add(std::uint32_t from, std::uint32_t to) {
         for (std::uint32_t k = from; k <= to; ++k) queue.add(result(k));
@@ -134,7 +138,7 @@ TEST(StoreQueue, counts_reports_and_records_what_it_had_to_lose) {
     EXPECT_FALSE(bench.queue.step());
     EXPECT_EQ(bench.queue.state().lost, 15U);
     EXPECT_EQ(bench.queue.state().waiting, 10U + 1U);  // and the report of the loss
-    bench.queue.add(recipe("b", "2"));  // few and needed: still room
+    bench.queue.add(recipe("b", "2"));                 // few and needed: still room
     EXPECT_EQ(bench.queue.state().lost, 15U);
     bench.disk.on_write = nullptr;
     EXPECT_TRUE(bench.queue.step());
@@ -173,8 +177,12 @@ class Fragile final : public ResultStore {
     Fragile(std::unique_ptr<ResultStore> inner, const bool& fails) : inner_(std::move(inner)), fails_(fails) {}
 
   private:
-    Result<void> do_write(std::span<const Entry> entries) override { return fails_ ? tl::unexpected(full()) : inner_->write(entries); }
-    Result<bool> do_prune(const Retention& retention, UtcMicros now_us) override { return inner_->prune(retention, now_us); }
+    Result<void> do_write(std::span<const Entry> entries) override {
+        return fails_ ? tl::unexpected(full()) : inner_->write(entries);
+    }
+    Result<bool> do_prune(const Retention& retention, UtcMicros now_us) override {
+        return inner_->prune(retention, now_us);
+    }
     std::unique_ptr<ResultStore> inner_;
     const bool& fails_;
 };
@@ -194,7 +202,8 @@ TEST(StoreQueue, starts_a_new_file_when_somebody_moved_a_damaged_one_away) {
     fails = true;
     queue.add(result(2));
     ASSERT_FALSE(queue.step());
-    for (const char* name : {"results.db", "results.db-wal", "results.db-shm"}) std::filesystem::remove(folder.path() / name);
+    for (const char* name : {"results.db", "results.db-wal", "results.db-shm"})
+        std::filesystem::remove(folder.path() / name);
     fails = false;
     ASSERT_TRUE(queue.step());
     const auto all = results(folder);
@@ -241,7 +250,8 @@ TEST(StoreQueue, with_its_thread_keeps_what_is_acknowledged_and_the_rest_at_the_
             },
             {.commit_every = std::chrono::hours(1)}, start(), [] { return kNoon; });
         for (std::uint32_t k = 1; k <= 100; ++k) queue.add(result(k));
-        while (queue.acknowledge("plc", kNoon, 100) == Kept::not_yet) std::this_thread::yield();  // does not wait for the hour
+        while (queue.acknowledge("plc", kNoon, 100) == Kept::not_yet)
+            std::this_thread::yield();  // does not wait for the hour
         EXPECT_THAT(results(folder), SizeIs(100));
         for (std::uint32_t k = 101; k <= 150; ++k) queue.add(result(k));
     }

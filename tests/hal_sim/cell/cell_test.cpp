@@ -71,7 +71,8 @@ TEST_F(Cell, without_faults_every_frame_shows_its_own_part_and_just_the_bad_ones
     EXPECT_EQ(cell_->world().totals().ejected_bad, bad);
     EXPECT_EQ(cell_->world().totals().left_good, 40 - bad);
     EXPECT_EQ(cell_->world().totals().empty_pulses, 0U);
-    EXPECT_THAT(station.rejects, Each(testing::Field(&hal::RejectReport::outcome, hal::RejectReport::Outcome::confirmed)));
+    EXPECT_THAT(station.rejects,
+                Each(testing::Field(&hal::RejectReport::outcome, hal::RejectReport::Outcome::confirmed)));
 }
 
 TEST_F(Cell, is_over_once_the_last_part_is_past_the_exit_also_if_that_part_was_ejected) {
@@ -82,11 +83,12 @@ TEST_F(Cell, is_over_once_the_last_part_is_past_the_exit_also_if_that_part_was_e
     ASSERT_TRUE(made) << made.error().message();
     cell_ = std::move(*made);
     cell_->watch({.part_gone = [&](const PartRecord& part) { gone += part.fate == PartRecord::Fate::ejected ? 1 : 0; },
-                  .over = [&] {
-                      ++over;
-                      EXPECT_TRUE(cell_->finished());
-                      EXPECT_EQ(gone, 2);
-                  }});
+                  .over =
+                      [&] {
+                          ++over;
+                          EXPECT_TRUE(cell_->finished());
+                          EXPECT_EQ(gone, 2);
+                      }});
     station_.emplace(*cell_, options_);
     cell_->start();
     loop_.run_for(1h);
@@ -160,7 +162,7 @@ TEST_F(Cell, the_same_seed_gives_the_same_story_and_another_seed_another) {
         std::string text;
         for (const PartRecord& p : cell_->history()) {
             text += std::to_string(p.kind) + "@" + std::to_string((p.arrived - start).count()) + "," +
-                    std::to_string((p.gone - start).count()) + " ";
+                std::to_string((p.gone - start).count()) + " ";
         }
         station_.reset();
         cell_.reset();
@@ -190,8 +192,12 @@ TEST_F(Cell, halting_the_belt_moves_everything_that_is_to_come) {
     options_.schedule.parts = 3;
     auto cell = std::move(*SimulatedCell::make(loop_, frames_, options_));
     std::vector<hal::TimePoint> arrived;
-    cell->watch({.part_edge = [&](const PartRecord&, bool arrives, hal::TimePoint at) { if (arrives) arrived.push_back(at); },
-                 .part_gone = {}, .ejector = {}});
+    cell->watch({.part_edge =
+                     [&](const PartRecord&, bool arrives, hal::TimePoint at) {
+                         if (arrives) arrived.push_back(at);
+                     },
+                 .part_gone = {},
+                 .ejector = {}});
     cell->start();
     loop_.run_for(150ms);
     cell->world().halt();
@@ -199,7 +205,8 @@ TEST_F(Cell, halting_the_belt_moves_everything_that_is_to_come) {
     EXPECT_EQ(arrived.size(), 1U);
     cell->world().resume();
     loop_.run_for(1s);
-    EXPECT_THAT(arrived, ElementsAre(VirtualTime::kStart + 100ms, VirtualTime::kStart + 10200ms, VirtualTime::kStart + 10300ms));
+    EXPECT_THAT(arrived,
+                ElementsAre(VirtualTime::kStart + 100ms, VirtualTime::kStart + 10200ms, VirtualTime::kStart + 10300ms));
 }
 
 TEST_F(Cell, frame_faults_do_what_they_say_and_are_counted) {
@@ -255,7 +262,12 @@ TEST_F(Cell, edge_faults_show_in_the_sequence_or_not_at_all) {
         if (k > 0 && s.edges[k].sequence != s.edges[k - 1].sequence + 1) gaps.push_back(s.edges[k].sequence);
     }
     //           1    2   4 and its bounce  5 and a ghost  6
-    EXPECT_EQ(kinds, "al" "l" "alalal" "aal" "al");
+    EXPECT_EQ(kinds,
+              "al"
+              "l"
+              "alalal"
+              "aal"
+              "al");
     EXPECT_THAT(gaps, ElementsAre(4U));
 }
 
@@ -274,8 +286,9 @@ TEST_F(Cell, reject_faults_decide_what_truly_happens_to_the_part) {
     using Outcome = hal::RejectReport::Outcome;
     std::vector<Outcome> outcomes(7);
     for (const auto& report : s.rejects) outcomes[report.part - 1] = report.outcome;
-    EXPECT_THAT(outcomes, ElementsAre(Outcome::confirmed, Outcome::failed, Outcome::late, Outcome::confirmed, Outcome::confirmed,
-                                      Outcome::confirmed, Outcome::failed));
+    EXPECT_THAT(outcomes,
+                ElementsAre(Outcome::confirmed, Outcome::failed, Outcome::late, Outcome::confirmed, Outcome::confirmed,
+                            Outcome::confirmed, Outcome::failed));
     EXPECT_EQ(cell_->world().totals().left_bad, 3U);
 }
 
@@ -289,7 +302,8 @@ TEST_F(Cell, taking_a_rule_away_leaves_the_others_where_they_were) {
         }
         return at;
     };
-    const FaultRule drop{.fault = Fault::frame_drop, .probability = 0.01}, late{.fault = Fault::frame_late, .probability = 0.5};
+    const FaultRule drop{.fault = Fault::frame_drop, .probability = 0.01},
+        late{.fault = Fault::frame_late, .probability = 0.5};
     EXPECT_EQ(fired({drop, late}), fired({drop}));
     EXPECT_THAT(fired({drop}).size(), AllOf(testing::Ge(3U), testing::Le(25U)));
 }
@@ -310,7 +324,8 @@ TEST_F(Cell, impossible_options_are_all_named_at_once) {
     const auto made = SimulatedCell::make(loop_, frames_, options_);
     ASSERT_FALSE(made);
     EXPECT_EQ(made.error().code, ErrorCode::invalid_argument);
-    EXPECT_THAT(made.error().what, AllOf(HasSubstr("speed_mm_s"), HasSubstr("kinds"), HasSubstr("exit"), HasSubstr("buffers")));
+    EXPECT_THAT(made.error().what,
+                AllOf(HasSubstr("speed_mm_s"), HasSubstr("kinds"), HasSubstr("exit"), HasSubstr("buffers")));
 }
 
 }  // namespace

@@ -1,9 +1,9 @@
 #include "hal_sim/cell/rendered_frames.h"
 
+#include <numeric>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-
-#include <numeric>
 
 namespace hord::sim {
 namespace {
@@ -22,7 +22,8 @@ class Rendered : public testing::Test {
         static const std::unique_ptr<RenderedFrames> made = [] {
             Scene bad = small("speck");
             bad.defects.push_back(AbsorbingSpeck{.centre_mm = {0, 0, 0}, .radius_mm = 3, .transmission = 0});
-            auto result = RenderedFrames::make({small("good"), bad}, {.exposures = 2, .nominal_share = 0.02, .seed = 1, .progress = {}});
+            auto result = RenderedFrames::make({small("good"), bad},
+                                               {.exposures = 2, .nominal_share = 0.02, .seed = 1, .progress = {}});
             EXPECT_TRUE(result) << result.error().message();
             return std::move(*result);
         }();
@@ -56,7 +57,8 @@ TEST_F(Rendered, light_scales_the_frame_and_none_makes_it_dark) {
 TEST_F(Rendered, nominal_frames_are_lent_not_copied) {
     std::vector<std::byte> scratch(60 * 60);
     EXPECT_NE(frames().expose({.kind = 0, .seed = 3}, scratch).data, scratch.data());
-    EXPECT_EQ(frames().expose({.kind = 0, .seed = 3}, scratch).data, frames().expose({.kind = 0, .seed = 5}, scratch).data);
+    EXPECT_EQ(frames().expose({.kind = 0, .seed = 3}, scratch).data,
+              frames().expose({.kind = 0, .seed = 5}, scratch).data);
     EXPECT_EQ(frames().expose({.kind = 0, .light = 0.5}, scratch).data, scratch.data());
 }
 

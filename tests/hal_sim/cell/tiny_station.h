@@ -9,7 +9,10 @@
 
 namespace hord::sim {
 
-class TinyStation final : hal::PartSensor::Listener, hal::Strobe::Listener, hal::Sensor::Listener, hal::Rejector::Listener {
+class TinyStation final : hal::PartSensor::Listener,
+                          hal::Strobe::Listener,
+                          hal::Sensor::Listener,
+                          hal::Rejector::Listener {
   public:
     struct Seen {
         hal::FrameInfo info;
@@ -57,7 +60,8 @@ class TinyStation final : hal::PartSensor::Listener, hal::Strobe::Listener, hal:
         const auto& token = frames.back().token;
         if (!token || !token->bad || frame.info().sequence > arrivals_.size()) return;
         const hal::TimePoint arrived = arrivals_[frame.info().sequence - 1];
-        (void)cell_.rejector().reject({frame.info().sequence, arrived + options_.ejector_delay() - std::chrono::milliseconds(5),
+        (void)cell_.rejector().reject({frame.info().sequence,
+                                       arrived + options_.ejector_delay() - std::chrono::milliseconds(5),
                                        std::chrono::milliseconds(10)});
     }
     void on_sensor_lost(const Error&) override { ++losses; }

@@ -1,10 +1,10 @@
 #include "hal_sim/cell/virtual_time.h"
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include <string>
 #include <thread>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 
 namespace hord::sim {
 namespace {
@@ -93,7 +93,9 @@ TEST(VirtualTime, takes_posts_from_another_thread) {
     VirtualTime loop;
     int count = 0;
     {
-        std::jthread other([&] { for (int i = 0; i < 1000; ++i) loop.post([&] { ++count; }); });
+        std::jthread other([&] {
+            for (int i = 0; i < 1000; ++i) loop.post([&] { ++count; });
+        });
     }
     loop.run_for(0ms);
     EXPECT_EQ(count, 1000);

@@ -70,7 +70,15 @@ algo::LensletGrid grid_of(const Scene& scene) {
     grid.middle_x_px = 0.5 * (array.width_px - 1), grid.middle_y_px = 0.5 * (array.height_px - 1);
     grid.radius_px = 0.5 * std::max(array.width_px, array.height_px);
     const double c = array.pitch_px * std::cos(array.rotation_rad), s = array.pitch_px * std::sin(array.rotation_rad);
-    grid.parameters = {grid.middle_x_px + array.offset_x_px, grid.middle_y_px + array.offset_y_px, c, -s, s, c, 0, 0, array.distortion};
+    grid.parameters = {grid.middle_x_px + array.offset_x_px,
+                       grid.middle_y_px + array.offset_y_px,
+                       c,
+                       -s,
+                       s,
+                       c,
+                       0,
+                       0,
+                       array.distortion};
     return grid;
 }
 
@@ -91,8 +99,12 @@ double under(const Picture& raw, double x0, double x1, double y0, double y1) {
     double sum = 0;
     for (int y = static_cast<int>(std::floor(y0 + 0.5)); y <= static_cast<int>(std::ceil(y1 - 0.5)); ++y) {
         for (int x = static_cast<int>(std::floor(x0 + 0.5)); x <= static_cast<int>(std::ceil(x1 - 0.5)); ++x) {
-            const double wide = std::min(x1, x + 0.5) - std::max(x0, x - 0.5), high = std::min(y1, y + 0.5) - std::max(y0, y - 0.5);
-            if (wide > 0 && high > 0) sum += wide * high * raw.light[static_cast<std::size_t>(y) * static_cast<std::size_t>(raw.width_px) + static_cast<std::size_t>(x)];
+            const double wide = std::min(x1, x + 0.5) - std::max(x0, x - 0.5),
+                         high = std::min(y1, y + 0.5) - std::max(y0, y - 0.5);
+            if (wide > 0 && high > 0)
+                sum += wide * high *
+                    raw.light[static_cast<std::size_t>(y) * static_cast<std::size_t>(raw.width_px) +
+                              static_cast<std::size_t>(x)];
         }
     }
     return sum;
@@ -101,7 +113,8 @@ double under(const Picture& raw, double x0, double x1, double y0, double y1) {
 TEST(Array, its_raw_frame_decodes_to_the_ideal_frame_of_the_same_scene) {
     Scene scene = turned_hexagonal();
     scene.light.source_radius_bins = 1.5;
-    std::get<DoubleConvexLens>(scene.part).radius_of_curvature_mm = 600;  // up to 1.1 bins: no light near a lenslet's border, which pixels share
+    std::get<DoubleConvexLens>(scene.part).radius_of_curvature_mm =
+        600;  // up to 1.1 bins: no light near a lenslet's border, which pixels share
     const LightField ideal = *render(scene);
     const Picture raw = *render_raw(scene);
     const algo::LensletGrid grid = grid_of(scene);
@@ -114,13 +127,15 @@ TEST(Array, its_raw_frame_decodes_to_the_ideal_frame_of_the_same_scene) {
             for (int k = 0; k < 63; ++k) {
                 const int i = k % 9, j = k / 9;
                 const double x = c.x_px + (i - 4.5) * bin, y = c.y_px + (j - 3.5) * bin;
-                const double values[2] = {static_cast<double>(ideal.bins[static_cast<std::size_t>((n * 7 + j) * 31 * 9 + m * 9 + i)]),
-                                          under(raw, x, x + bin, y, y + bin) / (bin * bin)};
+                const double values[2] = {
+                    static_cast<double>(ideal.bins[static_cast<std::size_t>((n * 7 + j) * 31 * 9 + m * 9 + i)]),
+                    under(raw, x, x + bin, y, y + bin) / (bin * bin)};
                 for (int f = 0; f < 2; ++f) sum[f] += values[f], u[f] += values[f] * i, v[f] += values[f] * j;
             }
             if (sum[0] < 1) continue;
             worst_light = std::max(worst_light, std::abs(sum[1] / sum[0] - 1));
-            worst_slope = std::max(worst_slope, std::hypot(u[1] / sum[1] - u[0] / sum[0], v[1] / sum[1] - v[0] / sum[0]));
+            worst_slope =
+                std::max(worst_slope, std::hypot(u[1] / sum[1] - u[0] / sum[0], v[1] / sum[1] - v[0] / sum[0]));
         }
     }
     EXPECT_LT(worst_light, 0.005);  // rims are sampled
@@ -135,13 +150,16 @@ TEST(Array, dead_lenslets_are_dark_in_both_frames) {
     const LightField field = *render(scene);
     int dead = 0;
     for (int n = 0; n < 33; ++n) {
-        for (int m = 0; m < 31; ++m) dead += field.bins[static_cast<std::size_t>((n * 7 + 3) * 31 * 9 + m * 9 + 4)] == 0;
+        for (int m = 0; m < 31; ++m)
+            dead += field.bins[static_cast<std::size_t>((n * 7 + 3) * 31 * 9 + m * 9 + 4)] == 0;
     }
     EXPECT_EQ(field.bins[static_cast<std::size_t>((12 * 7 + 3) * 31 * 9 + 10 * 9 + 4)], 0);
     EXPECT_NEAR(dead, 0.05 * 31 * 33, 4 * std::sqrt(0.05 * 31 * 33));
     const Picture raw = *render_raw(scene);
     const auto at = ArrayGeometry(scene).centre_px(10, 12);
-    EXPECT_EQ(raw.light[static_cast<std::size_t>(std::lround(at.y)) * static_cast<std::size_t>(raw.width_px) + static_cast<std::size_t>(std::lround(at.x))], 0);
+    EXPECT_EQ(raw.light[static_cast<std::size_t>(std::lround(at.y)) * static_cast<std::size_t>(raw.width_px) +
+                        static_cast<std::size_t>(std::lround(at.x))],
+              0);
 }
 
 TEST(Array, a_tilt_shrinks_its_pitch_and_stretches_slopes_on_its_far_side) {
@@ -163,11 +181,16 @@ TEST(Array, one_that_cannot_be_is_refused) {
         const auto scene = load_scene(file);
         return scene ? std::string("accepted") : scene.error().what;
     };
-    EXPECT_THAT(refusal("[camera.array]\npitch_px = 3\n"), HasSubstr(":2: camera.array.pitch_px: makes a bin of 0.333333 pixels: a lenslet too fine for its bins: use at least 4.5"));
+    EXPECT_THAT(refusal("[camera.array]\npitch_px = 3\n"),
+                HasSubstr(":2: camera.array.pitch_px: makes a bin of 0.333333 pixels: a lenslet too fine for its bins: "
+                          "use at least 4.5"));
     EXPECT_THAT(refusal("[camera.array]\ntilt_rad = [0.1, 0]\n"), HasSubstr("name pitch_um and focal_um"));
-    EXPECT_THAT(refusal("[camera]\nm = 20\n[[camera.dead]]\nm = 20\nn = 1\n"), HasSubstr(":4: camera.dead[0].m: 20 is out of range: use 0 to 19"));
-    EXPECT_THAT(refusal("[camera.main_lens]\nfocal_mm = 50\ndistance_mm = 40\n"), HasSubstr("is not beyond the focal length"));
-    EXPECT_THAT(refusal("[camera.main_lens]\nfocal_mm = 50\ndistance_mm = 100\n[camera.relay]\nstop_radius_mm = 3\n"), HasSubstr("replaces the 4f relay"));
+    EXPECT_THAT(refusal("[camera]\nm = 20\n[[camera.dead]]\nm = 20\nn = 1\n"),
+                HasSubstr(":4: camera.dead[0].m: 20 is out of range: use 0 to 19"));
+    EXPECT_THAT(refusal("[camera.main_lens]\nfocal_mm = 50\ndistance_mm = 40\n"),
+                HasSubstr("is not beyond the focal length"));
+    EXPECT_THAT(refusal("[camera.main_lens]\nfocal_mm = 50\ndistance_mm = 100\n[camera.relay]\nstop_radius_mm = 3\n"),
+                HasSubstr("replaces the 4f relay"));
     EXPECT_THAT(refusal("[camera.array]\nlattice = \"round\"\n"), HasSubstr("use one of square, hexagonal"));
 }
 

@@ -75,7 +75,8 @@ TEST(Absorption, of_a_dark_ball_is_that_of_its_chord_and_an_opaque_one_lets_noth
     Scene scene = small(Plate{});
     scene.defects = {Absorber{{0, 0, 0}, 0.5, false, 1.3}};
     const Body body = body_of(scene, true);
-    for (const double x : {0.0, 0.2, 0.45}) EXPECT_NEAR(trace(body, {x, 0, 0, 0}).weight, std::exp(-1.3 * 2 * std::sqrt(0.25 - x * x)), 1e-12) << x;
+    for (const double x : {0.0, 0.2, 0.45})
+        EXPECT_NEAR(trace(body, {x, 0, 0, 0}).weight, std::exp(-1.3 * 2 * std::sqrt(0.25 - x * x)), 1e-12) << x;
     EXPECT_EQ(trace(body, {0.2, 0, 0, 0}).u, 0);  // it bends nothing
     EXPECT_EQ(trace(body, {0.6, 0, 0, 0}).weight, 1);
     scene.defects = {Absorber{{0, 0, 0}, 0.5, true}};
@@ -84,7 +85,8 @@ TEST(Absorption, of_a_dark_ball_is_that_of_its_chord_and_an_opaque_one_lets_noth
 }
 
 TEST(Dispersion, has_the_indices_that_define_the_abbe_number) {
-    const double d = dispersed(1.5168, 64.17, kLineD), f = dispersed(1.5168, 64.17, 486.13), c = dispersed(1.5168, 64.17, 656.28);
+    const double d = dispersed(1.5168, 64.17, kLineD), f = dispersed(1.5168, 64.17, 486.13),
+                 c = dispersed(1.5168, 64.17, 656.28);
     EXPECT_EQ(d, 1.5168);
     EXPECT_NEAR((d - 1) / (f - c), 64.17, 1e-10);
     EXPECT_NEAR(f, 1.52238, 1.5e-4);  // BK7 of the catalogue; two terms of Cauchy's series are as good as that
@@ -97,7 +99,8 @@ TEST(Dispersion, bends_each_colour_of_the_light_by_its_own_index) {
     const double tilt = std::get<Wedge>(scene.part).tilt_x_rad;
     for (const double wavelength : {450.0, 650.0}) {
         const double index = dispersed(1.5, 30, wavelength);
-        EXPECT_NEAR(shine(body_of(scene, true, wavelength), 0.3, 0).u, std::tan(std::asin(index * std::sin(tilt)) - tilt), 1e-12);
+        EXPECT_NEAR(shine(body_of(scene, true, wavelength), 0.3, 0).u,
+                    std::tan(std::asin(index * std::sin(tilt)) - tilt), 1e-12);
     }
     // Two colours: both images are there, and the mean lies between.
     const auto coloured = [&](std::vector<Collimator> of) {
@@ -169,7 +172,9 @@ TEST(Diffraction, is_the_pattern_of_a_square_aperture) {
             }
             return sum;
         };
-        for (int i = 2; i < 7; ++i) EXPECT_NEAR(blurred[static_cast<std::size_t>(i)], even(i - 4.5, i - 3.5) * even(-0.5, 0.5), 2e-5) << first_zero << " bin " << i;
+        for (int i = 2; i < 7; ++i)
+            EXPECT_NEAR(blurred[static_cast<std::size_t>(i)], even(i - 4.5, i - 3.5) * even(-0.5, 0.5), 2e-5)
+                << first_zero << " bin " << i;
     }
 }
 
@@ -203,7 +208,8 @@ TEST(Diffraction, grows_with_the_wavelength_and_moves_nothing) {
         std::vector<double> bins(81);
         LensletLight(scene).collect(4, 4, bins.data());
         double sum = 0, u = 0, uu = 0;
-        for (int k = 0; k < 81; ++k) sum += bins[static_cast<std::size_t>(k)], u += bins[static_cast<std::size_t>(k)] * (k % 9);
+        for (int k = 0; k < 81; ++k)
+            sum += bins[static_cast<std::size_t>(k)], u += bins[static_cast<std::size_t>(k)] * (k % 9);
         for (int k = 0; k < 81; ++k) uu += bins[static_cast<std::size_t>(k)] * std::pow(k % 9 - u / sum, 2);
         return std::pair(u / sum, uu / sum);
     };
@@ -233,8 +239,9 @@ TEST(Vignetting, takes_the_light_that_passes_outside_a_lens) {
     scene.camera.relay.lens1_radius_mm = 8;  // three pitches: through the middle of lenslet (7, 4)
     EXPECT_NEAR(hord(scene, 4, 4).sum, kSource, 1e-6);
     EXPECT_EQ(hord(scene, 8, 4).sum, 0);
-    // A straight edge through the middle would halve it. The rim is closer by y^2 / 16 mm at y across: by the mean square over
-    // the lenslet, 1.333^2 / 3, and the light's disc of 0.915 mm on the lens, 0.915^2 / 4, so much less of 2.667 mm.
+    // A straight edge through the middle would halve it. The rim is closer by y^2 / 16 mm at y across: by the mean
+    // square over the lenslet, 1.333^2 / 3, and the light's disc of 0.915 mm on the lens, 0.915^2 / 4, so much less
+    // of 2.667 mm.
     EXPECT_NEAR(hord(scene, 7, 4).sum / kSource, 0.5 - (1.333 * 1.333 / 3 + 0.915 * 0.915 / 4) / 16 / 2.667, kSampling);
     scene.camera.relay.lens1_radius_mm = 0;
     scene.camera.relay.lens2_radius_mm = 8;
@@ -256,7 +263,8 @@ TEST(Crosstalk, puts_light_beyond_a_lenslet_s_range_into_its_neighbour) {
     const SlopeGrid wide = SlopeGrid::of(scene.camera.extents, 1);
     LensletLight(scene, wide).collect(CameraGeometry(scene).place_of(3, 4), wide, wide.box(), cells.data());
     double u = 0, sum = 0;
-    for (int k = 0; k < 27 * 27; ++k) sum += cells[static_cast<std::size_t>(k)], u += cells[static_cast<std::size_t>(k)] * (k % 27 - 13);
+    for (int k = 0; k < 27 * 27; ++k)
+        sum += cells[static_cast<std::size_t>(k)], u += cells[static_cast<std::size_t>(k)] * (k % 27 - 13);
     EXPECT_GT(u / sum, 5);
     EXPECT_NEAR(h.u, u / sum - 9, 1e-6);  // seen nine bins to the left, one lenslet to the right
     EXPECT_NEAR(h.sum, sum, 1e-6);
@@ -287,7 +295,8 @@ TEST(Motion, smears_an_edge_over_the_way_and_leaves_the_inside_alone) {
     scene.glass.absorption_per_mm = 0.5;  // lets exp(-2) through
     const double pitch = 24.0 / 9, dark = std::exp(-2.0);
     std::get<Plate>(scene.part).half_size_mm = 3.5 * pitch;  // its edge is that of lenslet 7
-    constexpr double kWall = 0.01;  // aslant by up to 0.009, light 2 mm from the plane meets the side wall: 0.018 mm of 2.67
+    constexpr double kWall =
+        0.01;  // aslant by up to 0.009, light 2 mm from the plane meets the side wall: 0.018 mm of 2.67
     EXPECT_NEAR(hord(scene, 7, 4).sum / kSource, dark, kWall);
     EXPECT_NEAR(hord(scene, 8, 4).sum / kSource, 1, kWall);
     scene.motion = {1000, 0, pitch * 1000};  // one lenslet's way: mm/s * us * 1e-6
@@ -351,7 +360,9 @@ TEST(Sensor, prnu_is_a_pattern_of_the_camera_and_grows_with_the_light) {
     EXPECT_EQ(std::memcmp(one.bytes().data(), other.bytes().data(), one.bytes().size()), 0);  // whatever the frame
     scene.noise.pattern_seed = 2;                                                             // another camera
     const algo::Frame third = even(scene, 1, 1);
-    const Moments both = moments(one, [&](int x, int y) { return static_cast<double>(one.view().sample(x, y)) - static_cast<double>(third.view().sample(x, y)); });
+    const Moments both = moments(one, [&](int x, int y) {
+        return static_cast<double>(one.view().sample(x, y)) - static_cast<double>(third.view().sample(x, y));
+    });
     EXPECT_NEAR(std::sqrt(both.variance), 400 * std::sqrt(2.0), 10);
 }
 
@@ -360,7 +371,10 @@ TEST(Sensor, dsnu_is_a_pattern_that_light_does_not_change) {
     scene.camera.bits = 16;
     scene.noise = {.electrons_per_dn = 0.1, .dark_dn = 1000, .dsnu_e = 5, .photon_noise = false};
     const algo::Frame dark = even(scene, 0, 1), lit = even(scene, 0.5F, 2);
-    const Moments d = moments(dark), difference = moments(dark, [&](int x, int y) { return static_cast<double>(lit.view().sample(x, y)) - static_cast<double>(dark.view().sample(x, y)); });
+    const Moments d = moments(dark), difference = moments(dark, [&](int x, int y) {
+                                         return static_cast<double>(lit.view().sample(x, y)) -
+                                             static_cast<double>(dark.view().sample(x, y));
+                                     });
     EXPECT_NEAR(std::sqrt(d.variance), 50, 50 * kSigmas / std::sqrt(2.0 * kPixels));
     EXPECT_NEAR(difference.mean, 120, 1e-9);
     EXPECT_LT(difference.variance, 1e-9);
@@ -394,7 +408,8 @@ Scene with_every_effect() {
     scene.camera.relay = {100, 100, 12, 30, 30};
     scene.camera.dust = {{Dust::Plane::lens1, 0, 0, 0.3, 0.5}};
     scene.motion = {1000, 0, 500};
-    scene.noise = {.electrons_per_dn = 10, .read_e = 2, .dark_dn = 4, .dark_e_per_s = 10000, .prnu = 0.01, .full_well_e = 10000};
+    scene.noise = {
+        .electrons_per_dn = 10, .read_e = 2, .dark_dn = 4, .dark_e_per_s = 10000, .prnu = 0.01, .full_well_e = 10000};
     return scene;
 }
 
@@ -463,9 +478,11 @@ pitch_um = 100
     EXPECT_THAT(all, HasSubstr(":9: motion.strobe_us: is 0"));
     EXPECT_THAT(all, HasSubstr(":14: defect[0].absorption_per_mm: contradicts opaque = true"));
     EXPECT_THAT(all, HasSubstr(":16: camera.array.pitch_um: stands alone"));
-    EXPECT_THAT(refusal("[light]\nsource_radius_bins = 1\n[[light.collimator]]\npower = 1\n"), HasSubstr(":2: light.source_radius_bins: is of the one source"));
+    EXPECT_THAT(refusal("[light]\nsource_radius_bins = 1\n[[light.collimator]]\npower = 1\n"),
+                HasSubstr(":2: light.source_radius_bins: is of the one source"));
     EXPECT_THAT(refusal("[light]\n[[light.collimator]]\npower = 0\n"), HasSubstr("no collimator gives light"));
-    EXPECT_THAT(refusal("[camera]\nfield_mm = 20\n[camera.array]\npitch_um = 100\nfocal_um = 300\n"), HasSubstr(":2: camera.field_mm: is said by camera.array"));
+    EXPECT_THAT(refusal("[camera]\nfield_mm = 20\n[camera.array]\npitch_um = 100\nfocal_um = 300\n"),
+                HasSubstr(":2: camera.field_mm: is said by camera.array"));
     EXPECT_THAT(refusal("[part]\nabbe_number = 60\n"), HasSubstr("there is no glass to have a colour"));
     EXPECT_THAT(refusal("[[dust]]\nplane = \"lens3\"\n"), HasSubstr("use one of lens1, stop, lens2, lenslets"));
     EXPECT_THAT(refusal("[motion]\nvelocity_mm_s = [1, 0]\nstrobe_us = 1e7\n"), HasSubstr("lenslets while it is lit"));
@@ -473,7 +490,8 @@ pitch_um = 100
 
 TEST(Effects, the_array_and_the_relay_say_field_and_bin_pitch) {
     const auto file = std::filesystem::path(::testing::TempDir()) / "effects_array.toml";
-    std::ofstream(file) << "[camera]\nm = 100\ni = 9\n[camera.relay]\nf1_mm = 200\nf2_mm = 100\n[camera.array]\npitch_um = 90\nfocal_um = 500\n";
+    std::ofstream(file) << "[camera]\nm = 100\ni = 9\n[camera.relay]\nf1_mm = 200\nf2_mm = "
+                           "100\n[camera.array]\npitch_um = 90\nfocal_um = 500\n";
     const Scene scene = *load_scene(file);
     EXPECT_NEAR(scene.camera.field_mm, 100 * 0.09 * 2, 1e-12);
     EXPECT_NEAR(scene.camera.bin_pitch_rad, 0.01 / 0.5 / 2, 1e-12);

@@ -45,7 +45,8 @@ constexpr double kSigmas = 5;  // of the estimate itself; one draw of numbers, f
 
 TEST(Noise, poisson_has_its_mean_as_variance_on_both_sides_of_the_change_of_method) {
     for (const double mean : {0.01, 0.3, 4.0, 9.99, 10.0, 25.0, 240.0, 20'000.0, 3e6}) {
-        const Moments m = moments(kDraws, [&](std::uint64_t k) { return static_cast<double>(Noise(11, k).poisson(mean)); });
+        const Moments m =
+            moments(kDraws, [&](std::uint64_t k) { return static_cast<double>(Noise(11, k).poisson(mean)); });
         EXPECT_NEAR(m.mean, mean, kSigmas * std::sqrt(mean / kDraws)) << mean;
         EXPECT_NEAR(m.variance, mean, kSigmas * std::sqrt((mean + 2 * mean * mean) / kDraws)) << mean;
     }
@@ -60,7 +61,8 @@ TEST(Noise, poisson_counts_follow_the_distribution) {
         int cells = 0;
         for (int k = 0; k < 59; ++k, p *= mean / k) {
             if (p * kDraws < 20) continue;
-            chi2 += (seen[static_cast<std::size_t>(k)] - p * kDraws) * (seen[static_cast<std::size_t>(k)] - p * kDraws) / (p * kDraws);
+            chi2 += (seen[static_cast<std::size_t>(k)] - p * kDraws) *
+                (seen[static_cast<std::size_t>(k)] - p * kDraws) / (p * kDraws);
             ++cells;
         }
         EXPECT_LT(chi2, cells + kSigmas * std::sqrt(2.0 * cells)) << mean;
@@ -103,7 +105,8 @@ TEST(Exposure, noise_has_the_variance_of_photons_reading_and_rounding) {
     const algo::Frame frame = expose(even_light(0.5F), scene, 99);
     const int count = frame.width_px() * frame.height_px();
     const Moments m = moments(count, [&](std::uint64_t k) {
-        return static_cast<double>(frame.view().sample(static_cast<int>(k) % frame.width_px(), static_cast<int>(k) / frame.width_px()));
+        return static_cast<double>(
+            frame.view().sample(static_cast<int>(k) % frame.width_px(), static_cast<int>(k) / frame.width_px()));
     });
     const double variance = (500 * 4.0 + 36) / 16 + 1.0 / 12;
     EXPECT_NEAR(m.mean, 600, kSigmas * std::sqrt(variance / count));

@@ -19,7 +19,9 @@ Body body(const Part& part, std::vector<SceneDefect> defects = {}, bool fresnel 
     return body_of(scene, true);
 }
 // The same ray, for a body that was moved.
-CameraRay moved(const CameraRay& ray, const Vec3& by) { return {ray.x + by.x - ray.u * by.z, ray.y + by.y - ray.v * by.z, ray.u, ray.v}; }
+CameraRay moved(const CameraRay& ray, const Vec3& by) {
+    return {ray.x + by.x - ray.u * by.z, ray.y + by.y - ray.v * by.z, ray.u, ray.v};
+}
 
 TEST(Numbers, nothing_depends_on_where_the_part_lies) {
     const Body here = body(DoubleConvexLens{}, {AirBubble{{1, 0.5, -0.3}, 0.5}, Scratch{{-3, 0, 2}, {-1, 1, 2}, 0.2}});
@@ -101,9 +103,12 @@ TEST(Numbers, parts_without_thickness_and_faces_that_only_touch_do_nothing) {
             EXPECT_NEAR(thin.u, ray.u, 1e-14);
             EXPECT_NEAR(thin.x, ray.x, 1e-7);
         }
-        // A cut that touches the face from outside, a bubble that touches it from inside, an inclusion of the same index, a stria of none.
+        // A cut that touches the face from outside, a bubble that touches it from inside, an inclusion of the same
+        // index, a stria of none.
         const Arrival bare = trace(body(Plate{}), ray);
-        for (const SceneDefect& nothing : {SceneDefect{SphericalCut{{0, 0.7, 3}, 1}}, SceneDefect{Inclusion{{0, 0.7, 0}, 1, 1.5}}, SceneDefect{Stria{{-5, 0.7, 0}, {5, 0.7, 0}, 0.3, 0}}}) {
+        for (const SceneDefect& nothing :
+             {SceneDefect{SphericalCut{{0, 0.7, 3}, 1}}, SceneDefect{Inclusion{{0, 0.7, 0}, 1, 1.5}},
+              SceneDefect{Stria{{-5, 0.7, 0}, {5, 0.7, 0}, 0.3, 0}}}) {
             const Arrival same = trace(body(Plate{}, {nothing}), ray);
             EXPECT_NEAR(same.u, bare.u, 1e-12) << nothing.index() << " at " << x;
             EXPECT_EQ(same.weight, bare.weight) << nothing.index() << " at " << x;
@@ -113,7 +118,8 @@ TEST(Numbers, parts_without_thickness_and_faces_that_only_touch_do_nothing) {
     }
 }
 
-// Coincident faces: of a plate, an inclusion-like solid beside it, and both with Fresnel's losses: no face where glass meets the same glass.
+// Coincident faces: of a plate, an inclusion-like solid beside it, and both with Fresnel's losses: no face where glass
+// meets the same glass.
 TEST(Numbers, no_light_is_lost_or_won_at_faces_that_coincide) {
     Shape one, two;
     one.kind = two.kind = Shape::Kind::block;
@@ -139,7 +145,9 @@ TEST(Numbers, every_ray_gives_numbers_and_no_more_light_than_there_was) {
     int bent = 0;
     for (int k = 0; k < 60; ++k) {
         std::vector<SceneDefect> defects;
-        for (int d = 0; d < 5; ++d) defects.push_back(AirBubble{{draw(1), draw(1), draw(1)}, 0.1 + 0.4 * std::abs(draw(1))});  // nested, crossing, touching
+        for (int d = 0; d < 5; ++d)
+            defects.push_back(
+                AirBubble{{draw(1), draw(1), draw(1)}, 0.1 + 0.4 * std::abs(draw(1))});  // nested, crossing, touching
         defects.push_back(defects.front());
         const Body many = k % 2 == 0 ? body(DoubleConvexLens{}, defects, true) : body(Vial{}, defects, true);
         for (int ray = 0; ray < 300; ++ray) {

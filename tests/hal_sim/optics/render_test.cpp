@@ -61,7 +61,8 @@ TEST(Render, a_lens_has_the_jacobian_of_its_focal_length) {  // the paper's J = 
     scene.light.source_radius_bins = 2;  // many bins: the mean is then the mean of the light, not of the bins
     const LightField field = *render(scene);
     const double pitch = 24.0 / 41, expected = -pitch / 190.757 / 0.015;
-    const Hord right = hord(field, 26, 20), left = hord(field, 14, 20), up = hord(field, 20, 14), down = hord(field, 20, 26);
+    const Hord right = hord(field, 26, 20), left = hord(field, 14, 20), up = hord(field, 20, 14),
+               down = hord(field, 20, 26);
     EXPECT_NEAR((right.u - left.u) / 12, expected, 0.02 * std::abs(expected));
     EXPECT_NEAR((down.v - up.v) / 12, expected, 0.02 * std::abs(expected));
     EXPECT_NEAR(right.v - left.v, 0, 1e-6);
@@ -101,15 +102,17 @@ void expect_the_light_of_rays(const Scene& scene, int count, const std::map<std:
             for (std::size_t b = 0; b < kBatch; ++b) {
                 for (int a = 0; a < 4; ++a) at[a] = std::fmod(at[a] + roots[a], 1.0);
                 u[b] = 9 * at[0] - 4.5, v[b] = 9 * at[1] - 4.5;
-                batch[b] = camera.to_part(camera.lenslet_x_mm(place.first) + (at[2] - 0.5) * camera.pitch_mm(),
-                                          camera.lenslet_y_mm(place.second) + (at[3] - 0.5) * camera.pitch_mm(), u[b], v[b]);
+                batch[b] =
+                    camera.to_part(camera.lenslet_x_mm(place.first) + (at[2] - 0.5) * camera.pitch_mm(),
+                                   camera.lenslet_y_mm(place.second) + (at[3] - 0.5) * camera.pitch_mm(), u[b], v[b]);
             }
             trace_many(body, batch, arrivals.data());
             for (std::size_t b = 0; b < kBatch; ++b) {
                 double s = 0, t = 0;
                 camera.to_camera(arrivals[b].u, arrivals[b].v, s, t);
                 if (arrivals[b].weight > 0 && s * s + t * t < radius * radius) {
-                    rays[static_cast<int>(v[b] + 4.5) * 9 + static_cast<int>(u[b] + 4.5)] += arrivals[b].weight * 81 / count;
+                    rays[static_cast<int>(v[b] + 4.5) * 9 + static_cast<int>(u[b] + 4.5)] +=
+                        arrivals[b].weight * 81 / count;
                 }
             }
         }
@@ -125,20 +128,30 @@ void expect_the_light_of_rays(const Scene& scene, int count, const std::map<std:
 TEST(Render, cells_agree_with_a_million_rays) {
     Scene scene;
     scene.part = DoubleConvexLens{};
-    scene.defects = {AirBubble{{0, 0, 0.3}, 0.5}, SphericalCut{{-4.5, -4.5, 2.657}, 1.5}, AbsorbingSpeck{{3, 4, 0}, 0.4, 0.2}};
-    expect_the_light_of_rays(scene, 1'000'000, {{"clear", {70, 50}}, {"rim, right", {101, 60}}, {"rim, upper left", {21, 23}}, {"bubble's flank", {53, 55}},
-                                     {"bubble", {55, 55}}, {"cut", {34, 34}}, {"cut's edge", {27, 34}}, {"speck's edge", {70, 73}}, {"free", {3, 100}}});
+    scene.defects = {AirBubble{{0, 0, 0.3}, 0.5}, SphericalCut{{-4.5, -4.5, 2.657}, 1.5},
+                     AbsorbingSpeck{{3, 4, 0}, 0.4, 0.2}};
+    expect_the_light_of_rays(scene, 1'000'000,
+                             {{"clear", {70, 50}},
+                              {"rim, right", {101, 60}},
+                              {"rim, upper left", {21, 23}},
+                              {"bubble's flank", {53, 55}},
+                              {"bubble", {55, 55}},
+                              {"cut", {34, 34}},
+                              {"cut's edge", {27, 34}},
+                              {"speck's edge", {70, 73}},
+                              {"free", {3, 100}}});
 }
 
-// Next to a wall that stands along the light, light inside is reflected by it and leaves to the other side: a narrow third way beside
-// the free light and the glass's, seen in other bins than they.
+// Next to a wall that stands along the light, light inside is reflected by it and leaves to the other side: a narrow
+// third way beside the free light and the glass's, seen in other bins than they.
 TEST(Render, light_reflected_by_a_side_wall_is_not_overlooked) {
     for (const double shift : {0.0, 0.07, -0.05}) {  // of the wall within its lenslet
         Scene scene;
         scene.part = Wedge{8, 4, 0.059940079, 0.034493194, 1.5, true};
         scene.pose.x_mm = shift, scene.pose.y_mm = -0.5 * shift;
         const std::string at = "wall at " + std::to_string(shift);
-        expect_the_light_of_rays(scene, 500'000, {{at + ", right", {92, 55}}, {at + ", below", {55, 92}}, {at + ", left", {18, 50}}});
+        expect_the_light_of_rays(scene, 500'000,
+                                 {{at + ", right", {92, 55}}, {at + ", below", {55, 92}}, {at + ", left", {18, 50}}});
     }
 }
 
@@ -153,7 +166,10 @@ TEST(Render, is_the_same_for_any_number_of_threads) {
 TEST(Render, progress_grows_to_one) {
     double last = -1;
     bool grows = true;
-    RenderOptions options{2, [&](double done) { grows = grows && done >= last; last = done; }};
+    RenderOptions options{2, [&](double done) {
+                              grows = grows && done >= last;
+                              last = done;
+                          }};
     ASSERT_TRUE(render(small(NoPart{}), options));
     EXPECT_TRUE(grows);
     EXPECT_EQ(last, 1);

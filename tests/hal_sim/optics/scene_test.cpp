@@ -19,7 +19,7 @@ using ::testing::HasSubstr;
 
 Result<Scene> read(const std::string& text) {
     const auto file = std::filesystem::path(::testing::TempDir()) /
-                      (std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()) + ".toml");
+        (std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()) + ".toml");
     std::ofstream(file) << text;
     return load_scene(file);
 }
@@ -69,10 +69,12 @@ read_e = 3
     EXPECT_EQ(scene.error().code, ErrorCode::invalid_argument);
     const std::string what = scene.error().what;
     EXPECT_THAT(what, HasSubstr("toml:3: part.radius_of_curvature_mm: -190 is out of range"));
-    EXPECT_THAT(what, HasSubstr("toml:4: part.apertur_radius_mm: is not a known key: did you mean aperture_radius_mm?"));
+    EXPECT_THAT(what,
+                HasSubstr("toml:4: part.apertur_radius_mm: is not a known key: did you mean aperture_radius_mm?"));
     EXPECT_THAT(what, HasSubstr(":7: "));
     EXPECT_THAT(what, HasSubstr("radius_mm: 0 is out of range"));
-    EXPECT_THAT(what, HasSubstr("\"dimple\" is not known: use one of bubble, cut, speck, inclusion, scratch, absorber, stria"));
+    EXPECT_THAT(
+        what, HasSubstr("\"dimple\" is not known: use one of bubble, cut, speck, inclusion, scratch, absorber, stria"));
     EXPECT_THAT(what, HasSubstr("name the kind of defect"));
     EXPECT_THAT(what, HasSubstr(":13: camera.m: 2 is out of range: use 3 to 2048"));
     EXPECT_THAT(what, HasSubstr(":14: camera.bits: 20 is out of range: use 8 to 16"));
@@ -102,7 +104,9 @@ ghosts = true
     EXPECT_THAT(what, HasSubstr(".toml:6: pose.x_mm: "));
     EXPECT_THAT(what, HasSubstr("outside the field"));
     EXPECT_THAT(what, HasSubstr(".toml:10: defect[0].absorption_per_mm: contradicts opaque = true: name one of them"));
-    EXPECT_THAT(what, HasSubstr(".toml:12: camera.array.pitch_px: makes a bin of 0.333333 pixels: a lenslet too fine for its bins: use at least 4.5"));
+    EXPECT_THAT(what,
+                HasSubstr(".toml:12: camera.array.pitch_px: makes a bin of 0.333333 pixels: a lenslet too fine for its "
+                          "bins: use at least 4.5"));
     EXPECT_THAT(what, HasSubstr(".toml:14: effects.ghosts: "));
     EXPECT_THAT(what, HasSubstr("fresnel"));
 }
@@ -114,20 +118,26 @@ std::string text_of(const std::filesystem::path& file) {
 std::set<std::string> matches(const std::string& text, const char* pattern) {
     const std::regex expression(pattern);
     std::set<std::string> found;
-    for (auto it = std::sregex_iterator(text.begin(), text.end(), expression); it != std::sregex_iterator(); ++it) found.insert((*it)[1]);
+    for (auto it = std::sregex_iterator(text.begin(), text.end(), expression); it != std::sregex_iterator(); ++it)
+        found.insert((*it)[1]);
     return found;
 }
 
 // docs/scene.md names every key that is read, and none that is not.
 TEST(SceneFile, the_documented_keys_are_those_that_are_read) {
     const std::string page = text_of("docs/scene.md"), parser = text_of("hal_sim/optics/scene_file.cpp");
-    const auto read_keys = matches(parser, R"re((?:number|vector|pair|integer|boolean|text|numbers|choice|table|tables|tables\w*)\((?:\w+, )?"(\w+)")re");
+    const auto read_keys = matches(
+        parser,
+        R"re((?:number|vector|pair|integer|boolean|text|numbers|choice|table|tables|tables\w*)\((?:\w+, )?"(\w+)")re");
     ASSERT_GT(read_keys.size(), 80U);
     for (const std::string& key : read_keys) {
-        const bool named = page.find('`' + key + '`') != std::string::npos || page.find(key + "]") != std::string::npos || page.find('\n' + key + " = ") != std::string::npos;
+        const bool named = page.find('`' + key + '`') != std::string::npos ||
+            page.find(key + "]") != std::string::npos || page.find('\n' + key + " = ") != std::string::npos;
         EXPECT_TRUE(named) << key << " is read and not documented";
     }
-    const auto documented = matches(page, R"re(`(\w+_(?:mm|um|nm|rad|px|us|ms|e|dn|bins|index|number|length|share|seed|per_mm|per_dn|per_s|mm_s|well_e|side|face|noise|difference|lens))`)re");
+    const auto documented = matches(
+        page,
+        R"re(`(\w+_(?:mm|um|nm|rad|px|us|ms|e|dn|bins|index|number|length|share|seed|per_mm|per_dn|per_s|mm_s|well_e|side|face|noise|difference|lens))`)re");
     ASSERT_GT(documented.size(), 60U);
     for (const std::string& key : documented) {
         EXPECT_TRUE(parser.find('"' + key + '"') != std::string::npos) << key << " is documented and not read";
@@ -139,12 +149,15 @@ TEST(SceneFile, impossible_geometry_is_refused) {
         const auto scene = read(text);
         return scene ? std::string("accepted") : scene.error().what;
     };
-    EXPECT_THAT(problem("[part]\nkind = \"double-convex\"\naperture_radius_mm = 200\n"), HasSubstr("larger than the radius of curvature"));
-    EXPECT_THAT(problem("[part]\nkind = \"wedge\"\ntilt_x_rad = 0.3\ntilt_y_rad = 0.3\n"), HasSubstr("faces meet inside the part"));
+    EXPECT_THAT(problem("[part]\nkind = \"double-convex\"\naperture_radius_mm = 200\n"),
+                HasSubstr("larger than the radius of curvature"));
+    EXPECT_THAT(problem("[part]\nkind = \"wedge\"\ntilt_x_rad = 0.3\ntilt_y_rad = 0.3\n"),
+                HasSubstr("faces meet inside the part"));
     EXPECT_THAT(problem("[part]\nkind = \"wedge\"\n[pose]\nx_mm = 40\n"), HasSubstr("outside the field"));
     EXPECT_THAT(problem("[[defect]]\nkind = \"bubble\"\n"), HasSubstr("needs a part"));
     EXPECT_THAT(problem("[part]\nkind = \"wedge\"\nrefractive_index = 0.5\n"), HasSubstr("out of range: use 1 to 4"));
-    EXPECT_THAT(problem("[camera]\nbits = 8\nfull_bin_dn = 300\n"), HasSubstr("camera.full_bin_dn: 300 is out of range: use 1 to 255"));
+    EXPECT_THAT(problem("[camera]\nbits = 8\nfull_bin_dn = 300\n"),
+                HasSubstr("camera.full_bin_dn: 300 is out of range: use 1 to 255"));
     EXPECT_THAT(problem("[camera]\nfield_mm = nan\n"), HasSubstr("field_mm"));
 }
 

@@ -63,7 +63,9 @@ Shape asphere(double radius, double conic, std::vector<double> coefficients = {}
 TEST(Shapes, a_lens_of_two_spheres_and_a_cylinder_is_the_preset) {
     const DoubleConvexLens lens;
     const double half = 2 + (190 - std::sqrt(190.0 * 190 - 100));
-    const Body own = body(SolidPart{join(Kind::intersection, {sphere(190, {0, 0, half - 190}), sphere(190, {0, 0, 190 - half}), tube(10, 3)}), 1.5});
+    const Body own = body(SolidPart{
+        join(Kind::intersection, {sphere(190, {0, 0, half - 190}), sphere(190, {0, 0, 190 - half}), tube(10, 3)}),
+        1.5});
     const Body preset = body(lens);
     for (double x = -10.4; x < 10.4; x += 0.31) {
         const Arrival a = trace(own, {x, 0.7, 0.02, -0.01}), b = trace(preset, {x, 0.7, 0.02, -0.01});
@@ -82,7 +84,8 @@ TEST(Shapes, an_asphere_without_asphericity_is_a_sphere) {
     }
 }
 
-TEST(Shapes, a_hyperboloid_brings_collimated_light_to_one_point) {  // conic -n^2: Descartes; at R / (n - 1) from the vertex
+TEST(Shapes,
+     a_hyperboloid_brings_collimated_light_to_one_point) {  // conic -n^2: Descartes; at R / (n - 1) from the vertex
     const Body lens = plano(asphere(-60, -1.5 * 1.5));
     for (const double x : {0.01, 1.0, 4.0, 9.5}) {
         const Landing out = shine(lens, x, 0);
@@ -100,7 +103,8 @@ TEST(Shapes, a_surface_of_the_fourth_power_bends_by_its_slope) {
     }
 }
 
-TEST(Shapes, light_retraces_its_way_through_an_asphere_with_a_wave_on_it) {  // not convex: it may be met more than twice
+TEST(Shapes,
+     light_retraces_its_way_through_an_asphere_with_a_wave_on_it) {  // not convex: it may be met more than twice
     const Body wavy = plano(asphere(-40, 0.5, {6e-5, -9e-7}, 0.5));
     int seen = 0;
     for (double x = -9; x < 9; x += 0.17) {
@@ -140,8 +144,10 @@ TEST(Shapes, what_is_cut_away_is_air) {
 }
 
 TEST(Shapes, halves_that_touch_are_one_whole_and_apart_they_are_two) {
-    const Body one = body(SolidPart{join(Kind::union_of, {block({8, 8, 1}, {0, 0, -1}), block({8, 8, 1}, {0, 0, 1})}), 1.5});
-    const Body two = body(SolidPart{join(Kind::union_of, {block({8, 8, 1}, {0, 0, -1}), block({8, 8, 1}, {0, 0, 1.5})}), 1.5});
+    const Body one =
+        body(SolidPart{join(Kind::union_of, {block({8, 8, 1}, {0, 0, -1}), block({8, 8, 1}, {0, 0, 1})}), 1.5});
+    const Body two =
+        body(SolidPart{join(Kind::union_of, {block({8, 8, 1}, {0, 0, -1}), block({8, 8, 1}, {0, 0, 1.5})}), 1.5});
     Scene fresnel;
     fresnel.effects.fresnel = true;
     for (const double u : {0.0, 0.05, -0.3}) {
@@ -157,18 +163,23 @@ TEST(Shapes, halves_that_touch_are_one_whole_and_apart_they_are_two) {
 TEST(Shapes, each_is_turned_about_x_y_z_and_then_moved) {
     // A wedge: the half-space's face, tilted about y, is the preset's, whose camera-side face rises to the right.
     const double tilt = 0.06;
-    const Body own = body(SolidPart{join(Kind::intersection, {shape(Kind::half_space, {0, 0, 2}, {0, -tilt, 0}), block({8, 8, 5}, {0, 0, 3})}), 1.5});
+    const Body own = body(SolidPart{
+        join(Kind::intersection, {shape(Kind::half_space, {0, 0, 2}, {0, -tilt, 0}), block({8, 8, 5}, {0, 0, 3})}),
+        1.5});
     EXPECT_NEAR(shine(own, 0.3, -0.2).u, std::tan(std::asin(1.5 * std::sin(tilt)) - tilt), 1e-12);
     // Turned by a quarter about z within a group, to the bottom.
-    Shape group = join(Kind::intersection, {shape(Kind::half_space, {0, 0, 2}, {0, -tilt, 0}), block({8, 8, 5}, {0, 0, 3})});
+    Shape group =
+        join(Kind::intersection, {shape(Kind::half_space, {0, 0, 2}, {0, -tilt, 0}), block({8, 8, 5}, {0, 0, 3})});
     group.rotation_rad = {0, 0, 1.57079632679489661923};
-    EXPECT_NEAR(shine(body(SolidPart{group, 1.5}), 0.3, -0.2).v, std::tan(std::asin(1.5 * std::sin(tilt)) - tilt), 1e-12);
+    EXPECT_NEAR(shine(body(SolidPart{group, 1.5}), 0.3, -0.2).v, std::tan(std::asin(1.5 * std::sin(tilt)) - tilt),
+                1e-12);
 }
 
 TEST(Pose, a_tilted_plate_shifts_light_by_its_closed_form) {
     for (const double tilt : {0.1, 0.4, -0.3}) {
         const double s = std::sin(tilt), shift = 4 * s * (1 - std::cos(tilt) / std::sqrt(2.25 - s * s));
-        const Landing about_y = shine(body(Plate{}, {0, 0, 0, 0, tilt, 0}), 0.2, 0.1), about_x = shine(body(Plate{}, {0, 0, 0, tilt, 0, 1.5}), 0.2, 0.1);
+        const Landing about_y = shine(body(Plate{}, {0, 0, 0, 0, tilt, 0}), 0.2, 0.1),
+                      about_x = shine(body(Plate{}, {0, 0, 0, tilt, 0, 1.5}), 0.2, 0.1);
         EXPECT_NEAR(about_y.u, 0, 1e-14);
         EXPECT_NEAR(std::abs(about_y.x - 0.2), std::abs(shift), 1e-12);
         EXPECT_NEAR(std::abs(about_x.y - 0.1), std::abs(shift), 1e-12);
@@ -239,11 +250,14 @@ conic = 2
     EXPECT_THAT(bad, HasSubstr(":9: part.shape.of[1].kind: has too few shapes to work on"));
     EXPECT_THAT(bad, HasSubstr(":11: part.shape.of[1].of[0].kind: \"torus\" is not known"));
     EXPECT_THAT(bad, HasSubstr(":14: part.shape.of[2].conic: is not a known key"));
-    EXPECT_THAT(refusal("[part]\nkind = \"solid\"\n[part.shape]\nkind = \"half-space\"\n"), HasSubstr("reaches to infinity: intersect it with a block or a cylinder"));
-    EXPECT_THAT(refusal("[part]\nkind = \"solid\"\n[part.shape]\nkind = \"intersection\"\n[[part.shape.of]]\nkind = \"sphere\"\n[[part.shape.of]]\nkind = "
+    EXPECT_THAT(refusal("[part]\nkind = \"solid\"\n[part.shape]\nkind = \"half-space\"\n"),
+                HasSubstr("reaches to infinity: intersect it with a block or a cylinder"));
+    EXPECT_THAT(refusal("[part]\nkind = \"solid\"\n[part.shape]\nkind = \"intersection\"\n[[part.shape.of]]\nkind = "
+                        "\"sphere\"\n[[part.shape.of]]\nkind = "
                         "\"sphere\"\nposition_mm = [50, 0, 0]\n"),
                 HasSubstr("its shapes do not meet"));
-    EXPECT_THAT(refusal("[part]\nkind = \"solid\"\n[part.shape]\nkind = \"asphere\"\nradius_of_curvature_mm = 5\n"), HasSubstr("is larger than the conic"));
+    EXPECT_THAT(refusal("[part]\nkind = \"solid\"\n[part.shape]\nkind = \"asphere\"\nradius_of_curvature_mm = 5\n"),
+                HasSubstr("is larger than the conic"));
 }
 
 }  // namespace

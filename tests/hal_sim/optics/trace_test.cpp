@@ -76,7 +76,9 @@ TEST(Refraction, obeys_snell_at_every_angle_and_splits_all_the_light) {
 TEST(Refraction, takes_the_right_branch_one_microradian_from_critical) {
     const double critical = std::asin(1 / 1.5);
     for (const double off : {1e-3, 1e-4, 1e-6, 1e-9}) {
-        const auto at = [&](double angle) { return refract({std::sin(angle), 0, -std::cos(angle)}, {0, 0, 1}, 1.5, 1.0); };
+        const auto at = [&](double angle) {
+            return refract({std::sin(angle), 0, -std::cos(angle)}, {0, 0, 1}, 1.5, 1.0);
+        };
         const Refraction below = at(critical - off), above = at(critical + off);
         EXPECT_FALSE(below.reflected) << off;
         EXPECT_TRUE(above.reflected) << off;
@@ -142,8 +144,9 @@ TEST(Trace, a_thick_lens_bends_by_height_over_focal_length) {
     for (const double x : {-1e-3, 1e-3}) {  // spherical aberration there: (x / r)^2 = 3e-11 of the deflection
         const Landing out = shine(body, x, 0);
         EXPECT_NEAR(out.u, -x / focal, 1e-9 * std::abs(x / focal));
-        // The camera's Jacobian, du/dx on the measurement plane, is -1/f but for the principal plane's distance from it.
-        const double principal = thickness / 2 * (1 - 1 / n) ;
+        // The camera's Jacobian, du/dx on the measurement plane, is -1/f but for the principal plane's distance from
+        // it.
+        const double principal = thickness / 2 * (1 - 1 / n);
         EXPECT_NEAR(out.u / out.x, -1 / focal, 1.1 * (thickness / 2 / n + principal) / (focal * focal));
     }
 }
@@ -153,7 +156,8 @@ TEST(Trace, an_air_bubble_bends_by_its_closed_form_and_reflects_totally_at_its_f
     bubble.radius_mm = 0.5;
     const Body body = with_defect(plate(4, 1.5), bubble);
     for (const double share : {0.01, 0.05, 0.2, 0.3}) {
-        const double inside = 2 * (std::asin(share) - std::asin(1.5 * share));  // in the glass, towards the axis if positive
+        const double inside =
+            2 * (std::asin(share) - std::asin(1.5 * share));  // in the glass, towards the axis if positive
         const Landing out = shine(body, share * 0.5, 0);
         EXPECT_NEAR(out.u, -std::tan(std::asin(1.5 * std::sin(inside))), 1e-11) << share;
     }
@@ -187,9 +191,11 @@ TEST(Trace, nothing_depends_on_the_unit_of_length) {
     for (const double scale : {1e-3, 1.0, 7.3, 1e3}) {
         DoubleConvexLens lens{190 * scale, 10 * scale, 4 * scale, 1.5};
         AirBubble bubble{{1 * scale, 0.5 * scale, -0.3 * scale}, 0.5 * scale};
-        const Body body = with_defect(lens, bubble), reference = with_defect(DoubleConvexLens{}, AirBubble{{1, 0.5, -0.3}, 0.5});
+        const Body body = with_defect(lens, bubble),
+                   reference = with_defect(DoubleConvexLens{}, AirBubble{{1, 0.5, -0.3}, 0.5});
         for (double x = -10.2; x < 10.2; x += 0.41) {
-            const Arrival a = trace(reference, {x, 0.47, 0.02, -0.01}), b = trace(body, {x * scale, 0.47 * scale, 0.02, -0.01});
+            const Arrival a = trace(reference, {x, 0.47, 0.02, -0.01}),
+                          b = trace(body, {x * scale, 0.47 * scale, 0.02, -0.01});
             ASSERT_EQ(a.path, b.path) << x;
             EXPECT_NEAR(a.u, b.u, 1e-10) << x;
             EXPECT_NEAR(a.v, b.v, 1e-10) << x;
@@ -257,7 +263,8 @@ TEST(Trace, a_bubble_in_a_bubble_is_not_there_and_neither_is_one_outside) {
     Scene scene = with(DoubleConvexLens{});
     scene.defects = {AirBubble{{0, 0, 0}, 0.5}};
     const Body one = body_of(scene, true);
-    scene.defects = {AirBubble{{0, 0, 0}, 0.5}, AirBubble{{0.1, 0, 0}, 0.2}, AirBubble{{0, 0, 0}, 0.5}, AirBubble{{0, 20, 0}, 0.5}};
+    scene.defects = {AirBubble{{0, 0, 0}, 0.5}, AirBubble{{0.1, 0, 0}, 0.2}, AirBubble{{0, 0, 0}, 0.5},
+                     AirBubble{{0, 20, 0}, 0.5}};
     const Body nested = body_of(scene, true);
     for (double x = -0.6; x < 0.6; x += 0.007) {
         const Arrival a = trace(one, {x, 0.03, 0.01, 0}), b = trace(nested, {x, 0.03, 0.01, 0});

@@ -11,7 +11,9 @@ TEST(BeltStops, parts_keep_verdict_and_place) {
     ASSERT_NE(line, nullptr);
     EXPECT_EQ(line->snapshot().counters.seen, 200U);
     EXPECT_GT(line->snapshot().counters.pass, 150U);
-    EXPECT_EQ(line->cell().world().totals().left_bad - line->snapshot().counters.reject_late - line->snapshot().counters.reject_failed, 0U);
+    EXPECT_EQ(line->cell().world().totals().left_bad - line->snapshot().counters.reject_late -
+                  line->snapshot().counters.reject_failed,
+              0U);
 }
 
 }  // namespace

@@ -19,10 +19,12 @@ std::unique_ptr<SimulatedLine> run_undisturbed(LineOptions options) {
 }
 
 TEST(DiskAndClock, a_disk_in_trouble_costs_no_part_and_no_result) {
-    for (const sim::Fault fault : {sim::Fault::store_error, sim::Fault::store_in_doubt, sim::Fault::store_slow, sim::Fault::disk_full}) {
+    for (const sim::Fault fault :
+         {sim::Fault::store_error, sim::Fault::store_in_doubt, sim::Fault::store_slow, sim::Fault::disk_full}) {
         for (auto* line_of : {&timed_line, &encoder_line}) {
             LineOptions options = line_of(31, 300);
-            options.cell.faults = {always(fault, 50, 50, milliseconds(1500)), always(fault, 150, 151, milliseconds(300))};
+            options.cell.faults = {always(fault, 50, 50, milliseconds(1500)),
+                                   always(fault, 150, 151, milliseconds(300))};
             const auto line = run_undisturbed(options);
             ASSERT_NE(line, nullptr);
             EXPECT_EQ(line->books().stored(), 300U) << sim::name_of(fault);
@@ -43,7 +45,8 @@ TEST(DiskAndClock, what_memory_could_not_hold_is_named_in_the_store) {
 TEST(DiskAndClock, a_clock_that_is_set_shows_in_the_records_and_nowhere_else) {
     for (auto* line_of : {&timed_line, &encoder_line}) {
         LineOptions options = line_of(33, 300);
-        options.cell.faults = {always(sim::Fault::clock_set, 40, 44, std::chrono::hours(1)), always(sim::Fault::clock_set, 140, 160, milliseconds(3))};
+        options.cell.faults = {always(sim::Fault::clock_set, 40, 44, std::chrono::hours(1)),
+                               always(sim::Fault::clock_set, 140, 160, milliseconds(3))};
         const auto line = run_undisturbed(options);
         ASSERT_NE(line, nullptr);
         EXPECT_EQ(line->books().stored(), 300U);

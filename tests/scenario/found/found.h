@@ -17,8 +17,10 @@ struct Found {
 };
 
 inline constexpr std::array kFound{
-    Found{"late-verdict-accepted", "own-data", 8410883890119106219U, 217, LineProfile::encoder, "inspector-slow@209+556000us"},
-    Found{"touching-parts-unseen", "no-bad-part-passes", 7461442279635777055U, 34, LineProfile::encoder, "part-touching@24"},
+    Found{"late-verdict-accepted", "own-data", 8410883890119106219U, 217, LineProfile::encoder,
+          "inspector-slow@209+556000us"},
+    Found{"touching-parts-unseen", "no-bad-part-passes", 7461442279635777055U, 34, LineProfile::encoder,
+          "part-touching@24"},
     Found{"token-forgotten", "commands-once", 9950621557077242515U, 41, LineProfile::encoder, "plc-repeats@40"},
     Found{"lost-edges-run-on", "no-bad-part-passes", 3439141232638176491U, 43, LineProfile::encoder, "edge-lost@33"},
 };

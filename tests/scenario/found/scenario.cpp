@@ -1,8 +1,7 @@
-#include "tests/scenario/found/found.h"
-
 #include <gtest/gtest.h>
 
 #include "firmware/soak/soak.h"
+#include "tests/scenario/found/found.h"
 
 namespace hord::firmware {
 namespace {

@@ -1,10 +1,11 @@
+#include "tests/scenario/scenario.h"
+
 #include <cmath>
 #include <vector>
 
 #include "firmware/optics_watch.h"
 #include "firmware/soak/real_parts.h"
 #include "hal_sim/cell/ageing_frames.h"
-#include "tests/scenario/scenario.h"
 
 namespace hord::firmware {
 namespace {
@@ -19,7 +20,8 @@ class Watcher final : public InspectionObserver {
         std::uint64_t inspection;
         OpticsWatch::View view;
     };
-    explicit Watcher(int window = kWindow) : watch_(std::move(*OpticsWatch::create(kField, {.window_parts = window}))) {}
+    explicit Watcher(int window = kWindow)
+        : watch_(std::move(*OpticsWatch::create(kField, {.window_parts = window}))) {}
     void on_inspection(std::uint32_t, const algo::FrameView& frame, const algo::Inspection& inspection) override {
         ++inspections;
         if (watch_->add(frame, inspection)) news.push_back({inspections, watch_->view()});
@@ -41,7 +43,8 @@ class Watcher final : public InspectionObserver {
 };
 
 // Runs real parts through optics that age as `of_exposure` says.
-std::unique_ptr<SimulatedLine> run_ageing(std::uint64_t seed, std::uint64_t parts, Watcher& watcher, std::unique_ptr<sim::AgeingFrames>& frames,
+std::unique_ptr<SimulatedLine> run_ageing(std::uint64_t seed, std::uint64_t parts, Watcher& watcher,
+                                          std::unique_ptr<sim::AgeingFrames>& frames,
                                           const std::function<sim::CellAge(std::uint64_t)>& of_exposure) {
     LineOptions options = timed_line(seed, parts);
     if (const auto shown = show_real_parts(options); !shown) {
@@ -111,7 +114,10 @@ TEST(OpticsAge, without_ageing_nothing_is_told) {
 TEST(OpticsAge, a_dark_level_that_rises_is_told) {
     Watcher watcher;
     std::unique_ptr<sim::AgeingFrames> frames;
-    ASSERT_NE(run_ageing(9, 300, watcher, frames, [](std::uint64_t k) { return sim::CellAge{.light = 1, .dark_dn = k < 150 ? 0 : 2, .dust = {}}; }), nullptr);
+    ASSERT_NE(
+        run_ageing(9, 300, watcher, frames,
+                   [](std::uint64_t k) { return sim::CellAge{.light = 1, .dark_dn = k < 150 ? 0 : 2, .dust = {}}; }),
+        nullptr);
     const auto* drifted = watcher.first(0, kFaultDarkDrift, true);
     ASSERT_NE(drifted, nullptr);
     EXPECT_LE(drifted->inspection, 150U + 2 * kWindow);

@@ -21,7 +21,7 @@ TEST(PartsTooClose, a_ghost_behind_a_part_rejects_both) {
 
 TEST(PartsTooClose, parts_that_follow_too_close_are_rejected) {
     LineOptions options = timed_line(8, 100);
-    options.cell.schedule.pitch_mm = 40;      // 80 ms on average,
+    options.cell.schedule.pitch_mm = 40;       // 80 ms on average,
     options.cell.schedule.pitch_jitter = 0.4;  // some below the 60 ms that are allowed
     const auto line = run_scenario(options);
     ASSERT_NE(line, nullptr);

@@ -17,14 +17,17 @@ TEST(Plan, survives_as_text) {
         ASSERT_EQ(again->size(), plan.faults.size());
         for (std::size_t k = 0; k < plan.faults.size(); ++k) {
             const FaultRule &a = plan.faults[k], &b = (*again)[k];
-            EXPECT_TRUE(a.fault == b.fault && a.probability == b.probability && a.first == b.first && a.last == b.last && a.amount == b.amount) << text_of({a});
+            EXPECT_TRUE(a.fault == b.fault && a.probability == b.probability && a.first == b.first &&
+                        a.last == b.last && a.amount == b.amount)
+                << text_of({a});
             EXPECT_TRUE(possible(a.fault, plan.line));
         }
     }
 }
 
 TEST(Plan, nonsense_is_refused_by_name) {
-    for (const char* text : {"frame-drup", "frame-drop@", "frame-drop@x", "frame-drop@7-3", "frame-drop:2", "frame-drop:x", "frame-late+5", "frame-late+5h", "frame-drop@1!"}) {
+    for (const char* text : {"frame-drup", "frame-drop@", "frame-drop@x", "frame-drop@7-3", "frame-drop:2",
+                             "frame-drop:x", "frame-late+5", "frame-late+5h", "frame-drop@1!"}) {
         const auto read = faults_of(text);
         ASSERT_FALSE(read) << text;
         EXPECT_NE(read.error().message().find(text), std::string::npos);
@@ -40,11 +43,13 @@ TEST(Shrink, finds_the_two_faults_that_must_meet_and_no_more) {
         return false;
     };
     const Try attempt = [&](const EpisodePlan& plan) -> Result<Breakage> {
-        if (plan.parts > 40 && fires(plan, Fault::frame_drop, 37) && fires(plan, Fault::edge_lost, 40)) return Breakage{"own-data", 41};
+        if (plan.parts > 40 && fires(plan, Fault::frame_drop, 37) && fires(plan, Fault::edge_lost, 40))
+            return Breakage{"own-data", 41};
         return Breakage{};
     };
     EpisodePlan plan{5, 5'000, LineProfile::timed, false, {}};
-    for (const Fault fault : {Fault::strobe_dead, Fault::frame_drop, Fault::reject_lost, Fault::edge_lost, Fault::process_crash}) {
+    for (const Fault fault :
+         {Fault::strobe_dead, Fault::frame_drop, Fault::reject_lost, Fault::edge_lost, Fault::process_crash}) {
         plan.faults.push_back({fault, 0.02, 3, 4'500, {}});
     }
     const auto shrunk = shrink(plan, attempt);

@@ -9,9 +9,10 @@ struct Case {
 };
 
 TEST(StaleFrame, each_kind_of_wrong_frame_rejects_its_own_part_alone) {
-    for (const Case& c : {Case{sim::Fault::frame_stale, PartReason::frame_stale}, Case{sim::Fault::frame_drop, PartReason::frame_lost},
-                          Case{sim::Fault::frame_late, PartReason::frame_lost}, Case{sim::Fault::frame_short, PartReason::frame_short},
-                          Case{sim::Fault::frame_corrupt, PartReason::frame_corrupt}}) {
+    for (const Case& c :
+         {Case{sim::Fault::frame_stale, PartReason::frame_stale}, Case{sim::Fault::frame_drop, PartReason::frame_lost},
+          Case{sim::Fault::frame_late, PartReason::frame_lost}, Case{sim::Fault::frame_short, PartReason::frame_short},
+          Case{sim::Fault::frame_corrupt, PartReason::frame_corrupt}}) {
         LineOptions options = timed_line(4, 100);
         options.cell.faults = {always(c.fault, 10, 10), always(c.fault, 30, 30), always(c.fault, 50, 50)};
         const auto line = run_scenario(options);
