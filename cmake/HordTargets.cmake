@@ -17,6 +17,7 @@ target_compile_options(hord_flags INTERFACE -Wall -Wextra -Wpedantic -Wconversio
                        $<$<BOOL:${HORD_WERROR}>:-Werror>)
 target_compile_definitions(hord_flags INTERFACE $<$<BOOL:${HORD_CHECKED}>:HORD_CHECKED=1>)
 target_include_directories(hord_flags INTERFACE ${PROJECT_SOURCE_DIR})
+target_link_options(hord_flags INTERFACE -Wl,--as-needed)  # a program needs only the libraries that it calls
 if(HORD_SANITIZE)
   # GCC's null checks make the address of a function no constant: the register table's static_asserts would not compile.
   target_compile_options(hord_flags INTERFACE -fsanitize=${HORD_SANITIZE} -fno-sanitize=null,nonnull-attribute,returns-nonnull-attribute)
@@ -24,17 +25,43 @@ if(HORD_SANITIZE)
   target_link_options(hord_flags INTERFACE -fsanitize=${HORD_SANITIZE})
 endif()
 
-# hord_room(NAME SOURCES a.cpp ... USES target ... PRIVATELY target ...)
-#   USES      appears in the room's own headers; PRIVATELY stays inside its .cpp files.
-function(hord_room name)
-  cmake_parse_arguments(ROOM "" "" "SOURCES;USES;PRIVATELY" ${ARGN})
-  add_library(${name} STATIC ${ROOM_SOURCES})
-  target_link_libraries(${name} PUBLIC hord_flags ${ROOM_USES} PRIVATE ${ROOM_PRIVATELY})
+# Every folder with sources is one target and every target is one folder: the target of firmware/core is hord_firmware_core.
+# hord_targets(OUT firmware/core fmt::fmt ...): folders become their targets; names with :: stay.
+function(hord_targets out)
+  set(targets)
+  foreach(name ${ARGN})
+    if(name MATCHES "/|^common$")
+      string(REPLACE "/" "_" name "hord_${name}")
+    endif()
+    list(APPEND targets ${name})
+  endforeach()
+  set(${out} ${targets} PARENT_SCOPE)
 endfunction()
 
-# hord_program(NAME SOURCES ... USES ...): an executable in build/<preset>/bin.
+# hord_room(SOURCES a.cpp ... USES folder-or-target ... PRIVATELY folder-or-target ...): the library of this folder; sets
+# `room` to its target.
+#   USES      appears in the room's own headers; PRIVATELY stays inside its .cpp files.
+function(hord_room)
+  cmake_parse_arguments(ROOM "" "" "SOURCES;USES;PRIVATELY" ${ARGN})
+  file(RELATIVE_PATH folder ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR})
+  string(REPLACE "/" "_" name "hord_${folder}")
+  hord_targets(uses ${ROOM_USES})
+  hord_targets(privately ${ROOM_PRIVATELY})
+  if(ROOM_SOURCES)
+    add_library(${name} STATIC ${ROOM_SOURCES})
+    target_link_libraries(${name} PUBLIC hord_flags ${uses} PRIVATE ${privately})
+  else()  # headers alone
+    add_library(${name} INTERFACE)
+    target_link_libraries(${name} INTERFACE hord_flags ${uses} ${privately})
+  endif()
+  set(room ${name} PARENT_SCOPE)
+endfunction()
+
+# hord_program(NAME SOURCES ... USES folder-or-target ...): an executable in build/<preset>/bin.
 function(hord_program name)
   cmake_parse_arguments(PROGRAM "" "" "SOURCES;USES" ${ARGN})
   add_executable(${name} ${PROGRAM_SOURCES})
-  target_link_libraries(${name} PRIVATE hord_flags ${PROGRAM_USES})
+  hord_targets(uses ${PROGRAM_USES})
+  target_link_libraries(${name} PRIVATE hord_flags ${uses})
+  target_compile_definitions(${name} PRIVATE HORD_VERSION="${PROJECT_VERSION}")
 endfunction()

@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <string_view>
 
-#include "algo/result.h"
+#include "common/result.h"
 
 namespace hord::common {
 

@@ -150,7 +150,7 @@ void read_all(const Reader& from, Job& job, const std::string& keyword) {
     const std::size_t row_bytes = static_cast<std::size_t>(width) * (depth == 16 ? 2U : 1U);
     if (std::uint64_t{row_bytes} * height > kMostUnpacked * job.to_read.size())
         png_error(from.png, "it is too short for the size that it says");
-    job.read.frame = algo::Frame(static_cast<int>(width), static_cast<int>(height), bits);
+    job.read.frame = Frame(static_cast<int>(width), static_cast<int>(height), bits);
     job.rows.resize(height);
     for (std::size_t y = 0; y < height; ++y)
         job.rows[y] = reinterpret_cast<png_bytep>(job.read.frame.bytes().data()) + y * row_bytes;
@@ -166,7 +166,7 @@ void read_all(const Reader& from, Job& job, const std::string& keyword) {
 
 }  // namespace
 
-Result<std::vector<std::uint8_t>> encode_grey_png(const algo::FrameView& frame, const PngPacking& packing,
+Result<std::vector<std::uint8_t>> encode_grey_png(const FrameView& frame, const PngPacking& packing,
                                                   const std::optional<PngNote>& note) {
     if (frame.data == nullptr || frame.width_px <= 0 || frame.height_px <= 0)
         return fail(ErrorCode::invalid_argument, "the frame is empty");

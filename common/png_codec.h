@@ -8,8 +8,8 @@
 #include <string_view>
 #include <vector>
 
-#include "algo/frame.h"
-#include "algo/result.h"
+#include "common/frame.h"
+#include "common/result.h"
 
 namespace hord::common {
 
@@ -27,7 +27,7 @@ struct PngNote {
 
 // 8- or 16-bit grey; 9- to 15-bit samples are right-aligned. With a note the frame's bits stand in sBIT, too; without
 // one the file holds the samples alone. Fails with invalid_argument (an empty frame), internal.
-Result<std::vector<std::uint8_t>> encode_grey_png(const algo::FrameView& frame, const PngPacking& packing = {},
+Result<std::vector<std::uint8_t>> encode_grey_png(const FrameView& frame, const PngPacking& packing = {},
                                                   const std::optional<PngNote>& note = std::nullopt);
 
 // 8-bit colour from blue, green, red; rows unpadded. Fails with invalid_argument (no pixels, or not 3 bytes each),
@@ -35,7 +35,7 @@ Result<std::vector<std::uint8_t>> encode_grey_png(const algo::FrameView& frame, 
 Result<std::vector<std::uint8_t>> encode_bgr_png(int width_px, int height_px, std::span<const std::uint8_t> bgr);
 
 struct GreyPng {
-    algo::Frame frame;                // 8 bits; or 16, or what sBIT says where a note was asked for
+    Frame frame;                      // 8 bits; or 16, or what sBIT says where a note was asked for
     std::optional<std::string> note;  // the last of the asked keyword; not looked for without one
     std::size_t length = 0;           // of the PNG: what is behind it in the bytes is not its own
 };

@@ -172,10 +172,10 @@ class GreyReader {
     }
 
     // False: libtiff says why, or it had fewer samples.
-    bool read(algo::Frame& frame) const {
+    bool read(Frame& frame) const {
         const Orientation to = orientation(tag<std::uint16_t>(tiff_, TIFFTAG_ORIENTATION), width_, height_);
-        frame = algo::Frame(static_cast<int>(to.transposed ? height_ : width_),
-                            static_cast<int>(to.transposed ? width_ : height_), bits_);
+        frame = Frame(static_cast<int>(to.transposed ? height_ : width_),
+                      static_cast<int>(to.transposed ? width_ : height_), bits_);
         std::vector<std::byte> samples;
         Part part{.width = part_width_, .height = part_height_};
         for (part.y = 0; part.y < height_; part.y += std::min(part_height_, height_ - part.y)) {
@@ -198,8 +198,7 @@ class GreyReader {
     }
 
     template <class Sample>
-    void place(const std::vector<std::byte>& samples, const Part& part, const Orientation& to,
-               algo::Frame& frame) const {
+    void place(const std::vector<std::byte>& samples, const Part& part, const Orientation& to, Frame& frame) const {
         const std::uint32_t columns = std::min(part.width, width_ - part.x),
                             rows = std::min(part.height, height_ - part.y);
         const auto* from = reinterpret_cast<const Sample*>(samples.data());
@@ -243,7 +242,7 @@ bool write(const Tiff& tiff, int width_px, int height_px, std::span<const float>
 
 }  // namespace
 
-Result<algo::Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_view name) {
+Result<Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_view name) {
     MemoryFile file{.to_read = bytes};
     const auto damaged = [&](const std::string& why) {
         return fail(ErrorCode::unreadable,
@@ -258,7 +257,7 @@ Result<algo::Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::s
                     "save it as 8- or 16-bit grey, one channel, uncompressed or with LZW, deflate or PackBits");
     }
     if (const std::string why = reader.damaged(); !why.empty()) return damaged(why);
-    algo::Frame frame;
+    Frame frame;
     if (!reader.read(frame)) return damaged(file.why);
     return frame;
 }

@@ -6,8 +6,8 @@
 #include <string_view>
 #include <vector>
 
-#include "algo/frame.h"
-#include "algo/result.h"
+#include "common/frame.h"
+#include "common/result.h"
 
 namespace hord::common {
 
@@ -15,7 +15,7 @@ namespace hord::common {
 // with LZW, deflate or PackBits; turned to the orientation that it names. No more memory and time are taken than the
 // bytes can unpack to. `name` goes into the message. Fails with unreadable (damaged, cut off), unsupported (another
 // layout or packing).
-Result<algo::Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_view name);
+Result<Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_view name);
 
 // One channel of 32-bit floats, unpacked, in this machine's byte order. `values` holds width * height, row by row.
 // Fails with invalid_argument (not as many, or none), internal.

@@ -19,7 +19,7 @@
 #include <utility>
 #include <vector>
 
-#include "algo/result.h"
+#include "common/result.h"
 
 namespace hord::common {
 

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <span>
 
-#include "algo/result.h"
+#include "common/result.h"
 
 namespace hord::common {
 

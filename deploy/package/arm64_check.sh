@@ -46,7 +46,7 @@ cat "$folder/two"
 [ "$status" -eq 2 ] && [ ! -s "$folder/one" ] && [ "$(wc -l <"$folder/two")" -eq 1 ] || die "hordctl status ends with $status"
 
 step "a frame, drawn on amd64 and judged on both"
-on_amd64 hordctl render hal_sim/scenes/bubble.toml --out "$folder/frame.png" --seed 1 >/dev/null 2>&1 || die "no frame can be drawn"
+on_amd64 hord-lab render hal_sim/scenes/bubble.toml --out "$folder/frame.png" --seed 1 >/dev/null 2>&1 || die "no frame can be drawn"
 for arch in amd64 arm64; do
     status=0
     "on_$arch" hordctl inspect "$folder/frame.png" --macro 9x9 --json --out "$folder/maps-$arch" >"$folder/$arch.json" || status=$?

@@ -27,11 +27,12 @@ page() {  # page PROGRAM SECTION ONE-LINE
         printf '.fi\n'
         commands "$program"
         printf '.SH FILES\n.nf\n/etc/hord/hordd.toml  configuration, every key with its default\n/etc/hord/recipes/  recipes\n/etc/hord/mqtt.toml  configuration of hord\-mqtt\n/etc/hord/page.toml  configuration of hord\-page\n'
-        printf '/usr/share/doc/hord\\-station/plc.md  for the PLC programmer\n.fi\n.SH "SEE ALSO"\n.BR hordd (8),\n.BR hordctl (1),\n.BR hord\\-mqtt (8),\n.BR hord\\-page (8)\n'
+        printf '/usr/share/doc/hord\\-station/plc.md  for the PLC programmer\n.fi\n.SH "SEE ALSO"\n.BR hordd (8),\n.BR hordctl (1),\n.BR hord\\-lab (1),\n.BR hord\\-mqtt (8),\n.BR hord\\-page (8)\n'
     } | gzip -9n >"$out/man$section/$program.$section.gz"
 }
 
 page hordd 8 "inspection station for transparent parts, as a service"
-page hordctl 1 "inspect, render, run, watch and command an inspection station"
+page hordctl 1 "inspect, learn, run, watch and command an inspection station"
+page hord-lab 1 "experiments, soak and scenes on the simulated inspection cell"
 page hord-mqtt 8 "hands a station's results and health to an MQTT broker, as a service"
 page hord-page 8 "the station's page for browsers, and metrics for Prometheus"

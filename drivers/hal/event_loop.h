@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <functional>
 
-#include "algo/result.h"
+#include "common/result.h"
 #include "drivers/hal/clock.h"
 
 namespace hord::hal {

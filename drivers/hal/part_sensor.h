@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <optional>
 
-#include "algo/result.h"
+#include "common/result.h"
 #include "drivers/hal/clock.h"
 
 namespace hord::hal {

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "algo/result.h"
+#include "common/result.h"
 #include "drivers/hal/clock.h"
 
 namespace hord::hal {

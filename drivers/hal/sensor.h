@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <utility>
 
-#include "algo/frame.h"
-#include "algo/result.h"
+#include "common/frame.h"
+#include "common/result.h"
 #include "drivers/hal/clock.h"
 
 namespace hord::hal {
@@ -37,7 +37,7 @@ class Sensor;
 class FrameLease {
   public:
     FrameLease() = default;
-    FrameLease(Sensor& owner, std::uint32_t slot, algo::FrameView view, FrameInfo info)
+    FrameLease(Sensor& owner, std::uint32_t slot, FrameView view, FrameInfo info)
         : owner_(&owner), slot_(slot), view_(view), info_(info) {}
     FrameLease(FrameLease&& other) noexcept
         : owner_(std::exchange(other.owner_, nullptr)), slot_(other.slot_), view_(other.view_), info_(other.info_) {}
@@ -54,14 +54,14 @@ class FrameLease {
     ~FrameLease() { give_back(); }
 
     [[nodiscard]] explicit operator bool() const { return owner_ != nullptr; }
-    [[nodiscard]] const algo::FrameView& view() const { return view_; }
+    [[nodiscard]] const FrameView& view() const { return view_; }
     [[nodiscard]] const FrameInfo& info() const { return info_; }
     void give_back() noexcept;
 
   private:
     Sensor* owner_ = nullptr;
     std::uint32_t slot_ = 0;
-    algo::FrameView view_;
+    FrameView view_;
     FrameInfo info_;
 };
 

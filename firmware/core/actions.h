@@ -7,7 +7,7 @@
 #include <variant>
 
 #include "firmware/core/events.h"
-#include "firmware/snapshot.h"
+#include "firmware/core/station_types.h"
 
 namespace hord::firmware {
 

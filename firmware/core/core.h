@@ -1,8 +1,8 @@
 // The station core: (state, event, now) -> actions. It decides everything and touches nothing.
 //
 // A value: no descriptor, thread, clock or file, and no allocation. Each step is deterministic; the same events at
-// the same times give the same actions. The shell (firmware/station.h) carries events in and actions out, in the
-// service and in simulation alike.
+// the same times give the same actions. The shell (firmware/station/station.h) carries events in and actions out, in
+// the service and in simulation alike.
 //
 // What it promises, whatever the events:
 //   - every part that the part sensor reports gets exactly one verdict, at its deadline at the latest;
@@ -19,7 +19,7 @@
 #include "firmware/core/events.h"
 #include "firmware/core/line.h"
 #include "firmware/core/states.h"
-#include "firmware/snapshot.h"
+#include "firmware/core/station_types.h"
 
 namespace hord::firmware {
 

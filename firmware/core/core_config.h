@@ -1,6 +1,6 @@
 // What the core must know of the line: when to expose, how long to wait, when and for how long to eject.
 //
-// All delays count from the part sensor's edge. Built by firmware/config.h from the configuration file, which
+// All delays count from the part sensor's edge. Built by firmware/config/config.h from the configuration file, which
 // checks problems() before a Core is made of it.
 #pragma once
 
@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "drivers/hal/clock.h"
-#include "firmware/snapshot.h"
+#include "firmware/core/station_types.h"
 
 namespace hord::firmware {
 

@@ -4,12 +4,12 @@
 #include <cstdint>
 #include <variant>
 
-#include "algo/verdict.h"
+#include "algo/verdict/verdict.h"
 #include "drivers/hal/part_sensor.h"
 #include "drivers/hal/rejector.h"
 #include "drivers/hal/sensor.h"
 #include "drivers/hal/strobe.h"
-#include "firmware/snapshot.h"
+#include "firmware/core/station_types.h"
 
 namespace hord::firmware {
 

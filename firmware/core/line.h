@@ -6,7 +6,7 @@
 
 #include "firmware/core/core_config.h"
 #include "firmware/core/events.h"
-#include "firmware/snapshot.h"
+#include "firmware/core/station_types.h"
 
 namespace hord::firmware {
 

@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "firmware/core/events.h"
-#include "firmware/snapshot.h"
+#include "firmware/core/station_types.h"
 
 namespace hord::firmware {
 

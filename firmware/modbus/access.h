@@ -6,7 +6,7 @@
 #include <span>
 #include <string_view>
 
-#include "algo/result.h"
+#include "common/result.h"
 
 struct sockaddr;
 

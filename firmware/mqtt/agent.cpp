@@ -78,7 +78,7 @@ void Agent::step(milliseconds wait) {
     write_down(false);
 }
 
-// -- the connection --------------------------------------------------------------------------------------------
+// -- the connection
 
 void Agent::connect() {
     const Outgoing will = node_.begin_session(utc_now());
@@ -129,7 +129,7 @@ void Agent::send() {
     }
 }
 
-// -- what is told ----------------------------------------------------------------------------------------------
+// -- what is told
 
 void Agent::look() {
     look_at_ = Clock::now() + options_.look_every;

@@ -6,7 +6,7 @@
 #include <optional>
 #include <string>
 
-#include "algo/result.h"
+#include "common/result.h"
 
 namespace hord::firmware::mqtt {
 

@@ -37,7 +37,7 @@ std::vector<std::string> EdgeNode::topics() const {
     return topics;
 }
 
-// -- sessions --------------------------------------------------------------------------------------------------
+// -- sessions
 
 Payload EdgeNode::death(UtcMs now) const {
     Payload payload;
@@ -130,7 +130,7 @@ void EdgeNode::step(UtcMs now) {
     if (session_ == Session::born && rebirth_ && due) birth(now);
 }
 
-// -- what others say -------------------------------------------------------------------------------------------
+// -- what others say
 
 void EdgeNode::message(const std::string& from, std::string_view payload, UtcMs now, bool retained) {
     if (session_ == Session::none) return;
@@ -184,7 +184,7 @@ void EdgeNode::host_state(std::string_view text, UtcMs now) {
     }
 }
 
-// -- results ---------------------------------------------------------------------------------------------------
+// -- results
 
 void EdgeNode::use_store(const std::string& id, std::int64_t newest, bool is_new) {
     newest_ = newest;

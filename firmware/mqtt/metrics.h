@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "firmware/mqtt/payload.h"
-#include "firmware/registers.h"
-#include "firmware/store/store_reader.h"
+#include "firmware/registers/register_map.h"
+#include "firmware/store/results/store_reader.h"
 
 namespace hord::firmware::mqtt {
 

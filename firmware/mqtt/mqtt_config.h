@@ -6,10 +6,10 @@
 #include <string>
 #include <string_view>
 
-#include "algo/result.h"
-#include "firmware/modbus/client.h"
+#include "common/result.h"
 #include "firmware/mqtt/broker_link.h"
 #include "firmware/mqtt/edge_node.h"
+#include "firmware/registers/register_client.h"
 
 namespace hord::firmware::mqtt {
 

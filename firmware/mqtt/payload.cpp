@@ -29,7 +29,7 @@ enum MetricField : std::uint32_t {
 };
 enum PropertyField : std::uint32_t { kKeys = 1, kValues = 2, kPropertyType = 1, kPropertyString = 8 };
 
-// -- writing ---------------------------------------------------------------------------------------------------
+// -- writing
 
 void put_varint(std::string& out, std::uint64_t value) {
     while (value >= 0x80) {
@@ -84,7 +84,7 @@ std::string encode_metric(const Metric& metric) {
     return out;
 }
 
-// -- reading ---------------------------------------------------------------------------------------------------
+// -- reading
 
 struct Field {
     std::uint32_t number = 0;

@@ -12,7 +12,7 @@
 #include <variant>
 #include <vector>
 
-#include "algo/result.h"
+#include "common/result.h"
 
 namespace hord::firmware::mqtt {
 

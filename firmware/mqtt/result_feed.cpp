@@ -2,7 +2,7 @@
 
 #include <sys/stat.h>
 
-#include "firmware/store/sqlite_store.h"
+#include "firmware/store/results/sqlite_store.h"
 
 namespace hord::firmware::mqtt {
 

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "algo/result.h"
-#include "firmware/store/store_reader.h"
+#include "common/result.h"
+#include "firmware/store/results/store_reader.h"
 
 namespace hord::firmware::mqtt {
 

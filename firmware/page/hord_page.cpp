@@ -12,7 +12,7 @@
 #include "firmware/page/latest_picture.h"
 #include "firmware/page/server.h"
 #include "firmware/page/station_watch.h"
-#include "firmware/store/frame_archive.h"
+#include "firmware/store/frames/frame_archive.h"
 
 namespace {
 

@@ -7,7 +7,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "firmware/store/frame_archive.h"
+#include "firmware/store/frames/frame_archive.h"
 
 namespace hord::firmware::page {
 namespace {

@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "algo/result.h"
-#include "firmware/store/frame_png.h"
+#include "common/result.h"
+#include "firmware/store/frames/frame_png.h"
 
 namespace hord::firmware::page {
 

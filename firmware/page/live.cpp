@@ -6,7 +6,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "firmware/faults.h"
+#include "firmware/core/faults.h"
 
 namespace hord::firmware::page {
 namespace {

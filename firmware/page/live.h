@@ -11,9 +11,9 @@
 #include <string>
 #include <vector>
 
-#include "algo/result.h"
+#include "common/result.h"
 #include "firmware/page/history.h"
-#include "firmware/page/moment.h"
+#include "firmware/page/register_snapshot.h"
 #include "firmware/page/viewers.h"
 
 namespace hord::firmware::page {

@@ -9,7 +9,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-#include "firmware/faults.h"
+#include "firmware/core/faults.h"
 
 namespace hord::firmware::page {
 namespace {

@@ -4,7 +4,7 @@
 #include <cctype>
 
 #include "common/toml_fields.h"
-#include "firmware/modbus/client.h"
+#include "firmware/registers/register_client.h"
 
 namespace hord::firmware::page {
 namespace {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "algo/result.h"
+#include "common/result.h"
 
 namespace hord::firmware::page {
 

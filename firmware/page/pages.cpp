@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "firmware/page/site.h"
-#include "firmware/store/export.h"
+#include "firmware/store/results/export.h"
 
 namespace hord::firmware::page {
 namespace {
@@ -266,7 +266,7 @@ Reply Pages::metrics() {
     return file("text/plain; version=0.0.4; charset=utf-8", metrics_text(works_.live.figures(), figures));
 }
 
-// -- commands -----------------------------------------------------------------------------------------------------
+// -- commands
 
 Reply Pages::refuse_command(int status, const char* what, const char* cure, const Request& request) {
     {

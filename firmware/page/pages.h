@@ -21,7 +21,6 @@
 #include <utility>
 #include <vector>
 
-#include "firmware/modbus/client.h"
 #include "firmware/page/kept_frames.h"
 #include "firmware/page/live.h"
 #include "firmware/page/metrics.h"
@@ -29,6 +28,7 @@
 #include "firmware/page/part_picture.h"
 #include "firmware/page/results.h"
 #include "firmware/page/tokens.h"
+#include "firmware/registers/register_client.h"
 
 namespace hord::firmware::page {
 

@@ -6,11 +6,11 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "algo/pipeline.h"
-#include "firmware/explain.h"
-#include "firmware/pictures.h"
-#include "firmware/recipe_file.h"
-#include "firmware/store/frame_keeper.h"
+#include "algo/inspection/pipeline.h"
+#include "firmware/diagnostics/map_images.h"
+#include "firmware/diagnostics/verdict_text.h"
+#include "firmware/recipes/recipe_file.h"
+#include "firmware/store/frames/frame_retention.h"
 
 namespace hord::firmware::page {
 namespace {
@@ -103,7 +103,7 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
     } catch (const Json::exception& error) {
         return strange(error.what());
     }
-    const algo::FrameView frame = kept.frame.frame.view();
+    const FrameView frame = kept.frame.frame.view();
     Parts& p = *parts_;
     std::string wanted =
         fmt::format("{}x{} {}x{} {} {}", extents.m, extents.n, extents.i, extents.j, frame.bits, recipe_text);
@@ -160,7 +160,7 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
     return drawn;
 }
 
-double brightest_share(const algo::FrameView& frame) {
+double brightest_share(const FrameView& frame) {
     const int full = (1 << frame.bits) - 1;
     std::vector<std::uint32_t> counts(static_cast<std::size_t>(full) + 1);
     std::uint64_t all = 0;

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "algo/result.h"
+#include "common/result.h"
 #include "firmware/page/kept_frames.h"
 
 namespace hord::firmware::page {
@@ -41,6 +41,6 @@ class PartPictures {
 };
 
 // Of the brightest samples (all but a thousandth are darker), 1: full scale.
-double brightest_share(const algo::FrameView& frame);
+double brightest_share(const FrameView& frame);
 
 }  // namespace hord::firmware::page

@@ -8,8 +8,8 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "firmware/store/export.h"
-#include "firmware/store/records.h"
+#include "firmware/store/results/export.h"
+#include "firmware/store/results/records.h"
 
 namespace hord::firmware::page {
 namespace {

@@ -11,8 +11,8 @@
 #include <string>
 #include <string_view>
 
-#include "algo/result.h"
-#include "firmware/store/store_reader.h"
+#include "common/result.h"
+#include "firmware/store/results/store_reader.h"
 
 namespace hord::firmware::page {
 

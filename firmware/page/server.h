@@ -11,7 +11,7 @@
 #include <string>
 #include <string_view>
 
-#include "algo/result.h"
+#include "common/result.h"
 #include "firmware/page/pages.h"
 
 namespace hord::firmware::page {

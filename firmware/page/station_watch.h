@@ -9,8 +9,8 @@
 #include <mutex>
 #include <thread>
 
-#include "firmware/modbus/client.h"
 #include "firmware/page/live.h"
+#include "firmware/registers/register_client.h"
 
 namespace hord::firmware::page {
 

@@ -10,7 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "firmware/store/chain.h"
+#include "firmware/store/results/hash_chain.h"
 
 namespace hord::firmware::page {
 namespace {

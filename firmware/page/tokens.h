@@ -12,7 +12,7 @@
 #include <string_view>
 #include <vector>
 
-#include "algo/result.h"
+#include "common/result.h"
 
 namespace hord::firmware::page {
 

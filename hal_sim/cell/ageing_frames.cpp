@@ -48,11 +48,11 @@ class Samples {
 
 }  // namespace
 
-algo::FrameView AgeingFrames::expose(const Exposure& exposure, std::span<std::byte> scratch) {
+FrameView AgeingFrames::expose(const Exposure& exposure, std::span<std::byte> scratch) {
     const CellAge age = of_exposure_(exposures_++);
     Exposure weaker = exposure;
     weaker.light *= age.light;
-    algo::FrameView view = young_.expose(weaker, scratch);
+    FrameView view = young_.expose(weaker, scratch);
     if (age.dark_dn == 0 && age.dust.empty()) return view;
     const auto line = static_cast<std::size_t>(view.width_px) * (view.bits > 8 ? 2U : 1U);
     if (view.data != scratch.data()) {  // the source's own

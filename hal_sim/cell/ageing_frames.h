@@ -9,8 +9,8 @@
 #include <functional>
 #include <vector>
 
-#include "algo/light_field.h"
-#include "hal_sim/cell/frame_source.h"
+#include "algo/frame/extents.h"
+#include "hal_sim/world/frame_source.h"
 
 namespace hord::sim {
 
@@ -35,7 +35,7 @@ class AgeingFrames final : public FrameSource {
         : young_(young), extents_(extents), of_exposure_(std::move(of_exposure)) {}
 
     [[nodiscard]] Format format() const override { return young_.format(); }
-    algo::FrameView expose(const Exposure& exposure, std::span<std::byte> scratch) override;
+    FrameView expose(const Exposure& exposure, std::span<std::byte> scratch) override;
 
     [[nodiscard]] std::uint64_t exposures() const { return exposures_; }
 

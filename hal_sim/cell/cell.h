@@ -10,13 +10,13 @@
 #include <vector>
 
 #include "drivers/hal/event_loop.h"
-#include "hal_sim/cell/faults.h"
-#include "hal_sim/cell/frame_source.h"
-#include "hal_sim/cell/sim_part_sensor.h"
-#include "hal_sim/cell/sim_rejector.h"
-#include "hal_sim/cell/sim_sensor.h"
-#include "hal_sim/cell/sim_strobe.h"
-#include "hal_sim/cell/world.h"
+#include "hal_sim/devices/sim_part_sensor.h"
+#include "hal_sim/devices/sim_rejector.h"
+#include "hal_sim/devices/sim_sensor.h"
+#include "hal_sim/devices/sim_strobe.h"
+#include "hal_sim/world/faults.h"
+#include "hal_sim/world/frame_source.h"
+#include "hal_sim/world/world.h"
 
 namespace hord::sim {
 

@@ -6,7 +6,7 @@
 #include <fstream>
 #include <string>
 
-#include "hal_sim/cell/random.h"
+#include "hal_sim/world/random.h"
 
 namespace hord::sim {
 namespace {
@@ -100,7 +100,7 @@ Result<std::unique_ptr<RenderedFrames>> RenderedFrames::make(std::vector<Scene> 
     return frames;
 }
 
-// -- the cache: light fields and exposures, one after the other, then a sum of them all -----------------------------
+// -- the cache: light fields and exposures, one after the other, then a sum of them all
 
 bool RenderedFrames::take_from(const std::filesystem::path& file, int exposures) {
     std::ifstream in(file, std::ios::binary);
@@ -118,7 +118,7 @@ bool RenderedFrames::take_from(const std::filesystem::path& file, int exposures)
         fields_.push_back(std::move(field));
         auto& ahead = ahead_.emplace_back();
         for (int k = 0; k < exposures; ++k) {
-            algo::Frame frame(camera.extents.width_px(), camera.extents.height_px(), camera.bits);
+            Frame frame(camera.extents.width_px(), camera.extents.height_px(), camera.bits);
             read(frame.bytes().data(), frame.bytes().size());
             ahead.push_back(std::move(frame));
         }
@@ -143,7 +143,7 @@ void RenderedFrames::keep_in(const std::filesystem::path& file) const {
         };
         for (std::size_t kind = 0; kind < fields_.size(); ++kind) {
             write(fields_[kind].bins.data(), fields_[kind].bins.size() * sizeof(float));
-            for (const algo::Frame& frame : ahead_[kind]) write(frame.bytes().data(), frame.bytes().size());
+            for (const Frame& frame : ahead_[kind]) write(frame.bytes().data(), frame.bytes().size());
         }
         out.write(reinterpret_cast<const char*>(&sum.value), sizeof sum.value);
         if (!out.flush()) return;
@@ -174,7 +174,7 @@ LightField RenderedFrames::shifted(const LightField& field, int lenslets) const 
     return out;
 }
 
-algo::FrameView RenderedFrames::expose(const Exposure& exposure, std::span<std::byte> scratch) {
+FrameView RenderedFrames::expose(const Exposure& exposure, std::span<std::byte> scratch) {
     const std::size_t kind = std::min(exposure.kind, fields_.size() - 1);
     const Scene& scene = scenes_[kind];
     const double pitch_mm = scene.camera.field_mm / scene.camera.extents.m;
@@ -183,11 +183,11 @@ algo::FrameView RenderedFrames::expose(const Exposure& exposure, std::span<std::
         const auto& ahead = ahead_[kind];
         return ahead[exposure.seed % ahead.size()].view();
     }
-    const algo::Frame frame = lenslets == 0
+    const Frame frame = lenslets == 0
         ? sim::expose(fields_[kind], scene, exposure.seed, exposure.light)
         : sim::expose(shifted(fields_[kind], lenslets), scene, exposure.seed, exposure.light);
     std::memcpy(scratch.data(), frame.bytes().data(), std::min(scratch.size(), frame.bytes().size()));
-    algo::FrameView view = frame.view();
+    FrameView view = frame.view();
     view.data = scratch.data();
     return view;
 }

@@ -10,10 +10,10 @@
 #include <memory>
 #include <vector>
 
-#include "algo/result.h"
-#include "hal_sim/cell/frame_source.h"
-#include "hal_sim/optics/render.h"
-#include "hal_sim/optics/scene.h"
+#include "common/result.h"
+#include "hal_sim/optics/camera/render.h"
+#include "hal_sim/optics/scene/scene.h"
+#include "hal_sim/world/frame_source.h"
 
 namespace hord::sim {
 
@@ -34,7 +34,7 @@ class RenderedFrames final : public FrameSource {
                                                         const RenderedFramesOptions& options = {});
 
     [[nodiscard]] Format format() const override;
-    algo::FrameView expose(const Exposure& exposure, std::span<std::byte> scratch) override;
+    FrameView expose(const Exposure& exposure, std::span<std::byte> scratch) override;
 
     [[nodiscard]] const Scene& scene(std::size_t kind) const { return scenes_[kind]; }
 
@@ -46,7 +46,7 @@ class RenderedFrames final : public FrameSource {
 
     std::vector<Scene> scenes_;  // by kind; the last is the empty field
     std::vector<LightField> fields_;
-    std::vector<std::vector<algo::Frame>> ahead_;
+    std::vector<std::vector<Frame>> ahead_;
     double nominal_share_ = 0;
 };
 

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "algo/result.h"
+#include "common/result.h"
 #include "drivers/hal/clock.h"
 #include "hal_sim/coil_module/module_image.h"
 

@@ -12,7 +12,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "tests/bench/medians.h"
-#include "tests/calib/synthetic.h"
+#include "tests/calib/support/synthetic.h"
 
 namespace hord::bench {
 namespace {
@@ -27,7 +27,7 @@ const std::vector<Case> kCases{{"square 14.3 px", false, 14.3},
                                {"square 49.6 px", false, 49.6},
                                {"hexagonal 49.6 px", true, 49.6}};
 
-algo::Frame white_frame(const Case& of) {
+Frame white_frame(const Case& of) {
     calib::test::White white;
     white.width_px = white.height_px = 5000;
     white.hexagonal = of.hexagonal;
@@ -40,7 +40,7 @@ algo::Frame white_frame(const Case& of) {
     return calib::test::draw(white).frame;
 }
 
-void ours(benchmark::State& state, const algo::Frame& frame) {
+void ours(benchmark::State& state, const Frame& frame) {
     for (auto _ : state) {
         auto calibration = calib::calibrate_grid(frame.view());
         if (!calibration) state.SkipWithError(calibration.error().what.c_str());
@@ -48,8 +48,8 @@ void ours(benchmark::State& state, const algo::Frame& frame) {
     }
 }
 
-void peer(benchmark::State& state, const algo::Frame& frame) {
-    const algo::FrameView view = frame.view();
+void peer(benchmark::State& state, const Frame& frame) {
+    const FrameView view = frame.view();
     const cv::Mat raw(view.height_px, view.width_px, CV_16U, const_cast<std::byte*>(view.data));
     for (auto _ : state) {
         cv::Mat grey, lit, labels, statistics, centres;
@@ -63,9 +63,10 @@ void peer(benchmark::State& state, const algo::Frame& frame) {
 }  // namespace hord::bench
 
 int main(int argc, char** argv) {
+    using namespace hord;
     using namespace hord::bench;
     cv::setNumThreads(1);
-    std::vector<hord::algo::Frame> frames;
+    std::vector<Frame> frames;
     for (const Case& of : kCases) frames.push_back(white_frame(of));
     for (std::size_t k = 0; k < kCases.size(); ++k) {
         const auto add = [&](const char* who, auto run) {

@@ -8,12 +8,12 @@
 
 #include <benchmark/benchmark.h>
 
-#include "algo/compare.h"
-#include "algo/judge.h"
-#include "algo/mask.h"
-#include "algo/pipeline.h"
-#include "firmware/experiment/detection_parts.h"
-#include "firmware/experiment/scenes.h"
+#include "algo/frame/mask.h"
+#include "algo/inspection/pipeline.h"
+#include "algo/inspection/reference_defects.h"
+#include "algo/reference/reference_comparison.h"
+#include "lab/detection/detection_parts.h"
+#include "lab/experiment/scenes.h"
 
 namespace hord::bench {
 namespace {
@@ -24,7 +24,7 @@ using namespace firmware;
 struct Compared {
     sim::Scene scene = lens_scene(111);
     algo::Recipe recipe = production_recipe();
-    algo::Frame frame;
+    Frame frame;
     algo::Registered registered;
     std::vector<algo::Deflection> deflections;
     std::vector<std::uint32_t> sums;
@@ -38,7 +38,7 @@ struct Compared {
         scene.noise.electrons_per_dn = static_cast<double>(kProductionGain);
         scene.noise.read_e = static_cast<double>(kProductionReadDn);
         const auto light = sim::render(scene).value();
-        std::vector<algo::Frame> frames;
+        std::vector<Frame> frames;
         for (std::uint64_t k = 0; k <= algo::Reference::kMinParts; ++k)
             frames.push_back(expose_part(light, scene, 1, k));
         algo::LearnOptions learning;
@@ -47,8 +47,8 @@ struct Compared {
         learning.read_dn = kProductionReadDn;
         const algo::Extents& e = scene.camera.extents;
         auto learned = algo::learn_reference(
-            e, scene.camera.bits, algo::Reference::kMinParts,
-            [&](std::size_t k) -> Result<algo::Frame> { return frames[k]; }, learning);
+            e, scene.camera.bits, algo::Reference::kMinParts, [&](std::size_t k) -> Result<Frame> { return frames[k]; },
+            learning);
         recipe.reference = std::make_shared<const algo::Reference>(std::move(learned.value().reference));
         frame = std::move(frames.back());
         auto pipeline = algo::Pipeline::create(e, scene.camera.bits, recipe).value();

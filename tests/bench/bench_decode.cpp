@@ -11,9 +11,9 @@
 #include <benchmark/benchmark.h>
 #include <opencv2/imgcodecs.hpp>
 
-#include "algo/decode.h"
-#include "algo/pipeline.h"
-#include "algo/regrid.h"
+#include "algo/frame/decode.h"
+#include "algo/frame/regrid.h"
+#include "algo/inspection/pipeline.h"
 #include "tests/bench/medians.h"
 
 namespace hord::bench {
@@ -38,8 +38,8 @@ algo::LensletGrid grid_of(bool hexagonal) {
     return grid;
 }
 
-algo::Frame noise(int side) {
-    algo::Frame frame(side, side, 8);
+Frame noise(int side) {
+    Frame frame(side, side, 8);
     std::uint32_t state = 1;
     for (std::byte& sample : frame.bytes())
         sample = static_cast<std::byte>((state = state * 1664525U + 1013904223U) >> 24U);
@@ -47,7 +47,7 @@ algo::Frame noise(int side) {
 }
 
 template <class Decoder>
-void decode(benchmark::State& state, const algo::Frame& raw, Decoder& decoder) {
+void decode(benchmark::State& state, const Frame& raw, Decoder& decoder) {
     const algo::Extents& e = decoder.extents();
     std::vector<std::uint16_t> row(static_cast<std::size_t>(e.width_px()) * static_cast<std::size_t>(e.j));
     for (auto _ : state) {
@@ -73,15 +73,15 @@ int main(int argc, char** argv) {
         std::printf("no bench/frame_555_9x9.png below %s: set HORD_DATA\n", folder.c_str());
         return 1;
     }
-    const algo::FrameView view{reinterpret_cast<const std::byte*>(macro.data), macro.cols, macro.rows,
-                               static_cast<std::ptrdiff_t>(macro.step[0]), 8};
+    const FrameView view{reinterpret_cast<const std::byte*>(macro.data), macro.cols, macro.rows,
+                         static_cast<std::ptrdiff_t>(macro.step[0]), 8};
     const algo::Extents extents{kLenslets, kLenslets, kBins, kBins};
     auto pipeline = algo::Pipeline::create(extents, 8, {});
     const auto square = grid_of(false), hexagonal = grid_of(true);
     auto resampler = algo::Resampler::create(square, algo::even_layout(square, kBins, kBins));
     auto regridder = algo::Regridder::create(hexagonal, algo::even_layout(hexagonal, kBins, kBins));
     if (!pipeline || !resampler || !regridder) return 1;
-    const algo::Frame raw_square = noise(square.width_px), raw_hexagonal = noise(hexagonal.width_px);
+    const Frame raw_square = noise(square.width_px), raw_hexagonal = noise(hexagonal.width_px);
     const auto add = [](const char* name, auto run) {
         benchmark::RegisterBenchmark(name, run)
             ->Unit(benchmark::kMillisecond)

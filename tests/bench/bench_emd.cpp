@@ -20,9 +20,9 @@
 #include <benchmark/benchmark.h>
 #include <opencv2/imgcodecs.hpp>
 
-#include "algo/emd.h"
-#include "hal_sim/optics/render.h"
-#include "peers.h"
+#include "algo/emd/emd_solver.h"
+#include "hal_sim/optics/camera/render.h"
+#include "tests/bench/peers.h"
 
 namespace hord::bench {
 namespace {
@@ -74,7 +74,7 @@ void finish(Work& work, std::size_t peer_pairs) {
     work.lit /= static_cast<double>(work.field.sum.size());
 }
 
-Work frame_work(const algo::FrameView& frame) {
+Work frame_work(const FrameView& frame) {
     Work work;
     const int m = frame.width_px / kBins, n = frame.height_px / kBins;
     work.columns = m;
@@ -121,7 +121,7 @@ Work lens_with_bubble() {
     scene->noise.photon_noise = false;
     const auto light = sim::render(*scene);
     if (!light) throw std::runtime_error(light.error().what);
-    const algo::Frame frame = sim::expose(*light, *scene, kSeed);
+    const Frame frame = sim::expose(*light, *scene, kSeed);
     return frame_work(frame.view());
 }
 
@@ -294,6 +294,7 @@ void print_table(const std::map<std::string, double>& ns, const std::vector<std:
 }  // namespace hord::bench
 
 int main(int argc, char** argv) {
+    using namespace hord;
     using namespace hord::bench;
     using hord::algo::Isa;
     std::vector<std::string> works = {"frame", "lens with bubble", "two-lobe", "mid", "dense"};

@@ -23,8 +23,8 @@
 #include <emmintrin.h>
 #endif
 
-#include "algo/emd_decide.h"
-#include "algo/feature_map.h"
+#include "algo/maps/emd_threshold.h"
+#include "algo/maps/feature_map.h"
 
 namespace hord::bench {
 namespace {
@@ -46,7 +46,7 @@ const cv::Mat& image() {
     return loaded;
 }
 
-algo::FrameView frame() {
+FrameView frame() {
     return {reinterpret_cast<const std::byte*>(image().data), image().cols, image().rows,
             static_cast<std::ptrdiff_t>(image().step), 8};
 }
@@ -199,6 +199,7 @@ void print_tables(const Collected& seen) {
 }  // namespace hord::bench
 
 int main(int argc, char** argv) {
+    using namespace hord;
     using namespace hord::bench;
     if (image().empty()) {
         std::printf("no bench/frame_555_9x9.png below %s: set HORD_DATA\n", data_dir().c_str());

@@ -25,7 +25,7 @@
 #include <unistd.h>
 
 #include "firmware/mqtt/agent.h"
-#include "firmware/store/sqlite_store.h"
+#include "firmware/store/results/sqlite_store.h"
 
 namespace {
 

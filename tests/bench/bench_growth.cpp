@@ -4,8 +4,8 @@
 //
 // Frames: a spot of light in every lenslet that moves smoothly over the field, at 8 bits and up to 250 DN, dark
 // threshold 3 DN; 64x64 lenslets are drawn and repeated. `decided`: whether the EMD's gradient reaches 1 bin
-// (algo/emd_decide.h). CPU time of one thread, with decoding. Every frame is measured once a round, so that what else
-// the machine does for a while meets all rows of the table alike, and the median of the rounds counts.
+// (algo/maps/emd_threshold.h). CPU time of one thread, with decoding. Every frame is measured once a round, so that
+// what else the machine does for a while meets all rows of the table alike, and the median of the rounds counts.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -17,11 +17,12 @@
 #include <string>
 #include <vector>
 
-#include "algo/emd_decide.h"
-#include "algo/feature_map.h"
+#include "algo/maps/emd_threshold.h"
+#include "algo/maps/feature_map.h"
 
 namespace {
 
+using namespace hord;
 using namespace hord::algo;
 
 constexpr int kTile = 64;  // lenslets a side that are drawn

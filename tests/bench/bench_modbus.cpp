@@ -31,9 +31,9 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "firmware/event_loop_sd.h"
-#include "firmware/modbus/server.h"
-#include "firmware/registers_image.h"
+#include "drivers/event_loop/event_loop_sd.h"
+#include "firmware/modbus/tcp_server.h"
+#include "firmware/plc/register_server_model.h"
 
 namespace {
 

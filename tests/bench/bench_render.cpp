@@ -21,11 +21,12 @@
 
 #include <sys/resource.h>
 
-#include "hal_sim/optics/render.h"
-#include "hal_sim/optics/trace.h"
+#include "hal_sim/optics/camera/render.h"
+#include "hal_sim/optics/trace/trace.h"
 
 namespace {
 
+using namespace hord;
 using namespace hord::sim;
 using Clock = std::chrono::steady_clock;
 

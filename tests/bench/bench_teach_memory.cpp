@@ -1,7 +1,7 @@
 // How much memory teaching takes: bench_teach_memory [LENSLETS [BINS [BITS [PARTS]]]], 555 9 8 8 if not given. The
-// teacher of the service (firmware/teacher.h) is shown drawn parts one after the other, as the line would; printed is
-// what the process held at most, above what it held before the teach began. The frames lie in the folder that TMPDIR
-// names.
+// teacher of the service (firmware/recipes/teach_in.h) is shown drawn parts one after the other, as the line would;
+// printed is what the process held at most, above what it held before the teach began. The frames lie in the folder
+// that TMPDIR names.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -14,8 +14,8 @@
 #include <fmt/format.h>
 #include <time.h>
 
-#include "firmware/teacher.h"
-#include "hal_sim/cell/virtual_time.h"
+#include "firmware/recipes/teach_in.h"
+#include "hal_sim/world/virtual_time.h"
 
 namespace {
 
@@ -32,7 +32,7 @@ double megabytes(const std::string& which) {
 }
 
 // A weak lens that fills the field; every part lies a little differently and has noise of its own, one electron a DN.
-void draw(algo::Frame& frame, const algo::Extents& e, std::uint64_t part) {
+void draw(Frame& frame, const algo::Extents& e, std::uint64_t part) {
     std::mt19937_64 random(part);
     std::normal_distribution<float> normal;
     std::uniform_real_distribution<float> wobble(-0.3F, 0.3F);
@@ -79,7 +79,7 @@ int main(int argc, char** argv) {
         100;  // what the parts look like is not what is measured
     recipe.recipe.transmission_limit = 0;
     recipe.recipe.reject_score = recipe.recipe.grow_score = recipe.recipe.cluster_score = 1000;
-    algo::Frame frame(extents.width_px(), extents.height_px(), bits);
+    Frame frame(extents.width_px(), extents.height_px(), bits);
     draw(frame, extents, 1);
     const double before = megabytes("VmRSS");
 

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "algo/ground.h"
-#include "algo/hord.h"
+#include "algo/emd/ground_distance.h"
+#include "algo/frame/hord.h"
 
 namespace hord::bench {
 

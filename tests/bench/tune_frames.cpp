@@ -1,13 +1,13 @@
 // Frames for docs/results/tune.md: tune_frames FOLDER POVRAY writes FOLDER/production/{learn,good,bad} of the simulated
-// production of `hordctl experiment detection`, and FOLDER/povray/{good,bad} of traced frames in POVRAY, exposed with
+// production of `hord-lab experiment detection`, and FOLDER/povray/{good,bad} of traced frames in POVRAY, exposed with
 // photon noise. Everything from fixed seeds.
 #include <cstdio>
 #include <filesystem>
 #include <string>
 
-#include "drivers/frame_file.h"
-#include "firmware/experiment/detection_parts.h"
-#include "tests/algo/frames.h"
+#include "drivers/files/frame_file.h"
+#include "lab/detection/detection_parts.h"
+#include "tests/support/frames.h"
 
 namespace {
 
@@ -15,7 +15,7 @@ using namespace hord;
 namespace fs = std::filesystem;
 constexpr std::uint64_t kSeed = 6;
 
-bool write(const fs::path& folder, const std::string& name, const algo::Frame& frame) {
+bool write(const fs::path& folder, const std::string& name, const Frame& frame) {
     fs::create_directories(folder);
     if (const auto done = drivers::write_frame(folder / (name + ".png"), frame.view()); !done)
         return std::fprintf(stderr, "%s\n", done.error().message().c_str()), false;

@@ -16,7 +16,7 @@
 #include "common/png_codec.h"
 #include "common/tiff_codec.h"
 #include "common/whole_file.h"
-#include "tests/drivers/temp_folder.h"
+#include "tests/support/temp_folder.h"
 
 namespace hord::common {
 namespace {
@@ -26,8 +26,8 @@ using testing_support::TempFolder;
 using Bytes = std::vector<std::uint8_t>;
 
 // No two neighbours alike, and every byte of a 16-bit sample says something.
-algo::Frame pattern(int width, int height, int bits) {
-    algo::Frame frame(width, height, bits);
+Frame pattern(int width, int height, int bits) {
+    Frame frame(width, height, bits);
     for (int y = 0; y < height; ++y) {
         for (int x = 0; x < width; ++x)
             frame.set(x, y, static_cast<std::uint32_t>(x * 2531 + y * 40503) & frame.view().full_scale());
@@ -35,22 +35,22 @@ algo::Frame pattern(int width, int height, int bits) {
     return frame;
 }
 
-bool same(const algo::Frame& a, const algo::Frame& b) {
+bool same(const Frame& a, const Frame& b) {
     return a.width_px() == b.width_px() && a.height_px() == b.height_px() && std::ranges::equal(a.bytes(), b.bytes());
 }
 
 cv::Mat decoded(const Bytes& file) { return cv::imdecode(file, cv::IMREAD_UNCHANGED); }
 
-bool same(const algo::Frame& frame, const cv::Mat& image) {
+bool same(const Frame& frame, const cv::Mat& image) {
     return image.isContinuous() && image.type() == (frame.bits() > 8 ? CV_16UC1 : CV_8UC1) &&
         image.cols == frame.width_px() && image.rows == frame.height_px() &&
         std::memcmp(image.data, frame.bytes().data(), frame.bytes().size()) == 0;
 }
 
-// -- PNG ---------------------------------------------------------------------------------------------------------
+// -- PNG
 
 // As another program may write it: interlaced where asked for, with chunks that a frame does not need.
-Bytes foreign_png(const algo::Frame& frame, int interlace, bool talkative) {
+Bytes foreign_png(const Frame& frame, int interlace, bool talkative) {
     Bytes out;
     png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
     png_infop info = png_create_info_struct(png);
@@ -205,12 +205,12 @@ TEST(PngCodec, takes_no_memory_that_the_file_cannot_fill) {
     // too large, and see it then.
     EXPECT_THAT(noted.error().what, HasSubstr(PNG_LIBPNG_VER > 10639 ? "cut off" : "too large"));
     // And what packs best of all is still read.
-    const algo::Frame dark(3000, 2000, 16);
+    const Frame dark(3000, 2000, 16);
     for (const int level : {1, 9})
         EXPECT_TRUE(same(decode_grey_png(*encode_grey_png(dark.view(), {.level = level}), "dark.png")->frame, dark));
 }
 
-// -- TIFF --------------------------------------------------------------------------------------------------------
+// -- TIFF
 
 struct Layout {
     const char* mode = "wl";  // TIFFOpen's: wl is little-endian, wb big-endian
@@ -227,7 +227,7 @@ std::string text_of(const Layout& layout) {
         std::to_string(layout.tile) + ", orientation " + std::to_string(layout.orientation);
 }
 
-Bytes tiff_of(const algo::Frame& frame, const Layout& layout) {
+Bytes tiff_of(const Frame& frame, const Layout& layout) {
     const TempFolder folder;
     const auto path = folder.path() / "f.tiff";
     TIFF* tiff = TIFFOpen(path.c_str(), layout.mode);
@@ -404,7 +404,7 @@ TEST(TiffCodec, takes_no_memory_that_the_file_cannot_fill) {
         EXPECT_FALSE(with({TIFFTAG_TILEWIDTH, TIFFTAG_TILELENGTH}, 0xFFFF'FFF0U));
     }
     // And what packs best of all is still read.
-    const algo::Frame dark(3000, 2000, 16);
+    const Frame dark(3000, 2000, 16);
     for (const int packing : {COMPRESSION_LZW, COMPRESSION_ADOBE_DEFLATE, COMPRESSION_PACKBITS}) {
         for (const std::uint32_t tile : {0U, 1024U}) {
             const auto read =
@@ -493,7 +493,7 @@ TEST(TiffCodec, a_map_that_is_not_of_its_size_is_refused) {
     }
 }
 
-// -- the file -----------------------------------------------------------------------------------------------------
+// -- the file
 
 TEST(WholeFile, replaces_the_old_one_or_leaves_it_and_nothing_beside_it) {
     const TempFolder folder;

@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <set>
 
-#include "firmware/registers_image.h"
+#include "firmware/plc/register_server_model.h"
 
 namespace {
 

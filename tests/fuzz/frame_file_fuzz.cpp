@@ -9,7 +9,7 @@
 
 #include "common/png_codec.h"
 #include "common/tiff_codec.h"
-#include "drivers/frame_file.h"
+#include "drivers/files/frame_file.h"
 
 namespace {
 
@@ -25,7 +25,7 @@ void repair_checksums(std::vector<std::uint8_t>& file) {
     }
 }
 
-void check(const hord::Result<hord::algo::Frame>& read, std::size_t file_size) {
+void check(const hord::Result<Frame>& read, std::size_t file_size) {
     if (!read) {
         if (read.error().what.find("the.file") == std::string::npos || read.error().cure.empty()) std::abort();
         return;
@@ -53,15 +53,14 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
             break;
         case 1: check(common::decode_grey_tiff(file, "the.file"), file.size()); break;
         default:
-            check(common::decode_grey_png(file, "the.file", "hord")
-                      .and_then([](common::GreyPng&& png) -> Result<algo::Frame> {
-                          if (png.frame.bits() != 8 &&
-                              png.frame.bits() != 16) {  // a kept frame's depth is told, not checked
-                              return algo::Frame(png.frame.width_px(), png.frame.height_px(), png.frame.bits());
-                          }
-                          return std::move(png.frame);
-                      }),
-                  file.size());
+            check(
+                common::decode_grey_png(file, "the.file", "hord").and_then([](common::GreyPng&& png) -> Result<Frame> {
+                    if (png.frame.bits() != 8 && png.frame.bits() != 16) {  // a kept frame's depth is told, not checked
+                        return Frame(png.frame.width_px(), png.frame.height_px(), png.frame.bits());
+                    }
+                    return std::move(png.frame);
+                }),
+                file.size());
     }
     return 0;
 }

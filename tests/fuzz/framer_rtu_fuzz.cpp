@@ -6,6 +6,7 @@
 #include "firmware/modbus/framer_rtu.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    using namespace hord;
     using namespace hord::firmware::modbus;
     using namespace std::chrono_literals;
     FramerRtu framer(17, 20ms);

@@ -262,7 +262,7 @@ TEST(EdgeNode, tells_of_the_station_only_what_changed) {
     EXPECT_EQ(read(world.node.take()[0].payload).metrics[1].value, MetricValue());
 }
 
-// -- results ---------------------------------------------------------------------------------------------------
+// -- results
 
 TEST(EdgeNode, moves_its_cursor_only_over_what_is_confirmed_without_a_gap) {
     World world;
@@ -474,7 +474,7 @@ TEST(EdgeNode, sends_history_at_the_pace_that_it_is_given_and_new_results_at_onc
     EXPECT_GE(world.arrived.size(), 100U);
 }
 
-// -- what others say -------------------------------------------------------------------------------------------
+// -- what others say
 
 TEST(EdgeNode, is_born_again_when_it_is_asked_with_the_same_bdSeq_and_at_most_once_a_second) {
     World world;

@@ -9,7 +9,7 @@
 #include "firmware/mqtt/cursor.h"
 #include "firmware/mqtt/mqtt_config.h"
 #include "firmware/mqtt/result_feed.h"
-#include "tests/firmware/store/samples.h"
+#include "tests/firmware/store/results/samples.h"
 
 namespace hord::firmware::mqtt::test {
 namespace {

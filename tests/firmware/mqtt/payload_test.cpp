@@ -100,7 +100,7 @@ TEST(Payload, of_strangers_is_read_or_refused_and_never_more_than_it_holds) {
     }
 }
 
-// -- protoc, which shares nothing with this code ---------------------------------------------------------------
+// -- protoc, which shares nothing with this code
 
 std::string through_protoc(const std::string& mode, const std::string& input) {
     const auto folder = std::filesystem::temp_directory_path() / ("hord-protoc-" + std::to_string(::getpid()));

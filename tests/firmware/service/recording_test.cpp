@@ -1,9 +1,8 @@
 // What the service keeps in memory for the disk.
-#include "firmware/recording.h"
-
 #include <gtest/gtest.h>
 
-#include "firmware/config.h"
+#include "firmware/config/config.h"
+#include "firmware/store/recorder/store_setup.h"
 
 namespace hord::firmware {
 namespace {

@@ -10,10 +10,10 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include "firmware/modbus/client.h"
-#include "firmware/recipe_file.h"
-#include "firmware/registers.h"
-#include "firmware/service.h"
+#include "firmware/recipes/recipe_file.h"
+#include "firmware/registers/register_client.h"
+#include "firmware/registers/register_map.h"
+#include "firmware/service/service.h"
 
 namespace hord::firmware {
 namespace {

@@ -1,5 +1,5 @@
 // Inspectors: bounded, on the loop's thread, and every frame goes back.
-#include "firmware/inspector.h"
+#include "firmware/station/inspector.h"
 
 #include <atomic>
 #include <future>
@@ -8,8 +8,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "firmware/event_loop_sd.h"
-#include "hal_sim/cell/virtual_time.h"
+#include "drivers/event_loop/event_loop_sd.h"
+#include "hal_sim/world/virtual_time.h"
 #include "tests/firmware/station/fake_devices.h"
 
 namespace hord::firmware {
@@ -48,7 +48,7 @@ class FlatFrames : public hal::Sensor {
     Result<void> do_trigger(const hal::ExposureRequest&) override { return {}; }
     void do_stop() override {}
     void do_give_back(std::uint32_t) noexcept override { ++given_back; }
-    algo::Frame frame_;
+    Frame frame_;
 };
 
 InspectorSettings settings() {
@@ -113,7 +113,7 @@ TEST(InlineInspector, an_observer_sees_frame_and_maps) {
         std::uint32_t part = 0;
         std::size_t values = 0;
         int width = 0;
-        void on_inspection(std::uint32_t p, const algo::FrameView& frame, const algo::Inspection& inspection) override {
+        void on_inspection(std::uint32_t p, const FrameView& frame, const algo::Inspection& inspection) override {
             part = p;
             width = frame.width_px;
             values = inspection.emd.size();

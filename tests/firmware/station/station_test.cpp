@@ -1,10 +1,10 @@
 // The station between devices and core, in virtual time, with devices that do what the test says.
-#include "firmware/station.h"
+#include "firmware/station/station.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "hal_sim/cell/virtual_time.h"
+#include "hal_sim/world/virtual_time.h"
 #include "tests/firmware/station/fake_devices.h"
 
 namespace hord::firmware {

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "hal_sim/cell/virtual_time.h"
+#include "hal_sim/world/virtual_time.h"
 #include "tests/hal_sim/cell/tiny_station.h"
 
 namespace hord::sim {

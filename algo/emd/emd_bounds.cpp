@@ -1,0 +1,204 @@
+#include "algo/emd/emd_bounds.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "common/fixed.h"
+
+namespace hord::algo {
+namespace {
+
+constexpr double kMargin = 0x1p-35;  // of the largest cost
+
+double norm(double x, double y) { return std::sqrt(x * x + y * y); }
+
+}  // namespace
+
+EmdBounds::EmdBounds(const GroundDistance& ground)
+    : ground_(ground), x_(ground.directions(), 1.0, 0.0), y_(ground.directions(), 0.0, 1.0),
+      margin_(ground.largest() * kMargin) {
+    const auto bins = static_cast<std::size_t>(ground.bins());
+    for (const Order order : {Order::by_lines, Order::by_columns}) {
+        auto& [bin_at, place_of, as_numbered] = orders_[static_cast<std::size_t>(order)];
+        bin_at.resize(bins);
+        std::iota(bin_at.begin(), bin_at.end(), std::uint8_t{0});
+        std::stable_sort(bin_at.begin(), bin_at.end(), [&](std::uint8_t p, std::uint8_t q) {
+            const Direction a = ground.directions()[p], b = ground.directions()[q];
+            return order == Order::by_lines ? std::pair(a.y, a.x) < std::pair(b.y, b.x)
+                                            : std::pair(a.x, a.y) < std::pair(b.x, b.y);
+        });
+        place_of.resize(bins);
+        for (std::size_t at = 0; at < bins; ++at) place_of[bin_at[at]] = static_cast<std::uint8_t>(at);
+        as_numbered = std::is_sorted(bin_at.begin(), bin_at.end());
+    }
+}
+
+void EmdBounds::take(const Hord& a, const Hord& b) {
+    difference_.count = 0;
+    not_shared_ = 0;
+    if (a.sum == 0 || b.sum == 0) return;
+    expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
+    unit_ = static_cast<double>(a.sum) * static_cast<double>(b.sum);
+    const LitBins lit(a.mass, b.mass, ground_.bins());
+    for (int w = 0; w < lit.words(); ++w) {
+        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
+            const int k = w * 64 + __builtin_ctzll(rest);
+            const std::int64_t d = std::int64_t{a.mass[k]} * b.sum - std::int64_t{b.mass[k]} * a.sum;
+            difference_.bin[static_cast<std::size_t>(difference_.count)] = static_cast<std::uint8_t>(k);
+            difference_.mass[static_cast<std::size_t>(difference_.count)] = static_cast<double>(d);
+            difference_.count += d != 0 ? 1 : 0;
+            not_shared_ += std::max(d, std::int64_t{0});
+        }
+    }
+}
+
+double EmdBounds::lower() const {
+    if (difference_.count == 0 || ground_.threshold() != GroundDistance::kNoThreshold) return 0;
+    const double x = x_.distance(difference_) / unit_;
+    const double y = y_.distance(difference_) / unit_;
+    const double least = ground_.norm() == GroundNorm::euclidean ? norm(x, y)
+        : ground_.norm() == GroundNorm::manhattan                ? x + y
+                                                                 : x * x + y * y;
+    return std::max(0.0, least - margin_);
+}
+
+double EmdBounds::upper_by_mass() const {
+    return not_shared_ == 0 ? 0 : static_cast<double>(not_shared_) / unit_ * ground_.largest() + margin_;
+}
+
+double EmdBounds::upper(Order order) const {
+    return difference_.count == 0 ? 0 : plan_in_order(orders_[static_cast<std::size_t>(order)]) / unit_ + margin_;
+}
+
+Bracket EmdBounds::operator()(const Hord& a, const Hord& b) {
+    take(a, b);
+    return {lower(), std::min(upper(Order::by_lines), upper(Order::by_columns))};
+}
+
+// The first that has too much gives to the first that has too little, until both are even; and so on.
+double EmdBounds::plan_in_order(const Places& places) const {
+    // What has been passed and is not yet even: all of it too much, or all of it too little.
+    std::array<std::uint8_t, kMostBins> waiting_bin;
+    std::array<double, kMostBins> waiting_mass;
+    std::size_t first = 0, last = 0;
+    double work = 0;
+    const auto pass = [&](std::uint8_t bin, double left) {
+        while (left != 0 && first < last && (waiting_mass[first] < 0) != (left < 0)) {
+            const double moved = std::min(std::abs(left), std::abs(waiting_mass[first]));
+            work += moved * ground_(waiting_bin[first], bin);
+            const double sign = left < 0 ? 1.0 : -1.0;
+            left += sign * moved;
+            waiting_mass[first] -= sign * moved;
+            if (waiting_mass[first] == 0) ++first;
+        }
+        if (left != 0) {
+            waiting_bin[last] = bin;
+            waiting_mass[last++] = left;
+        }
+    };
+    const auto count = static_cast<std::size_t>(difference_.count);
+    if (places.as_numbered) {
+        for (std::size_t k = 0; k < count; ++k) pass(difference_.bin[k], difference_.mass[k]);
+        return work;
+    }
+    std::uint64_t differs[(kMostBins + 63) / 64] = {};
+    std::array<double, kMostBins> mass;
+    for (std::size_t k = 0; k < count; ++k) {
+        const auto place = places.place_of[difference_.bin[k]];
+        mass[place] = difference_.mass[k];
+        differs[place / 64] |= std::uint64_t{1} << (place % 64);
+    }
+    for (std::size_t w = 0; w < std::size(differs); ++w) {
+        for (std::uint64_t rest = differs[w]; rest != 0; rest &= rest - 1) {
+            const auto place = w * 64 + static_cast<std::size_t>(__builtin_ctzll(rest));
+            pass(places.bin_at[place], mass[place]);
+        }
+    }
+    return work;
+}
+
+Result<EmdDecider> EmdDecider::create(const GroundDistance& ground) {
+    auto solver = EmdSolver::create(ground);
+    if (!solver) return tl::unexpected(solver.error());
+    return EmdDecider(ground, std::move(*solver));
+}
+
+bool EmdDecider::exceeds(const Hord& a, const Hord& b, double limit) {
+    const Bracket bracket = bounds_(a, b);
+    if (bracket.lower > limit) return true;
+    if (bracket.upper <= limit) return false;
+    return solver_.distance(a, b) > limit;
+}
+
+bool EmdDecider::gradient_exceeds(const Hord& left, const Hord& right, const Hord& above, const Hord& below,
+                                  double limit) {
+    Bracket x = bounds_(left, right);
+    Bracket y = bounds_(above, below);
+    for (int solved = 0;; ++solved) {
+        if (norm(x.lower, y.lower) > limit) return true;
+        if (norm(x.upper, y.upper) <= limit) return false;
+        if (solved == 2) return false;  // both exact: not above
+        if (x.width() >= y.width()) {
+            x.lower = x.upper = solver_.distance(left, right);
+        } else {
+            y.lower = y.upper = solver_.distance(above, below);
+        }
+    }
+}
+
+AnytimeEmd::AnytimeEmd(const GroundDistance& ground, EmdSolver solver, std::size_t most_pairs)
+    : bounds_(ground), solver_(std::move(solver)), most_pairs_(most_pairs) {
+    pairs_.reserve(most_pairs);
+    brackets_.reserve(most_pairs);
+    open_.reserve(most_pairs);
+}
+
+Result<AnytimeEmd> AnytimeEmd::create(const GroundDistance& ground, std::size_t most_pairs) {
+    if (most_pairs > std::numeric_limits<std::uint32_t>::max()) {
+        return fail(ErrorCode::invalid_argument, "room for " + std::to_string(most_pairs) + " pairs",
+                    "use less than 2^32");
+    }
+    auto solver = EmdSolver::create(ground);
+    if (!solver) return tl::unexpected(solver.error());
+    return AnytimeEmd(ground, std::move(*solver), most_pairs);
+}
+
+void AnytimeEmd::clear() {
+    pairs_.clear();
+    brackets_.clear();
+    open_.clear();
+    is_heap_ = false;
+}
+
+bool AnytimeEmd::add(const Hord& a, const Hord& b) {
+    if (pairs_.size() == most_pairs_) return false;
+    if (const Bracket bracket = bounds_(a, b); bracket.width() > 0) {
+        open_.push_back(static_cast<std::uint32_t>(pairs_.size()));
+        brackets_.push_back(bracket);
+    } else {
+        brackets_.push_back(bracket);
+    }
+    pairs_.push_back({a, b});
+    is_heap_ = false;
+    return true;
+}
+
+std::size_t AnytimeEmd::refine(const std::function<std::int64_t()>& now, std::int64_t deadline_ns) {
+    const auto narrower = [&](std::uint32_t p, std::uint32_t q) {
+        return brackets_[p].width() != brackets_[q].width() ? brackets_[p].width() < brackets_[q].width() : p > q;
+    };
+    if (!is_heap_) std::make_heap(open_.begin(), open_.end(), narrower);
+    is_heap_ = true;
+    while (!open_.empty() && now() < deadline_ns) {
+        std::pop_heap(open_.begin(), open_.end(), narrower);
+        const std::uint32_t widest = open_.back();
+        open_.pop_back();
+        const double exact = solver_.distance(pairs_[widest][0], pairs_[widest][1]);
+        brackets_[widest] = {exact, exact};
+    }
+    return open_.size();
+}
+
+}  // namespace hord::algo

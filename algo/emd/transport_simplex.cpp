@@ -1,0 +1,356 @@
+#include "algo/emd/transport_simplex.h"
+
+#include <algorithm>
+#include <bit>
+
+#include "algo/emd/transport_cells.h"
+#include "algo/emd/transport_start.h"
+#include "algo/emd/transport_tree.h"
+#include "algo/simd/aligned.h"
+#include "common/fixed.h"
+
+namespace hord::algo {
+namespace {
+
+using Outcome = TransportSimplex::Outcome;
+
+constexpr int kLanes = TransportCosts::kLanes;
+constexpr int kPivotsANode = 200;
+constexpr int kRowsToPrice = 48;  // all of them before the best of their cells enters; where there are more
+constexpr int kRowsAtOnce = 20;   // so many
+constexpr std::int32_t kPadding = TransportCosts::kPadding;
+constexpr std::int32_t kLargestDual = 1 << 29;  // so that a reduced cost is below 2^31, and that of padding above 0
+// Costs are made so many bits coarser where dual variables leave that range, at most three times: no tree's leave it
+// then, for on a path of 449 arcs they are at most 225 of the largest cost, 2^21.
+constexpr int kCoarser = 2;
+constexpr std::int32_t kSetAside = 1 << 28;  // is added to what is to be the least no longer
+constexpr std::int32_t kNoCell = TransportCosts::kNoCell;
+constexpr double kNoCost = 1e30;  // of padding, in double precision
+
+constexpr int padded(int count) { return TransportCosts::padded(count); }
+std::size_t size(int count) { return static_cast<std::size_t>(count); }
+
+constexpr int kMostWords = 15;  // 32 arcs each: rows and columns of 15 x 15 bins
+
+}  // namespace
+
+struct TransportWorkspace {
+    TransportWorkspace(const double* costs, int most_bins, double largest_cost)
+        : bins(most_bins), tolerance(largest_cost * TransportSimplex::kTolerance),
+          scale(largest_cost > 0 ? TransportCosts::kLargest / largest_cost : 0), start(size(padded(most_bins))) {
+        const int side = padded(bins);
+        cost.resize(size(bins * (bins + 1)), kNoCost);
+        rough_cost.resize(cost.size(), kPadding);
+        for (int i = 0; i < bins; ++i) {
+            for (int j = 0; j < bins; ++j) {
+                const double c = costs[static_cast<std::ptrdiff_t>(i) * bins + j];
+                cost[size(i * (bins + 1) + j)] = c;
+                rough_cost[size(i * (bins + 1) + j)] = static_cast<std::int32_t>(c * scale);
+            }
+        }
+        cell.resize(size(side * side));
+        for (auto* values : {&row_begin, &col_bin}) values->resize(size(side));
+        flow.resize(size(2 * side));
+        path.resize(size(2 * side * kMostWords));
+        dual.resize(size(2 * side));
+        arcs.resize(size(2 * side));
+    }
+
+    int bins;
+    double tolerance;
+    double scale;                            // from a cost to a rough one
+    AlignedVector<double> cost;              // bins x (bins + 1): padding is bin number `bins`
+    AlignedVector<std::int32_t> rough_cost;  // the same, of TransportCosts::kLargest
+
+    AlignedVector<std::int32_t> cell;  // costs, rows x stride
+    AlignedVector<std::int32_t> row_begin,
+        col_bin;  // of a row: where its costs begin, in either table; of a column, padding included: its bin
+
+    // The tree.
+    AlignedVector<std::int32_t> path, dual;
+    AlignedVector<double> flow;
+    AlignedVector<TransportArc> arcs;
+
+    TransportStartSpace start;
+};
+
+namespace {
+
+// Loops of single numbers, in functions of their own: inside the one below they would not have the registers they need.
+
+// Costs of a problem's cells, row by row.
+[[gnu::noinline]] void gather(const std::int32_t* table, int rows, int stride, const std::int32_t* row_begin,
+                              const std::int32_t* col_bin, std::int32_t* cells) {
+    for (int i = 0; i < rows; ++i, cells += stride) {
+        const std::int32_t* const from = table + row_begin[i];
+        for (int j = 0; j < stride; j += kLanes) {
+            for (int l = 0; l < kLanes; ++l) cells[j + l] = from[col_bin[j + l]];
+        }
+    }
+}
+
+// The tree from its root on: what a step used up hangs from the other. Its cells are set aside.
+template <class Tree>
+[[gnu::noinline]] void hang_steps(Tree& planted, const TransportStep* steps, int last, std::int32_t* cells, int stride,
+                                  std::int32_t tags) {
+    Tree tree = planted;
+    for (int step = last; step >= 0; --step) {
+        const TransportStep s = steps[step];
+        std::int32_t& cell = cells[s.row * stride + s.column];
+        tree.hang(step, s.row, tree.first_column + s.column, s.row_used_up, s.flow, cell & ~tags, 2 * kLargestDual);
+        cell += kSetAside;
+    }
+    planted.row_is_below = tree.row_is_below;
+}
+
+// One problem, for one instruction set. All inlined into the function that is compiled for it.
+template <int Bytes>
+struct Problem {
+    using Cells = TransportCells<Bytes>;
+    using Ints = typename Cells::Ints;
+
+    TransportWorkspace& w;
+    const Transport& p;
+    const Cells cells;
+    const int first_column;  // among nodes
+
+    HORD_ALWAYS_INLINE Problem(TransportWorkspace& workspace, const Transport& problem)
+        : w(workspace), p(problem), cells(problem.rows, problem.cols, workspace.cell.data()),
+          first_column(padded(problem.rows)) {}
+
+    // `coarser`: by so many bits.
+    HORD_ALWAYS_INLINE void gather_costs(int coarser) {
+        std::int32_t* const bin = w.col_bin.data();
+        std::int32_t* const begin = w.row_begin.data();
+        for (int i = 0; i < p.rows; ++i) begin[i] = p.row_bin[i] * (w.bins + 1);
+        for (int j = 0; j < p.cols; ++j) bin[j] = p.col_bin[j];
+        for (int j = p.cols; j < cells.stride; ++j) bin[j] = w.bins;
+        gather(w.rough_cost.data(), p.rows, cells.stride, begin, bin, cells.cell);
+        for (int i = 0; coarser != 0 && i < p.rows; ++i) {
+            for (int j = 0; j < p.cols; ++j) cells.row(i)[j] >>= coarser;
+        }
+        // In a loop of its own, when what was written is no longer on its way.
+        const Ints half = Ints::all(cells.tags / 2 + 1), no_tag = Ints::all(~cells.tags), next = Ints::all(kLanes);
+        for (int i = 0; i < p.rows; ++i) {
+            std::int32_t* here = cells.row(i);
+            Ints tag = Ints::numbers() + Ints::all(i << cells.col_bits);
+            for (int j = 0; j < cells.stride; j += kLanes) {
+                (((Ints::at(here + j) + half) & no_tag) + tag).to(here + j);
+                tag = tag + next;
+            }
+        }
+    }
+
+    template <int Words>
+    using Tree = TransportTree<Words, Bytes>;
+
+    HORD_ALWAYS_INLINE std::int32_t& cell(const TransportArc& arc) const {
+        return cells.row(arc.row)[arc.column - first_column];
+    }
+    HORD_ALWAYS_INLINE double exact_cost(const TransportArc& arc) const {
+        return w.cost.data()[w.row_begin.data()[arc.row] + w.col_bin.data()[arc.column - first_column]];
+    }
+
+    // What is used up hangs from the other.
+    template <int Words>
+    HORD_ALWAYS_INLINE void plant(Tree<Words>& tree, const TransportStep* steps) {
+        const int last = p.rows + p.cols - 2;
+        tree.plant(steps[last].row_used_up ? first_column + steps[last].column : steps[last].row);
+        hang_steps(tree, steps, last, cells.cell, cells.stride, cells.tags);
+    }
+
+    // The least reduced cost of some rows, with the tag of its cell.
+    HORD_ALWAYS_INLINE std::int32_t price(const std::int32_t* dual, int first_row, int last_row) const {
+        Ints least = Ints::all(kNoCell);
+        cells.for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
+            Ints best[vectors];
+            const std::int32_t* const top = cells.row(first_row) + first;
+            Cells::template least_of_columns<vectors>(
+                last_row - first_row, [&](int i) __attribute__((always_inline)) { return top + i * cells.stride; },
+                dual + first_row, best);
+            for (int k = 0; k < vectors; ++k)
+                least = lower(least, best[k] + Ints::at(dual + first_column + first + k * kLanes));
+        });
+        return least.least();
+    }
+
+    HORD_ALWAYS_INLINE static std::int64_t largest_of(const std::int32_t* dual, int nodes) {
+        Ints largest = Ints::all(0);
+        for (int x = 0; x < nodes; x += kLanes) {
+            const Ints d = Ints::at(dual + x);
+            largest = higher(largest, higher(d, Ints::all(0) - d));
+        }
+        return -std::int64_t{(Ints::all(0) - largest).least()};
+    }
+
+    // The cell enters the tree; what is in it is set aside.
+    template <int Words>
+    HORD_ALWAYS_INLINE void pivot(Tree<Words>& tree, const TransportArc& enters, std::int32_t reduced) {
+        cell(enters) += kSetAside;
+        cell(tree.pivot(enters.row, enters.column, reduced)) -= kSetAside;
+    }
+
+    // Pivots until no cell is below zero; `least` is that of all cells then. False: dual variables have left their
+    // range.
+    template <int Words>
+    HORD_ALWAYS_INLINE bool improve(Tree<Words>& tree, int most_pivots, int& pivots, std::int32_t& least) {
+        const int at_once = p.rows <= kRowsToPrice ? p.rows : kRowsAtOnce;
+        std::int64_t bound = largest_of(tree.dual, tree.nodes);
+        for (int first = 0, without = 0; without < p.rows && pivots < most_pivots;) {
+            if (bound > kLargestDual) {
+                bound = largest_of(tree.dual, tree.nodes);
+                if (bound > kLargestDual) return false;
+            }
+            const int last = lower(first + at_once, p.rows);
+            const std::int32_t best = price(tree.dual, first, last);
+            without += last - first;
+            first = last == p.rows ? 0 : last;
+            least = lower(least, best);
+            if (best >= 0) continue;
+            without = 0;
+            least = kNoCell;
+            const std::int32_t reduced = best & ~cells.tags;
+            pivot(tree, {cells.row_of(best), first_column + cells.col_of(best)}, reduced);
+            bound -= reduced;
+            ++pivots;
+        }
+        return true;
+    }
+
+    // How far above zero a cell may be that is below it but for rounding: each cost of its cycle by half a unit and
+    // one.
+    HORD_ALWAYS_INLINE std::int32_t doubtful(int arcs) const { return arcs * (cells.tags / 2 + 2) | cells.tags; }
+
+    // Whether the reduced cost of a cell, a rough one above its tag, is below zero in double precision.
+    template <int Words>
+    HORD_ALWAYS_INLINE bool is_negative(const Tree<Words>& tree, const TransportArc& enters, std::int32_t rough) const {
+        const auto cycle = tree.cycle(enters.row, enters.column);
+        if (rough > doubtful(1 + cycle.arcs.count())) return false;
+        double sum = exact_cost(enters);
+        cycle.arcs.for_each([&](int a) __attribute__((always_inline)) {
+            sum += negated_if(exact_cost(tree.arc[a]), cycle.gives.has(a));
+        });
+        return sum < -w.tolerance;
+    }
+
+    // Arcs that a cycle has at most.
+    template <int Words>
+    HORD_ALWAYS_INLINE int longest_cycle(const Tree<Words>& tree) const {
+        if (Words <= 2) return 2 * lower(p.rows, p.cols);
+        int row = 0, col = 0;  // the deepest
+        for (int i = 0; i < p.rows; ++i) row = std::max(row, tree.path_of(i).count());
+        for (int j = 0; j < p.cols; ++j) col = std::max(col, tree.path_of(first_column + j).count());
+        return 1 + row + col;
+    }
+
+    HORD_ALWAYS_INLINE std::int32_t rough_reduced(const std::int32_t* dual, const TransportArc& arc) const {
+        return cell(arc) + dual[arc.row] + dual[arc.column];
+    }
+
+    // A cell that is below zero in double precision. The tree's are set aside. Few columns have any that may be, and
+    // none where `least`, below which no cell is, is clear of zero.
+    template <int Words>
+    HORD_ALWAYS_INLINE bool price_exactly(const Tree<Words>& tree, std::int32_t least, TransportArc& enters) const {
+        const std::int32_t clear_from = doubtful(longest_cycle(tree));
+        if (least > clear_from) return false;
+        bool found = false;
+        cells.for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
+            Ints best[vectors];
+            Cells::template least_of_columns<vectors>(
+                p.rows, [&](int i) __attribute__((always_inline)) { return cells.row(i) + first; }, tree.dual, best);
+            Ints bits = Ints::all(0), bit = Ints::powers_of_two();
+            for (int k = 0; k < vectors; ++k) {
+                const Ints clear =
+                    (best[k] + Ints::at(tree.dual + first_column + first + k * kLanes)).above(Ints::all(clear_from));
+                bits = bits | choose(clear, Ints::all(0), bit);
+                bit = bit << kLanes;
+            }
+            for (auto doubted = static_cast<std::uint32_t>(bits.all_bits()); doubted != 0 && !found;
+                 doubted &= doubted - 1) {
+                enters.column = first_column + first + std::countr_zero(doubted);
+                for (enters.row = 0; enters.row < p.rows && !found; enters.row += found ? 0 : 1) {
+                    const std::int32_t reduced = rough_reduced(tree.dual, enters);
+                    found = reduced <= clear_from && is_negative(tree, enters, reduced);
+                }
+            }
+        });
+        return found;
+    }
+
+    template <int Words>
+    HORD_ALWAYS_INLINE double plan_cost(const Tree<Words>& tree) const {
+        double sum = 0;
+        for (int a = 0; a < p.rows + p.cols - 1; ++a) sum += tree.flow[a] * exact_cost(tree.arc[a]);
+        return sum;
+    }
+
+    // First by rough costs, then by exact ones. False: dual variables have left their range.
+    template <int Words>
+    HORD_ALWAYS_INLINE bool optimize(Tree<Words>& tree, Outcome& outcome) {
+        const int most_pivots = outcome.pivots + kPivotsANode * (p.rows + p.cols);
+        std::int32_t least = kNoCell;
+        if (!improve(tree, most_pivots, outcome.pivots, least)) return false;
+        outcome.proven = outcome.pivots < most_pivots;
+        for (TransportArc enters; outcome.proven && price_exactly(tree, least, enters);) {
+            const std::int32_t reduced = rough_reduced(tree.dual, enters);
+            pivot(tree, enters, reduced & ~cells.tags);
+            least = 0;  // not known any more: any cell may be in doubt
+            outcome.proven = ++outcome.pivots < most_pivots;
+            if (largest_of(tree.dual, tree.nodes) > kLargestDual) return false;
+        }
+        outcome.cost = plan_cost(tree);
+        return true;
+    }
+
+    template <int Words>
+    HORD_ALWAYS_INLINE Outcome solve_with(const TransportStep* start) {
+        Outcome outcome;
+        for (int coarser = 0;; coarser += kCoarser) {
+            if (coarser != 0) gather_costs(coarser);
+            Tree<Words> tree{first_column,
+                             first_column + cells.stride,
+                             w.path.data(),
+                             w.dual.data(),
+                             w.flow.data(),
+                             w.arcs.data(),
+                             {}};
+            plant(tree, start);
+            if (optimize(tree, outcome)) return outcome;
+        }
+    }
+
+    HORD_ALWAYS_INLINE Outcome solve(const TransportStep* start) {
+        gather_costs(0);
+        if (start == nullptr) start = TransportStart<Bytes>{cells, w.start}.find(p.supply, p.demand);
+        const int arcs = p.rows + p.cols - 1;
+        if (arcs <= 30) return solve_with<1>(start);
+        if (arcs <= 64) return solve_with<2>(start);
+        if (arcs <= 96) return solve_with<3>(start);
+        if (arcs <= 224) return solve_with<7>(start);
+        return solve_with<kMostWords>(start);
+    }
+};
+
+template <int Bytes>
+HORD_ALWAYS_INLINE Outcome solve_body(TransportWorkspace& workspace, const Transport& problem,
+                                      const TransportStep* start) {
+    return Problem<(Bytes < 32 ? Bytes : 32)>(workspace, problem).solve(start);
+}
+
+HORD_FOR_EACH_ISA(solve_for, Outcome, solve_body,
+                  (TransportWorkspace & workspace, const Transport& problem, const TransportStep* start),
+                  (workspace, problem, start))
+
+}  // namespace
+
+TransportSimplex::TransportSimplex(const double* cost, int bins, double largest_cost, Isa isa)
+    : workspace_(std::make_unique<TransportWorkspace>(cost, bins, largest_cost)), solve_(solve_for(isa)) {}
+TransportSimplex::~TransportSimplex() = default;
+TransportSimplex::TransportSimplex(TransportSimplex&&) noexcept = default;
+TransportSimplex& TransportSimplex::operator=(TransportSimplex&&) noexcept = default;
+
+Outcome TransportSimplex::solve(const Transport& problem, const TransportStep* start) {
+    return solve_(*workspace_, problem, start);
+}
+
+}  // namespace hord::algo

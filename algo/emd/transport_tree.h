@@ -1,0 +1,200 @@
+// The spanning tree of a transportation simplex, and its pivot. For transport_simplex.cpp only.
+//
+// Nodes are rows and columns of the transport problem; its arcs, one fewer, are numbered. Of every node the tree keeps
+// its path: the set of arcs on the way to the root, as bits. So nothing has to be walked: the cycle that an arc closes
+// is the difference of its ends' paths, and after a pivot the nodes behind the arc that left, those whose path has it,
+// differ from before by that cycle. Dual variables move in the same pass.
+//
+// The tree is strongly feasible (Cunningham 1976): an arc that carries nothing always has its row below its column, and
+// so points to the root; the leaving arc is the last blocking one along the cycle from its apex. So no tree ever comes
+// twice.
+//
+// Flows are integers below 2^53 held in doubles: exact. Dual variables are integers, too: see transport_simplex.cpp.
+#pragma once
+
+#include <bit>
+#include <cstdint>
+#include <limits>
+
+#include "algo/simd/vec.h"
+
+namespace hord::algo {
+
+struct TransportArc {
+    std::int32_t row = 0;  // its ends, as nodes
+    std::int32_t column = 0;
+};
+
+// No branch: it would be a guess.
+HORD_ALWAYS_INLINE double negated_if(double value, bool negate) {
+    return std::bit_cast<double>(std::bit_cast<std::uint64_t>(value) ^ static_cast<std::uint64_t>(negate) << 63);
+}
+
+// A set of arcs: 32 in each of Words words, held by twos.
+template <int Words>
+struct ArcSet {
+    std::uint64_t pair[(Words + 1) / 2];
+
+    HORD_ALWAYS_INLINE bool has(int arc) const { return (pair[arc / 64] >> (arc % 64) & 1U) != 0; }
+    HORD_ALWAYS_INLINE static std::uint64_t bit(int arc) { return std::uint64_t{1} << (arc % 64); }
+    HORD_ALWAYS_INLINE std::int32_t word(int w) const { return static_cast<std::int32_t>(pair[w / 2] >> (w % 2 * 32)); }
+    HORD_ALWAYS_INLINE int count() const {
+        int arcs = 0;
+        for (const std::uint64_t p : pair) arcs += std::popcount(p);
+        return arcs;
+    }
+    // do_it(arc) for each, in order.
+    template <class Do>
+    HORD_ALWAYS_INLINE void for_each(Do do_it) const {
+        for (int k = 0; k < (Words + 1) / 2; ++k) {
+            for (std::uint64_t rest = pair[k]; rest != 0; rest &= rest - 1) do_it(k * 64 + std::countr_zero(rest));
+        }
+    }
+    template <class Of>
+    HORD_ALWAYS_INLINE static ArcSet made(Of of_pair) {
+        ArcSet set;
+        for (int k = 0; k < (Words + 1) / 2; ++k) set.pair[k] = of_pair(k);
+        return set;
+    }
+};
+
+// Words: 32 arcs each.
+template <int Words, int Bytes>
+struct TransportTree {
+    static constexpr int kLanes = 8;
+    using Ints = Lanes<std::int32_t, kLanes, Bytes>;
+    using Set = ArcSet<Words>;
+
+    int first_column;    // rows are nodes from 0, columns from here; both are padded to whole vectors
+    int nodes;           // padding included: nodes without a path
+    std::int32_t* path;  // Words x nodes
+    std::int32_t* dual;  // of nodes: on the tree, the cost of an arc and the dual variables of its ends add up to 0
+    double* flow;        // of arcs
+    TransportArc* arc;
+    Set row_is_below;  // arcs: else the column is
+
+    // The root alone. Nodes that hang() gives a path, which are all others but padding, need none before.
+    HORD_ALWAYS_INLINE void plant(int root) {
+        const auto clear = [&](int last) __attribute__((always_inline)) {
+            for (int w = 0; w < Words; ++w) Ints::all(0).to(path + w * nodes + last - kLanes);
+            Ints::all(0).to(dual + last - kLanes);
+        };
+        clear(first_column);
+        clear(nodes);
+        for (int w = 0; w < Words; ++w) path[w * nodes + root] = 0;
+        dual[root] = 0;
+        row_is_below = {};
+    }
+
+    HORD_ALWAYS_INLINE Set path_of(int node) const {
+        return Set::made([&](int k) __attribute__((always_inline)) {
+            const auto word = [&](int w) __attribute__((always_inline)) {
+                return std::uint64_t{static_cast<std::uint32_t>(path[w * nodes + node])};
+            };
+            return 2 * k + 1 < Words ? word(2 * k) | word(lower(2 * k + 1, Words - 1)) << 32 : word(2 * k);
+        });
+    }
+
+    // Arc number `a` is between `row` and `column`. One of them is in the tree, the other now hangs from it; its dual
+    // variable is `largest` or -`largest` where it would be beyond.
+    HORD_ALWAYS_INLINE void hang(int a, int row, int column, bool row_below, double carries, std::int32_t cost,
+                                 std::int32_t largest) {
+        const int swap = (row ^ column) & -static_cast<int>(row_below);
+        const int child = column ^ swap, parent = row ^ swap;
+        for (int w = 0; w < Words; ++w) {
+            path[w * nodes + child] =
+                path[w * nodes + parent] | static_cast<std::int32_t>(Words == 1 || a / 32 == w ? 1U << (a % 32) : 0U);
+        }
+        row_is_below.pair[a / 64] |= std::uint64_t{row_below} << (a % 64);
+        // Of at most 30 arcs, a path has 15 of either sign: below 2^31, for a cost is at most 2^27 and half a tag.
+        dual[child] = Words == 1 ? -(cost + dual[parent]) : lower(largest, -lower(largest, cost + dual[parent]));
+        flow[a] = carries;
+        arc[a] = {row, column};
+    }
+
+    // What the entry of the arc between `row` and `column` would change: mass circulates apex -> ... -> row -> column
+    // -> ... -> apex.
+    struct Cycle {
+        Set arcs, of_row, of_column;  // all, and those on either side of the apex
+        Set gives;                    // those that it runs against
+    };
+    HORD_ALWAYS_INLINE Cycle cycle(int row, int column) const {
+        const Set above_row = path_of(row), above_column = path_of(column);
+        Cycle c;
+        c.arcs =
+            Set::made([&](int k) __attribute__((always_inline)) { return above_row.pair[k] ^ above_column.pair[k]; });
+        c.of_row = Set::made([&](int k) __attribute__((always_inline)) { return above_row.pair[k] & c.arcs.pair[k]; });
+        c.of_column =
+            Set::made([&](int k) __attribute__((always_inline)) { return above_column.pair[k] & c.arcs.pair[k]; });
+        c.gives = Set::made([&](int k) __attribute__((always_inline)) {
+            return (c.of_row.pair[k] & row_is_below.pair[k]) | (c.of_column.pair[k] & ~row_is_below.pair[k]);
+        });
+        return c;
+    }
+
+    // The arc between `row` and `column` enters; `reduced` is its cost and its ends' dual variables. Returns the arc
+    // that leaves.
+    HORD_ALWAYS_INLINE TransportArc pivot(int row, int column, std::int32_t reduced) {
+        Cycle c = cycle(row, column);
+        double least = std::numeric_limits<double>::infinity();
+        int leaves = 0;
+        bool tie = false;
+        c.gives.for_each([&](int a) __attribute__((always_inline)) {
+            const double f = flow[a];
+            tie = tie | (f == least);
+            leaves ^= (leaves ^ a) & -(f < least ? 1 : 0);  // no branch: it would be a guess
+            least = lower(least, f);
+        });
+        if (tie) [[unlikely]]
+            leaves = last_blocking(*this, c, least);
+        c.arcs.for_each([&](int a) __attribute__((always_inline)) { flow[a] += negated_if(least, c.gives.has(a)); });
+        const bool with_column = c.of_column.has(leaves);
+        const TransportArc left = arc[leaves];
+        // From the entering arc up to the leaving one, arcs turn around.
+        const Set top = path_of(row_is_below.has(leaves) ? left.row : left.column);
+        const Set bottom = path_of(with_column ? column : row);
+        for (int k = 0; k < (Words + 1) / 2; ++k) row_is_below.pair[k] ^= bottom.pair[k] ^ top.pair[k];
+        const std::uint64_t bit = Set::bit(leaves);
+        row_is_below.pair[leaves / 64] = (row_is_below.pair[leaves / 64] & ~bit) | (with_column ? 0 : bit);
+        flow[leaves] = least;
+        arc[leaves] = {row, column};
+        c.arcs.pair[leaves / 64] &= ~bit;
+        move(0, first_column, leaves, c.arcs, with_column ? reduced : -reduced);
+        move(first_column, nodes, leaves, c.arcs, with_column ? -reduced : reduced);
+        return left;
+    }
+
+  private:
+    // Nodes whose path has the arc: it is another arc from now on, and `change` the rest of what changes.
+    HORD_ALWAYS_INLINE void move(int first, int last, int a, const Set& change, std::int32_t step) const {
+        const Ints bit = Ints::all(static_cast<std::int32_t>(1U << (a % 32)));
+        const Ints steps = Ints::all(step);
+        Ints changes[Words];
+        for (int w = 0; w < Words; ++w) changes[w] = Ints::all(change.word(w));
+        const std::int32_t* const plane = path + a / 32 * nodes;
+        for (int x = first; x < last; x += kLanes) {
+            const Ints moves = (Ints::at(plane + x) & bit).equals(bit);
+            if (Words > 3 && moves.all_bits() == 0) continue;  // where there are few words, asking takes longer
+            (Ints::at(dual + x) + (moves & steps)).to(dual + x);
+            for (int w = 0; w < Words; ++w)
+                (Ints::at(path + w * nodes + x) ^ (moves & changes[w])).to(path + w * nodes + x);
+        }
+    }
+
+    // Of arcs that give way at once: on the column's side the one nearest to the apex, else on the row's side the one
+    // farthest from it.
+    [[gnu::noinline]] static int last_blocking(TransportTree tree, Cycle c, double least) {
+        int last = 0, best = std::numeric_limits<int>::min();
+        for (int a = 0; a < Words * 32; ++a) {
+            if (!c.gives.has(a) || tree.flow[a] != least) continue;
+            const int depth = tree.path_of(tree.row_is_below.has(a) ? tree.arc[a].row : tree.arc[a].column).count();
+            const int rank = c.of_column.has(a) ? tree.nodes - depth : depth - tree.nodes;
+            if (rank <= best) continue;
+            best = rank;
+            last = a;
+        }
+        return last;
+    }
+};
+
+}  // namespace hord::algo

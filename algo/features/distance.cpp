@@ -1,0 +1,196 @@
+#include "algo/features/distance.h"
+
+#include <bit>
+#include <cmath>
+#include <optional>
+#include <vector>
+
+#include "algo/emd/emd_solver.h"
+#include "algo/emd/projection.h"
+#include "algo/frame/occupied_bins.h"
+#include "common/fixed.h"
+
+namespace hord::algo {
+namespace {
+
+constexpr int kSlices = 8;
+// cos and sin of k * 22.5 degrees and sin(pi/16), as literals: library functions do not round alike everywhere.
+constexpr double kC1 = 0.92387953251128674, kS1 = 0.38268343236508977, kC2 = 0.70710678118654752;
+constexpr double kSliceDirections[kSlices][2] = {{1, 0}, {kC1, kS1},  {kC2, kC2},  {kS1, kC1},
+                                                 {0, 1}, {-kS1, kC1}, {-kC2, kC2}, {-kC1, kS1}};
+constexpr double kSliceScale = 0.19509032201612825;
+
+// Products of a mass (below 2^16) and a sum (below 2^24), exact.
+template <class Visit>
+void for_each_lit(const Hord& a, const Hord& b, int bins, Visit visit) {
+    expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
+    const LitBins lit(a.mass, b.mass, bins);
+    for (int w = 0; w < lit.words(); ++w) {
+        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
+            const int k = w * 64 + __builtin_ctzll(rest);
+            visit(k, static_cast<double>(std::int64_t{a.mass[k]} * b.sum),
+                  static_cast<double>(std::int64_t{b.mass[k]} * a.sum));
+        }
+    }
+}
+
+// Natural logarithm of x in (0, 1], from exact operations only: |error| < 2^-50 * (1 + |ln x|).
+double logarithm(double x) {
+    constexpr double kLn2 = 0.69314718055994531;
+    const auto bits = std::bit_cast<std::uint64_t>(x);
+    int exponent = static_cast<int>(bits >> 52) - 1023;
+    double m = std::bit_cast<double>((bits & 0x000FFFFFFFFFFFFFU) | 0x3FF0000000000000U);  // 1..2
+    if (m > 1.4142135623730951) {
+        m *= 0.5;
+        ++exponent;
+    }
+    const double s = (m - 1) / (m + 1);  // |s| < 0.1716: ln m = 2 (s + s^3/3 + ...), and s^23/23 < 1e-18
+    const double s2 = s * s;
+    double sum = 0;
+    for (int k = 21; k >= 1; k -= 2) sum = sum * s2 + 1.0 / k;
+    return exponent * kLn2 + 2 * s * sum;
+}
+
+}  // namespace
+
+struct Distance::State {
+    Feature feature = Feature::emd;
+    int bins = 0;
+    std::vector<Direction> directions;
+    std::vector<Projection> projections;
+    std::optional<EmdSolver> emd;
+    Difference difference;
+    std::uint64_t saturated = 0;
+
+    double centroid(const Hord& a, const Hord& b);
+    double projected(const Hord& a, const Hord& b);
+    double bhattacharyya(const Hord& a, const Hord& b);
+    double evaluate(const Hord& a, const Hord& b);
+};
+
+double Distance::State::centroid(const Hord& a, const Hord& b) {
+    double x = 0, y = 0;
+    for_each_lit(a, b, bins, [&](int k, double p, double q) {
+        x += (p - q) * directions[static_cast<std::size_t>(k)].x;
+        y += (p - q) * directions[static_cast<std::size_t>(k)].y;
+    });
+    return std::sqrt(x * x + y * y);
+}
+
+double Distance::State::projected(const Hord& a, const Hord& b) {
+    difference.count = 0;
+    for_each_lit(a, b, bins, [&](int k, double p, double q) {
+        difference.bin[static_cast<std::size_t>(difference.count)] = static_cast<std::uint8_t>(k);
+        difference.mass[static_cast<std::size_t>(difference.count)] = p - q;
+        ++difference.count;
+    });
+    if (feature == Feature::marginal) {
+        const double x = projections[0].distance(difference);
+        const double y = projections[1].distance(difference);
+        return std::sqrt(x * x + y * y);
+    }
+    double sum = 0;
+    for (const Projection& projection : projections) sum += projection.distance(difference);
+    return kSliceScale * sum;
+}
+
+double Distance::State::bhattacharyya(const Hord& a, const Hord& b) {
+    double overlap = 0;
+    for_each_lit(a, b, bins, [&](int, double p, double q) { overlap += std::sqrt(p) * std::sqrt(q); });
+    if (overlap == 0) {
+        ++saturated;
+        return kBhattacharyyaLimit;
+    }
+    const double share = overlap / (static_cast<double>(a.sum) * static_cast<double>(b.sum));
+    return share >= 1 ? 0 : -logarithm(share);
+}
+
+double Distance::State::evaluate(const Hord& a, const Hord& b) {
+    if (a.sum == 0 || b.sum == 0) return 0;
+    const double unit = static_cast<double>(a.sum) * static_cast<double>(b.sum);
+    double sum = 0;
+    switch (feature) {
+        case Feature::centroid: return centroid(a, b) / unit;
+        case Feature::marginal:
+        case Feature::sliced: return projected(a, b) / unit;
+        case Feature::bhattacharyya: return bhattacharyya(a, b);
+        case Feature::hellinger:
+            for_each_lit(a, b, bins, [&](int, double p, double q) {
+                const double root = std::sqrt(p) - std::sqrt(q);
+                sum += root * root;
+            });
+            return std::sqrt(sum / (2 * unit));
+        case Feature::chi2:
+            for_each_lit(a, b, bins, [&](int, double p, double q) { sum += (p - q) * (p - q) / (p + q); });
+            return sum / (2 * unit);
+        default: return emd->distance(a, b);
+    }
+}
+
+Result<Distance> Distance::create(Feature feature, int bins_i, int bins_j, const Options& options, Isa isa) {
+    if (!is_distance(feature)) {
+        return fail(ErrorCode::invalid_argument, std::string(name_of(feature)) + " is not a distance between two HORDs",
+                    "use one of emd, emd-l1, emd-sq, centroid, marginal, sliced, bhattacharyya, hellinger, chi2");
+    }
+    const auto norm = feature == Feature::emd_l1 ? GroundNorm::manhattan
+        : feature == Feature::emd_sq             ? GroundNorm::squared_euclidean
+                                                 : GroundNorm::euclidean;
+    const auto ground = options.directions.empty()
+        ? GroundDistance::between_bins(bins_i, bins_j, norm, options.threshold)
+        : GroundDistance::between_directions(bins_i, bins_j, options.directions, norm, options.threshold);
+    if (!ground) return tl::unexpected(ground.error());
+
+    auto state = std::make_unique<State>();
+    state->feature = feature;
+    state->bins = ground->bins();
+    state->directions.assign(ground->directions().begin(), ground->directions().end());
+    if (feature <= Feature::emd_sq) {
+        auto emd = EmdSolver::create(*ground, isa);
+        if (!emd) return tl::unexpected(emd.error());
+        state->emd.emplace(std::move(*emd));
+    }
+    if (feature == Feature::marginal) {
+        state->projections.emplace_back(state->directions, 1.0, 0.0);
+        state->projections.emplace_back(state->directions, 0.0, 1.0);
+    }
+    if (feature == Feature::sliced) {
+        for (const auto& [x, y] : kSliceDirections) state->projections.emplace_back(state->directions, x, y);
+    }
+    return Distance(std::move(state));
+}
+
+double Distance::operator()(const Hord& a, const Hord& b) { return state_->evaluate(a, b); }
+
+void Distance::submit(const Hord& a, const Hord& b, double* out) {
+    if (state_->emd) {
+        state_->emd->submit(a, b, out);
+    } else {
+        *out = state_->evaluate(a, b);
+    }
+}
+
+void Distance::submit(const ClosedHord& a, const ClosedHord& b, double* out) {
+    if (state_->emd) {
+        state_->emd->submit(a, b, out);
+    } else {
+        *out = state_->evaluate(a.hord(), b.hord());
+    }
+}
+
+CloseUp Distance::close_up() const {
+    return state_->emd ? state_->emd->close_up() : closed_kernels(Isa::portable).close_up;
+}
+
+void Distance::finish() {
+    if (state_->emd) state_->emd->finish();
+}
+
+Feature Distance::feature() const { return state_->feature; }
+std::uint64_t Distance::saturated() const { return state_->saturated; }
+
+Distance::Distance(std::unique_ptr<State> state) : state_(std::move(state)) {}
+Distance::Distance(Distance&&) noexcept = default;
+Distance& Distance::operator=(Distance&&) noexcept = default;
+Distance::~Distance() = default;
+
+}  // namespace hord::algo

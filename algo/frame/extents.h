@@ -1,0 +1,45 @@
+// The sizes of a light field: how many lenslets, and how many angular bins inside each.
+//
+// (m, n) counts lenslets to the right and downwards, (i, j) the bins inside a lenslet to the right and
+// downwards. The centre of the bins, ((I-1)/2, (J-1)/2), is zero deflection; it lies between two bins where
+// the count is even. Paper: Meyer et al., section 2.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "common/result.h"
+
+namespace hord::algo {
+
+struct Extents {
+    int m = 0;  // lenslet columns, 3..2048
+    int n = 0;  // lenslet rows, 3..2048
+    int i = 0;  // bin columns, 3..15
+    int j = 0;  // bin rows, 3..15
+
+    friend bool operator==(const Extents&, const Extents&) = default;
+
+    [[nodiscard]] constexpr std::size_t lenslets() const {
+        return static_cast<std::size_t>(m) * static_cast<std::size_t>(n);
+    }
+    [[nodiscard]] constexpr int bins() const { return i * j; }
+
+    // Image size of the macro-pixel frame of this light field: sample (m,n,i,j) is at column m*I+i, row n*J+j.
+    [[nodiscard]] constexpr int width_px() const { return m * i; }
+    [[nodiscard]] constexpr int height_px() const { return n * j; }
+};
+
+constexpr int kMinLenslets = 3;
+constexpr int kMaxLenslets = 2048;
+constexpr int kMinBins = 3;
+constexpr int kMaxBins = 15;
+
+// The extents of a macro-pixel frame of width x height pixels with i x j bins a lenslet.
+// Fails with invalid_argument, naming the numbers, when the bins do not divide the frame or a limit is exceeded.
+Result<Extents> extents_of_frame(int width_px, int height_px, int bins_i, int bins_j);
+
+// Checks every limit above.
+Result<void> check(const Extents& extents);
+
+}  // namespace hord::algo

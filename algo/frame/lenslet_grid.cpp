@@ -1,0 +1,159 @@
+#include "algo/frame/lenslet_grid.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+namespace hord::algo {
+namespace {
+
+constexpr double kHalfSqrt3 = 0.86602540378443864676;
+
+int order_of(GridRung rung) { return rung == GridRung::quintic ? 5 : 3; }
+
+int shifted(int index, int parity) { return static_cast<int>(static_cast<unsigned>(index + parity) & 1U); }
+
+// Terms u^p v^q, p + q <= order, in the order 1, u, v, u2, uv, v2, ...; `coefficients` holds them in the same order.
+double polynomial(int order, const double* coefficients, double u, double v) {
+    double of_u[6], of_v[6];  // powers
+    of_u[0] = of_v[0] = 1;
+    for (int k = 1; k <= order; ++k) {
+        of_u[k] = of_u[k - 1] * u;
+        of_v[k] = of_v[k - 1] * v;
+    }
+    double sum = 0;
+    for (int degree = 0; degree <= order; ++degree) {
+        for (int q = 0; q <= degree; ++q) sum += *coefficients++ * of_u[degree - q] * of_v[q];
+    }
+    return sum;
+}
+
+}  // namespace
+
+std::string_view name_of(GridRung rung) {
+    switch (rung) {
+        case GridRung::similarity: return "similarity";
+        case GridRung::affine: return "affine";
+        case GridRung::homography: return "homography";
+        case GridRung::radial1: return "homography+k1";
+        case GridRung::radial2: return "homography+k1+k2+centre";
+        case GridRung::cubic: return "cubic";
+        case GridRung::quintic: return "quintic";
+    }
+    return "?";
+}
+
+int parameter_count(GridRung rung) {
+    switch (rung) {
+        case GridRung::similarity: return 4;
+        case GridRung::affine: return 6;
+        case GridRung::homography: return 8;
+        case GridRung::radial1: return 9;
+        case GridRung::radial2: return 12;
+        case GridRung::cubic: return 20;
+        case GridRung::quintic: return 42;
+    }
+    return 0;
+}
+
+std::string_view name_of(LatticeKind kind) { return kind == LatticeKind::square ? "square" : "hexagonal"; }
+
+std::string_view name_of(Stagger stagger) {
+    if (stagger == Stagger::none) return "none";
+    return stagger == Stagger::rows ? "rows" : "columns";
+}
+
+std::string parameter_name(GridRung rung, int index) {
+    if (rung == GridRung::cubic || rung == GridRung::quintic) {
+        const int half = parameter_count(rung) / 2;
+        int term = index % half;
+        int degree = 0;
+        while (term > degree) term -= ++degree;
+        return std::string(index < half ? "x" : "y") + "_u" + std::to_string(degree - term) + "v" +
+            std::to_string(term);
+    }
+    static constexpr std::array<const char*, 12> kNames{"tx", "ty", "a",  "b",  "c",  "d",
+                                                        "g",  "h",  "k1", "k2", "cx", "cy"};
+    return kNames[static_cast<std::size_t>(std::clamp(index, 0, 11))];
+}
+
+LensletGrid::Uv LensletGrid::uv(int m, int n) const {
+    double ideal_u = m;
+    double ideal_v = n;
+    if (stagger == Stagger::rows) {
+        ideal_u += 0.5 * shifted(n, parity);
+        ideal_v *= kHalfSqrt3;
+    } else if (stagger == Stagger::columns) {
+        ideal_u *= kHalfSqrt3;
+        ideal_v += 0.5 * shifted(m, parity);
+    }
+    return {(ideal_u - origin_u) / span, (ideal_v - origin_v) / span};
+}
+
+PixelPoint LensletGrid::at(Uv where) const {
+    const auto [u, v] = where;
+    const double* p = parameters.data();
+    switch (rung) {
+        case GridRung::similarity: return {p[0] + p[2] * u - p[3] * v, p[1] + p[3] * u + p[2] * v};
+        case GridRung::affine: return {p[0] + p[2] * u + p[3] * v, p[1] + p[4] * u + p[5] * v};
+        case GridRung::cubic:
+        case GridRung::quintic: {
+            const int half = parameter_count(rung) / 2;
+            return {polynomial(order_of(rung), p, u, v), polynomial(order_of(rung), p + half, u, v)};
+        }
+        default: break;
+    }
+    const double w = 1.0 + p[6] * u + p[7] * v;
+    PixelPoint point{p[0] + (p[2] * u + p[3] * v) / w, p[1] + (p[4] * u + p[5] * v) / w};
+    if (rung == GridRung::homography) return point;
+    const bool full = rung == GridRung::radial2;
+    const double dx = (point.x_px - middle_x_px) / radius_px - (full ? p[10] : 0.0);
+    const double dy = (point.y_px - middle_y_px) / radius_px - (full ? p[11] : 0.0);
+    const double r2 = dx * dx + dy * dy;
+    const double stretch = (p[8] + (full ? p[9] * r2 : 0.0)) * r2 * radius_px;
+    return {point.x_px + dx * stretch, point.y_px + dy * stretch};
+}
+
+LensletGrid::Steps LensletGrid::steps_px(Uv where) const {
+    const double half = 0.5 / span;
+    const PixelPoint right = at({where.u + half, where.v});
+    const PixelPoint left = at({where.u - half, where.v});
+    const PixelPoint below = at({where.u, where.v + half});
+    const PixelPoint above = at({where.u, where.v - half});
+    return {{right.x_px - left.x_px, right.y_px - left.y_px}, {below.x_px - above.x_px, below.y_px - above.y_px}};
+}
+
+Result<void> check(const LensletGrid& grid) {
+    const auto bad = [](std::string what) {
+        return fail(ErrorCode::invalid_argument, std::move(what),
+                    "calibrate again, or use an unchanged calibration file");
+    };
+    if (static_cast<int>(grid.parameters.size()) != parameter_count(grid.rung)) {
+        return bad("a " + std::string(name_of(grid.rung)) + " grid with " + std::to_string(grid.parameters.size()) +
+                   " parameters, not " + std::to_string(parameter_count(grid.rung)));
+    }
+    for (const double p : grid.parameters) {
+        if (!std::isfinite(p)) return bad("a grid parameter that is not a number");
+    }
+    if ((grid.kind == LatticeKind::square) != (grid.stagger == Stagger::none)) {
+        return bad("a " + std::string(name_of(grid.kind)) + " grid with stagger " + std::string(name_of(grid.stagger)));
+    }
+    if (grid.columns < 1 || grid.rows < 1 || grid.columns > 4096 || grid.rows > 4096 || grid.width_px < 1 ||
+        grid.height_px < 1) {
+        return bad("a grid of " + std::to_string(grid.columns) + "x" + std::to_string(grid.rows) + " lenslets");
+    }
+    if (!grid.shifts_px.empty()) {
+        if (grid.shifts_px.size() != static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows)) {
+            return bad("shifts of " + std::to_string(grid.shifts_px.size()) + " lenslets in a grid of " +
+                       std::to_string(grid.columns) + "x" + std::to_string(grid.rows));
+        }
+        for (const PixelPoint& shift : grid.shifts_px) {
+            if (!std::isfinite(shift.x_px) || !std::isfinite(shift.y_px))
+                return bad("a lenslet's shift that is not a number");
+        }
+    }
+    if (!(grid.span > 0) || !(grid.radius_px > 0)) return bad("a grid whose scale is not positive");
+    return {};
+}
+
+}  // namespace hord::algo

@@ -1,0 +1,62 @@
+// Which bins of a HORD hold light, as a set of bits: a HORD of 81 bins has 7 lit ones.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+
+#if defined(__SSE2__)
+#include <emmintrin.h>
+#endif
+
+#include "algo/frame/extents.h"
+
+namespace hord::algo {
+
+constexpr int kMostBins = kMaxBins * kMaxBins;
+
+class LitBins {
+  public:
+    // Lit in one HORD, or in either of two.
+    LitBins(const std::uint16_t* mass, int bins) : LitBins(mass, mass, bins) {}
+    LitBins(const std::uint16_t* a, const std::uint16_t* b, int bins) : words_((bins + 63) / 64) {
+        for (int w = 0; w < words_; ++w) word_[w] = word_of(a + w * 64, b + w * 64, std::min(bins - w * 64, 64), w > 0);
+    }
+
+    [[nodiscard]] int words() const { return words_; }
+    [[nodiscard]] std::uint64_t word(int w) const { return word_[w]; }
+
+  private:
+    // The last sixteen overlap those before them.
+    static std::uint64_t word_of(const std::uint16_t* a, const std::uint16_t* b, int count, bool more_before) {
+        std::uint64_t bits = 0;
+        int k = 0;
+        for (; k + 16 <= count; k += 16) bits |= sixteen(a + k, b + k) << k;
+        if (k == count) return bits;
+        const int last = count - 16;
+        if (last >= 0) return bits | sixteen(a + last, b + last) << last;
+        if (more_before) return sixteen(a + last, b + last) >> -last;
+        for (; k < count; ++k) bits |= std::uint64_t{(a[k] | b[k]) != 0} << k;
+        return bits;
+    }
+
+    static std::uint64_t sixteen(const std::uint16_t* a, const std::uint16_t* b) {
+#if defined(__SSE2__)
+        const auto eight = [](const std::uint16_t* p, const std::uint16_t* q) {
+            return _mm_cmpeq_epi16(_mm_or_si128(_mm_loadu_si128(reinterpret_cast<const __m128i*>(p)),
+                                                _mm_loadu_si128(reinterpret_cast<const __m128i*>(q))),
+                                   _mm_setzero_si128());
+        };
+        return static_cast<std::uint64_t>(_mm_movemask_epi8(_mm_packs_epi16(eight(a, b), eight(a + 8, b + 8)))) ^
+            0xFFFFU;
+#else
+        std::uint64_t bits = 0;
+        for (int k = 0; k < 16; ++k) bits |= std::uint64_t{(a[k] | b[k]) != 0} << k;
+        return bits;
+#endif
+    }
+
+    int words_;
+    std::uint64_t word_[(kMostBins + 63) / 64];
+};
+
+}  // namespace hord::algo

@@ -1,0 +1,170 @@
+#include "algo/inspection/defects.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "algo/frame/mask.h"
+
+namespace hord::algo {
+namespace {
+
+constexpr double kScratchLength = 8;  // lenslets
+constexpr double kScratchRatio = 4;
+
+// How far a lenslet exceeds each limit.
+struct Severity {
+    float deflection = 0, slope = 0, absorption = 0;
+    [[nodiscard]] float worst() const { return std::max({deflection, slope, absorption}); }
+};
+
+// One region while its lenslets are counted.
+struct Region {
+    std::uint32_t area = 0;
+    double m = 0, n = 0, mm = 0, nn = 0, mn = 0;  // sums of the flagged lenslets' positions and their products
+    Severity severity;
+    Severity peak;  // in the features' own units
+};
+
+Reason reason_of(const Severity& s) {
+    if (s.absorption >= s.deflection && s.absorption >= s.slope) return Reason::absorption;
+    return s.slope >= s.deflection ? Reason::slope : Reason::deflection;
+}
+
+// Length and width of a uniform bar with the region's second moments, lenslets.
+std::pair<double, double> length_and_width(const Region& r) {
+    const double mean_m = r.m / r.area, mean_n = r.n / r.area;
+    const double mm = r.mm / r.area - mean_m * mean_m, nn = r.nn / r.area - mean_n * mean_n,
+                 mn = r.mn / r.area - mean_m * mean_n;
+    const double middle = (mm + nn) / 2, spread = std::hypot((mm - nn) / 2, mn);
+    const auto side = [](double variance) {
+        return std::sqrt(12 * std::max(variance, 0.0) + 1);
+    };  // + 1: a lenslet has a width
+    return {side(middle + spread), side(middle - spread)};
+}
+
+DefectKind kind_of(const Region& r) {
+    const auto [length, width] = length_and_width(r);
+    if (length >= kScratchLength && length >= kScratchRatio * width) return DefectKind::scratch;
+    const bool dims = r.severity.absorption >= 1, bends = r.severity.slope >= 1, disturbs = r.severity.deflection >= 1;
+    if (dims) return bends || disturbs ? DefectKind::unknown : DefectKind::absorbing;
+    return bends ? DefectKind::surface : DefectKind::scattering;
+}
+
+}  // namespace
+
+struct DefectFinder::Workspace {
+    Extents extents;
+    float gradient_limit, frobenius_limit, transmission_limit;
+    std::uint32_t min_area;
+    cv::Mat1b flagged, joined;
+    cv::Mat1i labels;
+    std::vector<Region> regions;
+    std::vector<std::pair<Defect, Severity>> found;
+    std::vector<Defect> defects;
+
+    [[nodiscard]] Severity severity(const Features& f, std::size_t k) const {
+        if ((f.mask[k] & kNotJudged) != 0) return {};
+        Severity s;
+        if ((f.mask[k] & kNoGradient) == 0) {
+            if (!f.gradient.empty()) s.deflection = f.gradient[k] / gradient_limit;
+            if (!f.frobenius.empty()) s.slope = f.frobenius[k] / frobenius_limit;
+        }
+        if ((f.mask[k] & kSaturated) == 0 && transmission_limit > 0) {
+            s.absorption = std::max(0.0F, (1 - f.transmission[k]) / (1 - transmission_limit));
+        }
+        return s;
+    }
+    void gather(const Features& features);
+};
+
+DefectFinder::DefectFinder(const Extents& extents, const Recipe& recipe)
+    : workspace_(std::make_unique<Workspace>(Workspace{extents,
+                                                       limit_of_gradient(recipe),
+                                                       recipe.frobenius_limit_bins,
+                                                       recipe.light ? recipe.transmission_limit : 0,
+                                                       recipe.min_area,
+                                                       cv::Mat1b(extents.n, extents.m),
+                                                       {},
+                                                       {},
+                                                       {},
+                                                       {},
+                                                       {}})) {
+    // The library would start a pool of threads of its own, with the signals and the scheduling policy of whoever comes
+    // first.
+    static const bool alone = (cv::setNumThreads(1), true);
+    static_cast<void>(alone);
+}
+DefectFinder::~DefectFinder() = default;
+DefectFinder::DefectFinder(DefectFinder&&) noexcept = default;
+DefectFinder& DefectFinder::operator=(DefectFinder&&) noexcept = default;
+
+Result<FoundDefects> DefectFinder::find(const Features& features) {
+    Workspace& w = *workspace_;
+    w.defects.clear();
+    float below = 0;  // worst severity that is still good
+    bool any = false;
+    for (std::size_t k = 0; k < features.mask.size(); ++k) {
+        const float worst = w.severity(features, k).worst();
+        w.flagged.data[k] = worst >= 1 ? 255 : 0;
+        if (worst >= 1) any = true;
+        else below = std::max(below, worst);
+    }
+    if (!any) return FoundDefects{{}, Reason::none, below};
+    try {
+        cv::dilate(w.flagged, w.joined, cv::Mat());  // 3x3
+        const int labels = cv::connectedComponents(w.joined, w.labels, 8, CV_32S);
+        w.regions.assign(static_cast<std::size_t>(labels), Region{});
+    } catch (const cv::Exception& e) {
+        return fail(ErrorCode::internal, "the search for defects", e.what());
+    }
+    w.gather(features);
+    w.found.clear();
+    for (const Region& r : w.regions) {
+        if (r.area < std::max(w.min_area, 1U)) continue;
+        const Reason reason = reason_of(r.severity);
+        const float peak = reason == Reason::absorption ? r.peak.absorption
+            : reason == Reason::slope                   ? r.peak.slope
+                                                        : r.peak.deflection;
+        w.found.push_back(
+            {{static_cast<float>(r.m / r.area), static_cast<float>(r.n / r.area), r.area, peak, kind_of(r)},
+             r.severity});
+    }
+    if (w.found.empty()) return FoundDefects{{}, Reason::none, below};
+    std::ranges::sort(w.found, [](const auto& a, const auto& b) {
+        const float worst_a = a.second.worst(), worst_b = b.second.worst();
+        if (worst_a != worst_b) return worst_a > worst_b;
+        return std::pair(a.first.n, a.first.m) < std::pair(b.first.n, b.first.m);
+    });
+    for (const auto& [defect, severity] : w.found) w.defects.push_back(defect);
+    return FoundDefects{w.defects, reason_of(w.found.front().second), w.found.front().second.worst()};
+}
+
+// Adds every flagged lenslet to its region.
+void DefectFinder::Workspace::gather(const Features& features) {
+    std::size_t k = 0;
+    for (int n = 0; n < extents.n; ++n) {
+        for (int m = 0; m < extents.m; ++m, ++k) {
+            if (flagged.data[k] == 0) continue;
+            const Severity s = severity(features, k);
+            Region& r = regions[static_cast<std::size_t>(labels(n, m))];
+            ++r.area;
+            r.m += m;
+            r.n += n;
+            r.mm += static_cast<double>(m) * m;
+            r.nn += static_cast<double>(n) * n;
+            r.mn += static_cast<double>(m) * n;
+            r.severity = {std::max(r.severity.deflection, s.deflection), std::max(r.severity.slope, s.slope),
+                          std::max(r.severity.absorption, s.absorption)};
+            r.peak = {std::max(r.peak.deflection, features.gradient.empty() ? 0 : features.gradient[k]),
+                      std::max(r.peak.slope, features.frobenius.empty() ? 0 : features.frobenius[k]),
+                      std::max(r.peak.absorption, s.absorption * (1 - transmission_limit))};
+        }
+    }
+}
+
+}  // namespace hord::algo

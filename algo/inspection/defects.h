@@ -1,0 +1,60 @@
+// Regions of lenslets that exceed a limit: the defects.
+//
+// Severity is a lenslet's value over its limit, 1 and above is too much; the worst of three:
+//
+//     gradient / its limit        frobenius / frobenius_limit        (1 - transmission) / (1 - transmission_limit)
+//
+// of those that the recipe chooses.
+// Flagged lenslets that touch, at sides or corners, or have one lenslet between them, are one region: central
+// differences skip a lenslet, so one defect may leave a ring or a double line. Regions with fewer flagged lenslets than
+// `min_area` are dropped. OpenCV finds the regions; the rest is ours.
+//
+// A defect's position is the centroid of its flagged lenslets, its peak the largest value of the feature that exceeds
+// its limit most (for missing light: the share that is missing, 0..1). Its kind is a guess for people:
+//   scratch     at least 8 lenslets long and 4 times as long as wide
+//   absorbing   only light is missing: no gradient is above its limit
+//   scattering  neighbours disagree while the mean deflection and the light do not change too much
+//   surface     the mean deflection changes too fast, no light is missing
+//   unknown     several of these: bubbles, cuts
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "algo/frame/extents.h"
+#include "algo/recipe/recipe.h"
+#include "algo/verdict/verdict.h"
+
+namespace hord::algo {
+
+// The features of one frame, one value a lenslet; empty: not judged. `mask`: MaskBit.
+struct Features {
+    std::span<const float> gradient;  // of the recipe's choice
+    std::span<const float> frobenius;
+    std::span<const float> transmission;
+    std::span<const std::uint8_t> mask;
+};
+
+struct FoundDefects {
+    std::span<const Defect> defects;  // most severe first; valid until the next call
+    Reason reason = Reason::none;     // of the most severe
+    float score = 0;                  // its severity; without defects, the worst severity below 1
+};
+
+class DefectFinder {
+  public:
+    DefectFinder(const Extents& extents, const Recipe& recipe);
+    ~DefectFinder();
+    DefectFinder(DefectFinder&&) noexcept;
+    DefectFinder& operator=(DefectFinder&&) noexcept;
+
+    // Allocates only if a lenslet exceeds a limit. Fails with internal if OpenCV does.
+    Result<FoundDefects> find(const Features& features);
+
+  private:
+    struct Workspace;
+    std::unique_ptr<Workspace> workspace_;
+};
+
+}  // namespace hord::algo

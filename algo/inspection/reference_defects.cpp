@@ -1,0 +1,258 @@
+#include "algo/inspection/reference_defects.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "algo/frame/mask.h"
+
+namespace hord::algo {
+namespace {
+
+constexpr double kMostOfIt = 0.6;
+constexpr double kSpreadOfIt = 0.25;
+// The EMD between two draws of one HORD, both ways of a gradient, is about so many bins over the root of the electrons.
+constexpr float kEmdOfNoise = 10;
+
+float score(const Scores& s, Deviation which) { return s[static_cast<std::size_t>(which)]; }
+
+// The shape's score and that of the gradients are one-sided: less than expected is no defect.
+float worst_of(const Scores& s) {
+    return std::max({std::abs(score(s, Deviation::light)), score(s, Deviation::bend),
+                     std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
+}
+
+// With operations alone that are rounded alike everywhere; x above 0.
+double log_of(double x) {
+    int exponent = 0;
+    const double mantissa = std::frexp(x, &exponent), t = (mantissa - 0.75) / (mantissa + 0.75),
+                 t2 = t * t;  // 0.5 to 1, of 0.75
+    constexpr double kLog2 = 0.6931471805599453, kLogOf075 = -0.2876820724517809;
+    double sum = 0;
+    for (int k = 21; k >= 1; k -= 2) sum = sum * t2 + 1.0 / k;
+    return exponent * kLog2 + kLogOf075 + 2 * t * sum;
+}
+
+// How much surer than `d` over its standard deviation it is that light is missing: light is counted, and the root of
+// twice the logarithm of the Poisson likelihood ratio over that is sqrt(2 ((1 + d) ln(1 + d) - d)) / |d|. d from -1,
+// all of it is missing: 1.41, to below 0.
+float counted(float d) {
+    const double v = static_cast<double>(d), left = 1 + v;
+    if (v > -0.05) return 1 - d / 6;
+    return static_cast<float>(std::sqrt(2 * ((left > 1e-9 ? left * log_of(left) : 0) - v)) / -v);
+}
+
+// How much that is for a good part at this place, with all its light: where so much of it is missing that it is a
+// defect anyway, what is left is not excused for being noisy, and what is missing is counted.
+float surprise_of(const Scores& s, const Difference& d, float reject_score) {
+    const float light = score(s, Deviation::light);
+    if (light > -reject_score) return worst_of(s);
+    const float others =
+        std::max({score(s, Deviation::bend), std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
+    return std::max(-light * counted(d.light), others / std::sqrt(std::max(1 + d.light, 0.01F)));
+}
+
+double square(float v) { return static_cast<double>(v) * static_cast<double>(v); }
+
+}  // namespace
+
+Judge::Judge(const Extents& extents, const Recipe& recipe)
+    : extents_(extents), recipe_(recipe), reference_(*recipe.reference), scores_(extents.lenslets()),
+      severity_(extents.lenslets()), visited_(extents.lenslets()), queue_(extents.lenslets()),
+      used_(recipe.tolerances.size()) {
+    found_.reserve(1000);
+    defects_.reserve(1000);
+}
+
+// Scores and severities of all lenslets.
+void Judge::look(const Compared& c, std::span<float> surprise) {
+    for (std::size_t k = 0; k < scores_.size(); ++k) {
+        scores_[k] = {};
+        severity_[k] = 0;
+        surprise[k] = 0;
+        if ((c.mask[k] & (kOutside | kSaturated)) != 0) continue;
+        const Difference& d = c.differences[k];
+        if (d.has_light) scores_[k] = scores_of(d, reference_);
+        surprise[k] = surprise_of(scores_[k], d, recipe_.reject_score);
+        severity_[k] = surprise[k] / recipe_.reject_score;
+        if ((c.mask[k] & (kNoGradient | kNotJudged)) != 0 || !d.has_light) continue;
+        // Less light than the reference's has more noise; that is looked at where it matters.
+        float emd = c.emd.empty() ? 0 : (c.emd[k] - reference_.emd[d.at]) / recipe_.emd_limit_bins;
+        if (emd > severity_[k]) {
+            const float electrons = reference_.sensor.electrons_per_dn, here = std::max(d.sum, 1.0F),
+                        there = std::max(reference_.light[d.at], 1.0F);
+            const float noise =
+                kEmdOfNoise * std::max(0.0F, 1 / std::sqrt(here * electrons) - 1 / std::sqrt(there * electrons));
+            emd = (c.emd[k] - reference_.emd[d.at]) / (recipe_.emd_limit_bins + noise);
+        }
+        const float slope =
+            c.frobenius.empty() ? 0 : (c.frobenius[k] - reference_.frobenius[d.at]) / recipe_.frobenius_limit_bins;
+        severity_[k] = std::max({severity_[k], emd, slope});
+    }
+}
+
+Judge::Region Judge::gather(std::uint32_t seed, const Compared& c) {
+    const float grow = recipe_.grow_score / recipe_.reject_score;
+    Region r;
+    std::size_t count = 0;
+    const auto visit = [&](int m, int n) {
+        if (m < 0 || n < 0 || m >= extents_.m || n >= extents_.n) return;
+        const auto k = static_cast<std::uint32_t>(n * extents_.m + m);
+        if (visited_[k] != 0 || severity_[k] < grow) return;
+        visited_[k] = 1;
+        queue_[count++] = k;
+    };
+    visit(static_cast<int>(seed) % extents_.m, static_cast<int>(seed) / extents_.m);
+    for (std::size_t q = 0; q < count; ++q) {
+        const std::uint32_t k = queue_[q];
+        const int m = static_cast<int>(k) % extents_.m, n = static_cast<int>(k) / extents_.m;
+        for (int y = n - 1; y <= n + 1; ++y) {
+            for (int x = m - 1; x <= m + 1; ++x) visit(x, y);
+        }
+        const Scores& s = scores_[k];
+        const float in_noise = severity_[k] * recipe_.reject_score,
+                    by_reference = surprise_of(s, c.differences[k], recipe_.reject_score);
+        const double weight = std::min(static_cast<double>(severity_[k]), 2.0);
+        ++r.area;
+        r.weight += weight;
+        r.m += weight * m, r.n += weight * n;
+        r.mm += weight * m * m, r.nn += weight * n * n, r.mn += weight * m * n;
+        r.squares += square(in_noise);
+        (score(s, Deviation::light) < 0 ? r.missing : r.added) += square(score(s, Deviation::light));
+        r.bend += square(score(s, Deviation::bend));
+        r.spread += square(std::max(0.0F, score(s, Deviation::blur)));
+        r.shape += square(std::max(0.0F, score(s, Deviation::shape)));
+        if (in_noise > by_reference * 1.0001F) r.gradient += square(in_noise);
+        r.worst = std::max(r.worst, severity_[k]);
+        const Difference& d = c.differences[k];
+        r.least_light = std::min(r.least_light, d.light);
+        if (d.has_hord) {
+            r.most_bend = std::max(r.most_bend, std::sqrt(d.x * d.x + d.y * d.y));
+            r.most_blur = std::max(r.most_blur, std::sqrt(std::max(0.0F, d.blur)));
+        }
+        if (!c.emd.empty() && (c.mask[k] & kNoGradient) == 0) r.most_gradient = std::max(r.most_gradient, c.emd[k]);
+    }
+    return r;
+}
+
+Defect Judge::describe(const Region& r, Reason& reason) const {
+    Defect d;
+    d.m = static_cast<float>(r.m / r.weight);
+    d.n = static_cast<float>(r.n / r.weight);
+    d.area = r.area;
+    d.score = std::max(r.worst, static_cast<float>(std::sqrt(r.squares)) / recipe_.cluster_score);
+    const double mean_m = r.m / r.weight, mean_n = r.n / r.weight;
+    const double mm = r.mm / r.weight - mean_m * mean_m, nn = r.nn / r.weight - mean_n * mean_n,
+                 mn = r.mn / r.weight - mean_m * mean_n;
+    const double middle = (mm + nn) / 2, half = std::sqrt((mm - nn) * (mm - nn) / 4 + mn * mn);
+    const auto side = [](double variance) { return std::sqrt(12 * std::max(variance, 0.0) + 1); };
+    d.length = static_cast<float>(side(middle + half));
+    d.width = static_cast<float>(side(middle - half));
+    const double all = r.missing + r.added + r.bend + r.spread + r.shape;
+    const double bent = r.bend + r.shape;
+    const bool dims = r.missing >= kMostOfIt * all, spreads = r.spread >= kSpreadOfIt * all && r.spread >= bent,
+               bends = bent > r.spread && bent + r.spread >= kMostOfIt * all;
+    const double length = static_cast<double>(d.length), width = static_cast<double>(d.width);
+    if (length >= kScratchLength && length >= kScratchRatio * width) d.kind = DefectKind::scratch;
+    else if (all <= 0 || r.gradient > all) d.kind = DefectKind::unknown;
+    else
+        d.kind = dims ? DefectKind::absorbing
+            : spreads ? DefectKind::scattering
+            : bends   ? DefectKind::surface
+                      : DefectKind::unknown;
+    reason = r.missing >= r.bend + r.shape && r.missing >= r.spread ? Reason::absorption
+        : r.bend + r.shape >= r.spread                              ? Reason::slope
+                                                                    : Reason::deflection;
+    if (all <= 0) reason = Reason::deflection;
+    d.peak = reason == Reason::absorption ? -r.least_light
+        : reason == Reason::slope         ? r.most_bend
+                                          : std::max(r.most_blur, all <= 0 ? r.most_gradient : 0.0F);
+    return d;
+}
+
+bool Judge::tolerated(const Defect& d, const Region& r, const PoseMap& pose) {
+    const auto place = pose.to_reference(static_cast<double>(d.m), static_cast<double>(d.n));
+    const float disc = 2 * std::sqrt(static_cast<float>(d.area) * std::numbers::inv_pi_v<float>);
+    const float size_mm = (d.kind == DefectKind::scratch ? d.length : disc) * recipe_.lenslet_mm;
+    const float deep_rad = std::max(r.most_bend, r.most_blur) * recipe_.bin_rad;
+    for (std::size_t t = 0; t < used_.size(); ++t) {
+        const Tolerance& tolerance = recipe_.tolerances[t];
+        if (!tolerance.is_about(d.kind) || used_[t] >= tolerance.number) continue;
+        if (tolerance.where && !tolerance.where->contains(static_cast<float>(place.m), static_cast<float>(place.n)))
+            continue;
+        if (size_mm > tolerance.largest_mm || (tolerance.deepest_rad > 0 && deep_rad > tolerance.deepest_rad)) continue;
+        ++used_[t];
+        return true;
+    }
+    return false;
+}
+
+FoundDefects Judge::find(const Compared& compared, const Pose& pose, std::span<float> surprise) {
+    look(compared, surprise);
+    std::ranges::fill(visited_, std::uint8_t{0});
+    std::ranges::fill(used_, 0U);
+    found_.clear();
+    defects_.clear();
+    const float grow = recipe_.grow_score / recipe_.reject_score;
+    const PoseMap map(pose, extents_);
+    float below = 0;  // the worst that is still good
+    for (std::uint32_t k = 0; k < severity_.size(); ++k) {
+        if (severity_[k] < grow) below = std::max(below, severity_[k]);
+        if (severity_[k] < grow || visited_[k] != 0) continue;
+        const Region region = gather(k, compared);
+        Reason reason = Reason::none;
+        const Defect defect = describe(region, reason);
+        if (defect.score < 1 || defect.area < std::max(recipe_.min_area, 1U) || tolerated(defect, region, map)) {
+            below = std::max(below, std::min(defect.score, 0.999F));
+            continue;
+        }
+        found_.emplace_back(defect, reason);
+    }
+    if (found_.empty()) return {{}, Reason::none, below};
+    std::ranges::sort(found_, [](const auto& a, const auto& b) {
+        if (a.first.score != b.first.score) return a.first.score > b.first.score;
+        return std::pair(a.first.n, a.first.m) < std::pair(b.first.n, b.first.m);
+    });
+    for (const auto& [defect, reason] : found_) defects_.push_back(defect);
+    return {defects_, found_.front().second, found_.front().first.score};
+}
+
+std::vector<std::string> problems_of_reference(const Recipe& recipe, const Extents& extents, int bits) {
+    std::vector<std::string> lines;
+    const auto level = [&](float value, const char* name) {
+        if (!(value > 0 && value <= 1000)) lines.push_back(std::string(name) + " must be above 0, at most 1000");
+    };
+    level(recipe.reject_score, "reject_score");
+    level(recipe.grow_score, "grow_score");
+    level(recipe.cluster_score, "cluster_score");
+    if (recipe.grow_score > recipe.reject_score) lines.emplace_back("grow_score must be at most reject_score");
+    if (!(recipe.lenslet_mm >= 0) || !(recipe.bin_rad >= 0))
+        lines.emplace_back("lenslet_mm and bin_rad must be above 0, or 0: not known");
+    for (const Tolerance& t : recipe.tolerances) {
+        if (!recipe.reference) lines.emplace_back("a tolerance needs a reference to tell kinds and sizes");
+        if (recipe.lenslet_mm == 0) lines.emplace_back("a tolerance in mm needs lenslet_mm");
+        if (t.deepest_rad > 0 && recipe.bin_rad == 0) lines.emplace_back("a tolerance in radians needs bin_rad");
+    }
+    if (recipe.reference) {
+        const Reference& r = *recipe.reference;
+        const auto size = [](const Extents& e) {
+            return std::to_string(e.m) + "x" + std::to_string(e.n) + " lenslets of " + std::to_string(e.i) + "x" +
+                std::to_string(e.j) + " bins";
+        };
+        if (!(r.extents == extents))
+            lines.push_back("the reference was learned from " + size(r.extents) + ", the frames have " + size(extents));
+        if (r.bits != bits)
+            lines.push_back("the reference was learned from " + std::to_string(r.bits) +
+                            "-bit samples, the frames have " + std::to_string(bits) + " bits");
+        const LightLevels levels = light_levels(recipe, bits);
+        if (r.levels.dark != levels.dark || r.levels.saturated != levels.saturated ||
+            r.levels.min_sum != levels.min_sum) {
+            lines.push_back("the reference was learned with other light levels (dark_dn " +
+                            std::to_string(r.levels.dark) + ", min_sum_dn " + std::to_string(r.levels.min_sum) +
+                            ", saturated_dn " + std::to_string(r.levels.saturated) + ")");
+        }
+    }
+    return lines;
+}
+
+}  // namespace hord::algo

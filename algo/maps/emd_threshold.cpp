@@ -1,0 +1,195 @@
+#include "algo/maps/emd_threshold.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "algo/emd/emd_bounds.h"
+#include "algo/features/gradient.h"
+#include "algo/features/row_window.h"
+#include "algo/maps/row_thread_pool.h"
+
+namespace hord::algo {
+namespace {
+
+constexpr int kBandRows = 16;  // decided together; as many rows of undecided pairs are solved side by side
+
+struct Worker {
+    Worker(const Extents& e, const GroundDistance& ground, EmdSolver s)
+        : window(e), reference(e), across(ground), down(ground), solver(std::move(s)),
+          asked(static_cast<std::size_t>(kBandRows * e.m)), open(asked.size()) {}
+    RowWindow window;
+    HordRow reference;
+    EmdBounds across, down;  // of a lenslet; against a reference the first alone
+    EmdSolver solver;
+    std::vector<EmdGradient> asked;  // of the undecided lenslets
+    std::vector<std::size_t> open;   // which those are
+    std::size_t undecided = 0;
+    std::uint64_t pairs = 0, solved = 0;
+};
+
+}  // namespace
+
+struct EmdDecisions::State {
+    Extents extents;
+    int bits = 8;
+    LightLevels levels;
+    std::unique_ptr<BandCrew> crew;
+    std::vector<Worker> workers;
+    std::vector<std::uint8_t> reached, mask;
+    float limit = 0;
+
+    [[nodiscard]] std::size_t at(int m, int n) const {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
+    }
+
+    template <class Band>
+    DecisionMap in_bands(float the_limit, Band compute);
+    void decide_band(Worker& worker, const FrameView& frame, int first, int last);
+    void decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference, int first, int last);
+    EmdGradient* decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y);
+    void decide_open(Worker& worker);
+};
+
+template <class Band>
+DecisionMap EmdDecisions::State::in_bands(float the_limit, Band compute) {
+    limit = the_limit;
+    for (Worker& worker : workers) worker.pairs = worker.solved = 0;
+    crew->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
+        Worker& w = workers[static_cast<std::size_t>(worker)];
+        compute(w, band * kBandRows, std::min((band + 1) * kBandRows, extents.n));
+        decide_open(w);
+    });
+    DecisionMap map{reached, mask, 0, 0};
+    for (const Worker& worker : workers) {
+        map.pairs += worker.pairs;
+        map.solved += worker.solved;
+    }
+    return map;
+}
+
+// What the bounds were given, cheapest first. Null when they decided; else where the exact distances belong.
+EmdGradient* EmdDecisions::State::decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y) {
+    using Order = EmdBounds::Order;
+    const EmdBounds &across = worker.across, &down = worker.down;
+    const auto is_below = [&](double x, double y) {
+        return static_cast<float>(EmdGradient{x, y, weight_x, weight_y}.norm()) < limit;
+    };
+    reached[k] = 0;
+    if (is_below(across.upper_by_mass(), down.upper_by_mass())) return nullptr;
+    const double most_x = across.upper(Order::by_lines), most_y = down.upper(Order::by_lines);
+    if (is_below(most_x, most_y)) return nullptr;
+    reached[k] = is_below(across.lower(), down.lower()) ? 0 : 1;
+    if (reached[k] != 0) return nullptr;
+    if (is_below(std::min(most_x, across.upper(Order::by_columns)), std::min(most_y, down.upper(Order::by_columns))))
+        return nullptr;
+    worker.open[worker.undecided] = k;
+    EmdGradient& asked = worker.asked[worker.undecided++];
+    asked = {0, 0, weight_x, weight_y};
+    return &asked;
+}
+
+void EmdDecisions::State::decide_open(Worker& worker) {
+    worker.solver.finish();
+    for (std::size_t u = 0; u < worker.undecided; ++u)
+        reached[worker.open[u]] = static_cast<float>(worker.asked[u].norm()) >= limit ? 1 : 0;
+    worker.undecided = 0;
+}
+
+void EmdDecisions::State::decide_band(Worker& worker, const FrameView& frame, int first, int last) {
+    RowWindow& window = worker.window;
+    window.stream(frame, levels, first, last, false, [&](int n) {
+        for (int m = 0; m < extents.m; ++m) {
+            const auto near = window.neighbours(m, n);
+            const std::size_t k = at(m, n);
+            mask[k] = near.mask;
+            reached[k] = 0;
+            if ((near.mask & kNoGradient) != 0) continue;
+            const Hord left = window.row(n).hord(near.left), right = window.row(n).hord(near.right);
+            const Hord above = window.row(near.above).hord(m), below = window.row(near.below).hord(m);
+            worker.pairs += 2;
+            worker.across.take(left, right);
+            worker.down.take(above, below);
+            EmdGradient* open = decide_by_bounds(worker, k, near.across.weight(), near.down.weight());
+            if (open == nullptr) continue;
+            worker.solver.submit(left, right, &open->x);
+            worker.solver.submit(above, below, &open->y);
+            worker.solved += 2;
+        }
+    });
+}
+
+void EmdDecisions::State::decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference,
+                                              int first, int last) {
+    worker.down.take({}, {});
+    for (int n = first; n < last; ++n) {
+        const HordRow& row = worker.window.decode(frame, levels, n);
+        decode_row(reference, extents, levels, n, worker.reference);
+        for (int m = 0; m < extents.m; ++m) {
+            const std::size_t k = at(m, n);
+            mask[k] = static_cast<std::uint8_t>(row.mask()[static_cast<std::size_t>(m)] |
+                                                (worker.reference.has_hord(m) ? kValid : kBorder));
+            reached[k] = 0;
+            if ((mask[k] & kNoGradient) != 0) continue;
+            const Hord here = row.hord(m), wanted = worker.reference.hord(m);
+            ++worker.pairs;
+            worker.across.take(here, wanted);
+            EmdGradient* open = decide_by_bounds(worker, k, 1, 0);
+            if (open == nullptr) continue;
+            worker.solver.submit(here, wanted, &open->x);
+            ++worker.solved;
+        }
+    }
+}
+
+Result<EmdDecisions> EmdDecisions::create(const Extents& extents, int bits, const LightLevels& levels,
+                                          const GroundDistance& ground, int threads) {
+    if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
+    if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
+    if (auto fine = check_bins(ground, extents); !fine) return tl::unexpected(fine.error());
+    auto crew = BandCrew::create(threads);
+    if (!crew) return tl::unexpected(crew.error());
+    auto state = std::make_unique<State>();
+    state->extents = extents;
+    state->bits = bits;
+    state->levels = levels;
+    state->crew = std::move(*crew);
+    for (int worker = 0; worker < threads; ++worker) {
+        auto solver = EmdSolver::create(ground);
+        if (!solver) return tl::unexpected(solver.error());
+        state->workers.emplace_back(extents, ground, std::move(*solver));
+    }
+    state->reached.resize(extents.lenslets());
+    state->mask.resize(extents.lenslets());
+    return EmdDecisions(std::move(state));
+}
+
+Result<DecisionMap> EmdDecisions::decide(const FrameView& frame, float limit) {
+    State& s = *state_;
+    if (auto fine = check_frame(frame, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
+    if (std::isnan(limit))
+        return fail(ErrorCode::invalid_argument, "a limit that is not a number",
+                    "give one in the ground distance's unit");
+    return s.in_bands(limit, [&](Worker& worker, int first, int last) { s.decide_band(worker, frame, first, last); });
+}
+
+Result<DecisionMap> EmdDecisions::decide_against(const FrameView& frame, const FrameView& reference, float limit) {
+    State& s = *state_;
+    for (const FrameView& view : {frame, reference}) {
+        if (auto fine = check_frame(view, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
+    }
+    if (std::isnan(limit))
+        return fail(ErrorCode::invalid_argument, "a limit that is not a number",
+                    "give one in the ground distance's unit");
+    return s.in_bands(limit, [&](Worker& worker, int first, int last) {
+        s.decide_band_against(worker, frame, reference, first, last);
+    });
+}
+
+EmdDecisions::EmdDecisions(std::unique_ptr<State> state) : state_(std::move(state)) {}
+EmdDecisions::EmdDecisions(EmdDecisions&&) noexcept = default;
+EmdDecisions& EmdDecisions::operator=(EmdDecisions&&) noexcept = default;
+EmdDecisions::~EmdDecisions() = default;
+
+}  // namespace hord::algo

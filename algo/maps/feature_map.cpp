@@ -1,0 +1,241 @@
+#include "algo/maps/feature_map.h"
+
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "algo/features/gradient.h"
+#include "algo/features/row_window.h"
+#include "algo/maps/row_thread_pool.h"
+#include "algo/soa/soa_distances.h"
+
+namespace hord::algo {
+namespace {
+
+// Rows a band has pair by pair; it decodes one row more at either end. The distances of a band are asked for before
+// they are finished, so that the solver finds many small problems alike.
+constexpr int kBandRows = 16;
+
+// A worker has one or the other: most of what is cheap goes by planes, the rest pair by pair.
+struct Worker {
+    Worker(const Extents& e, Distance d, Isa isa) : by_pairs(std::make_unique<ByPairs>(e, std::move(d), isa)) {}
+    Worker(const Extents& e, Feature feature, Isa isa) : by_planes(std::make_unique<PlaneFeature>(e, feature, isa)) {}
+
+    struct ByPairs {
+        ByPairs(const Extents& e, Distance d, Isa an_isa)
+            : isa(an_isa), distance(std::move(d)), window(e, distance.close_up(), isa), reference(e),
+              asked(static_cast<std::size_t>(kBandRows * e.m)) {}
+        Isa isa;
+        Distance distance;
+        RowWindow window;
+        HordRow reference;
+        std::vector<EmdGradient> asked;  // of a band's lenslets; against a reference x alone is used
+        std::uint64_t at_limit = 0;
+
+        template <class AnyHord>
+        void submit(const AnyHord& a, const AnyHord& b, double* out, std::uint8_t& flags) {
+            const std::uint64_t before = distance.saturated();
+            distance.submit(a, b, out);
+            if (distance.saturated() != before) flags |= kAtLimit;
+        }
+    };
+    std::unique_ptr<ByPairs> by_pairs;
+    std::unique_ptr<PlaneFeature> by_planes;
+    int went_to = -1;  // the row after its last band of this frame
+};
+
+}  // namespace
+
+struct FeatureMapper::State {
+    Extents extents;
+    int bits = 8;
+    LightLevels levels;
+    Feature feature = Feature::emd;
+    std::unique_ptr<BandCrew> crew;
+    std::vector<Worker> workers;
+    std::vector<float> values;
+    std::vector<std::uint8_t> mask;
+
+    [[nodiscard]] std::size_t at(int m, int n) const {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
+    }
+
+    template <class Band>
+    FeatureMap in_bands(Band compute);
+    void finish(Worker::ByPairs& worker, int first, int last);
+    void neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last, bool goes_on);
+    template <class ReferenceRow>
+    void reference_band(Worker::ByPairs& worker, const FrameView& frame, ReferenceRow reference_row, int first,
+                        int last);
+    [[nodiscard]] Result<void> check_reference() const;
+};
+
+// Shares the rows out: compute(worker, first row, row after the last, whether they follow the worker's rows before).
+// The result does not depend on how.
+template <class Band>
+FeatureMap FeatureMapper::State::in_bands(Band compute) {
+    for (Worker& worker : workers) {
+        worker.went_to = -1;
+        if (worker.by_pairs) worker.by_pairs->at_limit = 0;
+    }
+    const int rows = workers[0].by_planes ? crew->rows_a_band(extents.n) : kBandRows;
+    crew->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
+        Worker& w = workers[static_cast<std::size_t>(worker)];
+        const int first = band * rows, last = std::min((band + 1) * rows, extents.n);
+        const bool goes_on = std::exchange(w.went_to, last) == first;
+        compute(w, first, last, goes_on);
+    });
+    FeatureMap map{values, mask, 0};
+    for (const Worker& worker : workers) map.at_limit += worker.by_pairs ? worker.by_pairs->at_limit : 0;
+    return map;
+}
+
+// Writes the values of rows first .. last-1, which have been asked for.
+void FeatureMapper::State::finish(Worker::ByPairs& worker, int first, int last) {
+    worker.distance.finish();
+    const std::size_t from = at(0, first), count = at(0, last) - from;
+    for (std::size_t k = 0; k < count; ++k) {
+        values[from + k] = static_cast<float>(worker.asked[k].norm());
+        worker.at_limit += (mask[from + k] & kAtLimit) != 0 ? 1U : 0U;
+    }
+}
+
+void FeatureMapper::State::neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last,
+                                           bool goes_on) {
+    RowWindow& window = worker.window;
+    window.stream(frame, levels, first, last, goes_on, [&](int n) {
+        for (int m = 0; m < extents.m; ++m) {
+            const auto near = window.neighbours(m, n);
+            const std::size_t k = at(m, n);
+            EmdGradient& gradient = worker.asked[k - at(0, first)];
+            gradient = {};
+            std::uint8_t flags = near.mask;
+            if ((near.mask & kNoGradient) == 0) {
+                gradient.weight_x = near.across.weight();
+                gradient.weight_y = near.down.weight();
+                worker.submit(window.closed(near.left, n), window.closed(near.right, n), &gradient.x, flags);
+                worker.submit(window.closed(m, near.above), window.closed(m, near.below), &gradient.y, flags);
+            }
+            mask[k] = flags;
+        }
+    });
+    finish(worker, first, last);
+}
+
+// reference_row(n) returns a function that gives the reference's HORD in column m.
+template <class ReferenceRow>
+void FeatureMapper::State::reference_band(Worker::ByPairs& worker, const FrameView& frame, ReferenceRow reference_row,
+                                          int first, int last) {
+    for (int n = first; n < last; ++n) {
+        const HordRow& row = worker.window.decode(frame, levels, n);
+        const auto reference = reference_row(n);
+        for (int m = 0; m < extents.m; ++m) {
+            const std::size_t k = at(m, n);
+            EmdGradient& difference = worker.asked[k - at(0, first)];
+            difference = {0, 0, 1, 0};
+            std::uint8_t flags = row.mask()[static_cast<std::size_t>(m)];
+            const Hord wanted = reference(m);
+            if (wanted.sum == 0) flags |= kBorder;
+            if ((flags & kNoGradient) == 0) worker.submit(row.hord(m), wanted, &difference.x, flags);
+            mask[k] = flags;
+        }
+    }
+    finish(worker, first, last);
+}
+
+Result<void> FeatureMapper::State::check_reference() const {
+    if (is_distance(feature)) return {};
+    return fail(ErrorCode::invalid_argument, std::string(name_of(feature)) + " compares neighbours",
+                "give a distance to compare with a reference");
+}
+
+Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, const LightLevels& levels,
+                                            Feature feature, const Options& options) {
+    if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
+    if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
+    if (feature == Feature::transmission) {
+        return fail(ErrorCode::invalid_argument, "transmission compares a lenslet with the whole part",
+                    "take it from an inspection");
+    }
+    if (!has(options.isa))
+        return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
+    auto crew = BandCrew::create(options.threads);
+    if (!crew) return tl::unexpected(crew.error());
+    auto state = std::make_unique<State>();
+    state->extents = extents;
+    state->bits = bits;
+    state->levels = levels;
+    state->feature = feature;
+    state->crew = std::move(*crew);
+    const bool by_planes =
+        PlaneFeature::covers(feature) && (options.distance.directions.empty() || !is_distance(feature));
+    for (int worker = 0; worker < options.threads; ++worker) {
+        if (by_planes) {
+            state->workers.emplace_back(extents, feature, options.isa);
+            continue;
+        }
+        auto distance = Distance::create(feature, extents.i, extents.j, options.distance, options.isa);
+        if (!distance) return tl::unexpected(distance.error());
+        state->workers.emplace_back(extents, std::move(*distance), options.isa);
+    }
+    state->values.resize(extents.lenslets());
+    state->mask.resize(extents.lenslets());
+    return FeatureMapper(std::move(state));
+}
+
+Result<FeatureMap> FeatureMapper::over_neighbours(const FrameView& frame) {
+    State& s = *state_;
+    if (auto fine = check_frame(frame, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
+    return s.in_bands([&](Worker& worker, int first, int last, bool goes_on) {
+        if (worker.by_planes) {
+            worker.by_planes->over_neighbours(frame, s.levels, first, last, s.values.data(), s.mask.data(), goes_on);
+        } else {
+            s.neighbours_band(*worker.by_pairs, frame, first, last, goes_on);
+        }
+    });
+}
+
+Result<FeatureMap> FeatureMapper::against(const FrameView& frame, const FrameView& reference) {
+    State& s = *state_;
+    for (const FrameView& view : {frame, reference}) {
+        if (auto fine = check_frame(view, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
+    }
+    if (auto fine = s.check_reference(); !fine) return tl::unexpected(fine.error());
+    return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
+        if (worker.by_planes)
+            return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
+        const auto decoded = [&](int n) {
+            HordRow& row = worker.by_pairs->reference;
+            decode_row(reference, s.extents, s.levels, n, row, worker.by_pairs->isa);
+            return [&row](int m) { return row.has_hord(m) ? row.hord(m) : Hord{}; };
+        };
+        s.reference_band(*worker.by_pairs, frame, decoded, first, last);
+    });
+}
+
+Result<FeatureMap> FeatureMapper::against(const FrameView& frame, std::span<const Hord> reference) {
+    State& s = *state_;
+    if (auto fine = check_frame(frame, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
+    if (auto fine = s.check_reference(); !fine) return tl::unexpected(fine.error());
+    if (reference.size() != s.extents.lenslets()) {
+        return fail(ErrorCode::invalid_argument, std::to_string(reference.size()) + " reference HORDs",
+                    "give one a lenslet: " + std::to_string(s.extents.lenslets()));
+    }
+    return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
+        if (worker.by_planes)
+            return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
+        const auto given = [&](int n) {
+            return [row = reference.subspan(s.at(0, n))](int m) { return row[static_cast<std::size_t>(m)]; };
+        };
+        s.reference_band(*worker.by_pairs, frame, given, first, last);
+    });
+}
+
+FeatureMapper::FeatureMapper(std::unique_ptr<State> state) : state_(std::move(state)) {}
+FeatureMapper::FeatureMapper(FeatureMapper&&) noexcept = default;
+FeatureMapper& FeatureMapper::operator=(FeatureMapper&&) noexcept = default;
+FeatureMapper::~FeatureMapper() = default;
+
+}  // namespace hord::algo

@@ -1,0 +1,361 @@
+#include "algo/reference/reference_comparison.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "algo/frame/mask.h"
+
+namespace hord::algo {
+
+namespace {
+
+constexpr int kCopiedLine = 16, kCopied = kCopiedLine * kMaxBins;  // samples: of a copied lenslet's line; of all
+static_assert(kCopiedLine >= (kMaxBins + 7) / 8 * 8);
+constexpr float kEdgeBins = 0.2F,
+                kEdgeLight = 0.1F;  // second differences of a golden map: what interpolation cannot follow
+
+constexpr int floor_of(double v) {
+    const int towards_zero = static_cast<int>(v);
+    return towards_zero - (v < towards_zero ? 1 : 0);
+}
+
+// With operations alone that are rounded alike everywhere.
+double exp_of(double x) {
+    int halved = 0;
+    for (; x > 0.5; x *= 0.5) ++halved;
+    double sum = 1, term = 1;
+    for (int k = 1; k <= 14; ++k) sum += term *= x / k;
+    for (; halved > 0; --halved) sum *= sum;
+    return sum;
+}
+
+// The variance of what a normal number of this variance has above `clip`, nothing where it has not.
+double clipped_variance(double variance, double clip) {
+    const double from = clip / std::sqrt(variance), step = 1.0 / 32;
+    double mean = 0, square = 0;
+    for (int k = 0; k < 8 * 32; ++k) {
+        const double above = (k + 0.5) * step, z = from + above, density = 0.3989422804 * step / exp_of(0.5 * z * z);
+        mean += density * above;
+        square += density * above * above;
+    }
+    return variance * (square - mean * mean);
+}
+
+}  // namespace
+
+Comparer::Comparer(const Reference& reference, Isa isa, std::shared_ptr<const GoldenPlanes> planes)
+    : reference_(reference), planes_(planes ? std::move(planes) : std::make_shared<const GoldenPlanes>(reference)),
+      row_(reference, *planes_, isa), reader_(reference, isa), fitter_(reference.extents, isa),
+      edge_(reference.extents.lenslets()), read_(kLanes * reference.stride()),
+      copied_(static_cast<std::size_t>(kLanes * kCopied)) {
+    const double clip = static_cast<double>(reference.sensor.clip_dn),
+                 gain = static_cast<double>(reference.sensor.electrons_per_dn),
+                 read = static_cast<double>(reference.sensor.read_dn);
+    double clipped = 0, light = 0;
+    for (std::size_t k = 0; k < edge_.size(); ++k) {
+        if (reference.mask[k] != kValid) continue;
+        const std::uint16_t* share = reference.shares.data() + k * reference.stride();
+        double cut = 0;
+        for (std::size_t b = 0; b < reference.stride(); ++b)
+            cut += std::min(clip, static_cast<double>(share[b]) * 0x1p-15 * static_cast<double>(reference.light[k]));
+        clipped += cut, light += static_cast<double>(reference.light[k]);
+    }
+    clipped_ = light > 0 ? clipped / light : 0;
+    find_edges();
+    floor_ = read * read + 1.0 / 12;
+    const double quiet = clipped_variance(floor_, clip), empty = std::max({2 * quiet, floor_ / 16, 1.0 / 12});
+    noise_ = {0, static_cast<float>(clip / gain + floor_ - quiet), static_cast<float>(std::sqrt(floor_)),
+              static_cast<float>(empty), static_cast<float>(quiet)};
+    noise_at_edges_ = noise_;
+    noise_at_edges_.empty = static_cast<float>(floor_);
+}
+
+void Comparer::find_edges() {
+    const Extents& e = reference_.extents;
+    const auto at = [&](int m, int n) { return static_cast<std::size_t>(n * e.m + m); };
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            if (reference_.mask[at(m, n)] == kOutside) continue;
+            bool edge = reference_.mask[at(m, n)] != kValid;
+            const auto bends = [&](std::size_t before, std::size_t k, std::size_t after) {
+                if ((reference_.mask[before] | reference_.mask[k] | reference_.mask[after]) != kValid) return;
+                const auto second = [&](const std::vector<float>& map) {
+                    return std::abs(map[before] - 2 * map[k] + map[after]);
+                };
+                edge = edge || second(reference_.x) > kEdgeBins || second(reference_.y) > kEdgeBins ||
+                    second(reference_.light) > kEdgeLight * reference_.light[k];
+            };
+            if (m > 0 && m + 1 < e.m) bends(at(m - 1, n), at(m, n), at(m + 1, n));
+            if (n > 0 && n + 1 < e.n) bends(at(m, n - 1), at(m, n), at(m, n + 1));
+            for (int y = std::max(0, n - 2); edge && y <= std::min(e.n - 1, n + 2); ++y) {
+                for (int x = std::max(0, m - 2); x <= std::min(e.m - 1, m + 2); ++x) edge_[at(x, y)] = 1;
+            }
+        }
+    }
+}
+
+// Of a part at `light_` times the reference's light.
+BinNoise Comparer::at_light(const BinNoise& noise) const {
+    BinNoise here = noise;
+    here.a_dn = static_cast<float>(golden_share_ / static_cast<double>(reference_.sensor.electrons_per_dn));
+    // Of a spot's fringes, weaker light leaves below the dark level what is not quiet.
+    if (light_ < 1) here.empty = std::max(here.empty, static_cast<float>(floor_ * (1 - light_) * (1 - light_)));
+    return here;
+}
+
+void Comparer::start_row(const PoseMap& pose, int n, double light) {
+    pose_ = &pose;
+    light_ = (light + clipped_) / (1 + clipped_);
+    row_.start_row(pose, n, light_);
+    group_.live = 0;
+    golden_share_ = 1 + light_ / reference_.parts;  // less light than its own: less of its noise
+    noise_now_ = at_light(noise_), noise_at_edges_now_ = at_light(noise_at_edges_);
+}
+
+std::uint32_t Comparer::nearest(const PoseMap::Place& at) const {
+    const Extents& e = reference_.extents;
+    return static_cast<std::uint32_t>(std::clamp(floor_of(at.n + 0.5), 0, e.n - 1) * e.m +
+                                      std::clamp(floor_of(at.m + 0.5), 0, e.m - 1));
+}
+
+// The lane of a lenslet among those that wait; -1: those that do are to be compared first.
+int Comparer::join(int m, int n, std::uint32_t sum, bool has_hord, Difference& out) {
+    const auto at = pose_->to_reference(m, n);
+    const int column = floor_of(at.m), block = (column - 1) >> 4, lane = (column - 1) & (kLanes - 1);
+    static_assert(kLanes == 16);
+    Group& g = group_;
+    // A turned part's lenslets lie less than one apart in the reference: once in a while two share a column.
+    if (g.live != 0 && (block != g.block || lane <= g.last)) return -1;
+    if (g.live == 0) g.with_hord = 0;
+    g.block = block;
+    g.last = lane;
+    g.live |= 1U << lane;
+    if (has_hord) g.with_hord |= 1U << lane;
+    g.at[lane] = at;
+    g.sum[lane] = sum;
+    g.out[lane] = &out;
+    const QuantisedCubic& along = cubic_at(at.m - column);
+    for (int c = 0; c < GoldenPlanes::kAcross; ++c) golden_.weights[c][lane] = static_cast<float>(along.of[c]);
+    return lane;
+}
+
+// Of lenslets at the ends of the frame's lines: so that behind each line can be read.
+template <class Sample>
+LensletSamples<Sample> Comparer::copy_of(const LensletSamples<Sample>& samples, int lane) {
+    auto* const copied = reinterpret_cast<Sample*>(copied_.data() + std::ptrdiff_t{lane} * kCopied);
+    for (int j = 0; j < reference_.extents.j; ++j)
+        std::copy_n(samples.first + j * samples.line_stride, reference_.extents.i,
+                    copied + std::ptrdiff_t{j} * kCopiedLine);
+    return {copied, kCopiedLine};
+}
+
+void Comparer::compare_row(const HordRow& row, int n, const PoseMap& pose, double light, std::span<Difference> out) {
+    start_row(pose, n, light);
+    const Extents& e = reference_.extents;
+    for (int m = 0; m < e.m; ++m) {
+        const auto k = static_cast<std::size_t>(m);
+        out[k] = {};
+        if ((row.mask()[k] & kSaturated) != 0) continue;
+        int lane = join(m, n, row.sums()[k], row.has_hord(m), out[k]);
+        if (lane < 0) {
+            compare(group_.wide, 0);
+            lane = join(m, n, row.sums()[k], row.has_hord(m), out[k]);
+        }
+        const LensletSamples<std::uint16_t> samples{row.hord(m).mass, e.i};
+        group_.wide[lane] = m + 1 < e.m ? samples : copy_of(samples, lane);
+    }
+    compare(group_.wide, 0);
+}
+
+void Comparer::compare_row(const FrameView& frame, std::span<const std::uint32_t> sums,
+                           std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
+                           std::span<Difference> out) {
+    start_row(pose, n, light);
+    const Extents& e = reference_.extents;
+    const auto compare_samples = [&]<class Sample>(LensletSamples<Sample>(&waiting)[kLanes]) {
+        const std::ptrdiff_t stride = frame.stride_bytes / static_cast<std::ptrdiff_t>(sizeof(Sample));
+        const auto* first = reinterpret_cast<const Sample*>(frame.data) + std::ptrdiff_t{n} * e.j * stride;
+        for (int m = 0; m < e.m; ++m) {
+            const auto k = static_cast<std::size_t>(m);
+            if ((mask[k] & kOutside) != 0) continue;
+            out[k] = {};
+            if ((mask[k] & kSaturated) != 0) continue;
+            int lane = join(m, n, sums[k], (mask[k] & kNoHord) == 0, out[k]);
+            if (lane < 0) {
+                compare(waiting, reference_.levels.dark);
+                lane = join(m, n, sums[k], (mask[k] & kNoHord) == 0, out[k]);
+            }
+            const LensletSamples<Sample> samples{first + std::ptrdiff_t{m} * e.i, stride};
+            waiting[lane] = m * e.i + fitter_.readable() <= frame.width_px ? samples : copy_of(samples, lane);
+        }
+        compare(waiting, reference_.levels.dark);
+    };
+    if (frame.sample_bytes() == 2) compare_samples(group_.wide);
+    else compare_samples(group_.narrow);
+}
+
+// All that wait.
+template <class Sample>
+void Comparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::uint32_t dark) {
+    Group& g = group_;
+    if (g.live == 0) return;
+    row_.move_to(g.block);
+    const std::uint32_t plain = row_.plain() & g.live;
+    BinRect lit;
+    if (plain != 0) lit = row_.lit();
+    GoldenReader::Golden alone[kLanes];
+    for (std::uint32_t left = g.live & ~plain; left != 0; left &= left - 1) {
+        const int l = __builtin_ctz(left);
+        GoldenReader::Golden& golden = alone[l];
+        golden = reader_.read(g.at[l].m, g.at[l].n, light_,
+                              read_.data() + static_cast<std::size_t>(l) * reference_.stride());
+        if (!golden.has_hord) continue;
+        const auto bin = [](int place) { return static_cast<std::int16_t>(place - 1); };
+        lit.cover({bin(golden.lit.left()), bin(golden.lit.right()), bin(golden.lit.top()), bin(golden.lit.bottom())});
+    }
+    const int at_once = fitter_.at_once();
+    if (!lit.none()) {
+        const LensletSamples<Sample> any = samples[__builtin_ctz(g.live)];
+        for (std::uint32_t dead = ~g.live & 0xFFFFU; dead != 0; dead &= dead - 1) samples[__builtin_ctz(dead)] = any;
+        fitter_.take(samples, dark);
+    }
+    for (int first = 0; first < kLanes; first += at_once) {
+        const std::uint32_t ours = g.live & ((1U << at_once) - 1U) << first;
+        if (ours == 0) continue;
+        if (!lit.none()) {
+            fitter_.start(first, lit);
+            row_.interpolate(first, lit, golden_, fitter_.golden(lit.left, lit.top), fitter_.golden_pitch());
+        }
+        std::uint32_t fitted = 0;
+        for (std::uint32_t left = ours; left != 0; left &= left - 1) {
+            const int l = __builtin_ctz(left);
+            bool has_hord = true;
+            if ((plain >> l & 1U) != 0) {
+                has_hord =
+                    look_at_light(l, static_cast<double>(golden_.light[l]), static_cast<double>(golden_.share[l]));
+            } else {
+                const GoldenReader::Golden& golden = alone[l];
+                has_hord = golden.known && look_at_light(l, golden.light, golden.share) && golden.has_hord;
+                if (!has_hord) continue;
+                const float* bins = read_.data() + static_cast<std::size_t>(l) * reference_.stride();
+                for (int j = lit.top; j <= lit.bottom; ++j) {
+                    for (int i = lit.left; i <= lit.right; ++i) {
+                        const auto place = static_cast<int>(reference_.place(i, j));
+                        fitter_.golden(i, j)[l - first] =
+                            place >= golden.written.first && place < golden.written.end() ? bins[place] : 0.0F;
+                    }
+                }
+            }
+            if (!has_hord || (g.with_hord >> l & 1U) == 0) continue;
+            fitted |= 1U << l;
+        }
+        if (fitted == 0) continue;
+        for (int l = first; l < first + at_once; ++l) {
+            if ((fitted >> l & 1U) == 0) fits_.light[l] = 1, fits_.empty[l] = noise_now_.empty;
+        }
+        fits_.noise = noise_now_;
+        fitter_.fit(fits_, fitted);
+        for (; fitted != 0; fitted &= fitted - 1) finish(__builtin_ctz(fitted));
+    }
+    g.live = 0;
+}
+
+// Whether there is light to be expected.
+bool Comparer::look_at_light(int lane, double light, double share) {
+    Difference& out = *group_.out[lane];
+    const std::uint32_t sum = group_.sum[lane];
+    out.at = nearest(group_.at[lane]);
+    out.sum = static_cast<float>(sum);
+    const double expected = light * share;
+    if (!(light > 0) || expected < static_cast<double>(reference_.levels.min_sum)) return false;
+    out.has_light = true;
+    const double per_expected = 1 / expected, a_dn = static_cast<double>(noise_now_.a_dn);
+    out.light = static_cast<float>(static_cast<double>(sum) * per_expected - 1);
+    constexpr double kBinsLit = 9;  // that add their floor to the sum
+    out.light_variance =
+        static_cast<float>((a_dn * expected + kBinsLit * floor_ * golden_share_) * per_expected * per_expected);
+    fits_.light[lane] = static_cast<float>(static_cast<double>(sum) / share);
+    fits_.empty[lane] = (edge_[out.at] != 0 ? noise_at_edges_now_ : noise_now_).empty;
+    return true;
+}
+
+void Comparer::finish(int l) {
+    if (fits_.found[l] == 0) return;
+    Difference& out = *group_.out[l];
+    out.has_hord = true;
+    out.x = fits_.x[l], out.y = fits_.y[l], out.blur = fits_.blur[l];
+    out.x_variance = fits_.x_variance[l], out.y_variance = fits_.y_variance[l],
+    out.blur_variance = fits_.blur_variance[l];
+    out.chi2 = fits_.chi2[l];
+    out.degrees = std::max(1.0F, fits_.degrees[l] - 3);
+    if (std::sqrt(2 * out.chi2) > std::sqrt(2 * out.degrees) + kMuch) look_how_far(l, out);
+    // The turn of the part turns its deflections: that is no deviation.
+    const auto gx = static_cast<double>(reference_.x[out.at]), gy = static_cast<double>(reference_.y[out.at]);
+    const auto turned = pose_->turned(gx, gy);
+    out.x -= static_cast<float>(turned.m - gx);
+    out.y -= static_cast<float>(turned.n - gy);
+}
+
+// Where a fit of small shifts does not say how far light went: by the mean of all bins.
+void Comparer::look_how_far(int lane, Difference& out) const {
+    const double a_dn = golden_share_ / static_cast<double>(reference_.sensor.electrons_per_dn),
+                 quiet = static_cast<double>(noise_.quiet);
+    struct Moments {
+        double light = 0, x = 0, y = 0, xx = 0, yy = 0;
+        void add(double v, double at_x, double at_y) {
+            light += v, x += v * at_x, y += v * at_y, xx += v * at_x * at_x, yy += v * at_y * at_y;
+        }
+    } seen, wanted, places;
+    for (int j = 0; j < reference_.extents.j; ++j) {
+        for (int i = 0; i < reference_.extents.i; ++i) {
+            const double x = i - 0.5 * (reference_.extents.i - 1), y = j - 0.5 * (reference_.extents.j - 1);
+            seen.add(static_cast<double>(fitter_.mass(lane, i, j)), x, y), places.add(1, x, y);
+            wanted.add(static_cast<double>(fitter_.golden(lane, i, j)), x, y);
+        }
+    }
+    if (!(seen.light > 0) || !(wanted.light > 0)) return;
+    const double mean_x = wanted.x / wanted.light, mean_y = wanted.y / wanted.light;
+    const double moved_x = seen.x / seen.light - mean_x, moved_y = seen.y / seen.light - mean_y;
+    // At an edge the mean moves with how the edge lies in the lenslet.
+    const int columns = reference_.extents.m, at_m = static_cast<int>(out.at) % columns,
+              at_n = static_cast<int>(out.at) / columns;
+    float least_x = 8, most_x = -8, least_y = 8, most_y = -8;
+    for (int y = std::max(0, at_n - 1); y <= std::min(reference_.extents.n - 1, at_n + 1); ++y) {
+        for (int x = std::max(0, at_m - 1); x <= std::min(columns - 1, at_m + 1); ++x) {
+            const auto k = static_cast<std::size_t>(y * columns + x);
+            if (reference_.mask[k] != kValid) continue;
+            least_x = std::min(least_x, reference_.x[k]), most_x = std::max(most_x, reference_.x[k]);
+            least_y = std::min(least_y, reference_.y[k]), most_y = std::max(most_y, reference_.y[k]);
+        }
+    }
+    const double far = kFarBins + static_cast<double>(std::max(0.0F, std::max(most_x - least_x, most_y - least_y)));
+    if (moved_x * moved_x + moved_y * moved_y <= far * far) return;
+    out.x = static_cast<float>(moved_x);
+    out.y = static_cast<float>(moved_y);
+    const auto variance = [&](double squares, double mean, double of_places) {
+        return (squares / wanted.light - mean * mean) * a_dn / seen.light +
+            quiet * of_places / (seen.light * seen.light);
+    };
+    out.x_variance =
+        static_cast<float>(std::max(variance(wanted.xx, mean_x, places.xx), static_cast<double>(out.x_variance)));
+    out.y_variance =
+        static_cast<float>(std::max(variance(wanted.yy, mean_y, places.yy), static_cast<double>(out.y_variance)));
+}
+
+Scores scores_of(const Difference& d, const Reference& reference) {
+    Scores scores{};
+    const auto spread = [&](Deviation which) { return reference.spread[static_cast<std::size_t>(which)][d.at]; };
+    const auto set = [&](Deviation which, float z) { scores[static_cast<std::size_t>(which)] = z; };
+    if (d.has_light) set(Deviation::light, d.light / std::sqrt(d.light_variance + spread(Deviation::light)));
+    if (!d.has_hord) return scores;
+    const float bend = spread(Deviation::bend);
+    set(Deviation::bend, std::sqrt(d.x * d.x / (d.x_variance + bend) + d.y * d.y / (d.y_variance + bend)));
+    set(Deviation::blur, d.blur / std::sqrt(d.blur_variance + spread(Deviation::blur)));
+    // sqrt(2 chi2) is about normal; the good parts' own excess widens it.
+    const float excess = spread(Deviation::shape) * d.sum, expected = d.degrees + excess;
+    const float width = std::sqrt((d.degrees + 2 * excess + excess * excess) / expected);
+    set(Deviation::shape, (std::sqrt(2 * d.chi2) - std::sqrt(2 * expected)) / width);
+    return scores;
+}
+
+}  // namespace hord::algo

@@ -1,0 +1,401 @@
+#include "algo/reference/template_fit.h"
+
+#include <algorithm>
+#include <cstring>
+
+#include "algo/simd/multiversion.h"
+
+namespace hord::algo {
+
+namespace {
+
+constexpr int kLanes = BinFitter::kLanes;
+constexpr int kReach = 2;       // bins that scattering reaches
+constexpr int kCacheLine = 64;  // bytes
+constexpr int kMostBins = kMaxBins * kMaxBins;
+// Golden bins have room for the reach around them, along their rows for that of the bins which are reached; rows that
+// are scattered, twice the reach above and below.
+constexpr int kMostGolden = (kMaxBins + 2 * kReach) * (kMaxBins + 4 * kReach),
+              kMostHalf = (kMaxBins + 4 * kReach) * kMaxBins;
+
+}  // namespace
+
+// Of the lanes that are fitted at once, `lanes` floats a bin.
+struct BinFitter::Work {
+    int lanes = 0, first = 0;
+    BinRect lit, window;               // what scattering reaches, within the HORD
+    int golden_pitch = 0;              // bins
+    BinRect golden_clear, half_clear;  // of this size what is around the bins is 0
+    alignas(64) float golden[kMostGolden * kLanes];
+    alignas(64) float half[kMostHalf * kLanes];      // scattered along the rows
+    alignas(64) float blur[kMostBins * kLanes];      // of the window: the template b,
+    alignas(64) float residual[kMostBins * kLanes];  // and r
+    alignas(64) float mass[kMostBins][kLanes];       // of all sixteen lanes
+
+    [[nodiscard]] float* golden_at(int i, int j) {
+        return golden + std::ptrdiff_t{(j - lit.top + kReach) * golden_pitch + i - lit.left + 2 * kReach} * lanes;
+    }
+};
+
+namespace {
+
+using Work = BinFitter::Work;
+using Eight = Vector<std::uint16_t, 16>;
+
+// Eight vectors of eight become their columns, by three perfect shuffles.
+HORD_ALWAYS_INLINE void transpose(Eight (&v)[8]) {
+    for (int shuffle = 0; shuffle < 3; ++shuffle) {
+        Eight out[8];
+        for (int k = 0; k < 4; ++k) {
+            out[2 * k] = __builtin_shufflevector(v[k], v[k + 4], 0, 8, 1, 9, 2, 10, 3, 11);
+            out[2 * k + 1] = __builtin_shufflevector(v[k], v[k + 4], 4, 12, 5, 13, 6, 14, 7, 15);
+        }
+        std::copy_n(out, 8, v);
+    }
+}
+
+HORD_ALWAYS_INLINE void store_floats(const Eight& v, float* to) {
+    using FourInts = Vector<std::int32_t, 16>;
+    using Four = Vector<float, 16>;
+    const Eight nothing{};
+    const auto low = __builtin_shufflevector(v, nothing, 0, 8, 1, 9, 2, 10, 3, 11),
+               high = __builtin_shufflevector(v, nothing, 4, 12, 5, 13, 6, 14, 7, 15);
+    const auto floats = [](const auto& pairs) {  // little-endian
+        FourInts ints;
+        std::memcpy(&ints, &pairs, sizeof ints);
+        return __builtin_convertvector(ints, Four);
+    };
+    store(floats(low), to);
+    store(floats(high), to + 4);
+}
+
+template <int Bytes, class Sample>
+HORD_ALWAYS_INLINE void take(const LensletSamples<Sample> (&samples)[kLanes], const Extents& extents,
+                             std::uint32_t dark_dn, Work& work) {
+    constexpr int kFew = 2;  // columns that are not worth a transposition
+    const auto dark = static_cast<std::uint16_t>(dark_dn);
+    const Eight dark_all = Eight{} + dark;
+    const int columns = extents.i, rows = extents.j;
+    for (int half = 0; half < kLanes; half += 8) {
+        const Sample* line[8];
+        std::ptrdiff_t stride[8];
+        for (int l = 0; l < 8; ++l) line[l] = samples[half + l].first, stride[l] = samples[half + l].line_stride;
+        float(*out)[kLanes] = work.mass;
+        for (int j = 0; j < rows; ++j, out += columns) {
+            int i = 0;
+            for (; i + kFew < columns; i += 8) {
+                Eight v[8];
+                for (int l = 0; l < 8; ++l)
+                    v[l] = __builtin_convertvector((load<Vector<Sample, 8 * sizeof(Sample)>>(line[l] + i)), Eight);
+                transpose(v);
+                for (int k = 0; k < std::min(8, columns - i); ++k)
+                    store_floats((v[k] > dark_all ? v[k] : dark_all) - dark_all, out[i + k] + half);
+            }
+            for (; i < columns; ++i) {
+                for (int l = 0; l < 8; ++l) {
+                    const auto sample = static_cast<std::uint16_t>(line[l][i]);
+                    out[i][half + l] = static_cast<float>(std::max(sample, dark) - dark);
+                }
+            }
+            // The next sixteen lenslets' line.
+            const char* const ahead = reinterpret_cast<const char*>(line[0] + (kLanes - half) * columns);
+            for (int at = 0; half == 0 && at <= kLanes * columns * static_cast<int>(sizeof(Sample)); at += kCacheLine)
+                __builtin_prefetch(ahead + at);
+            for (int l = 0; l < 8; ++l) line[l] += stride[l];
+        }
+    }
+}
+
+// Golden bins scattered along their rows, by the binomial 1 4 6 4 1.
+template <int Bytes>
+HORD_ALWAYS_INLINE void scatter(Work& work) {
+    constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
+    using Floats = Vector<float, Bytes>;
+    const BinRect &lit = work.lit, &window = work.window;
+    float* half = work.half + std::ptrdiff_t{2 * kReach * window.columns()} * kWide;
+    for (int j = lit.top; j <= lit.bottom; ++j) {
+        const float* at = work.golden_at(window.left, j);
+        for (int i = window.left; i <= window.right; ++i, at += kWide, half += kWide) {
+            const Floats beside = load<Floats>(at - kWide) + load<Floats>(at + kWide),
+                         outer = load<Floats>(at - 2 * kWide) + load<Floats>(at + 2 * kWide);
+            store(((outer + 6.0F * load<Floats>(at)) + 4.0F * beside) * 0x1p-8F, half);
+        }
+    }
+}
+
+// Which of the templates is not 0 in a bin, and whether light is expected there, depends on where it lies.
+enum class Part : std::uint8_t {
+    reached,
+    beside,
+    above,
+    bright
+};  // by scattering alone; a row's ends, next to the light; the rows next to it
+
+// run<Part>(end) for the parts of row j of the window, from left to right.
+template <class Run>
+HORD_ALWAYS_INLINE void for_parts(int j, const BinRect& lit, const BinRect& window, const Run& run) {
+    if (j >= lit.top && j <= lit.bottom) {
+        run.template operator()<Part::reached>(lit.left - 1);
+        run.template operator()<Part::beside>(lit.left);
+        run.template operator()<Part::bright>(lit.right + 1);
+        run.template operator()<Part::beside>(std::min(lit.right + 2, window.right + 1));
+    } else if (j == lit.top - 1 || j == lit.bottom + 1) {
+        run.template operator()<Part::reached>(lit.left);
+        run.template operator()<Part::above>(lit.right + 1);
+    }
+    run.template operator()<Part::reached>(window.right + 1);
+}
+
+template <int Bytes>
+HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits& fits) {
+    constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
+    using Floats = Vector<float, Bytes>;
+    const BinRect lit = work.lit, window = work.window;
+    const int first = work.first, columns = window.columns(), bin_columns = extents.i;
+    const std::ptrdiff_t pitch = std::ptrdiff_t{work.golden_pitch} * kWide,
+                         half_pitch = std::ptrdiff_t{columns} * kWide;
+    const BinNoise noise = fits.noise;
+    const float a_dn = noise.a_dn, soft = noise.soft;
+    const auto n = load<Floats>(fits.light + first), empty = load<Floats>(fits.empty + first);
+    const auto mass_of = [&](int bin) { return load<Floats>(work.mass[bin] + first); };
+
+    // The bin's variance, e a + empty + lit e / (e + soft), times (e + soft).
+    const Floats linear = (a_dn * soft + empty) + noise.lit, constant = empty * soft, dark_weight = 1.0F / empty;
+    Floats rx{}, ry{}, rb{}, xx{}, xy{}, xb{}, yy{}, yb{}, bb{};
+    // What a bin adds to the sums.
+    const auto add = [&]<Part part>(int bin, const float* g, const float* half, float* blur, float* residual)
+        __attribute__((always_inline)) {
+        const Floats outer = load<Floats>(half - 2 * half_pitch) + load<Floats>(half + 2 * half_pitch),
+                     inner = load<Floats>(half - half_pitch) + load<Floats>(half + half_pitch);
+        Floats b = (outer + 6.0F * load<Floats>(half)) + 4.0F * inner;
+        Floats r = mass_of(bin), w = dark_weight;
+        if constexpr (part == Part::bright) {
+            const auto here = load<Floats>(g);
+            const Floats e = n * here;
+            w = (e + soft) / ((a_dn * e + linear) * e + constant);
+            b -= here;
+            r -= e;
+        }
+        store(b, blur);
+        store(r, residual);
+        const Floats wb = w * b;
+        rb += wb * r;
+        bb += wb * b;
+        if constexpr (part == Part::bright || part == Part::beside) {
+            const Floats x = load<Floats>(g - kWide) - load<Floats>(g + kWide), wx = w * x;
+            rx += wx * r;
+            xx += wx * x;
+            xb += wx * b;
+            if constexpr (part == Part::bright) xy += wx * (load<Floats>(g - pitch) - load<Floats>(g + pitch));
+        }
+        if constexpr (part == Part::bright || part == Part::above) {
+            const Floats y = load<Floats>(g - pitch) - load<Floats>(g + pitch), wy = w * y;
+            ry += wy * r;
+            yy += wy * y;
+            yb += wy * b;
+        }
+    };
+    const float* half = work.half + (window.top - lit.top + 2 * kReach) * half_pitch;
+    float *blur = work.blur, *residual = work.residual;
+    for (int j = window.top; j <= window.bottom; ++j) {
+        int i = window.left, bin = j * bin_columns + i;
+        const float* g = work.golden_at(i, j);
+        const auto run = [&]<Part part>(int end) __attribute__((always_inline)) {
+            for (; i < end; ++i, ++bin, g += kWide, half += kWide, blur += kWide, residual += kWide)
+                add.template operator()<part>(bin, g, half, blur, residual);
+        };
+        for_parts(j, lit, window, run);
+    }
+
+    // The inverse of the symmetric matrix of templates, by cofactors.
+    constexpr int kHalf = kWide / 2;
+    using Doubles = Vector<double, Bytes>;
+    using Halves = Vector<float, Bytes / 2>;
+    float a[kWide], b[kWide], c[kWide];
+    for (int h = 0; h < 2; ++h) {
+        const auto of = [&](const Floats& sum) __attribute__((always_inline)) {
+            float all[kWide];
+            store(sum, all);
+            return __builtin_convertvector(load<Halves>(all + h * kHalf), Doubles);
+        };
+        const Doubles s_xx = of(xx), s_xy = of(xy), s_xb = of(xb), s_yy = of(yy), s_yb = of(yb), s_bb = of(bb),
+                      s_rx = of(rx), s_ry = of(ry), s_rb = of(rb);
+        const Doubles c_xx = s_yy * s_bb - s_yb * s_yb, c_xy = s_xb * s_yb - s_xy * s_bb,
+                      c_xb = s_xy * s_yb - s_yy * s_xb;
+        const Doubles c_yy = s_xx * s_bb - s_xb * s_xb, c_yb = s_xy * s_xb - s_xx * s_yb,
+                      c_bb = s_xx * s_yy - s_xy * s_xy;
+        const Doubles determinant = s_xx * c_xx + s_xy * c_xy + s_xb * c_xb;
+        const Doubles nothing{}, least = 1e-9 * s_xx * s_yy * s_bb;
+        const auto fine = (determinant > least) & (determinant > nothing);
+        const Doubles inverse = 1 / (fine ? determinant : nothing + 1.0);
+        const Doubles of_a = (c_xx * s_rx + c_xy * s_ry + c_xb * s_rb) * inverse,
+                      of_b = (c_xy * s_rx + c_yy * s_ry + c_yb * s_rb) * inverse;
+        const Doubles of_c = (c_xb * s_rx + c_yb * s_ry + c_bb * s_rb) * inverse;
+        const auto halves = [&](const Doubles& v, float* to) __attribute__((always_inline)) {
+            store(__builtin_convertvector(v, Halves), to);
+        };
+        halves(of_a, a + h * kHalf), halves(of_b, b + h * kHalf), halves(of_c, c + h * kHalf);
+        const Doubles per_dn = 1 / of(n), of_shift = 2 * per_dn;  // differences are over two bins
+        const int at = first + h * kHalf;
+        halves(of_a * of_shift, fits.x + at), halves(of_b * of_shift, fits.y + at),
+            halves(of_c * per_dn, fits.blur + at);
+        const Doubles to_shift = inverse * of_shift, to_variance = to_shift * of_shift;
+        halves(c_xx * to_variance, fits.x_variance + at), halves(c_yy * to_variance, fits.y_variance + at),
+            halves(c_bb * inverse * (per_dn * per_dn), fits.blur_variance + at);
+        halves(c_xx * to_shift, fits.xx + at), halves(c_xy * to_shift, fits.xy + at),
+            halves(c_xb * to_shift, fits.xb + at), halves(c_yy * to_shift, fits.yy + at),
+            halves(c_yb * to_shift, fits.yb + at);
+        std::int64_t found[kHalf];
+        store(fine, found);
+        for (int l = 0; l < kHalf; ++l) fits.found[at + l] = found[l] != 0 ? 1 : 0;
+    }
+
+    // Chi-square of what is left. In dark bins it is weighed with the whole reading noise: one outlying reading does
+    // not move it far. `narrowed`: by how much, in units of lit soft, noise alone makes it less than one a lit bin.
+    const auto of_a = load<Floats>(a), of_b = load<Floats>(b), of_c = load<Floats>(c);
+    const float read = noise.quiet + noise.lit, per_read = 1.0F / read;
+    Floats squares{}, dark{}, narrowed{};
+    blur = work.blur, residual = work.residual;
+    for (int j = window.top; j <= window.bottom; ++j) {
+        int i = window.left;
+        const float* g = work.golden_at(i, j);
+        const auto run = [&]<Part part>(int end) __attribute__((always_inline)) {
+            for (; i < end; ++i, g += kWide, blur += kWide, residual += kWide) {
+                Floats rest = load<Floats>(residual);
+                if constexpr (part == Part::bright || part == Part::beside)
+                    rest -= of_a * (load<Floats>(g - kWide) - load<Floats>(g + kWide));
+                if constexpr (part == Part::bright || part == Part::above)
+                    rest -= of_b * (load<Floats>(g - pitch) - load<Floats>(g + pitch));
+                rest -= of_c * load<Floats>(blur);
+                if constexpr (part == Part::bright) {
+                    const Floats e = n * load<Floats>(g), more = e + soft, w = 1.0F / ((a_dn * e + read) * more);
+                    squares += (w * more) * (rest * rest);
+                    narrowed += w;
+                } else {
+                    dark += rest * rest;
+                }
+            }
+        };
+        for_parts(j, lit, window, run);
+    }
+    const auto add_outside = [&](int bin, int end) __attribute__((always_inline)) {
+        for (; bin < end; ++bin) {
+            const Floats mass = mass_of(bin);
+            dark += mass * mass;
+        }
+    };
+    add_outside(0, window.top * bin_columns);
+    for (int j = window.top; j <= window.bottom; ++j) {
+        add_outside(j * bin_columns, j * bin_columns + window.left);
+        add_outside(j * bin_columns + window.right + 1, (j + 1) * bin_columns);
+    }
+    add_outside((window.bottom + 1) * bin_columns, extents.bins());
+    store(squares + per_read * dark, fits.chi2 + first);
+    const auto all = static_cast<float>(extents.bins()),
+               not_lit = static_cast<float>(extents.bins() - lit.columns() * lit.rows());
+    store(all - noise.lit * (not_lit * per_read + soft * narrowed), fits.degrees + first);
+}
+
+HORD_FOR_EACH_ISA(take8_for, void, take,
+                  (const LensletSamples<std::uint8_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,
+                   Work& work),
+                  (samples, extents, dark, work))
+HORD_FOR_EACH_ISA(take16_for, void, take,
+                  (const LensletSamples<std::uint16_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,
+                   Work& work),
+                  (samples, extents, dark, work))
+HORD_FOR_EACH_ISA(scatter_for, void, scatter, (Work & work), (work))
+HORD_FOR_EACH_ISA(fit_for, void, fit, (Work & work, const Extents& extents, BinFitter::Fits& fits),
+                  (work, extents, fits))
+
+}  // namespace
+
+BinFitter::BinFitter(const Extents& extents, Isa isa)
+    : extents_(extents), at_once_(lanes_at_once(isa)), work_(std::make_unique<Work>()), take8_(take8_for(isa)),
+      take16_(take16_for(isa)), scatter_(scatter_for(isa)), fit_(fit_for(isa)) {
+    work_->lanes = at_once_;
+}
+BinFitter::BinFitter(BinFitter&&) noexcept = default;
+BinFitter::~BinFitter() = default;
+
+void BinFitter::take(const LensletSamples<std::uint8_t> (&samples)[kLanes], std::uint32_t dark) {
+    take8_(samples, extents_, dark, *work_);
+}
+void BinFitter::take(const LensletSamples<std::uint16_t> (&samples)[kLanes], std::uint32_t dark) {
+    take16_(samples, extents_, dark, *work_);
+}
+
+void BinFitter::start(int first, const BinRect& lit) {
+    Work& w = *work_;
+    w.first = first;
+    w.lit = lit;
+    const auto least = [](int v) { return static_cast<std::int16_t>(std::max(v - kReach, 0)); };
+    const auto most = [](int v, int end) { return static_cast<std::int16_t>(std::min(v + kReach, end - 1)); };
+    w.window = {least(lit.left), most(lit.right, extents_.i), least(lit.top), most(lit.bottom, extents_.j)};
+    w.golden_pitch = lit.columns() + 4 * kReach;
+    const auto same_size = [](const BinRect& a, const BinRect& b) {
+        return a.columns() == b.columns() && a.rows() == b.rows();
+    };
+    if (!same_size(w.golden_clear, lit)) {
+        std::fill_n(w.golden, w.golden_pitch * (lit.rows() + 2 * kReach) * w.lanes, 0.0F);
+        w.golden_clear = lit;
+    }
+    const BinRect half{w.window.left, w.window.right, lit.top, lit.bottom};
+    if (!same_size(w.half_clear, half)) {
+        std::fill_n(w.half, half.columns() * (lit.rows() + 4 * kReach) * w.lanes, 0.0F);
+        w.half_clear = half;
+    }
+}
+
+float* BinFitter::golden(int i, int j) { return work_->golden_at(i, j); }
+int BinFitter::golden_pitch() const { return work_->golden_pitch; }
+
+float BinFitter::mass(int lane, int i, int j) const { return work_->mass[j * extents_.i + i][lane]; }
+float BinFitter::golden(int lane, int i, int j) const {
+    return work_->lit.has(i, j) ? work_->golden_at(i, j)[lane - work_->first] : 0.0F;
+}
+
+float BinFitter::blur_of(int lane, int i, int j) const {
+    const BinRect& window = work_->window;
+    return work_->blur[((j - window.top) * window.columns() + i - window.left) * work_->lanes + lane - work_->first];
+}
+
+// The bend as if the largest reading of the dark bins that scattering reaches were the second largest.
+void BinFitter::limit_largest_dark(Fits& fits, int lane) const {
+    const BinRect& window = work_->window;
+    float largest = 0, second = 0;
+    int at_i = -1, at_j = -1;
+    for (int j = window.top; j <= window.bottom; ++j) {
+        for (int i = window.left; i <= window.right; ++i) {
+            const float reading = mass(lane, i, j);
+            if (reading <= second || blur_of(lane, i, j) == 0 ||
+                fits.light[lane] * golden(lane, i, j) >= fits.noise.soft)
+                continue;
+            if (reading > largest) second = largest, largest = reading, at_i = i, at_j = j;
+            else second = reading;
+        }
+    }
+    if (!(largest > second)) return;
+    const BinNoise& noise = fits.noise;
+    const float e = fits.light[lane] * golden(lane, at_i, at_j), empty = fits.empty[lane];
+    const float w = (e + noise.soft) /
+        ((noise.a_dn * e + ((noise.a_dn * noise.soft + empty) + noise.lit)) * e + empty * noise.soft),
+                less = w * (second - largest);
+    const float x = golden(lane, at_i - 1, at_j) - golden(lane, at_i + 1, at_j),
+                y = golden(lane, at_i, at_j - 1) - golden(lane, at_i, at_j + 1);
+    const float b = blur_of(lane, at_i, at_j);
+    fits.x[lane] += less * (fits.xx[lane] * x + fits.xy[lane] * y + fits.xb[lane] * b);
+    fits.y[lane] += less * (fits.xy[lane] * x + fits.yy[lane] * y + fits.yb[lane] * b);
+}
+
+void BinFitter::fit(Fits& fits, std::uint32_t wanted) {
+    scatter_(*work_);
+    fit_(*work_, extents_, fits);
+    for (int l = work_->first; l < work_->first + at_once_; ++l) {
+        if ((wanted >> l & 1U) == 0 || fits.found[l] == 0) continue;
+        const float bent = fits.x[l] * fits.x[l] / fits.x_variance[l] + fits.y[l] * fits.y[l] / fits.y_variance[l];
+        if (bent > static_cast<float>(kNotable * kNotable)) limit_largest_dark(fits, l);
+    }
+}
+
+}  // namespace hord::algo

@@ -1,0 +1,323 @@
+#include "calib/files/grid_toml.h"
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <fstream>
+#include <iterator>
+
+#include <fmt/format.h>
+
+#include "common/toml_fields.h"
+
+namespace hord::calib {
+namespace {
+
+constexpr std::string_view kChecksumKey = "checksum = \"fnv1a64:";
+constexpr std::size_t kDigits = 16;
+constexpr double kAny = 1e12;
+constexpr double kShiftUnit = 0.001;    // px
+constexpr double kMostShift = 100'000;  // units
+
+std::uint64_t fnv1a(std::string_view bytes) {
+    std::uint64_t hash = 14695981039346656037U;
+    for (const char byte : bytes) {
+        hash ^= static_cast<unsigned char>(byte);
+        hash *= 1099511628211U;
+    }
+    return hash;
+}
+
+// Shortest digits that read back as the same number, and a decimal point.
+std::string number(double value) {
+    std::string digits = fmt::format("{}", value);
+    return digits.find_first_of(".en") == std::string::npos ? digits + ".0" : digits;
+}
+
+std::string list(const std::vector<double>& values) {
+    std::string out = "[";
+    for (std::size_t k = 0; k < values.size(); ++k)
+        out += (k == 0 ? "" : k % 4 == 0 ? ",\n    " : ", ") + number(values[k]);
+    return out + "]";
+}
+
+std::string toml_string(std::string_view text) {
+    std::string out = "\"";
+    for (const char c : text) {
+        if (c == '"' || c == '\\') out += '\\';
+        if (static_cast<unsigned char>(c) < 0x20) out += fmt::format("\\u{:04x}", static_cast<int>(c));
+        else out += c;
+    }
+    return out + '"';
+}
+
+std::string directions_to_toml(const algo::DirectionMap& map, const DirectionStatistics& s) {
+    return fmt::format(
+        "\n[directions]\nname = \"{}\"\nreason = {}\nparameters = {}\nsigma = {}\nspan_rad = {}\nradius_px = "
+        "{}\nzero_x_px = {}\nzero_y_px = {}\n"
+        "captures = {}\nleft_out_x_px = {}\nleft_out_y_px = {}\nnoise_px = {}\nscale_px_a_rad = {}\nscale_sigma = {}\n"
+        "stage_rotation_rad = {}\nstage_rotation_sigma = {}\nmirrored = {}\n",
+        name_of(map.rung), toml_string(s.reason), list(map.parameters), list(s.sigma), number(map.span_rad),
+        number(map.radius_px), number(map.zero_px.x_px), number(map.zero_px.y_px), s.captures, number(s.left_out_x_px),
+        number(s.left_out_y_px), number(s.noise_px), number(s.scale_px_a_rad), number(s.scale_sigma),
+        number(s.stage_rotation_rad), number(s.stage_rotation_sigma), s.mirrored);
+}
+
+void read_rung(common::TomlTable& table, algo::GridRung& to) {
+    std::array<std::string_view, algo::kGridRungs.size()> rungs;
+    for (std::size_t k = 0; k < rungs.size(); ++k) rungs[k] = name_of(algo::kGridRungs[k]);
+    if (const auto rung = table.choice("name", rungs)) to = algo::kGridRungs[*rung];
+}
+
+void read_directions(common::TomlTable table, GridFile& file) {
+    algo::DirectionMap& map = file.directions.emplace();
+    DirectionStatistics& s = file.direction_statistics;
+    read_rung(table, map.rung);
+    table.text("reason", s.reason);
+    table.numbers("parameters", map.parameters, 4, 64);
+    table.numbers("sigma", s.sigma, 0, 64);
+    table.number("span_rad", map.span_rad, 1e-9, kAny);
+    table.number("radius_px", map.radius_px, 1e-9, kAny);
+    table.number("zero_x_px", map.zero_px.x_px, -kAny, kAny);
+    table.number("zero_y_px", map.zero_px.y_px, -kAny, kAny);
+    table.integer("captures", s.captures, 0, 1'000'000);
+    table.boolean("mirrored", s.mirrored);
+    for (const auto& [key, value] : {std::pair<const char*, double*>{"left_out_x_px", &s.left_out_x_px},
+                                     {"left_out_y_px", &s.left_out_y_px},
+                                     {"noise_px", &s.noise_px},
+                                     {"scale_px_a_rad", &s.scale_px_a_rad},
+                                     {"scale_sigma", &s.scale_sigma},
+                                     {"stage_rotation_rad", &s.stage_rotation_rad},
+                                     {"stage_rotation_sigma", &s.stage_rotation_sigma}}) {
+        table.number(key, *value, -kAny, kAny);
+    }
+}
+
+// A line a lattice row.
+std::string shifts_to_toml(const algo::LensletGrid& grid, double algo::PixelPoint::*axis) {
+    std::string out = "[";
+    for (std::size_t k = 0; k < grid.shifts_px.size(); ++k) {
+        out += k % static_cast<std::size_t>(grid.columns) == 0 ? "\n" : "";
+        out += fmt::format("{},", std::lround(grid.shifts_px[k].*axis / kShiftUnit));
+    }
+    return out + "\n]\n";
+}
+
+void read_shifts(common::TomlTable table, algo::LensletGrid& grid, LensletShifts& s) {
+    for (const auto& [key, value] : {std::pair<const char*, double*>{"rms_px", &s.rms_px},
+                                     {"share", &s.share},
+                                     {"left_x_px", &s.left_x_px},
+                                     {"left_y_px", &s.left_y_px}}) {
+        table.number(key, *value, 0, 1e300);
+    }
+    const std::size_t count = static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows);
+    std::vector<double> x, y;
+    table.numbers("x", x, count, count);
+    table.numbers("y", y, count, count);
+    if (x.size() != count || y.size() != count)
+        return table.problem("x", "does not shift every lenslet", "use an unchanged calibration file");
+    for (std::size_t k = 0; k < count; ++k) {
+        if (!(std::abs(x[k]) <= kMostShift && std::abs(y[k]) <= kMostShift))
+            return table.problem("x", "shifts a lenslet out of the frame", "use an unchanged calibration file");
+        grid.shifts_px.push_back({x[k] * kShiftUnit, y[k] * kShiftUnit});
+    }
+}
+
+Result<void> replace(const std::filesystem::path& path, std::string_view text) {
+    const auto failed = [&] {
+        return fail(ErrorCode::io, fmt::format("{}: cannot be written", path.string()),
+                    "check that the folder exists, may be written and is not full");
+    };
+    std::filesystem::path fresh = path;
+    fresh += ".new";
+    {
+        std::ofstream out(fresh, std::ios::binary | std::ios::trunc);
+        out.write(text.data(), static_cast<std::streamsize>(text.size()));
+        out.close();
+        if (!out) {
+            std::error_code ignored;
+            std::filesystem::remove(fresh, ignored);
+            return failed();
+        }
+    }
+    std::error_code error;
+    std::filesystem::rename(fresh, path, error);
+    if (error) return failed();
+    return {};
+}
+
+}  // namespace
+
+GridFile file_of(const GridCalibration& calibration, const GridStamp& stamp) {
+    const GridFit& fit = calibration.fit;
+    GridFile file;
+    file.grid = fit.grid;
+    file.stamp = stamp;
+    file.reason = fit.reason;
+    file.sigma = fit.sigma;
+    for (const Unobservable& parameter : fit.unobservable)
+        file.fixed += (file.fixed.empty() ? "" : ",") + parameter.name;
+    file.statistics = {calibration.complete,
+                       calibration.found,
+                       calibration.missing,
+                       calibration.rejected,
+                       calibration.saturated,
+                       fit.blocks,
+                       fit.rms_x_px,
+                       fit.rms_y_px,
+                       fit.max_px,
+                       fit.cv_x_rms_px,
+                       fit.cv_y_rms_px,
+                       fit.noise_px,
+                       fit.correlation_inflation,
+                       fit.shifts};
+    return file;
+}
+
+void add_directions(GridFile& file, const DirectionFit& fit) {
+    file.directions = fit.map;
+    file.direction_statistics = {
+        fit.sigma,          fit.captures,    fit.left_out_x_px,      fit.left_out_y_px,        fit.noise_px,
+        fit.scale_px_a_rad, fit.scale_sigma, fit.stage_rotation_rad, fit.stage_rotation_sigma, fit.mirrored,
+        fit.reason};
+}
+
+std::string to_toml(const GridFile& file) {
+    const algo::LensletGrid& grid = file.grid;
+    const GridStatistics& s = file.statistics;
+    std::string body = fmt::format(
+        "version = {}\n\n[camera]\nidentity = {}\nwidth_px = {}\nheight_px = {}\n\n[made]\ndate = {}\nwhite = {}\ndark "
+        "= {}\n\n",
+        grid.shifts_px.empty() ? 1 : kGridFileVersion, toml_string(file.stamp.camera), grid.width_px, grid.height_px,
+        toml_string(file.stamp.date), toml_string(file.stamp.white), toml_string(file.stamp.dark));
+    body += fmt::format(
+        "[lattice]\nkind = \"{}\"\nstagger = \"{}\"\nparity = {}\ncolumns = {}\nrows = {}\norigin_u = {}\norigin_v = "
+        "{}\nspan = {}\n\n",
+        name_of(grid.kind), name_of(grid.stagger), grid.parity, grid.columns, grid.rows, number(grid.origin_u),
+        number(grid.origin_v), number(grid.span));
+    body += fmt::format(
+        "[model]\nname = \"{}\"\nreason = {}\nparameters = {}\nsigma = {}\nfixed = {}\nmiddle_x_px = {}\nmiddle_y_px = "
+        "{}\nradius_px = {}\n\n",
+        name_of(grid.rung), toml_string(file.reason), list(grid.parameters), list(file.sigma), toml_string(file.fixed),
+        number(grid.middle_x_px), number(grid.middle_y_px), number(grid.radius_px));
+    body += fmt::format(
+        "[residuals]\ncomplete = {}\nfound = {}\nmissing = {}\nrejected = {}\nsaturated = {}\nblocks = {}\nrms_x_px = "
+        "{}\nrms_y_px = {}\n"
+        "max_px = {}\ncv_x_rms_px = {}\ncv_y_rms_px = {}\nnoise_px = {}\ncorrelation_inflation = {}\n",
+        s.complete, s.found, s.missing, s.rejected, s.saturated, s.blocks, number(s.rms_x_px), number(s.rms_y_px),
+        number(s.max_px), number(s.cv_x_rms_px), number(s.cv_y_rms_px), number(s.noise_px),
+        number(s.correlation_inflation));
+    if (!grid.shifts_px.empty()) {
+        body += fmt::format("\n[lenslets]\nrms_px = {}\nshare = {}\nleft_x_px = {}\nleft_y_px = {}\nx = {}y = {}",
+                            number(s.shifts.rms_px), number(s.shifts.share), number(s.shifts.left_x_px),
+                            number(s.shifts.left_y_px), shifts_to_toml(grid, &algo::PixelPoint::x_px),
+                            shifts_to_toml(grid, &algo::PixelPoint::y_px));
+    }
+    if (file.directions) body += directions_to_toml(*file.directions, file.direction_statistics);
+    return fmt::format("{}{:016x}\"\n{}", kChecksumKey, fnv1a(body), body);
+}
+
+Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
+    const std::size_t head = kChecksumKey.size() + kDigits + 2;
+    if (text.size() < head || text.substr(0, kChecksumKey.size()) != kChecksumKey) {
+        return fail(ErrorCode::invalid_argument, fmt::format("{}:1: no checksum", name),
+                    "this is no calibration file; make one with hordctl calibrate");
+    }
+    if (text.substr(kChecksumKey.size(), kDigits) != fmt::format("{:016x}", fnv1a(text.substr(head)))) {
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{}: the checksum does not fit: the file was changed after it was made", name),
+                    "restore the file, or calibrate again");
+    }
+    common::TomlProblems problems;
+    auto root = common::TomlTable::parse_text(text, name, problems);
+    std::string checksum;
+    root.text("checksum", checksum);
+    int version = 0;
+    root.integer("version", version, 0, 1'000'000);
+    if (problems.empty() && (version < 1 || version > kGridFileVersion)) {
+        return fail(ErrorCode::unsupported,
+                    fmt::format("{}: calibration file version {}, not 1 to {}", name, version, kGridFileVersion),
+                    "calibrate again with this program");
+    }
+    GridFile file;
+    algo::LensletGrid& grid = file.grid;
+    auto camera = root.table("camera");
+    camera.text("identity", file.stamp.camera);
+    camera.integer("width_px", grid.width_px, 1, 65536);
+    camera.integer("height_px", grid.height_px, 1, 65536);
+    auto made = root.table("made");
+    made.text("date", file.stamp.date);
+    made.text("white", file.stamp.white);
+    made.text("dark", file.stamp.dark);
+    auto lattice = root.table("lattice");
+    constexpr std::array<std::string_view, 2> kKinds{"square", "hexagonal"};
+    if (const auto kind = lattice.choice("kind", kKinds)) grid.kind = static_cast<algo::LatticeKind>(*kind);
+    constexpr std::array<std::string_view, 3> kStaggers{"none", "rows", "columns"};
+    if (const auto stagger = lattice.choice("stagger", kStaggers)) grid.stagger = static_cast<algo::Stagger>(*stagger);
+    lattice.integer("parity", grid.parity, 0, 1);
+    lattice.integer("columns", grid.columns, 1, 4096);
+    lattice.integer("rows", grid.rows, 1, 4096);
+    lattice.number("origin_u", grid.origin_u, -kAny, kAny);
+    lattice.number("origin_v", grid.origin_v, -kAny, kAny);
+    lattice.number("span", grid.span, 1e-9, kAny);
+    auto model = root.table("model");
+    read_rung(model, grid.rung);
+    model.text("reason", file.reason);
+    model.numbers("parameters", grid.parameters, 4, 64);
+    model.numbers("sigma", file.sigma, 0, 64);
+    model.text("fixed", file.fixed);
+    model.number("middle_x_px", grid.middle_x_px, -kAny, kAny);
+    model.number("middle_y_px", grid.middle_y_px, -kAny, kAny);
+    model.number("radius_px", grid.radius_px, 1e-9, kAny);
+    auto residuals = root.table("residuals");
+    GridStatistics& s = file.statistics;
+    for (const auto& [key, value] : {std::pair<const char*, int*>{"complete", &s.complete},
+                                     {"found", &s.found},
+                                     {"missing", &s.missing},
+                                     {"rejected", &s.rejected},
+                                     {"saturated", &s.saturated},
+                                     {"blocks", &s.blocks}}) {
+        residuals.integer(key, *value, 0, 100'000'000);
+    }
+    for (const auto& [key, value] : {std::pair<const char*, double*>{"rms_x_px", &s.rms_x_px},
+                                     {"rms_y_px", &s.rms_y_px},
+                                     {"max_px", &s.max_px},
+                                     {"cv_x_rms_px", &s.cv_x_rms_px},
+                                     {"cv_y_rms_px", &s.cv_y_rms_px},
+                                     {"noise_px", &s.noise_px},
+                                     {"correlation_inflation", &s.correlation_inflation}}) {
+        residuals.number(key, *value, 0, 1e300);
+    }
+    if (version >= 2 && root.has("lenslets")) read_shifts(root.table("lenslets"), grid, s.shifts);
+    if (root.has("directions")) read_directions(root.table("directions"), file);
+    root.refuse_unknown_keys();
+    if (!problems.empty()) return problems.as_error();
+    for (const auto& fine : {check(grid), file.directions ? check(*file.directions) : Result<void>{}}) {
+        if (!fine) return fail(fine.error().code, fmt::format("{}: {}", name, fine.error().what), fine.error().cure);
+    }
+    return file;
+}
+
+Result<void> write_grid(const std::filesystem::path& path, const GridFile& file) {
+    return replace(path, to_toml(file));
+}
+
+Result<GridFile> read_grid(const std::filesystem::path& path) {
+    std::ifstream in(path, std::ios::binary);
+    const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+    if (!in.is_open() || in.bad() || std::filesystem::is_directory(path)) {
+        return fail(ErrorCode::unreadable, fmt::format("{}: cannot be read", path.string()),
+                    "check that the file exists and may be read");
+    }
+    return parse_grid(text, path.string());
+}
+
+Result<void> write_centres(const std::filesystem::path& path, const GridCalibration& calibration) {
+    std::string text = "m,n,x_px,y_px\n";
+    for (const GridCalibration::Node& node : calibration.nodes()) {
+        text += fmt::format("{},{},{:.5f},{:.5f}\n", node.m, node.n, node.centre_px.x_px, node.centre_px.y_px);
+    }
+    return replace(path, text);
+}
+
+}  // namespace hord::calib

@@ -1,0 +1,73 @@
+// The calibration file: a lenslet grid as TOML that a person can read, with where it comes from and how good it is.
+//
+// The first line is a checksum (FNV-1a, 64 bits) over every byte after it: a file edited by hand is refused, not
+// decoded with. `version` is 1, or 2 where single lenslets have shifts of their own (table [lenslets]: thousandths of a
+// pixel, a line a lattice row, where one was measured); a file of another version is refused with that reason.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "algo/frame/direction_map.h"
+#include "algo/frame/lenslet_grid.h"
+#include "calib/calibrate/calibrate_grid.h"
+#include "calib/tilts/tilts.h"
+#include "common/result.h"
+
+namespace hord::calib {
+
+inline constexpr int kGridFileVersion = 2;
+
+// What the frames cannot say; given by the caller, written as it is.
+struct GridStamp {
+    std::string camera;       // identity: model and serial number
+    std::string date;         // ISO 8601
+    std::string white, dark;  // names of the frames
+};
+
+struct GridStatistics {
+    int complete = 0, found = 0, missing = 0, rejected = 0, saturated = 0, blocks = 0;
+    double rms_x_px = 0, rms_y_px = 0, max_px = 0, cv_x_rms_px = 0, cv_y_rms_px = 0;
+    double noise_px = 0, correlation_inflation = 1;
+    LensletShifts shifts = {};  // all 0 where the grid has none
+};
+
+// How well the direction map is known; px.
+struct DirectionStatistics {
+    std::vector<double> sigma;  // of its parameters; 0 where fixed
+    int captures = 0;           // the empty field's included
+    double left_out_x_px = 0, left_out_y_px = 0, noise_px = 0;
+    double scale_px_a_rad = 0, scale_sigma = 0, stage_rotation_rad = 0, stage_rotation_sigma = 0;
+    bool mirrored = false;
+    std::string reason;  // why this model
+};
+
+struct GridFile {
+    algo::LensletGrid grid;
+    std::optional<algo::DirectionMap> directions;  // none: calibrated without tilts
+    DirectionStatistics direction_statistics;
+    GridStamp stamp;
+    GridStatistics statistics;
+    std::string reason;         // why this model
+    std::vector<double> sigma;  // of the parameters, px; 0 where fixed
+    std::string fixed;          // names of parameters that could not be observed, comma separated; mostly empty
+};
+
+[[nodiscard]] GridFile file_of(const GridCalibration& calibration, const GridStamp& stamp);
+void add_directions(GridFile& file, const DirectionFit& fit);
+[[nodiscard]] std::string to_toml(const GridFile& file);
+
+// Fails with invalid_argument (all problems, each with file and line) or `unsupported` (another version).
+Result<GridFile> parse_grid(std::string_view text, std::string_view name);
+
+// Writes beside the target and renames: a reader sees the old file or the new one, whole. Fails with io.
+Result<void> write_grid(const std::filesystem::path& path, const GridFile& file);
+Result<GridFile> read_grid(const std::filesystem::path& path);
+
+// m,n,x_px,y_px: one line for every lenslet of the fitted grid inside the frame. Fails with io.
+Result<void> write_centres(const std::filesystem::path& path, const GridCalibration& calibration);
+
+}  // namespace hord::calib

@@ -1,0 +1,163 @@
+// Derivatives of the ladder's models, and the robust linear start.
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Dense>
+
+#include "calib/fit/grid_fit.h"
+
+namespace hord::calib {
+namespace {
+
+// u^p v^q for p + q <= order, in the order of algo/frame/lenslet_grid.cpp.
+int monomials(int order, double u, double v, double* out) {
+    int at = 0;
+    for (int degree = 0; degree <= order; ++degree) {
+        for (int q = 0; q <= degree; ++q) {
+            double term = 1;
+            for (int k = 0; k < degree - q; ++k) term *= u;
+            for (int k = 0; k < q; ++k) term *= v;
+            out[at++] = term;
+        }
+    }
+    return at;
+}
+
+double median(std::vector<double> values) {
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    return *middle;
+}
+
+}  // namespace
+
+void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, double* of_x, double* of_y) {
+    using algo::GridRung;
+    const auto [u, v] = where;
+    const double* p = grid.parameters.data();
+    const int count = parameter_count(grid.rung);
+    std::fill(of_x, of_x + count, 0.0);
+    std::fill(of_y, of_y + count, 0.0);
+    if (grid.rung == GridRung::cubic || grid.rung == GridRung::quintic) {
+        const int half = monomials(grid.rung == GridRung::cubic ? 3 : 5, u, v, of_x);
+        std::copy(of_x, of_x + half, of_y + half);
+        return;
+    }
+    of_x[0] = 1;
+    of_y[1] = 1;
+    if (grid.rung == GridRung::similarity) {
+        of_x[2] = u;
+        of_x[3] = -v;
+        of_y[2] = v;
+        of_y[3] = u;
+        return;
+    }
+    const bool perspective = grid.rung != GridRung::affine;
+    const double w = perspective ? 1.0 + p[6] * u + p[7] * v : 1.0;
+    of_x[2] = of_y[4] = u / w;
+    of_x[3] = of_y[5] = v / w;
+    if (!perspective) return;
+    const double px = (p[2] * u + p[3] * v) / w;
+    const double py = (p[4] * u + p[5] * v) / w;
+    of_x[6] = -u * px / w;
+    of_x[7] = -v * px / w;
+    of_y[6] = -u * py / w;
+    of_y[7] = -v * py / w;
+    if (grid.rung == GridRung::homography) return;
+    const bool full = grid.rung == GridRung::radial2;
+    const double radius = grid.radius_px;
+    const double dx = (p[0] + px - grid.middle_x_px) / radius - (full ? p[10] : 0.0);
+    const double dy = (p[1] + py - grid.middle_y_px) / radius - (full ? p[11] : 0.0);
+    const double r2 = dx * dx + dy * dy;
+    const double k1 = p[8];
+    const double k2 = full ? p[9] : 0.0;
+    const double stretch = (k1 + k2 * r2) * r2;   // of the step from the centre, dimensionless
+    const double slope = 2 * (k1 + 2 * k2 * r2);  // its derivative by dx, over dx
+    const double xx = 1 + stretch + dx * dx * slope;
+    const double xy = dx * dy * slope;
+    const double yy = 1 + stretch + dy * dy * slope;
+    for (int k = 0; k < 8; ++k) {
+        const double by_x = of_x[k];
+        const double by_y = of_y[k];
+        of_x[k] = xx * by_x + xy * by_y;
+        of_y[k] = xy * by_x + yy * by_y;
+    }
+    of_x[8] = dx * r2 * radius;
+    of_y[8] = dy * r2 * radius;
+    if (!full) return;
+    of_x[9] = dx * r2 * r2 * radius;
+    of_y[9] = dy * r2 * r2 * radius;
+    of_x[10] = -(stretch + dx * dx * slope) * radius;
+    of_x[11] = of_y[10] = -xy * radius;
+    of_y[11] = -(stretch + dy * dy * slope) * radius;
+}
+
+std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& frame, std::span<Observation> observations,
+                                                   int order) {
+    constexpr int kRounds = 12;
+    constexpr std::size_t kMostCentres = 4000;
+    const int terms = (order + 1) * (order + 2) / 2;
+    // A regular part of very many centres determines the surface as well; all of them are then judged by it.
+    const std::size_t every = (observations.size() + kMostCentres - 1) / kMostCentres;
+    const auto count =
+        every == 0 ? Eigen::Index{0} : static_cast<Eigen::Index>((observations.size() + every - 1) / every);
+    if (count < terms + 1) return std::nullopt;
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> basis(count, terms);
+    Eigen::MatrixX2d target(count, 2);
+    for (Eigen::Index k = 0; k < count; ++k) {
+        const Observation& seen = observations[static_cast<std::size_t>(k) * every];
+        const auto [u, v] = frame.uv(seen.m, seen.n);
+        monomials(order, u, v, basis.row(k).data());
+        target(k, 0) = seen.centre_px.x_px;
+        target(k, 1) = seen.centre_px.y_px;
+    }
+    // Columns of equal size: the normal equations of a cubic are then well conditioned.
+    const Eigen::RowVectorXd size = basis.colwise().norm().cwiseMax(1e-12);
+    basis.array().rowwise() /= size.array();
+    Eigen::VectorXd weight = Eigen::VectorXd::Ones(count);
+    Eigen::MatrixXd solution;
+    std::vector<double> distance(static_cast<std::size_t>(count));
+    double sigma = 0;
+    for (int round = 0; round < kRounds; ++round) {
+        const Eigen::MatrixXd weighted = basis.array().colwise() * weight.array();
+        Eigen::MatrixXd normal = basis.transpose() * weighted;
+        // A trace of ridge: directions that the centres do not determine stay at zero instead of running away.
+        normal.diagonal().array() += 1e-9;
+        solution = normal.ldlt().solve(weighted.transpose() * target);
+        if (!solution.allFinite()) return std::nullopt;
+        const Eigen::MatrixX2d off = target - basis * solution;
+        for (Eigen::Index k = 0; k < count; ++k) distance[static_cast<std::size_t>(k)] = off.row(k).norm();
+        // The median of a Rayleigh-distributed distance is 1.1774 sigma.
+        const double next = std::max(median(distance) / 1.1774, 1e-6);
+        // Huber at first, then a weight that lets go of outliers altogether.
+        const bool settled = round > 3 && std::abs(next - sigma) < 1e-3 * sigma;
+        sigma = next;
+        for (Eigen::Index k = 0; k < count; ++k) {
+            const double far = distance[static_cast<std::size_t>(k)] / sigma;
+            const double near = 1 - far * far / 36.0;
+            weight(k) = round < 3 ? std::min(1.0, 1.5 / std::max(far, 1e-9)) : (near > 0 ? near * near : 0.0);
+        }
+        if (settled) break;
+    }
+    algo::LensletGrid grid = frame;
+    grid.rung = order == 1 ? algo::GridRung::affine : algo::GridRung::cubic;
+    grid.parameters.assign(static_cast<std::size_t>(parameter_count(grid.rung)), 0.0);
+    const auto value = [&](int term, int axis) { return solution(term, axis) / size(term); };
+    if (order == 1) {
+        grid.parameters = {value(0, 0), value(0, 1), value(1, 0), value(2, 0), value(1, 1), value(2, 1)};
+    } else {
+        for (int axis = 0; axis < 2; ++axis) {
+            for (int term = 0; term < terms; ++term)
+                grid.parameters[static_cast<std::size_t>(axis * 10 + term)] = value(term, axis);
+        }
+    }
+    for (Observation& seen : observations) {
+        const algo::PixelPoint at = grid.centre_px(seen.m, seen.n);
+        const double dx = at.x_px - seen.centre_px.x_px;
+        const double dy = at.y_px - seen.centre_px.y_px;
+        seen.used = std::sqrt(dx * dx + dy * dy) < 5 * sigma + 1e-3;
+    }
+    return grid;
+}
+
+}  // namespace hord::calib

@@ -1,0 +1,564 @@
+#include "calib/lattice/centres.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+#include <Eigen/Dense>
+#include <fmt/format.h>
+
+#include "algo/simd/multiversion.h"
+
+namespace hord::calib {
+namespace {
+
+constexpr double kStep = 0.05;  // of radial tables, px
+constexpr double kRing = 0.6;   // width of the rings that the profile is made of, px
+constexpr double kSmoothRing =
+    0.8;  // of those that the weight is made of: smooth enough to be sampled by pixels, however sharp a lenslet's edge
+constexpr double kStiffness = 1e-5;  // of neighbouring rings, against what is seen
+constexpr double kRingStep = 0.5;    // between them, px
+constexpr double kTaper = 2.0;       // over which the weight falls to zero at the window's rim, px
+constexpr double kPlateau = 0.92;
+constexpr double kMostVariance = 2.5;  // that an immunity may cost, against the most efficient weight
+constexpr std::size_t kMostSeeds = 400;
+
+using Table = std::vector<double>;
+
+// What one window answers to the kernels of one phase (see CentreFinder::Kernels::bank).
+struct Answers {
+    float x = 0, y = 0, amplitude = 0, power = 0;
+};
+
+// Always sixteen lanes, in whatever registers there are, so that every machine adds up in the same order.
+constexpr int kLanes = 16;
+typedef float Lanes __attribute__((vector_size(kLanes * sizeof(float))));
+
+template <int>
+HORD_ALWAYS_INLINE Answers answers(const float* kernels, const float* light, std::ptrdiff_t size) {
+    const float* of_window = kernels + 3 * size;
+    Lanes sum{};
+    for (std::ptrdiff_t k = 0; k < size; k += kLanes)
+        sum += algo::load<Lanes>(of_window + k) * algo::load<Lanes>(light + k);
+    float mean = 0;
+    for (int lane = 0; lane < kLanes; ++lane) mean += sum[lane];
+    // Sums of differences to the mean: single precision then suffices.
+    Lanes x{}, y{}, amplitude{}, power{};
+    for (std::ptrdiff_t k = 0; k < size; k += kLanes) {
+        const Lanes off = algo::load<Lanes>(light + k) - mean;
+        x += algo::load<Lanes>(kernels + k) * off;
+        y += algo::load<Lanes>(kernels + size + k) * off;
+        amplitude += algo::load<Lanes>(kernels + 2 * size + k) * off;
+        power += algo::load<Lanes>(of_window + k) * off * off;
+    }
+    Answers out;
+    for (int lane = 0; lane < kLanes; ++lane) {
+        out.x += x[lane];
+        out.y += y[lane];
+        out.amplitude += amplitude[lane];
+        out.power += power[lane];
+    }
+    return out;
+}
+HORD_FOR_EACH_ISA(answers_for, Answers, answers, (const float* kernels, const float* light, std::ptrdiff_t size),
+                  (kernels, light, size))
+
+double lookup(const Table& table, double r) {
+    const double at = r / kStep;
+    const auto k = static_cast<std::size_t>(at);
+    if (k + 1 >= table.size()) return 0;
+    const double part = at - static_cast<double>(k);
+    return table[k] + part * (table[k + 1] - table[k]);
+}
+
+// T(r), 0..1, and -T'(r) / r.
+struct Profile {
+    Table value, steepness;
+};
+
+// The radial tables of one weight: the shift weight w(r), the profile over its level at the rim, and the window.
+struct Weights {
+    double radius = 0;
+    Table shift, profile, window, steepness;
+    Immunity immunity;
+};
+
+Table window_table(double radius) {
+    Table window(static_cast<std::size_t>(radius / kStep) + 2);
+    for (std::size_t k = 0; k < window.size(); ++k) {
+        const double left = (radius - static_cast<double>(k) * kStep) / kTaper;
+        window[k] = left <= 0 ? 0 : left >= 1 ? 1 : 0.5 - 0.5 * std::cos(std::numbers::pi * left);
+    }
+    return window;
+}
+
+struct Ring {
+    double value = 0, steepness = 0;  // and -d value / dr / r, smoothed
+};
+// A Gaussian ring of radius `index` steps with its mirror image.
+Ring ring_at(Eigen::Index index, double r) {
+    r = std::max(r, 0.25 * kStep);
+    const double radius = static_cast<double>(index) * kRingStep;
+    const auto gauss = [](double at) { return std::exp(-0.5 * at * at); };
+    const double near = (r - radius) / kSmoothRing;
+    const double far = (r + radius) / kSmoothRing;
+    const double share = kRing / kSmoothRing;  // of height: smoothing keeps the ring's area
+    return {gauss((r - radius) / kRing) + gauss((r + radius) / kRing),
+            share * (near * gauss(near) + far * gauss(far)) / (kSmoothRing * r)};
+}
+
+// The most efficient weight for `profile` inside `radius`, less the parts that answer to gradients.
+Weights design(const Profile& profile, double radius, bool against_gradients) {
+    Weights weights;
+    weights.radius = radius;
+    weights.window = window_table(radius);
+    const std::size_t count = weights.window.size();
+    const Table& value = profile.value;
+    const double floor = value[std::min(count, value.size()) - 1];
+    weights.profile.resize(count);
+    weights.shift.resize(count);
+    Table& steepness = weights.steepness;
+    steepness.resize(count);
+    for (std::size_t k = 0; k < std::min(count, value.size()); ++k) {
+        weights.profile[k] = value[k] - floor;
+        steepness[k] = profile.steepness[k];
+        weights.shift[k] = steepness[k] * weights.window[k];
+    }
+    const Table efficient = weights.shift;
+    // Inner products over the disc: of a weight with a gradient of background (u), of light (u T), with a shift (-T'),
+    // and its noise with itself (shot noise of T over a floor).
+    const auto sum = [&](auto&& term) {
+        double total = 0;
+        for (std::size_t k = 0; k < count; ++k) {
+            const double r = static_cast<double>(k) * kStep;
+            total += term(k, r);
+        }
+        return total;
+    };
+    const auto background = [&](const Table& w) {
+        return sum([&](std::size_t k, double r) { return w[k] * r * r * r; });
+    };
+    const auto vignetting = [&](const Table& w) {
+        return sum([&](std::size_t k, double r) { return w[k] * weights.profile[k] * r * r * r; });
+    };
+    const auto gain = [&](const Table& w) {
+        return sum([&](std::size_t k, double r) { return w[k] * steepness[k] * r * r * r; });
+    };
+    const auto variance = [&](const Table& w) {
+        const double g = gain(w);
+        return sum([&](std::size_t k, double r) { return w[k] * w[k] * (weights.profile[k] + 0.05) * r * r * r; }) /
+            (g * g);
+    };
+    Table light(count);
+    for (std::size_t k = 0; k < count; ++k) light[k] = weights.profile[k] * weights.window[k];
+    const double best = variance(efficient);
+    const auto minus = [&](const Table& w, double alpha, const Table& a, double beta, const Table& b) {
+        Table out(count);
+        for (std::size_t k = 0; k < count; ++k) out[k] = w[k] - alpha * a[k] - beta * b[k];
+        return out;
+    };
+    const auto accept = [&](const Table& w, bool against_background, bool against_vignetting) {
+        if (!(gain(w) > 0) || !(variance(w) <= kMostVariance * best)) return false;
+        weights.shift = w;
+        weights.immunity = {against_background, against_vignetting};
+        return true;
+    };
+    if (!against_gradients) return weights;
+    // Only a lenslet with a plateau tells a gradient of its light from a shift: half way to its half height it is still
+    // full (a Gaussian has 0.84 there).
+    std::size_t half = 0;
+    while (half + 1 < count && weights.profile[half] > 0.5 * weights.profile[0]) ++half;
+    const bool plateau = weights.profile[half / 2] > kPlateau * weights.profile[0];
+    // Both, then vignetting, then the background.
+    const double ll = vignetting(light), lw = vignetting(weights.window);
+    const double bl = background(light), bw = background(weights.window);
+    const double le = vignetting(efficient), be = background(efficient);
+    const double determinant = ll * bw - lw * bl;
+    if (plateau && std::abs(determinant) > 1e-9 * std::abs(ll * bw)) {
+        const double alpha = (le * bw - lw * be) / determinant;
+        const double beta = (ll * be - le * bl) / determinant;
+        if (accept(minus(efficient, alpha, light, beta, weights.window), true, true)) return weights;
+    }
+    if (plateau && ll > 0 && accept(minus(efficient, le / ll, light, 0, light), false, true)) return weights;
+    if (bw > 0 && accept(minus(efficient, be / bw, weights.window, 0, light), true, false)) return weights;
+    return weights;
+}
+
+}  // namespace
+
+// The weights sampled for every sub-pixel phase, each a window of `side` x `side` floats.
+struct CentreFinder::Kernels {
+    explicit Kernels(const WhiteImage& of) : image(&of) {}
+
+    const WhiteImage* image;
+    Weights weights;
+    int half = 0, side = 0, phases = 16;
+    Eigen::Index size = 0;
+    Answers (*answer)(const float*, const float*, std::ptrdiff_t) = answers_for(algo::best_isa());
+    double gain = 0;       // DN of first moment a pixel of shift and DN of amplitude
+    double own_match = 1;  // keeps `match` in -1..1
+    double typical_amplitude = 0;
+    Table learned;
+    // Four kernels a phase: moment x, moment y, amplitude, window share.
+    Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic> bank;
+    mutable Eigen::VectorXf light;  // of the window that is measured, side x side and room for whole vectors
+
+    void sample(const Weights& from);
+    struct Moments {
+        double x = 0, y = 0, amplitude = 0, match = 0;
+        algo::PixelPoint about;
+    };
+    [[nodiscard]] Moments moments(algo::PixelPoint at) const;
+    [[nodiscard]] bool complete(algo::PixelPoint at) const;
+    [[nodiscard]] std::optional<Spot> measure(algo::PixelPoint at, double most_px) const;
+    [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
+    void calibrate_gain(std::span<const algo::PixelPoint> centres);
+    [[nodiscard]] Profile measure_profile(std::span<const Spot> spots, double reach) const;
+};
+
+void CentreFinder::Kernels::sample(const Weights& from) {
+    weights = from;
+    half = static_cast<int>(std::ceil(weights.radius + 0.5));
+    side = 2 * half + 1;
+    phases = side > 40 ? 8 : 16;
+    size = static_cast<Eigen::Index>((side * side + kLanes - 1) / kLanes * kLanes);
+    light = Eigen::VectorXf::Zero(size);
+    bank = Eigen::MatrixXf::Zero(size, static_cast<Eigen::Index>(4) * phases * phases);
+    Eigen::VectorXf shape = Eigen::VectorXf::Zero(size);
+    for (int phase = 0; phase < phases * phases; ++phase) {
+        const double fx = (phase % phases + 0.5) / phases - 0.5;
+        const double fy =
+            (phase / phases + 0.5) / phases - 0.5;  // NOLINT(bugprone-integer-division): the row of phases
+        const auto first = static_cast<Eigen::Index>(4) * phase;
+        double share = 0;
+        double mean = 0;
+        for (int y = -half; y <= half; ++y) {
+            for (int x = -half; x <= half; ++x) {
+                const double dx = x - fx;
+                const double dy = y - fy;
+                const double r = std::sqrt(dx * dx + dy * dy);
+                const auto at = static_cast<Eigen::Index>((y + half) * side + x + half);
+                const double w = lookup(weights.shift, r);
+                const double window = lookup(weights.window, r);
+                bank(at, first) = static_cast<float>(w * dx);
+                bank(at, first + 1) = static_cast<float>(w * dy);
+                bank(at, first + 3) = static_cast<float>(window);
+                bank(at, first + 2) = static_cast<float>(lookup(weights.profile, r) * window);
+                shape(at) = static_cast<float>(lookup(weights.profile, r));
+                share += window;
+                mean += lookup(weights.profile, r) * window;
+            }
+        }
+        // The amplitude kernel answers 1 to the profile and 0 to a constant; the window kernel averages.
+        double own = 0;
+        const double level = mean / share;
+        for (Eigen::Index at = 0; at < side * side; ++at) {
+            const double window = bank(at, first + 3);
+            const double profile = window > 0 ? bank(at, first + 2) / window : 0;
+            own += window * (profile - level) * (profile - level);
+            bank(at, first + 2) = static_cast<float>(window * (profile - level));
+            bank(at, first + 3) = static_cast<float>(window / share);
+        }
+        bank.col(first + 2) /= static_cast<float>(own);
+        own_match = std::sqrt(own / share);
+        // On the pixel grid of this phase, too, the moments answer 0 to a constant and to the profile itself.
+        for (int axis = 0; axis < 2; ++axis) {
+            auto moment = bank.col(first + axis);
+            moment -= moment.sum() * (bank.col(first + 3) - static_cast<float>(level) * bank.col(first + 2));
+            moment -= moment.dot(shape) * bank.col(first + 2);
+        }
+    }
+}
+
+CentreFinder::Kernels::Moments CentreFinder::Kernels::moments(algo::PixelPoint at) const {
+    const double fx = std::floor(at.x_px + 0.5);
+    const double fy = std::floor(at.y_px + 0.5);
+    const int phase_x = std::min(phases - 1, static_cast<int>((at.x_px + 0.5 - fx) * phases));
+    const int phase_y = std::min(phases - 1, static_cast<int>((at.y_px + 0.5 - fy) * phases));
+    image->window(static_cast<int>(fx) - half, static_cast<int>(fy) - half, side, side, light.data(), side);
+    const auto first = static_cast<Eigen::Index>(4) * (phase_y * phases + phase_x);
+    const Answers seen = answer(bank.col(first).data(), light.data(), size);
+    Moments out;
+    out.x = seen.x;
+    out.y = seen.y;
+    out.amplitude = seen.amplitude;
+    out.match = seen.power > 0 ? out.amplitude * own_match / std::sqrt(seen.power) : 0;
+    out.about = {fx + (phase_x + 0.5) / phases - 0.5, fy + (phase_y + 0.5) / phases - 0.5};
+    return out;
+}
+
+bool CentreFinder::Kernels::complete(algo::PixelPoint at) const {
+    const double reach = weights.radius - 0.5;
+    return at.x_px >= reach && at.y_px >= reach && at.x_px <= image->width_px() - 1 - reach &&
+        at.y_px <= image->height_px() - 1 - reach;
+}
+
+std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double most_px) const {
+    constexpr int kMostSteps = 12;
+    const double longest = std::min(1.0, 0.5 * weights.radius);
+    algo::PixelPoint here = at;
+    for (int k = 0; k < kMostSteps; ++k) {
+        if (!complete(here)) return std::nullopt;
+        const Moments m = moments(here);
+        if (!(m.amplitude > 0)) return std::nullopt;
+        double dx = m.x / (m.amplitude * gain);
+        double dy = m.y / (m.amplitude * gain);
+        const double length = std::hypot(dx, dy);
+        if (length > longest) {
+            dx *= longest / length;
+            dy *= longest / length;
+        }
+        const algo::PixelPoint next{m.about.x_px + dx, m.about.y_px + dy};
+        // Done where the centre lies in the cell of the phase that it was measured with: what the gain is wrong by then
+        // hardly counts.
+        const bool settled = std::max(std::abs(dx), std::abs(dy)) < 0.6 / phases;
+        // Between two cells that each point into the other, the centre is half way.
+        const double step = std::hypot(next.x_px - here.x_px, next.y_px - here.y_px);
+        here = k + 1 == kMostSteps && step < 2.0 / phases
+            ? algo::PixelPoint{0.5 * (here.x_px + next.x_px), 0.5 * (here.y_px + next.y_px)}
+            : next;
+        const double away = std::hypot(here.x_px - at.x_px, here.y_px - at.y_px);
+        if (away > most_px) return std::nullopt;
+        if (settled || (k + 1 == kMostSteps && step < 2.0 / phases)) return Spot{here, m.amplitude, m.match, away};
+    }
+    return std::nullopt;
+}
+
+// Of one half, with the weight itself (no table of phases): the light is a + b T + s . dT, and the moment of what is
+// left after a and b answers to the shift s alone.
+std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint centre) const {
+    if (!complete(centre)) return std::nullopt;
+    constexpr double kTurnX = 0.98006657784124163,
+                     kTurnY = 0.19866933079506122;  // sectors are turned by 0.2 rad: no pixel on their edges
+    struct Pixel {
+        double dx, dy, shape, window, light, weight, steepness;
+        bool second;
+    };
+    std::vector<Pixel> pixels;
+    pixels.reserve(static_cast<std::size_t>(side * side));
+    const auto cx = static_cast<int>(std::lround(centre.x_px)), cy = static_cast<int>(std::lround(centre.y_px));
+    double sum = 0, sum_t = 0, sum_tt = 0, sum_l = 0, sum_lt = 0;
+    for (int y = std::max(0, cy - half); y <= std::min(image->height_px() - 1, cy + half); ++y) {
+        for (int x = std::max(0, cx - half); x <= std::min(image->width_px() - 1, cx + half); ++x) {
+            Pixel p{};
+            p.dx = x - centre.x_px;
+            p.dy = y - centre.y_px;
+            const double at = std::sqrt(p.dx * p.dx + p.dy * p.dy) / kStep;
+            const auto k = static_cast<std::size_t>(at);
+            if (k + 1 >= weights.window.size()) continue;
+            const double part = at - static_cast<double>(k);
+            const auto here = [&](const Table& table) { return table[k] + part * (table[k + 1] - table[k]); };
+            p.window = here(weights.window);
+            if (p.window == 0) continue;
+            p.shape = here(weights.profile);
+            p.weight = here(weights.shift);
+            p.steepness = here(weights.steepness);
+            p.light = image->at(x, y);
+            const double u = kTurnX * p.dx + kTurnY * p.dy, v = kTurnX * p.dy - kTurnY * p.dx;
+            p.second = ((u > 0) != (v > 0)) != (std::abs(u) > std::abs(v));
+            sum += p.window;
+            sum_t += p.window * p.shape;
+            sum_tt += p.window * p.shape * p.shape;
+            sum_l += p.window * p.light;
+            sum_lt += p.window * p.light * p.shape;
+            pixels.push_back(p);
+        }
+    }
+    const double spread = sum * sum_tt - sum_t * sum_t;
+    if (!(spread > 0)) return std::nullopt;
+    const double b = (sum * sum_lt - sum_t * sum_l) / spread;
+    const double a = (sum_l - b * sum_t) / sum;
+    if (!(b > 0)) return std::nullopt;
+    algo::PixelPoint place[2];
+    for (const bool second : {false, true}) {
+        double mx = 0, my = 0, xx = 0, xy = 0, yy = 0;
+        for (const Pixel& p : pixels) {
+            if (p.second != second) continue;
+            const double left = p.weight * (p.light - a - b * p.shape), steep = p.weight * p.steepness * b;
+            mx += left * p.dx;
+            my += left * p.dy;
+            xx += steep * p.dx * p.dx;
+            xy += steep * p.dx * p.dy;
+            yy += steep * p.dy * p.dy;
+        }
+        const double determinant = xx * yy - xy * xy;
+        if (!(std::abs(determinant) > 1e-12 * xx * yy) || !(xx > 0)) return std::nullopt;
+        place[second ? 1 : 0] = {(yy * mx - xy * my) / determinant, (xx * my - xy * mx) / determinant};
+    }
+    return algo::PixelPoint{0.5 * (place[0].x_px - place[1].x_px), 0.5 * (place[0].y_px - place[1].y_px)};
+}
+
+// The answer of the moments to a shift, from moments one phase to both sides of known centres.
+void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> centres) {
+    const double step = 1.0 / phases;
+    double answered = 0;
+    double shift = 0;
+    for (const algo::PixelPoint& c : centres) {
+        if (!complete({c.x_px - 0.5, c.y_px - 0.5}) || !complete({c.x_px + 0.5, c.y_px + 0.5})) continue;
+        const double amplitude = moments(c).amplitude;
+        if (!(amplitude > 0)) continue;
+        const Moments left = moments({c.x_px - step, c.y_px});
+        const Moments right = moments({c.x_px + step, c.y_px});
+        const Moments above = moments({c.x_px, c.y_px - step});
+        const Moments below = moments({c.x_px, c.y_px + step});
+        answered += (left.x - right.x + above.y - below.y) / amplitude;
+        shift += right.about.x_px - left.about.x_px + below.about.y_px - above.about.y_px;
+    }
+    gain = shift > 0 ? answered / shift : 0;
+}
+
+// The mean radial profile about known centres, 1 at its top: a sum of rings, each as wide as kRing, by least squares.
+// Rings are smooth and even in r, so that the weight made of them is smooth on the pixel grid wherever a centre lies in
+// it.
+Profile CentreFinder::Kernels::measure_profile(std::span<const Spot> spots, double reach) const {
+    const auto count = static_cast<std::size_t>((reach + 2) / kStep) + 2;
+    Table sums(count), hits(count);
+    const int box = static_cast<int>(reach) + 3;
+    for (const Spot& spot : spots) {
+        const auto cx = static_cast<int>(std::lround(spot.centre_px.x_px));
+        const auto cy = static_cast<int>(std::lround(spot.centre_px.y_px));
+        for (int y = std::max(0, cy - box); y <= std::min(image->height_px() - 1, cy + box); ++y) {
+            for (int x = std::max(0, cx - box); x <= std::min(image->width_px() - 1, cx + box); ++x) {
+                const double dx = x - spot.centre_px.x_px;
+                const double dy = y - spot.centre_px.y_px;
+                const double r = std::sqrt(dx * dx + dy * dy);
+                const auto k = static_cast<std::size_t>(std::lround(r / kStep));
+                if (k >= count) continue;
+                sums[k] += image->at(x, y) / spot.amplitude_dn;
+                hits[k] += 1;
+            }
+        }
+    }
+    const auto rings = static_cast<Eigen::Index>((reach + 2) / kRingStep) + 2;
+    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(rings, rings);
+    Eigen::VectorXd right = Eigen::VectorXd::Zero(rings);
+    Eigen::VectorXd here(rings);
+    for (std::size_t k = 0; k < count; ++k) {
+        if (hits[k] == 0) continue;
+        const double weight = 1 / std::max(static_cast<double>(k) * kStep, 0.5);  // every radius counts alike
+        for (Eigen::Index ring = 0; ring < rings; ++ring)
+            here(ring) = ring_at(ring, static_cast<double>(k) * kStep).value;
+        normal.selfadjointView<Eigen::Lower>().rankUpdate(here, weight * hits[k]);
+        right += weight * sums[k] * here;
+    }
+    normal.triangularView<Eigen::StrictlyUpper>() = normal.transpose();
+    // Where the lattice falls on the pixels in step, some radii are never seen: rings there follow their neighbours.
+    const double stiffness = kStiffness * normal.diagonal().mean();
+    for (Eigen::Index ring = 1; ring + 1 < rings; ++ring) {
+        for (int r = -1; r <= 1; ++r) {
+            for (int c = -1; c <= 1; ++c)
+                normal(ring + r, ring + c) += stiffness * (r == 0 ? -2 : 1) * (c == 0 ? -2 : 1);
+        }
+    }
+    normal.diagonal().array() += 1e-9 * normal.diagonal().mean();
+    const Eigen::VectorXd height = normal.ldlt().solve(right);
+    Profile profile;
+    profile.value.resize(static_cast<std::size_t>(reach / kStep) + 2);
+    profile.steepness.resize(profile.value.size());
+    for (std::size_t k = 0; k < profile.value.size(); ++k) {
+        for (Eigen::Index ring = 0; ring < rings; ++ring) {
+            const Ring part = ring_at(ring, static_cast<double>(k) * kStep);
+            profile.value[k] += height(ring) * part.value;
+            profile.steepness[k] += height(ring) * part.steepness;
+        }
+    }
+    const auto [bottom, top] = std::minmax_element(profile.value.begin(), profile.value.end());
+    const double low = *bottom;
+    const double range = std::max(*top - low, 1e-12);
+    for (double& value : profile.value) value = (value - low) / range;
+    for (double& steepness : profile.steepness) steepness /= range;
+    return profile;
+}
+
+Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds,
+                                         double pitch_px) {
+    auto kernels = std::make_unique<Kernels>(image);
+    std::vector<algo::PixelPoint> starts(seeds.begin(), seeds.end());
+    if (starts.size() > kMostSeeds) starts.resize(kMostSeeds);
+
+    // A first weight that knows nothing: a raised cosine as wide as the lenslet.
+    const double widest = 0.5 * pitch_px;
+    Profile profile;
+    profile.value.resize(static_cast<std::size_t>(widest / kStep) + 2);
+    profile.steepness.resize(profile.value.size());
+    for (std::size_t k = 0; k < profile.value.size(); ++k) {
+        const double r = std::max(static_cast<double>(k), 0.25) * kStep;
+        const double angle = std::numbers::pi * std::min(1.0, r / widest);
+        profile.value[k] = 0.5 + 0.5 * std::cos(angle);
+        profile.steepness[k] = 0.5 * std::numbers::pi / widest * std::sin(angle) / r;
+    }
+    double radius = widest;
+    std::vector<Spot> spots;
+    for (int round = 0; round < 3; ++round) {
+        kernels->sample(design(profile, radius, round > 0));
+        kernels->calibrate_gain(starts);
+        if (!(kernels->gain > 0)) break;
+        spots.clear();
+        for (const algo::PixelPoint& start : starts) {
+            if (auto spot = kernels->measure(start, 0.3 * pitch_px)) spots.push_back(*spot);
+        }
+        if (spots.size() < 4) break;
+        std::vector<double> amplitudes(spots.size());
+        std::transform(spots.begin(), spots.end(), amplitudes.begin(), [](const Spot& s) { return s.amplitude_dn; });
+        const auto middle = amplitudes.begin() + static_cast<std::ptrdiff_t>(amplitudes.size() / 2);
+        std::nth_element(amplitudes.begin(), middle, amplitudes.end());
+        kernels->typical_amplitude = *middle;
+        std::erase_if(spots,
+                      [&](const Spot& s) { return s.amplitude_dn < 0.3 * *middle || s.amplitude_dn > 3 * *middle; });
+        if (spots.size() < 4) break;
+        starts.clear();
+        for (const Spot& spot : spots) starts.push_back(spot.centre_px);
+        kernels->calibrate_gain(starts);
+        if (round == 2) {
+            kernels->learned = profile.value;
+            return CentreFinder(std::move(kernels));
+        }
+        profile = kernels->measure_profile(spots, widest);
+        // A small spot needs no more than its own surroundings.
+        std::size_t last = profile.value.size() - 1;
+        while (last > 0 && profile.value[last] < 0.02) --last;
+        radius = std::min(widest, static_cast<double>(last) * kStep + 1.5 + kTaper);
+    }
+    return fail(ErrorCode::refused,
+                fmt::format("only {} of {} lenslets near the middle look like one another", spots.size(), seeds.size()),
+                "light the lenslets evenly, below saturation, and focus the sensor on them");
+}
+
+CentreFinder::CentreFinder(std::unique_ptr<Kernels> kernels) : kernels_(std::move(kernels)) {}
+CentreFinder::CentreFinder(CentreFinder&&) noexcept = default;
+CentreFinder& CentreFinder::operator=(CentreFinder&&) noexcept = default;
+CentreFinder::~CentreFinder() = default;
+
+std::optional<Spot> CentreFinder::measure(algo::PixelPoint at, double most_px) const {
+    return kernels_->measure(at, most_px);
+}
+std::optional<algo::PixelPoint> CentreFinder::split(algo::PixelPoint centre) const { return kernels_->split(centre); }
+bool CentreFinder::complete(algo::PixelPoint at) const { return kernels_->complete(at); }
+double CentreFinder::amplitude_dn(algo::PixelPoint at) const { return kernels_->moments(at).amplitude; }
+double CentreFinder::window_radius_px() const { return kernels_->weights.radius; }
+Immunity CentreFinder::immunity() const { return kernels_->weights.immunity; }
+double CentreFinder::typical_amplitude_dn() const { return kernels_->typical_amplitude; }
+std::span<const double> CentreFinder::profile() const { return kernels_->learned; }
+
+double CentreFinder::saturated_share(algo::PixelPoint at) const {
+    const int half = kernels_->half;
+    const auto cx = static_cast<int>(std::lround(at.x_px));
+    const auto cy = static_cast<int>(std::lround(at.y_px));
+    const WhiteImage& image = *kernels_->image;
+    const double r2 = kernels_->weights.radius * kernels_->weights.radius;
+    int inside = 0;
+    int saturated = 0;
+    for (int y = std::max(0, cy - half); y <= std::min(image.height_px() - 1, cy + half); ++y) {
+        for (int x = std::max(0, cx - half); x <= std::min(image.width_px() - 1, cx + half); ++x) {
+            const double dx = x - at.x_px;
+            const double dy = y - at.y_px;
+            if (dx * dx + dy * dy > r2) continue;
+            ++inside;
+            if (image.saturated(x, y)) ++saturated;
+        }
+    }
+    return inside > 0 ? static_cast<double>(saturated) / inside : 0;
+}
+
+}  // namespace hord::calib

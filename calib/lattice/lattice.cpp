@@ -1,0 +1,395 @@
+#include "calib/lattice/lattice.h"
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <numbers>
+#include <vector>
+
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+namespace hord::calib {
+namespace {
+
+constexpr int kLargestSide = 640;  // of the analysed part
+constexpr double kHalfSqrt3 = 0.86602540378443864676;
+constexpr double kLeastStrength = 0.08;  // of the autocorrelation at a lattice vector, against 1 at lag 0
+
+struct Vec {
+    double x = 0, y = 0;
+};
+Vec operator+(Vec a, Vec b) { return {a.x + b.x, a.y + b.y}; }
+Vec operator-(Vec a, Vec b) { return {a.x - b.x, a.y - b.y}; }
+Vec operator*(double s, Vec a) { return {s * a.x, s * a.y}; }
+double dot(Vec a, Vec b) { return a.x * b.x + a.y * b.y; }
+double cross(Vec a, Vec b) { return a.x * b.y - a.y * b.x; }
+double norm(Vec a) { return std::sqrt(dot(a, a)); }
+
+struct Part {
+    int x = 0, y = 0, width = 0, height = 0;
+};
+
+// The part of the frame that is analysed: all of it, or the most structured of five parts of a large frame.
+Part choose_part(const WhiteImage& image) {
+    Part whole{0, 0, image.width_px(), image.height_px()};
+    const int width = std::min(whole.width, kLargestSide);
+    const int height = std::min(whole.height, kLargestSide);
+    if (width == whole.width && height == whole.height) return whole;
+    const int spare_x = whole.width - width;
+    const int spare_y = whole.height - height;
+    Part best;
+    double best_score = -1;
+    for (const auto& [fx, fy] : {std::pair{0.5, 0.5}, {0.25, 0.25}, {0.75, 0.25}, {0.25, 0.75}, {0.75, 0.75}}) {
+        const Part part{static_cast<int>(fx * spare_x), static_cast<int>(fy * spare_y), width, height};
+        // Mean absolute step over 5 px, every 7th pixel: light that changes within a lenslet.
+        double score = 0;
+        for (int y = 0; y < height; y += 7) {
+            for (int x = 0; x + 5 < width; x += 7) {
+                score += std::abs(image.at(part.x + x + 5, part.y + y) - image.at(part.x + x, part.y + y));
+            }
+        }
+        if (best_score < 0) score *= 1.5;  // the middle, unless another is much better
+        if (score > best_score) {
+            best_score = score;
+            best = part;
+        }
+    }
+    return best;
+}
+
+std::vector<float> hann(int count) {
+    std::vector<float> window(static_cast<std::size_t>(count));
+    for (int k = 0; k < count; ++k) {
+        window[static_cast<std::size_t>(k)] =
+            static_cast<float>(0.5 - 0.5 * std::cos(2 * std::numbers::pi * (k + 0.5) / count));
+    }
+    return window;
+}
+
+// The part as square roots of light over the local mean, windowed: hot pixels and bright corners count less.
+cv::Mat1f flatten(const WhiteImage& image, const Part& part) {
+    cv::Mat1f light(part.height, part.width);
+    image.window(part.x, part.y, part.width, part.height, light.ptr<float>(0), part.width);
+    std::vector<float> sorted;  // every 13th pixel
+    for (int k = 0; k < part.width * part.height; k += 13) sorted.push_back(light(k / part.width, k % part.width));
+    const auto dim = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 50);
+    std::nth_element(sorted.begin(), dim, sorted.end());
+    const float floor = *dim;
+    light -= floor;
+    cv::max(light, 0.0, light);
+    cv::sqrt(light, light);
+    cv::Mat1f mean;
+    const int reach = std::min(129, (std::min(part.width, part.height) - 1) | 1);
+    cv::blur(light, mean, {reach, reach}, {-1, -1}, cv::BORDER_REFLECT_101);
+    light -= mean;
+    const std::vector<float> across = hann(part.width);
+    const std::vector<float> down = hann(part.height);
+    for (int y = 0; y < part.height; ++y) {
+        float* row = light.ptr<float>(y);
+        for (int x = 0; x < part.width; ++x)
+            row[x] *= across[static_cast<std::size_t>(x)] * down[static_cast<std::size_t>(y)];
+    }
+    return light;
+}
+
+// Autocorrelation of the windowed part, divided by that of the window; 1 at lag 0.
+class Autocorrelation {
+  public:
+    explicit Autocorrelation(const cv::Mat1f& windowed)
+        : reach_x_(static_cast<int>(0.45 * windowed.cols)), reach_y_(static_cast<int>(0.45 * windowed.rows)) {
+        const int width = cv::getOptimalDFTSize(windowed.cols + reach_x_);
+        const int height = cv::getOptimalDFTSize(windowed.rows + reach_y_);
+        cv::Mat1f padded(height, width, 0.0F);
+        windowed.copyTo(padded(cv::Rect(0, 0, windowed.cols, windowed.rows)));
+        cv::Mat spectrum;
+        cv::dft(padded, spectrum, 0, windowed.rows);
+        cv::Mat power;
+        cv::mulSpectrums(spectrum, spectrum, power, 0, true);
+        cv::dft(power, lags_, cv::DFT_INVERSE | cv::DFT_REAL_OUTPUT | cv::DFT_SCALE);
+        across_ = of_window(windowed.cols, reach_x_);
+        down_ = of_window(windowed.rows, reach_y_);
+        zero_ = std::max(lags_(0, 0), 1e-20F);
+    }
+
+    [[nodiscard]] bool within(Vec lag, double margin = 2) const {
+        return std::abs(lag.x) < reach_x_ - margin && std::abs(lag.y) < reach_y_ - margin;
+    }
+    [[nodiscard]] float at(int x, int y) const {
+        const int column = x < 0 ? x + lags_.cols : x;
+        const int row = y < 0 ? y + lags_.rows : y;
+        return lags_(row, column) /
+            (zero_ * across_[static_cast<std::size_t>(std::abs(x))] * down_[static_cast<std::size_t>(std::abs(y))]);
+    }
+    [[nodiscard]] int reach_x() const { return reach_x_; }
+    [[nodiscard]] int reach_y() const { return reach_y_; }
+
+    struct Peak {
+        Vec lag;
+        double height = 0;
+    };
+    // The local maximum nearest to `near`, climbed to within `reach` px, refined by parabolas; none if there is none.
+    [[nodiscard]] std::optional<Peak> climb(Vec near, int reach) const {
+        if (!within(near, reach + 2)) return std::nullopt;
+        int x = static_cast<int>(std::lround(near.x));
+        int y = static_cast<int>(std::lround(near.y));
+        const int start_x = x;
+        const int start_y = y;
+        for (bool moved = true; moved;) {
+            moved = false;
+            int best_x = x;
+            int best_y = y;
+            for (int dy = -1; dy <= 1; ++dy) {
+                for (int dx = -1; dx <= 1; ++dx) {
+                    if (at(x + dx, y + dy) > at(best_x, best_y)) {
+                        best_x = x + dx;
+                        best_y = y + dy;
+                        moved = true;
+                    }
+                }
+            }
+            x = best_x;
+            y = best_y;
+            if (std::abs(x - start_x) > reach || std::abs(y - start_y) > reach) return std::nullopt;
+        }
+        const auto vertex = [](double left, double middle, double right) {
+            const double bend = left - 2 * middle + right;
+            return bend < 0 ? std::clamp(0.5 * (left - right) / bend, -0.5, 0.5) : 0.0;
+        };
+        return Peak{
+            {x + vertex(at(x - 1, y), at(x, y), at(x + 1, y)), y + vertex(at(x, y - 1), at(x, y), at(x, y + 1))},
+            at(x, y)};
+    }
+
+  private:
+    static std::vector<float> of_window(int count, int reach) {
+        const std::vector<float> window = hann(count);
+        std::vector<float> lags(static_cast<std::size_t>(reach) + 3);
+        for (std::size_t lag = 0; lag < lags.size(); ++lag) {
+            for (std::size_t k = 0; k + lag < window.size(); ++k) lags[lag] += window[k] * window[k + lag];
+        }
+        const float zero = lags[0];
+        for (float& lag : lags) lag = std::max(lag / zero, 1e-3F);
+        return lags;
+    }
+
+    int reach_x_, reach_y_;
+    cv::Mat1f lags_;
+    std::vector<float> across_, down_;
+    float zero_ = 1;
+};
+
+// Local maxima in the upper half plane at the lags a lenslet pitch may have.
+std::vector<Autocorrelation::Peak> peaks_of(const Autocorrelation& correlation, double shortest, double longest) {
+    std::vector<Autocorrelation::Peak> peaks;
+    const int reach_x = std::min(correlation.reach_x() - 3, static_cast<int>(longest) + 1);
+    const int reach_y = std::min(correlation.reach_y() - 3, static_cast<int>(longest) + 1);
+    for (int y = 0; y <= reach_y; ++y) {
+        for (int x = -reach_x; x <= reach_x; ++x) {
+            const double lag = std::hypot(x, y);
+            if (lag < shortest || lag > longest || (y == 0 && x < 0)) continue;
+            const float here = correlation.at(x, y);
+            if (here <= 0) continue;
+            bool highest = true;
+            for (int dy = -2; dy <= 2 && highest; ++dy) {
+                for (int dx = -2; dx <= 2 && highest; ++dx) highest = correlation.at(x + dx, y + dy) <= here;
+            }
+            if (!highest) continue;
+            if (auto peak = correlation.climb({static_cast<double>(x), static_cast<double>(y)}, 2))
+                peaks.push_back(*peak);
+        }
+    }
+    std::sort(peaks.begin(), peaks.end(), [](const auto& a, const auto& b) { return norm(a.lag) < norm(b.lag); });
+    return peaks;
+}
+
+struct Basis {
+    Vec a, b;
+};
+
+Basis reduce(Basis basis) {
+    for (int k = 0; k < 20; ++k) {
+        if (norm(basis.b) < norm(basis.a)) std::swap(basis.a, basis.b);
+        const double turns = std::round(dot(basis.a, basis.b) / dot(basis.a, basis.a));
+        if (turns == 0) break;
+        basis.b = basis.b - turns * basis.a;
+    }
+    if (dot(basis.a, basis.b) < 0) basis.b = -1.0 * basis.b;
+    return basis;
+}
+
+// Least squares over the peaks at p a + q b, at ever longer lags: the steps become known to a small part of a pixel.
+Basis refine(const Autocorrelation& correlation, Basis basis, double least_height) {
+    const double pitch = std::min(norm(basis.a), norm(basis.b));
+    for (double reach = 2.3 * pitch; reach < 3.0 * kLargestSide; reach *= 1.6) {
+        double pp = 0, pq = 0, qq = 0;
+        Vec pv, qv;
+        const int most = static_cast<int>(reach / pitch) + 1;
+        bool any = false;
+        for (int q = 0; q <= most; ++q) {
+            for (int p = -most; p <= most; ++p) {
+                const Vec lag = static_cast<double>(p) * basis.a + static_cast<double>(q) * basis.b;
+                if ((p == 0 && q == 0) || norm(lag) > reach || !correlation.within(lag, 6)) continue;
+                any = any || norm(lag) > reach / 1.6;
+                const auto peak = correlation.climb(lag, static_cast<int>(0.2 * pitch) + 1);
+                if (!peak || peak->height < least_height) continue;
+                pp += p * p;
+                pq += p * q;
+                qq += q * q;
+                pv = pv + static_cast<double>(p) * peak->lag;
+                qv = qv + static_cast<double>(q) * peak->lag;
+            }
+        }
+        const double determinant = pp * qq - pq * pq;
+        if (determinant < 1e-6 * pp * qq || determinant <= 0) break;
+        const Basis next{(1 / determinant) * (qq * pv - pq * qv), (1 / determinant) * (pp * qv - pq * pv)};
+        if (norm(next.a - basis.a) > 0.1 * pitch || norm(next.b - basis.b) > 0.1 * pitch) break;
+        basis = next;
+        if (!any) break;
+    }
+    return basis;
+}
+
+// The phases of the two fundamentals place a lenslet: the one nearest to the middle of the part.
+Vec place(const cv::Mat1f& windowed, const Basis& basis) {
+    const double area = cross(basis.a, basis.b);
+    const Vec frequency[2] = {{basis.b.y / area, -basis.b.x / area}, {-basis.a.y / area, basis.a.x / area}};
+    double turns[2];
+    for (int k = 0; k < 2; ++k) {
+        std::vector<std::complex<float>> across(static_cast<std::size_t>(windowed.cols));
+        for (int x = 0; x < windowed.cols; ++x) {
+            across[static_cast<std::size_t>(x)] =
+                std::polar(1.0F, static_cast<float>(-2 * std::numbers::pi * std::remainder(frequency[k].x * x, 1.0)));
+        }
+        std::complex<double> sum = 0;
+        for (int y = 0; y < windowed.rows; ++y) {
+            const float* row = windowed.ptr<float>(y);
+            float re = 0;
+            float im = 0;
+            for (int x = 0; x < windowed.cols; ++x) {
+                re += row[x] * across[static_cast<std::size_t>(x)].real();
+                im += row[x] * across[static_cast<std::size_t>(x)].imag();
+            }
+            sum += std::complex<double>(re, im) *
+                std::polar(1.0, -2 * std::numbers::pi * std::remainder(frequency[k].y * y, 1.0));
+        }
+        turns[k] = -std::arg(sum) / (2 * std::numbers::pi);
+    }
+    const Vec origin = turns[0] * basis.a + turns[1] * basis.b;
+    const Vec middle = Vec{0.5 * windowed.cols, 0.5 * windowed.rows} - origin;
+    const double p = std::round(dot(middle, frequency[0]));
+    const double q = std::round(dot(middle, frequency[1]));
+    return origin + p * basis.a + q * basis.b;
+}
+
+Vec turned(Vec a, double degrees) {
+    const double angle = degrees * std::numbers::pi / 180;
+    return {std::cos(angle) * a.x - std::sin(angle) * a.y, std::sin(angle) * a.x + std::cos(angle) * a.y};
+}
+
+// The vector of the lattice, in any sign, nearest to a direction.
+Vec nearest(const std::vector<Vec>& vectors, Vec direction) {
+    Vec best;
+    double most = -1e300;
+    for (const Vec& v : vectors) {
+        for (const double sign : {1.0, -1.0}) {
+            const double along = sign * dot(v, direction) / norm(v);
+            if (along > most + 1e-9) {
+                most = along;
+                best = sign * v;
+            }
+        }
+    }
+    return best;
+}
+
+}  // namespace
+
+double Lattice::pitch_px() const { return std::sqrt(std::abs(step_u.x_px * step_v.y_px - step_u.y_px * step_v.x_px)); }
+
+double Lattice::rotation_rad() const { return std::atan2(step_u.y_px, step_u.x_px); }
+
+Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
+    const auto refuse = [](std::string what, std::string cure) {
+        return fail(ErrorCode::refused, std::move(what), std::move(cure));
+    };
+    const Part part = choose_part(image);
+    const cv::Mat1f windowed = flatten(image, part);
+    const Autocorrelation correlation(windowed);
+    const double shortest = hint.pitch_px > 0 ? 0.8 * hint.pitch_px : 0.9 * kMinPitch;
+    const double longest = hint.pitch_px > 0 ? 1.8 * hint.pitch_px : 1.5 * kMaxPitch;
+    const auto peaks = peaks_of(correlation, shortest, longest);
+    double highest = 0;
+    for (const auto& peak : peaks) highest = std::max(highest, peak.height);
+    if (highest < kLeastStrength) {
+        return refuse(
+            fmt::format("the white frame shows no lattice: its autocorrelation reaches {:.3f} of {:.2f} needed",
+                        highest, kLeastStrength),
+            "light the lenslets evenly, below saturation, and focus the sensor on them");
+    }
+    std::optional<Basis> found;
+    for (std::size_t first = 0; first < peaks.size() && !found; ++first) {
+        if (peaks[first].height < 0.6 * highest) continue;
+        for (std::size_t second = first + 1; second < peaks.size(); ++second) {
+            const Vec a = peaks[first].lag;
+            const Vec b = peaks[second].lag;
+            if (peaks[second].height < 0.5 * highest || std::abs(cross(a, b)) < 0.5 * norm(a) * norm(b)) continue;
+            found = Basis{a, b};
+            break;
+        }
+    }
+    if (!found) {
+        return refuse("the white frame repeats itself in one direction only: a single row of lenslets, or stripes",
+                      "show at least three rows and three columns of lenslets");
+    }
+    const Basis basis = refine(correlation, reduce(*found), 0.3 * highest);
+    const double ratio = norm(basis.b) / norm(basis.a);
+    const double angle = std::acos(std::clamp(dot(basis.a, basis.b) / (norm(basis.a) * norm(basis.b)), -1.0, 1.0)) *
+        180 / std::numbers::pi;
+    const bool square = std::abs(angle - 90) < 6 && ratio < 1.15;
+    const bool hexagonal = std::abs(angle - 60) < 6 && ratio < 1.15;
+    if (!square && !hexagonal) {
+        return refuse(
+            fmt::format("the lattice is neither square nor hexagonal: steps of {:.2f} and {:.2f} px at {:.1f} degrees",
+                        norm(basis.a), norm(basis.b), angle),
+            "check that the frame shows one lenslet array, undistorted by its optics");
+    }
+    Lattice lattice;
+    lattice.kind = square ? algo::LatticeKind::square : algo::LatticeKind::hexagonal;
+    if (hint.kind && *hint.kind != lattice.kind) {
+        return refuse(fmt::format("the lattice is {}, not {}", name_of(lattice.kind), name_of(*hint.kind)),
+                      "correct the hint, or leave it away");
+    }
+    std::vector<Vec> vectors{basis.a, basis.b};
+    Vec u;
+    Vec v;
+    if (square) {
+        u = nearest(vectors, {1, 1e-6});
+        v = nearest(vectors, turned(u, 90));
+    } else {
+        vectors.push_back(basis.b - basis.a);
+        u = nearest(vectors, {1, 1e-6});
+        v = nearest(vectors, {1e-6, 1});
+        if (std::abs(u.y) * norm(v) <= std::abs(v.x) * norm(u)) {
+            lattice.stagger = algo::Stagger::rows;
+            v = (1 / kHalfSqrt3) * (nearest(vectors, turned(u, 60)) - 0.5 * u);
+        } else {
+            lattice.stagger = algo::Stagger::columns;
+            u = (1 / kHalfSqrt3) * (nearest(vectors, turned(v, -60)) - 0.5 * v);
+        }
+    }
+    const double pitch = std::sqrt(std::abs(cross(u, v)));
+    if (pitch < kMinPitch || pitch > kMaxPitch) {
+        return refuse(fmt::format("a lenslet pitch of {:.2f} px", pitch), "use a sensor with 8 to 64 px a lenslet");
+    }
+    const Vec seed = place(windowed, basis);
+    lattice.step_u = {u.x, u.y};
+    lattice.step_v = {v.x, v.y};
+    lattice.seed_px = {part.x + seed.x, part.y + seed.y};
+    lattice.reach_px = 0.5 * std::min(part.width, part.height);
+    lattice.strength = highest;
+    return lattice;
+}
+
+}  // namespace hord::calib

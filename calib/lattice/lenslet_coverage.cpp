@@ -1,0 +1,84 @@
+#include "calib/lattice/lenslet_coverage.h"
+
+#include <algorithm>
+
+namespace hord::calib {
+namespace {
+
+using algo::PixelPoint;
+
+constexpr double kDark = 0.25;  // of the light of a typical lenslet
+
+// The lattice's places, row by row; those outside the frame are not there.
+struct Places {
+    int columns, rows;
+    std::vector<std::uint8_t> inside, dark;
+
+    explicit Places(const algo::LensletGrid& grid)
+        : columns(grid.columns), rows(grid.rows),
+          inside(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows)), dark(inside) {}
+    [[nodiscard]] std::size_t at(int m, int n) const {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m);
+    }
+
+    // Whether `test` holds for every place (or, with `any`, for some) about (m, n) that is inside the frame, (m, n)
+    // among them.
+    template <class Test>
+    [[nodiscard]] bool about(int m, int n, bool any, Test test) const {
+        for (int row = std::max(0, n - 1); row <= std::min(rows - 1, n + 1); ++row) {
+            for (int column = std::max(0, m - 1); column <= std::min(columns - 1, m + 1); ++column) {
+                const std::size_t k = at(column, row);
+                if (inside[k] != 0 && test(k) == any) return any;
+            }
+        }
+        return !any;
+    }
+};
+
+}  // namespace
+
+std::vector<std::uint8_t> whole_lenslets(const algo::LensletGrid& grid, std::span<const Observation> observations,
+                                         const std::function<bool(PixelPoint)>& complete, const LensletLight& light,
+                                         double typical_dn) {
+    Places places(grid);
+    std::vector<std::uint8_t> found(places.inside.size()), whole(found);
+    for (const Observation& seen : observations) {
+        if (seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows)
+            found[places.at(seen.m, seen.n)] = 1;
+    }
+    for (int n = 0; n < places.rows; ++n) {
+        for (int m = 0; m < places.columns; ++m) {
+            const PixelPoint at = grid.centre_px(m, n);
+            if (!(at.x_px >= -0.5 && at.y_px >= -0.5 && at.x_px < grid.width_px - 0.5 &&
+                  at.y_px < grid.height_px - 0.5))
+                continue;
+            const std::size_t k = places.at(m, n);
+            places.inside[k] = 1;
+            whole[k] = complete(at) ? 1 : 0;
+            places.dark[k] = found[k] == 0 && light(at) < kDark * typical_dn ? 1 : 0;
+        }
+    }
+    // Dark with all about it; then what touches that: a dark region; then what touches the region: its edge.
+    std::vector<std::uint8_t> core(places.inside.size()), region(core);
+    const auto each_place = [&](auto&& action) {
+        for (int n = 0; n < places.rows; ++n) {
+            for (int m = 0; m < places.columns; ++m) {
+                if (places.inside[places.at(m, n)] != 0) action(m, n, places.at(m, n));
+            }
+        }
+    };
+    each_place([&](int m, int n, std::size_t k) {
+        core[k] = places.about(m, n, false, [&](std::size_t other) { return places.dark[other] != 0; }) ? 1 : 0;
+    });
+    each_place([&](int m, int n, std::size_t k) {
+        region[k] = places.dark[k] != 0 && places.about(m, n, true, [&](std::size_t other) { return core[other] != 0; })
+            ? 1
+            : 0;
+    });
+    each_place([&](int m, int n, std::size_t k) {
+        if (places.about(m, n, true, [&](std::size_t other) { return region[other] != 0; })) whole[k] = 0;
+    });
+    return whole;
+}
+
+}  // namespace hord::calib

@@ -1,0 +1,144 @@
+#include "calib/lattice/white_image.h"
+
+#include <algorithm>
+#include <cstring>
+
+#include <fmt/format.h>
+
+namespace hord::calib {
+namespace {
+
+constexpr int kSmallestSide = 24;
+
+// Eight samples at a time: GCC does not do so by itself at -O2.
+template <class Sample, class Action>
+void each_of_row(const Sample* from, float* to, int count, Action action) {
+    typedef Sample Samples __attribute__((vector_size(8 * sizeof(Sample))));
+    typedef float Floats __attribute__((vector_size(8 * sizeof(float))));
+    int k = 0;
+    for (; k + 8 <= count; k += 8) {
+        Samples samples;
+        Floats floats;
+        std::memcpy(&samples, from + k, sizeof samples);
+        std::memcpy(&floats, to + k, sizeof floats);
+        floats = action(floats, __builtin_convertvector(samples, Floats));
+        std::memcpy(to + k, &floats, sizeof floats);
+    }
+    for (; k < count; ++k) to[k] = action(to[k], static_cast<float>(from[k]));
+}
+template <class Sample>
+void copy_row(const Sample* from, float* to, int count) {
+    each_of_row(from, to, count, [](auto, auto sample) { return sample; });
+}
+template <class Sample>
+void subtract_row(const Sample* from, float* to, int count) {
+    each_of_row(from, to, count, [](auto light, auto sample) { return light - sample; });
+}
+
+// Clipping below full scale: every 4th pixel is looked at; a maximum shared by more than 1 in 2000 of them is a
+// ceiling.
+std::uint32_t ceiling(const FrameView& frame, bool& any) {
+    std::uint32_t top = 0;
+    std::int64_t count = 0;
+    std::int64_t seen = 0;
+    for (int y = 0; y < frame.height_px; y += 2) {
+        for (int x = 0; x < frame.width_px; x += 2) {
+            const std::uint32_t value = frame.sample(x, y);
+            ++seen;
+            if (value > top) {
+                top = value;
+                count = 1;
+            } else if (value == top) {
+                ++count;
+            }
+        }
+    }
+    const bool clipped = count * 2000 > seen && top > 0;
+    any = clipped || top >= frame.full_scale();
+    return clipped ? top : frame.full_scale();
+}
+
+}  // namespace
+
+Result<WhiteImage> WhiteImage::open(const FrameView& white, const std::optional<FrameView>& dark,
+                                    const std::optional<FrameView>& flat) {
+    if (white.data == nullptr || white.width_px < kSmallestSide || white.height_px < kSmallestSide) {
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("a white frame of {}x{} px", white.width_px, white.height_px),
+                    "use a frame of at least 24x24 px");
+    }
+    for (const auto& [name, frame] : {std::pair{"dark", &dark}, {"flat", &flat}}) {
+        if (!*frame || ((*frame)->width_px == white.width_px && (*frame)->height_px == white.height_px)) continue;
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("a {} frame of {}x{} px for a white frame of {}x{} px", name, (*frame)->width_px,
+                                (*frame)->height_px, white.width_px, white.height_px),
+                    "record all of them with the same region of the sensor");
+    }
+    WhiteImage image;
+    image.white_ = white;
+    image.dark_ = dark;
+    if (flat && !image.learn_gain(*flat)) {
+        return fail(ErrorCode::invalid_argument, "the flat frame is as dark as the dark one",
+                    "record it in even light, without lenslets, below saturation");
+    }
+    image.saturated_dn_ = ceiling(white, image.any_saturated_);
+    return image;
+}
+
+float WhiteImage::at(int x, int y) const {
+    const auto light = static_cast<float>(white_.sample(x, y));
+    const float net = dark_ ? light - static_cast<float>(dark_->sample(x, y)) : light;
+    return gain_.empty()
+        ? net
+        : net * gain_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_px()) + static_cast<std::size_t>(x)];
+}
+
+// Pixels that answer less than a tenth of the mean are dead: they count as no light.
+bool WhiteImage::learn_gain(const FrameView& flat) {
+    std::vector<float> answer;
+    answer.reserve(static_cast<std::size_t>(flat.width_px) * static_cast<std::size_t>(flat.height_px));
+    double sum = 0;
+    for (int y = 0; y < flat.height_px; ++y) {
+        for (int x = 0; x < flat.width_px; ++x) {
+            const auto light = static_cast<float>(flat.sample(x, y));
+            answer.push_back(dark_ ? light - static_cast<float>(dark_->sample(x, y)) : light);
+            sum += answer.back();
+        }
+    }
+    const auto mean = static_cast<float>(sum / static_cast<double>(answer.size()));
+    if (!(mean > 0)) return false;
+    for (float& value : answer) value = value > 0.1F * mean ? mean / value : 0.0F;
+    gain_ = std::move(answer);
+    return true;
+}
+
+void WhiteImage::window(int x, int y, int width, int height, float* out, int stride) const {
+    const int first = std::clamp(-x, 0, width);
+    const int last = std::clamp(width_px() - x, first, width);
+    for (int row = 0; row < height; ++row) {
+        float* to = out + row * stride;
+        const int from_y = y + row;
+        if (from_y < 0 || from_y >= height_px()) {
+            std::fill(to, to + width, 0.0F);
+            continue;
+        }
+        std::fill(to, to + first, 0.0F);
+        std::fill(to + last, to + width, 0.0F);
+        const int count = last - first;
+        // Windows are asked for from left to right, and their rows lie pages apart: no machine fetches them ahead by
+        // itself.
+        __builtin_prefetch(white_.data + from_y * white_.stride_bytes +
+                           std::clamp(x + 2 * width, 0, width_px() - 1) * white_.sample_bytes());
+        const auto copy = [&](const FrameView& frame, auto action8, auto action16) {
+            if (frame.bits > 8) action16(frame.row16(from_y) + x + first, to + first, count);
+            else action8(frame.row8(from_y) + x + first, to + first, count);
+        };
+        copy(white_, copy_row<std::uint8_t>, copy_row<std::uint16_t>);
+        if (dark_) copy(*dark_, subtract_row<std::uint8_t>, subtract_row<std::uint16_t>);
+        if (gain_.empty()) continue;
+        const float* gain = gain_.data() + static_cast<std::ptrdiff_t>(from_y) * width_px() + x + first;
+        for (int k = 0; k < count; ++k) to[first + k] *= gain[k];
+    }
+}
+
+}  // namespace hord::calib

@@ -1,0 +1,123 @@
+// Where the spots of one capture lie, against the lenslets' centres.
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "calib/tilts/tilts.h"
+
+namespace hord::calib {
+namespace {
+
+using algo::PixelPoint;
+
+constexpr std::size_t kFoldLenslets = 3000;
+constexpr double kLeastMatch = 0.5;  // as of the white frame's lenslets
+constexpr double kLeastAmplitude = 0.08;
+
+// The light of many lenslets laid over one another, one pixel a cell: the place of the spot to a pixel or so.
+std::optional<PixelPoint> coarse_place(const WhiteImage& image, const std::vector<PixelPoint>& centres, double pitch) {
+    const int half = static_cast<int>(std::floor(0.5 * pitch));
+    const int side = 2 * half + 1;
+    std::vector<double> fold(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+    const std::size_t every = centres.size() / kFoldLenslets + 1;
+    for (std::size_t k = 0; k < centres.size(); k += every) {
+        const auto cx = static_cast<int>(std::lround(centres[k].x_px));
+        const auto cy = static_cast<int>(std::lround(centres[k].y_px));
+        if (cx < half || cy < half || cx + half >= image.width_px() || cy + half >= image.height_px()) continue;
+        std::size_t at = 0;
+        for (int y = -half; y <= half; ++y) {
+            for (int x = -half; x <= half; ++x) fold[at++] += image.at(cx + x, cy + y);
+        }
+    }
+    const auto [low, high] = std::minmax_element(fold.begin(), fold.end());
+    if (!(*high > *low)) return std::nullopt;
+    // The centre of gravity of what is brighter than half way up.
+    const double level = 0.5 * (*low + *high);
+    double sum = 0, x_sum = 0, y_sum = 0;
+    std::size_t at = 0;
+    for (int y = -half; y <= half; ++y) {
+        for (int x = -half; x <= half; ++x) {
+            const double light = std::max(0.0, fold[at++] - level);
+            sum += light;
+            x_sum += light * x;
+            y_sum += light * y;
+        }
+    }
+    return PixelPoint{x_sum / sum, y_sum / sum};
+}
+
+struct Mean {
+    double value = 0, sigma = 0, spread = 0;
+};
+// Without what is further off than five robust standard deviations.
+Mean robust_mean(std::vector<double> values) {
+    std::vector<double> sorted = values;
+    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+    std::nth_element(sorted.begin(), middle, sorted.end());
+    const double median = *middle;
+    for (std::size_t k = 0; k < sorted.size(); ++k) sorted[k] = std::abs(values[k] - median);
+    std::nth_element(sorted.begin(), middle, sorted.end());
+    const double most = 5 * 1.4826 * *middle + 1e-3;
+    std::erase_if(values, [&](double v) { return std::abs(v - median) > most; });
+    const auto count = static_cast<double>(values.size());
+    Mean mean;
+    for (const double v : values) mean.value += v / count;
+    for (const double v : values) mean.spread += (v - mean.value) * (v - mean.value);
+    mean.spread = std::sqrt(mean.spread / std::max(1.0, count - 1));
+    mean.sigma = mean.spread / std::sqrt(count);
+    return mean;
+}
+
+}  // namespace
+
+Result<SpotPlace> measure_spots(const FrameView& frame, const std::optional<FrameView>& dark,
+                                const std::optional<FrameView>& flat, const GridCalibration& grid) {
+    if (frame.width_px != grid.fit.grid.width_px || frame.height_px != grid.fit.grid.height_px) {
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("a capture of {}x{} px for a grid of {}x{} px", frame.width_px, frame.height_px,
+                                grid.fit.grid.width_px, grid.fit.grid.height_px),
+                    "capture with the same region of the sensor");
+    }
+    const auto image = WhiteImage::open(frame, dark, flat);
+    if (!image) return tl::unexpected(image.error());
+    std::vector<PixelPoint> centres;
+    for (const GridCalibration::Node& node : grid.nodes()) {
+        if (node.found) centres.push_back(node.centre_px);
+    }
+    const auto coarse = coarse_place(*image, centres, grid.pitch_px);
+    if (!coarse)
+        return fail(ErrorCode::refused, "the capture shows no spot in the lenslets",
+                    "let collimated light in, below saturation");
+    // Learned from the lenslets nearest to the middle.
+    const PixelPoint middle{0.5 * frame.width_px, 0.5 * frame.height_px};
+    const auto far = [&](const PixelPoint& p) { return std::hypot(p.x_px - middle.x_px, p.y_px - middle.y_px); };
+    std::sort(centres.begin(), centres.end(),
+              [&](const PixelPoint& a, const PixelPoint& b) { return far(a) < far(b); });
+    std::vector<PixelPoint> seeds;
+    for (std::size_t k = 0; k < std::min<std::size_t>(centres.size(), 400); ++k)
+        seeds.push_back({centres[k].x_px + coarse->x_px, centres[k].y_px + coarse->y_px});
+    const auto finder = CentreFinder::learn(*image, seeds, grid.pitch_px);
+    if (!finder) return tl::unexpected(finder.error());
+    std::vector<double> x, y;
+    for (const PixelPoint& centre : centres) {
+        const auto spot =
+            finder->measure({centre.x_px + coarse->x_px, centre.y_px + coarse->y_px}, 0.3 * grid.pitch_px);
+        if (!spot || spot->match < kLeastMatch || spot->amplitude_dn < kLeastAmplitude * finder->typical_amplitude_dn())
+            continue;
+        x.push_back(spot->centre_px.x_px - centre.x_px);
+        y.push_back(spot->centre_px.y_px - centre.y_px);
+    }
+    if (x.size() < 4) {
+        return fail(ErrorCode::refused, fmt::format("only {} lenslets show a spot", x.size()),
+                    "let collimated light in over the whole field, below saturation");
+    }
+    const Mean mean_x = robust_mean(x);
+    const Mean mean_y = robust_mean(y);
+    return SpotPlace{{mean_x.value, mean_y.value},
+                     {mean_x.sigma, mean_y.sigma},
+                     std::hypot(mean_x.spread, mean_y.spread) / std::sqrt(2.0),
+                     static_cast<int>(x.size())};
+}
+
+}  // namespace hord::calib

@@ -1,0 +1,64 @@
+#include "firmware/devices/active_calibration.h"
+
+#include <algorithm>
+#include <ctime>
+
+#include <fmt/format.h>
+
+#include "calib/files/accept_calibration.h"
+#include "common/crc32.h"
+
+namespace hord::firmware {
+namespace {
+
+// A worse calibration is not installed over a better one. What is kept of another camera, of another size or no longer
+// readable does not stand in the way.
+Result<void> may_follow(const calib::GridFile& fresh, const std::filesystem::path& kept) {
+    if (!std::filesystem::exists(kept)) return {};
+    const auto held = calib::read_grid(kept);
+    if (!held || held->stamp.camera != fresh.stamp.camera || held->grid.width_px != fresh.grid.width_px ||
+        held->grid.height_px != fresh.grid.height_px)
+        return {};
+    const auto fine = calib::not_worse(fresh, *held);
+    if (!fine)
+        return fail(fine.error().code, "not used: " + fine.error().what,
+                    "name a better one; or, if this one is meant, remove " + kept.string());
+    return {};
+}
+
+}  // namespace
+
+std::optional<std::uint32_t> CalibrationInUse::age_s() const {
+    std::tm made{};
+    if (::strptime(file.stamp.date.c_str(), "%Y-%m-%dT%H:%M:%SZ", &made) == nullptr) return std::nullopt;
+    const std::int64_t seconds =
+        static_cast<std::int64_t>(std::time(nullptr)) - static_cast<std::int64_t>(::timegm(&made));
+    return static_cast<std::uint32_t>(std::clamp<std::int64_t>(seconds, 0, 0xFFFFFFFE));
+}
+
+Result<CalibrationInUse> use_calibration(const std::filesystem::path& file, const std::filesystem::path& kept,
+                                         const hal::SensorFormat& format, int bins_i, int bins_j) {
+    const auto named = [&file](const Error& error) {
+        return fail(error.code, file.string() + ": " + error.what, error.cure);
+    };
+    auto read = calib::read_grid(file);
+    if (!read) return tl::unexpected(read.error());
+    CalibrationInUse out{std::move(*read), 0, nullptr};
+    const algo::LensletGrid& grid = out.file.grid;
+    if (grid.width_px != format.width_px || grid.height_px != format.height_px) {
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{}: a calibration of frames of {}x{} px, but the sensor's are of {}x{}", file.string(),
+                                grid.width_px, grid.height_px, format.width_px, format.height_px),
+                    "calibrate this sensor (hordctl calibrate), or name its calibration in inspection.grid");
+    }
+    auto decoder = algo::GridDecoder::create(grid, out.file.directions, bins_i, bins_j);
+    if (!decoder) return named(decoder.error());
+    out.decoder = std::make_shared<const algo::GridDecoder>(std::move(*decoder));
+    out.crc32 = common::crc32(calib::to_toml(out.file));
+    if (kept.empty()) return out;
+    if (auto fine = may_follow(out.file, kept); !fine) return named(fine.error());
+    if (auto done = calib::write_grid(kept, out.file); !done) return tl::unexpected(done.error());
+    return out;
+}
+
+}  // namespace hord::firmware

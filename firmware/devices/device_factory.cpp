@@ -1,0 +1,232 @@
+#include "firmware/devices/device_factory.h"
+
+#include <algorithm>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "drivers/event_loop/event_loop_sd.h"
+#include "drivers/files/recorded_frames.h"
+#include "drivers/gpio/gpio_part_sensor.h"
+#include "drivers/gpio/gpio_strobe.h"
+#include "drivers/libcamera/libcamera_sensor.h"
+#include "drivers/modbus/modbus_rejector.h"
+#include "drivers/v4l2/v4l2_sensor.h"
+#include "firmware/devices/driver_options.h"
+#include "hal_sim/cell/cell.h"
+#include "hal_sim/cell/production.h"
+#include "hal_sim/cell/rendered_frames.h"
+#include "hal_sim/coil_module/coil_module.h"
+
+namespace hord::firmware {
+namespace {
+
+// The simulated line is built to the configuration's timing, so that the same file tells station and line.
+sim::CellOptions cell_options(const Config& config, const SimulationOptions& simulation) {
+    const CoreConfig& core = config.core;
+    sim::CellOptions options;
+    options.seed = simulation.seed;
+    // Parts keep their distance: a faster line is a faster belt.
+    options.conveyor.speed_mm_s =
+        std::max(options.conveyor.speed_mm_s, options.schedule.pitch_mm * simulation.parts_per_second);
+    const double speed = options.conveyor.speed_mm_s;
+    const auto travel_mm = [&](Duration time) { return speed * std::chrono::duration<double>(time).count(); };
+    options.schedule.parts = simulation.parts;
+    options.schedule.pitch_mm = speed / simulation.parts_per_second;
+    options.schedule.part_length_mm = options.schedule.pitch_mm * 0.4;
+    options.geometry.camera_mm = travel_mm(core.exposure_delay + core.strobe_delay + core.strobe / 2);
+    options.geometry.ejector_mm = travel_mm(core.transport);
+    options.geometry.exit_mm = options.geometry.ejector_mm + 100;
+    if (core.by_encoder)
+        options.part_sensor.encoder_counts_per_mm =
+            static_cast<double>(core.transport_counts) / options.geometry.ejector_mm;
+    options.sensor.buffers = std::max(
+        options.sensor.buffers, config.inspection.threads + config.inspection.queue + 2);  // exposing, and read out
+    options.strobe.limits = {config.strobe.max_on, config.strobe.min_rest, config.strobe.channels};
+    options.strobe.nominal_pulse = core.strobe;
+    return options;
+}
+
+// The good part of the simulated line, as its camera sees it.
+sim::Scene clean_part(const Config& config) {
+    sim::Scene scene;
+    scene.name = "lens";
+    scene.part = sim::DoubleConvexLens{};
+    scene.camera.extents = {111, 111, config.inspection.bins_i, config.inspection.bins_j};
+    scene.noise.electrons_per_dn = 40;
+    scene.noise.read_e = 2;
+    scene.noise.dark_dn = 1;
+    return scene;
+}
+
+// Whether anything of the line is simulated: then there is a simulated cell, and parts come by themselves.
+bool needs_cell(const Config& config) {
+    return std::holds_alternative<SimulatedPartSensor>(config.part_sensor) || config.strobe.gpio.empty() ||
+        std::holds_alternative<SimulatedSensor>(config.sensor) ||
+        std::holds_alternative<SimulatedRejector>(config.rejector);
+}
+
+class ChosenBackends final : public Backends {
+  public:
+    static Result<std::unique_ptr<Backends>> make(hal::EventLoop& loop, const Config& config,
+                                                  const SimulationOptions& simulation) {
+        auto made = std::unique_ptr<ChosenBackends>(new ChosenBackends(loop));
+        if (auto done = made->open_lights(loop, config); !done) return tl::unexpected(done.error());
+        if (auto done = made->open_sensor(loop, config, simulation); !done) return tl::unexpected(done.error());
+        if (auto done = made->open_rejector(loop, config, simulation); !done) return tl::unexpected(done.error());
+        return made;
+    }
+
+    hal::PartSensor& part_sensor() override {
+        return gpio_part_sensor_ ? static_cast<hal::PartSensor&>(*gpio_part_sensor_) : cell_->part_sensor();
+    }
+    hal::Strobe& strobe() override { return gpio_strobe_ ? static_cast<hal::Strobe&>(*gpio_strobe_) : cell_->strobe(); }
+    hal::Sensor& sensor() override {
+        if (camera_) return *camera_;
+        if (video_) return *video_;
+        return recorded_ ? static_cast<hal::Sensor&>(*recorded_) : cell_->sensor();
+    }
+    Result<std::string> ask_module() override {
+        if (!modbus_) return fail(ErrorCode::unsupported, "the rejector is simulated", "nothing to do");
+        return firmware::ask_module(loop_, modbus_options_);
+    }
+    hal::Rejector& rejector() override { return modbus_ ? static_cast<hal::Rejector&>(*modbus_) : cell_->rejector(); }
+
+    void start_line() override {
+        if (cell_ && !std::exchange(line_started_, true)) cell_->start();
+    }
+    void feed_line(bool on) override {
+        if (cell_) cell_->world().feed(on);
+    }
+
+    void clear_line() override {
+        if (cell_) cell_->world().take_off([](const sim::PartRecord&) { return true; });
+    }
+
+    void watch_line(std::function<void(const Fate&)> fate, std::function<void()> over) override {
+        if (!cell_) return;
+        sim::World::Watchers watchers;
+        watchers.over = std::move(over);
+        watchers.part_gone = [this, fate = std::move(fate)](const sim::PartRecord& part) {
+            if (!fate) return;
+            fate({part.arrived, rendered_ == nullptr ? std::string() : cell_->world().schedule().kinds[part.kind].name,
+                  part.fate == sim::PartRecord::Fate::ejected, part.fate == sim::PartRecord::Fate::removed});
+        };
+        cell_->watch(std::move(watchers));
+    }
+
+  private:
+    explicit ChosenBackends(hal::EventLoop& loop) : loop_(loop) {}
+
+    // Lights first: they are off from here on.
+    Result<void> open_lights(hal::EventLoop& loop, const Config& config) {
+        if (!config.strobe.gpio.empty()) {
+            auto strobe = drivers::GpioStrobe::open(loop, strobe_channels(config.strobe));
+            if (!strobe) return tl::unexpected(strobe.error());
+            gpio_strobe_ = std::move(*strobe);
+        }
+        if (const auto* line = std::get_if<GpioPartSensorLine>(&config.part_sensor)) {
+            auto part_sensor = drivers::GpioPartSensor::open(loop, part_sensor_options(*line));
+            if (!part_sensor) return tl::unexpected(part_sensor.error());
+            gpio_part_sensor_ = std::move(*part_sensor);
+        }
+        return {};
+    }
+
+    // Sensor, and with it the simulated cell for whatever is simulated.
+    Result<void> open_sensor(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
+        sim::CellOptions options = cell_options(config, simulation);
+        sim::FrameSource* source = &tokens_;
+        if (const auto* folder = std::get_if<RecordedFrames>(&config.sensor)) {
+            auto recorded = drivers::RecordedFrames::open(loop, {folder->folder});
+            if (!recorded) return tl::unexpected(recorded.error());
+            recorded_ = std::move(*recorded);
+            options.schedule.parts = recorded_->count();
+        } else if (const auto* video = std::get_if<VideoSensor>(&config.sensor)) {
+            auto opened = drivers::V4l2Sensor::open(loop, video_options(*video));
+            if (!opened) return tl::unexpected(opened.error());
+            video_ = std::move(*opened);
+        } else if (const auto* camera = std::get_if<CameraSensor>(&config.sensor)) {
+            auto opened = drivers::LibcameraSensor::open(loop, camera_request(*camera));
+            if (!opened) return tl::unexpected(opened.error());
+            camera_ = std::move(*opened);
+        } else {
+            sim::ProductionOptions production;
+            production.clean = clean_part(config);
+            production.seed = simulation.seed;
+            production.good_share = simulation.good_share;
+            production.good_parts = production.of_each_defect = simulation.variety;
+            auto drawn = sim::draw_production(production);
+            if (!drawn) return tl::unexpected(drawn.error());
+            sim::RenderedFramesOptions rendering;
+            rendering.seed = simulation.seed;
+            rendering.progress = simulation.progress;
+            rendering.cache = simulation.cache;
+            auto rendered = sim::RenderedFrames::make(std::move(drawn->scenes), rendering);
+            if (!rendered) return tl::unexpected(rendered.error());
+            rendered_ = std::move(*rendered);
+            options.schedule.kinds = std::move(drawn->kinds);
+            source = rendered_.get();
+        }
+        if (!needs_cell(config)) return {};
+        auto cell = sim::SimulatedCell::make(loop, *source, options);
+        if (!cell) return tl::unexpected(cell.error());
+        cell_ = std::move(*cell);
+        return {};
+    }
+
+    Result<void> open_rejector(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
+        const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
+        if (configured == nullptr && !simulation.own_coil_module) return {};
+        drivers::ModbusRejectorOptions options =
+            rejector_options(configured != nullptr ? *configured : std::get<SimulatedRejector>(config.rejector).module);
+        if (simulation.own_coil_module) {
+            auto module = sim::CoilModule::open(loop, {.realtime = simulation.realtime});
+            if (!module) return tl::unexpected(module.error());
+            module_ = std::move(*module);
+            // It is a plain one: what the configured module has beyond coils is not played here.
+            options.address = {
+                .host = "127.0.0.1", .port = module_->port(), .serial = {}, .unit = options.address.unit};
+            options.map = {};
+            options.module_pulse = options.watchdog = {};
+            options.confirm_input = -1;
+            // The coils move the simulated ejector and the belt: what the module was really told is what happens to the
+            // part. The belt stops when the run permit falls, as a PLC stops it; before the station first gave one,
+            // parts come unasked.
+            module_->on_coil([this, &loop, ejector = options.ejector_coil, permit = options.permit_coil,
+                              acts_at = !options.energise_to_pass](int moved, bool on, hal::TimePoint at) {
+                if (!cell_) return;
+                if (moved == ejector)
+                    loop.post([this, open = on == acts_at, at] { cell_->world().set_ejector(open, at); });
+                if (moved == permit) loop.post([this, on] { on ? cell_->world().resume() : cell_->world().halt(); });
+            });
+        }
+        modbus_ = std::make_unique<drivers::ModbusRejector>(loop, options);
+        modbus_options_ = std::move(options);
+        return {};
+    }
+
+    hal::EventLoop& loop_;
+    drivers::ModbusRejectorOptions modbus_options_;
+    // In the order in which they may go: devices before what they look at.
+    sim::TokenFrames tokens_{{27, 27, 8}};
+    std::unique_ptr<sim::RenderedFrames> rendered_;
+    std::unique_ptr<sim::SimulatedCell> cell_;
+    std::unique_ptr<drivers::RecordedFrames> recorded_;
+    std::unique_ptr<drivers::V4l2Sensor> video_;
+    std::unique_ptr<drivers::LibcameraSensor> camera_;
+    std::unique_ptr<drivers::GpioPartSensor> gpio_part_sensor_;
+    std::unique_ptr<sim::CoilModule> module_;
+    std::unique_ptr<drivers::ModbusRejector> modbus_;
+    std::unique_ptr<drivers::GpioStrobe> gpio_strobe_;
+    bool line_started_ = false;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Backends>> Backends::open(hal::EventLoop& loop, const Config& config,
+                                                 const SimulationOptions& options) {
+    return ChosenBackends::make(loop, config, options);
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,128 @@
+#include "firmware/devices/device_probe.h"
+
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "drivers/files/recorded_frames.h"
+#include "drivers/libcamera/camera_process.h"
+#include "drivers/libcamera/libcamera_sensor.h"
+#include "firmware/devices/active_calibration.h"
+#include "firmware/devices/driver_options.h"
+#include "firmware/recipes/recipe_file.h"
+
+namespace hord::firmware {
+namespace {
+
+struct Devices {
+    std::unique_ptr<Backends> simulated;
+    std::unique_ptr<hal::PartSensor> part_sensor;
+    std::unique_ptr<hal::Sensor> sensor;
+    std::unique_ptr<hal::Rejector> rejector;
+    std::unique_ptr<hal::Strobe> strobe;
+};
+
+std::string name_of(const GpioLineName& line) { return line.chip + " line " + line.line; }
+
+// Takes what was opened, or why it was not.
+template <class Device, class Opened>
+void take(DeviceUnderTest<Device>& under_test, std::unique_ptr<Device>& keep, Opened opened) {
+    if (!opened) {
+        under_test.device = tl::unexpected(opened.error());
+        return;
+    }
+    keep = std::move(*opened);
+    under_test.device = keep.get();
+}
+
+void open_lines(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
+    if (!config.strobe.gpio.empty()) {
+        for (const StrobeChannel& channel : config.strobe.gpio)
+            cell.strobe.name += (cell.strobe.name.empty() ? "" : ", ") + name_of(channel.line);
+        cell.strobe.name += " (libgpiod " + drivers::gpiod_version() + ")";
+        take(cell.strobe, devices.strobe, drivers::GpioStrobe::open(loop, strobe_channels(config.strobe)));
+    }
+    if (const auto* line = std::get_if<GpioPartSensorLine>(&config.part_sensor)) {
+        cell.part_sensor.name = name_of(line->line) + (line->encoder ? ", encoder " + name_of(*line->encoder) : "");
+        cell.encoder = line->encoder.has_value();
+        take(cell.part_sensor, devices.part_sensor, drivers::GpioPartSensor::open(loop, part_sensor_options(*line)));
+    }
+}
+
+void open_sensor(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
+    if (const auto* video = std::get_if<VideoSensor>(&config.sensor)) {
+        cell.sensor.name = video->device;
+        take(cell.sensor, devices.sensor, drivers::V4l2Sensor::open(loop, video_options(*video)));
+    } else if (const auto* camera = std::get_if<CameraSensor>(&config.sensor)) {
+        cell.sensor.name = (camera->camera.empty() ? "the only camera" : camera->camera) + " (libcamera " +
+            drivers::libcamera_version() + ")";
+        take(cell.sensor, devices.sensor, drivers::LibcameraSensor::open(loop, camera_request(*camera)));
+    } else if (const auto* folder = std::get_if<RecordedFrames>(&config.sensor)) {
+        cell.sensor.name = "recorded frames in " + folder->folder.string();
+        take(cell.sensor, devices.sensor, drivers::RecordedFrames::open(loop, {folder->folder}));
+    }
+}
+
+void open_rejector(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
+    const auto* wanted = std::get_if<ModbusRejector>(&config.rejector);
+    if (wanted == nullptr) return;
+    const drivers::ModbusRejectorOptions options = rejector_options(*wanted);
+    cell.rejector.name = wanted->device.empty() ? fmt::format("{}:{} unit {}", wanted->host, wanted->port, wanted->unit)
+                                                : fmt::format("{} unit {}", wanted->device, wanted->unit);
+    devices.rejector = std::make_unique<drivers::ModbusRejector>(loop, options);
+    cell.rejector.device = devices.rejector.get();
+    cell.ask_module = [&loop, options] { return ask_module(loop, options); };
+}
+
+Result<void> open_simulated(hal::EventLoop& loop, Config config, Devices& devices, CellUnderTest& cell) {
+    config.sensor = SimulatedSensor{};
+    config.part_sensor = SimulatedPartSensor{};
+    config.strobe.gpio.clear();
+    config.rejector = SimulatedRejector{};
+    SimulationOptions options;
+    options.variety = 1;
+    options.own_coil_module = true;
+    auto opened = Backends::open(loop, config, options);
+    if (!opened) return tl::unexpected(opened.error());
+    devices.simulated = std::move(*opened);
+    Backends& all = *devices.simulated;
+    cell.part_sensor = {&all.part_sensor(), "simulated"};
+    cell.strobe = {&all.strobe(), "simulated"};
+    cell.sensor = {&all.sensor(), "simulated"};
+    cell.rejector = {&all.rejector(), "simulated module on loopback"};
+    cell.ask_module = [&all] { return all.ask_module(); };
+    return {};
+}
+
+}  // namespace
+
+Result<EachDevice> open_each_device(hal::EventLoop& loop, const Config& config, bool simulate) {
+    EachDevice each;
+    each.cell.core = config.core;
+    each.cell.bins_i = config.inspection.bins_i;
+    each.cell.bins_j = config.inspection.bins_j;
+    if (!config.inspection.recipe.empty()) {
+        auto recipe = load_numbered_recipe(config.inspection.recipe);
+        if (!recipe) return tl::unexpected(recipe.error());
+        each.cell.recipe = std::move(recipe->recipe);
+    }
+    auto devices = std::make_shared<Devices>();
+    if (simulate) {
+        if (auto opened = open_simulated(loop, config, *devices, each.cell); !opened)
+            return tl::unexpected(opened.error());
+    } else {
+        open_lines(loop, config, *devices, each.cell);
+        open_sensor(loop, config, *devices, each.cell);
+        open_rejector(loop, config, *devices, each.cell);
+        if (!config.inspection.grid.empty() && each.cell.sensor.device && *each.cell.sensor.device != nullptr) {
+            auto grid = use_calibration(config.inspection.grid, {}, (*each.cell.sensor.device)->format(),
+                                        config.inspection.bins_i, config.inspection.bins_j);
+            if (!grid) return tl::unexpected(grid.error());
+            each.cell.decoder = *grid->decoder;
+        }
+    }
+    each.keep = std::move(devices);
+    return each;
+}
+
+}  // namespace hord::firmware

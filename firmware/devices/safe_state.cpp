@@ -1,0 +1,56 @@
+#include "firmware/devices/safe_state.h"
+
+#include <variant>
+#include <vector>
+
+#include "drivers/event_loop/event_loop_sd.h"
+#include "drivers/gpio/gpio_lines.h"
+#include "drivers/modbus/modbus_rejector.h"
+#include "firmware/devices/driver_options.h"
+
+namespace hord::firmware {
+namespace {
+
+// Waits for the rejector's link, whose first writes are the safe state.
+struct SafeState final : hal::Rejector::Listener {
+    explicit SafeState(SdEventLoop& l) : loop(l) {}
+    void on_reject(const hal::RejectReport&) override {}
+    void on_rejector_link(bool up, const Error& why_down) override {
+        reached = up;
+        why = why_down;
+        if (up) loop.request_stop();
+    }
+    SdEventLoop& loop;
+    bool reached = false;
+    Error why;
+};
+
+}  // namespace
+
+Result<void> make_safe(const Config& config, Duration patience) {
+    Result<void> lights;
+    if (!config.strobe.gpio.empty()) {
+        std::vector<drivers::GpioLine> lines;
+        for (const StrobeChannel& channel : config.strobe.gpio) lines.push_back(gpio_line(channel.line));
+        if (const auto taken = drivers::request_outputs(lines); !taken)
+            lights = tl::unexpected(taken.error());  // off, and let go of
+    }
+    const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
+    if (configured == nullptr) return lights;
+    auto loop = SdEventLoop::open();
+    if (!loop) return tl::unexpected(loop.error());
+    SafeState safe(**loop);
+    drivers::ModbusRejector rejector(**loop, rejector_options(*configured));
+    if (auto started = rejector.start(safe); !started) return started;
+    (*loop)->call_after(patience, [&] { (*loop)->request_stop(); });
+    const auto ran = (*loop)->run();
+    rejector.stop();
+    if (!ran) return ran;
+    if (!safe.reached) {
+        return fail(ErrorCode::timeout, "the rejector was not brought to its safe state: " + safe.why.what,
+                    "stop the line by hand; wire its run permit so that a module without link drops it");
+    }
+    return lights;
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,65 @@
+// A cell, device by device: what is there, whether it works, and what to do where it does not. For a person who sets a
+// cell up.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "algo/frame/grid_decoder.h"
+#include "algo/recipe/recipe.h"
+#include "drivers/hal/event_loop.h"
+#include "drivers/hal/part_sensor.h"
+#include "drivers/hal/rejector.h"
+#include "drivers/hal/sensor.h"
+#include "drivers/hal/strobe.h"
+#include "firmware/core/core_config.h"
+
+namespace hord::firmware {
+
+// A device that was opened, or why it could not be.
+template <class Device>
+struct DeviceUnderTest {
+    Result<Device*> device = nullptr;  // null: simulated, not tested
+    std::string name;                  // as the configuration names it: "gpiochip0 line 6", "/dev/video0"
+};
+
+struct CellUnderTest {
+    DeviceUnderTest<hal::PartSensor> part_sensor;
+    DeviceUnderTest<hal::Strobe> strobe;
+    DeviceUnderTest<hal::Sensor> sensor;
+    DeviceUnderTest<hal::Rejector> rejector;
+    // Asks the rejector's module what it is and how its outputs stand, over a link of its own; moves nothing. May
+    // block. Empty: a rejector that is no module.
+    std::function<Result<std::string>()> ask_module;
+    bool encoder = false;  // the part sensor has one
+
+    CoreConfig core;
+    algo::Recipe recipe;
+    int bins_i = 9, bins_j = 9;
+    std::optional<algo::GridDecoder> decoder;  // none: frames are macro-pixels
+};
+
+struct CheckRow {
+    enum class Result : std::uint8_t { good, bad, skipped };
+    std::string what;
+    Result result = Result::good;
+    std::string found, cure;
+};
+
+struct CellCheckOptions {
+    bool actuate = false;  // the ejector is pulsed once
+    // Lets the loop run until `done` says so, and for `patience` at most; whether it did.
+    std::function<bool(const std::function<bool()>& done, hal::Duration patience)> wait;
+    std::function<void(const CheckRow&)> row;  // told as soon as it is known; may be empty
+};
+
+// Loop thread, outside of its callbacks. Pulses each light once, takes one frame with light and one without, and asks
+// the rejector's module; nothing else moves unless `actuate`. All devices are stopped again when it returns.
+std::vector<CheckRow> check_cell(hal::EventLoop& loop, CellUnderTest& cell, const CellCheckOptions& options);
+
+// The rows as a table, each bad one with its cure.
+std::string table_of(const std::vector<CheckRow>& rows);
+
+}  // namespace hord::firmware

@@ -1,0 +1,19 @@
+// Why a part was judged as it was, in words: one sentence a part, one line a defect.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "algo/inspection/pipeline.h"
+#include "algo/recipe/recipe.h"
+
+namespace hord::firmware {
+
+// "Rejected: a scattering defect of 0.9 mm at (3.1, -2.0) mm, 4.2 times its limit; 2 smaller ones." Lengths in mm where
+// the recipe knows its lenslets, else in lenslets; places from the middle of the field.
+std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents);
+
+// "scattering 0.9 mm, 4.2x": kind, size and how far over its limit; one a defect.
+std::vector<std::string> labels_of(const algo::Inspection& found, const algo::Recipe& recipe);
+
+}  // namespace hord::firmware

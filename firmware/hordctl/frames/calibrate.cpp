@@ -1,0 +1,257 @@
+// hordctl calibrate: the lenslet grid of a sensor from a white frame, its direction map from captures at known tilts.
+#include <array>
+#include <chrono>
+#include <ctime>
+#include <filesystem>
+#include <functional>
+#include <numbers>
+#include <optional>
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "calib/calibrate/calibrate_grid.h"
+#include "calib/files/accept_calibration.h"
+#include "calib/files/grid_toml.h"
+#include "common/cli/progress.h"
+#include "drivers/files/frame_file.h"
+#include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/frames/calibrate_pictures.h"
+
+namespace hord::firmware {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct CalibrateArguments {
+    std::string white, dark, flat, tilts, out, centres, pictures, camera = "unnamed";
+    bool json = false, force = false;
+};
+
+Json to_json(const calib::DirectionFit& fit) {
+    return {{"model", name_of(fit.map.rung)},
+            {"reason", fit.reason},
+            {"captures", fit.captures},
+            {"scale_px_a_rad", fit.scale_px_a_rad},
+            {"scale_sigma", fit.scale_sigma},
+            {"stage_rotation_deg", fit.stage_rotation_rad * 180 / std::numbers::pi},
+            {"stage_rotation_sigma_deg", fit.stage_rotation_sigma * 180 / std::numbers::pi},
+            {"mirrored", fit.mirrored},
+            {"zero_px", {{"x", fit.map.zero_px.x_px}, {"y", fit.map.zero_px.y_px}}},
+            {"left_out_px", {{"rms_x", fit.left_out_x_px}, {"rms_y", fit.left_out_y_px}}}};
+}
+
+Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& found,
+             const std::optional<calib::DirectionFit>& directions) {
+    const calib::GridFit& fit = found.fit;
+    Json ladder = Json::array(), unobservable = Json::array();
+    for (const auto& rung : fit.ladder) {
+        ladder.push_back({{"model", name_of(rung)},
+                          {"cv_rms_x_px", rung.cv_x_rms_px},
+                          {"cv_rms_y_px", rung.cv_y_rms_px},
+                          {"verdict", rung.verdict}});
+    }
+    for (const auto& parameter : fit.unobservable) unobservable.push_back(parameter.name);
+    Json json{{"white", arguments.white},
+              {"lattice", name_of(fit.grid.kind)},
+              {"columns", fit.grid.columns},
+              {"rows", fit.grid.rows},
+              {"pitch_px", found.pitch_px},
+              {"rotation_deg", found.rotation_rad * 180 / std::numbers::pi},
+              {"model", name_of(fit.grid.rung)},
+              {"reason", fit.reason},
+              {"ladder", ladder},
+              {"unobservable", unobservable},
+              {"lenslets",
+               {{"inside", found.inside},
+                {"complete", found.complete},
+                {"found", found.found},
+                {"missing", found.missing},
+                {"displaced", found.displaced},
+                {"rejected", found.rejected},
+                {"saturated", found.saturated},
+                {"whole", found.whole},
+                {"whole_found", found.whole_found},
+                {"whole_placed", found.whole_placed}}},
+              {"residual_px", {{"rms_x", fit.rms_x_px}, {"rms_y", fit.rms_y_px}, {"max", fit.max_px}}},
+              {"single_lenslets_px",
+               {{"rms", fit.shifts.rms_px},
+                {"share", fit.shifts.share},
+                {"left_x", fit.shifts.left_x_px},
+                {"left_y", fit.shifts.left_y_px}}},
+              {"cross_validated_px", {{"rms_x", fit.cv_x_rms_px}, {"rms_y", fit.cv_y_rms_px}, {"blocks", fit.blocks}}}};
+    if (directions) json["directions"] = to_json(*directions);
+    return json;
+}
+
+// Frames of one size, kept as long as the calibration needs them.
+struct Frames {
+    Frame white;
+    std::optional<Frame> dark, flat;
+};
+std::optional<FrameView> view_of(const std::optional<Frame>& frame) {
+    return frame ? std::optional(frame->view()) : std::nullopt;
+}
+
+Result<std::optional<Frame>> read_optional(const std::string& file, const Frame& like) {
+    if (file.empty()) return std::nullopt;
+    auto frame = drivers::read_frame(file, {like.width_px(), like.height_px(), 0});
+    if (!frame) return tl::unexpected(frame.error());
+    return std::optional(std::move(*frame));
+}
+
+// The captures of tilts.toml in `folder`, one after the other.
+Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& folder,
+                                                 const calib::GridCalibration& grid, const Frames& frames,
+                                                 const std::function<void(double)>& progress) {
+    const auto list = calib::read_tilts(folder / "tilts.toml");
+    if (!list) return tl::unexpected(list.error());
+    std::array<std::optional<Frame>, 2> own;
+    for (const auto& [name, to] : {std::pair{&list->dark, &own[0]}, {&list->flat, &own[1]}}) {
+        auto read = read_optional(name->empty() ? "" : (folder / *name).string(), frames.white);
+        if (!read) return tl::unexpected(read.error());
+        *to = std::move(*read);
+    }
+    const auto dark = own[0] ? view_of(own[0]) : view_of(frames.dark);
+    const auto flat = own[1] ? view_of(own[1]) : view_of(frames.flat);
+    const auto measure = [&](const std::string& name) -> Result<calib::SpotPlace> {
+        const std::string file = (folder / name).string();
+        const auto frame = drivers::read_frame(file);
+        if (!frame) return tl::unexpected(frame.error());
+        auto place = calib::measure_spots(frame->view(), dark, flat, grid);
+        if (!place) return fail(place.error().code, file + ": " + place.error().what, place.error().cure);
+        return place;
+    };
+    const auto empty = measure(list->empty);
+    if (!empty) return tl::unexpected(empty.error());
+    std::vector<calib::Tilt> tilts;
+    for (const calib::TiltEntry& entry : list->tilts) {
+        progress(static_cast<double>(tilts.size() + 1) / static_cast<double>(list->tilts.size() + 1));
+        const auto spot = measure(entry.frame);
+        if (!spot) return tl::unexpected(spot.error());
+        tilts.push_back({entry.frame, entry.direction, *spot});
+    }
+    progress(1);
+    auto fit = calib::fit_directions(*empty, tilts, grid.pitch_px);
+    if (!fit)
+        return fail(fit.error().code, (folder / "tilts.toml").string() + ": " + fit.error().what, fit.error().cure);
+    return fit;
+}
+
+// A worse calibration is not installed over a better one, nor over a file that is none.
+Result<void> may_replace(const std::string& out, const calib::GridFile& fresh) {
+    if (!std::filesystem::exists(out)) return {};
+    const auto held = calib::read_grid(out);
+    if (!held)
+        return fail(held.error().code, held.error().what + ": it is not overwritten", "give another --out, or --force");
+    const auto fine = calib::not_worse(fresh, *held);
+    if (!fine) return fail(fine.error().code, out + ": not overwritten: " + fine.error().what, fine.error().cure);
+    return {};
+}
+
+Exit run_calibrate(const CalibrateArguments& arguments) {
+    Frames frames;
+    auto white = drivers::read_frame(arguments.white);
+    if (!white) return complain(white.error());
+    frames.white = std::move(*white);
+    for (const auto& [name, to] : {std::pair{&arguments.dark, &frames.dark}, {&arguments.flat, &frames.flat}}) {
+        auto read = read_optional(*name, frames.white);
+        if (!read) return complain(read.error());
+        *to = std::move(*read);
+    }
+    std::optional<Progress> progress(std::in_place, "calibrate");
+    const double share = arguments.tilts.empty() ? 1 : 0.3;  // of the grid in the whole work
+    calib::GridOptions options;
+    options.flat = view_of(frames.flat);
+    options.progress = [&](double done) { progress->show(share * done); };
+    const auto found = calib::calibrate_grid(frames.white.view(), view_of(frames.dark), options);
+    if (!found) {
+        progress.reset();
+        return complain({found.error().code, arguments.white + ": " + found.error().what, found.error().cure});
+    }
+    std::optional<calib::DirectionFit> directions;
+    if (!arguments.tilts.empty()) {
+        auto fit = calibrate_directions(arguments.tilts, *found, frames,
+                                        [&](double done) { progress->show(share + (1 - share) * done); });
+        progress.reset();
+        if (!fit) return complain(fit.error());
+        directions = std::move(*fit);
+    }
+    progress.reset();
+
+    const std::time_t now = std::time(nullptr);
+    const calib::GridStamp stamp{arguments.camera, fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(now)),
+                                 arguments.white, arguments.dark};
+    calib::GridFile file = calib::file_of(*found, stamp);
+    if (directions) calib::add_directions(file, *directions);
+    if (!arguments.pictures.empty()) {
+        if (auto done = write_calibration_pictures(arguments.pictures, frames.white.view(), *found); !done)
+            return complain(done.error());
+    }
+    if (!arguments.force) {
+        if (auto fine = may_replace(arguments.out, file); !fine) return complain(fine.error());
+    }
+    if (auto done = calib::write_grid(arguments.out, file); !done) return complain(done.error());
+    if (!arguments.centres.empty()) {
+        if (auto done = calib::write_centres(arguments.centres, *found); !done) return complain(done.error());
+    }
+    if (arguments.json) {
+        fmt::print("{}\n", to_json(arguments, *found, directions).dump());
+        return Exit::good;
+    }
+    const calib::GridFit& fit = found->fit;
+    fmt::print("{} lattice, {} x {} lenslets, pitch {:.4f} px, rotation {:.4f} degrees\n", name_of(fit.grid.kind),
+               fit.grid.columns, fit.grid.rows, found->pitch_px, found->rotation_rad * 180 / std::numbers::pi);
+    fmt::print("model: {} ({})\n", name_of(fit.grid.rung), fit.reason);
+    fmt::print(
+        "lenslets: {} complete, {} found, {} missing, {} displaced with places of their own, {} rejected, {} "
+        "saturated\n",
+        found->complete, found->found, found->missing, found->displaced, found->rejected, found->saturated);
+    fmt::print("light reaches {} of them whole: {} of these found, {} used\n", found->whole, found->whole_found,
+               found->whole_placed);
+    fmt::print("residual {:.4f} / {:.4f} px, cross-validated {:.4f} / {:.4f} px (x / y, rms)\n", fit.rms_x_px,
+               fit.rms_y_px, fit.cv_x_rms_px, fit.cv_y_rms_px);
+    if (directions) {
+        fmt::print("directions: {}\n", directions->reason);
+        fmt::print(
+            "scale {:.3f} +- {:.3f} px a radian, stage turned by {:.4f} +- {:.4f} degrees{}, undeflected light at "
+            "{:.3f}, {:.3f} px from the centres\n",
+            directions->scale_px_a_rad, directions->scale_sigma,
+            directions->stage_rotation_rad * 180 / std::numbers::pi,
+            directions->stage_rotation_sigma * 180 / std::numbers::pi, directions->mirrored ? " and mirrored" : "",
+            directions->map.zero_px.x_px, directions->map.zero_px.y_px);
+    }
+    fmt::print("{}\n", arguments.out);
+    return Exit::good;
+}
+
+}  // namespace
+
+void add_calibrate(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand("calibrate", "Find the lenslet grid of a sensor in a white frame");
+    auto arguments = std::make_shared<CalibrateArguments>();
+    command->add_option("WHITE", arguments->white, "A frame of even light: 8- or 16-bit grey")->required();
+    command->add_option("--dark", arguments->dark, "A frame without light, of the same size");
+    command->add_option("--flat", arguments->flat,
+                        "A frame of even light without lenslets: what each pixel makes of it");
+    command->add_option(
+        "--tilts", arguments->tilts,
+        "Folder with captures of collimated light at known directions (tilts or wedges), listed in its tilts.toml");
+    command->add_option("--out", arguments->out, "Calibration file to write (TOML)")->required();
+    command->add_option("--centres", arguments->centres,
+                        "Lenslet centres to write (CSV: m,n,x_px,y_px; pixel (0,0) is the centre of the top-left one)");
+    command->add_option("--pictures", arguments->pictures, "Folder for residuals.png, centres.png and models.png");
+    command->add_flag("--force", arguments->force, "Overwrite --out even by a worse calibration");
+    command->add_option("--camera", arguments->camera, "Identity of the camera, kept in the file")
+        ->capture_default_str();
+    command->add_flag("--json", arguments->json, "Print one JSON object");
+    command->footer(
+        "tilts.toml: empty = \"empty.png\" (collimated, no part, no tilt), dark and flat if any, and for each capture\n"
+        "  [[tilt]] with frame = \"1.png\" and x_rad, y_rad (or x_deg, y_deg).\n"
+        "Exit status: 0 written, 2 no lattice, unreadable input, or worse than what --out holds.\nExample: hordctl "
+        "calibrate white.png --dark dark.png --tilts tilts --out grid.toml");
+    command->callback([arguments, &status] { status = run_calibrate(*arguments); });
+}
+
+}  // namespace hord::firmware

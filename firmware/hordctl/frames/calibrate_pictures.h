@@ -1,0 +1,20 @@
+// Pictures of a calibration, for a person who must decide whether to believe it.
+#pragma once
+
+#include <filesystem>
+
+#include "calib/calibrate/calibrate_grid.h"
+#include "common/frame.h"
+#include "common/result.h"
+
+namespace hord::firmware {
+
+// Writes into `folder` (made if need be):
+//   residuals.png  what is left over at every lenslet: an arrow, enlarged; its colour is its length
+//   centres.png    the white frame with every lenslet of the grid: measured, missing, or measured and not fitting
+//   models.png     each model's error on lenslets that it has not seen, and which one was taken
+// Fails with io.
+Result<void> write_calibration_pictures(const std::filesystem::path& folder, const FrameView& white,
+                                        const calib::GridCalibration& found);
+
+}  // namespace hord::firmware

@@ -1,0 +1,440 @@
+// hordctl inspect: judge recorded frames; write maps, pictures and JSON.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "algo/inspection/pipeline.h"
+#include "algo/maps/feature_map.h"
+#include "firmware/diagnostics/map_images.h"
+#include "firmware/diagnostics/verdict_text.h"
+#include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/frames/frame_reader.h"
+#include "firmware/recipes/recipe_file.h"
+#include "firmware/recipes/reference_file.h"
+
+namespace hord::firmware {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+struct InspectOptions {
+    std::vector<std::string> frames;
+    std::string macro = "9x9";
+    std::string grid;
+    std::string recipe;
+    std::string feature;  // empty: what the recipe judges by
+    std::string reference;
+    int bits = 0;
+    std::string out;
+    bool json = false;
+};
+
+// A feature that an inspection by this recipe computes, or can; the others have a FeatureMapper.
+struct InspectedMap {
+    algo::Map algo::Inspection::*map;
+    float limit = 0;  // 0: nothing is judged by it, and its map is computed only when asked for
+};
+
+// Nothing when it takes a FeatureMapper.
+std::optional<InspectedMap> inspected_map(const algo::FeatureChoice& choice, const algo::Recipe& recipe) {
+    using algo::Feature, algo::Inspection;
+    if (choice.against_reference) return std::nullopt;
+    if (choice.feature == recipe.gradient) return InspectedMap{&Inspection::gradient, limit_of_gradient(recipe)};
+    switch (choice.feature) {
+        case Feature::jacobian_frobenius:
+            return InspectedMap{&Inspection::frobenius, recipe.slopes ? recipe.frobenius_limit_bins : 0};
+        case Feature::jacobian_spectral: return InspectedMap{&Inspection::spectral};
+        case Feature::jacobian_nuclear: return InspectedMap{&Inspection::nuclear};
+        case Feature::anisotropy: return InspectedMap{&Inspection::anisotropy};
+        case Feature::transmission:
+            return InspectedMap{&Inspection::transmission, recipe.light ? recipe.transmission_limit : 0};
+        default: return std::nullopt;
+    }
+}
+
+constexpr const char* kSurprise = "surprise";
+
+// What a recipe judges by that a map shows best.
+std::string shown_of(const algo::Recipe& recipe) {
+    if (recipe.gradient) return std::string(name_of(*recipe.gradient));
+    if (recipe.reference) return kSurprise;
+    return std::string(name_of(recipe.slopes ? algo::Feature::jacobian_frobenius : algo::Feature::transmission));
+}
+
+std::string known_features() {
+    std::string known;
+    for (const std::string_view name : algo::kFeatureNames)
+        known += fmt::format("{}{}", known.empty() ? "" : ", ", name);
+    return known + "; the distances also as reference-NAME";
+}
+
+// The map that was asked for, with what is needed to show it.
+struct FeatureView {
+    std::string name;
+    std::string unit;
+    algo::Map map;
+    std::span<const std::uint8_t> mask;
+    float limit = 0;  // 0: none
+};
+
+std::string unit_for_people(algo::Feature feature) {
+    if (feature == algo::Feature::transmission) return "of the typical lenslet";
+    const std::string_view unit = algo::unit_of(feature);
+    if (!unit.empty()) return std::string(unit);
+    return feature == algo::Feature::bhattacharyya ? "-ln of the overlap" : "0 to 1";
+}
+
+struct Statistics {
+    float p50 = 0, p99 = 0, max = 0;
+    std::size_t valid = 0;
+};
+
+// Over the lenslets that are judged.
+Statistics statistics_of(algo::Map map, std::span<const std::uint8_t> mask) {
+    std::vector<float> values;
+    for (std::size_t k = 0; k < map.size(); ++k) {
+        if ((mask[k] & ~algo::kAtLimit) == algo::kValid) values.push_back(map[k]);
+    }
+    if (values.empty()) return {};
+    std::sort(values.begin(), values.end());
+    const auto at = [&](double share) {
+        return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
+    };
+    return {at(0.50), at(0.99), values.back(), values.size()};
+}
+
+double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
+
+Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found,
+             const FeatureView& feature, double bin_rad, const algo::Recipe& recipe) {
+    const Statistics s = statistics_of(feature.map, feature.mask);
+    Json defects = Json::array();
+    for (const algo::Defect& d : found.defects) {
+        Json defect{{"m", d.m}, {"n", d.n}, {"area", d.area}, {"peak", d.peak}, {"kind", name_of(d.kind)}};
+        if (recipe.reference) {
+            defect["score"] = d.score;
+            defect["length"] = d.length;
+            defect["width"] = d.width;
+        }
+        if (recipe.lenslet_mm > 0) {
+            const auto from_middle = [&](float at, int count) {
+                return (at - 0.5F * static_cast<float>(count - 1)) * recipe.lenslet_mm;
+            };
+            defect["x_mm"] = from_middle(d.m, extents.m);
+            defect["y_mm"] = from_middle(d.n, extents.n);
+            defect["area_mm2"] = static_cast<float>(d.area) * recipe.lenslet_mm * recipe.lenslet_mm;
+        }
+        defects.push_back(std::move(defect));
+    }
+    Json json{{"frame", frame},
+              {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
+              {"verdict", name_of(found.verdict)},
+              {"reason", name_of(found.reason)},
+              {"score", found.score},
+              {"defects", defects},
+              {"feature",
+               {{"name", feature.name},
+                {"unit", feature.unit},
+                {"p50", s.p50},
+                {"p99", s.p99},
+                {"max", s.max},
+                {"valid", s.valid}}},
+              {"ms",
+               {{"decode", milliseconds(found.times.decode_ns)},
+                {"hord", milliseconds(found.times.hord_ns)},
+                {"feature", milliseconds(found.times.feature_ns)},
+                {"decide", milliseconds(found.times.decide_ns)},
+                {"total", milliseconds(found.times.total_ns)}}}};
+    if (recipe.reference) {
+        json["explain"] = explain(found, recipe, extents);
+        if (found.registered.found()) {
+            json["pose"] = {{"x", found.registered.pose.x},
+                            {"y", found.registered.pose.y},
+                            {"turn_rad", found.registered.pose.turn_rad()},
+                            {"light", found.registered.light}};
+        }
+    }
+    if (bin_rad > 0 && (feature.unit == "bin pitches" || feature.unit == "bin pitches a lenslet")) {
+        json["feature"]["bin_rad"] = bin_rad;
+        json["feature"]["rad"] = {{"p50", s.p50 * bin_rad}, {"p99", s.p99 * bin_rad}, {"max", s.max * bin_rad}};
+    }
+    return json;
+}
+
+void print_for_people(const std::string& frame, const algo::Inspection& found) {
+    std::string where;
+    for (std::size_t k = 0; k < std::min<std::size_t>(found.defects.size(), 3); ++k) {
+        const algo::Defect& d = found.defects[k];
+        where += fmt::format("{}({:.1f}, {:.1f}) {} lenslets", where.empty() ? " at " : ", ", d.m, d.n, d.area);
+    }
+    fmt::print("{:<32} {:<7} {:<14} score {:.2f}, {} defect{}{}\n", frame, name_of(found.verdict),
+               name_of(found.reason), found.score, found.defects.size(), found.defects.size() == 1 ? "" : "s", where);
+}
+
+Result<void> write_results(const fs::path& out, const std::string& frame, const algo::Extents& extents,
+                           const algo::Inspection& found, const FeatureView& feature, const Json& json,
+                           const algo::Recipe& recipe) {
+    const std::string name = fs::path(frame).stem().string();
+    const auto picture = scale_to(fmt::format("{}: {} ({})", name, feature.name, name_of(found.verdict)), feature.unit,
+                                  feature.map, feature.mask, feature.limit);
+    const bool explained = recipe.reference != nullptr;
+    const auto labels = explained ? labels_of(found, recipe) : std::vector<std::string>{};
+    const std::string caption = explained ? explain(found, recipe, extents) : std::string{};
+    if (auto done = write_float_tiff(out / fmt::format("{}.{}.tiff", name, feature.name), feature.map, extents); !done)
+        return done;
+    if (auto done = write_png(out / fmt::format("{}.{}.png", name, feature.name),
+                              draw(picture, feature.map, feature.mask, extents, found.defects, labels, caption));
+        !done) {
+        return done;
+    }
+    const fs::path file = out / (name + ".json");
+    std::ofstream stream(file);
+    stream << json.dump(2) << '\n';
+    if (!stream.flush())
+        return fail(ErrorCode::io, file.string() + " cannot be written",
+                    "check that the folder may be written to and has space");
+    return {};
+}
+
+// Whether a file is one of hordctl learn's: it says so in its first bytes.
+bool is_reference(const std::string& file) {
+    std::ifstream stream(file, std::ios::binary);
+    char magic[7] = {};
+    return stream.read(magic, sizeof magic) && std::string_view(magic, sizeof magic) == "HORDREF";
+}
+
+std::int64_t steady_ns() {
+    return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+        .count();
+}
+
+class Inspector {
+  public:
+    explicit Inspector(const InspectOptions& options) : options_(options) {}
+
+    Result<void> prepare() {
+        auto reader = FrameReader::create(options_.macro, options_.grid, options_.bits);
+        if (!reader) return tl::unexpected(reader.error());
+        reader_ = std::move(*reader);
+        if (!options_.reference.empty() && is_reference(options_.reference)) {
+            auto learned = read_reference(options_.reference);
+            if (!learned) return tl::unexpected(learned.error());
+            learned_ = std::move(*learned);
+        }
+        if (!options_.recipe.empty()) {
+            auto recipe = load_recipe(options_.recipe);
+            if (!recipe) return tl::unexpected(recipe.error());
+            recipe_ = std::move(*recipe);
+        }
+        if (learned_) recipe_.reference = learned_;
+        const std::string feature = options_.feature.empty() ? shown_of(recipe_) : options_.feature;
+        const auto choice = algo::feature_named(feature);
+        if (!choice && feature == kSurprise) {
+            if (!recipe_.reference)
+                return fail(ErrorCode::invalid_argument, "the surprise is that of a learned reference",
+                            "give --reference REFERENCE (hordctl learn)");
+            surprise_ = true;
+        } else if (!choice)
+            return fail(ErrorCode::invalid_argument, "feature " + feature + " is not known",
+                        "use one of " + known_features());
+        if (choice) choice_ = *choice;
+        if (choice_.against_reference && options_.reference.empty()) {
+            return fail(ErrorCode::invalid_argument, "feature " + feature + " needs something to compare with",
+                        "give --reference FRAME");
+        }
+        if (!choice_.against_reference && !options_.reference.empty() && !learned_) {
+            return fail(ErrorCode::invalid_argument, "feature " + feature + " does not look at --reference",
+                        "ask for reference-" + feature + ", or leave it out");
+        }
+        if (learned_ && choice_.against_reference) {
+            return fail(
+                ErrorCode::invalid_argument,
+                options_.reference + " is a learned reference, and feature " + feature + " compares with a frame",
+                "give a frame, or leave --feature out");
+        }
+        if (choice_.against_reference) {
+            auto reference = reader_.read(options_.reference);
+            if (!reference) return tl::unexpected(reference.error());
+            reference_ = std::move(*reference);
+        }
+        if (options_.out.empty()) return {};
+        std::set<std::string> names;
+        for (const std::string& frame : options_.frames) {
+            if (!names.insert(fs::path(frame).stem().string()).second) {
+                return fail(ErrorCode::invalid_argument,
+                            "two frames named " + fs::path(frame).stem().string() + " would overwrite each other in " +
+                                options_.out,
+                            "rename one, or inspect them into different folders");
+            }
+        }
+        std::error_code error;
+        fs::create_directories(options_.out, error);
+        if (error)
+            return fail(ErrorCode::io, options_.out + " cannot be created (" + error.message() + ")",
+                        "give a folder that may be written to");
+        return {};
+    }
+
+    Result<algo::Verdict> inspect(const std::string& file) {
+        auto frame = reader_.read(file);
+        if (!frame) return tl::unexpected(frame.error());
+        const auto named = [&](const Error& error) { return Error{error.code, file + ": " + error.what, error.cure}; };
+        auto extents =
+            algo::extents_of_frame(frame->width_px(), frame->height_px(), reader_.bins().first, reader_.bins().second);
+        if (!extents) return tl::unexpected(named(extents.error()));
+        if (!pipeline_ || !(*extents == extents_) || frame->bits() != bits_) {
+            if (auto made = set_up(*extents, frame->bits()); !made) return tl::unexpected(named(made.error()));
+        }
+        auto found = pipeline_->inspect(frame->view(), steady_ns);
+        if (!found) return tl::unexpected(named(found.error()));
+        auto feature = view(frame->view(), *found);
+        if (!feature) return tl::unexpected(named(feature.error()));
+        const Json json = to_json(file, extents_, *found, *feature, reader_.bin_rad(), recipe_);
+        if (options_.json) {
+            fmt::print("{}\n", json.dump());
+        } else {
+            print_for_people(file, *found);
+            if (recipe_.reference) fmt::print("    {}\n", explain(*found, recipe_, extents_));
+        }
+        if (!options_.out.empty()) {
+            if (auto done = write_results(options_.out, file, extents_, *found, *feature, json, recipe_); !done)
+                return tl::unexpected(done.error());
+        }
+        return found->verdict;
+    }
+
+  private:
+    Result<void> set_up(const algo::Extents& extents, int bits) {
+        const auto inspected = surprise_ ? std::nullopt : inspected_map(choice_, recipe_);
+        const bool extra = inspected && inspected->limit == 0;
+        auto pipeline =
+            algo::Pipeline::create(extents, bits, recipe_, 1, extra ? algo::MapSet::all : algo::MapSet::judged);
+        if (!pipeline) return tl::unexpected(pipeline.error());
+        if (!inspected && !surprise_) {
+            auto mapper =
+                algo::FeatureMapper::create(extents, bits, algo::light_levels(recipe_, bits), choice_.feature);
+            if (!mapper) return tl::unexpected(mapper.error());
+            mapper_ = std::move(*mapper);
+        }
+        pipeline_ = std::move(*pipeline);
+        extents_ = extents;
+        bits_ = bits;
+        return {};
+    }
+
+    // The map of the feature asked for; its time counts as the feature's.
+    Result<FeatureView> view(const FrameView& frame, algo::Inspection& found) {
+        if (surprise_) {
+            FeatureView seen{kSurprise, "noises", found.surprise, found.mask, recipe_.reject_score};
+            if (found.surprise.empty()) {  // unfit: nothing was compared
+                nothing_.assign(found.mask.size(), 0.0F);
+                seen.map = nothing_;
+            }
+            // Compared are rims, too, and what has no neighbours.
+            mask_.resize(found.mask.size());
+            for (std::size_t k = 0; k < mask_.size(); ++k)
+                mask_[k] = static_cast<std::uint8_t>(found.mask[k] & (algo::kSaturated | algo::kOutside));
+            seen.mask = mask_;
+            return seen;
+        }
+        FeatureView result{algo::name_of(choice_), unit_for_people(choice_.feature), {}, found.mask, 0};
+        if (const auto inspected = inspected_map(choice_, recipe_)) {
+            result.map = found.*inspected->map;
+            result.limit = inspected->limit;
+            return result;
+        }
+        const std::int64_t start = steady_ns();
+        auto map =
+            choice_.against_reference ? mapper_->against(frame, reference_.view()) : mapper_->over_neighbours(frame);
+        if (!map)
+            return fail(map.error().code,
+                        (choice_.against_reference ? options_.reference + ": " : "") + map.error().what,
+                        map.error().cure);
+        const std::int64_t took = steady_ns() - start;
+        found.times.feature_ns += took;
+        found.times.total_ns += took;
+        // Rim and zones are the inspection's; which lenslets can be compared is the map's own.
+        mask_.assign(map->mask.begin(), map->mask.end());
+        for (std::size_t k = 0; k < mask_.size(); ++k)
+            mask_[k] = static_cast<std::uint8_t>(mask_[k] | (found.mask[k] & algo::kNotJudged));
+        result.map = map->values;
+        result.mask = mask_;
+        return result;
+    }
+
+    const InspectOptions& options_;
+    FrameReader reader_;
+    std::shared_ptr<const algo::Reference> learned_;  // none: references are frames
+    bool surprise_ = false;                           // the map asked for
+    std::vector<float> nothing_;
+    algo::FeatureChoice choice_;
+    algo::Recipe recipe_;
+    Frame reference_;
+    std::optional<algo::Pipeline> pipeline_;
+    std::optional<algo::FeatureMapper> mapper_;
+    std::vector<std::uint8_t> mask_;
+    algo::Extents extents_;
+    int bits_ = 0;
+};
+
+Exit run_inspect(const InspectOptions& options) {
+    Inspector inspector(options);
+    if (auto ready = inspector.prepare(); !ready) return complain(ready.error());
+    bool rejected = false, unfit = false, bad = false;
+    for (const std::string& frame : options.frames) {
+        const auto verdict = inspector.inspect(frame);
+        if (!verdict) {
+            complain(verdict.error());
+            bad = true;
+            continue;
+        }
+        rejected = rejected || *verdict == algo::Verdict::reject;
+        unfit = unfit || *verdict == algo::Verdict::unfit;
+    }
+    return bad ? Exit::bad_input : rejected ? Exit::rejected : unfit ? Exit::unfit : Exit::good;
+}
+
+}  // namespace
+
+void add_inspect(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand("inspect", "Judge recorded frames");
+    auto options = std::make_shared<InspectOptions>();
+    command->add_option("FRAME", options->frames, "Frames: 8- or 16-bit grey images")->required();
+    command->add_option("--macro", options->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")
+        ->capture_default_str();
+    command->add_option("--grid", options->grid,
+                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
+    command->add_option("--recipe", options->recipe, "Limits, masks and zones (TOML); without it the default recipe");
+    const auto* feature = command->add_option(
+        "--feature", options->feature,
+        "Feature whose map and statistics are written; without it, what the recipe judges by (emd). One of " +
+            known_features());
+    command->add_option("--reference", options->reference,
+                        "What hordctl learn has learned: parts are judged against it, and --feature surprise shows "
+                        "where they differ. Or a frame of a good part at the same place, for the reference- features");
+    command
+        ->add_option("--bits", options->bits,
+                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
+        ->check(CLI::Range(8, 16));
+    command->add_option("--out", options->out, "Folder for NAME.FEATURE.tiff, NAME.FEATURE.png and NAME.json");
+    command->add_flag("--json", options->json, "Print one JSON object a frame");
+    command->footer(
+        "Example: hordctl inspect frames/*.png --macro 9x9 --out maps --json\n"
+        "         hordctl inspect part.png --feature reference-chi2 --reference good_part.png --out maps\n"
+        "         hordctl inspect part.png --reference lens.hordref --out maps");
+    command->callback([options, feature, &status] {
+        if (feature->count() == 0 && is_reference(options->reference)) options->feature = kSurprise;
+        status = run_inspect(*options);
+    });
+}
+
+}  // namespace hord::firmware

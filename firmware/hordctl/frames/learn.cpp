@@ -1,0 +1,120 @@
+// hordctl learn: a reference from frames of good parts.
+#include <memory>
+
+#include <fmt/format.h>
+
+#include "algo/reference/read_noise.h"
+#include "algo/reference/reference_learner.h"
+#include "common/cli/progress.h"
+#include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/frames/frame_reader.h"
+#include "firmware/recipes/recipe_file.h"
+#include "firmware/recipes/reference_file.h"
+
+namespace hord::firmware {
+namespace {
+
+struct LearnArguments {
+    std::vector<std::string> frames;
+    std::string out, macro = "9x9", grid, recipe;
+    int bits = 0, threads = 1;
+    double electrons_per_dn = 0, read_dn = -1, pedestal_dn = 0;
+};
+
+Exit run_learn(const LearnArguments& arguments) {
+    const auto reader = FrameReader::create(arguments.macro, arguments.grid, arguments.bits);
+    if (!reader) return complain(reader.error());
+    algo::Recipe recipe;
+    if (!arguments.recipe.empty()) {
+        auto loaded = load_recipe(arguments.recipe);
+        if (!loaded) return complain(loaded.error());
+        recipe = std::move(*loaded);
+    }
+    const auto first = reader->read(arguments.frames.front());
+    if (!first) return complain(first.error());
+    const auto extents =
+        algo::extents_of_frame(first->width_px(), first->height_px(), reader->bins().first, reader->bins().second);
+    if (!extents)
+        return complain(
+            {extents.error().code, arguments.frames.front() + ": " + extents.error().what, extents.error().cure});
+    const int bits = first->bits();
+
+    auto progress = std::make_unique<Progress>("learn");
+    algo::LearnOptions options;
+    options.levels = algo::light_levels(recipe, bits);
+    if (arguments.electrons_per_dn > 0) options.electrons_per_dn = static_cast<float>(arguments.electrons_per_dn);
+    options.pedestal_dn = static_cast<float>(arguments.pedestal_dn);
+    options.threads = arguments.threads;
+    options.progress = [&](double done) { progress->show(done); };
+    const auto frame_of = [&](std::size_t part) -> Result<Frame> {
+        const std::string& file = arguments.frames[part];
+        auto frame = reader->read(file);
+        if (!frame) return frame;
+        if (frame->width_px() != extents->width_px() || frame->height_px() != extents->height_px() ||
+            frame->bits() != bits) {
+            return fail(ErrorCode::invalid_argument,
+                        file + " is not of the size and depth of " + arguments.frames.front(),
+                        "give frames of one camera");
+        }
+        return frame;
+    };
+    if (arguments.read_dn >= 0) {
+        options.read_dn = static_cast<float>(arguments.read_dn);
+    } else {
+        const auto read = algo::read_noise_of(*extents, options.levels, arguments.frames.size(), frame_of);
+        if (!read) return complain(read.error());
+        options.read_dn = *read;
+    }
+    const auto learned = algo::learn_reference(*extents, bits, arguments.frames.size(), frame_of, options);
+    progress.reset();
+    if (!learned) return complain(learned.error());
+    if (auto done = write_reference(arguments.out, learned->reference); !done) return complain(done.error());
+    for (const algo::LeftOut& out : learned->left_out)
+        fmt::print("left out: {}: {}\n", arguments.frames[out.part], out.why);
+    const algo::Reference& r = learned->reference;
+    fmt::print("{}: {}x{} lenslets of {}x{} bins, {} of {} parts, {} {:.3g} electrons a DN, {} read noise {:.2g} DN\n",
+               arguments.out, r.extents.m, r.extents.n, r.extents.i, r.extents.j, r.parts, arguments.frames.size(),
+               arguments.electrons_per_dn > 0 ? "given" : "estimated", r.sensor.electrons_per_dn,
+               arguments.read_dn >= 0 ? "given" : "estimated", r.sensor.read_dn);
+    return Exit::good;
+}
+
+}  // namespace
+
+void add_learn(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand("learn", "Learn what good parts look like: a reference to inspect against");
+    auto arguments = std::make_shared<LearnArguments>();
+    command
+        ->add_option("FRAMES", arguments->frames,
+                     "Frames of at least 8 good parts; those that differ from all others are named and left out")
+        ->required();
+    command->add_option("--out", arguments->out, "File for the reference")->required();
+    command->add_option("--macro", arguments->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")
+        ->capture_default_str();
+    command->add_option("--grid", arguments->grid,
+                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
+    command->add_option("--recipe", arguments->recipe,
+                        "Recipe whose light levels are used (TOML); without it the default recipe");
+    command
+        ->add_option("--bits", arguments->bits,
+                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
+        ->check(CLI::Range(8, 16));
+    command
+        ->add_option("--electrons-per-dn", arguments->electrons_per_dn,
+                     "Of the sensor; without it they are estimated from the frames")
+        ->check(CLI::Range(1e-3, 1e5));
+    command
+        ->add_option("--read-dn", arguments->read_dn,
+                     "Read noise of the sensor, DN; without it it is estimated from the bins that no light reaches")
+        ->check(CLI::Range(0.0, 1e4));
+    command->add_option("--pedestal-dn", arguments->pedestal_dn, "What the camera adds to every sample, DN")
+        ->check(CLI::Range(0.0, 65535.0))
+        ->capture_default_str();
+    command->add_option("--threads", arguments->threads, "Threads")->check(CLI::Range(1, 64))->capture_default_str();
+    command->footer(
+        "Example: hordctl learn good/*.png --out lens.hordref\n"
+        "         hordctl inspect part.png --reference lens.hordref --out maps");
+    command->callback([arguments, &status] { status = run_learn(*arguments); });
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,122 @@
+// hordctl recipe: the recipes of a folder, whether they can be used, their seals; and which one a station uses.
+#include <algorithm>
+#include <fstream>
+#include <iterator>
+#include <regex>
+
+#include <fmt/format.h>
+
+#include "common/durable_file.h"
+#include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/station/remote.h"
+#include "firmware/recipes/recipe_folder.h"
+
+namespace hord::firmware {
+namespace {
+
+struct RecipeOptions {
+    std::string folder = "/etc/hord/recipes";
+    std::vector<std::string> files;
+    std::uint16_t number = 0;
+    std::string crc32;
+    RemoteOptions remote;
+};
+
+Exit list(const RecipeOptions& options) {
+    const auto all = list_recipes(options.folder);
+    if (!all) return complain(all.error());
+    fmt::print("{:>6} {:>8} {:<10} {:<24} {}\n", "number", "version", "crc32", "name", "file");
+    Exit status = Exit::good;
+    for (const FoundRecipe& one : *all) {
+        if (!one.recipe) {
+            status = complain(one.recipe.error());
+            continue;
+        }
+        const NumberedRecipe& r = *one.recipe;
+        fmt::print("{:>6} {:>8} {:<10} {:<24} {}\n", r.number, r.version, fmt::format("{:08X}", crc32_of(r)),
+                   r.recipe.name, one.file.filename().string());
+        const auto same = [&](const FoundRecipe& other) {
+            return &other != &one && other.recipe && other.recipe->number == r.number;
+        };
+        if (std::any_of(all->begin(), all->end(), same)) {
+            status = complain({ErrorCode::refused, fmt::format("number {} is taken twice", r.number),
+                               "give each recipe a number of its own"});
+        }
+    }
+    return status;
+}
+
+Exit check(const RecipeOptions& options) {
+    Exit status = Exit::good;
+    for (const std::string& file : options.files) {
+        const auto recipe = load_numbered_recipe(file);
+        if (!recipe) status = complain(recipe.error());
+        else
+            fmt::print("{}: number {}, version {}, CRC-32 {:08X}\n", file, recipe->number, recipe->version,
+                       crc32_of(*recipe));
+    }
+    return status;
+}
+
+// Writes the crc32 key, in its place when there is one, else as the first line; everything else stays as it is.
+Exit seal(const RecipeOptions& options) {
+    for (const std::string& file : options.files) {
+        std::ifstream in(file, std::ios::binary);
+        std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+        if (!in.is_open())
+            return complain(
+                {ErrorCode::not_found, file + ": cannot be read", "check that the file exists and may be read"});
+        static const std::regex old_seal("(^|\n)crc32[ \t]*=[^\n]*\n");
+        text = std::regex_replace(text, old_seal, "$1");
+        const auto recipe = parse_numbered_recipe(text, file);
+        if (!recipe) return complain(recipe.error());
+        const std::string sum = fmt::format("{:08X}", crc32_of(*recipe));
+        if (auto done = common::write_durably(file, fmt::format("crc32 = \"{}\"\n", sum) + text); !done)
+            return complain(done.error());
+        fmt::print("{}: sealed with {}\n", file, sum);
+    }
+    return Exit::good;
+}
+
+Exit use(const RecipeOptions& options) {
+    std::uint32_t crc = 0;
+    if (!options.crc32.empty()) crc = static_cast<std::uint32_t>(std::stoul(options.crc32, nullptr, 16));
+    return send_command(options.remote, CommandCode::use_recipe, options.number, crc);
+}
+
+}  // namespace
+
+void add_recipe(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand("recipe", "Recipes: list, check, seal, and have a station use one");
+    command->require_subcommand(1);
+    auto options = std::make_shared<RecipeOptions>();
+    auto* listing = command->add_subcommand("list", "The recipes of a folder");
+    listing->add_option("folder", options->folder, "Folder")->capture_default_str();
+    listing->footer("Example: hordctl recipe list deploy/recipes");
+    listing->callback([options, &status] { status = list(*options); });
+    auto* checking = command->add_subcommand("check", "Whether files can be used; every problem, with its line");
+    checking->add_option("files", options->files, "Recipe files")->required();
+    checking->footer("Example: hordctl recipe check deploy/recipes/default.toml");
+    checking->callback([options, &status] { status = check(*options); });
+    auto* sealing = command->add_subcommand(
+        "seal", "Write the CRC-32 into files: a sealed recipe that somebody changes is refused");
+    sealing->add_option("files", options->files, "Recipe files")->required();
+    sealing->footer("Example: hordctl recipe seal /etc/hord/recipes/bottle.toml");
+    sealing->callback([options, &status] { status = seal(*options); });
+    auto* using_it = command->add_subcommand(
+        "use", "Have a station judge with the recipe of this number; refused while it executes");
+    using_it->add_option("number", options->number, "Its number")->required();
+    using_it->add_option("--crc32", options->crc32, "Only if it has this CRC-32 (8 hexadecimal digits)")
+        ->check(CLI::Validator(
+            [](const std::string& text) {
+                return text.size() == 8 && text.find_first_not_of("0123456789abcdefABCDEF") == std::string::npos
+                    ? std::string()
+                    : "write 8 hexadecimal digits";
+            },
+            "HEX"));
+    add_remote_options(*using_it, options->remote);
+    using_it->footer("Example: hordctl recipe use 7 --modbus 192.168.1.20:502");
+    using_it->callback([options, &status] { status = use(*options); });
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,269 @@
+// hordctl tune: which features should judge a user's parts, from frames of good and of bad ones; writes the recipe.
+#include "lab/tune/tune.h"
+
+#include <ctime>
+#include <memory>
+#include <set>
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+
+#include "common/cli/progress.h"
+#include "common/durable_file.h"
+#include "drivers/files/frame_file.h"
+#include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/frames/frame_reader.h"
+#include "firmware/recipes/reference_file.h"
+#include "lab/tune/tune_report.h"
+
+namespace hord::firmware {
+
+using namespace lab;
+namespace {
+
+namespace fs = std::filesystem;
+
+struct TuneArguments {
+    std::vector<std::string> good, bad;
+    double budget_ms = 0, false_rejects_percent = 0.1;
+    std::string out, macro = "9x9", grid, recipe, reference;
+    int bits = 0, threads = 1;
+    bool json = false, force = false;
+};
+
+Result<std::vector<std::string>> files_of(const std::vector<std::string>& names) {
+    auto files = drivers::list_frames(std::vector<fs::path>(names.begin(), names.end()));
+    if (!files) return tl::unexpected(files.error());
+    return std::vector<std::string>(files->begin(), files->end());
+}
+
+std::string joined(const std::vector<std::string>& names) {
+    std::string text;
+    for (const std::string& name : names) text += (text.empty() ? "" : " ") + name;
+    return text;
+}
+
+// RECIPE.toml's table, numbers and plot are RECIPE.tune.*, beside it.
+struct Beside {
+    fs::path folder, table, numbers;
+    std::string plot;
+};
+Beside beside(const fs::path& recipe) {
+    const std::string stem = recipe.stem().string() + ".tune";
+    const fs::path folder = recipe.has_parent_path() ? recipe.parent_path() : fs::path(".");
+    return {folder, folder / (stem + ".md"), folder / (stem + ".csv"), stem};
+}
+
+// Nothing is measured for a file that cannot be written in the end.
+Result<void> check_out(const TuneArguments& arguments) {
+    if (arguments.out.empty()) return {};
+    const fs::path out = arguments.out;
+    if (out.extension() != ".toml")
+        return fail(ErrorCode::invalid_argument, "--out " + arguments.out + " is not named as recipes are",
+                    "call it " + out.stem().string() + ".toml");
+    std::error_code error;
+    if (!fs::is_directory(beside(out).folder, error))
+        return fail(ErrorCode::not_found, beside(out).folder.string() + " is no folder",
+                    "make it, or give another --out");
+    if (!arguments.force && fs::exists(out, error))
+        return fail(ErrorCode::refused, arguments.out + " is there already: it is not overwritten",
+                    "give another --out, or --force");
+    return {};
+}
+
+Result<void> check_apart(const std::vector<std::string>& good, const std::vector<std::string>& bad) {
+    std::set<fs::path> known;
+    std::error_code error;
+    for (const std::string& file : good) known.insert(fs::weakly_canonical(file, error));
+    for (const std::string& file : bad) {
+        if (known.contains(fs::weakly_canonical(file, error)))
+            return fail(ErrorCode::invalid_argument, file + " is among the good frames, too",
+                        "say of each part what it is");
+    }
+    return {};
+}
+
+Result<NumberedRecipe> base_of(const TuneArguments& arguments) {
+    NumberedRecipe base;
+    base.recipe.name = "tuned";
+    if (!arguments.recipe.empty()) {
+        auto loaded = load_numbered_recipe(arguments.recipe);
+        if (!loaded) return loaded;
+        base = std::move(*loaded);
+        if (base.recipe.name == algo::Recipe{}.name) base.recipe.name = "tuned";
+        ++base.version;
+    }
+    if (!arguments.reference.empty()) {
+        auto learned = read_reference(arguments.reference);
+        if (!learned) return tl::unexpected(learned.error());
+        base.recipe.reference = std::move(*learned);
+        base.reference_file = fs::absolute(arguments.reference);
+    }
+    return base;
+}
+
+std::string as_list(const std::string& lines) {
+    std::string list;
+    for (std::size_t from = 0, end = 0; from < lines.size() && (end = lines.find('\n', from)) != std::string::npos;
+         from = end + 1)
+        list += "- " + lines.substr(from, end + 1 - from);
+    return list;
+}
+
+Result<std::vector<fs::path>> write_all(Tuned& tuned, const TuneArguments& arguments, const std::string& made) {
+    const fs::path out = arguments.out;
+    const Beside near = beside(out);
+    std::vector<fs::path> written{out, near.table, near.numbers};
+    if (auto done = common::write_durably(near.table,
+                                          "# Which features judge these parts\n\n" + made + "\n\n" +
+                                              as_list(describe(tuned)) + "\n" + to_markdown(table_of(tuned)) +
+                                              fmt::format("\n![time and detection]({}.png)\n", near.plot));
+        !done) {
+        return tl::unexpected(done.error());
+    }
+    if (auto done = write_csv(near.numbers, numbers_of(tuned)); !done) return tl::unexpected(done.error());
+    if (const auto drawn = plot_tuned(tuned, near.folder, near.plot))
+        written.insert(written.end(), drawn->begin(), drawn->end());
+    else fmt::print(stderr, "hordctl: the plot is not drawn: {}\n", drawn.error().message());
+    // A reference beside the recipe is named as such, so that both can be moved.
+    fs::path& reference = tuned.rungs[*tuned.chosen].recipe.reference_file;
+    std::error_code error;
+    if (!reference.empty() && fs::equivalent(reference.parent_path(), near.folder, error))
+        reference = reference.filename();
+    if (auto done = common::write_durably(out, recipe_text(tuned, made)); !done) return tl::unexpected(done.error());
+    return written;
+}
+
+void print_table(const Table& table) {
+    std::vector<std::size_t> widths;
+    for (const std::string& name : table.header) widths.push_back(name.size());
+    for (const auto& row : table.rows) {
+        for (std::size_t k = 0; k < row.size(); ++k) widths[k] = std::max(widths[k], row[k].size());
+    }
+    const auto print = [&](const std::vector<std::string>& row) {
+        std::string line;
+        for (std::size_t k = 0; k < row.size(); ++k) line += fmt::format("{:<{}}  ", row[k], widths[k]);
+        line.erase(line.find_last_not_of(' ') + 1);
+        fmt::print("{}\n", line);
+    };
+    print(table.header);
+    for (const auto& row : table.rows) print(row);
+}
+
+Exit run_tune(const TuneArguments& arguments) {
+    if (auto fine = check_out(arguments); !fine) return complain(fine.error());
+    const auto good = files_of(arguments.good), bad = files_of(arguments.bad);
+    if (!good) return complain(good.error());
+    if (!bad) return complain(bad.error());
+    if (auto fine = check_apart(*good, *bad); !fine) return complain(fine.error());
+    const auto reader = FrameReader::create(arguments.macro, arguments.grid, arguments.bits);
+    if (!reader) return complain(reader.error());
+    auto base = base_of(arguments);
+    if (!base) return complain(base.error());
+
+    auto progress = std::make_unique<Progress>("tune", arguments.json);
+    TuneOptions options;
+    options.budget_ms = arguments.budget_ms;
+    options.threads = arguments.threads;
+    options.false_rejects = arguments.false_rejects_percent / 100;
+    options.base = std::move(*base);
+    options.bins = reader->bins();
+    options.read = [&](const std::string& file) { return reader->read(file); };
+    options.progress = [&](double done, const std::string& note) { progress->show(done, note); };
+    auto tuned = tune(*good, *bad, options);
+    progress.reset();
+    if (!tuned) return complain(tuned.error());
+
+    nlohmann::ordered_json json = to_json(*tuned);
+    if (!arguments.json) {
+        for (const LeftOut& out : tuned->left_out) fmt::print("left out: {}: {}\n", out.file, out.why);
+        print_table(table_of(*tuned));
+        fmt::print("\n{}", describe(*tuned));
+    }
+    if (tuned->chosen && !options.base.recipe.tolerances.empty() && !tuned->rungs[*tuned->chosen].rung.reference) {
+        fmt::print(stderr,
+                   "hordctl: the tolerances of {} need a reference, which this rung does without: they are left out\n",
+                   arguments.recipe);
+    }
+    if (tuned->chosen && !arguments.out.empty()) {
+        const std::string made =
+            fmt::format("Made by hordctl tune on {:%Y-%m-%d}, good frames from {}, bad ones from {}.",
+                        fmt::gmtime(std::time(nullptr)), joined(arguments.good), joined(arguments.bad));
+        const auto written = write_all(*tuned, arguments, made);
+        if (!written) return complain(written.error());
+        for (const fs::path& file : *written) {
+            if (arguments.json) json["written"].push_back(file.string());
+            else fmt::print("{}\n", file.string());
+        }
+    }
+    if (arguments.json) fmt::print("{}\n", json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    if (tuned->chosen) return Exit::good;
+    const auto fastest = std::ranges::min_element(
+        tuned->rungs, {}, [](const RungMeasured& m) { return m.no_limit.empty() ? m.wall_ms : 1e300; });
+    if (!fastest->no_limit.empty())
+        return complain({ErrorCode::refused,
+                         "no feature has a limit that lets these good parts pass: " + fastest->no_limit,
+                         "see that the frames are of good parts"});
+    return complain({ErrorCode::refused,
+                     fmt::format("no rung fits {:g} ms: the fastest, {}, takes {:.3g} ms", arguments.budget_ms,
+                                 fastest->rung.name(), fastest->wall_ms),
+                     "allow more (--budget), use more threads (--threads), or a smaller part of the field"});
+}
+
+}  // namespace
+
+void add_tune(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand(
+        "tune", "Choose the features that judge your parts, from frames of good and bad ones, and write the recipe");
+    auto arguments = std::make_shared<TuneArguments>();
+    command
+        ->add_option("--good", arguments->good,
+                     fmt::format("Folder (or files) with frames of at least {} good parts, a frame a part", kLeastGood))
+        ->required();
+    command
+        ->add_option("--bad", arguments->bad,
+                     fmt::format("The same of at least {} bad parts, such as must be found", kLeastBad))
+        ->required();
+    command
+        ->add_option("--budget", arguments->budget_ms, "Longest time that judging a frame may take on this machine, ms")
+        ->required()
+        ->check(CLI::PositiveNumber);
+    command->add_option(
+        "--out", arguments->out,
+        "Recipe to write (RECIPE.toml); beside it go RECIPE.tune.md, .csv, .png, .svg and .gp with what it rests on");
+    command->add_flag("--force", arguments->force, "Overwrite --out");
+    command->add_option("--recipe", arguments->recipe,
+                        "Recipe to start from: its light levels, zones, rim, smallest area, reference and tolerances "
+                        "stay; without it the default recipe");
+    command->add_option("--reference", arguments->reference,
+                        "What hordctl learn has learned from other good parts: rungs that use it are measured, too");
+    command
+        ->add_option("--false-rejects", arguments->false_rejects_percent,
+                     "Share of good parts that each limit may reject, by a fit to the good frames, %")
+        ->check(CLI::Range(1e-4, 50.0))
+        ->capture_default_str();
+    command->add_option("--macro", arguments->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")
+        ->capture_default_str();
+    command->add_option("--grid", arguments->grid,
+                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet (not "
+                        "counted in the time)");
+    command
+        ->add_option("--bits", arguments->bits,
+                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
+        ->check(CLI::Range(8, 16));
+    command->add_option("--threads", arguments->threads, "Threads that judge a frame")
+        ->check(CLI::Range(1, 64))
+        ->capture_default_str();
+    command->add_flag("--json", arguments->json, "Print one JSON object");
+    command->footer(
+        "Chosen is the fastest choice of features (rung) whose area under the ROC curve is within 0.005 of the best "
+        "that fits the budget;\n"
+        "of those within 5 % of its time, the one with the fewest features. Times are of this machine as it is now: "
+        "see that it is quiet.\n"
+        "Exit status: 0 a rung was chosen, 2 usage, unreadable or too few frames, no rung fits, or --out exists.\n"
+        "Example: hordctl tune --good good --bad bad --budget 40 --out lens.toml\n"
+        "         hordctl tune --good new_good --bad bad --budget 200 --reference lens.hordref --out lens.toml");
+    command->callback([arguments, &status] { status = run_tune(*arguments); });
+}
+
+}  // namespace hord::firmware

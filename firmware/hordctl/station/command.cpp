@@ -1,0 +1,100 @@
+// hordctl command: what a PLC would ask of a station, asked by a person.
+#include <algorithm>
+#include <chrono>
+
+#include <fmt/format.h>
+
+#include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/station/remote.h"
+#include "firmware/registers/register_map.h"
+
+namespace hord::firmware {
+namespace {
+
+constexpr auto kPatience = std::chrono::seconds(10);
+
+struct CommandOptions {
+    std::string name;
+    RemoteOptions remote;
+};
+
+// Commands without arguments and with a short answer, under the names of the register map.
+std::vector<std::string> plain_commands() {
+    std::vector<std::string> names;
+    for (const NamedValue& value : find_register(BlockId::command, "code")->values) {
+        const auto code = static_cast<CommandCode>(value.value);
+        if (code != CommandCode::commit_recipe && code != CommandCode::use_recipe && code != CommandCode::teach)
+            names.emplace_back(value.name);
+    }
+    return names;
+}
+
+CommandCode code_of(std::string_view name) {
+    for (const NamedValue& value : find_register(BlockId::command, "code")->values) {
+        if (value.name == name) return static_cast<CommandCode>(value.value);
+    }
+    return CommandCode{};
+}
+
+}  // namespace
+
+const char* cure_of(CommandError error) {
+    switch (error) {
+        case CommandError::not_in_this_state: return "see its state: hordctl status";
+        case CommandError::device_down: return "see the active faults: hordctl status";
+        case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC, or change plc.policy";
+        case CommandError::not_yet:
+            return "parts are still on the line, or the ejector is still acting: stop the feed and try again in a "
+                   "moment";
+        case CommandError::no_such_recipe: return "see the station's recipes: hordctl recipe list";
+        case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
+        case CommandError::cancelled: return "abort, halt or another recipe ended it: teach again";
+        case CommandError::bad_argument: return "see the station's journal for what is wrong with it";
+        default: return "see the station's journal";
+    }
+}
+
+void add_remote_options(CLI::App& command, RemoteOptions& options) {
+    options.given =
+        command.add_option("--modbus", options.modbus,
+                           "The station's register server, HOST[:PORT]; without it this machine's, at 502 or 1502");
+    command.add_option("--timeout", options.timeout_ms, "Longest wait for an answer, ms")
+        ->check(CLI::Range(1, 60000))
+        ->capture_default_str();
+}
+
+Result<modbus::Client> connect(const RemoteOptions& options) {
+    const std::chrono::milliseconds timeout(options.timeout_ms);
+    if (options.given == nullptr || options.given->count() == 0) {
+        if (auto service = modbus::Client::connect({"127.0.0.1", 502}, timeout)) return service;
+    }
+    auto endpoint = modbus::parse_endpoint(options.modbus);
+    if (!endpoint) return tl::unexpected(endpoint.error());
+    return modbus::Client::connect(*endpoint, timeout);
+}
+
+Exit send_command(const RemoteOptions& options, CommandCode code, std::uint32_t argument, std::uint32_t argument2) {
+    auto client = connect(options);
+    if (!client) return complain(client.error());
+    const auto reply = client->command(code, argument, argument2, kPatience);
+    if (!reply) return complain(reply.error());
+    if (reply->state != CommandState::completed)
+        return complain({ErrorCode::refused, "refused: " + reply->error_name, cure_of(reply->error)});
+    if (reply->result != 0) fmt::print("done, {:08X}\n", reply->result);
+    else fmt::print("done\n");
+    return Exit::good;
+}
+
+void add_command(CLI::App& program, Exit& status) {
+    auto* command =
+        program.add_subcommand("command", "Command a station: initialise, arm, start_continuous, stop, reset ...");
+    auto options = std::make_shared<CommandOptions>();
+    command->add_option("name", options->name, "What to do")->required()->check(CLI::IsMember(plain_commands()));
+    add_remote_options(*command, options->remote);
+    command->footer(
+        "The station must list this address in modbus.may_write. Exit status: 0 done, 2 refused or not reached.\n"
+        "Example: hordctl command reset --modbus 192.168.1.20:502");
+    command->callback([options, &status] { status = send_command(options->remote, code_of(options->name)); });
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,177 @@
+// hordctl results: what a station has kept: list, filter, export, verify.
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <fmt/format.h>
+
+#include "firmware/hordctl/commands.h"
+#include "firmware/store/results/export.h"
+#include "firmware/store/results/store_reader.h"
+
+namespace hord::firmware {
+namespace {
+
+using store::StoreReader;
+
+struct ResultsOptions {
+    std::string folder = kDefaultStore;
+    std::string since, until, format = "table";
+    store::ResultFilter filter;
+    std::int64_t newest = 0, run = 0;
+    std::vector<std::string> noted;
+    bool heads = false;
+};
+
+store::UtcMicros utc_now() {
+    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+        .count();
+}
+
+Result<void> complete(ResultsOptions& options) {
+    const auto read = [](const std::string& text, std::optional<store::UtcMicros>& into) -> Result<void> {
+        if (text.empty()) return {};
+        const auto time = store::parse_utc(text, utc_now());
+        if (!time) return tl::unexpected(time.error());
+        into = *time;
+        return {};
+    };
+    if (auto done = read(options.since, options.filter.since); !done) return done;
+    if (auto done = read(options.until, options.filter.until); !done) return done;
+    if (options.newest > 0) options.filter.newest = options.newest;
+    if (options.run > 0) options.filter.run = options.run;
+    return {};
+}
+
+// Prints rows as they come: a year of results is more than memory holds.
+template <class Row>
+void print(const std::string& format, const Row& row) {
+    fmt::print("{}\n",
+               format == "csv"        ? store::to_csv(row)
+                   : format == "json" ? store::to_json_line(row)
+                                      : store::to_table(row));
+}
+void print_head(const std::string& format, const std::string& csv, const std::string& table) {
+    if (format != "json") fmt::print("{}\n", format == "csv" ? csv : table);
+}
+
+Exit list_results(ResultsOptions options) {
+    if (auto done = complete(options); !done) return complain(done.error());
+    auto reader = StoreReader::open(options.folder);
+    if (!reader) return complain(reader.error());
+    print_head(options.format, store::csv_head_of_results(), store::table_head_of_results());
+    const auto done = (*reader)->each_result(options.filter,
+                                             [&](const store::StoredResult& result) { print(options.format, result); });
+    return done ? Exit::good : complain(done.error());
+}
+
+Exit list_changes(ResultsOptions options) {
+    if (auto done = complete(options); !done) return complain(done.error());
+    auto reader = StoreReader::open(options.folder);
+    if (!reader) return complain(reader.error());
+    print_head(options.format, store::csv_head_of_changes(), store::table_head_of_changes());
+    const auto done = (*reader)->each_change(options.filter,
+                                             [&](const store::StoredChange& change) { print(options.format, change); });
+    return done ? Exit::good : complain(done.error());
+}
+
+// "results:4711:9f86d0..."
+Result<store::ChainHead> parse_head(const std::string& text) {
+    const auto first = text.find(':'), second = text.rfind(':');
+    store::ChainHead head;
+    if (first != std::string::npos && second != first) {
+        head.chain = text.substr(0, first);
+        head.number = std::strtoll(text.c_str() + first + 1, nullptr, 10);
+        head.hash = text.substr(second + 1);
+    }
+    const bool known = head.chain == "results" || head.chain == "changes" || head.chain == "commands";
+    if (!known || head.number <= 0 || head.hash.size() != 64) {
+        return fail(ErrorCode::invalid_argument, "\"" + text + "\" is no head",
+                    "give one as `hordctl results verify` printed it: CHAIN:NUMBER:HASH");
+    }
+    return head;
+}
+
+Exit verify(const ResultsOptions& options) {
+    std::vector<store::ChainHead> noted;
+    for (const std::string& text : options.noted) {
+        auto head = parse_head(text);
+        if (!head) return complain(head.error());
+        noted.push_back(std::move(*head));
+    }
+    auto reader = StoreReader::open(options.folder);
+    if (!reader) return complain(reader.error());
+    const auto verification = (*reader)->verify(noted);
+    if (!verification) return complain(verification.error());
+    for (const std::string& problem : verification->problems) fmt::print("{}\n", problem);
+    for (const store::ChainHead& head : verification->heads) {
+        if (head.rows == 0) continue;
+        fmt::print("{}: {} rows, {} to {}\n", head.chain, head.rows, head.first, head.number);
+    }
+    if (!verification->problems.empty()) {
+        fmt::print("NOT as it was written\n");
+        return Exit::rejected;
+    }
+    fmt::print("every row is as it was written; note these heads elsewhere, and compare with --head later:\n");
+    for (const store::ChainHead& head : verification->heads) {
+        if (head.rows > 0) fmt::print("{}:{}:{}\n", head.chain, head.number, head.hash);
+    }
+    return Exit::good;
+}
+
+void add_folder(CLI::App* command, ResultsOptions& options) {
+    command->add_option("--store", options.folder, "Folder of a station's store")->capture_default_str();
+}
+void add_filters(CLI::App* command, ResultsOptions& options) {
+    add_folder(command, options);
+    command->add_option("--since", options.since,
+                        "From this time on: 2026-11-21, 2026-11-21T07:15:30 (UTC), or how long ago: 30m, 12h, 7d");
+    command->add_option("--until", options.until, "Before this time");
+    command->add_option("--run", options.run, "Of this run (its number is in `hordctl results changes`)");
+    command->add_option("--last", options.newest, "The newest so many")->check(CLI::PositiveNumber);
+    command->add_option("--format", options.format, "table, csv, or json (one object a line)")
+        ->check(CLI::IsMember({"table", "csv", "json"}))
+        ->capture_default_str();
+}
+
+}  // namespace
+
+void add_results(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand("results", "What a station has kept: list, filter, export, verify");
+    auto options = std::make_shared<ResultsOptions>();
+    add_filters(command, *options);
+    command->add_option("--verdict", options->filter.verdict, "pass, reject or unfit")
+        ->check(CLI::IsMember({"pass", "reject", "unfit"}));
+    command->add_option("--reason", options->filter.reason, "Such as deflection or verdict-late");
+    command
+        ->add_option("--kind", options->filter.kind,
+                     "With such a defect: unknown, scattering, absorbing, surface, scratch")
+        ->check(CLI::IsMember({"unknown", "scattering", "absorbing", "surface", "scratch"}));
+    command->add_option("--recipe", options->filter.recipe, "Judged with the recipe of this name");
+    command->footer(
+        "Example: hordctl results --since 12h --verdict reject --format csv > rejects.csv\n"
+        "         hordctl results changes --since 7d\n"
+        "         hordctl results verify");
+    command->require_subcommand(0, 1);
+
+    auto* changes =
+        command->add_subcommand("changes", "Starts, recipes, configuration, commands: who changed what from what");
+    add_filters(changes, *options);
+    changes->footer("Example: hordctl results changes --since 7d --format json");
+    auto* verifying = command->add_subcommand("verify", "Whether every row is as it was written");
+    add_folder(verifying, *options);
+    verifying->add_option("--head", options->noted, "A head that was noted before, CHAIN:NUMBER:HASH; may be repeated");
+    verifying->footer(
+        "Exit status: 0 every row is as it was written, 1 it is not, 2 the store cannot be read.\n"
+        "Example: hordctl results verify --head "
+        "results:4711:9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08");
+    command->callback([options, changes, verifying, &status] {
+        status = verifying->parsed() ? verify(*options)
+            : changes->parsed()      ? list_changes(*options)
+                                     : list_results(*options);
+    });
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,348 @@
+// hordctl run: the station in the foreground; on the simulated cell it knows the truth and reports against it.
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <thread>
+#include <utility>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "common/cli/progress.h"
+#include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/station/gallery.h"
+#include "firmware/hordctl/station/run_report.h"
+#include "firmware/registers/register_client.h"
+#include "firmware/service/realtime.h"
+#include "firmware/service/service.h"
+
+namespace hord::firmware {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct RunOptions {
+    std::string config, modbus, out, store, state, vitals;
+    bool simulate = false, json = false;
+    std::uint64_t parts = 0, seed = 1;
+    double rate = 10, good = 0.7;
+    int variety = 4, vitals_every_s = 10, realtime = 0, reset_after_s = 0;
+};
+
+constexpr const char* kRejectStates[] = {"not-needed", "commanded", "confirmed", "failed", "late"};
+
+Json to_json(const PartResult& result, const Backends::Fate* fate) {
+    Json json{{"part", result.part},
+              {"verdict",
+               result.verdict == PartVerdict::pass         ? "pass"
+                   : result.verdict == PartVerdict::reject ? "reject"
+                                                           : "unfit"},
+              {"reason", name_of(result.reason)},
+              {"score", result.score},
+              {"defects", result.defects},
+              {"latency_us", result.latency_us},
+              {"reject", kRejectStates[static_cast<std::size_t>(result.reject)]},
+              {"reject_latency_us", result.reject_latency_us}};
+    if (fate != nullptr) {
+        if (!fate->kind.empty()) json["truth"] = fate->kind;
+        json["ejected"] = fate->ejected;
+        if (fate->taken_off) json["taken_off"] = true;
+    }
+    return json;
+}
+
+// As a client's endpoint, but for port 0: any free one.
+Result<ModbusServer> parse_listen(const std::string& text) {
+    const bool any_port = text.size() > 2 && text.ends_with(":0");
+    const auto endpoint = modbus::parse_endpoint(any_port ? text.substr(0, text.size() - 2) : text);
+    if (!endpoint) return tl::unexpected(endpoint.error());
+    return ModbusServer{endpoint->host, any_port ? std::uint16_t{0} : endpoint->port};
+}
+
+// Without a configuration: as much time for everything as parts that come so often leave, since the machine may have
+// other things to do. A camera far behind the part sensor; a pulse nearly as long as the gap between two parts, told
+// half a pulse before its part is there.
+void give_room(Config& config, double parts_per_second) {
+    CoreConfig& core = config.core;
+    core.exposure_delay = milliseconds(100);
+    if (parts_per_second > 20) return;
+    const Duration pitch = std::min(Duration(static_cast<std::int64_t>(1e9 / parts_per_second)), milliseconds(1000));
+    core.exposure_delay = std::max(core.exposure_delay, pitch);
+    core.transport = std::max(milliseconds(1000), 3 * pitch);
+    core.trigger_lead = core.reject_pulse = pitch * 4 / 5;
+    core.reject_early = pitch * 2 / 5;
+    core.min_gap = pitch * 9 / 10;
+    core.confirm_timeout = std::max(core.confirm_timeout, pitch);
+    ModbusRejector module;
+    module.response_timeout = std::max(module.response_timeout, pitch);
+    config.rejector = SimulatedRejector{std::move(module)};
+}
+
+// One run: brings each part's result and its true fate together, and ends when all parts have both.
+class Run {
+  public:
+    explicit Run(const RunOptions& options) : options_(options) {}
+
+    Exit go() {
+        Config config;
+        give_room(config, options_.rate);
+        if (!options_.config.empty()) {
+            auto loaded = load_config(options_.config);
+            if (!loaded) return complain(loaded.error());
+            config = std::move(*loaded);
+        }
+        if (options_.simulate) config.sensor = SimulatedSensor{};
+        if (!options_.modbus.empty()) {
+            auto listen = parse_listen(options_.modbus);
+            if (!listen) return complain(listen.error());
+            config.modbus = *listen;
+        }
+        if (!options_.store.empty()) config.store.folder = options_.store;
+        if (!options_.state.empty()) config.state_folder = options_.state;
+        gallery_.set_bins(config.inspection.bins_i, config.inspection.bins_j);
+        auto service = open(config);
+        if (!service) return complain(service.error());
+        service_ = std::move(*service);
+        fmt::print(stderr, "registers at {}\n", service_->registers_address());
+        progress_ = std::make_unique<Progress>("parts", options_.parts == 0);
+        if (options_.parts > 0 || options_.reset_after_s > 0) look_whether_it_stands(0);
+        if (!options_.vitals.empty()) service_->loop().post([this] { look_at_vitals(); });
+        if (options_.realtime > 0) {
+            for (const Error& refused : take_realtime_policy(options_.realtime)) say(refused.message());
+        }
+        const auto ran = service_->run();
+        progress_.reset();
+        if (reader_.joinable()) reader_.join();
+        if (!ran) return complain(ran.error());
+        return finish();
+    }
+
+  private:
+    Result<std::unique_ptr<Service>> open(const Config& config) {
+        SimulationOptions simulation;
+        simulation.seed = options_.seed;
+        simulation.parts = options_.parts;
+        simulation.parts_per_second = options_.rate;
+        simulation.good_share = options_.good;
+        simulation.variety = options_.variety;
+        simulation.own_coil_module = options_.simulate;
+        simulation.realtime = options_.realtime;
+        auto rendering = std::make_shared<std::unique_ptr<Progress>>(std::make_unique<Progress>("render parts"));
+        simulation.progress = [rendering](double done) {
+            if (*rendering) (*rendering)->show(done);
+            if (done >= 1) rendering->reset();
+        };
+        if (options_.parts == 0) fmt::print(stderr, "seed {}, until interrupted\n", options_.seed);
+        else fmt::print(stderr, "seed {}, {} parts\n", options_.seed, options_.parts);
+
+        ServiceWatchers watchers;
+        watchers.result = [this](const PartResult& result) { on_result(result); };
+        watchers.fate = [this](const Backends::Fate& fate) { on_fate(fate); };
+        watchers.line_over = [this] { on_line_over(); };
+        watchers.state = [this](State from, State to) { say(fmt::format("{} to {}", name_of(from), name_of(to))); };
+        watchers.trouble = [this](const Error& error) { say(error.message()); };
+        if (!options_.out.empty()) {
+            watchers.inspection = [this](std::uint32_t part, const FrameView& frame,
+                                         const algo::Inspection& inspection) {
+                gallery_.keep(part, frame, inspection);
+            };
+        }
+        return Service::open(config, simulation, std::move(watchers));
+    }
+
+    void look_at_vitals() {
+        const Duration every = milliseconds(1000) * options_.vitals_every_s;
+        service_->loop().call_after(every, [this] { look_at_vitals(); });
+        if (seen_any_)
+            vitals_.sample(
+                std::chrono::duration<double>(service_->loop().now().time_since_epoch() - Duration(first_arrival_ns_))
+                    .count());
+    }
+
+    void say(const std::string& line) {
+        progress_.reset();
+        fmt::print(stderr, "hordctl: {}\n", line);
+        progress_ = std::make_unique<Progress>("parts", options_.parts == 0);
+    }
+
+    void on_result(const PartResult& result) {
+        if (!std::exchange(seen_any_, true)) first_arrival_ns_ = result.arrived_ns;
+        last_seen_ = service_->loop().now();
+        if (!options_.vitals.empty()) vitals_.add(result);
+        results_[result.arrived_ns] = result;
+        settle(result.arrived_ns);
+    }
+    void on_fate(const Backends::Fate& fate) {
+        const std::int64_t arrived = fate.arrived.time_since_epoch().count();
+        fates_[arrived] = fate;
+        settle(arrived);
+    }
+    void on_line_over() {
+        line_over_ = true;
+        // Parts that the station never saw have a fate and no result: after a while nobody waits for one.
+        service_->loop().call_after(milliseconds(2000), [this] { end(); });
+        end_if_settled();
+    }
+
+    void end_if_settled() {
+        if (line_over_ && fates_.empty() && results_.empty()) end();
+    }
+
+    // A line that the station has stopped brings no more parts: somebody comes and resets it, or a run of so many parts
+    // ends there.
+    void look_whether_it_stands(int seconds_stopped) {
+        const Snapshot now = service_->snapshot();
+        int stopped = now.line_stop || now.state == State::error ? seconds_stopped + 1 : 0;
+        if (options_.reset_after_s > 0 && stopped > options_.reset_after_s) {
+            stopped = 0;
+            ++resets_;
+            service_->look_after_line();
+        }
+        if (options_.reset_after_s == 0 && stopped > kWaitsForReset) return end();
+        service_->loop().call_after(milliseconds(1000), [this, stopped] { look_whether_it_stands(stopped); });
+    }
+
+    void settle(std::int64_t arrived) {
+        const auto result = results_.find(arrived);
+        const auto fate = fates_.find(arrived);
+        if (result == results_.end() || fate == fates_.end()) return;
+        report_.add(result->second, fate->second.kind, fate->second.ejected, fate->second.taken_off);
+        if (options_.json) fmt::print("{}\n", to_json(result->second, &fate->second).dump());
+        gallery_.settle(result->second.part, fate->second.kind);
+        ++settled_;
+        if (options_.parts > 0 && progress_) {
+            progress_->show(static_cast<double>(settled_) / static_cast<double>(options_.parts),
+                            fmt::format("{} parts", settled_));
+        }
+        results_.erase(result);
+        fates_.erase(fate);
+        end_if_settled();
+    }
+
+    // Reads the counters as a PLC would, over the network, while the station still runs; then stops it.
+    void end() {
+        if (ending_) return;
+        ending_ = true;
+        last_snapshot_ = service_->snapshot();
+        reader_ = std::thread([this] {
+            auto endpoint = modbus::parse_endpoint(service_->registers_address());
+            auto client = endpoint ? modbus::Client::connect(*endpoint, std::chrono::milliseconds(1000))
+                                   : tl::unexpected(endpoint.error());
+            if (client) {
+                counters_ = client->read_block(BlockId::counters);
+            } else {
+                counters_ = tl::unexpected(client.error());
+            }
+            service_->stop();
+        });
+    }
+
+    Exit finish() {
+        if (!ending_) last_snapshot_ = service_->snapshot();
+        const Duration elapsed = last_seen_.time_since_epoch() - Duration(first_arrival_ns_);
+        std::FILE* out = options_.json ? stderr : stdout;
+        fmt::print(out, "\n{}", report_.parts() > 0 ? report_.text(elapsed) : std::string("no part came\n"));
+        if (options_.reset_after_s > 0) fmt::print(out, "the line was stopped and reset {} times\n", resets_);
+        if (!options_.vitals.empty()) {
+            fmt::print(out, "{}", vitals_.text());
+            if (auto written = vitals_.write(options_.vitals); !written) return complain(written.error());
+        }
+        if (counters_) {
+            fmt::print(out, "\ncounters, read over Modbus:");
+            for (const Reading& reading : *counters_) fmt::print(out, " {} {}", reading.what->name, reading.text);
+            fmt::print(out, "\n");
+        }
+        const Snapshot& last = *last_snapshot_;
+        if (last.line_stop || last.state == State::error) {
+            fmt::print(out, "the station ended in {}{}\n", name_of(last.state),
+                       last.line_stop ? ", line stop raised" : "");
+        }
+        if (!options_.out.empty()) {
+            const auto written = gallery_.write(options_.out);
+            if (!written) return complain(written.error());
+            fmt::print(out, "picture: {}\n", *written);
+        }
+        return last.line_stop || last.state == State::error ? Exit::unfit : Exit::good;
+    }
+
+    static constexpr int kWaitsForReset = 5;  // seconds
+
+    const RunOptions& options_;
+    std::unique_ptr<Service> service_;
+    std::unique_ptr<Progress> progress_;
+    RunReport report_;
+    Vitals vitals_;
+    Gallery gallery_;
+    std::map<std::int64_t, PartResult> results_;  // by arrival, until their fate is known
+    std::map<std::int64_t, Backends::Fate> fates_;
+    std::size_t settled_ = 0, resets_ = 0;
+    bool seen_any_ = false;
+    std::int64_t first_arrival_ns_ = 0;
+    hal::TimePoint last_seen_{};
+    bool line_over_ = false, ending_ = false;
+    std::optional<Snapshot> last_snapshot_;
+    std::thread reader_;
+    Result<std::vector<Reading>> counters_ = tl::unexpected(Error{});
+};
+
+}  // namespace
+
+void add_run(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand("run", "Run the station in the foreground (what hordd does)");
+    auto options = std::make_shared<RunOptions>();
+    command->add_option("--config", options->config,
+                        "Configuration (TOML, deploy/hordd.toml); without it the defaults");
+    auto* simulate =
+        command->add_flag("--simulate", options->simulate,
+                          "Simulated line and sensor, and a Modbus coil module on loopback as the rejector");
+    command->add_option("--modbus", options->modbus,
+                        "Where the register server listens, HOST:PORT (port 0: any free one)");
+    command->add_option("--parts", options->parts,
+                        "End after so many parts (simulated line); without it, run until interrupted");
+    command->add_option("--seed", options->seed, "Seed of the simulated line")->capture_default_str();
+    command->add_option("--rate", options->rate, "Parts a second on the simulated line")
+        ->check(CLI::Range(0.1, 1000.0))
+        ->capture_default_str();
+    command->add_option("--good", options->good, "Share of good parts on the simulated line")
+        ->check(CLI::Range(0.0, 1.0))
+        ->capture_default_str();
+    command
+        ->add_option("--variety", options->variety,
+                     "Different parts of each kind on the simulated line; each is rendered at the start")
+        ->check(CLI::Range(1, 1000))
+        ->capture_default_str();
+    command->add_option("--out", options->out, "Folder for a picture of one part of each kind");
+    command->add_option(
+        "--store", options->store,
+        "Folder to keep results and frames in (docs/store.md); without it, what the configuration says");
+    command->add_option("--state", options->state,
+                        "Folder for what outlives a run, as the service's: the recipe in use, what was taught "
+                        "(docs/plc.md), the store; without it nothing does");
+    command
+        ->add_option("--realtime", options->realtime,
+                     "Run the timing thread under SCHED_FIFO with this priority, as the service does; 0: not")
+        ->check(CLI::Range(0, 99))
+        ->capture_default_str();
+    command->add_option(
+        "--vitals", options->vitals,
+        "CSV file for latencies, memory, descriptors and processor time over the run; the report shows them, too");
+    command->add_option("--vitals-every", options->vitals_every_s, "Seconds a line of it")
+        ->check(CLI::Range(1, 3600))
+        ->capture_default_str();
+    command
+        ->add_option("--reset-after", options->reset_after_s,
+                     "Seconds after which a station that stopped the simulated line is reset and the parts are taken "
+                     "off, as a person would; 0: it stays stopped")
+        ->needs(simulate)  // a real line is looked after by real people
+        ->check(CLI::Range(0, 3600))
+        ->capture_default_str();
+    command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
+    command->footer(
+        "Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended "
+        "in an error.\n"
+        "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");
+    command->callback([options, &status] { status = Run(*options).go(); });
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,125 @@
+// hordctl selftest: the configured devices themselves with --config or --simulate; without, a running station is asked
+// to test itself.
+#include <chrono>
+#include <memory>
+
+#include <fmt/format.h>
+
+#include "drivers/event_loop/event_loop_sd.h"
+#include "firmware/core/faults.h"
+#include "firmware/devices/device_probe.h"
+#include "firmware/diagnostics/inspection_self_test.h"
+#include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/station/remote.h"
+#include "firmware/registers/register_map.h"
+
+namespace hord::firmware {
+namespace {
+
+constexpr auto kPatience = std::chrono::seconds(10);
+
+struct SelftestOptions {
+    RemoteOptions remote;
+    std::string config;
+    bool simulate = false, actuate = false;
+};
+
+Exit ask_station(const RemoteOptions& options) {
+    auto client = connect(options);
+    if (!client) return complain(client.error());
+    const auto reply = client->command(CommandCode::self_test, 0, 0, kPatience);
+    if (!reply) return complain(reply.error());
+    if (reply->state == CommandState::completed) {
+        fmt::print("self-test passed: judgement, light, sensor and light level are good\n");
+        return Exit::good;
+    }
+    if (reply->error != CommandError::failed && reply->error != CommandError::device_down) {
+        return complain({ErrorCode::refused, "self-test refused: " + reply->error_name, cure_of(reply->error)});
+    }
+    for (const FaultText& fault : fault_texts()) {
+        if ((reply->result & fault.bit) != 0) fmt::print("{}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);
+    }
+    return Exit::rejected;
+}
+
+// Lets the loop run until something has happened.
+bool wait(SdEventLoop& loop, const std::function<bool()>& done, hal::Duration patience) {
+    const hal::TimePoint give_up = loop.now() + patience;
+    bool held = false;
+    const std::function<void()> look = [&] {
+        held = done();
+        if (held || loop.now() >= give_up) return loop.request_stop();
+        loop.call_after(milliseconds(1), [&] { look(); });
+    };
+    loop.post([&] { look(); });
+    (void)loop.run();
+    return held;
+}
+
+Exit test_devices(const SelftestOptions& options) {
+    Config config;
+    if (!options.config.empty()) {
+        auto loaded = load_config(options.config);
+        if (!loaded) return complain(loaded.error());
+        config = std::move(*loaded);
+    }
+    auto loop = SdEventLoop::open();
+    if (!loop) return complain(loop.error());
+    auto each = open_each_device(**loop, config, options.simulate);
+    if (!each) return complain(each.error());
+
+    std::vector<CheckRow> rows;
+    const auto judgement = check_judgement(config.inspection.bins_i, config.inspection.bins_j, 8);
+    if (judgement)
+        rows.push_back(
+            {"judgement", CheckRow::Result::good, "a drawn good part passes, a drawn bad one is rejected", {}});
+    else rows.push_back({"judgement", CheckRow::Result::bad, judgement.error().what, judgement.error().cure});
+    CellCheckOptions check;
+    check.actuate = options.actuate;
+    check.wait = [&](const std::function<bool()>& done, hal::Duration patience) {
+        return wait(**loop, done, patience);
+    };
+    for (CheckRow& row : check_cell(**loop, each->cell, check)) rows.push_back(std::move(row));
+    fmt::print("{}", table_of(rows));
+    int wrong = 0;
+    for (const CheckRow& row : rows) wrong += row.result == CheckRow::Result::bad ? 1 : 0;
+    if (wrong == 0) return Exit::good;
+    fmt::print("\n{} of {} rows are bad\n", wrong, rows.size());
+    return Exit::rejected;
+}
+
+}  // namespace
+
+void add_selftest(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand(
+        "selftest", "Test a cell's devices (--config, --simulate), or have a running station test itself");
+    auto options = std::make_shared<SelftestOptions>();
+    auto* config = command->add_option("--config", options->config,
+                                       "Open what this configuration names, one by one; the service must not run");
+    auto* simulate =
+        command->add_flag("--simulate", options->simulate, "The simulated cell and a coil module on loopback instead");
+    auto* actuate =
+        command->add_flag("--actuate", options->actuate,
+                          "Pulse the ejector, too: only with the line clear. Without, outputs are only read");
+    add_remote_options(*command, options->remote);
+    command->footer(
+        "Tests of devices pulse each light once and take one frame with light and one without, of the empty field.\n"
+        "Exit status: 0 passed, 1 something is wrong (named with its cure), 2 bad configuration, refused or not "
+        "reached.\n"
+        "Example: hordctl selftest --config /etc/hord/hordd.toml\n"
+        "Example: hordctl selftest --modbus 192.168.1.20:502");
+    command->callback([options, config, simulate, actuate, &status] {
+        const bool devices = config->count() > 0 || simulate->count() > 0;
+        if (actuate->count() > 0 && !devices) {
+            status = complain(
+                {ErrorCode::invalid_argument, "--actuate tests devices", "give --config FILE or --simulate, too"});
+        } else if (devices && options->remote.given->count() > 0) {
+            status = complain({ErrorCode::invalid_argument,
+                               "--modbus asks a station, --config and --simulate test devices", "give one of them"});
+        } else {
+            status = devices ? test_devices(*options) : ask_station(options->remote);
+        }
+    });
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,78 @@
+// hordctl status: what a running station says of itself, over Modbus, local or remote.
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "firmware/core/faults.h"
+#include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/station/remote.h"
+#include "firmware/registers/register_map.h"
+
+namespace hord::firmware {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct StatusOptions {
+    RemoteOptions remote;
+    bool json = false;
+};
+
+constexpr BlockId kShown[] = {BlockId::ident, BlockId::status, BlockId::counters, BlockId::last,
+                              BlockId::plc,   BlockId::recipe, BlockId::health,   BlockId::calibration};
+
+Json to_json(const std::vector<Reading>& readings) {
+    Json block;
+    for (const Reading& reading : readings) {
+        const std::string name(reading.what->name);
+        if (reading.number) {
+            block[name] = *reading.number;
+        } else if (reading.what->type == RegisterType::text) {
+            block[name] = reading.text;
+        } else {
+            block[name] = nullptr;
+        }
+    }
+    return block;
+}
+
+Exit run_status(const StatusOptions& options) {
+    auto client = connect(options.remote);
+    if (!client) return complain(client.error());
+    Json json;
+    std::uint32_t active = 0;
+    for (const BlockId id : kShown) {
+        const auto readings = client->read_block(id);
+        if (!readings) return complain(readings.error());
+        const std::string name(find_block(id)->name);
+        if (options.json) {
+            json[name] = to_json(*readings);
+            continue;
+        }
+        fmt::print("{}\n", name);
+        for (const Reading& reading : *readings) {
+            fmt::print("  {:<24} {} {}\n", reading.what->name, reading.text,
+                       reading.text == "-" ? "" : reading.what->unit);
+            if (reading.what->name == "faults_active" && reading.number)
+                active = static_cast<std::uint32_t>(*reading.number);
+        }
+    }
+    if (options.json) fmt::print("{}\n", json.dump());
+    for (const FaultText& fault : fault_texts()) {
+        if (!options.json && (active & fault.bit) != 0)
+            fmt::print("FAULT {}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);
+    }
+    return Exit::good;
+}
+
+}  // namespace
+
+void add_status(CLI::App& program, Exit& status) {
+    auto* command = program.add_subcommand("status", "What a running station says of itself, over Modbus");
+    auto options = std::make_shared<StatusOptions>();
+    add_remote_options(*command, options->remote);
+    command->add_flag("--json", options->json, "Print one JSON object");
+    command->footer("Example: hordctl status --modbus 192.168.1.20:502");
+    command->callback([options, &status] { status = run_status(*options); });
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,55 @@
+// The Modbus RTU server: one serial line, on the event loop, never blocking. A line is half duplex: while a
+// reply leaves, what is heard is thrown away. A line that goes (a pulled adapter) is opened again every
+// second.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "common/result.h"
+#include "drivers/hal/event_loop.h"
+#include "firmware/modbus/dispatcher.h"
+
+namespace hord::firmware::modbus {
+
+struct SerialOptions {
+    enum class Parity : std::uint8_t { none, even, odd };
+    std::string device = "/dev/ttyS0";
+    int baud = 19200;              // 1200 to 921600
+    Parity parity = Parity::even;  // none has two stop bits, as the specification wants it
+    std::uint8_t unit = 1;         // 1 to 247
+    bool rs485 = true;  // the kernel switches the transmitter (TIOCSRS485); false: RS-232, or an adapter that
+                        // does it itself
+    hal::Duration gap = std::chrono::milliseconds(20);  // a longer silence ends a frame
+    bool may_write = true;
+    bool operator==(const SerialOptions&) const = default;
+};
+
+struct SerialStatistics {
+    std::uint64_t requests = 0, exceptions = 0, broadcasts = 0, damaged = 0;
+};
+
+class ServerRtu {
+  public:
+    // Loop thread. Fails with not_found or refused (the device), busy (another program has it), unsupported
+    // (the baud rate, or a driver without RS-485), invalid_argument (the unit), io.
+    [[nodiscard]] static Result<std::unique_ptr<ServerRtu>> open(hal::EventLoop& loop, RegisterModel& model,
+                                                                 SerialOptions options);
+
+    // The same on a line that somebody else has opened and set up; not opened again when it goes.
+    [[nodiscard]] static Result<std::unique_ptr<ServerRtu>> adopt(hal::EventLoop& loop, RegisterModel& model, int fd,
+                                                                  SerialOptions options);
+    ~ServerRtu();
+    ServerRtu(const ServerRtu&) = delete;
+    ServerRtu& operator=(const ServerRtu&) = delete;
+
+    [[nodiscard]] SerialStatistics statistics() const;  // loop thread
+
+  private:
+    struct Impl;
+    explicit ServerRtu(std::unique_ptr<Impl> impl);
+    std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace hord::firmware::modbus

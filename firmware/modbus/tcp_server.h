@@ -1,0 +1,73 @@
+// The Modbus TCP server: on the event loop, never blocking, with bounded memory.
+//
+// No client costs another anything but its turn on the loop:
+//  - slow or partial: its bytes wait in its own framer; there is no timer and no waiting.
+//  - never reading: when its replies no longer fit, its requests are no longer read.
+//  - garbage: the first wrong header closes its connection.
+//  - busy: a few requests a turn, then the others have theirs.
+//  - many connections: a newcomer always gets a slot; the one that makes room is, in this order, a connection
+//  that
+//    never finished a request, one that finished few, one that has been idle longest.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/result.h"
+#include "drivers/hal/event_loop.h"
+#include "firmware/modbus/access.h"
+#include "firmware/modbus/dispatcher.h"
+
+namespace hord::firmware::modbus {
+
+struct ServerOptions {
+    // An address of this machine, IPv4 or IPv6; "0.0.0.0" and "::" are all of them.
+    std::string host = "0.0.0.0";
+    std::uint16_t port = 502;  // 0: any free one, see port()
+    std::size_t max_connections = 32;
+    bool may_write = true;                // false: a read-only listener; writing is an unknown function there
+    std::vector<AccessRule> access = {};  // who may connect, and who of these may write; empty: all
+};
+
+struct ServerStatistics {
+    std::uint64_t accepted = 0;  // connections
+    std::uint64_t evicted = 0;   // closed to make room for others
+    std::uint64_t broken = 0;    // closed for bytes that are not Modbus
+    std::uint64_t refused = 0;   // closed at once by the access rules
+    std::uint64_t requests = 0, exceptions = 0;
+    std::size_t connections = 0;  // now
+};
+
+class Server {
+  public:
+    // Loop thread. Serves at once. `loop` and `model` outlive the server. Fails with busy (the port is
+    // taken), refused (this user may not open it), not_found (no such address on this machine),
+    // invalid_argument, io, unsupported (a loop in virtual time).
+    [[nodiscard]] static Result<std::unique_ptr<Server>> open(hal::EventLoop& loop, RegisterModel& model,
+                                                              ServerOptions options);
+
+    // The same with a listening socket that somebody else opened, as systemd does for port 502. Takes it
+    // over, even when it fails.
+    [[nodiscard]] static Result<std::unique_ptr<Server>> adopt(hal::EventLoop& loop, RegisterModel& model,
+                                                               int listening_fd, ServerOptions options);
+
+    // Loop thread. Closes every connection.
+    ~Server();
+    Server(const Server&) = delete;
+    Server& operator=(const Server&) = delete;
+
+    // Loop thread. Other access rules from now on; connections that they do not allow are closed.
+    void set_access(std::vector<AccessRule> access);
+
+    [[nodiscard]] std::uint16_t port() const;
+    [[nodiscard]] ServerStatistics statistics() const;  // loop thread
+
+  private:
+    struct Impl;
+    explicit Server(std::unique_ptr<Impl> impl);
+    std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace hord::firmware::modbus

@@ -1,0 +1,31 @@
+#include "firmware/monitoring/drift_monitor.h"
+
+namespace hord::firmware {
+
+Result<std::unique_ptr<DriftWatch>> DriftWatch::create(const algo::Extents& extents, const algo::LightLevels& levels,
+                                                       algo::DriftZero zero, double px_a_bin) {
+    auto estimator = algo::DriftEstimator::create(extents, levels, zero);
+    if (!estimator) return tl::unexpected(estimator.error());
+    return std::unique_ptr<DriftWatch>(new DriftWatch(std::move(*estimator), px_a_bin));
+}
+
+bool DriftWatch::add(const FrameView& frame) {
+    const std::lock_guard lock(mutex_);
+    if (!estimator_.add(frame)) return false;
+    const bool before = noticed_;
+    const algo::Drift& drift = *estimator_.latest();
+    const double px = drift.largest_bins * px_a_bin_;
+    // Three standard deviations keep a noisy estimate from crying wolf.
+    if (before) noticed_ = px >= kDriftGonePx;
+    else noticed_ = px >= kDriftNoticedPx && drift.largest_bins > 3 * drift.noise_bins;
+    return noticed_ != before;
+}
+
+DriftWatch::View DriftWatch::view() const {
+    const std::lock_guard lock(mutex_);
+    const auto& latest = estimator_.latest();
+    if (!latest) return {};
+    return {latest->largest_bins * px_a_bin_, latest->since_calibration, noticed_};
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,265 @@
+#include "firmware/plc/plc_interface.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "firmware/registers/register_map.h"
+
+namespace hord::firmware {
+namespace {
+
+using modbus::Exception;
+
+std::uint32_t double_word(std::span<const std::uint16_t> words) { return std::uint32_t{words[0]} << 16U | words[1]; }
+
+// The first register of a row, so that addresses stand in the table alone.
+std::uint16_t address_of(BlockId id, std::string_view name) { return find_register(id, name)->address; }
+
+bool means_not_available(const Register& row, std::span<const std::uint16_t> words) {
+    switch (row.type) {
+        case RegisterType::u16: return words[0] == 0xFFFF;
+        case RegisterType::s16: return words[0] == 0x8000;
+        case RegisterType::u32: return double_word(words) == 0xFFFFFFFF;
+        case RegisterType::s32: return double_word(words) == 0x80000000;
+        case RegisterType::bits16:
+        case RegisterType::bits32:
+        case RegisterType::text: break;
+    }
+    return false;
+}
+
+// Every register belongs to a writable row of one block, every row is whole and no value is a sentinel.
+Exception check_rows(const Block& block, std::uint16_t address, std::span<const std::uint16_t> values) {
+    std::size_t covered = 0;
+    for (const Register& row : block.registers) {
+        const int begin = std::max<int>(row.address, address);
+        const int end = std::min<int>(row.address + row.words, address + static_cast<int>(values.size()));
+        if (begin >= end) continue;
+        if (row.access != RegisterAccess::read_write) return Exception::illegal_address;
+        if (end - begin != row.words) return Exception::illegal_value;
+        if (means_not_available(row, values.subspan(static_cast<std::size_t>(row.address - address), row.words))) {
+            return Exception::illegal_value;
+        }
+        covered += row.words;
+    }
+    return covered == values.size() ? Exception::none : Exception::illegal_address;
+}
+
+// Registers as text: two printable ASCII characters each, zeros behind the last. Anything else: nothing, it would be
+// recorded.
+std::optional<std::string> printable_text(std::span<const std::uint16_t> words) {
+    std::string text;
+    bool ended = false;
+    for (const std::uint16_t word : words) {
+        for (const unsigned c : {unsigned{word} >> 8U, unsigned{word} & 0xFFU}) {
+            ended = ended || c == 0;
+            if (c == 0) continue;
+            if (ended || c < 0x20 || c > 0x7E) return std::nullopt;
+            text += static_cast<char>(c);
+        }
+    }
+    return text;
+}
+
+bool may_interrupt(std::uint16_t code) {
+    const auto command = static_cast<CommandCode>(code);
+    return command == CommandCode::stop || command == CommandCode::abort || command == CommandCode::halt;
+}
+
+// It takes as long as its parts, and they come only when the station is started.
+bool goes_on_beside_others(std::uint16_t code) { return static_cast<CommandCode>(code) == CommandCode::teach; }
+
+}  // namespace
+
+PlcDesk::PlcDesk(const hal::Clock& clock, PlcHandler& handler, PlcOptions options)
+    : clock_(clock), handler_(handler), options_(options) {
+    stage(StagedRecipe{});
+}
+
+Exception PlcDesk::write(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
+                         std::span<const std::uint16_t> values) {
+    for (const BlockId id : {BlockId::command, BlockId::plc, BlockId::recipe}) {
+        const Block& block = *find_block(id);
+        if (address < block.base || address >= block.base + block.size()) continue;
+        if (const auto wrong = check_rows(block, address, values); wrong != Exception::none) return wrong;
+        switch (id) {
+            case BlockId::command:
+                if (address != address_of(id, "token")) return Exception::illegal_value;
+                return take_command(origin, now, values);
+            case BlockId::plc: return take_plc(origin, now, address, values);
+            default:
+                std::copy(values.begin(), values.end(),
+                          staged_words_.begin() + (address - address_of(id, "staged_number")));
+                return Exception::none;
+        }
+    }
+    return Exception::illegal_address;
+}
+
+// -- commands
+
+PlcDesk::Remembered* PlcDesk::find(std::uint32_t token) {
+    const auto found =
+        std::find_if(memory_.begin(), memory_.end(), [&](const Remembered& r) { return r.request.token == token; });
+    return found == memory_.end() ? nullptr : &*found;
+}
+
+Exception PlcDesk::take_command(const modbus::Origin& origin, const StationNow& now,
+                                std::span<const std::uint16_t> values) {
+    if (values.size() < 4) return Exception::illegal_value;  // token, boot, code; the arguments may be left out
+    CommandRequest request{.token = double_word(values), .boot = values[2], .code = values[3]};
+    if (values.size() >= 6) request.argument = double_word(values.subspan(4));
+    if (values.size() >= 8) request.argument2 = double_word(values.subspan(6));
+    if (values.size() > 8) {
+        const auto who = printable_text(values.subspan(8));
+        if (!who) return Exception::illegal_value;
+        request.who = ShortText(*who);
+    }
+    if (request.token == 0) return Exception::illegal_value;
+
+    if (const Remembered* before = find(request.token)) {
+        shown_ = *before;
+        if (before->request != request) {  // another command: it is not executed, and the first one keeps its reply
+            shown_ = {.request = request,
+                      .reply = {.token = request.token,
+                                .code = request.code,
+                                .state = CommandState::failed,
+                                .error = CommandError::token_reused}};
+        }
+        return Exception::none;
+    }
+    const auto is_executing = [](const Remembered& r) { return r.reply.state == CommandState::executing; };
+    const auto must_be_alone = [&](const Remembered& r) {
+        return is_executing(r) && !goes_on_beside_others(r.request.code);
+    };
+    if (!may_interrupt(request.code) && std::any_of(memory_.begin(), memory_.end(), must_be_alone))
+        return Exception::busy;
+
+    // Remembered before it is executed: whatever the handler brings about, this token does nothing again.
+    while (is_executing(memory_[next_])) next_ = (next_ + 1) % memory_.size();
+    Remembered& mine = memory_[next_];
+    next_ = (next_ + 1) % memory_.size();
+    mine = {.request = request,
+            .reply = {.token = request.token, .code = request.code, .state = CommandState::executing}};
+    const CommandOutcome outcome = execute(origin, now, request);
+    mine.reply.state = outcome.state;
+    mine.reply.error = outcome.error;
+    mine.reply.result = outcome.result;
+    shown_ = mine;
+    return Exception::none;
+}
+
+CommandOutcome PlcDesk::execute(const modbus::Origin& origin, const StationNow& now, const CommandRequest& request) {
+    const auto refuse = [](CommandError error) { return CommandOutcome{CommandState::failed, error, 0}; };
+    if (request.boot != 0 && request.boot != (options_.boot_id & 0xFFFFU)) return refuse(CommandError::other_boot);
+    if (static_cast<CommandCode>(request.code) == CommandCode::commit_recipe) {
+        if (now.state == State::single_execution || now.state == State::continuous_execution) {
+            return refuse(CommandError::not_in_this_state);
+        }
+        if (request.argument != crc32_of(staged_words_)) return refuse(CommandError::wrong_checksum);
+        ++commands_done_;
+        return handler_.on_recipe(origin, request, staged());
+    }
+    ++commands_done_;
+    return handler_.on_command(origin, request);
+}
+
+void PlcDesk::finish(std::uint32_t token, const CommandOutcome& outcome) {
+    Remembered* mine = token == 0 ? nullptr : find(token);
+    if (mine == nullptr || mine->reply.state != CommandState::executing) return;
+    mine->reply.state = outcome.state;
+    mine->reply.error = outcome.error;
+    mine->reply.result = outcome.result;
+    if (shown_.request == mine->request) shown_ = *mine;
+}
+
+// -- heartbeat and results
+
+Exception PlcDesk::take_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
+                            std::span<const std::uint16_t> values) {
+    const std::uint16_t beat_at = address_of(BlockId::plc, "heartbeat"),
+                        taken_at = address_of(BlockId::plc, "acknowledged");
+    const bool beats = address == beat_at;
+    const bool takes = address + values.size() > taken_at;
+    const std::uint32_t taken = takes ? double_word(values.subspan(taken_at - address)) : 0;
+    if (takes && (taken < acknowledged_ || taken > now.newest_sequence)) return Exception::illegal_value;
+
+    if (beats && (!heartbeat_at_ || values[0] != heartbeat_)) {
+        heartbeat_ = values[0];
+        heartbeat_at_ = clock_.now();
+        if (std::exchange(lost_, false)) handler_.on_plc_back();
+    }
+    if (takes) {
+        if (!std::exchange(acknowledges_, true)) {  // what the ring lost before nobody had asked for
+            counted_until_ = now.newest_sequence > kRingSlots ? now.newest_sequence - kRingSlots : 0;
+        }
+        if (taken == acknowledged_) return Exception::none;
+        if (const auto refused = handler_.on_acknowledged(origin, taken); refused != Exception::none) return refused;
+        acknowledged_ = taken;
+    }
+    return Exception::none;
+}
+
+void PlcDesk::note_results(std::uint32_t newest_sequence) {
+    if (!acknowledges_ || newest_sequence <= kRingSlots) return;
+    const std::uint32_t gone = newest_sequence - kRingSlots;
+    const std::uint32_t known = std::max(acknowledged_, counted_until_);
+    if (gone <= known) return;
+    overruns_ += gone - known;
+    counted_until_ = gone;
+}
+
+void PlcDesk::check_heartbeat() {
+    if (!heartbeat_at_ || lost_ || clock_.now() - *heartbeat_at_ <= options_.timeout) return;
+    lost_ = true;
+    handler_.on_plc_lost(options_.policy);
+}
+
+// -- recipe and view
+
+void PlcDesk::stage(const StagedRecipe& r) {
+    staged_words_ = {r.number,
+                     r.emd_limit_mbins,
+                     r.frobenius_limit_mbins,
+                     r.transmission_permille,
+                     r.min_area,
+                     static_cast<std::uint16_t>(r.rim_margin),
+                     r.max_saturated_permyriad,
+                     r.min_lit_permyriad};
+}
+
+StagedRecipe PlcDesk::staged() const {
+    const auto& w = staged_words_;
+    return {.number = w[0],
+            .emd_limit_mbins = w[1],
+            .frobenius_limit_mbins = w[2],
+            .transmission_permille = w[3],
+            .min_area = w[4],
+            .rim_margin = static_cast<std::int16_t>(w[5]),
+            .max_saturated_permyriad = w[6],
+            .min_lit_permyriad = w[7]};
+}
+
+PlcView PlcDesk::view() const {
+    const auto ms = [](hal::Duration d) { return std::chrono::duration_cast<std::chrono::milliseconds>(d).count(); };
+    PlcView view{.command = shown_.request,
+                 .reply = shown_.reply,
+                 .commands_done = commands_done_,
+                 .heartbeat = heartbeat_,
+                 .heartbeat_age_ms = {},
+                 .lost = lost_,
+                 .policy = options_.policy,
+                 .timeout_ms = static_cast<std::uint16_t>(std::min<std::int64_t>(ms(options_.timeout), 0xFFFE)),
+                 .acknowledged = acknowledged_,
+                 .overruns = overruns_,
+                 .staged = staged(),
+                 .staged_crc32 = crc32_of(staged_words_)};
+    if (heartbeat_at_) {
+        view.heartbeat_age_ms =
+            static_cast<std::uint32_t>(std::min<std::int64_t>(ms(clock_.now() - *heartbeat_at_), 0xFFFFFFFE));
+    }
+    return view;
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,210 @@
+#include "firmware/plc/register_server_model.h"
+
+#include <algorithm>
+#include <utility>
+
+#include <fmt/format.h>
+
+namespace hord::firmware {
+namespace {
+
+using modbus::Exception;
+
+constexpr std::size_t kBits = 81, kHeartbeatBit = 80;
+constexpr std::size_t kMostSlots = kMaxRead / kResultWords + 2;  // that one request can touch
+
+// [begin, end) of what a request and some registers have in common, as addresses.
+struct Overlap {
+    std::size_t begin = 0, end = 0;
+    Overlap(std::size_t a, std::size_t a_size, std::size_t b, std::size_t b_size)
+        : begin(std::max(a, b)), end(std::min(a + a_size, b + b_size)) {}
+    [[nodiscard]] bool empty() const { return begin >= end; }
+};
+
+// Nearest rank: the smallest value that at least `percent` of all do not exceed. `values` is reordered.
+std::optional<std::uint32_t> percentile(std::span<std::uint32_t> values, std::size_t percent) {
+    if (values.empty()) return std::nullopt;
+    const auto rank = values.begin() + static_cast<std::ptrdiff_t>((values.size() * percent + 99) / 100 - 1);
+    std::nth_element(values.begin(), rank, values.end());
+    return *rank;
+}
+
+}  // namespace
+
+RegisterImage::RegisterImage(StationIdentity identity, PlcDesk* desk)
+    : identity_(std::move(identity)), boot_text_(fmt::format("{:08X}", identity_.boot_id)),
+      map_text_(fmt::format("{} {:08X}", kMapVersion, map_crc32())), desk_(desk) {}
+
+void RegisterImage::publish(const Snapshot& snapshot, std::span<const PartResult> results) {
+    const std::lock_guard lock(mutex_);
+    const auto add = [&](const PartResult& result) {
+        if (result.sequence <= state_.newest.sequence) return;
+        ring_[result.sequence % kRingSlots] = result;
+        state_.newest = result;
+    };
+    for (const PartResult& result : results) add(result);
+    add(snapshot.last);
+    state_.snapshot = snapshot;
+}
+
+void RegisterImage::publish(const RecipeInUse& recipe) {
+    const std::lock_guard lock(mutex_);
+    state_.recipe = recipe;
+}
+
+void RegisterImage::publish(const HealthReport& health) {
+    const std::lock_guard lock(mutex_);
+    state_.health = health;
+}
+
+void RegisterImage::publish(const CalibrationReport& calibration) {
+    const std::lock_guard lock(mutex_);
+    state_.calibration = calibration;
+}
+
+StationNow RegisterImage::now() {
+    const std::lock_guard lock(mutex_);
+    return {.state = state_.snapshot.state, .newest_sequence = state_.newest.sequence};
+}
+
+ResultStatistics RegisterImage::statistics() {
+    std::array<std::uint32_t, kRingSlots> latency, reject;
+    std::size_t latencies = 0, rejects = 0;
+    std::int64_t first_ns = 0, last_ns = 0;
+    {
+        const std::lock_guard lock(mutex_);
+        for (const PartResult& result : ring_) {
+            if (result.sequence == 0) continue;
+            first_ns = latencies == 0 ? result.arrived_ns : std::min(first_ns, result.arrived_ns);
+            last_ns = latencies == 0 ? result.arrived_ns : std::max(last_ns, result.arrived_ns);
+            latency[latencies++] = result.latency_us;
+            if (result.reject_latency_us != 0) reject[rejects++] = result.reject_latency_us;
+        }
+    }
+    const auto all = std::span(latency).first(latencies), rejected = std::span(reject).first(rejects);
+    ResultStatistics now{.latency_p50_us = percentile(all, 50),
+                         .latency_p99_us = percentile(all, 99),
+                         .latency_max_us = percentile(all, 100),
+                         .reject_p50_us = percentile(rejected, 50),
+                         .reject_p99_us = percentile(rejected, 99),
+                         .reject_max_us = percentile(rejected, 100),
+                         .parts_per_minute = {}};
+    if (last_ns > first_ns)
+        now.parts_per_minute = 60e9 * static_cast<double>(latencies - 1) / static_cast<double>(last_ns - first_ns);
+    return now;
+}
+
+Exception RegisterImage::read_registers(std::uint16_t address, std::span<std::uint16_t> out) {
+    // Gaps have nothing but their headers; beyond the end there is nothing.
+    const Block& end = register_blocks().back();
+    if (address + out.size() > std::size_t{end.base} + end.size()) return Exception::illegal_address;
+    for (const Block& block : register_blocks()) {
+        if (block.id == BlockId::gap &&
+            !Overlap(address, out.size(), block.base + std::size_t{kBlockHeader}, block.length).empty()) {
+            return Exception::illegal_address;
+        }
+    }
+    const auto touches = [&](BlockId id) {
+        const Block& block = *find_block(id);
+        return !Overlap(address, out.size(), block.base, block.size()).empty();
+    };
+
+    RegisterExtras extras;
+    if (touches(BlockId::health)) extras.statistics = statistics();
+    if (desk_ != nullptr) {
+        desk_->note_results(now().newest_sequence);
+        extras.plc = desk_->view();
+    }
+    const Overlap in_ring(address, out.size(), kRingBase, std::size_t{kRingSlots} * kResultWords);
+    const std::size_t first_slot = in_ring.empty() ? 0 : (in_ring.begin - kRingBase) / kResultWords;
+    const std::size_t last_slot = in_ring.empty() ? 0 : (in_ring.end - 1 - kRingBase) / kResultWords + 1;
+    std::array<PartResult, kMostSlots> slots{};
+    State state;
+    {
+        const std::lock_guard lock(mutex_);
+        state = state_;
+        std::copy(ring_.begin() + static_cast<std::ptrdiff_t>(first_slot),
+                  ring_.begin() + static_cast<std::ptrdiff_t>(last_slot), slots.begin());
+    }
+    extras.recipe = state.recipe;
+    extras.health = state.health;
+    extras.calibration = state.calibration;
+
+    std::array<std::uint16_t, kMaxRead> image;
+    const auto copy = [&](std::size_t base, std::size_t size) {
+        const Overlap part(address, out.size(), base, size);
+        if (part.empty()) return;
+        std::copy_n(image.begin() + static_cast<std::ptrdiff_t>(part.begin - base), part.end - part.begin,
+                    out.begin() + static_cast<std::ptrdiff_t>(part.begin - address));
+    };
+    for (const Block& block : register_blocks()) {
+        if (Overlap(address, out.size(), block.base, block.size()).empty()) continue;
+        const RegisterSource source{
+            .identity = identity_, .snapshot = state.snapshot, .result = state.newest, .extras = extras};
+        if (block.registers.empty() || block.slots > 0) {
+            image[0] = static_cast<std::uint16_t>(block.id);
+            image[1] = block.length;
+            copy(block.base, kBlockHeader);
+        } else {
+            encode(block, source, std::span(image).first(block.size()));
+            copy(block.base, block.size());
+        }
+        for (std::size_t slot = first_slot; block.slots > 0 && slot < last_slot; ++slot) {
+            encode_slot(block,
+                        {.identity = identity_,
+                         .snapshot = state.snapshot,
+                         .result = slots[slot - first_slot],
+                         .extras = extras},
+                        std::span(image).first(kResultWords));
+            copy(kRingBase + slot * kResultWords, kResultWords);
+        }
+    }
+    return Exception::none;
+}
+
+Exception RegisterImage::read_bits(std::uint16_t address, std::span<bool> out) {
+    if (address + out.size() > kBits) return Exception::illegal_address;
+    const std::uint16_t bits_at = find_register(BlockId::status, "bits")->address;
+    const std::uint16_t active_at = find_register(BlockId::status, "faults_active")->address;
+    const std::uint16_t latched_at = find_register(BlockId::status, "faults_latched")->address;
+    std::array<std::uint16_t, 32> words{};
+    if (const auto wrong = read_registers(bits_at, words); wrong != Exception::none) return wrong;
+    const auto bit_of_pair = [&](std::size_t at, std::size_t bit) {
+        return (words[at - bits_at + (bit < 16 ? 1U : 0U)] >> (bit % 16) & 1U) != 0;
+    };
+    std::array<bool, kBits> all{};
+    for (std::size_t bit = 0; bit < 16; ++bit) all[bit] = (words[0] >> bit & 1U) != 0;
+    for (std::size_t bit = 0; bit < 32; ++bit) {
+        all[16 + bit] = bit_of_pair(active_at, bit);
+        all[48 + bit] = bit_of_pair(latched_at, bit);
+    }
+    all[kHeartbeatBit] = desk_ != nullptr && (desk_->view().heartbeat & 1U) != 0;
+    std::copy_n(all.begin() + address, out.size(), out.begin());
+    return Exception::none;
+}
+
+Exception RegisterImage::write_registers(const modbus::Origin& origin, std::uint16_t address,
+                                         std::span<const std::uint16_t> values) {
+    return desk_ == nullptr ? Exception::illegal_address : desk_->write(origin, now(), address, values);
+}
+
+Exception RegisterImage::write_bits(const modbus::Origin& origin, std::uint16_t address, std::span<const bool> values) {
+    if (address != kHeartbeatBit || values.size() != 1) return Exception::illegal_address;
+    const std::uint16_t beat = values[0] ? 1 : 0;
+    return write_registers(origin, find_register(BlockId::plc, "heartbeat")->address, std::span(&beat, 1));
+}
+
+std::string_view RegisterImage::identification(std::uint8_t object) const {
+    switch (object) {
+        case 0x00: return identity_.vendor;
+        case 0x01:
+        case 0x04: return identity_.product;
+        case 0x02: return identity_.firmware;
+        case 0x80: return identity_.serial;
+        case 0x81: return boot_text_;
+        case 0x82: return map_text_;
+        default: return {};
+    }
+}
+
+}  // namespace hord::firmware

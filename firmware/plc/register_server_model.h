@@ -1,0 +1,63 @@
+// What the station publishes, as registers: the model behind the Modbus server.
+//
+// Every request is answered from one moment. Any thread may publish; a lock is held for copying alone. Reads
+// and writes come on the loop's thread, where the PLC's desk lives, too (reads from any thread when there is
+// no desk).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <mutex>
+#include <span>
+#include <string>
+
+#include "firmware/modbus/dispatcher.h"
+#include "firmware/plc/plc_interface.h"
+#include "firmware/registers/register_map.h"
+
+namespace hord::firmware {
+
+class RegisterImage : public modbus::RegisterModel {
+  public:
+    // `desk` takes what is written and outlives the image; without it every write is refused with exception
+    // 02.
+    explicit RegisterImage(StationIdentity identity, PlcDesk* desk = nullptr);
+
+    // Any thread, allocates nothing. The state, and the results that are complete since the last call, lowest
+    // sequence first, appear together; snapshot.last counts as one of them. Results must be published once
+    // each, in order.
+    void publish(const Snapshot& snapshot, std::span<const PartResult> results = {});
+    void publish(const RecipeInUse& recipe);
+    void publish(const HealthReport& health);
+    void publish(const CalibrationReport& calibration);
+
+    modbus::Exception read_registers(std::uint16_t address, std::span<std::uint16_t> out) override;
+    // 0..15 STATUS `bits`, 16..47 `faults_active`, 48..79 `faults_latched`, 80 the lowest bit of the PLC's
+    // heartbeat, the only one to write.
+    modbus::Exception read_bits(std::uint16_t address, std::span<bool> out) override;
+    modbus::Exception write_registers(const modbus::Origin& origin, std::uint16_t address,
+                                      std::span<const std::uint16_t> values) override;
+    modbus::Exception write_bits(const modbus::Origin& origin, std::uint16_t address,
+                                 std::span<const bool> values) override;
+    [[nodiscard]] std::string_view identification(std::uint8_t object) const override;
+
+  private:
+    struct State {
+        Snapshot snapshot;
+        PartResult newest;
+        RecipeInUse recipe;
+        HealthReport health;
+        CalibrationReport calibration;
+    };
+    [[nodiscard]] StationNow now();
+    [[nodiscard]] ResultStatistics statistics();
+
+    const StationIdentity identity_;
+    const std::string boot_text_, map_text_;
+    PlcDesk* const desk_;
+    std::mutex mutex_;  // guards the rest
+    State state_;
+    std::array<PartResult, kRingSlots> ring_{};
+};
+
+}  // namespace hord::firmware

@@ -1,0 +1,413 @@
+#include "firmware/recipes/recipe_file.h"
+
+#include <algorithm>
+#include <array>
+#include <functional>
+
+#include <fmt/format.h>
+
+#include "common/crc32.h"
+#include "common/toml_fields.h"
+#include "firmware/recipes/reference_file.h"
+
+namespace hord::firmware {
+namespace {
+
+using common::TomlProblems;
+using common::TomlTable;
+
+constexpr int kRecipeSchema = 1;
+constexpr double kFar = 100'000;  // lenslets; beyond any light field
+constexpr unsigned kDefectKinds = 5;
+
+// What is written of a place: `centre`, `radius` and `corners`, or the same with `_mm`.
+bool has_place_in_lenslets(const TomlTable& table) {
+    return table.has("centre") || table.has("radius") || table.has("corners");
+}
+bool has_place_in_mm(const TomlTable& table) {
+    return table.has("centre_mm") || table.has("radius_mm") || table.has("corners_mm");
+}
+
+// A zone in its own unit. The names without `_mm` mean `plain`: lenslets of a zone, mm of a tolerance.
+algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
+    constexpr std::array<std::string_view, 2> shapes{"circle", "polygon"};
+    constexpr std::array<std::string_view, 2> uses{"inspect", "ignore"};
+    algo::Zone zone;
+    if (!table.has("shape")) table.problem("shape", "is missing", "use circle or polygon");
+    const auto shape = table.choice("shape", shapes);
+    if (const auto use = table.choice("use", uses)) zone.use = static_cast<algo::Zone::Use>(*use);
+    const bool said_mm = has_place_in_mm(table);
+    if (said_mm && has_place_in_lenslets(table)) {
+        table.problem(table.has("centre_mm")       ? "centre_mm"
+                          : table.has("radius_mm") ? "radius_mm"
+                                                   : "corners_mm",
+                      "stands beside a place without _mm", "use one unit for the whole zone");
+    }
+    zone.unit = said_mm ? algo::Zone::Unit::mm : plain;
+    const bool in_mm = zone.unit == algo::Zone::Unit::mm;
+    const std::string centre_key = said_mm ? "centre_mm" : "centre", radius_key = said_mm ? "radius_mm" : "radius",
+                      corners_key = said_mm ? "corners_mm" : "corners";
+    const std::string axes = in_mm ? "x, y" : "m, n", unit = in_mm ? "mm from the field's middle" : "lenslets";
+    std::vector<double> centre, corners;
+    table.numbers(centre_key, centre, 2, 2);
+    table.number(radius_key, zone.radius, in_mm ? 1e-6 : 0.5, kFar);
+    table.numbers(corners_key, corners, 6, 2000);
+    if (!shape) return zone;
+    zone.shape = static_cast<algo::Zone::Shape>(*shape);
+    if (zone.shape == algo::Zone::Shape::circle) {
+        if (centre.empty())
+            table.problem(centre_key, "is missing", fmt::format("write {} = [{}], in {}", centre_key, axes, unit));
+        if (!table.has(radius_key))
+            table.problem(radius_key, "is missing", in_mm ? "give it in mm" : "give it in lenslets");
+        if (!corners.empty()) table.problem(corners_key, "belongs to a polygon", "remove it");
+        if (centre.size() == 2) zone.centre = {static_cast<float>(centre[0]), static_cast<float>(centre[1])};
+    } else {
+        if (!table.has(corners_key))
+            table.problem(corners_key, "is missing",
+                          fmt::format("write {} = [{}, {}, {}], in {}", corners_key, axes, axes, axes, unit));
+        if (corners.size() % 2 != 0)
+            table.problem(corners_key, "has a number too many or too few",
+                          in_mm ? "give x and y of each corner" : "give m and n of each corner");
+        if (!centre.empty()) table.problem(centre_key, "belongs to a circle", "remove it");
+        for (std::size_t k = 0; k + 1 < corners.size(); k += 2) {
+            zone.corners.push_back({static_cast<float>(corners[k]), static_cast<float>(corners[k + 1])});
+        }
+    }
+    return zone;
+}
+
+// The recipe's zones: in lenslets, or all in mm.
+void read_zones(TomlTable& root, algo::Recipe& recipe) {
+    for (TomlTable& table : root.tables("zone")) {
+        algo::Zone zone = read_zone(table, algo::Zone::Unit::lenslets);
+        if (zone.unit == algo::Zone::Unit::mm && recipe.lenslet_mm == 0)
+            table.problem("shape", "is in mm, and the size of a lenslet is not known", "give [scale] lenslet_mm");
+        if (!recipe.zones.empty() && recipe.zones.front().unit != zone.unit) {
+            table.problem("shape", "has another unit than the zones before it",
+                          "use one unit for all zones: centre, radius, corners in lenslets, or with _mm in mm");
+        }
+        recipe.zones.push_back(std::move(zone));
+    }
+}
+
+// A text in quotes, as TOML's basic strings have it.
+std::string in_quotes(std::string_view text) {
+    std::string out = "\"";
+    for (const char c : text) {
+        if (c == '"' || c == '\\') (out += '\\') += c;
+        else if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F)
+            out += fmt::format("\\u{:04X}", static_cast<int>(c));
+        else out += c;
+    }
+    return out + '"';
+}
+
+// A zone in mm from the middle of the field, as lenslets; those of a recipe that does not know its lenslets stay as
+// they are.
+void from_mm(algo::Zone& zone, float lenslet_mm, const std::function<algo::Point(algo::Point)>& place) {
+    zone.unit = algo::Zone::Unit::lenslets;
+    zone.centre = place(zone.centre);
+    zone.radius /= lenslet_mm;
+    for (algo::Point& corner : zone.corners) corner = place(corner);
+}
+
+algo::Tolerance read_tolerance(TomlTable& table) {
+    algo::Tolerance t;
+    std::vector<std::string> kinds;
+    table.texts("kinds", kinds);
+    if (!kinds.empty()) t.kinds = 0;
+    for (const std::string& kind : kinds) {
+        bool known = false;
+        for (unsigned k = 0; k < kDefectKinds; ++k) {
+            if (name_of(static_cast<algo::DefectKind>(k)) != kind) continue;
+            t.kinds |= 1U << k;
+            known = true;
+        }
+        if (!known)
+            table.problem("kinds", "has " + kind + ", which is none",
+                          "use scattering, absorbing, surface, scratch, unknown");
+    }
+    if (!table.has("largest_mm")) table.problem("largest_mm", "is missing", "say how large a defect may be");
+    table.number("largest_mm", t.largest_mm, 1e-6, 1e4);
+    table.number("deepest_rad", t.deepest_rad, 1e-9, 3);
+    table.integer("number", t.number, 1, 10'000);
+    if (table.has("shape")) t.where = read_zone(table, algo::Zone::Unit::mm);
+    return t;
+}
+
+// The features that a recipe may name: the gradients, then these two.
+constexpr std::string_view kSlopes = name_of(algo::Feature::jacobian_frobenius),
+                           kLight = name_of(algo::Feature::transmission);
+
+std::string feature_names() {
+    std::string names;
+    for (const algo::Feature feature : algo::kJudgedGradients) names += fmt::format("{}, ", name_of(feature));
+    return fmt::format("{}{}, {}", names, kSlopes, kLight);
+}
+
+// The keys of [limits] for the gradients.
+constexpr std::string_view limit_key(algo::Feature gradient) {
+    switch (gradient) {
+        case algo::Feature::emd: return "emd_bins";
+        case algo::Feature::marginal: return "marginal_bins";
+        default: return name_of(gradient);
+    }
+}
+constexpr double largest_limit(algo::Feature gradient) { return algo::unit_of(gradient).empty() ? 3 : 30; }
+
+void read_features(TomlTable& root, algo::Recipe& recipe) {
+    if (!root.has("features")) return;
+    std::vector<std::string> names;
+    root.texts("features", names);
+    recipe.gradient.reset();
+    recipe.slopes = recipe.light = false;
+    for (std::size_t k = 0; k < names.size(); ++k) {
+        const auto choice = algo::feature_named(names[k]);
+        if (std::find(names.begin(), names.begin() + static_cast<std::ptrdiff_t>(k), names[k]) !=
+            names.begin() + static_cast<std::ptrdiff_t>(k)) {
+            root.problem("features", "has " + names[k] + " twice", "name it once");
+        } else if (!choice) {
+            root.problem("features", "has " + names[k] + ", which is none", "use " + feature_names());
+        } else if (names[k] == kSlopes) {
+            recipe.slopes = true;
+        } else if (names[k] == kLight) {
+            recipe.light = true;
+        } else if (choice->against_reference || !algo::is_judged_gradient(choice->feature)) {
+            root.problem("features", "has " + names[k] + ", by which no part is judged", "use " + feature_names());
+        } else if (recipe.gradient) {
+            root.problem("features", fmt::format("has {} beside {}", names[k], name_of(*recipe.gradient)),
+                         "compare neighbours by one distance");
+        } else {
+            recipe.gradient = choice->feature;
+        }
+    }
+}
+
+// A limit of a feature that is off is a contradiction.
+void read_limits(TomlTable& limits, algo::Recipe& recipe) {
+    const auto limit = [&](bool on, std::string_view key, float& value, double low, double high,
+                           std::string_view feature) {
+        if (!on && limits.has(key))
+            limits.problem(key, fmt::format("is a limit of {}, which is not among the features", feature),
+                           "remove it, or add that to features");
+        limits.number(key, value, low, high);
+    };
+    for (const algo::Feature gradient : algo::kJudgedGradients) {
+        const bool on = recipe.gradient == gradient;
+        float unused = 1;
+        float& value = gradient == algo::Feature::emd ? recipe.emd_limit_bins : on ? recipe.gradient_limit : unused;
+        limit(on, limit_key(gradient), value, 1e-3, largest_limit(gradient), name_of(gradient));
+        if (on && gradient != algo::Feature::emd && !limits.has(limit_key(gradient))) {
+            limits.problem(limit_key(gradient), "is missing", "give a limit: good parts tell which (hordctl tune)");
+        }
+    }
+    limit(recipe.slopes, "frobenius_bins", recipe.frobenius_limit_bins, 1e-3, 30, kSlopes);
+    limit(recipe.light, "transmission", recipe.transmission_limit, 0, 0.999, kLight);
+    limits.integer("min_area", recipe.min_area, 1, 1'000'000);
+}
+
+Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::filesystem::path& folder) {
+    NumberedRecipe numbered;
+    algo::Recipe& recipe = numbered.recipe;
+    int schema = kRecipeSchema;
+    root.integer("schema", schema, kRecipeSchema, kRecipeSchema);
+    std::string seal;
+    root.text("crc32", seal);
+    root.text("name", recipe.name);
+    root.integer("number", numbered.number, 0, 65534);
+    root.integer("version", numbered.version, 1, 0x7FFFFFFF);
+    TomlTable light = root.table("light");
+    light.integer("dark_dn", recipe.dark_dn, 0, 65535);
+    light.integer("min_sum_dn", recipe.min_sum_dn, 0, 0xFFFFFF);
+    light.integer("saturated_dn", recipe.saturated_dn, 0, 65535);
+    light.number("max_saturated_share", recipe.max_saturated_share, 0, 1);
+    light.number("min_lit_share", recipe.min_lit_share, 0, 1);
+    TomlTable limits = root.table("limits");
+    read_features(root, recipe);
+    read_limits(limits, recipe);
+    if (recipe.dark_dn != 0 && recipe.saturated_dn != 0 && recipe.dark_dn >= recipe.saturated_dn) {
+        light.problem("dark_dn", "is not below saturated_dn", "lower it, or raise saturated_dn");
+    }
+    root.integer("rim_margin", recipe.rim_margin, -1, 1000);
+    TomlTable scale = root.table("scale");
+    scale.number("lenslet_mm", recipe.lenslet_mm, 1e-6, 1e3);
+    scale.number("bin_rad", recipe.bin_rad, 1e-9, 1);
+    read_zones(root, recipe);
+    TomlTable reference = root.table("reference");
+    std::string file;
+    reference.text("file", file);
+    reference.number("reject_score", recipe.reject_score, 1, 1000);
+    reference.number("grow_score", recipe.grow_score, 0.5, 1000);
+    reference.number("cluster_score", recipe.cluster_score, 1, 1000);
+    if (recipe.grow_score > recipe.reject_score) reference.problem("grow_score", "is above reject_score", "lower it");
+    if (!file.empty()) {
+        numbered.reference_file =
+            std::filesystem::path(file).is_absolute() || folder.empty() ? std::filesystem::path(file) : folder / file;
+        auto learned = read_reference(numbered.reference_file);
+        if (learned) recipe.reference = std::move(*learned);
+        else reference.problem("file", "cannot be used: " + learned.error().what, learned.error().cure);
+        if (recipe.gradient && *recipe.gradient != algo::Feature::emd) {
+            root.problem(
+                "features",
+                fmt::format("has {}, and a reference knows of good parts' emd alone", name_of(*recipe.gradient)),
+                "use emd, or leave the distance out");
+        }
+    } else if (!recipe.gradient && !recipe.slopes && !(recipe.light && recipe.transmission_limit > 0)) {
+        root.problem("features", "leaves nothing to judge parts by",
+                     "use " + feature_names() + ", or give a reference");
+    }
+    for (TomlTable& table : root.tables("tolerate")) {
+        algo::Tolerance tolerance = read_tolerance(table);
+        if (file.empty())
+            table.problem("largest_mm", "needs a reference to tell sizes and kinds", "name one in [reference] file");
+        if (recipe.lenslet_mm == 0)
+            table.problem("largest_mm", "is in mm, and the size of a lenslet is not known", "give [scale] lenslet_mm");
+        if (tolerance.deepest_rad > 0 && recipe.bin_rad == 0)
+            table.problem("deepest_rad", "is in radians, and the size of a bin is not known", "give [scale] bin_rad");
+        if (tolerance.where && recipe.lenslet_mm > 0 && recipe.reference) {
+            const algo::Extents& e = recipe.reference->extents;
+            from_mm(*tolerance.where, recipe.lenslet_mm, [&](algo::Point p) {
+                return algo::Point{p.m / recipe.lenslet_mm + 0.5F * static_cast<float>(e.m - 1),
+                                   p.n / recipe.lenslet_mm + 0.5F * static_cast<float>(e.n - 1)};
+            });
+        }
+        recipe.tolerances.push_back(std::move(tolerance));
+    }
+    root.refuse_unknown_keys();
+    const std::string sum = fmt::format("{:08X}", crc32_of(numbered));
+    if (found.empty() && !seal.empty() && seal != sum) {
+        root.problem(
+            "crc32", "is " + seal + ", what the recipe says has " + sum,
+            "somebody changed it after it was sealed: check it, then write the new value (hordctl recipe seal)");
+    }
+    if (!found.empty()) return found.as_error();
+    return numbered;
+}
+
+Result<algo::Recipe> without_number(Result<NumberedRecipe> numbered) {
+    if (!numbered) return tl::unexpected(numbered.error());
+    return std::move(numbered->recipe);
+}
+
+// Shape and place, in units of `unit` lenslets from `origin`; a zone in mm as it is.
+std::string format_place(const algo::Zone& zone, float unit, algo::Point origin) {
+    const std::string_view suffix = zone.unit == algo::Zone::Unit::mm ? "_mm" : "";
+    const auto m = [&](float v) { return (v - origin.m) * unit; };
+    const auto n = [&](float v) { return (v - origin.n) * unit; };
+    if (zone.shape == algo::Zone::Shape::circle) {
+        return fmt::format("shape = \"circle\"\ncentre{} = [{}, {}]\nradius{} = {}\n", suffix, m(zone.centre.m),
+                           n(zone.centre.n), suffix, zone.radius * unit);
+    }
+    std::string text = fmt::format("shape = \"polygon\"\ncorners{} = [", suffix);
+    for (std::size_t k = 0; k < zone.corners.size(); ++k) {
+        text += fmt::format("{}{}, {}", k == 0 ? "" : ", ", m(zone.corners[k].m), n(zone.corners[k].n));
+    }
+    return text + "]\n";
+}
+
+// Nothing where they are the usual ones: what a recipe without a choice says, and its checksum, stay what they were.
+std::string format_features(const algo::Recipe& r) {
+    if (r.gradient == algo::Feature::emd && r.slopes && r.light) return "";
+    std::string names;
+    const auto add = [&](std::string_view name) { names += fmt::format("{}\"{}\"", names.empty() ? "" : ", ", name); };
+    if (r.gradient) add(name_of(*r.gradient));
+    if (r.slopes) add(kSlopes);
+    if (r.light) add(kLight);
+    return "features = [" + names + "]\n";
+}
+
+// Those of the features that are on; one of a feature that is off only if it says something, so that whoever reads it
+// is told.
+std::string format_limits(const algo::Recipe& r) {
+    const algo::Recipe usual;
+    std::string text;
+    const auto add = [&](bool on, std::string_view key, float value, float as_usual) {
+        if (on || value != as_usual) text += fmt::format("{} = {}\n", key, value);
+    };
+    add(r.gradient == algo::Feature::emd, limit_key(algo::Feature::emd), r.emd_limit_bins, usual.emd_limit_bins);
+    if (r.gradient && *r.gradient != algo::Feature::emd)
+        add(true, limit_key(*r.gradient), r.gradient_limit, usual.gradient_limit);
+    add(r.slopes, "frobenius_bins", r.frobenius_limit_bins, usual.frobenius_limit_bins);
+    add(r.light, "transmission", r.transmission_limit, usual.transmission_limit);
+    return text + fmt::format("min_area = {}\n", r.min_area);
+}
+
+// The recipe's text with `reference` for the name of its reference.
+std::string format(const NumberedRecipe& numbered, const std::string& reference_name) {
+    const algo::Recipe& r = numbered.recipe;
+    std::string text =
+        fmt::format("schema = {}\nname = {}\nnumber = {}\nversion = {}\nrim_margin = {}\n{}\n", kRecipeSchema,
+                    in_quotes(r.name), numbered.number, numbered.version, r.rim_margin, format_features(r));
+    text += fmt::format(
+        "[light]\ndark_dn = {}\nmin_sum_dn = {}\nsaturated_dn = {}\nmax_saturated_share = {}\nmin_lit_share = {}\n\n",
+        r.dark_dn, r.min_sum_dn, r.saturated_dn, r.max_saturated_share, r.min_lit_share);
+    text += "[limits]\n" + format_limits(r);
+    for (const algo::Zone& zone : r.zones) {
+        text += fmt::format("\n[[zone]]\nuse = \"{}\"\n", zone.use == algo::Zone::Use::inspect ? "inspect" : "ignore");
+        text += format_place(zone, 1, {});
+    }
+    // What a recipe without a reference does not have is not written: its checksum stays what it was.
+    if (r.lenslet_mm > 0 || r.bin_rad > 0) {
+        text += "\n[scale]\n";
+        if (r.lenslet_mm > 0) text += fmt::format("lenslet_mm = {}\n", r.lenslet_mm);
+        if (r.bin_rad > 0) text += fmt::format("bin_rad = {}\n", r.bin_rad);
+    }
+    // Scores may wait for a reference that is still to be taught.
+    const algo::Recipe usual;
+    const bool has_scores = r.reject_score != usual.reject_score || r.grow_score != usual.grow_score ||
+        r.cluster_score != usual.cluster_score;
+    if (!numbered.reference_file.empty() || has_scores) {
+        text += "\n[reference]\n";
+        if (!numbered.reference_file.empty()) text += fmt::format("file = {}\n", in_quotes(reference_name));
+        text += fmt::format("reject_score = {}\ngrow_score = {}\ncluster_score = {}\n", r.reject_score, r.grow_score,
+                            r.cluster_score);
+    }
+    for (const algo::Tolerance& t : r.tolerances) {
+        text += "\n[[tolerate]]\nkinds = [";
+        for (unsigned k = 0, named = 0; k < kDefectKinds; ++k) {
+            if (t.is_about(static_cast<algo::DefectKind>(k)))
+                text += fmt::format("{}\"{}\"", named++ == 0 ? "" : ", ", name_of(static_cast<algo::DefectKind>(k)));
+        }
+        text += fmt::format("]\nlargest_mm = {}\nnumber = {}\n", t.largest_mm, t.number);
+        if (t.deepest_rad > 0) text += fmt::format("deepest_rad = {}\n", t.deepest_rad);
+        if (t.where && r.reference) {
+            const algo::Extents& e = r.reference->extents;
+            text += format_place(*t.where, r.lenslet_mm,
+                                 {0.5F * static_cast<float>(e.m - 1), 0.5F * static_cast<float>(e.n - 1)});
+        }
+    }
+    return text;
+}
+
+}  // namespace
+
+std::string format_recipe(const NumberedRecipe& recipe) { return format(recipe, recipe.reference_file.string()); }
+
+std::uint32_t crc32_of(const NumberedRecipe& recipe) {
+    const auto& reference = recipe.recipe.reference;
+    return common::crc32(
+        format(recipe, reference ? fmt::format("crc32 {:08X}", crc32_of(reference)) : recipe.reference_file.string()));
+}
+
+Result<algo::Recipe> load_recipe(const std::filesystem::path& file) {
+    return without_number(load_numbered_recipe(file));
+}
+Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name) {
+    return without_number(parse_numbered_recipe(text, name));
+}
+
+Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file) {
+    TomlProblems found;
+    TomlTable root = TomlTable::parse_file(file, found);
+    if (!found.empty()) return found.as_error();
+    return read(std::move(root), found, std::filesystem::absolute(file).parent_path());
+}
+
+Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name) {
+    TomlProblems found;
+    TomlTable root = TomlTable::parse_text(text, name, found);
+    if (!found.empty()) return found.as_error();
+    return read(std::move(root), found, {});
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,75 @@
+#include "firmware/recipes/recipe_folder.h"
+
+#include <algorithm>
+#include <fstream>
+#include <iterator>
+
+#include <fmt/format.h>
+
+#include "common/durable_file.h"
+
+namespace hord::firmware {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string head_line(std::uint32_t configured) {
+    return fmt::format("# In use since it was committed. Configured then: {:08X}\n", configured);
+}
+
+}  // namespace
+
+Result<std::vector<FoundRecipe>> list_recipes(const fs::path& folder) {
+    std::error_code error;
+    std::vector<fs::path> files;
+    for (auto entry = fs::directory_iterator(folder, error); !error && entry != fs::directory_iterator();
+         entry.increment(error)) {
+        if (entry->path().extension() == ".toml") files.push_back(entry->path());
+    }
+    if (error) {
+        return fail(ErrorCode::not_found, fmt::format("the folder of recipes {}: {}", folder.string(), error.message()),
+                    "make it, or name another one in inspection.recipes");
+    }
+    std::sort(files.begin(), files.end());
+    std::vector<FoundRecipe> all;
+    for (const fs::path& file : files) all.push_back({file, load_numbered_recipe(file)});
+    return all;
+}
+
+Result<NumberedRecipe> find_recipe(const fs::path& folder, std::uint16_t number) {
+    auto all = list_recipes(folder);
+    if (!all) return tl::unexpected(all.error());
+    const FoundRecipe* found = nullptr;
+    std::string unusable;
+    for (const FoundRecipe& one : *all) {
+        if (!one.recipe) {
+            unusable += "; " + one.recipe.error().what;
+        } else if (one.recipe->number == number) {
+            if (found != nullptr) {
+                return fail(
+                    ErrorCode::refused,
+                    fmt::format("{} and {} both have number {}", found->file.string(), one.file.string(), number),
+                    "give each recipe a number of its own");
+            }
+            found = &one;
+        }
+    }
+    if (found != nullptr) return *found->recipe;
+    return fail(ErrorCode::not_found, fmt::format("no recipe in {} has number {}{}", folder.string(), number, unusable),
+                "hordctl recipe list shows which there are");
+}
+
+Result<void> remember_recipe(const fs::path& file, std::uint32_t configured, const NumberedRecipe& in_use) {
+    return common::write_durably(file, head_line(configured) + format_recipe(in_use));
+}
+
+Result<std::optional<NumberedRecipe>> remembered_recipe(const fs::path& file, std::uint32_t configured) {
+    std::ifstream in(file, std::ios::binary);
+    const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+    if (!text.starts_with(head_line(configured))) return std::nullopt;
+    auto recipe = parse_numbered_recipe(text, file.string());
+    if (!recipe) return tl::unexpected(recipe.error());
+    return std::optional(std::move(*recipe));
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,271 @@
+#include "firmware/registers/register_client.h"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <random>
+#include <thread>
+#include <utility>
+
+#include <fmt/format.h>
+#include <modbus/modbus.h>
+
+namespace hord::firmware::modbus {
+namespace {
+
+struct FreeContext {
+    void operator()(modbus_t* context) const {
+        modbus_close(context);
+        modbus_free(context);
+    }
+};
+
+constexpr auto kAskAgainAfter = std::chrono::milliseconds(20);
+constexpr std::size_t kMostBlocks = 64;  // a chain that is longer goes in circles
+
+}  // namespace
+
+Result<Endpoint> parse_endpoint(std::string_view text) {
+    const auto wrong = [&] {
+        return fail(ErrorCode::invalid_argument, fmt::format("\"{}\" is not a Modbus address", text),
+                    "write HOST:PORT, for example 127.0.0.1:502");
+    };
+    Endpoint endpoint;
+    std::string_view port;
+    if (text.starts_with('[')) {
+        const auto end = text.find(']');
+        if (end == std::string_view::npos) return wrong();
+        endpoint.host = text.substr(1, end - 1);
+        const std::string_view rest = text.substr(end + 1);
+        if (!rest.empty() && !rest.starts_with(':')) return wrong();
+        port = rest.empty() ? rest : rest.substr(1);
+        if (!rest.empty() && port.empty()) return wrong();
+    } else {
+        const auto colon = text.find(':');
+        endpoint.host = text.substr(0, colon);
+        if (colon != std::string_view::npos) {
+            port = text.substr(colon + 1);
+            if (port.empty()) return wrong();
+        }
+    }
+    if (endpoint.host.empty()) return wrong();
+    if (!port.empty()) {
+        const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), endpoint.port);
+        if (error != std::errc{} || end != port.data() + port.size() || endpoint.port == 0) return wrong();
+    }
+    return endpoint;
+}
+
+struct Client::Impl {
+    Endpoint endpoint;
+    std::chrono::milliseconds timeout;
+    std::unique_ptr<modbus_t, FreeContext> context;
+
+    [[nodiscard]] std::string where() const {
+        return fmt::format("Modbus station {}:{}", endpoint.host, endpoint.port);
+    }
+
+    Result<void> connect() {
+        if (context) return {};
+        std::unique_ptr<modbus_t, FreeContext> fresh(
+            modbus_new_tcp_pi(endpoint.host.c_str(), std::to_string(endpoint.port).c_str()));
+        if (!fresh) return fail(ErrorCode::invalid_argument, where() + ": not an address", "write HOST:PORT");
+        const auto seconds = static_cast<std::uint32_t>(timeout.count() / 1000);
+        const auto micros = static_cast<std::uint32_t>(timeout.count() % 1000 * 1000);
+        modbus_set_response_timeout(fresh.get(), seconds, micros);
+        modbus_set_byte_timeout(fresh.get(), seconds, micros);
+        errno = 0;
+        if (modbus_connect(fresh.get()) != 0) {
+            // For a name that cannot be resolved libmodbus gives the resolver's answer, which is no errno.
+            const int error = errno;
+            if (error == ETIMEDOUT || error == EINPROGRESS) {
+                return fail(ErrorCode::timeout,
+                            fmt::format("{} does not answer within {} ms", where(), timeout.count()),
+                            "check the address, the cable and the firewall");
+            }
+            return fail(
+                ErrorCode::disconnected,
+                fmt::format("{} cannot be reached: {}", where(), error > 0 ? modbus_strerror(error) : "unknown host"),
+                "check the address, and that the station runs");
+        }
+        context = std::move(fresh);
+        return {};
+    }
+
+    // After a failed call.
+    tl::unexpected<Error> failed(const std::string& doing) {
+        const int error = errno;
+        if (error > MODBUS_ENOBASE && error < EMBBADCRC) {
+            const char* cure = error == EMBXSBUSY ? "it is executing a command: try again in a moment"
+                : error == EMBXILFUN              ? "who may write is listed in the station's modbus.may_write"
+                                                  : "compare the addresses with `hordctl registers`";
+            return fail(error == EMBXSBUSY ? ErrorCode::busy : ErrorCode::refused,
+                        fmt::format("{} refuses {}: exception {:02} ({})", where(), doing, error - MODBUS_ENOBASE,
+                                    modbus_strerror(error)),
+                        cure);
+        }
+        context.reset();
+        if (error == ETIMEDOUT) {
+            return fail(ErrorCode::timeout,
+                        fmt::format("{} did not answer {} within {} ms", where(), doing, timeout.count()),
+                        "check that the station runs and the network is not overloaded");
+        }
+        return fail(ErrorCode::disconnected,
+                    fmt::format("{}: connection lost during {}: {}", where(), doing, modbus_strerror(error)),
+                    "check that the station runs");
+    }
+};
+
+Client::Client(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Client::~Client() = default;
+Client::Client(Client&&) noexcept = default;
+Client& Client::operator=(Client&&) noexcept = default;
+
+Result<Client> Client::connect(Endpoint endpoint, std::chrono::milliseconds timeout) {
+    Client client(std::make_unique<Impl>(Impl{std::move(endpoint), timeout, nullptr}));
+    if (auto done = client.impl_->connect(); !done) return tl::unexpected(done.error());
+    return client;
+}
+
+Result<std::vector<std::uint16_t>> Client::read(std::uint16_t address, std::size_t count) {
+    if (count == 0 || count > MODBUS_MAX_READ_REGISTERS) {
+        return fail(ErrorCode::invalid_argument, fmt::format("{} registers cannot be read in one request", count),
+                    "read 1 to 125");
+    }
+    if (auto done = impl_->connect(); !done) return tl::unexpected(done.error());
+    std::vector<std::uint16_t> words(count);
+    const int done = modbus_read_registers(impl_->context.get(), address, static_cast<int>(count), words.data());
+    if (done != static_cast<int>(count))
+        return impl_->failed(fmt::format("reading {} registers at {}", count, address));
+    return words;
+}
+
+Result<void> Client::write(std::uint16_t address, std::span<const std::uint16_t> values) {
+    if (values.empty() || values.size() > MODBUS_MAX_WRITE_REGISTERS) {
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{} registers cannot be written in one request", values.size()), "write 1 to 123");
+    }
+    if (auto done = impl_->connect(); !done) return tl::unexpected(done.error());
+    const int done =
+        modbus_write_registers(impl_->context.get(), address, static_cast<int>(values.size()), values.data());
+    if (done != static_cast<int>(values.size()))
+        return impl_->failed(fmt::format("writing {} registers at {}", values.size(), address));
+    return {};
+}
+
+Result<std::vector<Client::Place>> Client::walk() {
+    const auto not_ours = [&](std::string what) {
+        return fail(ErrorCode::unreadable, fmt::format("{} {}", impl_->where(), what),
+                    "check that the address is a HORD station's");
+    };
+    auto first = read(0, 4);
+    if (!first && first.error().code == ErrorCode::refused) return not_ours("has no registers at 0");
+    if (!first) return tl::unexpected(first.error());
+    const std::uint32_t magic = std::uint32_t{(*first)[2]} << 16U | (*first)[3];
+    if ((*first)[0] != static_cast<std::uint16_t>(BlockId::ident) || magic != kMapMagic)
+        return not_ours("does not speak this register map");
+
+    std::vector<Place> places;
+    for (std::uint32_t base = 0; base < 0xFFFF && places.size() < kMostBlocks;) {
+        const auto header = read(static_cast<std::uint16_t>(base), kBlockHeader);
+        if (!header) return tl::unexpected(header.error());
+        if ((*header)[0] == static_cast<std::uint16_t>(BlockId::end)) return places;
+        places.push_back({(*header)[0], static_cast<std::uint16_t>(base), (*header)[1]});
+        base += std::uint32_t{(*header)[1]} + kBlockHeader;
+    }
+    return not_ours("has a chain of blocks without an end");
+}
+
+Result<std::vector<Reading>> Client::read_block(BlockId id) {
+    const Block* block = find_block(id);
+    const auto places = walk();
+    if (!places) return tl::unexpected(places.error());
+    for (const Place& place : *places) {
+        if (block == nullptr || place.id != static_cast<std::uint16_t>(id)) continue;
+        const std::size_t count =
+            std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block->size(), kMaxRead});
+        auto image = read(place.base, count);
+        if (!image) return tl::unexpected(image.error());
+        return decode(*block, *image);
+    }
+    return fail(ErrorCode::not_found,
+                fmt::format("{} has no block {}", impl_->where(), block != nullptr ? block->name : "of that id"),
+                "update the station's firmware");
+}
+
+Result<std::vector<Reading>> Client::read_result(std::uint32_t sequence) {
+    const auto slot = read(address_of_result(sequence), kResultWords);
+    if (!slot) return tl::unexpected(slot.error());
+    auto readings = decode_slot(*find_block(BlockId::ring), *slot);
+    if (readings && readings->front().number != static_cast<double>(sequence)) {
+        return fail(ErrorCode::not_found, fmt::format("{} no longer holds result {}", impl_->where(), sequence),
+                    fmt::format("read the last {} results; acknowledge them in time", kRingSlots));
+    }
+    return readings;
+}
+
+Result<Client::Reply> Client::command(CommandCode code, std::uint32_t argument, std::uint32_t argument2,
+                                      std::chrono::milliseconds patience, std::string_view who) {
+    const auto boot = read(find_register(BlockId::ident, "boot_id")->address, 2);
+    if (!boot) return tl::unexpected(boot.error());
+    std::random_device random;
+    std::uint32_t token = 0;
+    while (token == 0) token = random();
+    const auto high = [](std::uint32_t v) { return static_cast<std::uint16_t>(v >> 16U); };
+    const auto low = [](std::uint32_t v) { return static_cast<std::uint16_t>(v & 0xFFFFU); };
+    std::vector<std::uint16_t> request{high(token),    low(token),    (*boot)[1],      static_cast<std::uint16_t>(code),
+                                       high(argument), low(argument), high(argument2), low(argument2)};
+    if (!who.empty()) {  // an older station has no such row
+        const std::size_t most = std::size_t{2} * find_register(BlockId::command, "who")->words;
+        if (who.size() > most)
+            return fail(ErrorCode::invalid_argument, fmt::format("\"{}\" is too long a name", who),
+                        fmt::format("use at most {} characters", most));
+        for (std::size_t k = 0; k < most; k += 2) {
+            const auto at = [&](std::size_t c) {
+                return static_cast<unsigned>(c < who.size() ? static_cast<unsigned char>(who[c]) : 0);
+            };
+            request.push_back(static_cast<std::uint16_t>(at(k) << 8U | at(k + 1)));
+        }
+    }
+    const Block& reply = *find_block(BlockId::reply);
+    const auto at = [&](std::string_view row) {
+        return std::size_t{find_register(BlockId::reply, row)->address} - reply.base;
+    };
+    const auto until = std::chrono::steady_clock::now() + patience;
+    const std::uint16_t command_at = find_register(BlockId::command, "token")->address;
+    while (true) {
+        const auto written = write(command_at, request);
+        const bool uncertain =
+            !written && (written.error().code == ErrorCode::timeout || written.error().code == ErrorCode::disconnected);
+        const bool busy = !written && written.error().code == ErrorCode::busy;
+        if (!written && !uncertain && !busy) return tl::unexpected(written.error());
+        const auto words = read(reply.base, reply.size());
+        if (words) {
+            const bool mine = (*words)[at("token")] == request[0] && (*words)[at("token") + 1] == request[1];
+            const auto state = static_cast<CommandState>((*words)[at("state")]);
+            if (mine && state != CommandState::executing) {
+                const auto rows = decode(reply, *words);
+                Reply answer{state,
+                             static_cast<CommandError>((*words)[at("error")]),
+                             std::uint32_t{(*words)[at("result")]} << 16U | (*words)[at("result") + 1],
+                             {}};
+                for (const Reading& row : *rows) {
+                    if (row.what->name == "error") answer.error_name = row.text.substr(row.text.find(' ') + 1);
+                }
+                return answer;
+            }
+        }
+        if (std::chrono::steady_clock::now() < until) {
+            std::this_thread::sleep_for(kAskAgainAfter);
+            continue;
+        }
+        if (!written) return tl::unexpected(written.error());
+        if (!words) return tl::unexpected(words.error());
+        return fail(ErrorCode::timeout,
+                    fmt::format("{} has not finished the command within {} ms", impl_->where(), patience.count()),
+                    "see hordctl status");
+    }
+}
+
+}  // namespace hord::firmware::modbus

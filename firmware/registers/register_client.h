@@ -1,0 +1,77 @@
+// A small blocking Modbus TCP client over libmodbus, for `hordctl` and the tests: an implementation that
+// shares nothing with the server.
+//
+// After anything but an answer the connection is closed, because a late reply would be taken for the next
+// one; the next call connects again. An error of a write does not mean that it was not executed.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/result.h"
+#include "firmware/registers/register_map.h"
+
+namespace hord::firmware::modbus {
+
+// "HOST", "HOST:PORT", "[V6]:PORT"; the port is 502 when not given. Fails with invalid_argument.
+struct Endpoint {
+    std::string host;
+    std::uint16_t port = 502;
+};
+[[nodiscard]] Result<Endpoint> parse_endpoint(std::string_view text);
+
+class Client {
+  public:
+    // Blocks for at most `timeout`, as does every call. Fails with disconnected (nobody answers at that
+    // address), timeout, not_found (host name).
+    [[nodiscard]] static Result<Client> connect(Endpoint endpoint, std::chrono::milliseconds timeout);
+
+    // Holding registers, 1..125 and 1..123 at a time. Fails with refused (an exception reply; `what` names
+    // it), busy (exception 06), timeout, disconnected, invalid_argument.
+    [[nodiscard]] Result<std::vector<std::uint16_t>> read(std::uint16_t address, std::size_t count);
+    [[nodiscard]] Result<void> write(std::uint16_t address, std::span<const std::uint16_t> values);
+
+    // The chain as the station has it, from register 0 to its end. Fails as read() does, and with unreadable
+    // when the chain does not begin with IDENT and its magic, or does not end.
+    struct Place {
+        std::uint16_t id = 0, base = 0, length = 0;
+    };
+    [[nodiscard]] Result<std::vector<Place>> walk();
+
+    // One block found by walking the chain, read in one request and decoded. Fails with not_found when the
+    // station does not have it.
+    [[nodiscard]] Result<std::vector<Reading>> read_block(BlockId id);
+
+    // One result of the ring, by its sequence. Fails as read() does, and with not_found when its slot holds
+    // another result.
+    [[nodiscard]] Result<std::vector<Reading>> read_result(std::uint32_t sequence);
+
+    // One command, exactly once: writes it, again with the same token whenever it is not known whether it arrived, and
+    // asks until its reply is there. Fails as read() and write() do, with timeout after `patience`. A refusal by the
+    // station is a reply, not a failure. `who`, at most 20 printable ASCII characters, is recorded as for whom it was
+    // asked.
+    struct Reply {
+        CommandState state = CommandState::none;
+        CommandError error = CommandError::none;
+        std::uint32_t result = 0;
+        std::string error_name;  // "not_in_this_state"
+    };
+    [[nodiscard]] Result<Reply> command(CommandCode code, std::uint32_t argument, std::uint32_t argument2,
+                                        std::chrono::milliseconds patience, std::string_view who = {});
+
+    ~Client();
+    Client(Client&&) noexcept;
+    Client& operator=(Client&&) noexcept;
+
+  private:
+    struct Impl;
+    explicit Client(std::unique_ptr<Impl> impl);
+    std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace hord::firmware::modbus

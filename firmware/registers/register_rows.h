@@ -1,0 +1,51 @@
+// How a row of the register map is written. Only for the files of the table.
+#pragma once
+
+#include "firmware/registers/register_map.h"
+
+namespace hord::firmware::rows {
+
+using Source = RegisterSource;
+using Type = RegisterType;
+using Number = std::optional<double>;
+
+constexpr Register number(std::uint16_t address, Type type, std::string_view name, std::string_view unit,
+                          std::string_view meaning, Number (*read)(const Source&),
+                          std::span<const NamedValue> values = {}, double scale = 1) {
+    const bool two = type == Type::u32 || type == Type::s32 || type == Type::bits32;
+    return {.address = address,
+            .type = type,
+            .words = static_cast<std::uint16_t>(two ? 2 : 1),
+            .name = name,
+            .unit = unit,
+            .scale = scale,
+            .meaning = meaning,
+            .values = values,
+            .number = read};
+}
+constexpr Register text(std::uint16_t address, std::uint16_t words, std::string_view name, std::string_view meaning,
+                        std::string_view (*read)(const Source&)) {
+    return {.address = address, .type = Type::text, .words = words, .name = name, .meaning = meaning, .text = read};
+}
+constexpr Register writable(Register row) {
+    row.access = RegisterAccess::read_write;
+    return row;
+}
+
+// Extras are optional and of several types; the encoder wants a number or nothing.
+template <class T>
+Number maybe(const std::optional<T>& value) {
+    return value ? Number{static_cast<double>(*value)} : Number{};
+}
+// A part of the PLC's view; nothing while nobody takes commands.
+template <class F>
+Number plc(const Source& s, F read) {
+    return s.extras.plc ? Number{static_cast<double>(read(*s.extras.plc))} : Number{};
+}
+// The same for bit sets and checksums, which are always available: 0 while nobody takes commands.
+template <class F>
+Number plc_bits(const Source& s, F read) {
+    return plc(s, read).value_or(0);
+}
+
+}  // namespace hord::firmware::rows

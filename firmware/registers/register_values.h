@@ -1,0 +1,177 @@
+// What the registers show besides the snapshot: each part is published by whoever knows it. Empty: not
+// available.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "firmware/core/station_types.h"
+
+namespace hord::firmware {
+
+// Who the station is; the same strings are in Modbus device identification (FC 43/14).
+struct StationIdentity {
+    std::string vendor = "HORD";
+    std::string product = "HORD station";
+    std::string firmware = {};  // version, "0.1.0"
+    std::string serial = {};
+    std::uint32_t boot_id = 0;  // another number after every start: a reset of the sequence cannot be misread
+};
+
+// Text of at most 32 characters that can be copied without allocating; longer text is cut.
+class ShortText {
+  public:
+    ShortText() = default;
+    ShortText(std::string_view text) {
+        std::copy_n(text.begin(), std::min(text.size(), chars_.size()), chars_.begin());
+    }
+    [[nodiscard]] std::string_view view() const {
+        return {chars_.data(),
+                static_cast<std::size_t>(std::find(chars_.begin(), chars_.end(), '\0') - chars_.begin())};
+    }
+    bool operator==(const ShortText&) const = default;
+
+  private:
+    std::array<char, 32> chars_{};
+};
+
+struct RecipeInUse {
+    std::optional<std::uint16_t> number = {};
+    std::optional<std::uint32_t> crc32 = {};
+    ShortText name = {};
+};
+
+// How light and optics age (firmware/monitoring/optics_monitor.h).
+struct OpticsReport {
+    std::optional<double> light_percent = {}, dark_drift_dn = {}, uneven_percent = {};
+    std::optional<std::uint16_t> uneven_m = {}, uneven_n = {};
+    std::optional<std::uint32_t> specks = {};
+    // The largest one.
+    std::optional<std::uint16_t> dust_m = {}, dust_n = {};
+    std::optional<std::uint32_t> dust_lenslets = {};
+    std::optional<double> dust_share_percent = {}, dust_x_mm = {}, dust_y_mm = {};
+};
+
+// Latencies and the rate are taken from the ring of results; these are not.
+struct HealthReport {
+    std::optional<std::uint32_t> uptime_s = {};
+    std::optional<std::uint32_t> frames_lost = {}, frames_corrupt = {};
+    std::optional<std::uint16_t> frames_waiting = {};
+    std::optional<std::uint32_t> modbus_connections = {}, modbus_requests = {}, modbus_exceptions = {};
+    std::optional<std::uint32_t> modbus_evicted = {}, modbus_broken = {};
+    std::optional<double> processor_celsius = {}, disk_free_percent = {};
+    OpticsReport optics = {};
+};
+
+struct CalibrationReport {
+    std::optional<std::uint32_t> id = {};  // CRC-32 of the grid file
+    std::optional<std::uint32_t> age_s = {};
+    std::optional<double> residual_px = {}, drift_px = {};
+    std::optional<std::uint16_t> lenslets_m = {}, lenslets_n = {};
+};
+
+// Taken from the last results that can still be read.
+struct ResultStatistics {
+    std::optional<std::uint32_t> latency_p50_us = {}, latency_p99_us = {}, latency_max_us = {};
+    std::optional<std::uint32_t> reject_p50_us = {}, reject_p99_us = {}, reject_max_us = {};
+    std::optional<double> parts_per_minute = {};
+};
+
+// -- the PLC's side (plc_interface.h)
+
+enum class CommandCode : std::uint16_t {
+    initialise = 1,
+    arm = 2,
+    disarm = 3,
+    start_single = 4,
+    start_continuous = 5,
+    stop = 6,
+    abort = 7,
+    halt = 8,
+    reset = 9,
+    commit_recipe = 20,  // argument: staged_crc32
+    teach = 21,  // argument: parts, or 0: 16; result: those taken so far, then the CRC-32 of the recipe with its new
+                 // reference
+    self_test = 22,   // result: FaultBits of what failed
+    use_recipe = 23,  // argument: its number; argument2: its CRC-32, or 0: whatever it is; result: its CRC-32
+};
+enum class CommandState : std::uint16_t { none = 0, executing = 1, completed = 2, failed = 3 };
+enum class CommandError : std::uint16_t {
+    none = 0,
+    unknown_command = 1,
+    not_in_this_state = 2,
+    device_down = 3,
+    bad_argument = 4,
+    wrong_checksum = 5,
+    token_reused = 6,
+    other_boot = 7,
+    not_supported = 8,
+    failed = 9,
+    plc_lost = 10,  // start: the PLC's heartbeat is missing
+    not_yet = 11,  // arm: the ejector is still acting; self_test: or parts are on the line; teach: one is under way, or
+                   // waits for the line to stop
+    no_such_recipe = 12,  // use_recipe: no usable file has this number
+    cancelled = 13,       // teach: abort, halt or another recipe ended it
+};
+
+struct CommandRequest {
+    std::uint32_t token = 0;  // chosen by the sender, never 0
+    std::uint16_t boot = 0;   // low half of boot_id, or 0: any
+    std::uint16_t code = 0;   // CommandCode
+    std::uint32_t argument = 0, argument2 = 0;
+    ShortText who = {};  // for whom the sender asks, at most 20 printable ASCII characters; empty: for itself
+    bool operator==(const CommandRequest&) const = default;
+};
+struct CommandReply {
+    std::uint32_t token = 0;
+    std::uint16_t code = 0;
+    CommandState state = CommandState::none;
+    CommandError error = CommandError::none;
+    std::uint32_t result = 0;
+};
+
+// Limits of algo/recipe/recipe.h, as whole numbers in the units of the map.
+struct StagedRecipe {
+    std::uint16_t number = 0;
+    std::uint16_t emd_limit_mbins = 1000, frobenius_limit_mbins = 1000, transmission_permille = 500;
+    std::uint16_t min_area = 1;
+    std::int16_t rim_margin = -1;
+    std::uint16_t max_saturated_permyriad = 200, min_lit_permyriad = 500;
+    bool operator==(const StagedRecipe&) const = default;
+};
+
+struct PlcView {
+    CommandRequest command;  // the newest
+    CommandReply reply;      // to it
+    std::uint32_t commands_done = 0;
+    std::uint16_t heartbeat = 0;
+    std::optional<std::uint32_t> heartbeat_age_ms;  // empty: no heartbeat since the start
+    bool lost = false;
+    PlcPolicy policy = PlcPolicy::none;
+    std::uint16_t timeout_ms = 0;
+    std::uint32_t acknowledged = 0, overruns = 0;
+    StagedRecipe staged;
+    std::uint32_t staged_crc32 = 0;
+};
+
+struct RegisterExtras {
+    RecipeInUse recipe;
+    HealthReport health;
+    CalibrationReport calibration;
+    ResultStatistics statistics;
+    std::optional<PlcView> plc;  // empty: nobody takes commands
+};
+
+// What the encoder reads. `result` is the one that a slot or LAST shows.
+struct RegisterSource {
+    const StationIdentity& identity;
+    const Snapshot& snapshot;
+    const PartResult& result;
+    const RegisterExtras& extras;
+};
+
+}  // namespace hord::firmware

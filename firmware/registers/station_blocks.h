@@ -1,0 +1,209 @@
+// Rows of IDENT, STATUS, COUNTERS, LAST and RING. Only ever appended to; nothing here moves.
+#pragma once
+
+#include <algorithm>
+#include <array>
+
+#include "firmware/registers/register_rows.h"
+
+namespace hord::firmware::rows {
+
+// Names of reasons and faults are the core's: a test compares them.
+inline constexpr NamedValue kStates[] = {
+    {1, name_of(State::preoperational)},       {2, name_of(State::halted)}, {3, name_of(State::error)},
+    {5, name_of(State::initialized)},          {6, name_of(State::ready)},  {7, name_of(State::single_execution)},
+    {8, name_of(State::continuous_execution)},
+};
+inline constexpr NamedValue kStatusBits[] = {
+    {0, "executing"},     {1, "run_permit"}, {2, "line_stop"},       {3, "fault_active"},
+    {4, "fault_latched"}, {5, "error"},      {6, "results_overrun"}, {7, "plc_lost"},
+};
+inline constexpr NamedValue kFaultBits[] = {
+    {0, "part-sensor"},   {1, "strobe"},    {2, "sensor"},        {3, "rejector"},      {4, "reject-unconfirmed"},
+    {5, "inspector"},     {6, "overrun"},   {7, "configuration"}, {8, "light-level"},   {9, "plc-lost"},
+    {10, "store"},        {11, "pictures"}, {12, "grid-drift"},   {13, "light-fading"}, {14, "dark-drift"},
+    {15, "light-uneven"}, {16, "dust"},
+};
+inline constexpr NamedValue kFirstFaults[] = {
+    {0, "none"},        {1, "part-sensor"},   {2, "strobe"},
+    {3, "sensor"},      {4, "rejector"},      {5, "reject-unconfirmed"},
+    {6, "inspector"},   {7, "overrun"},       {8, "configuration"},
+    {9, "light-level"}, {10, "plc-lost"},     {11, "store"},
+    {12, "pictures"},   {13, "grid-drift"},   {14, "light-fading"},
+    {15, "dark-drift"}, {16, "light-uneven"}, {17, "dust"},
+};
+inline constexpr NamedValue kVerdicts[] = {{1, "pass"}, {2, "reject"}, {3, "unfit"}};
+inline constexpr NamedValue kReasons[] = {
+    {0, "none"},
+    {1, "deflection"},
+    {2, "slope"},
+    {3, "absorption"},
+    {4, "too-dark"},
+    {5, "saturated"},
+    {6, "nothing-to-see"},
+    {7, "not-registered"},
+    {16, "verdict-late"},
+    {17, "frame-lost"},
+    {18, "frame-stale"},
+    {19, "frame-duplicate"},
+    {20, "frame-short"},
+    {21, "frame-corrupt"},
+    {22, "strobe-failed"},
+    {23, "parts-too-close"},
+    {24, "station-not-running"},
+    {25, "device-lost"},
+    {26, "line-full"},
+    {27, "edge-lost"},
+    {28, "inspector-failed"},
+    {29, "plc-lost"},
+};
+inline constexpr NamedValue kRejectStates[] = {
+    {0, "not_needed"}, {1, "commanded"}, {2, "confirmed"}, {3, "failed"}, {4, "late"},
+};
+inline constexpr NamedValue kResultFlags[] = {{0, "judged"}, {1, "rejected"}};
+
+inline constexpr Register kIdent[] = {
+    number(2, Type::bits32, "magic", "", "0x484F5244, \"HORD\": this is the right device and the right byte order",
+           [](const Source&) -> Number { return kMapMagic; }),
+    number(4, Type::u16, "map_version", "", "version of this map; rows are only ever added",
+           [](const Source&) -> Number { return kMapVersion; }),
+    number(5, Type::bits32, "map_crc32", "",
+           "CRC-32 of the table: equal means that every row is where the reader expects it",
+           [](const Source&) -> Number { return map_crc32(); }),
+    number(7, Type::bits32, "boot_id", "",
+           "changes at every start: result sequences of different boots must not be compared",
+           [](const Source& s) -> Number { return s.identity.boot_id; }),
+    text(9, 16, "vendor", "device identification object 0x00",
+         [](const Source& s) -> std::string_view { return s.identity.vendor; }),
+    text(25, 16, "product", "device identification objects 0x01 and 0x04",
+         [](const Source& s) -> std::string_view { return s.identity.product; }),
+    text(41, 16, "firmware", "version; device identification object 0x02",
+         [](const Source& s) -> std::string_view { return s.identity.firmware; }),
+    text(57, 16, "serial", "device identification object 0x80",
+         [](const Source& s) -> std::string_view { return s.identity.serial; }),
+};
+
+inline constexpr Register kStatus[] = {
+    number(
+        102, Type::u16, "state", "", "OPC 40100-1 state",
+        [](const Source& s) -> Number { return static_cast<double>(s.snapshot.state); }, kStates),
+    number(
+        103, Type::bits16, "bits", "", "what a PLC interlocks on",
+        [](const Source& s) -> Number {
+            const Snapshot& now = s.snapshot;
+            const bool executing = now.state == State::single_execution || now.state == State::continuous_execution;
+            return (executing ? 1 : 0) | (now.run_permit ? 2 : 0) | (now.line_stop ? 4 : 0) |
+                (now.faults_active != 0 ? 8 : 0) | (now.faults_latched != 0 ? 16 : 0) |
+                (now.state == State::error ? 32 : 0) | (s.extras.plc && s.extras.plc->overruns > 0 ? 64 : 0) |
+                (s.extras.plc && s.extras.plc->lost ? 128 : 0);
+        },
+        kStatusBits),
+    number(104, Type::bits16, "heartbeat", "", "counts while the station lives; wraps",
+           [](const Source& s) -> Number { return s.snapshot.heartbeat; }),
+    number(105, Type::u16, "plc_heartbeat_age", "ms", "since the PLC's heartbeat last changed",
+           [](const Source& s) { return s.extras.plc ? maybe(s.extras.plc->heartbeat_age_ms) : Number{}; }),
+    number(106, Type::u32, "last_sequence", "", "newest result; 0: none since this boot",
+           [](const Source& s) -> Number { return s.result.sequence; }),
+    number(108, Type::u32, "oldest_sequence", "", "oldest result that the ring still holds; 0: none",
+           [](const Source& s) -> Number {
+               const std::uint32_t newest = s.result.sequence;
+               return newest <= kRingSlots ? std::min(newest, 1U) : newest - (kRingSlots - 1);
+           }),
+    number(110, Type::u16, "recipe", "", "number of the recipe in use",
+           [](const Source& s) { return maybe(s.extras.recipe.number); }),
+    number(111, Type::bits32, "recipe_crc32", "", "CRC-32 of the recipe in use; 0: not known",
+           [](const Source& s) -> Number { return s.extras.recipe.crc32.value_or(0); }),
+    number(
+        113, Type::bits32, "faults_active", "", "faults that are present now",
+        [](const Source& s) -> Number { return s.snapshot.faults_active; }, kFaultBits),
+    number(
+        115, Type::bits32, "faults_latched", "", "faults since the last reset",
+        [](const Source& s) -> Number { return s.snapshot.faults_latched; }, kFaultBits),
+    number(
+        117, Type::u16, "first_fault", "", "the fault that came first since the last reset",
+        [](const Source& s) -> Number { return s.snapshot.first_fault; }, kFirstFaults),
+    number(118, Type::u32, "parts_on_line", "parts", "between part sensor and rejector",
+           [](const Source& s) -> Number { return s.snapshot.parts_on_line; }),
+};
+
+inline constexpr Register kCounters[] = {
+    number(142, Type::u32, "seen", "parts", "edges of the part sensor taken as parts",
+           [](const Source& s) -> Number { return s.snapshot.counters.seen; }),
+    number(144, Type::u32, "inspected", "parts", "parts with a frame that was judged",
+           [](const Source& s) -> Number { return s.snapshot.counters.inspected; }),
+    number(146, Type::u32, "pass", "parts", "verdict pass",
+           [](const Source& s) -> Number { return s.snapshot.counters.pass; }),
+    number(148, Type::u32, "reject", "parts", "verdict reject",
+           [](const Source& s) -> Number { return s.snapshot.counters.reject; }),
+    number(150, Type::u32, "unfit", "parts", "could not be judged; rejected to be safe",
+           [](const Source& s) -> Number { return s.snapshot.counters.unfit; }),
+    number(152, Type::u32, "missed", "parts", "passed the rejector without any decision",
+           [](const Source& s) -> Number { return s.snapshot.counters.missed; }),
+    number(154, Type::u32, "reject_commanded", "parts", "rejections asked of the ejector",
+           [](const Source& s) -> Number { return s.snapshot.counters.reject_commanded; }),
+    number(156, Type::u32, "reject_confirmed", "parts", "rejections that the ejector confirmed in time",
+           [](const Source& s) -> Number { return s.snapshot.counters.reject_confirmed; }),
+    number(158, Type::u32, "reject_failed", "parts", "rejections without confirmation: a bad part may have passed",
+           [](const Source& s) -> Number { return s.snapshot.counters.reject_failed; }),
+    number(160, Type::u32, "reject_late", "parts", "rejections confirmed after the part had passed",
+           [](const Source& s) -> Number { return s.snapshot.counters.reject_late; }),
+};
+
+// One result in 24 registers, the same in LAST and in the ring. Its sequence stands at both ends: a reader
+// that takes the slot in several requests sees that they differ when the slot was overwritten meanwhile.
+inline Number of_result(const Source& s, double value) { return s.result.sequence == 0 ? Number{} : Number{value}; }
+
+inline Number of_known(const Source& s, std::uint16_t value) {
+    return value == kNoNumber ? Number{} : of_result(s, value);
+}
+
+template <std::uint16_t base>
+inline constexpr std::array<Register, 16> kResult = {{
+    number(base + 0, Type::u32, "sequence", "", "result number since this boot, from 1; 0: no result yet",
+           [](const Source& s) -> Number { return s.result.sequence; }),
+    number(base + 2, Type::u32, "part", "", "part number since the start, from 1",
+           [](const Source& s) { return of_result(s, s.result.part); }),
+    number(base + 4, Type::u32, "arrived_s", "s", "when the part reached the sensor: the station's monotonic clock",
+           [](const Source& s) { return of_result(s, static_cast<double>(s.result.arrived_ns / 1'000'000'000)); }),
+    number(base + 6, Type::u32, "arrived_us", "us", "the same, microseconds within the second",
+           [](const Source& s) { return of_result(s, static_cast<double>(s.result.arrived_ns / 1000 % 1'000'000)); }),
+    number(
+        base + 8, Type::u16, "verdict", "", "everything but pass is rejected",
+        [](const Source& s) { return of_result(s, static_cast<double>(s.result.verdict)); }, kVerdicts),
+    number(
+        base + 9, Type::u16, "reason", "", "below 16: judged; from 16: a way of not having a verdict",
+        [](const Source& s) { return of_result(s, static_cast<double>(s.result.reason)); }, kReasons),
+    number(base + 10, Type::u16, "defects", "", "defects found",
+           [](const Source& s) { return of_result(s, s.result.defects); }),
+    number(
+        base + 11, Type::u32, "score", "", "worst value over its limit: above 1 is rejected",
+        [](const Source& s) { return of_result(s, static_cast<double>(s.result.score)); }, {}, 0.001),
+    number(base + 13, Type::u32, "latency", "us", "from the part sensor's edge to the verdict",
+           [](const Source& s) { return of_result(s, s.result.latency_us); }),
+    number(base + 15, Type::u32, "reject_latency", "us", "from the edge to the confirmed rejection",
+           [](const Source& s) {
+               return s.result.reject_latency_us == 0 ? Number{} : of_result(s, s.result.reject_latency_us);
+           }),
+    number(
+        base + 17, Type::u16, "reject_state", "", "what became of the rejection",
+        [](const Source& s) { return of_result(s, static_cast<double>(s.result.reject)); }, kRejectStates),
+    number(base + 18, Type::u16, "position_m", "lenslets", "column of the worst defect's centre",
+           [](const Source& s) { return of_known(s, s.result.position_m); }),
+    number(base + 19, Type::u16, "position_n", "lenslets", "row of the worst defect's centre",
+           [](const Source& s) { return of_known(s, s.result.position_n); }),
+    number(base + 20, Type::u16, "recipe", "", "number of the recipe that judged",
+           [](const Source& s) { return of_known(s, s.result.recipe); }),
+    number(
+        base + 21, Type::bits16, "flags", "", "how the result came about",
+        [](const Source& s) -> Number {
+            if (s.result.sequence == 0) return 0;
+            const bool judged = static_cast<std::uint16_t>(s.result.reason) < 16;
+            return (judged ? 1 : 0) | (s.result.verdict != PartVerdict::pass ? 2 : 0);
+        },
+        kResultFlags),
+    number(base + 22, Type::u32, "sequence_again", "",
+           "equal to `sequence`, or the slot was overwritten while it was read",
+           [](const Source& s) -> Number { return s.result.sequence; }),
+}};
+
+}  // namespace hord::firmware::rows

@@ -1,0 +1,40 @@
+// hord-safe: what systemd runs after hordd, however that ended. A program of its own because it has to be quick: hordd
+// links a hundred libraries more, and loading them alone takes longer than all that is done here.
+#include <cstdio>
+#include <string>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
+#include "firmware/devices/safe_state.h"
+#include "firmware/service/journal.h"
+
+int main(int argc, char** argv) {
+    using namespace hord::firmware;
+    std::string file = "/etc/hord/hordd.toml";
+    CLI::App program{
+        "hord-safe: turns the station's lights off and brings its rejector to the safe state, no run permit"};
+    program.set_version_flag("--version", "hord-safe " HORD_VERSION);
+    program.add_option("--config", file, "The station's configuration (TOML)")->capture_default_str();
+    program.footer(
+        "Exit status: 0 safe, 2 not: look at the line, or usage, 78 the configuration cannot be used.\nExample: "
+        "hord-safe --config /etc/hord/hordd.toml");
+    try {
+        program.parse(argc, argv);
+    } catch (const CLI::Success& asked) {
+        return program.exit(asked);
+    } catch (const CLI::ParseError& error) {
+        fmt::print(stderr, "hord-safe: {}: see hord-safe --help\n", error.what());
+        return 2;
+    }
+    const auto config = load_config(file);
+    if (!config) {
+        tell(entry_of(Happening::configuration_refused), config.error().message());
+        return 78;
+    }
+    if (const auto safe = make_safe(*config, kSafePatience); !safe) {
+        tell(entry_of(Happening::trouble), safe.error().message());
+        return 2;
+    }
+    return 0;
+}

@@ -1,0 +1,214 @@
+// hordd: the station as a service. Everything it does it does through Service; this file only speaks to systemd:
+// readiness, status and watchdog, sockets that it opened, reload, the journal, and the policy of the timing thread.
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+#include <utility>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <systemd/sd-daemon.h>
+
+#include "calib/files/grid_toml.h"
+#include "firmware/core/faults.h"
+#include "firmware/service/journal.h"
+#include "firmware/service/realtime.h"
+#include "firmware/service/service.h"
+
+namespace {
+
+using namespace hord;
+using namespace hord::firmware;
+
+constexpr int kBadConfiguration = 78;  // EX_CONFIG: starting again does not help
+constexpr int kCannotRun = 2;
+constexpr Duration kStatusEvery = milliseconds(1000);
+
+struct Options {
+    std::string config = "/etc/hord/hordd.toml";
+    int realtime = 0;
+    bool check = false, catalog = false;
+};
+
+const char* environment(const char* name) {
+    const char* value = std::getenv(name);
+    return value == nullptr ? "" : value;
+}
+
+Result<Config> read_config(const Options& options) {
+    auto config = load_config(options.config);
+    if (config) config->state_folder = environment("STATE_DIRECTORY");
+    return config;
+}
+
+int complain(Happening what, const Error& error, int status) {
+    tell(entry_of(what), error.message());
+    sd_notifyf(0, "STATUS=%s", error.message().c_str());
+    return status;
+}
+
+// Sockets of hordd.socket, by their names.
+Doors doors_from_systemd() {
+    Doors doors;
+    char** names = nullptr;
+    const int count = sd_listen_fds_with_names(1, &names);
+    for (int k = 0; k < count; ++k) {
+        const std::string_view name = names[k];
+        (name == "modbus-read-only" ? doors.modbus_read_only : doors.modbus) = SD_LISTEN_FDS_START + k;
+        std::free(names[k]);
+    }
+    if (count > 0) std::free(names);
+    return doors;
+}
+
+class Daemon {
+  public:
+    explicit Daemon(const Options& options) : options_(options) {}
+
+    int run() {
+        auto config = read_config(options_);
+        if (!config) return complain(Happening::configuration_refused, config.error(), kBadConfiguration);
+        sd_notify(0, "STATUS=opening devices");
+        SimulationOptions simulation;
+        simulation.variety = 2;
+        simulation.cache = environment("CACHE_DIRECTORY");
+        auto opened = Service::open(*config, simulation, watchers(), doors_from_systemd());
+        if (!opened) return complain(Happening::trouble, opened.error(), kCannotRun);
+        service_ = std::move(*opened);
+        if (options_.realtime > 0) {
+            for (const Error& refused : take_realtime_policy(options_.realtime))
+                tell(entry_of(Happening::trouble), refused.message());
+        }
+        service_->loop().post([this] { begin(); });
+        const auto ran = service_->run();
+        sd_notify(0, "STOPPING=1\nSTATUS=halting");
+        service_.reset();  // lights off, permit down
+        if (!ran) return complain(Happening::trouble, ran.error(), kCannotRun);
+        tell(entry_of(Happening::stopped), "stopped as asked");
+        return 0;
+    }
+
+  private:
+    ServiceWatchers watchers() {
+        ServiceWatchers all;
+        all.state = [this](State from, State to) {
+            story_.state(from, to, service_ ? service_->snapshot().faults_active : 0);
+            if (service_) service_->loop().post([this] { say_status(); });
+        };
+        all.recipe = [](const NumberedRecipe& recipe) {
+            const std::string crc = fmt::format("{:08X}", crc32_of(recipe));
+            tell(entry_of(Happening::recipe),
+                 fmt::format("recipe {} \"{}\", CRC-32 {}, is in use", recipe.number, recipe.recipe.name, crc),
+                 std::array{Field{"HORD_RECIPE", std::to_string(recipe.number)}, Field{"HORD_RECIPE_CRC", crc}});
+        };
+        all.reload = [this] { reload(); };
+        all.trouble = [](const Error& error) { tell(entry_of(Happening::trouble), error.message()); };
+        return all;
+    }
+
+    void begin() {
+        const std::string address = service_->registers_address();
+        tell(entry_of(Happening::ready), "registers at " + address, std::array{Field{"HORD_REGISTERS", address}});
+        sd_notify(0, "READY=1");
+        say_status_again();
+        std::uint64_t watchdog_us = 0;
+        if (sd_watchdog_enabled(0, &watchdog_us) > 0) {
+            ask_for_progress_every(microseconds(static_cast<std::int64_t>(watchdog_us / 4)));
+        }
+    }
+
+    // The timer only asks. Who feeds the watchdog is the last of the inspecting threads to answer, through the loop.
+    void ask_for_progress_every(Duration pace) {
+        service_->roll_call([] { sd_notify(0, "WATCHDOG=1"); });
+        service_->loop().call_after(pace, [this, pace] { ask_for_progress_every(pace); });
+    }
+
+    void say_status_again() {
+        say_status();
+        service_->loop().call_after(kStatusEvery, [this] { say_status_again(); });
+    }
+    void say_status() {
+        const Snapshot now = service_->snapshot();
+        story_.faults(now.faults_active);
+        const Counters& c = now.counters;
+        const std::string status = fmt::format("{}{}, {} parts: {} pass, {} reject, {} unfit; faults: {}",
+                                               name_of(now.state), now.line_stop ? ", LINE STOP" : "", c.seen, c.pass,
+                                               c.reject, c.unfit, names_of_faults(now.faults_active));
+        if (status != std::exchange(status_, status)) sd_notifyf(0, "STATUS=%s", status.c_str());
+    }
+    void reload() {
+        timespec now{};
+        ::clock_gettime(CLOCK_MONOTONIC, &now);
+        sd_notifyf(0, "RELOADING=1\nMONOTONIC_USEC=%lld",
+                   static_cast<long long>(now.tv_sec) * 1'000'000 + now.tv_nsec / 1000);
+        const auto config = read_config(options_);
+        const auto waiting = config ? service_->reload(*config) : tl::unexpected(config.error());
+        if (!waiting) {
+            tell(entry_of(Happening::reload_refused),
+                 "reload refused, the old configuration stays: " + waiting.error().message());
+        } else if (waiting->empty()) {
+            tell(entry_of(Happening::reloaded), "configuration read again");
+        } else {
+            tell(entry_of(Happening::reloaded),
+                 fmt::format("configuration read again; not changed until a restart: {}", fmt::join(*waiting, ", ")));
+        }
+        sd_notify(0, "READY=1");
+    }
+
+    const Options& options_;
+    std::unique_ptr<Service> service_;
+    std::string status_;
+    JournalStory story_{[](const Entry& entry, std::string_view message, std::span<const Field> fields) {
+        tell(entry, message, fields);
+    }};
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    Options options;
+    CLI::App program{
+        "hordd: the inspection station as a service; runs until SIGTERM, reads its configuration again on SIGHUP"};
+    program.set_version_flag("--version", "hordd " HORD_VERSION);
+    program.add_option("--config", options.config, "Configuration (TOML)")->capture_default_str();
+    program
+        .add_option("--realtime", options.realtime, "Run the timing thread under SCHED_FIFO with this priority; 0: not")
+        ->check(CLI::Range(0, 99))
+        ->capture_default_str();
+    program.add_flag("--check", options.check,
+                     "Only read the configuration, its recipe and its calibration, and say what is wrong with them");
+    program.add_flag("--catalog", options.catalog,
+                     "Only print the journal's catalogue: every message id, what it means and what to do");
+    program.footer(
+        "Exit status: 0 stopped as asked, 2 a device or a port cannot be used, or usage, 78 the configuration cannot "
+        "be used.\n"
+        "Example: hordd --config deploy/hordd.toml");
+    try {
+        program.parse(argc, argv);
+    } catch (const CLI::Success& asked) {
+        return program.exit(asked);
+    } catch (const CLI::ParseError& error) {
+        fmt::print(stderr, "hordd: {}: see hordd --help\n", error.what());
+        return kCannotRun;
+    }
+    if (options.catalog) {
+        fmt::print("{}", format_catalog());
+        return 0;
+    }
+    if (options.check) {
+        const auto config = read_config(options);
+        if (!config) return complain(Happening::configuration_refused, config.error(), kBadConfiguration);
+        if (!config->inspection.recipe.empty()) {
+            const auto recipe = load_numbered_recipe(config->inspection.recipe);
+            if (!recipe) return complain(Happening::configuration_refused, recipe.error(), kBadConfiguration);
+        }
+        if (!config->inspection.grid.empty()) {
+            const auto grid = calib::read_grid(config->inspection.grid);
+            if (!grid) return complain(Happening::configuration_refused, grid.error(), kBadConfiguration);
+        }
+        fmt::print("{} can be used\n", options.config);
+        return 0;
+    }
+    return Daemon(options).run();
+}

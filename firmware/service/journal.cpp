@@ -1,0 +1,167 @@
+#include "firmware/service/journal.h"
+
+#include <array>
+#include <bit>
+#include <cstdio>
+#include <cstdlib>
+#include <utility>
+
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <sys/uio.h>
+#include <systemd/sd-journal.h>
+#include <unistd.h>
+
+#include "firmware/core/faults.h"
+
+namespace hord::firmware {
+namespace {
+
+constexpr std::size_t kHappenings = 9, kFaults = 17;
+
+// An id, once released, keeps its meaning for ever. In the order of Happening, then of FaultBit; the faults' texts are
+// faults.h's.
+constexpr std::array<Entry, kHappenings> kHappeningEntries{{
+    {"47eaa0992cb6416d86dc283cf0480ff9", 5, "The HORD station answers",
+     "Devices are open and the registers can be read at @HORD_REGISTERS@.", ""},
+    {"1509bb0a9bf143318a118783593942a4", 5, "The HORD station went to @HORD_STATE@", "It was in @HORD_FROM@.",
+     "In Error: read the fault before this message, look at the line, then reset (hordctl command reset)."},
+    {"f5ec52ed0108447592e1bc7656670b14", 4, "Something of the HORD station failed",
+     "The message names it and its cure. The station goes on; parts that it could not judge were rejected.",
+     "Do what the message says."},
+    {"59ba1b0d5c904158a909406c2e416788", 3, "The HORD station cannot start with this configuration",
+     "Every problem is in the message, with file and line. The service stays down until it is started again.",
+     "Correct the file, check it with hordd --check, then systemctl restart hordd."},
+    {"5d32fe61985f44e7aa095ee82bb29976", 5, "The HORD station has read its configuration again",
+     "What can change while it runs has changed; the message names what needs a restart.",
+     "Restart when the line stands: systemctl restart hordd."},
+    {"9a1e40b458154a9999e2d15364c7a500", 4, "The HORD station keeps its old configuration",
+     "The new file has problems, or cannot be used now; nothing of it is in use.",
+     "Correct what the message names, then systemctl reload hordd."},
+    {"68b4aef73eaa4e179d8a4eace693ae2d", 5, "The HORD station judges with another recipe",
+     "Number @HORD_RECIPE@, CRC-32 @HORD_RECIPE_CRC@.",
+     "If nobody meant that, see who asked for it before this message."},
+    {"142c83647806457793e783e7eb04b39b", 5, "The HORD station stopped as asked",
+     "Lights are off, the run permit is down.", ""},
+    {"3b041641178844f2a60df25453fe2e85", 6, "A fault of the HORD station is over",
+     "Fault @HORD_FAULT@. It stays latched until a reset.", ""},
+}};
+
+struct FaultId {
+    std::string_view id;
+    int priority;
+};
+constexpr std::array<FaultId, kFaults> kFaultIds{{
+    {"00a154d85ed84bccb5c719c2add9ca88", 3},  // part-sensor
+    {"c0290103855d4f5599ec8712e8e3574f", 3},  // strobe
+    {"6e704245a4ff41e3a7949b80dcb0b82e", 3},  // sensor
+    {"de1b1471320a48eab7a788d106762832", 3},  // rejector
+    {"4350cc1721e54f21acd552a09ddbef12", 2},  // reject-unconfirmed
+    {"9ed89eddd6844325b600e6129ec04ece", 3},  // inspector
+    {"627bf3225fac4cb6a34acb115ee347dd", 3},  // overrun
+    {"a930d55d954540f3ae889fe46f2c7a8c", 3},  // configuration
+    {"43f2f1936e854f08b5927b0fe339d309", 3},  // light-level
+    {"990d3cd8381d422f850c86bd84e0164b", 3},  // plc-lost
+    {"c20f0dab7307416d98d1afa216472950", 3},  // store
+    {"6ae3785aa68348aebc18209a00138d38", 4},  // pictures
+    {"8b733f2f7bba4320b76d5504078a192f", 4},  // grid-drift
+    {"83e066eefde0496b8ce4dac31331004f", 4},  // light-fading
+    {"e7d3251d9b6b489d9f4ef739016262c6", 4},  // dark-drift
+    {"b1b7148ee1cb4aaea6b19e0ab12d4f97", 4},  // light-uneven
+    {"e0c6a143346e499d83a9464aeaa60f19", 4},  // dust
+}};
+
+std::string capital(std::string_view text) {
+    std::string out(text);
+    if (!out.empty() && out[0] >= 'a' && out[0] <= 'z') out[0] = static_cast<char>(out[0] - 'a' + 'A');
+    return out;
+}
+
+// The faults' entries take their texts from faults.h; subjects are made once.
+const std::array<Entry, kHappenings + kFaults>& all_entries() {
+    static const auto subjects = [] {
+        std::array<std::string, kFaults> made;
+        for (std::size_t k = 0; k < kFaults; ++k)
+            made[k] = fmt::format("HORD station fault: {}", fault_texts()[k].name);
+        return made;
+    }();
+    static const auto entries = [] {
+        std::array<Entry, kHappenings + kFaults> made;
+        for (std::size_t k = 0; k < kHappenings; ++k) made[k] = kHappeningEntries[k];
+        for (std::size_t k = 0; k < kFaults; ++k) {
+            const FaultText& text = fault_texts()[k];
+            made[kHappenings + k] = {kFaultIds[k].id, kFaultIds[k].priority, subjects[k], text.meaning, text.cure};
+        }
+        return made;
+    }();
+    return entries;
+}
+
+// systemd sets JOURNAL_STREAM to device and inode of the stream it connected.
+bool stderr_is_the_journal() {
+    const char* stream = std::getenv("JOURNAL_STREAM");
+    struct stat status {};
+    if (stream == nullptr || ::fstat(STDERR_FILENO, &status) != 0) return false;
+    return fmt::format("{}:{}", status.st_dev, status.st_ino) == stream;
+}
+
+}  // namespace
+
+const Entry& entry_of(Happening what) { return all_entries()[static_cast<std::size_t>(what)]; }
+const Entry& entry_of(FaultBit fault) {
+    return all_entries()[kHappenings + static_cast<std::size_t>(std::countr_zero(static_cast<std::uint32_t>(fault)))];
+}
+std::span<const Entry> journal_entries() { return all_entries(); }
+
+std::string format_catalog() {
+    std::string text = "# What the HORD station's journal messages mean and what to do. Generated: hordd --catalog\n";
+    for (const Entry& entry : journal_entries()) {
+        text += fmt::format("\n-- {}\nSubject: {}\nDefined-By: HORD station\nSupport: man:hordd(8)\n\n{}\n", entry.id,
+                            entry.subject, capital(entry.meaning));
+        if (!entry.cure.empty()) text += fmt::format("\nWhat to do: {}\n", entry.cure);
+    }
+    return text;
+}
+
+std::vector<std::string> journal_fields(const Entry& entry, std::string_view message, std::span<const Field> fields) {
+    std::vector<std::string> all{fmt::format("MESSAGE={}", message), fmt::format("MESSAGE_ID={}", entry.id),
+                                 fmt::format("PRIORITY={}", entry.priority)};
+    for (const Field& field : fields) all.push_back(fmt::format("{}={}", field.name, field.value));
+    return all;
+}
+
+void tell(const Entry& entry, std::string_view message, std::span<const Field> fields) {
+    static const bool to_journal = stderr_is_the_journal();
+    if (!to_journal) {
+        fmt::print(stderr, "hordd: {}\n", message);
+        std::fflush(stderr);
+        return;
+    }
+    std::vector<std::string> lines = journal_fields(entry, message, fields);
+    std::vector<iovec> parts;
+    for (std::string& line : lines) parts.push_back({line.data(), line.size()});
+    ::sd_journal_sendv(parts.data(), static_cast<int>(parts.size()));
+}
+
+void JournalStory::state(State from, State to, std::uint32_t active) {
+    faults(active);
+    tell_(entry_of(Happening::state), fmt::format("{} to {}", name_of(from), name_of(to)),
+          std::array{Field{"HORD_STATE", std::string(name_of(to))}, Field{"HORD_FROM", std::string(name_of(from))}});
+}
+
+void JournalStory::faults(std::uint32_t active) {
+    const std::uint32_t before = std::exchange(told_, active);
+    if (active == before) return;
+    for (const FaultText& fault : fault_texts()) {
+        const bool is = (active & fault.bit) != 0, was = (before & fault.bit) != 0;
+        if (is == was) continue;
+        const std::array field{Field{"HORD_FAULT", std::string(fault.name)}};
+        if (is) {
+            tell_(entry_of(fault.bit), fmt::format("fault {}: {}: {}", fault.name, fault.meaning, fault.cure), field);
+        } else {
+            tell_(entry_of(Happening::fault_cleared), fmt::format("fault {} is over", fault.name), field);
+        }
+    }
+}
+
+}  // namespace hord::firmware

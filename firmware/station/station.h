@@ -1,0 +1,138 @@
+// The station: carries what devices say into the core, and what the core wants to the devices.
+//
+// The same class in the service (sd-event, real drivers) and in simulation (virtual time, simulated devices). It runs
+// on the loop's thread alone and never blocks, but in halt() (the rejector's last write).
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "drivers/hal/event_loop.h"
+#include "drivers/hal/part_sensor.h"
+#include "drivers/hal/rejector.h"
+#include "drivers/hal/sensor.h"
+#include "drivers/hal/strobe.h"
+#include "firmware/core/core.h"
+#include "firmware/station/inspector.h"
+
+namespace hord::firmware {
+
+// What the station talks to. All outlive it.
+struct Cell {
+    hal::EventLoop& loop;
+    hal::PartSensor& part_sensor;
+    hal::Strobe& strobe;
+    hal::Sensor& sensor;
+    hal::Rejector& rejector;
+    Inspector& inspector;
+};
+
+// Told on the loop's thread. Must not call back into the station but through the loop.
+class StationObserver {
+  public:
+    virtual ~StationObserver() = default;
+    virtual void on_result(
+        const PartResult& result) = 0;  // a part's story is complete: passed, or its rejection is known
+    virtual void on_state(State /*from*/, State /*to*/) {}
+    virtual void on_step(State /*before*/, const Event& /*event*/) {}  // every step of the core, carried out
+    virtual void on_trouble(const Error& /*error*/) {}  // a device failed or refused: to be logged, once, with its cure
+};
+
+class Station {
+  public:
+    // `config` has no problems(); frame_bytes 0 is taken from the sensor's format.
+    Station(const CoreConfig& config, const Cell& cell, StationObserver* observer = nullptr);
+    ~Station();  // halts
+    Station(const Station&) = delete;
+    Station& operator=(const Station&) = delete;
+
+    // Loop thread. Fails with refused, naming the state and what can be done, or what is missing (arm with a device
+    // down).
+    Result<void> command(Command command);
+    Answer request(Command command);  // the same, for those who answer in numbers
+
+    // Initialises, and arms and starts as soon as every device is up; again after an error was reset, until somebody
+    // commands stop, abort, disarm or halt; and again once somebody commands start_continuous. Without run() nothing
+    // ever starts by itself.
+    void run();
+
+    // Loop thread. The PLC's heartbeat has stopped, or is back: what follows is CoreConfig::plc_policy.
+    void plc_lost();
+    void plc_back();
+
+    // Those of kOutsideFaults that are there now.
+    void outside_faults(std::uint32_t active);
+
+    // One flash and one frame of the empty line, judged like a part's and then forgotten. Only while test_possible();
+    // `done` comes once, on the loop's thread, after `patience` at the latest.
+    struct FlashTest {
+        bool lit = false;     // the light came at its time and width
+        bool frame = false;   // the frame came, whole and of this exposure
+        bool judged = false;  // the inspection gave an answer
+        algo::Reason reason = algo::Reason::none;
+    };
+    static constexpr std::uint32_t kTestPart = 0xFFFFFFFF;  // its number, where inspections are observed
+    [[nodiscard]] bool test_possible()
+        const;  // Initialized or Ready, every device up, nothing on the line, no test under way
+    void test_flash(Duration patience, std::function<void(const FlashTest&)> done);
+
+    // Nobody knows what is on the line (the process before this one ended with parts on it): line stop, until a person
+    // has looked and resets. Before run().
+    void line_unknown();
+
+    [[nodiscard]] Snapshot snapshot() const { return core_.snapshot(); }
+    [[nodiscard]] const Core& core() const { return core_; }
+
+  private:
+    struct Ears;  // the listeners of the seam
+
+    Answer take(const Event& event);
+    Answer step(const Event& event);
+    void carry_out(const std::monostate&) {}
+    void carry_out(const StartDevice& action);
+    void carry_out(const StopDevices& action);
+    void carry_out(const hal::ExposureRequest& request);
+    void carry_out(const hal::StrobePulse& pulse);
+    void carry_out(const Inspect& inspect);
+    void carry_out(const ReleaseFrame& release);
+    void carry_out(const hal::RejectCommand& command);
+    void carry_out(const SetRunPermit& action);
+    void carry_out(const PartResult& result);
+    void stop_devices();
+    void test_lit(const hal::StrobeReport& report);
+    [[nodiscard]] bool test_frame(hal::FrameLease& frame);  // true: it was the test's, and is taken
+    void test_judged(const Judged& judged);
+    void end_test_when_complete();
+    void end_test();
+    void set_timer();
+    void report(const Error& error);
+    void try_to_run();
+    [[nodiscard]] FrameHandle lend(hal::FrameLease frame);
+    hal::FrameLease take_back(FrameHandle handle);
+
+    Cell cell_;
+    StationObserver* observer_;
+    Core core_;
+    Actions actions_;
+    std::unique_ptr<Ears> ears_;
+    std::vector<Event> waiting_;  // what came while a step was carried out
+    bool stepping_ = false;
+    bool autostart_ = false;  // run() was called
+    bool wants_to_run_ = false;
+    bool rejector_started_ = false;
+    std::vector<hal::FrameLease> loans_;  // by FrameHandle
+    struct Test {
+        FlashTest result;
+        TimePoint exposure_start;
+        bool light_due = true, frame_due = true, judgement_due = true;
+        hal::EventLoop::TimerId patience = hal::EventLoop::TimerId::none;
+        std::function<void(const FlashTest&)> done;
+    };
+    std::optional<Test> test_;
+    hal::EventLoop::TimerId timer_ = hal::EventLoop::TimerId::none;
+    TimePoint timer_due_ = TimePoint::max();
+};
+
+}  // namespace hord::firmware

@@ -1,0 +1,153 @@
+#include "firmware/store/frames/frame_archive.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+namespace hord::firmware::store {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kUnfinished = ".part";
+
+// The number that a frame's name begins with; 0: it is no frame of ours.
+std::uint64_t number_of(const fs::path& file) {
+    const std::string name = file.filename().string();
+    std::uint64_t number = 0;
+    const auto read = std::from_chars(name.data(), name.data() + name.size(), number);
+    const bool ours = read.ec == std::errc() && read.ptr == name.data() + 12 && name.size() > 13 && name[12] == '-' &&
+        file.extension() == ".png";
+    return ours ? number : 0;
+}
+
+tl::unexpected<Error> not_written(const fs::path& file, int why) {
+    return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(why) + ")",
+                why == ENOSPC || why == EDQUOT ? "free space on its disk, or lower store.frames_mb"
+                                               : "check the folder's permissions and the disk");
+}
+
+Result<void> write_synced(const fs::path& file, std::span<const std::uint8_t> bytes) {
+    const fs::path unfinished = file.string() + kUnfinished;
+    const int fd = open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+    if (fd < 0) return not_written(file, errno);
+    int why = 0;
+    for (std::size_t at = 0; at < bytes.size() && why == 0;) {
+        const ssize_t count = write(fd, bytes.data() + at, bytes.size() - at);
+        if (count > 0) at += static_cast<std::size_t>(count);
+        else if (count == 0 || errno != EINTR) why = count == 0 ? EIO : errno;
+    }
+    if (why == 0 && fsync(fd) != 0) why = errno;
+    if (close(fd) != 0 && why == 0) why = errno;
+    if (why == 0 && rename(unfinished.c_str(), file.c_str()) != 0) why = errno;
+    if (why == 0) return {};
+    unlink(unfinished.c_str());
+    return not_written(file, why);
+}
+
+Result<std::uint64_t> free_bytes(const fs::path& folder) {
+    struct statvfs space {};
+    if (statvfs(folder.c_str(), &space) != 0) {
+        return fail(ErrorCode::io, "the disk of " + folder.string() + " does not answer (" + std::strerror(errno) + ")",
+                    "check the disk");
+    }
+    return static_cast<std::uint64_t>(space.f_bavail) * space.f_frsize;
+}
+
+}  // namespace
+
+ArchiveDisk real_disk() { return {free_bytes, write_synced}; }
+
+Result<std::vector<ArchivedFile>> list_frames(const fs::path& folder) {
+    std::error_code error;
+    std::vector<ArchivedFile> files;
+    fs::directory_iterator entries(folder, error);
+    if (error)
+        return fail(ErrorCode::not_found, folder.string() + " cannot be read (" + error.message() + ")",
+                    "name the folder of a station's store");
+    for (; entries != fs::directory_iterator(); entries.increment(error)) {
+        if (error) break;
+        const std::uint64_t number = number_of(entries->path());
+        if (number == 0) continue;
+        const std::uint64_t bytes = entries->file_size(error);
+        if (!error) files.push_back({number, entries->path(), bytes});
+        error.clear();  // the ring has just removed it
+    }
+    std::sort(files.begin(), files.end(),
+              [](const ArchivedFile& a, const ArchivedFile& b) { return a.file.filename() < b.file.filename(); });
+    return files;
+}
+
+Result<std::unique_ptr<FrameArchive>> FrameArchive::open(const fs::path& folder, const ArchiveLimits& limits,
+                                                         ArchiveDisk disk) {
+    std::error_code error;
+    fs::create_directory(folder, error);
+    if (!fs::is_directory(folder)) {
+        return fail(ErrorCode::io,
+                    "the folder " + folder.string() + " cannot be made" + (error ? " (" + error.message() + ")" : ""),
+                    "create it and give it to the station's user (store.folder)");
+    }
+    std::unique_ptr<FrameArchive> archive(new FrameArchive(folder, limits, std::move(disk)));
+    for (const auto& entry : fs::directory_iterator(folder, error)) {
+        if (entry.path().string().ends_with(std::string(".png") + kUnfinished)) fs::remove(entry.path(), error);
+    }
+    auto files = list_frames(folder);
+    if (!files) return tl::unexpected(files.error());
+    archive->files_.assign(files->begin(), files->end());
+    for (const ArchivedFile& file : archive->files_) {
+        archive->bytes_ += file.bytes;
+        archive->next_ = std::max(archive->next_, file.number + 1);
+    }
+    return archive;
+}
+
+Result<void> FrameArchive::add(const std::string& label, std::span<const std::uint8_t> bytes) {
+    if (auto room = make_room(bytes.size()); !room) return room;
+    const fs::path file = folder_ / fmt::format("{:012}-{}.png", next_, label);
+    if (auto written = disk_.write(file, bytes); !written) return written;
+    files_.push_back({next_++, file, bytes.size()});
+    bytes_ += bytes.size();
+    return {};
+}
+
+Result<void> FrameArchive::make_room(std::uint64_t bytes) {
+    if (bytes > limits_.max_bytes) {
+        return fail(ErrorCode::io, fmt::format("a frame of {} bytes is larger than all frames together may be", bytes),
+                    "raise store.frames_mb");
+    }
+    while (bytes_ + bytes > limits_.max_bytes) {
+        if (auto removed = remove_oldest(); !removed) return removed;
+    }
+    while (true) {
+        const auto left = disk_.free_bytes(folder_);
+        if (!left) return tl::unexpected(left.error());
+        if (*left >= limits_.min_free_bytes + bytes) return {};
+        if (files_.empty()) {
+            return fail(ErrorCode::io,
+                        fmt::format("the disk of {} has {} MB left, and {} MB are to stay free", folder_.string(),
+                                    *left / 1'000'000, limits_.min_free_bytes / 1'000'000),
+                        "free space on it, or lower store.free_mb");
+        }
+        if (auto removed = remove_oldest(); !removed) return removed;
+    }
+}
+
+Result<void> FrameArchive::remove_oldest() {
+    const ArchivedFile& oldest = files_.front();
+    std::error_code error;
+    fs::remove(oldest.file, error);  // no error when somebody else has removed it
+    if (error)
+        return fail(ErrorCode::io, oldest.file.string() + " cannot be removed (" + error.message() + ")",
+                    "check the folder's permissions and the disk");
+    bytes_ -= oldest.bytes;
+    files_.pop_front();
+    return {};
+}
+
+}  // namespace hord::firmware::store

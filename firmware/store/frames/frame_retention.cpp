@@ -1,0 +1,275 @@
+#include "firmware/store/frames/frame_retention.h"
+
+#include <algorithm>
+#include <cstring>
+#include <ctime>
+#include <utility>
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "firmware/store/frames/frame_png.h"
+#include "firmware/store/results/hash_chain.h"
+#include "firmware/store/results/records.h"
+
+namespace hord::firmware::store {
+namespace {
+
+// Other programs fill disks, too: looked at even while no frame is kept.
+constexpr std::chrono::seconds kTrimEvery{10};
+constexpr std::size_t kMissedKept = 64;
+
+std::string file_time(UtcMicros time_us) {
+    const auto seconds = static_cast<std::time_t>(time_us / 1'000'000);
+    std::tm utc{};
+    gmtime_r(&seconds, &utc);
+    return fmt::format("{:%Y%m%dT%H%M%SZ}", utc);
+}
+
+void append(std::vector<std::uint8_t>& bytes, algo::Map map) {
+    const auto* from = reinterpret_cast<const std::uint8_t*>(map.data());
+    bytes.insert(bytes.end(), from, from + map.size_bytes());
+}
+
+std::vector<std::uint8_t> bytes_of_maps(const algo::Inspection& inspection) {
+    std::vector<std::uint8_t> bytes;
+    bytes.reserve(inspection.mask.size() * (3 * sizeof(float) + 1));
+    for (const algo::Map map : {inspection.gradient, inspection.frobenius, inspection.transmission}) append(bytes, map);
+    // Where neighbours are not compared, the reference's scores may be all there is.
+    if (!inspection.compares) append(bytes, inspection.surprise);
+    bytes.insert(bytes.end(), inspection.mask.begin(), inspection.mask.end());
+    return bytes;
+}
+
+}  // namespace
+
+std::string digest_of_maps(const algo::Inspection& inspection) { return to_hex(sha256(bytes_of_maps(inspection))); }
+
+// One frame and what was found in it. Its memory is taken when it is first used and then kept.
+struct FrameKeeper::Buffer {
+    std::uint32_t part = 0, trigger = 0;
+    const char* role = "";
+    UtcMicros time_us = 0;
+    std::vector<std::byte> samples;
+    int width_px = 0, height_px = 0, bits = 8;
+    std::vector<std::uint8_t> maps;
+    std::vector<algo::Defect> defects;
+    algo::Verdict verdict = algo::Verdict::unfit;
+    algo::Reason reason = algo::Reason::none;
+    float score = 0;
+    std::shared_ptr<const std::string> recipe;
+
+    void fill(std::uint32_t number, const FrameView& frame, const algo::Inspection& inspection) {
+        part = number;
+        width_px = frame.width_px;
+        height_px = frame.height_px;
+        bits = frame.bits;
+        const auto row_bytes = static_cast<std::size_t>(width_px) * static_cast<std::size_t>(frame.sample_bytes());
+        samples.resize(row_bytes * static_cast<std::size_t>(height_px));
+        for (int y = 0; y < height_px; ++y) {
+            std::memcpy(samples.data() + static_cast<std::size_t>(y) * row_bytes, frame.data + y * frame.stride_bytes,
+                        row_bytes);
+        }
+        maps = bytes_of_maps(inspection);
+        defects.assign(inspection.defects.begin(), inspection.defects.end());
+        verdict = inspection.verdict;
+        reason = inspection.reason;
+        score = inspection.score;
+    }
+    [[nodiscard]] FrameView view() const {
+        return {samples.data(), width_px, height_px, static_cast<std::ptrdiff_t>(width_px) * (bits > 8 ? 2 : 1), bits};
+    }
+};
+
+FrameKeeper::FrameKeeper(Open open, FrameKeeperOptions options, std::function<UtcMicros()> utc_now, Listener listener)
+    : open_(std::move(open)), options_(std::move(options)), utc_now_(std::move(utc_now)),
+      listener_(std::move(listener)) {
+    for (std::size_t k = 0; k < options_.buffers; ++k) free_.push_back(std::make_unique<Buffer>());
+    if (options_.thread) thread_ = std::thread([this] { work(); });
+}
+
+FrameKeeper::~FrameKeeper() {
+    {
+        const std::lock_guard lock(mutex_);
+        ending_ = true;
+    }
+    wake_.notify_all();
+    if (thread_.joinable()) thread_.join();
+}
+
+void FrameKeeper::set_recipe(const std::string& text) {
+    auto shared = std::make_shared<const std::string>(text);
+    const std::lock_guard lock(mutex_);
+    recipe_ = std::move(shared);
+}
+
+FrameKeeper::Counts FrameKeeper::counts() const {
+    const std::lock_guard lock(mutex_);
+    return counts_;
+}
+
+// -- choosing
+
+void FrameKeeper::on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) {
+    Handle buffer;
+    {
+        std::unique_lock lock(mutex_);
+        if (!free_.empty()) {
+            buffer = std::move(free_.back());
+            free_.pop_back();
+        } else if (!recent_.empty()) {
+            buffer = std::move(recent_.front());
+            recent_.pop_front();
+        } else {
+            if (inspection.verdict != algo::Verdict::pass) {
+                drop(
+                    lock,
+                    {ErrorCode::busy, "frames come faster than they can be kept",
+                     "use a faster disk, or keep fewer (store.frames_before, store.frames_after, store.sample_every)"});
+            }
+            return;
+        }
+        buffer->recipe = recipe_;
+    }
+    buffer->fill(part, frame, inspection);
+    buffer->time_us = utc_now_();
+
+    const std::lock_guard lock(mutex_);
+    const auto missed = std::find(missed_.begin(), missed_.end(), part);
+    const bool came_too_late = missed != missed_.end();
+    if (came_too_late) missed_.erase(missed);
+    if (inspection.verdict != algo::Verdict::pass || came_too_late) {
+        trigger(part, std::move(buffer));
+    } else if (after_ > 0) {
+        --after_;
+        enqueue(std::move(buffer), "after", trigger_);
+    } else if (options_.sample_every != 0 && part % options_.sample_every == 0) {
+        enqueue(std::move(buffer), "sample", 0);
+    } else {
+        recent_.push_back(std::move(buffer));
+    }
+}
+
+void FrameKeeper::on_result(const PartResult& result) {
+    // What the inspection rejected is kept already; what was never inspected has no frame.
+    if (result.verdict == PartVerdict::pass || result.reason < PartReason::verdict_late) return;
+    const std::lock_guard lock(mutex_);
+    const auto found =
+        std::find_if(recent_.begin(), recent_.end(), [&](const Handle& b) { return b->part == result.part; });
+    if (found == recent_.end()) {
+        if (result.reason != PartReason::verdict_late) return;
+        missed_.push_back(result.part);
+        if (missed_.size() > kMissedKept) missed_.pop_front();
+        return;
+    }
+    // Those that came later stay where they are.
+    std::deque<Handle> later(std::make_move_iterator(found + 1), std::make_move_iterator(recent_.end()));
+    Handle buffer = std::move(*found);
+    recent_.erase(found, recent_.end());
+    trigger(result.part, std::move(buffer));
+    recent_ = std::move(later);
+}
+
+// With the lock. What is in recent_ came before.
+void FrameKeeper::trigger(std::uint32_t part, Handle buffer) {
+    while (recent_.size() > static_cast<std::size_t>(options_.before)) {
+        free_.push_back(std::move(recent_.front()));
+        recent_.pop_front();
+    }
+    for (Handle& before : recent_) enqueue(std::move(before), "before", part);
+    recent_.clear();
+    after_ = options_.after;
+    trigger_ = part;
+    enqueue(std::move(buffer), "reject", part);
+}
+
+// With the lock.
+void FrameKeeper::enqueue(Handle buffer, const char* role, std::uint32_t trigger) {
+    buffer->role = role;
+    buffer->trigger = trigger;
+    waiting_.push_back(std::move(buffer));
+    wake_.notify_one();
+}
+
+// With the lock, which is open while somebody is told.
+void FrameKeeper::drop(std::unique_lock<std::mutex>& lock, const Error& error) {
+    ++counts_.dropped;
+    if (std::exchange(counts_.failing, true) || !listener_.failed) return;
+    lock.unlock();
+    listener_.failed(error);
+    lock.lock();
+}
+
+// -- writing
+
+void FrameKeeper::work() {
+    std::unique_lock lock(mutex_);
+    while (true) {
+        if (!wake_.wait_for(lock, kTrimEvery, [this] { return ending_ || !waiting_.empty(); })) {
+            if (archive_ == nullptr) continue;
+            lock.unlock();
+            (void)archive_->trim();  // what stays wrong is told when the next frame comes
+            lock.lock();
+            continue;
+        }
+        if (waiting_.empty()) return;
+        lock.unlock();
+        (void)step();
+        lock.lock();
+    }
+}
+
+bool FrameKeeper::step() {
+    Handle buffer;
+    {
+        const std::lock_guard lock(mutex_);
+        if (waiting_.empty()) return false;
+        buffer = std::move(waiting_.front());
+        waiting_.pop_front();
+    }
+    write(*buffer);
+    const std::lock_guard lock(mutex_);
+    free_.push_back(std::move(buffer));
+    return true;
+}
+
+void FrameKeeper::write(Buffer& buffer) {
+    const auto done = [&]() -> Result<void> {
+        if (archive_ == nullptr) {
+            auto opened = open_();
+            if (!opened) return tl::unexpected(opened.error());
+            archive_ = std::move(*opened);
+        }
+        const auto png = encode_png(buffer.view(), metadata_of(buffer));
+        if (!png) return tl::unexpected(png.error());
+        return archive_->add(fmt::format("{}-p{}-{}", file_time(buffer.time_us), buffer.part, buffer.role), *png);
+    }();
+    std::unique_lock lock(mutex_);
+    if (!done) return drop(lock, done.error());
+    ++counts_.kept;
+    if (!waiting_.empty() || !std::exchange(counts_.failing, false)) return;
+    lock.unlock();
+    if (listener_.works_again) listener_.works_again();
+}
+
+std::string FrameKeeper::metadata_of(const Buffer& buffer) const {
+    std::string trigger = buffer.trigger != 0 ? fmt::format("\"trigger\":{},", buffer.trigger) : std::string();
+    const algo::Extents& e = options_.extents;
+    std::string defects = "[";
+    for (const algo::Defect& d : buffer.defects) {
+        if (defects.size() > 1) defects += ',';
+        defects += to_json(d);
+    }
+    return fmt::format(
+        "{{\"hord\":1,\"station\":\"{}\",\"software\":\"{}\",\"boot\":{},\"part\":{},\"time_us\":{},\"role\":\"{}\",{}"
+        "\"grid\":{{\"m\":{},\"n\":{},\"i\":{},\"j\":{}}},\"bits\":{},\"verdict\":\"{}\",\"reason\":\"{}\",\"score\":{}"
+        ",\"defects\":{}],"
+        "\"maps_sha256\":\"{}\",\"samples_sha256\":\"{}\",\"recipe\":\"{}\"}}",
+        json_escaped(options_.station), json_escaped(options_.software), options_.boot, buffer.part, buffer.time_us,
+        buffer.role, trigger, e.m, e.n, e.i, e.j, buffer.bits, algo::name_of(buffer.verdict),
+        algo::name_of(buffer.reason), buffer.score, defects, to_hex(sha256(buffer.maps)),
+        digest_of_samples(buffer.view()), json_escaped(*buffer.recipe));
+}
+
+}  // namespace hord::firmware::store

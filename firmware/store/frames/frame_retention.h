@@ -1,0 +1,108 @@
+// Which frames are kept: those of parts that did not pass, some before and after each of them, and chosen samples.
+//
+// on_inspection() copies what is inspected into one of a fixed number of buffers and never waits for the disk; a thread
+// of its own makes PNGs and puts them into the archive. When the disk is slower than the frames that are to be kept,
+// frames are dropped and counted; verdicts and results are not concerned.
+//
+// The metadata of a frame is one JSON object, everything that replay needs:
+//   station, software, boot, part, time_us   who saw what, when
+//   role         "reject" (the part did not pass), "before" and "after" such a part (`trigger`), "sample"
+//   grid, bits   extents of the light field, bits a sample
+//   recipe       the whole text that judged it
+//   verdict, reason, score, defects          what the inspection said, to the bit
+//   maps_sha256, samples_sha256              of the maps behind it, and of the samples
+#pragma once
+
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "algo/inspection/pipeline.h"
+#include "firmware/core/station_types.h"
+#include "firmware/store/frames/frame_archive.h"
+#include "firmware/store/results/result_store.h"
+
+namespace hord::firmware::store {
+
+// SHA-256 over the maps that a verdict rests on, lenslet by lenslet, to the bit.
+std::string digest_of_maps(const algo::Inspection& inspection);
+
+struct FrameKeeperOptions {
+    algo::Extents extents = {};
+    std::string station = {}, software = {};
+    std::uint32_t boot = 0;
+    int before = 2, after = 2;       // parts around one that did not pass
+    std::uint32_t sample_every = 0;  // parts; 0: no samples
+    std::size_t buffers = 24;        // each of one frame and its maps
+    bool thread = true;              // false: nothing is written but in step()
+};
+
+class FrameKeeper {
+  public:
+    using Open = std::function<Result<std::unique_ptr<FrameArchive>>()>;
+    // Told on the keeper's thread or an inspecting one.
+    struct Listener {
+        std::function<void(const Error&)> failed;  // frames are dropped; once until it works again
+        std::function<void()> works_again;
+    };
+
+    FrameKeeper(Open open, FrameKeeperOptions options, std::function<UtcMicros()> utc_now, Listener listener = {});
+    ~FrameKeeper();  // writes what waits, if the disk works
+    FrameKeeper(const FrameKeeper&) = delete;
+    FrameKeeper& operator=(const FrameKeeper&) = delete;
+
+    // Any thread. The text of the recipe that judges from now on.
+    void set_recipe(const std::string& text);
+
+    // Any thread; what is borrowed is copied.
+    void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection);
+
+    // Any thread. A part that passed the inspection and is rejected all the same (too late) is one that did not pass.
+    void on_result(const PartResult& result);
+
+    struct Counts {
+        std::uint64_t kept = 0, dropped = 0;  // since the start
+        bool failing = false;
+    };
+    [[nodiscard]] Counts counts() const;
+
+    // Without a thread: writes one frame. False: none waits.
+    bool step();
+
+  private:
+    struct Buffer;
+    using Handle = std::unique_ptr<Buffer>;
+    void work();
+    void write(Buffer& buffer);
+    void trigger(std::uint32_t part, Handle buffer);
+    void enqueue(Handle buffer, const char* role, std::uint32_t trigger);
+    void drop(std::unique_lock<std::mutex>& lock, const Error& error);
+    [[nodiscard]] std::string metadata_of(const Buffer& buffer) const;
+
+    const Open open_;
+    const FrameKeeperOptions options_;
+    const std::function<UtcMicros()> utc_now_;
+    const Listener listener_;
+    std::unique_ptr<FrameArchive> archive_;  // the keeper's thread
+
+    mutable std::mutex mutex_;  // guards the rest
+    std::condition_variable wake_;
+    std::vector<Handle> free_;
+    std::deque<Handle> recent_;         // passed, not kept so far: the newest last
+    std::deque<Handle> waiting_;        // to be written
+    std::deque<std::uint32_t> missed_;  // parts whose result said reject before their frame was here
+    std::shared_ptr<const std::string> recipe_ = std::make_shared<std::string>();
+    int after_ = 0;
+    std::uint32_t trigger_ = 0;
+    Counts counts_;
+    bool ending_ = false;
+    std::thread thread_;
+};
+
+}  // namespace hord::firmware::store

@@ -1,0 +1,144 @@
+#include "firmware/store/frames/replay.h"
+
+#include <algorithm>
+#include <map>
+#include <utility>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "firmware/recipes/recipe_file.h"
+#include "firmware/store/frames/frame_png.h"
+#include "firmware/store/frames/frame_retention.h"
+#include "firmware/store/results/records.h"
+
+namespace hord::firmware::store {
+namespace {
+
+using Json = nlohmann::json;
+
+std::string all_defects(std::span<const algo::Defect> defects) {
+    std::string json = "[";
+    for (const algo::Defect& d : defects) {
+        if (json.size() > 1) json += ',';
+        json += to_json(d);
+    }
+    return json + "]";
+}
+
+// Defects as they were written: numbers are read and written again, which keeps them to the bit.
+std::string defects_of(const Json& list) {
+    std::string json = "[";
+    for (const Json& d : list) {
+        if (json.size() > 1) json += ',';
+        json += fmt::format("{{\"m\":{},\"n\":{},\"area\":{},\"peak\":{},\"kind\":\"{}\"}}", d.at("m").get<float>(),
+                            d.at("n").get<float>(), d.at("area").get<std::uint32_t>(), d.at("peak").get<float>(),
+                            d.at("kind").get<std::string>());
+    }
+    return json + "]";
+}
+
+std::string judgement_json(const Judgement& j) {
+    return fmt::format("{{\"verdict\":\"{}\",\"reason\":\"{}\",\"score\":{},\"defects\":{},\"maps_sha256\":\"{}\"}}",
+                       j.verdict, j.reason, j.score, j.defects, j.maps_sha256);
+}
+
+struct Archived {
+    Replayed replayed;
+    algo::Extents extents;
+    std::string recipe, samples_sha256;
+};
+
+// Throws what nlohmann throws: caught by who calls it.
+Archived read_metadata(const std::string& metadata) {
+    const Json json = Json::parse(metadata);
+    Archived archived;
+    archived.replayed.part = json.at("part").get<std::uint32_t>();
+    archived.replayed.role = json.at("role").get<std::string>();
+    Judgement& then = archived.replayed.then;
+    then.verdict = json.at("verdict").get<std::string>();
+    then.reason = json.at("reason").get<std::string>();
+    then.score = json.at("score").get<float>();
+    then.defects = defects_of(json.at("defects"));
+    then.maps_sha256 = json.at("maps_sha256").get<std::string>();
+    const Json& grid = json.at("grid");
+    archived.extents = {grid.at("m").get<int>(), grid.at("n").get<int>(), grid.at("i").get<int>(),
+                        grid.at("j").get<int>()};
+    archived.recipe = json.at("recipe").get<std::string>();
+    archived.samples_sha256 = json.at("samples_sha256").get<std::string>();
+    return archived;
+}
+
+}  // namespace
+
+std::string to_json_line(const Replayed& r) {
+    std::string changes;
+    const auto changed = [&](const char* what, bool is) {
+        if (is) changes += fmt::format("{}\"{}\"", changes.empty() ? "" : ",", what);
+    };
+    changed("verdict", r.then.verdict != r.now.verdict);
+    changed("reason", r.then.reason != r.now.reason);
+    changed("score", r.then.score != r.now.score);
+    changed("defects", r.then.defects != r.now.defects);
+    changed("maps", r.then.maps_sha256 != r.now.maps_sha256);
+    return fmt::format(
+        "{{\"frame\":\"{}\",\"part\":{},\"role\":\"{}\",\"recipe_then\":\"{}\",\"recipe_now\":\"{}\",\"then\":{},"
+        "\"now\":{},\"changes\":[{}]}}",
+        json_escaped(r.frame), r.part, json_escaped(r.role), json_escaped(r.recipe_then), json_escaped(r.recipe_now),
+        judgement_json(r.then), judgement_json(r.now), changes);
+}
+
+struct Replay::Parts {
+    std::optional<algo::Recipe> recipe;
+    // One pipeline a kind of frame; frames of one recipe follow each other, so the last one is enough.
+    std::string known;  // recipe text and extents that `pipeline` was made for
+    std::string known_name;
+    std::optional<algo::Pipeline> pipeline;
+};
+
+Replay::Replay(std::optional<algo::Recipe> recipe) : parts_(std::make_unique<Parts>()) {
+    parts_->recipe = std::move(recipe);
+}
+Replay::~Replay() = default;
+
+Result<Replayed> Replay::judge(const std::filesystem::path& file) {
+    auto annotated = read_annotated_frame(file);
+    if (!annotated) return tl::unexpected(annotated.error());
+    Archived archived;
+    try {
+        archived = read_metadata(annotated->metadata);
+    } catch (const Json::exception& error) {
+        return fail(ErrorCode::unreadable, file.string() + " has metadata that cannot be read (" + error.what() + ")",
+                    "name frames that a station has kept");
+    }
+    const FrameView frame = annotated->frame.view();
+    if (digest_of_samples(frame) != archived.samples_sha256) {
+        return fail(ErrorCode::unreadable, file.string() + " holds other samples than were kept",
+                    "leave it out; somebody has edited it");
+    }
+    Replayed& replayed = archived.replayed;
+    replayed.frame = file.filename().string();
+
+    const algo::Extents& e = archived.extents;
+    const auto then = parse_recipe(archived.recipe, file.string());
+    if (then) replayed.recipe_then = then->name;
+    const std::string wanted = fmt::format("{}x{} {}x{} {} {}", e.m, e.n, e.i, e.j, frame.bits,
+                                           parts_->recipe ? std::string() : archived.recipe);
+    if (!parts_->pipeline || parts_->known != wanted) {
+        if (!parts_->recipe && !then) return tl::unexpected(then.error());
+        const algo::Recipe& recipe = parts_->recipe ? *parts_->recipe : *then;
+        auto pipeline = algo::Pipeline::create(e, frame.bits, recipe);
+        if (!pipeline) return tl::unexpected(pipeline.error());
+        parts_->pipeline.emplace(std::move(*pipeline));
+        parts_->known = wanted;
+        parts_->known_name = recipe.name;
+    }
+    replayed.recipe_now = parts_->known_name;
+    const auto inspection = parts_->pipeline->inspect(frame);
+    if (!inspection) return tl::unexpected(inspection.error());
+    replayed.now = {std::string(algo::name_of(inspection->verdict)), std::string(algo::name_of(inspection->reason)),
+                    inspection->score, all_defects(inspection->defects), digest_of_maps(*inspection)};
+    return std::move(replayed);
+}
+
+}  // namespace hord::firmware::store

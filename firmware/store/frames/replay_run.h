@@ -1,0 +1,40 @@
+// Many frames judged again, by several threads: what comes out does not depend on how many.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "algo/recipe/recipe.h"
+#include "common/result.h"
+#include "firmware/store/frames/frame_archive.h"
+#include "firmware/store/frames/replay.h"
+
+namespace hord::firmware::store {
+
+// One of `count` parts of an archive, index from 1. A frame is in the same one whatever other frames there are: its
+// number decides, or without one a checksum of its name.
+struct Shard {
+    std::uint64_t index = 1, count = 1;
+    bool operator==(const Shard&) const = default;
+    [[nodiscard]] bool holds(const ArchivedFile& frame) const;
+    [[nodiscard]] std::string text() const;  // "2/4"
+};
+constexpr std::uint64_t kMaxShards = 100'000;
+
+// "2/4"; nothing else. Fails with invalid_argument.
+Result<Shard> parse_shard(std::string_view text);
+
+// In the order in which they are judged and written. Fails with invalid_argument when two have one name.
+Result<void> put_in_order(std::vector<ArchivedFile>& frames);
+
+// Judges `frames` and gives them to `take` on this thread, in their order, while up to `jobs` threads judge the next
+// ones: a few hundred wait at most. `take` returns false to end it. Without a recipe each frame is judged with its own.
+void replay_all(const std::vector<ArchivedFile>& frames, const std::optional<algo::Recipe>& recipe, unsigned jobs,
+                const std::function<bool(const ArchivedFile&, Result<Replayed>)>& take);
+
+}  // namespace hord::firmware::store

@@ -1,0 +1,373 @@
+#include "firmware/store/frames/replay_shard.h"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <queue>
+#include <utility>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <sha256.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "firmware/store/results/hash_chain.h"
+#include "firmware/store/results/records.h"
+
+namespace hord::firmware::store {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+constexpr std::string_view kFrame = "{\"frame\":\"", kTrailer = "{\"records\":", kHeader = "{\"hord_replay\":";
+constexpr std::size_t kLongestLine = 16U << 20U;  // a frame with every defect there can be
+
+class Sum {
+  public:
+    Sum() { SHA256Init(&context_); }
+    void add(std::string_view bytes) {
+        SHA256Update(&context_, reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size());
+    }
+    [[nodiscard]] std::string hex() const {
+        SHA256_CTX copy = context_;
+        Hash hash{};
+        SHA256Final(hash.data(), &copy);
+        return to_hex(hash);
+    }
+
+  private:
+    SHA256_CTX context_{};
+};
+
+std::string header_of(const ReplayIdentity& id, const Shard& shard) {
+    return fmt::format(
+        "{}1,\"archive\":\"{}\",\"frames\":{},\"recipe\":\"{}\",\"software\":\"{}\",\"program\":\"{}\",\"shard\":\"{}"
+        "\"}}",
+        kHeader, id.archive, id.frames, id.recipe, json_escaped(id.software), id.program, shard.text());
+}
+
+std::string trailer_of(const ReplayTally& tally, const std::string& sum) {
+    return fmt::format("{}{},\"same\":{},\"verdicts\":{},\"unreadable\":{},\"sha256\":\"{}\"}}", kTrailer,
+                       tally.records, tally.same, tally.verdicts, tally.unreadable, sum);
+}
+
+// A line's frame, as it is written; empty: it is no line of a frame.
+std::string_view frame_of(std::string_view line) {
+    if (!line.starts_with(kFrame)) return {};
+    line.remove_prefix(kFrame.size());
+    for (std::size_t k = 0; k < line.size(); ++k) {
+        if (line[k] == '\\') ++k;
+        else if (line[k] == '"') return line.substr(0, k);
+    }
+    return {};
+}
+
+void count(std::string_view line, ReplayTally& tally) {
+    ++tally.records;
+    const auto after = line.substr(std::min(line.size(), kFrame.size() + frame_of(line).size() + 1));
+    if (after.starts_with(",\"unreadable\"")) ++tally.unreadable;
+    else if (line.ends_with("\"changes\":[]}")) ++tally.same;
+    else if (line.find("\"changes\":[\"verdict\"") != std::string_view::npos) ++tally.verdicts;
+}
+
+}  // namespace
+
+std::string archive_identity(const std::vector<ArchivedFile>& frames) {
+    Sum sum;
+    for (const ArchivedFile& frame : frames)
+        sum.add(fmt::format("{} {}\n", json_escaped(frame.file.filename().string()), frame.bytes));
+    return sum.hex();
+}
+
+std::string text_identity(std::string_view text) {
+    Sum sum;
+    sum.add(text);
+    return sum.hex();
+}
+
+Result<std::string> program_identity() {
+    std::ifstream in("/proc/self/exe", std::ios::binary);
+    Sum sum;
+    std::array<char, 1U << 16U> bytes{};
+    while (in.read(bytes.data(), bytes.size()) || in.gcount() > 0)
+        sum.add({bytes.data(), static_cast<std::size_t>(in.gcount())});
+    if (!in.eof()) return fail(ErrorCode::io, "the program's own file cannot be read", "mount /proc");
+    return sum.hex();
+}
+
+std::string unreadable_line(const std::string& frame, ErrorCode why) {
+    return fmt::format("{}{}\",\"unreadable\":\"{}\"}}", kFrame, json_escaped(frame),
+                       why == ErrorCode::unreadable ? "damaged" : "the recipe does not fit it");
+}
+
+// -- writing
+
+struct ShardWriter::Parts {
+    fs::path file;
+    std::string beside;
+    std::FILE* out = nullptr;
+    Sum sum;
+    ReplayTally tally;
+
+    Parts() = default;
+    Parts(const Parts&) = delete;
+    Parts& operator=(const Parts&) = delete;
+    ~Parts() {
+        if (out != nullptr) std::fclose(out);
+        if (!beside.empty()) ::unlink(beside.c_str());
+    }
+    [[nodiscard]] tl::unexpected<Error> failed(int why) const {
+        return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(why) + ")",
+                    why == ENOSPC ? "free space on its disk" : "check the folder's owner and its disk");
+    }
+    Result<void> write(std::string_view line) {
+        const std::array<std::string_view, 2> both{line, "\n"};
+        for (const std::string_view bytes : both) {
+            sum.add(bytes);
+            if (std::fwrite(bytes.data(), 1, bytes.size(), out) != bytes.size()) return failed(errno);
+        }
+        return {};
+    }
+};
+
+ShardWriter::ShardWriter(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+ShardWriter::ShardWriter(ShardWriter&&) noexcept = default;
+ShardWriter::~ShardWriter() = default;
+
+Result<ShardWriter> ShardWriter::create(const fs::path& file, const ReplayIdentity& identity, const Shard& shard) {
+    auto parts = std::make_unique<Parts>();
+    parts->file = file;
+    // A name of its own: a second worker at the same shard, started because the first one seemed dead, writes
+    // elsewhere.
+    std::string beside = file.string() + ".part.XXXXXX";
+    const int fd = ::mkostemp(beside.data(), O_CLOEXEC);
+    if (fd < 0) return parts->failed(errno);
+    parts->beside = beside;
+    ::fchmod(fd, 0644);
+    parts->out = ::fdopen(fd, "wb");
+    if (parts->out == nullptr) {
+        const int why = errno;
+        ::close(fd);
+        return parts->failed(why);
+    }
+    if (auto done = parts->write(header_of(identity, shard)); !done) return tl::unexpected(done.error());
+    return ShardWriter(std::move(parts));
+}
+
+Result<void> ShardWriter::add(std::string_view line) {
+    count(line, parts_->tally);
+    return parts_->write(line);
+}
+
+Result<ReplayTally> ShardWriter::finish() {
+    Parts& p = *parts_;
+    const ReplayTally tally = p.tally;
+    if (auto done = p.write(trailer_of(tally, p.sum.hex())); !done) return tl::unexpected(done.error());
+    if (std::fflush(p.out) != 0 || ::fsync(::fileno(p.out)) != 0) return p.failed(errno);
+    if (std::fclose(std::exchange(p.out, nullptr)) != 0) return p.failed(errno);
+    if (::rename(p.beside.c_str(), p.file.c_str()) != 0) return p.failed(errno);
+    p.beside.clear();
+    const int folder =
+        ::open(p.file.has_parent_path() ? p.file.parent_path().c_str() : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (folder < 0) return p.failed(errno);
+    const int synced = ::fsync(folder), why = errno;
+    ::close(folder);
+    if (synced != 0) return p.failed(why);
+    return tally;
+}
+
+// -- merging
+
+namespace {
+
+// One shard, line by line.
+class ShardReader {
+  public:
+    static Result<ShardReader> open(const fs::path& file) {
+        ShardReader reader(file);
+        if (!reader.in_)
+            return fail(ErrorCode::not_found, file.string() + " cannot be read (" + std::strerror(errno) + ")",
+                        "check the path");
+        std::string beginning(kHeader.size(), '\0');
+        std::error_code error;
+        const bool ours = fs::is_regular_file(file, error) &&
+            reader.in_.read(beginning.data(), static_cast<std::streamsize>(beginning.size())) && beginning == kHeader;
+        if (!ours) return reader.foreign();
+        reader.in_.seekg(0);
+        auto first = reader.next_line();
+        if (!first) return tl::unexpected(first.error());
+        const Json json = Json::parse(reader.line_, nullptr, false);
+        try {
+            if (json.at("hord_replay").get<int>() != 1) {
+                return fail(ErrorCode::unsupported, file.string() + " was written by other software",
+                            "replay and merge with one software");
+            }
+            reader.identity_ = {json.at("archive").get<std::string>(), json.at("frames").get<std::uint64_t>(),
+                                json.at("recipe").get<std::string>(), json.at("software").get<std::string>(),
+                                json.at("program").get<std::string>()};
+            auto shard = parse_shard(json.at("shard").get<std::string>());
+            if (!shard) return reader.foreign();
+            reader.shard_ = *shard;
+        } catch (const Json::exception&) {
+            return reader.foreign();
+        }
+        return reader;
+    }
+
+    // The next frame's line is there (true), or the shard is at its end and whole (false).
+    Result<bool> next() {
+        Sum before = sum_;
+        if (auto read = next_line(); !read) return tl::unexpected(read.error());
+        if (line_.starts_with(kTrailer)) {
+            if (line_ != trailer_of(tally_, before.hex())) return torn("its checksum is another");
+            if (in_.peek() != std::ifstream::traits_type::eof()) return torn("something follows its end");
+            line_.clear();
+            return false;
+        }
+        std::string frame(frame_of(line_));
+        if (frame.empty() || frame <= frame_) return torn("a line is out of place");
+        frame_ = std::move(frame);
+        count(line_, tally_);
+        return true;
+    }
+
+    [[nodiscard]] const fs::path& file() const { return file_; }
+    [[nodiscard]] const ReplayIdentity& identity() const { return identity_; }
+    [[nodiscard]] const Shard& shard() const { return shard_; }
+    [[nodiscard]] const std::string& line() const { return line_; }
+    [[nodiscard]] const std::string& frame() const { return frame_; }
+
+  private:
+    explicit ShardReader(fs::path file) : file_(std::move(file)), in_(file_, std::ios::binary) {}
+
+    [[nodiscard]] tl::unexpected<Error> torn(const char* how) const {
+        return fail(ErrorCode::unreadable, fmt::format("{} is torn or was changed: {}", file_.string(), how),
+                    fmt::format("replay shard {} again", shard_.text()));
+    }
+    [[nodiscard]] tl::unexpected<Error> foreign() const {
+        return fail(ErrorCode::unreadable, file_.string() + " is no shard of a replay",
+                    "merge files that hordctl replay --shard I/N --out FILE wrote");
+    }
+    Result<void> next_line() {
+        if (!std::getline(in_, line_)) return identity_.archive.empty() ? foreign() : torn("its end is missing");
+        if (in_.eof() || line_.size() > kLongestLine)
+            return identity_.archive.empty() ? foreign() : torn("its last line is cut off");
+        sum_.add(line_);
+        sum_.add("\n");
+        return {};
+    }
+
+    fs::path file_;
+    std::ifstream in_;
+    std::string line_, frame_;
+    ReplayIdentity identity_;
+    Shard shard_;
+    Sum sum_;
+    ReplayTally tally_;
+};
+
+Result<void> belongs(const ShardReader& one, const ShardReader& other) {
+    const auto differ = [&](const char* what, const std::string& a, const std::string& b) {
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{} and {} are of different replays: {} {} and {}", one.file().string(),
+                                other.file().string(), what, a.substr(0, 16), b.substr(0, 16)),
+                    "replay the odd one again, from the same frames with the same recipe and software");
+    };
+    const ReplayIdentity &a = one.identity(), &b = other.identity();
+    if (a.archive != b.archive || a.frames != b.frames) return differ("archive", a.archive, b.archive);
+    if (a.recipe != b.recipe) return differ("recipe", a.recipe, b.recipe);
+    if (a.software != b.software) return differ("software", a.software, b.software);
+    if (a.program != b.program) return differ("program", a.program, b.program);
+    if (one.shard().count != other.shard().count) return differ("shards", one.shard().text(), other.shard().text());
+    return {};
+}
+
+// Each shard once, all of one replay.
+Result<void> check_set(const std::vector<ShardReader>& shards) {
+    std::map<std::uint64_t, const ShardReader*> by_index;
+    for (const ShardReader& shard : shards) {
+        if (auto same = belongs(shards.front(), shard); !same) return same;
+        const auto [at, is_new] = by_index.emplace(shard.shard().index, &shard);
+        if (!is_new) {
+            return fail(ErrorCode::invalid_argument,
+                        fmt::format("{} and {} are both shard {}", at->second->file().string(), shard.file().string(),
+                                    shard.shard().text()),
+                        "name each shard once");
+        }
+    }
+    const std::uint64_t wanted = shards.front().shard().count;
+    if (by_index.size() == wanted) return {};
+    std::string missing;
+    std::uint64_t named = 0;
+    for (std::uint64_t k = 1; k <= wanted && named < 10; ++k) {
+        if (by_index.contains(k)) continue;
+        missing += fmt::format("{}{}/{}", missing.empty() ? "" : ", ", k, wanted);
+        ++named;
+    }
+    const std::uint64_t count = wanted - by_index.size();
+    return fail(ErrorCode::invalid_argument,
+                fmt::format("{} of {} shards are missing: {}{}", count, wanted, missing, count > named ? " ..." : ""),
+                "replay them, and name their files, too");
+}
+
+}  // namespace
+
+Result<ReplayTally> merge_shards(const std::vector<fs::path>& files, const fs::path& out) {
+    if (files.empty()) return fail(ErrorCode::invalid_argument, "there is nothing to merge", "name the shards' files");
+    rlimit descriptors{};
+    if (::getrlimit(RLIMIT_NOFILE, &descriptors) == 0) {  // one a shard
+        descriptors.rlim_cur = descriptors.rlim_max;
+        (void)::setrlimit(RLIMIT_NOFILE, &descriptors);
+    }
+    std::vector<ShardReader> shards;
+    for (const fs::path& file : files) {
+        auto shard = ShardReader::open(file);
+        if (!shard) return tl::unexpected(shard.error());
+        shards.push_back(std::move(*shard));
+    }
+    if (auto whole = check_set(shards); !whole) return tl::unexpected(whole.error());
+    auto writer = ShardWriter::create(out, shards.front().identity(), Shard{});
+    if (!writer) return tl::unexpected(writer.error());
+
+    const auto later = [&](std::size_t a, std::size_t b) { return shards[a].frame() > shards[b].frame(); };
+    std::priority_queue<std::size_t, std::vector<std::size_t>, decltype(later)> waiting(later);
+    for (std::size_t k = 0; k < shards.size(); ++k) {
+        const auto more = shards[k].next();
+        if (!more) return tl::unexpected(more.error());
+        if (*more) waiting.push(k);
+    }
+    std::uint64_t frames = 0;
+    std::string last;
+    while (!waiting.empty()) {
+        const std::size_t first = waiting.top();
+        waiting.pop();
+        ShardReader& shard = shards[first];
+        if (frames++ > 0 && shard.frame() == last) {
+            return fail(ErrorCode::invalid_argument,
+                        fmt::format("{} holds {}, which another shard holds, too", shard.file().string(), last),
+                        "replay all shards with one software");
+        }
+        last = shard.frame();
+        if (auto done = writer->add(shard.line()); !done) return tl::unexpected(done.error());
+        const auto more = shard.next();
+        if (!more) return tl::unexpected(more.error());
+        if (*more) waiting.push(first);
+    }
+    if (frames != shards.front().identity().frames) {
+        return fail(
+            ErrorCode::invalid_argument,
+            fmt::format("the shards hold {} frames, and the archive {}", frames, shards.front().identity().frames),
+            "replay all shards with one software");
+    }
+    return writer->finish();
+}
+
+}  // namespace hord::firmware::store

@@ -1,0 +1,70 @@
+// What a replay said, as a file that can be joined with those of the other shards, on other machines, at other times.
+//
+//     {"hord_replay":1,"archive":SHA-256,"frames":1000,"recipe":"own","software":"0.1.0","program":SHA-256,"shard":"2/4"}
+//     one line a frame (replay.h), in the order of their names; {"frame":...,"unreadable":"..."} for one that cannot be
+//     judged
+//     {"records":250,"same":249,"verdicts":1,"unreadable":0,"sha256":SHA-256 of everything before this line}
+//
+// A file appears whole or not at all, whoever is killed meanwhile. The same archive, recipe and program give the same
+// bytes, and merged shards are the same bytes as one replay of everything.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/result.h"
+#include "firmware/store/frames/frame_archive.h"
+#include "firmware/store/frames/replay_run.h"
+
+namespace hord::firmware::store {
+
+// What must be the same for two shards to belong together.
+struct ReplayIdentity {
+    std::string archive;       // SHA-256 over the names and sizes of all its frames
+    std::uint64_t frames = 0;  // of the whole archive
+    std::string recipe;        // SHA-256 of its text; "own": each frame was judged with its own
+    std::string software;      // version
+    std::string program;       // SHA-256 of the program's file
+    bool operator==(const ReplayIdentity&) const = default;
+};
+
+std::string archive_identity(const std::vector<ArchivedFile>& frames);  // in order (put_in_order)
+std::string text_identity(std::string_view text);
+Result<std::string> program_identity();  // of the running program. Fails with io
+
+struct ReplayTally {
+    std::uint64_t records = 0, same = 0, verdicts = 0, unreadable = 0;  // verdicts: those that change
+    bool operator==(const ReplayTally&) const = default;
+};
+
+class ShardWriter {
+  public:
+    // Writes beside `file`. Fails with io.
+    static Result<ShardWriter> create(const std::filesystem::path& file, const ReplayIdentity& identity,
+                                      const Shard& shard);
+    ShardWriter(ShardWriter&&) noexcept;
+    ShardWriter& operator=(ShardWriter&&) = delete;
+    ~ShardWriter();  // unfinished: nothing is left
+
+    Result<void> add(std::string_view line);  // without its end
+    Result<ReplayTally> finish();             // durable, under its name
+
+  private:
+    struct Parts;
+    explicit ShardWriter(std::unique_ptr<Parts> parts);
+    std::unique_ptr<Parts> parts_;
+};
+
+// The line of a frame that cannot be judged.
+std::string unreadable_line(const std::string& frame, ErrorCode why);
+
+// All shards of one replay, in any order, as one file. Every file is checked to its last byte. Fails with not_found,
+// unreadable (no shard, torn, changed), invalid_argument (missing, repeated, of another replay), io; nothing is written
+// then.
+Result<ReplayTally> merge_shards(const std::vector<std::filesystem::path>& files, const std::filesystem::path& out);
+
+}  // namespace hord::firmware::store

@@ -1,0 +1,96 @@
+#include "firmware/store/recorder/station_recorder.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace hord::firmware::store {
+namespace {
+
+// More parts with defects than can be between camera and ejector: what is older belongs to parts whose result never
+// came.
+constexpr std::size_t kFoundKept = 512;
+
+StartRecord begun_now(StartRecord start, UtcMicros now) {
+    start.time_us = now;
+    return start;
+}
+
+}  // namespace
+
+StationRecorder::StationRecorder(const hal::Clock& clock, std::function<UtcMicros()> utc_now, StoreQueue::Open open,
+                                 StationRecorderOptions options, StoreQueue::Listener queue_listener,
+                                 std::unique_ptr<FrameKeeper> frames)
+    : clock_(clock), utc_now_(utc_now), ignored_part_(options.ignored_part), frames_(std::move(frames)),
+      queue_(std::move(open), options.queue, begun_now(std::move(options.start), utc_now()), utc_now,
+             std::move(queue_listener)) {}
+
+UtcMicros StationRecorder::utc_of(std::int64_t station_ns) const {
+    const std::int64_t ago_ns = clock_.now().time_since_epoch().count() - station_ns;
+    return utc_now_() - ago_ns / 1000;
+}
+
+void StationRecorder::in_use(ChangeRecord::What what, const std::string& name, const std::string& text) {
+    ChangeRecord change;
+    change.what = what;
+    change.time_us = utc_now_();
+    change.name = name;
+    change.after = text;
+    change.if_new = true;
+    if (frames_ && what == ChangeRecord::What::recipe) frames_->set_recipe(text);
+    queue_.add(std::move(change));
+}
+
+void StationRecorder::on_result(const PartResult& result) {
+    ResultRecord record{result, utc_of(result.arrived_ns), {}};
+    {
+        const std::lock_guard lock(mutex_);
+        const auto found =
+            std::find_if(found_.begin(), found_.end(), [&](const Found& f) { return f.part == result.part; });
+        if (found != found_.end()) {
+            record.defects = std::move(found->defects);
+            found_.erase(found);
+        }
+    }
+    if (frames_) frames_->on_result(result);
+    queue_.add(std::move(record));
+}
+
+Taken StationRecorder::on_acknowledged(const Who& who, std::uint32_t sequence) {
+    switch (queue_.acknowledge(who.peer, utc_now_(), sequence)) {
+        case Kept::kept: return Taken::yes;
+        case Kept::not_yet: return Taken::not_yet;
+        case Kept::failing: break;
+    }
+    return Taken::cannot;
+}
+
+void StationRecorder::on_change(const Change& change) {
+    if (change.what == Change::What::command) {
+        queue_.add(
+            CommandRecord{utc_now_(), change.who.peer, change.who.token, change.name, change.before, change.after});
+        return;
+    }
+    ChangeRecord record;
+    record.what = change.what == Change::What::recipe ? ChangeRecord::What::recipe : ChangeRecord::What::configuration;
+    record.time_us = utc_now_();
+    record.peer = change.who.peer;
+    record.token = change.who.token;
+    record.name = change.name;
+    record.before = change.before;
+    record.after = change.after;
+    if (frames_ && record.what == ChangeRecord::What::recipe) frames_->set_recipe(record.after);
+    queue_.add(std::move(record));
+}
+
+void StationRecorder::on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) {
+    if (part == ignored_part_) return;
+    if (!inspection.defects.empty()) {
+        Found found{part, {inspection.defects.begin(), inspection.defects.end()}};
+        const std::lock_guard lock(mutex_);
+        found_.push_back(std::move(found));
+        if (found_.size() > kFoundKept) found_.pop_front();
+    }
+    if (frames_) frames_->on_inspection(part, frame, inspection);
+}
+
+}  // namespace hord::firmware::store

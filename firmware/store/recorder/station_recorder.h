@@ -1,0 +1,66 @@
+// The station's recorder over the store: turns what the service tells into records, and frames into pictures.
+//
+// Results go to a StoreQueue, frames to a FrameKeeper (frame_retention.h). What an inspection found is put together
+// with the part's result here. Nothing waits for a disk.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "drivers/hal/clock.h"
+#include "firmware/station/result_sink.h"
+#include "firmware/store/frames/frame_retention.h"
+#include "firmware/store/results/store_queue.h"
+
+namespace hord::firmware::store {
+
+struct StationRecorderOptions {
+    StartRecord start = {};  // the run; its time is filled in
+    StoreQueueOptions queue = {};
+    std::uint32_t ignored_part = 0xFFFFFFFF;  // of the station's own tests: nothing of it is kept
+};
+
+class StationRecorder final : public Recorder {
+  public:
+    // `clock` is the one of PartResult::arrived_ns; `utc_now` the machine's. `queue_listener` as StoreQueue's. `frames`
+    // may be null: no frame is kept.
+    StationRecorder(const hal::Clock& clock, std::function<UtcMicros()> utc_now, StoreQueue::Open open,
+                    StationRecorderOptions options, StoreQueue::Listener queue_listener,
+                    std::unique_ptr<FrameKeeper> frames);
+
+    // Before the station runs: what is in use then. Written where the store does not know it already.
+    void in_use(ChangeRecord::What what, const std::string& name, const std::string& text);
+
+    void on_result(const PartResult& result) override;
+    Taken on_acknowledged(const Who& who, std::uint32_t sequence) override;
+    void on_change(const Change& change) override;
+    void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) override;
+
+    [[nodiscard]] StoreQueueState state() const { return queue_.state(); }
+    [[nodiscard]] const FrameKeeper* frames() const { return frames_.get(); }
+    // Tests without a thread.
+    bool step() { return queue_.step(); }
+
+  private:
+    // What an inspection found, until the part's result comes.
+    struct Found {
+        std::uint32_t part = 0;
+        std::vector<algo::Defect> defects;
+    };
+    [[nodiscard]] UtcMicros utc_of(std::int64_t station_ns) const;
+
+    const hal::Clock& clock_;
+    const std::function<UtcMicros()> utc_now_;
+    const std::uint32_t ignored_part_;
+    std::unique_ptr<FrameKeeper> frames_;
+    std::mutex mutex_;
+    std::deque<Found> found_;  // the newest last; those without defects are not in it
+    StoreQueue queue_;
+};
+
+}  // namespace hord::firmware::store

@@ -1,0 +1,123 @@
+#include "firmware/store/recorder/store_setup.h"
+
+#include <algorithm>
+#include <chrono>
+#include <fstream>
+#include <iterator>
+
+#include "firmware/station/station.h"
+#include "firmware/store/results/sqlite_store.h"
+
+namespace hord::firmware {
+namespace {
+
+constexpr std::int64_t kDayMicros = 86'400'000'000;
+constexpr std::uint64_t kMegabyte = 1'000'000;
+constexpr std::size_t kFramesInMemory = 256 * kMegabyte;  // bytes; hordd.service has a ceiling
+
+store::UtcMicros utc_now() {
+    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+        .count();
+}
+
+std::string text_of(const std::filesystem::path& file) {
+    std::ifstream in(file, std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), {}};
+}
+
+// The fault bits that two threads raise and clear, put together on the loop's thread.
+struct Faults {
+    hal::EventLoop& loop;
+    RecordingWatchers watchers;
+    std::uint32_t active = 0;
+
+    void set(std::uint32_t bit, bool is) {
+        active = is ? active | bit : active & ~bit;
+        if (watchers.faults) watchers.faults(active);
+    }
+};
+
+std::function<void(const Error&)> raise(const std::shared_ptr<Faults>& faults, std::uint32_t bit) {
+    return [faults, bit](const Error& error) {
+        faults->loop.post([faults, bit, error] {
+            if (faults->watchers.trouble) faults->watchers.trouble(error);
+            faults->set(bit, true);
+        });
+    };
+}
+std::function<void()> clear(const std::shared_ptr<Faults>& faults, std::uint32_t bit) {
+    return [faults, bit] { faults->loop.post([faults, bit] { faults->set(bit, false); }); };
+}
+
+}  // namespace
+
+std::filesystem::path store_folder(const Config& config) {
+    if (!config.store.enabled) return {};
+    if (!config.store.folder.empty()) return config.store.folder;
+    return config.state_folder.empty() ? std::filesystem::path() : config.state_folder / "store";
+}
+
+std::size_t frame_buffers(const StoreConfig& config, const algo::Extents& extents, int bits) {
+    const std::size_t bytes = static_cast<std::size_t>(extents.width_px()) *
+        static_cast<std::size_t>(extents.height_px()) * (bits > 8 ? 2 : 1);
+    const auto least = static_cast<std::size_t>(config.frames_before) + 2,
+               most = static_cast<std::size_t>(config.frame_buffers);
+    return std::min(most, std::max(least, kFramesInMemory / bytes));
+}
+
+std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, const Config& config,
+                                                      const Recorded& recorded, const RecordingWatchers& watchers) {
+    const std::filesystem::path folder = store_folder(config);
+    if (folder.empty()) return nullptr;
+    const auto faults = std::make_shared<Faults>(Faults{loop, watchers});
+    const StoreConfig& wanted = config.store;
+
+    std::unique_ptr<store::FrameKeeper> frames;
+    if (wanted.frames_mb > 0) {
+        store::FrameKeeperOptions options;
+        options.extents = recorded.extents;
+        options.station = config.name;
+        options.software = recorded.software;
+        options.boot = recorded.boot;
+        options.before = wanted.frames_before;
+        options.after = wanted.frames_after;
+        options.sample_every = wanted.sample_every;
+        options.buffers = frame_buffers(wanted, recorded.extents, recorded.bits);
+        const store::ArchiveLimits limits{static_cast<std::uint64_t>(wanted.frames_mb) * kMegabyte,
+                                          static_cast<std::uint64_t>(wanted.free_mb) * kMegabyte};
+        const auto open = [folder, limits]() -> Result<std::unique_ptr<store::FrameArchive>> {
+            std::error_code ignored;  // what is wrong with the folder is said by the archive
+            std::filesystem::create_directory(folder, ignored);
+            return store::FrameArchive::open(folder / store::kFramesFolder, limits);
+        };
+        frames = std::make_unique<store::FrameKeeper>(
+            open, options, utc_now,
+            store::FrameKeeper::Listener{raise(faults, kFaultPictures), clear(faults, kFaultPictures)});
+    }
+
+    store::StationRecorderOptions options;
+    options.start.boot = recorded.boot;
+    options.start.station = config.name;
+    options.start.software = recorded.software;
+    options.queue.retention.keep_us = wanted.keep_days * kDayMicros;
+    options.queue.retention.max_bytes = static_cast<std::uint64_t>(wanted.keep_mb) * kMegabyte;
+    options.ignored_part = Station::kTestPart;
+    const auto open = [folder]() -> Result<std::unique_ptr<store::ResultStore>> {
+        auto opened = store::SqliteStore::open(folder);
+        if (!opened) return tl::unexpected(opened.error());
+        return std::unique_ptr<store::ResultStore>(std::move(*opened));
+    };
+    auto recorder = std::make_unique<store::StationRecorder>(
+        loop, utc_now, open, std::move(options),
+        store::StoreQueue::Listener{raise(faults, kFaultStore), clear(faults, kFaultStore)}, std::move(frames));
+    note_configuration(*recorder, config);
+    recorder->in_use(store::ChangeRecord::What::recipe, recorded.recipe_name, recorded.recipe);
+    return recorder;
+}
+
+void note_configuration(store::StationRecorder& recorder, const Config& config) {
+    recorder.in_use(store::ChangeRecord::What::configuration, config.file.empty() ? "defaults" : config.file.string(),
+                    text_of(config.file));
+}
+
+}  // namespace hord::firmware

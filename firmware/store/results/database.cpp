@@ -1,0 +1,210 @@
+#include "firmware/store/results/database.h"
+
+#include <utility>
+
+#include <sqlite3.h>
+
+namespace hord::firmware::store {
+namespace {
+
+constexpr int kBusyMs = 5000;  // another program reads, or a checkpoint runs
+
+// For a file's name inside a URI.
+std::string percent_encoded(const std::string& name) {
+    std::string out;
+    for (const char c : name) {
+        if (c == '%') out += "%25";
+        else if (c == '?') out += "%3f";
+        else if (c == '#') out += "%23";
+        else out += c;
+    }
+    return out;
+}
+
+}  // namespace
+
+tl::unexpected<Error> Database::failed(int code) const {
+    const std::string name = file_.string();
+    const std::string detail = handle_ != nullptr ? sqlite3_errmsg(handle_) : sqlite3_errstr(code);
+    switch (code & 0xFF) {
+        case SQLITE_FULL:
+            return fail(ErrorCode::io, name + " cannot grow: the disk is full",
+                        "free space on its disk, or lower store.keep_mb and store.frames_mb");
+        case SQLITE_READONLY:
+        case SQLITE_PERM:
+            return fail(ErrorCode::io, name + " cannot be written (" + detail + ")",
+                        "give the station's user the right to write its folder, and see that its disk is not mounted "
+                        "read-only");
+        case SQLITE_CANTOPEN:
+            return fail(ErrorCode::io, name + " cannot be opened (" + detail + ")",
+                        "check that its folder exists and that this user may use it");
+        case SQLITE_CORRUPT:
+        case SQLITE_NOTADB:
+            return fail(ErrorCode::unreadable, name + " is damaged (" + detail + ")",
+                        "move the file, its -wal and its -shm out of the folder and keep them; the station starts a "
+                        "new one by itself");
+        case SQLITE_BUSY:
+        case SQLITE_LOCKED: return fail(ErrorCode::busy, name + " is locked by another program", "end that program");
+        case SQLITE_IOERR:
+            return fail(ErrorCode::io, name + " cannot be read or written (" + detail + ")",
+                        "check the disk and its cable, and the system's log");
+        case SQLITE_INTERRUPT:
+            return fail(ErrorCode::timeout, "reading " + name + " takes too long",
+                        "ask for less: a shorter time, fewer rows");
+        case SQLITE_NOMEM: return fail(ErrorCode::io, "no memory for " + name, "give the station more memory");
+        default: return fail(ErrorCode::internal, name + ": " + detail, "report it");
+    }
+}
+
+// -- statements
+
+Statement::Statement(Statement&& other) noexcept
+    : database_(other.database_), statement_(std::exchange(other.statement_, nullptr)) {}
+Statement::~Statement() { sqlite3_finalize(statement_); }
+
+Result<void> Statement::bind(std::span<const Value> values) {
+    sqlite3_reset(statement_);
+    sqlite3_clear_bindings(statement_);
+    int at = 0;
+    for (const Value& value : values) {
+        ++at;
+        int code = SQLITE_OK;
+        if (const auto* integer = std::get_if<std::int64_t>(&value)) {
+            code = sqlite3_bind_int64(statement_, at, *integer);
+        } else if (const auto* real = std::get_if<double>(&value)) {
+            code = sqlite3_bind_double(statement_, at, *real);
+        } else if (const auto* text = std::get_if<std::string>(&value)) {
+            code = sqlite3_bind_text64(statement_, at, text->data(), text->size(), SQLITE_TRANSIENT, SQLITE_UTF8);
+        } else if (const auto* blob = std::get_if<Blob>(&value)) {
+            code = sqlite3_bind_blob64(statement_, at, blob->data(), blob->size(), SQLITE_TRANSIENT);
+        }
+        if (code != SQLITE_OK) return database_->failed(code);
+    }
+    return {};
+}
+
+Result<bool> Statement::step() {
+    const int code = sqlite3_step(statement_);
+    if (code == SQLITE_ROW) return true;
+    if (code == SQLITE_DONE) return false;
+    auto error = database_->failed(code);  // before the reset, which may clear the message
+    sqlite3_reset(statement_);
+    return error;
+}
+
+int Statement::columns() const { return sqlite3_column_count(statement_); }
+
+Value Statement::value(int column) const {
+    switch (sqlite3_column_type(statement_, column)) {
+        case SQLITE_INTEGER: return static_cast<std::int64_t>(sqlite3_column_int64(statement_, column));
+        case SQLITE_FLOAT: return sqlite3_column_double(statement_, column);
+        case SQLITE_TEXT: {
+            const auto* text = reinterpret_cast<const char*>(sqlite3_column_text(statement_, column));
+            return std::string(text, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)));
+        }
+        case SQLITE_BLOB: {
+            const auto* bytes = static_cast<const std::uint8_t*>(sqlite3_column_blob(statement_, column));
+            return Blob(bytes, bytes + sqlite3_column_bytes(statement_, column));
+        }
+        default: return std::monostate{};
+    }
+}
+
+Result<void> Statement::run(std::span<const Value> values) {
+    if (auto bound = bind(values); !bound) return bound;
+    while (true) {
+        auto row = step();
+        if (!row) return tl::unexpected(row.error());
+        if (!*row) break;
+    }
+    sqlite3_reset(statement_);
+    return {};
+}
+
+// -- the connection
+
+Result<std::unique_ptr<Database>> Database::open(const std::filesystem::path& file, Access access,
+                                                 const std::string& vfs) {
+    if (access != Access::create) {
+        std::error_code error;
+        if (!std::filesystem::exists(file, error) && vfs.empty()) {
+            return fail(ErrorCode::not_found, file.string() + " does not exist",
+                        "name the folder of a station's store");
+        }
+    }
+    std::unique_ptr<Database> database(new Database(file));
+    int flags = SQLITE_OPEN_NOMUTEX;
+    if (access == Access::read || access == Access::read_at_rest) flags |= SQLITE_OPEN_READONLY;
+    if (access == Access::write) flags |= SQLITE_OPEN_READWRITE;
+    if (access == Access::create) flags |= SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
+    std::string name = file.string();
+    if (access == Access::read_at_rest) {
+        flags |= SQLITE_OPEN_URI;
+        name = "file:" + percent_encoded(std::filesystem::absolute(file).string()) + "?immutable=1";
+    }
+    const int code = sqlite3_open_v2(name.c_str(), &database->handle_, flags, vfs.empty() ? nullptr : vfs.c_str());
+    if (code != SQLITE_OK) return database->failed(code);
+    sqlite3_extended_result_codes(database->handle_, 1);
+    sqlite3_busy_timeout(database->handle_, kBusyMs);
+    return database;
+}
+
+void Database::limit_time(std::chrono::milliseconds most) {
+    constexpr int kInstructions = 10'000;  // between two looks at the clock: a millisecond at most
+    until_ = std::chrono::steady_clock::now() + most;
+    sqlite3_progress_handler(
+        handle_, kInstructions,
+        [](void* self) { return std::chrono::steady_clock::now() > static_cast<Database*>(self)->until_ ? 1 : 0; },
+        this);
+}
+
+Database::~Database() { sqlite3_close_v2(handle_); }
+
+Result<Statement> Database::prepare(std::string_view sql) {
+    sqlite3_stmt* statement = nullptr;
+    const int code = sqlite3_prepare_v3(handle_, sql.data(), static_cast<int>(sql.size()), SQLITE_PREPARE_PERSISTENT,
+                                        &statement, nullptr);
+    if (code != SQLITE_OK) return failed(code);
+    return Statement(*this, statement);
+}
+
+Result<void> Database::execute(const std::string& sql) {
+    const int code = sqlite3_exec(handle_, sql.c_str(), nullptr, nullptr, nullptr);
+    if (code != SQLITE_OK) return failed(code);
+    return {};
+}
+
+Result<Value> Database::get(std::string_view sql, std::span<const Value> values) {
+    auto statement = prepare(sql);
+    if (!statement) return tl::unexpected(statement.error());
+    if (auto bound = statement->bind(values); !bound) return tl::unexpected(bound.error());
+    auto row = statement->step();
+    if (!row) return tl::unexpected(row.error());
+    return *row ? statement->value(0) : Value{};
+}
+
+Result<std::int64_t> Database::get_integer(std::string_view sql, std::span<const Value> values) {
+    auto value = get(sql, values);
+    if (!value) return tl::unexpected(value.error());
+    const auto* integer = std::get_if<std::int64_t>(&*value);
+    return integer != nullptr ? *integer : 0;
+}
+
+// -- transactions
+
+Result<Transaction> Transaction::begin(Database& database) {
+    if (auto done = database.execute("BEGIN IMMEDIATE"); !done) return tl::unexpected(done.error());
+    return Transaction(database);
+}
+
+Result<void> Transaction::commit() {
+    if (auto done = database_->execute("COMMIT"); !done) return done;
+    database_ = nullptr;
+    return {};
+}
+
+Transaction::~Transaction() {
+    if (database_ != nullptr) (void)database_->execute("ROLLBACK");
+}
+
+}  // namespace hord::firmware::store

@@ -1,0 +1,102 @@
+// SQLite, as little of it as the store needs: a connection, and statements that give values.
+//
+// One thread at a time. Every error names the file and what a person should do about it (full disk, read-only,
+// damaged).
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "common/result.h"
+
+struct sqlite3;
+struct sqlite3_stmt;
+
+namespace hord::firmware::store {
+
+using Blob = std::vector<std::uint8_t>;
+using Value = std::variant<std::monostate, std::int64_t, double, std::string, Blob>;  // NULL, INTEGER, REAL, TEXT, BLOB
+
+class Database;
+
+// Prepared once, run often. Dies before its database.
+class Statement {
+  public:
+    Statement(Statement&& other) noexcept;
+    Statement& operator=(Statement&&) = delete;
+    ~Statement();
+
+    // Starts anew with these values for ?1, ?2 ...
+    Result<void> bind(std::span<const Value> values);
+    // True: a row is there, to be read by value(). False: there is none (any more).
+    Result<bool> step();
+    [[nodiscard]] int columns() const;
+    [[nodiscard]] Value value(int column) const;
+
+    // bind() and step() to the end, for what gives no rows.
+    Result<void> run(std::span<const Value> values);
+
+  private:
+    friend class Database;
+    Statement(Database& database, sqlite3_stmt* statement) : database_(&database), statement_(statement) {}
+    Database* database_;
+    sqlite3_stmt* statement_;
+};
+
+class Database {
+  public:
+    // read_at_rest: nobody writes it while it is open; nothing is made beside it, no lock is taken.
+    enum class Access : std::uint8_t { read, read_at_rest, write, create };
+
+    // `vfs` names another way to the disk (tests); empty: the system's. Fails with not_found, unreadable (damaged, or
+    // not a database), io (no permission, full disk).
+    static Result<std::unique_ptr<Database>> open(const std::filesystem::path& file, Access access,
+                                                  const std::string& vfs = {});
+    ~Database();
+    Database(const Database&) = delete;
+    Database& operator=(const Database&) = delete;
+
+    Result<Statement> prepare(std::string_view sql);
+    Result<void> execute(const std::string& sql);  // one or more statements, rows ignored
+    // The first value of the first row; NULL without rows.
+    Result<Value> get(std::string_view sql, std::span<const Value> values = {});
+    Result<std::int64_t> get_integer(std::string_view sql, std::span<const Value> values = {});
+
+    // Statements end within `most` from now, or fail with timeout.
+    void limit_time(std::chrono::milliseconds most);
+
+    [[nodiscard]] const std::filesystem::path& file() const { return file_; }
+    [[nodiscard]] tl::unexpected<Error> failed(int code) const;
+
+  private:
+    friend class Statement;
+    explicit Database(std::filesystem::path file) : file_(std::move(file)) {}
+    std::filesystem::path file_;
+    sqlite3* handle_ = nullptr;
+    std::chrono::steady_clock::time_point until_{};
+};
+
+// Rolls back unless committed.
+class Transaction {
+  public:
+    static Result<Transaction> begin(Database& database);
+    Transaction(Transaction&& other) noexcept : database_(std::exchange(other.database_, nullptr)) {}
+    Transaction& operator=(Transaction&&) = delete;
+    ~Transaction();
+    // Durable when it returns. After a failure nothing has changed, or (an error of the disk while it synced) all has.
+    Result<void> commit();
+
+  private:
+    explicit Transaction(Database& database) : database_(&database) {}
+    Database* database_;
+};
+
+}  // namespace hord::firmware::store

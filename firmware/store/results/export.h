@@ -1,0 +1,33 @@
+// Stored rows as text for people and programs: CSV (RFC 4180), JSON (one object a line), a table; and times.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "common/result.h"
+#include "firmware/store/results/store_reader.h"
+
+namespace hord::firmware::store {
+
+// "2026-11-21T07:15:00.250Z"
+std::string format_utc(UtcMicros time_us);
+
+// "2026-11-21", "2026-11-21T07:15", "2026-11-21T07:15:30", with or without Z, all UTC; or so long before `now_us`:
+// "90s", "30m", "12h", "7d". Fails with invalid_argument.
+Result<UtcMicros> parse_utc(std::string_view text, UtcMicros now_us);
+
+// Columns are only ever added, at the end.
+std::string csv_head_of_results();
+std::string csv_head_of_changes();
+std::string to_csv(const StoredResult& result);  // without line end
+std::string to_csv(const StoredChange& change);
+std::string to_json_line(const StoredResult& result);
+std::string to_json_line(const StoredChange& change);
+
+std::string table_head_of_results();
+std::string table_head_of_changes();
+std::string to_table(const StoredResult& result);
+std::string to_table(const StoredChange& change);  // texts of several lines are not shown, only that they changed
+
+}  // namespace hord::firmware::store

@@ -1,0 +1,32 @@
+// The hash chain: every row carries the SHA-256 of the row before it and of itself.
+//
+//     hash(row) = SHA-256( hash(row before) , each value as: one byte type, length or 8 bytes little-endian, bytes )
+//
+// The first row of a chain follows from genesis(), which differs from store to store and from chain to chain, so that
+// rows cannot be moved between them. Who changes, removes or inserts a row must recompute every later hash of the file;
+// who does that is found out by comparing with a head that was noted elsewhere (docs/store.md).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "firmware/store/results/database.h"
+
+namespace hord::firmware::store {
+
+using Hash = std::array<std::uint8_t, 32>;
+
+Hash sha256(std::span<const std::uint8_t> bytes);
+Hash genesis(std::string_view store_id, std::string_view chain);
+Hash follow(const Hash& before, std::span<const Value> row);
+
+std::string to_hex(std::span<const std::uint8_t> bytes);
+std::optional<Hash> hash_from_hex(std::string_view text);
+Value to_value(const Hash& hash);
+bool equals(const Value& value, const Hash& hash);
+
+}  // namespace hord::firmware::store

@@ -1,0 +1,109 @@
+#include "firmware/store/results/schema.h"
+
+#include <array>
+
+namespace hord::firmware::store {
+namespace {
+
+constexpr std::int64_t kApplicationId = 0x484F5244;  // "HORD": file(1) and check_schema() know a store by it
+
+constexpr std::array<std::string_view, 17> kResultColumns{
+    "number",  "v",      "run",        "entry",        "time_us", "sequence",   "part",
+    "verdict", "reason", "score",      "defect_count", "defects", "latency_us", "reject_latency_us",
+    "reject",  "recipe", "calibration"};
+constexpr std::array<int, kSchemaVersion> kResultCounts{17, 17};
+constexpr std::array<std::string_view, 10> kCommandColumns{"number", "v",     "run",  "entry",  "time_us",
+                                                           "peer",   "token", "name", "before", "after"};
+constexpr std::array<int, kSchemaVersion> kCommandCounts{10, 10};
+constexpr std::array<std::string_view, 11> kChangeColumns{"number", "v",     "run",  "entry",  "time_us", "what",
+                                                          "peer",   "token", "name", "before", "after"};
+constexpr std::array<int, kSchemaVersion> kChangeCounts{11, 11};
+
+// Version 1. Never edited: what comes later is a step of its own in migrate_schema().
+constexpr const char* kVersion1 = R"(
+CREATE TABLE meta (key TEXT PRIMARY KEY, value) WITHOUT ROWID;
+CREATE TABLE results (
+  number INTEGER PRIMARY KEY, v INTEGER NOT NULL, run INTEGER NOT NULL, entry INTEGER NOT NULL, time_us INTEGER NOT NULL,
+  sequence INTEGER NOT NULL, part INTEGER NOT NULL, verdict TEXT NOT NULL, reason TEXT NOT NULL, score REAL,
+  defect_count INTEGER NOT NULL, defects TEXT NOT NULL, latency_us INTEGER NOT NULL, reject_latency_us INTEGER NOT NULL,
+  reject TEXT NOT NULL, recipe INTEGER, calibration INTEGER, hash BLOB NOT NULL);
+CREATE INDEX results_by_time ON results (time_us);
+CREATE TABLE commands (
+  number INTEGER PRIMARY KEY, v INTEGER NOT NULL, run INTEGER NOT NULL, entry INTEGER NOT NULL, time_us INTEGER NOT NULL,
+  peer TEXT NOT NULL, token INTEGER NOT NULL, name TEXT NOT NULL, before TEXT NOT NULL, after TEXT NOT NULL, hash BLOB NOT NULL);
+CREATE TABLE changes (
+  number INTEGER PRIMARY KEY, v INTEGER NOT NULL, run INTEGER NOT NULL, entry INTEGER NOT NULL, time_us INTEGER NOT NULL,
+  what TEXT NOT NULL, peer TEXT NOT NULL, token INTEGER NOT NULL, name TEXT NOT NULL, before TEXT NOT NULL,
+  after TEXT NOT NULL, hash BLOB NOT NULL);
+CREATE INDEX changes_by_what ON changes (what, number);
+CREATE TABLE heads (chain TEXT PRIMARY KEY, number INTEGER NOT NULL, hash BLOB NOT NULL) WITHOUT ROWID;
+CREATE TABLE acknowledged (run INTEGER PRIMARY KEY, sequence INTEGER NOT NULL, time_us INTEGER NOT NULL, peer TEXT NOT NULL);
+)";
+
+// Version 2: parts that did not pass are found without reading those that did.
+constexpr const char* kVersion2 =
+    "CREATE INDEX results_not_passed ON results (verdict, number) WHERE verdict <> 'pass'";
+
+}  // namespace
+
+const ChainTable kResults{"results", kResultColumns, kResultCounts};
+const ChainTable kCommands{"commands", kCommandColumns, kCommandCounts};
+const ChainTable kChanges{"changes", kChangeColumns, kChangeCounts};
+
+std::span<const ChainTable* const> chain_tables() {
+    static constexpr std::array<const ChainTable*, 3> kAll{&kChanges, &kCommands, &kResults};
+    return kAll;
+}
+
+std::string ChainTable::select(std::string_view rest) const {
+    std::string sql = "SELECT ";
+    for (const std::string_view column : columns) sql.append(column).append(", ");
+    return sql.append("hash FROM ").append(name).append(" ").append(rest);
+}
+
+Result<Age> check_schema(Database& database) {
+    const auto version = database.get_integer("PRAGMA user_version");
+    if (!version) return tl::unexpected(version.error());
+    const auto tables = database.get_integer("SELECT count(*) FROM sqlite_schema");
+    if (!tables) return tl::unexpected(tables.error());
+    if (*version == 0 && *tables == 0) return Age::empty;
+    const auto application = database.get_integer("PRAGMA application_id");
+    if (!application) return tl::unexpected(application.error());
+    if (*application != kApplicationId || *version < 1) {
+        return fail(ErrorCode::unreadable, database.file().string() + " is a database, but no station's store",
+                    "name the folder of a station's store");
+    }
+    if (*version > kSchemaVersion) {
+        return fail(ErrorCode::unsupported,
+                    database.file().string() + " has schema version " + std::to_string(*version) +
+                        ", this software knows up to " + std::to_string(kSchemaVersion),
+                    "use the newer software again, or move the store away");
+    }
+    return *version < kSchemaVersion ? Age::older : Age::current;
+}
+
+Result<void> create_schema(Database& database, const std::string& id) {
+    auto transaction = Transaction::begin(database);
+    if (!transaction) return tl::unexpected(transaction.error());
+    if (auto done = database.execute(kVersion1); !done) return done;
+    auto insert = database.prepare("INSERT INTO meta VALUES ('id', ?1)");
+    if (!insert) return tl::unexpected(insert.error());
+    if (auto done = insert->run(std::array<Value, 1>{id}); !done) return done;
+    if (auto done = database.execute("PRAGMA application_id = " + std::to_string(kApplicationId)); !done) return done;
+    if (auto done = database.execute("PRAGMA user_version = 1"); !done) return done;
+    if (auto migrated = migrate_schema(database); !migrated) return tl::unexpected(migrated.error());
+    return transaction->commit();
+}
+
+Result<int> migrate_schema(Database& database) {
+    const auto version = database.get_integer("PRAGMA user_version");
+    if (!version) return tl::unexpected(version.error());
+    if (*version < 2) {
+        if (auto done = database.execute(kVersion2); !done) return tl::unexpected(done.error());
+    }
+    if (auto done = database.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion)); !done)
+        return tl::unexpected(done.error());
+    return static_cast<int>(*version);
+}
+
+}  // namespace hord::firmware::store

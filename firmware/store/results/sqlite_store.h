@@ -1,0 +1,39 @@
+// The store on a disk: one SQLite file in a folder, write-ahead log, every batch synced (PRAGMA synchronous = FULL).
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "firmware/store/results/result_store.h"
+
+namespace hord::firmware::store {
+
+constexpr const char* kStoreFile = "results.db";
+
+struct SqliteStoreOptions {
+    std::string vfs = {};  // another way to the disk, for tests; empty: the system's
+    std::int64_t rows_in_one_prune = 20'000;
+};
+
+class SqliteStore final : public ResultStore {
+  public:
+    // Makes the folder (not its parents) and the file where there is none, brings an older file to this version, and
+    // holds the folder for itself. Blocks. Fails with busy (another program writes this store), unsupported (written by
+    // newer software), unreadable (damaged), io (no permission, read-only, full disk, no such parent folder).
+    static Result<std::unique_ptr<SqliteStore>> open(const std::filesystem::path& folder,
+                                                     const SqliteStoreOptions& options = {});
+    ~SqliteStore() override;
+
+    // How far this run's results are stored; 0: none.
+    [[nodiscard]] std::uint32_t last_sequence() const;
+
+  private:
+    struct Parts;
+    explicit SqliteStore(std::unique_ptr<Parts> parts);
+    Result<void> do_write(std::span<const Entry> entries) override;
+    Result<bool> do_prune(const Retention& retention, UtcMicros now_us) override;
+    std::unique_ptr<Parts> parts_;
+};
+
+}  // namespace hord::firmware::store

@@ -1,0 +1,108 @@
+// Between the line and the disk: takes records at once, writes them in batches on a thread of its own.
+//
+// However slow, full or absent the disk is, add() costs a lock and a push. While the store fails it is opened again and
+// again; records wait meanwhile, and nothing is stored twice. Only when `capacity` results wait are further ones lost:
+// they are counted, reported, and entered into the store's changes ("lost") as soon as it works again.
+#pragma once
+
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "drivers/hal/clock.h"
+#include "firmware/store/results/result_store.h"
+
+namespace hord::firmware::store {
+
+struct StoreQueueOptions {
+    std::size_t capacity = 65'536;  // records that may wait; about 200 bytes each
+    std::size_t batch = 4096;       // records in one transaction
+    hal::Duration commit_every = std::chrono::milliseconds(100);
+    hal::Duration retry_every = std::chrono::seconds(1);
+    hal::Duration prune_every = std::chrono::seconds(60);
+    Retention retention = {};
+    bool thread = true;  // false: nothing happens but in step()
+};
+
+enum class Kept : std::uint8_t {
+    kept,     // durable: outlives a loss of power
+    not_yet,  // will be in a moment; ask again
+    failing,  // the store cannot be written now
+};
+
+struct StoreQueueState {
+    bool failing = false;
+    std::uint32_t durable_sequence = 0;  // every result of this run up to it is durable, or counted as lost
+    std::size_t waiting = 0;
+    std::uint64_t lost = 0;  // records since the start
+};
+
+class StoreQueue {
+  public:
+    using Open = std::function<Result<std::unique_ptr<ResultStore>>()>;
+    struct Listener {
+        std::function<void(const Error&)>
+            failed;  // once, when it begins to fail; again when what fails is something else
+        std::function<void()> works_again;
+    };
+
+    // `start` describes the run. `utc_now` is asked on the queue's thread, where `listener` is told, too.
+    StoreQueue(Open open, StoreQueueOptions options, StartRecord start, std::function<UtcMicros()> utc_now,
+               Listener listener = {});
+    ~StoreQueue();  // writes what waits, if the store works
+    StoreQueue(const StoreQueue&) = delete;
+    StoreQueue& operator=(const StoreQueue&) = delete;
+
+    // Any thread.
+    void add(Record record);
+
+    // Any thread. Asks whether every result up to `sequence` is durable; if so, enters that `peer` has taken them, else
+    // has them written without waiting for the batch's time.
+    Kept acknowledge(std::string peer, UtcMicros time_us, std::uint32_t sequence);
+
+    [[nodiscard]] StoreQueueState state() const;
+
+    // Without a thread: opens if need be, writes one batch, prunes. False: it failed.
+    bool step();
+
+  private:
+    void work();
+    bool write_one_batch(std::unique_lock<std::mutex>& lock);
+    void note_written(const std::vector<Entry>& batch);
+    void prune(std::unique_lock<std::mutex>& lock);
+    void fail_with(std::unique_lock<std::mutex>& lock, const Error& error);
+    void report_losses();
+
+    const Open open_;
+    const StoreQueueOptions options_;
+    const StartRecord start_;
+    const std::function<UtcMicros()> utc_now_;
+    const Listener listener_;
+
+    // The queue's thread alone.
+    std::unique_ptr<ResultStore> store_;
+    std::vector<ChangeRecord> in_use_;  // of each kind the last that was written: what a fresh store must be told
+    std::string last_error_;
+    hal::TimePoint next_prune_{};
+
+    mutable std::mutex mutex_;  // guards the rest
+    std::condition_variable wake_;
+    std::deque<Entry> waiting_;
+    std::uint64_t counted_ = 0;
+    std::size_t in_flight_ = 0;
+    std::uint64_t lost_ = 0, lost_reported_ = 0;
+    std::uint32_t lost_from_ = 0, lost_to_ = 0;  // sequences that the next report names
+    std::uint32_t reported_to_ = 0;              // and the last one of the report that waits
+    std::uint32_t durable_ = 0;
+    bool failing_ = false, urgent_ = false, ending_ = false;
+    std::thread thread_;
+};
+
+}  // namespace hord::firmware::store

@@ -1,0 +1,203 @@
+#include "firmware/store/results/store_reader.h"
+
+#include <array>
+
+#include <nlohmann/json.hpp>
+
+#include "firmware/store/results/schema.h"
+#include "firmware/store/results/sqlite_store.h"
+#include "firmware/store/results/store_reader_parts.h"
+
+namespace hord::firmware::store {
+namespace {
+
+std::int64_t integer(const Value& value) {
+    const auto* integer = std::get_if<std::int64_t>(&value);
+    return integer != nullptr ? *integer : 0;
+}
+std::string text(Value value) {
+    auto* text = std::get_if<std::string>(&value);
+    return text != nullptr ? std::move(*text) : std::string();
+}
+
+// A WHERE clause that grows.
+class Conditions {
+  public:
+    void add(const std::string& condition, Value value) {
+        values_.push_back(std::move(value));
+        sql_ += (sql_.empty() ? "WHERE " : " AND ") + condition + "?" + std::to_string(values_.size());
+        if (condition.find('(') != std::string::npos) sql_ += ")";
+    }
+    [[nodiscard]] const std::string& sql() const { return sql_; }
+    [[nodiscard]] const std::vector<Value>& values() const { return values_; }
+
+  private:
+    std::string sql_;
+    std::vector<Value> values_;
+};
+
+// The newest `count` of what `inner` selects, by number, in ascending order again.
+std::string newest_of(const std::string& inner, std::optional<std::int64_t> count) {
+    if (!count) return inner + " ORDER BY number";
+    return "SELECT * FROM (" + inner + " ORDER BY number DESC LIMIT " + std::to_string(*count) + ") ORDER BY number";
+}
+
+void add_times(Conditions& where, const ResultFilter& filter) {
+    if (filter.since) where.add("time_us >= ", *filter.since);
+    if (filter.until) where.add("time_us < ", *filter.until);
+    if (filter.run) where.add("run = ", *filter.run);
+}
+
+}  // namespace
+
+void StoreReader::limit_time(std::chrono::milliseconds most) { parts_->database->limit_time(most); }
+
+Result<std::unique_ptr<StoreReader>> StoreReader::open(const std::filesystem::path& folder) {
+    auto database = Database::open(folder / kStoreFile, Database::Access::read);
+    if (!database) return tl::unexpected(database.error());
+    auto age = check_schema(**database);
+    if (!age && age.error().code == ErrorCode::io) {
+        // Nobody writes, and this user may not make the files beside it that a reader of a log needs: there is no log
+        // to read.
+        std::error_code none;
+        const auto log = std::filesystem::file_size((folder / kStoreFile).string() + "-wal", none);
+        if (none || log == 0) {
+            database = Database::open(folder / kStoreFile, Database::Access::read_at_rest);
+            if (!database) return tl::unexpected(database.error());
+            age = check_schema(**database);
+        }
+    }
+    if (!age) return tl::unexpected(age.error());
+    if (*age == Age::empty)
+        return fail(ErrorCode::unreadable, (*database)->file().string() + " is empty",
+                    "name the folder of a station's store");
+    if (*age == Age::older) {
+        return fail(ErrorCode::unsupported, (*database)->file().string() + " was written by older software",
+                    "start the station once: it brings the store up to date");
+    }
+    const auto id = (*database)->get("SELECT value FROM meta WHERE key = 'id'");
+    if (!id) return tl::unexpected(id.error());
+    auto parts = std::make_unique<Parts>();
+    parts->database = std::move(*database);
+    parts->id = text(*id);
+    return std::unique_ptr<StoreReader>(new StoreReader(std::move(parts)));
+}
+
+StoreReader::StoreReader(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+StoreReader::~StoreReader() = default;
+
+const std::string& StoreReader::id() const { return parts_->id; }
+
+// The head knows it even when retention has removed every row.
+Result<std::int64_t> StoreReader::newest_number() {
+    return parts_->database->get_integer(
+        "SELECT max(coalesce((SELECT number FROM heads WHERE chain = 'results'), 0), coalesce((SELECT max(number) FROM "
+        "results), 0))");
+}
+
+Result<void> StoreReader::each_result(const ResultFilter& filter,
+                                      const std::function<void(const StoredResult&)>& take) {
+    Conditions where;
+    add_times(where, filter);
+    if (filter.number) where.add("number = ", *filter.number);
+    if (filter.before) where.add("number < ", *filter.before);
+    if (filter.boot)
+        where.add("run IN (SELECT number FROM changes WHERE what = 'start' AND json_extract(after, '$.boot') = ",
+                  std::int64_t{*filter.boot});
+    if (filter.part) where.add("part = ", std::int64_t{*filter.part});
+    if (!filter.verdict.empty()) where.add("verdict = ", filter.verdict);
+    if (!filter.reason.empty()) where.add("reason = ", filter.reason);
+    if (!filter.recipe.empty())
+        where.add("recipe IN (SELECT number FROM changes WHERE what = 'recipe' AND name = ", filter.recipe);
+    if (!filter.kind.empty())
+        where.add("EXISTS (SELECT 1 FROM json_each(defects) WHERE json_extract(value, '$.kind') = ", filter.kind);
+    if (filter.after) where.add("number > ", *filter.after);
+    const std::string chosen = "SELECT * FROM results " + where.sql();
+    const std::string inner = filter.oldest ? chosen + " ORDER BY number LIMIT " + std::to_string(*filter.oldest)
+                                            : newest_of(chosen, filter.newest);
+    auto rows = parts_->database->prepare(
+        "SELECT r.number, r.run, r.time_us, s.after, r.sequence, r.part, r.verdict, r.reason, r.reject, r.score, "
+        "r.defect_count, r.defects, "
+        "r.latency_us, r.reject_latency_us, r.recipe, p.name, c.name FROM (" +
+        inner +
+        ") r "
+        "LEFT JOIN changes s ON s.number = r.run LEFT JOIN changes p ON p.number = r.recipe LEFT JOIN changes c ON "
+        "c.number = r.calibration "
+        "ORDER BY r.number");
+    if (!rows) return tl::unexpected(rows.error());
+    if (auto bound = rows->bind(where.values()); !bound) return bound;
+    std::int64_t known_run = -1;
+    std::uint32_t boot = 0;
+    std::string software;
+    while (true) {
+        const auto row = rows->step();
+        if (!row) return tl::unexpected(row.error());
+        if (!*row) return {};
+        StoredResult result;
+        result.number = integer(rows->value(0));
+        result.run = integer(rows->value(1));
+        result.time_us = integer(rows->value(2));
+        if (result.run != known_run) {
+            known_run = result.run;
+            const auto start = nlohmann::json::parse(text(rows->value(3)), nullptr, false);
+            boot = start.is_object() ? start.value("boot", 0U) : 0U;
+            software = start.is_object() ? start.value("software", std::string()) : std::string();
+        }
+        result.boot = boot;
+        result.software = software;
+        result.sequence = static_cast<std::uint32_t>(integer(rows->value(4)));
+        result.part = static_cast<std::uint32_t>(integer(rows->value(5)));
+        result.verdict = text(rows->value(6));
+        result.reason = text(rows->value(7));
+        result.reject = text(rows->value(8));
+        const Value score = rows->value(9);
+        if (const auto* real = std::get_if<double>(&score)) result.score = *real;
+        result.defect_count = integer(rows->value(10));
+        result.defects = text(rows->value(11));
+        result.latency_us = integer(rows->value(12));
+        result.reject_latency_us = integer(rows->value(13));
+        result.recipe_change = integer(rows->value(14));
+        result.recipe = text(rows->value(15));
+        result.calibration = text(rows->value(16));
+        take(result);
+    }
+}
+
+Result<void> StoreReader::each_change(const ResultFilter& filter,
+                                      const std::function<void(const StoredChange&)>& take) {
+    Conditions where;
+    add_times(where, filter);
+    if (!filter.what.empty()) where.add("what = ", filter.what);
+    // Changes and commands have numbers of their own; together they are in the order of their times.
+    const std::string both =
+        "SELECT * FROM (SELECT number, run, time_us, what, peer, token, name, before, after, entry FROM changes UNION "
+        "ALL "
+        "SELECT number, run, time_us, 'command', peer, token, name, before, after, entry FROM commands) " +
+        where.sql();
+    const std::string order = " ORDER BY time_us, run, entry";
+    const std::string newest_first = " ORDER BY time_us DESC, run DESC, entry DESC";
+    const std::string sql = filter.newest
+        ? "SELECT * FROM (" + both + newest_first + " LIMIT " + std::to_string(*filter.newest) + ")" + order
+        : both + order;
+    auto rows = parts_->database->prepare(sql);
+    if (!rows) return tl::unexpected(rows.error());
+    if (auto bound = rows->bind(where.values()); !bound) return bound;
+    while (true) {
+        const auto row = rows->step();
+        if (!row) return tl::unexpected(row.error());
+        if (!*row) return {};
+        StoredChange change;
+        change.number = integer(rows->value(0));
+        change.run = integer(rows->value(1));
+        change.time_us = integer(rows->value(2));
+        change.what = text(rows->value(3));
+        change.peer = text(rows->value(4));
+        change.token = static_cast<std::uint32_t>(integer(rows->value(5)));
+        change.name = text(rows->value(6));
+        change.before = text(rows->value(7));
+        change.after = text(rows->value(8));
+        take(change);
+    }
+}
+
+}  // namespace hord::firmware::store

@@ -1,0 +1,93 @@
+// Reads a store, also while a station writes it: lists, filters, verifies. Blocks; one thread.
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "firmware/store/results/result_store.h"
+
+namespace hord::firmware::store {
+
+// A row of results, with what it refers to.
+struct StoredResult {
+    std::int64_t number = 0, run = 0;
+    UtcMicros time_us = 0;
+    std::uint32_t boot = 0, sequence = 0, part = 0;
+    std::string verdict, reason, reject;
+    std::optional<double> score;
+    std::int64_t defect_count = 0;
+    std::string defects;  // JSON
+    std::int64_t latency_us = 0, reject_latency_us = 0;
+    std::int64_t recipe_change = 0;  // number of the change that put it in use; 0: unknown
+    std::string recipe, calibration, software;
+};
+
+// A row of changes or commands. `what` is "command" for the latter.
+struct StoredChange {
+    std::int64_t number = 0, run = 0;
+    UtcMicros time_us = 0;
+    std::string what, peer, name, before, after;
+    std::uint32_t token = 0;
+};
+
+// What is empty does not filter.
+struct ResultFilter {
+    std::optional<UtcMicros> since, until;  // since <= time < until
+    std::string verdict, reason;
+    std::string kind;    // at least one of the defects that were kept has it
+    std::string recipe;  // name
+    std::optional<std::int64_t> run;
+    std::optional<std::int64_t> number, before;  // exactly this number; numbers below it
+    std::optional<std::uint32_t> boot, part;
+    std::string what;                    // of changes: "recipe", "command", "start" ...
+    std::optional<std::int64_t> newest;  // so many, the last ones
+    std::optional<std::int64_t> after;   // of results: with a higher number
+    std::optional<std::int64_t> oldest;  // of results: so many, the first ones
+};
+
+// What a verified chain ends with: noted elsewhere, it shows later that nothing before it was exchanged.
+struct ChainHead {
+    std::string chain;  // "changes", "commands", "results"
+    std::int64_t rows = 0, first = 0, number = 0;
+    std::string hash;  // hexadecimal; of row `number`
+};
+
+struct Verification {
+    std::vector<std::string> problems;  // empty: every row is as it was written
+    std::vector<ChainHead> heads;
+};
+
+class StoreReader {
+  public:
+    // Fails with not_found, unreadable (damaged, not a store), unsupported (written by newer or older software: a
+    // station's start brings an older one up to date), io.
+    static Result<std::unique_ptr<StoreReader>> open(const std::filesystem::path& folder);
+    ~StoreReader();
+
+    [[nodiscard]] const std::string& id() const;  // the store's name for itself: another store has another
+    Result<std::int64_t> newest_number();         // of results; 0: none yet
+    // Whatever is asked from now on ends within this time, or fails with timeout: a long read keeps the station's log
+    // from being folded into its file.
+    void limit_time(std::chrono::milliseconds most);
+
+    // In the order of their numbers.
+    Result<void> each_result(const ResultFilter& filter, const std::function<void(const StoredResult&)>& take);
+    Result<void> each_change(const ResultFilter& filter,
+                             const std::function<void(const StoredChange&)>& take);  // time, run, what, newest
+
+    // Reads every row. `noted`: heads that were noted before ("results 4711 9f86..."): the row must have that hash
+    // still, or have been removed by retention. At most 100 problems a chain are told one by one.
+    Result<Verification> verify(const std::vector<ChainHead>& noted = {});
+
+  private:
+    struct Parts;
+    explicit StoreReader(std::unique_ptr<Parts> parts);
+    std::unique_ptr<Parts> parts_;
+};
+
+}  // namespace hord::firmware::store

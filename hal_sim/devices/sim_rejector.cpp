@@ -1,0 +1,146 @@
+#include "hal_sim/devices/sim_rejector.h"
+
+#include <algorithm>
+
+namespace hord::sim {
+
+using hal::Duration;
+using hal::TimePoint;
+using Outcome = hal::RejectReport::Outcome;
+
+SimRejector::~SimRejector() {
+    listener_ = nullptr;  // may be gone already
+    stop();
+}
+
+Result<void> SimRejector::do_start(Listener& listener) {
+    listener_ = &listener;
+    ledger_.forget();
+    if (options_.permit_moves_belt) world_.halt();
+    link_timer_ = loop_.call_after(options_.link_after, [this] { link_goes_up(); });
+    return {};
+}
+
+void SimRejector::link_goes_up() {
+    up_ = true;
+    listener_->on_rejector_link(true, {});
+}
+
+void SimRejector::link_goes_down(Duration gone_for) {
+    up_ = false;
+    move_permit(false);
+    loop_.cancel(link_timer_);
+    link_timer_ = loop_.call_after(gone_for, [this] { link_goes_up(); });
+    listener_->on_rejector_link(
+        false, {ErrorCode::disconnected, "simulated rejector is gone", "wait; the driver keeps trying"});
+}
+
+void SimRejector::move_permit(bool permit) {
+    permit_ = permit;
+    if (!options_.permit_moves_belt) return;
+    if (permit) world_.resume();
+    else world_.halt();
+}
+
+void SimRejector::do_set_run_permit(bool permit) {
+    if (up_ || !permit) move_permit(permit);
+}
+
+Result<void> SimRejector::do_reject(const hal::RejectCommand& command) {
+    const auto entry = ledger_.enter(command);
+    switch (entry.entered) {
+        case hal::RejectLedger::Entered::full:
+            return fail(ErrorCode::busy, "simulated rejector's queue is full",
+                        "space the rejects or shorten the pulse");
+        case hal::RejectLedger::Entered::repeat: break;
+        case hal::RejectLedger::Entered::settled: report_at(loop_.now(), std::nullopt, entry.report); break;
+        case hal::RejectLedger::Entered::fresh: carry_out(command, entry.slot); break;
+    }
+    return {};
+}
+
+void SimRejector::carry_out(const hal::RejectCommand& command, std::size_t ledger_slot) {
+    const TimePoint until = command.start + command.width;
+    const TimePoint asked = std::max(command.start, loop_.now());
+    TimePoint from = asked;
+    const auto answer = [&](Outcome outcome, TimePoint at) { report_at(at, ledger_slot, {command.part, outcome, at}); };
+    const auto down_for = faults_.fires(Fault::rejector_down), late_by = faults_.fires(Fault::reject_late),
+               again_after = faults_.fires(Fault::reject_twice);
+    const bool lost = faults_.fires(Fault::reject_lost).has_value(),
+               stuck = faults_.fires(Fault::ejector_stuck).has_value(),
+               unacknowledged = faults_.fires(Fault::reject_unacknowledged).has_value();
+    if (down_for && up_) {
+        loop_.cancel(down_timer_);
+        down_timer_ = loop_.call_after({}, [this, gone = *down_for] { link_goes_down(gone); });
+    }
+    if (!up_ || down_for || lost) return answer(Outcome::failed, from + options_.give_up_after);
+    const TimePoint acknowledged = from + latency_.next();
+    if (from >= until) return answer(Outcome::late, acknowledged);  // acting now would hit a neighbour
+    if (late_by) from += *late_by;
+    if (!stuck) plan_pulse(from, from + (until - asked));
+    if (again_after) plan_pulse(until + *again_after, until + *again_after + command.width);
+    if (unacknowledged) return answer(Outcome::failed, from + options_.give_up_after);
+    answer(from >= until ? Outcome::late : Outcome::confirmed, acknowledged + late_by.value_or(Duration::zero()));
+}
+
+void SimRejector::report_at(TimePoint due, std::optional<std::size_t> ledger_slot, const hal::RejectReport& report) {
+    auto free = std::find_if(jobs_.begin(), jobs_.end(), [](const Job& j) { return !j.used; });
+    if (free == jobs_.end()) free = jobs_.insert(jobs_.end(), Job{});
+    *free = {report, ledger_slot, true, {}};
+    free->timer =
+        loop_.call_at(due, [this, number = static_cast<std::size_t>(free - jobs_.begin())] { settle(number); });
+}
+
+void SimRejector::settle(std::size_t number) {
+    jobs_[number].used = false;
+    const Job job = jobs_[number];  // the listener may add others
+    std::uint32_t owed = job.ledger_slot ? ledger_.settle(*job.ledger_slot, job.report) : 1;
+    for (; owed > 0 && listener_ != nullptr; --owed) listener_->on_reject(job.report);
+}
+
+void SimRejector::plan_pulse(TimePoint from, TimePoint until) {
+    auto free = std::find_if(pulses_.begin(), pulses_.end(), [](const Pulse& p) { return !p.used; });
+    if (free == pulses_.end()) free = pulses_.insert(pulses_.end(), Pulse{});
+    *free = {from, until, true, false, {}};
+    free->timer =
+        loop_.call_at(from, [this, number = static_cast<std::size_t>(free - pulses_.begin())] { step(number); });
+}
+
+void SimRejector::step(std::size_t number) {
+    Pulse& pulse = pulses_[number];
+    if (!pulse.open) {
+        pulse.open = true;
+        pulse.timer = loop_.call_at(pulse.until, [this, number] { step(number); });
+        valve(true, pulse.from);
+    } else {
+        pulse.used = false;
+        valve(false, pulse.until);
+    }
+}
+
+void SimRejector::valve(bool open, TimePoint at) {
+    open_ += open ? 1 : -1;
+    if (open ? open_ == 1 : open_ == 0) world_.set_ejector(open, at);
+}
+
+void SimRejector::do_stop() {
+    move_permit(false);
+    up_ = false;
+    loop_.cancel(link_timer_);
+    loop_.cancel(down_timer_);
+    for (Pulse& pulse : pulses_) {
+        if (!pulse.used) continue;
+        loop_.cancel(pulse.timer);
+        pulse.used = false;
+        if (pulse.open) valve(false, loop_.now());
+    }
+    for (std::size_t k = 0; k < jobs_.size(); ++k) {
+        if (!jobs_[k].used) continue;
+        loop_.cancel(jobs_[k].timer);
+        if (jobs_[k].ledger_slot) jobs_[k].report = {jobs_[k].report.part, Outcome::failed, loop_.now()};
+        settle(k);
+    }
+    listener_ = nullptr;
+}
+
+}  // namespace hord::sim

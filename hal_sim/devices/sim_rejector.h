@@ -1,0 +1,78 @@
+// The simulated rejector: an ejector that acts on the part really before it, and an acknowledgement on its own way.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "drivers/hal/event_loop.h"
+#include "drivers/hal/reject_ledger.h"
+#include "drivers/hal/rejector.h"
+#include "hal_sim/world/faults.h"
+#include "hal_sim/world/latency.h"
+#include "hal_sim/world/world.h"
+
+namespace hord::sim {
+
+struct RejectorOptions {
+    LatencyOptions write{std::chrono::microseconds(300), {}};     // command to acknowledgement
+    hal::Duration link_after = std::chrono::milliseconds(5);      // start() to link up
+    hal::Duration give_up_after = std::chrono::milliseconds(50);  // no acknowledgement: failed
+    bool permit_moves_belt = false;                               // the belt stops while the run permit is down
+};
+
+class SimRejector final : public hal::Rejector {
+  public:
+    SimRejector(hal::EventLoop& loop, World& world, FaultPlan& faults, const RejectorOptions& options,
+                std::uint64_t seed)
+        : loop_(loop), world_(world), faults_(faults), options_(options), latency_(options.write, seed, 0x4E7E) {}
+    ~SimRejector() override;
+
+    [[nodiscard]] bool run_permit() const { return permit_; }  // the coil as the module has it
+
+    // The link goes now, for so long.
+    void unplug(hal::Duration gone_for) {
+        if (up_) link_goes_down(gone_for);
+    }
+
+  private:
+    struct Job {  // a report that is owed
+        hal::RejectReport report;
+        std::optional<std::size_t> ledger_slot;  // none: of a command repeated after it was settled
+        bool used = false;
+        hal::EventLoop::TimerId timer{};
+    };
+    struct Pulse {
+        hal::TimePoint from, until;
+        bool used = false, open = false;
+        hal::EventLoop::TimerId timer{};
+    };
+    Result<void> do_start(Listener& listener) override;
+    Result<void> do_reject(const hal::RejectCommand& command) override;
+    void do_set_run_permit(bool permit) override;
+    void do_stop() override;
+
+    void carry_out(const hal::RejectCommand& command, std::size_t ledger_slot);
+    void report_at(hal::TimePoint due, std::optional<std::size_t> ledger_slot, const hal::RejectReport& report);
+    void settle(std::size_t job);
+    void plan_pulse(hal::TimePoint from, hal::TimePoint until);
+    void step(std::size_t pulse);  // opens it, then closes it
+    void valve(bool open, hal::TimePoint at);
+    void link_goes_up();
+    void link_goes_down(hal::Duration gone_for);
+    void move_permit(bool permit);
+
+    hal::EventLoop& loop_;
+    World& world_;
+    FaultPlan& faults_;
+    RejectorOptions options_;
+    Latency latency_;
+    Listener* listener_ = nullptr;
+    bool up_ = false, permit_ = false;
+    int open_ = 0;  // pulses that overlap hold the valve open together
+    hal::EventLoop::TimerId link_timer_{}, down_timer_{};
+    hal::RejectLedger ledger_;
+    std::vector<Job> jobs_;
+    std::vector<Pulse> pulses_;
+};
+
+}  // namespace hord::sim

@@ -1,0 +1,98 @@
+// The simulated lenslet sensor: an exposure holds the part that was really before the camera when the light really
+// fell.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+#include "drivers/hal/event_loop.h"
+#include "drivers/hal/sensor.h"
+#include "hal_sim/devices/sim_strobe.h"
+#include "hal_sim/world/faults.h"
+#include "hal_sim/world/frame_source.h"
+#include "hal_sim/world/latency.h"
+#include "hal_sim/world/world.h"
+
+namespace hord::sim {
+
+struct SensorOptions {
+    int buffers = 4;
+    LatencyOptions readout{std::chrono::milliseconds(3), {}};  // end of the exposure to delivery
+};
+
+class SimSensor final : public hal::Sensor {
+  public:
+    SimSensor(hal::EventLoop& loop, World& world, const SimStrobe& strobe, FrameSource& source, FaultPlan& faults,
+              const SensorOptions& options, std::uint64_t seed);
+    ~SimSensor() override { stop(); }
+
+    // The world's number of the part in a frame, by the frame's sequence; 0: none, dark, or longer ago than 64 frames.
+    [[nodiscard]] std::uint64_t true_part_of(std::uint32_t sequence) const {
+        const Seen& seen = seen_[sequence % seen_.size()];
+        return seen.sequence == sequence ? seen.part : 0;
+    }
+
+    // The device goes now, as if pulled out; start() fails for so long.
+    void unplug(hal::Duration gone_for) {
+        if (listener_ != nullptr) lose(gone_for);
+    }
+
+  private:
+    enum class State : std::uint8_t { free, exposing, reading, lent };
+    struct Slot {
+        std::atomic<State> state{State::free};
+        std::vector<std::byte> samples;
+        FrameView view;
+        hal::FrameInfo info;
+        hal::TimePoint end;
+        hal::EventLoop::TimerId timer{};
+    };
+    struct Seen {
+        std::uint32_t sequence = 0;
+        std::uint64_t part = 0;
+    };
+    [[nodiscard]] hal::SensorFormat do_format() const override;
+    Result<void> do_start(Listener& listener) override;
+    Result<void> do_trigger(const hal::ExposureRequest& request) override;
+    void do_stop() override;
+    void do_give_back(std::uint32_t slot) noexcept override {
+        slots_[slot].state.store(State::free, std::memory_order_release);
+    }
+
+    [[nodiscard]] Slot* take_free();
+    [[nodiscard]] std::uint32_t number_of(const Slot& slot) const {
+        return static_cast<std::uint32_t>(&slot - slots_.get());
+    }
+    void exposed(std::uint32_t number);
+    void deliver(std::uint32_t number);
+    void deliver_later(Slot& slot, hal::TimePoint due);
+    void duplicate(const Slot& slot, hal::TimePoint due);
+    void lose(hal::Duration gone_for);
+
+    hal::EventLoop& loop_;
+    World& world_;
+    const SimStrobe& strobe_;
+    FrameSource& source_;
+    FaultPlan& faults_;
+    SensorOptions options_;
+    std::uint64_t seed_;
+    Latency latency_;
+    Listener* listener_ = nullptr;
+    bool lost_ = false;
+    hal::TimePoint back_at_{};
+    hal::EventLoop::TimerId lost_timer_{};
+    std::unique_ptr<Slot[]> slots_;
+    std::uint32_t sequence_ = 0;
+    std::uint64_t exposures_ = 0;
+    std::array<Seen, 64> seen_{};
+
+    // The frame before this one, kept only where a plan names stale frames.
+    std::vector<std::byte> last_samples_;
+    hal::FrameInfo last_info_;
+    std::uint64_t last_part_ = 0;
+};
+
+}  // namespace hord::sim

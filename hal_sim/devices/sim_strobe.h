@@ -1,0 +1,75 @@
+// The simulated collimator LEDs. Begins and ends at the times asked for, to the nanosecond, when asked in time.
+#pragma once
+
+#include <deque>
+#include <vector>
+
+#include "drivers/hal/event_loop.h"
+#include "drivers/hal/strobe.h"
+#include "hal_sim/world/faults.h"
+#include "hal_sim/world/latency.h"
+
+namespace hord::sim {
+
+struct StrobeOptions {
+    hal::StrobeLimits limits{std::chrono::milliseconds(1), std::chrono::milliseconds(1), 1};
+    hal::Duration nominal_pulse = std::chrono::microseconds(50);  // gives light 1
+    LatencyOptions report;                                        // end of the pulse to its report
+};
+
+class SimStrobe final : public hal::Strobe {
+  public:
+    SimStrobe(hal::EventLoop& loop, FaultPlan& faults, const StrobeOptions& options, std::uint64_t seed)
+        : loop_(loop), faults_(faults), options_(options), latency_(options.report, seed, 0x57B0) {}
+    ~SimStrobe() override;
+
+    // The light that truly fell in [from, until): 1 for a nominal pulse wholly inside, and when it began.
+    struct Light {
+        double amount = 0;
+        hal::TimePoint at;  // middle of the first pulse's part inside; meaningless without light
+    };
+    [[nodiscard]] Light light_between(hal::TimePoint from, hal::TimePoint until) const;
+
+    // What the observer checks: the longest the light was ever on, and the shortest rest between pulses asked for.
+    [[nodiscard]] hal::Duration longest_on() const { return longest_on_; }
+    [[nodiscard]] std::uint64_t pulses() const { return pulses_; }
+
+    // The device goes now, as if pulled out; start() fails for so long.
+    void unplug(hal::Duration gone_for) {
+        if (listener_ != nullptr) lose(gone_for);
+    }
+
+  private:
+    struct Lit {
+        hal::TimePoint from, until;
+        double brightness;
+    };
+    struct Pending {
+        hal::StrobeReport report;
+        hal::EventLoop::TimerId timer{};
+        bool used = false;
+    };
+    Result<void> do_start(Listener& listener) override;
+    Result<void> do_fire(const hal::StrobePulse& pulse) override;
+    void do_stop() override;
+    [[nodiscard]] hal::StrobeLimits do_limits() const override { return options_.limits; }
+    void light(hal::TimePoint from, hal::Duration width, double brightness);
+    void dark_from(hal::TimePoint at);
+    void report(std::size_t slot);
+    void lose(hal::Duration gone_for);
+
+    hal::EventLoop& loop_;
+    FaultPlan& faults_;
+    StrobeOptions options_;
+    Latency latency_;
+    Listener* listener_ = nullptr;
+    bool lost_ = false;
+    hal::TimePoint back_at_{};
+    std::deque<Lit> lit_;  // the last second's and the future's
+    std::vector<Pending> pending_;
+    hal::EventLoop::TimerId lost_timer_{};
+    hal::Duration longest_on_{};
+    std::uint64_t pulses_ = 0;
+};
+
+}  // namespace hord::sim

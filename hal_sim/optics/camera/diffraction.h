@@ -1,0 +1,36 @@
+// Blur by diffraction at a lenslet's square aperture: light of one slope spreads over the slopes around it as sinc^2.
+//
+// A lenslet of pitch p on the measurement plane (its image through the relay) blurs slopes by wavelength / p from the
+// middle to the first zero, whatever its focal length: the product of place and slope is what diffraction limits.
+// Source points are incoherent, so their patterns add. M. Born, E. Wolf, Principles of Optics, section 8.5.1.
+#pragma once
+
+#include <vector>
+
+#include "hal_sim/optics/camera/source_area.h"
+
+namespace hord::sim {
+
+class Diffraction {
+  public:
+    static constexpr double kFinest = 1.0 / 3;  // bins: light is taken to be even over this much before it is blurred
+
+    // `first_zero`: from the pattern's middle, in bin pitches. `step` and the most cells a side of the grids to be
+    // blurred.
+    Diffraction(double first_zero, double step, int most_cells);
+
+    // The cells that light must be collected in, and how many of them make one of `grid`.
+    [[nodiscard]] SlopeGrid fine(const SlopeGrid& grid) const;
+
+    // Adds the light in the cells of fine(grid), blurred, to those of `grid`. What leaves the grid is lost.
+    void blur(const SlopeGrid& grid, const double* fine, double* cells) const;
+
+  private:
+    [[nodiscard]] double share(int fine_cell, int cell) const {
+        return share_[static_cast<std::size_t>(fine_cell - split_ * cell + middle_)];
+    }
+    int split_, middle_;
+    std::vector<double> share_;  // of an even fine cell's light in a cell, by split * cell's number - fine cell's
+};
+
+}  // namespace hord::sim

@@ -1,0 +1,61 @@
+// Where the lenslets are: on the sensor, and on the measurement plane that the relay images onto them.
+//
+// An aligned lattice about the array's middle is foreshortened by the tilts, turned, moved and distorted, in this
+// order; what comes out is the place of a lenslet's centre on the sensor. The place on the measurement plane is the
+// same, seen through the relay: the camera of a scene with a turned, distorted array samples the part at turned,
+// distorted places. A lenslet of a hexagonal array collects light from a rectangle of its cell's area, pitch by
+// sqrt(3)/2 pitch.
+#pragma once
+
+#include <vector>
+
+#include "hal_sim/optics/scene/scene.h"
+
+namespace hord::sim {
+
+class ArrayGeometry {
+  public:
+    explicit ArrayGeometry(const Scene& scene);
+
+    [[nodiscard]] int width_px() const { return width_px_; }  // of the sensor
+    [[nodiscard]] int height_px() const { return height_px_; }
+    struct Point {
+        double x = 0, y = 0;
+    };
+    // Of lenslet (m, n)'s centre. Pixel (0, 0) is the centre of the top left pixel.
+    [[nodiscard]] Point centre_px(int m, int n) const;
+    // Pixels a bin behind lenslet (m, n).
+    [[nodiscard]] double bin_px(int m, int n) const;
+
+    // The centre on the measurement plane, and half the sides of what the lenslet collects from there.
+    [[nodiscard]] Point place_mm(int m, int n) const;
+    [[nodiscard]] double half_x_mm() const { return 0.5 * pitch_mm_; }
+    [[nodiscard]] double half_y_mm() const { return 0.5 * pitch_mm_ * row_; }
+
+    // The lattice place (m, n) of a point of the measurement plane: whole numbers at lenslets' centres (of the nearest
+    // row's).
+    [[nodiscard]] Point to_lattice(const Point& place_mm) const;
+
+    [[nodiscard]] bool is_plain() const {
+        return plain_;
+    }  // square and aligned: a macro-pixel frame is what the sensor sees
+    [[nodiscard]] bool is_dead(int m, int n) const;
+
+  private:
+    [[nodiscard]] double stagger(int n) const { return hexagonal_ ? (n % 2 != 0 ? 0.25 : -0.25) : 0; }
+    [[nodiscard]] Point from_middle(int m, int n) const;  // in pitches, on the sensor
+
+    algo::Extents extents_;
+    bool hexagonal_, plain_;
+    double row_, pitch_px_, pitch_mm_;
+    int width_px_, height_px_;
+    double xx_, xy_, yx_, yy_;           // tilts and rotation
+    double offset_x_, offset_y_, half_;  // pitches
+    double distortion_;
+    double nearer_x_, nearer_y_;  // change of the distance to the sensor, relative, a pitch
+    double dead_share_;
+    std::uint64_t seed_;
+    std::vector<LensletArray::Lenslet> dead_;
+};
+
+}  // namespace hord::sim

@@ -1,0 +1,103 @@
+// What light meets: solids built from surfaces by union, intersection and difference, filled with media.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "hal_sim/optics/scene/geometry.h"
+
+namespace hord::sim {
+
+// A solid as a formula over surfaces' insides.
+class Solid {
+  public:
+    static Solid inside(int surface) { return Solid(Op::surface, surface, {}); }
+    static Solid all(std::vector<Solid> of) { return Solid(Op::all, 0, std::move(of)); }
+    static Solid any(std::vector<Solid> of) { return Solid(Op::any, 0, std::move(of)); }
+    static Solid difference(Solid from, Solid cut) {
+        return Solid(Op::difference, 0, {std::move(from), std::move(cut)});
+    }
+
+    // Bit s of `state`: inside surface s.
+    [[nodiscard]] bool contains(std::uint64_t state) const;
+
+  private:
+    enum class Op : std::uint8_t { surface, all, any, difference };
+    Solid(Op op, int surface, std::vector<Solid> of) : op_(op), surface_(surface), of_(std::move(of)) {}
+    Op op_;
+    int surface_;
+    std::vector<Solid> of_;
+};
+
+// A thin disc, normal to the light, that lets a share of it through.
+struct Disc {
+    Vec3 centre;
+    double radius = 0;
+    double transmission = 0;
+};
+
+// Where light may change its way within a short distance: rendering looks closely near it.
+struct Feature {
+    Vec3 from, to;          // a segment; a point where they are equal
+    double reach = 0;       // everything of it lies within this distance of the segment
+    double resolution = 0;  // cells larger than this may overlook it
+};
+
+// The part with its defects, in the part's own frame.
+struct Body {
+    static constexpr int kMaxSurfaces = 64;
+
+    std::vector<Surface> surfaces;
+    std::vector<Disc> discs;
+    std::vector<Feature> features;
+    Vec3 low, high;   // everything lies in this box
+    double size = 0;  // its diagonal, or the largest radius where that is larger
+    bool empty = true;
+    bool convex = false;  // the part without its defects: light that has left it never meets it again
+
+    bool fresnel = false;  // light is lost by reflection
+    bool absorbs = false;  // and within some medium
+    [[nodiscard]] bool has_losses() const { return fresnel || absorbs; }
+
+    // Adds a surface and gives its number; -1 when there are kMaxSurfaces already.
+    int add(const Surface& surface);
+    // What fills a place: air outside `part`; inside, the last filling that contains the place, else the part itself.
+    void fill(Solid part, double index);
+    void tint(double absorption);  // the part
+    void fill_more(Solid defect, double index, double absorption = 0);
+    void move(const Rigid& by);  // all of it; discs stay across the light
+    void done();                 // after the last of these
+
+    // 0: outside the part; 1: the part; from 2 on, its defects, be they hollow.
+    [[nodiscard]] std::uint8_t medium(std::uint64_t state) const {
+        return table_.empty() ? work_out(state) : table_[static_cast<std::size_t>(state)];
+    }
+    [[nodiscard]] double index(std::uint8_t medium) const { return indices_[medium]; }
+    [[nodiscard]] double part_index() const { return empty ? 1 : indices_[1]; }
+    [[nodiscard]] double absorption(std::uint8_t medium) const { return absorptions_[medium]; }  // natural, per mm
+
+  private:
+    [[nodiscard]] std::uint8_t work_out(std::uint64_t state) const;
+    std::vector<Solid> solids_;         // the part, then its defects
+    std::vector<double> indices_{1.0};  // of air, the part, its defects
+    std::vector<double> absorptions_{0.0};
+    std::vector<std::uint8_t> table_;  // by state, for few surfaces
+};
+
+// The scene's part, with or without its defects, at a wavelength. The scene has no problems (scene.h).
+Body body_of(const Scene& scene, bool with_defects, double wavelength_nm = kLineD);
+
+// A defect where the pose's tilts and its shift along the light put it. (The rest of the pose is the camera's view:
+// camera.h.)
+template <class Defect>
+Defect posed(Defect defect, const Pose& pose) {
+    const Rigid by = Rigid::of({0, 0, pose.z_mm}, {pose.tilt_x_rad, pose.tilt_y_rad, 0});
+    if constexpr (requires { defect.centre_mm; }) defect.centre_mm = by(defect.centre_mm);
+    else defect.from_mm = by(defect.from_mm), defect.to_mm = by(defect.to_mm);
+    return defect;
+}
+
+// Index at a wavelength (nm) of a glass with this index at kLineD. Cauchy's two terms; exact at the lines d, F, C.
+double dispersed(double index_d, double abbe_number, double wavelength_nm);
+
+}  // namespace hord::sim

@@ -1,0 +1,350 @@
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+#include <map>
+#include <memory>
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "algo/frame/mask.h"
+#include "algo/inspection/pipeline.h"
+#include "algo/reference/reference_learner.h"
+#include "algo/reference/reference_sampler.h"
+#include "hal_sim/optics/scene/noise.h"
+#include "lab/detection/detection.h"
+#include "lab/detection/detection_parts.h"
+#include "lab/experiment/inspected_maps.h"
+#include "lab/experiment/scenes.h"
+
+namespace hord::lab {
+namespace {
+
+constexpr double kElectrons = 2000, kSourceArea = 1.169;  // bins
+constexpr double kFloor = 1e-3;                           // of a map's contrast, where the clean part shows nothing
+
+// The paper's lens as this camera sees it: 12 bits, noise, a little wobble.
+sim::Scene paper_lens(int lenslets) {
+    sim::Scene scene = lens_scene(lenslets);
+    scene.camera.bits = 12;
+    scene.camera.full_bin_dn = kElectrons / kSourceArea;
+    scene.noise.electrons_per_dn = static_cast<double>(kProductionGain);
+    scene.noise.read_e = static_cast<double>(kProductionReadDn);
+    return scene;
+}
+
+sim::Scene moved(sim::Scene scene, std::uint64_t seed, std::uint32_t number) {
+    sim::Noise draw(seed, number, 0xC0A7);
+    const double pitch_mm = scene.camera.field_mm / scene.camera.extents.m;
+    scene.pose.x_mm = 0.5 * pitch_mm * (2 * draw.uniform() - 1);
+    scene.pose.y_mm = 0.5 * pitch_mm * (2 * draw.uniform() - 1);
+    return scene;
+}
+
+Result<std::shared_ptr<const algo::Reference>> learn_lens(const sim::Scene& scene, std::size_t parts,
+                                                          const algo::FrameOfPart& frame_of) {
+    algo::LearnOptions learning;
+    learning.levels = algo::light_levels(production_recipe(), scene.camera.bits);
+    learning.electrons_per_dn = kProductionGain;
+    learning.read_dn = kProductionReadDn;
+    auto learned = algo::learn_reference(scene.camera.extents, scene.camera.bits, parts, frame_of, learning);
+    if (!learned) return tl::unexpected(learned.error());
+    return std::make_shared<const algo::Reference>(std::move(learned->reference));
+}
+
+Result<sim::LightField> light_of(const sim::Scene& scene, const ExperimentOptions& options) {
+    return sim::render(scene, {options.threads, {}});
+}
+
+// A frame's maps, and where each has a value: a dark lenslet has no gradient, unless it is taken as evenly lit, but its
+// missing light is judged.
+struct Seen {
+    std::vector<float> emd, even, surprise;
+    std::vector<float> deviance;  // deviance_of(), where surprise has a value
+    std::vector<std::uint8_t> emd_mask, even_mask, surprise_mask;
+};
+struct MapOfSeen {
+    const char* name;
+    std::vector<float> Seen::*map;
+    std::vector<std::uint8_t> Seen::*mask;
+};
+constexpr MapOfSeen kMaps[] = {{"emd", &Seen::emd, &Seen::emd_mask},
+                               {"even", &Seen::even, &Seen::even_mask},
+                               {"surprise", &Seen::surprise, &Seen::surprise_mask}};
+
+// What nobody can be surer than. Of every lenslet twice the logarithm of how much likelier its bins are if exactly they
+// were expected than if the good part was, with the good part known exactly (what the reference expects there) and no
+// noise but that of photons and readings: Poisson's where light is missing, a normal number's where there is more. Who
+// looks for exactly this flaw can have no better test (Neyman and Pearson), and by noise alone that ratio is R or more
+// at most once in R times: a score that good parts exceed as rarely as a normal number is at most about the root of
+// this, less what noise alone has.
+std::vector<float> deviance_of(const Frame& frame, const algo::Extents& e, const algo::Reference& reference,
+                               const algo::GoldenReader& golden, const algo::Registered& at,
+                               std::span<const std::uint8_t> mask) {
+    std::vector<float> deviance(e.lenslets());
+    std::vector<float> bins(reference.stride());
+    const algo::PoseMap pose(at.pose, e);
+    const double gain = static_cast<double>(kProductionGain), read = static_cast<double>(kProductionReadDn);
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const auto k = static_cast<std::size_t>(n * e.m + m);
+            if ((mask[k] & (algo::kOutside | algo::kSaturated)) != 0) continue;
+            std::ranges::fill(bins, 0.0F);
+            const auto place = pose.to_reference(m, n);
+            const auto wanted = golden.read(place.m, place.n, at.light, bins.data());
+            if (!wanted.has_hord) continue;
+            double sum = 0;
+            for (int b = 0; b < e.bins(); ++b) {
+                const auto sample = static_cast<double>(frame.view().sample(m * e.i + b % e.i, n * e.j + b / e.i));
+                const double seen = std::max(0.0, sample - static_cast<double>(reference.levels.dark)),
+                             expected = wanted.light * static_cast<double>(bins[reference.place(b % e.i, b / e.i)]);
+                const double more = seen - expected;
+                if (more > 0) sum += more * more / (expected / gain + read * read + 1.0 / 12);
+                else sum += 2 * gain * ((seen > 0 ? seen * std::log(seen / expected) : 0) - more);
+            }
+            deviance[k] = static_cast<float>(sum);
+        }
+    }
+    return deviance;
+}
+
+// The roots of what a map of deviances has more than noise alone, which is `by_noise` of every lenslet.
+std::vector<float> roots_of(const std::vector<float>& deviance, double by_noise) {
+    std::vector<float> roots;
+    for (const float d : deviance)
+        roots.push_back(static_cast<float>(std::sqrt(std::max(0.0, static_cast<double>(d) - by_noise))));
+    return roots;
+}
+
+Result<std::optional<Seen>> look(algo::Pipeline& against, algo::Pipeline& alone, const algo::Reference& reference,
+                                 const algo::GoldenReader& golden, const Frame& frame, const algo::Extents& e) {
+    const auto found = against.inspect(frame.view());
+    if (!found) return tl::unexpected(found.error());
+    if (found->surprise.empty()) return std::optional<Seen>();
+    Seen seen;
+    seen.emd.assign(found->emd.begin(), found->emd.end());
+    seen.surprise.assign(found->surprise.begin(), found->surprise.end());
+    seen.emd_mask.assign(found->mask.begin(), found->mask.end());
+    seen.surprise_mask = seen.emd_mask;
+    for (std::uint8_t& bits : seen.surprise_mask) bits &= static_cast<std::uint8_t>(~(algo::kDark | algo::kBorder));
+    seen.deviance = deviance_of(frame, e, reference, golden, found->registered, seen.surprise_mask);
+    const Frame filled = with_dark_as_uniform(frame, Sight{e, seen.emd, {}, {}, seen.emd_mask});
+    const auto even = alone.inspect(filled.view());
+    if (!even) return tl::unexpected(even.error());
+    seen.even.assign(even->emd.begin(), even->emd.end());
+    seen.even_mask.assign(even->mask.begin(), even->mask.end());
+    return std::optional(std::move(seen));
+}
+
+// Contrast to noise when the map is first averaged over a disc as large as the defect and 1.5 lenslets around it: what
+// the disc at the defect has, less the mean of discs all over the clean interior, over their standard deviation.
+double averaged_contrast(const std::vector<float>& flawed, const std::vector<std::uint8_t>& flawed_mask,
+                         const std::vector<float>& clean, const std::vector<std::uint8_t>& interior,
+                         const algo::Extents& e, const sim::TruthDefect& defect) {
+    const double radius = defect.radius_lenslets + 1.5;
+    const int reach = static_cast<int>(std::ceil(radius));
+    // Nothing where the disc leaves the field, or, if all of it must have a value, where one has none.
+    const auto mean_at = [&](const std::vector<float>& map, const std::vector<std::uint8_t>& mask, double at_m,
+                             double at_n, std::uint8_t none, bool all) -> std::optional<double> {
+        double sum = 0, count = 0;
+        for (int n = static_cast<int>(at_n) - reach; n <= static_cast<int>(at_n) + reach + 1; ++n) {
+            for (int m = static_cast<int>(at_m) - reach; m <= static_cast<int>(at_m) + reach + 1; ++m) {
+                if (std::hypot(m - at_m, n - at_n) > radius) continue;
+                if (m < 0 || n < 0 || m >= e.m || n >= e.n) return std::nullopt;
+                const auto k = static_cast<std::size_t>(n * e.m + m);
+                const bool has = (mask[k] & none) == 0;
+                if (!has && all) return std::nullopt;
+                if (has) sum += static_cast<double>(map[k]), count += 1;
+            }
+        }
+        return count > 0 ? std::optional(sum / count) : std::nullopt;
+    };
+    double sum = 0, squares = 0, count = 0;
+    for (int n = 0; n < e.n; n += 2) {
+        for (int m = 0; m < e.m; m += 2) {
+            const auto mean = mean_at(clean, interior, m, n, 0xFF, true);
+            if (mean) sum += *mean, squares += *mean * *mean, count += 1;
+        }
+    }
+    const auto there = mean_at(flawed, flawed_mask, defect.m, defect.n, algo::kNoGradient, false);
+    if (count < 2 || !there) return 0;
+    const double mean = sum / count, sigma = std::sqrt(std::max(0.0, squares / count - mean * mean));
+    return (*there - mean) / std::max(sigma, kFloor / 3);
+}
+
+std::int64_t cpu_ns() {
+    timespec t{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
+}
+
+double median(std::vector<double> values) { return quantile(std::move(values), 0.5); }
+
+}  // namespace
+
+Result<Json> measure_contrast(const ExperimentOptions& options) {
+    constexpr int kLenslets = 111, kLearn = 12;
+    const int shots = options.quick ? 2 : 10;
+    const sim::Scene nominal = paper_lens(kLenslets);
+    const algo::Extents& e = nominal.camera.extents;
+    std::vector<Frame> frames;
+    for (int k = 0; k < kLearn; ++k) {
+        const sim::Scene scene = moved(nominal, options.seed, static_cast<std::uint32_t>(k));
+        auto light = light_of(scene, options);
+        if (!light) return tl::unexpected(light.error());
+        frames.push_back(expose_part(*light, scene, options.seed, 0xC000'0000U + static_cast<std::uint64_t>(k)));
+    }
+    auto reference = learn_lens(nominal, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; });
+    if (!reference) return tl::unexpected(reference.error());
+    algo::Recipe recipe = production_recipe();
+    auto alone = algo::Pipeline::create(e, nominal.camera.bits, recipe);
+    recipe.reference = *reference;
+    auto against = algo::Pipeline::create(e, nominal.camera.bits, recipe);
+    if (!alone || !against) return tl::unexpected(alone ? against.error() : alone.error());
+
+    const algo::GoldenReader golden(**reference, algo::best_isa());
+
+    // The cut and the bubble, and hollows where the cut is and as wide, but shallower: they bend the light at their rim
+    // by so many bins, and none leaves the bins.
+    struct Flawed {
+        std::string name;
+        sim::SceneDefect defect;
+    };
+    std::vector<Flawed> flawed{{"cut", cut_of_lens(0.15)}, {"bubble", bubble_of_lens(0.5)}};
+    for (const double bins : {1.0, 0.3, 0.15}) {
+        constexpr double kHalfWidthMm = 0.66;
+        const sim::DoubleConvexLens lens;
+        // What a hollow changes is the sum of its own curvature and the lens's, which it takes away.
+        const double curved = bins * nominal.camera.bin_pitch_rad / ((lens.refractive_index - 1) * kHalfWidthMm);
+        flawed.push_back(
+            {fmt::format("hollow, {:g} bin", bins),
+             cut_of_lens(kHalfWidthMm * kHalfWidthMm * curved / 2, 1 / (curved - 1 / lens.radius_of_curvature_mm))});
+    }
+    std::uint64_t exposure = 0xC100'0000U;
+    // What a flawed part shows over a clean one that lies alike, exposed so many times.
+    const auto compare = [&](const std::string& name, const sim::Scene& clean, const sim::LightField& clean_light,
+                             const sim::Scene& scene, const sim::TruthDefect& truth, int times) -> Result<Json> {
+        auto light = light_of(scene, options);
+        if (!light) return tl::unexpected(light.error());
+        std::map<std::string, std::vector<double>> each, averaged;
+        int refused = 0;
+        for (int k = 0; k < times; ++k) {
+            const auto good = look(*against, *alone, **reference, golden,
+                                   expose_part(clean_light, clean, options.seed, exposure++), e);
+            const auto bad =
+                look(*against, *alone, **reference, golden, expose_part(*light, scene, options.seed, exposure++), e);
+            if (!good || !bad) return tl::unexpected(good ? bad.error() : good.error());
+            if (!*good || !*bad) {
+                ++refused;
+                continue;
+            }
+            // In the unit of the scores here: their clean standard deviation. Nothing is taken off for what the clean
+            // part shows.
+            const Interior scores = interior_of((**good).surprise, (**good).emd_mask);
+            const std::vector<float> surest =
+                roots_of((**bad).deviance, interior_of((**good).deviance, (**good).emd_mask).mean);
+            each["surest"].push_back(
+                contrast_of(surest, (**bad).surprise_mask, e, truth, {.sigma = scores.sigma}, kFloor).to_noise);
+            for (const MapOfSeen& map : kMaps) {
+                const Interior interior = interior_of((**good).*map.map, (**good).emd_mask);
+                each[map.name].push_back(
+                    contrast_of((**bad).*map.map, (**bad).*map.mask, e, truth, interior, kFloor).to_noise);
+                averaged[map.name].push_back(averaged_contrast((**bad).*map.map, (**bad).*map.mask, (**good).*map.map,
+                                                               (**good).emd_mask, e, truth));
+            }
+        }
+        return Json{{"scene", name},  {"radius", truth.radius_lenslets},
+                    {"shots", times}, {"unfit", refused},
+                    {"each", each},   {"averaged", averaged}};
+    };
+    const sim::Scene clean = moved(nominal, options.seed, 1000);
+    auto clean_light = light_of(clean, options);
+    if (!clean_light) return tl::unexpected(clean_light.error());
+    Json scenes = Json::array();
+    std::optional<sim::TruthDefect> cut;
+    for (const Flawed& flaw : flawed) {
+        sim::Scene scene = clean;
+        scene.name = flaw.name;
+        scene.defects.push_back(flaw.defect);
+        // The hollows lie where the cut does.
+        const sim::TruthDefect truth = flaw.name.starts_with("hollow") ? *cut : sim::truth_of(scene).defects.front();
+        if (!cut) cut = truth;
+        auto compared = compare(flaw.name, clean, *clean_light, scene, truth, shots);
+        if (!compared) return tl::unexpected(compared.error());
+        scenes.push_back(*compared);
+    }
+    // How the cut lies between the lenslets decides how much of its light is seen: its middle on a lenslet's, and a
+    // quarter, half, three quarters of a lenslet beside, along either axis.
+    const int sides = options.quick ? 1 : 4;
+    const double pitch_mm = nominal.camera.field_mm / e.m;
+    for (int place = 0; place < sides * sides; ++place) {
+        const double beside_m = static_cast<double>(place % sides) / sides,
+                     beside_n = static_cast<double>(place / sides) / sides;
+        sim::Scene scene = nominal;
+        scene.defects.push_back(flawed.front().defect);
+        const sim::TruthDefect middle = sim::truth_of(scene).defects.front();
+        const auto to = [](double from, double beside) {
+            return beside - from - std::round(beside - from);
+        };  // the nearest such place
+        scene.pose.x_mm += pitch_mm * to(middle.m, beside_m);
+        scene.pose.y_mm += pitch_mm * to(middle.n, beside_n);
+        sim::Scene good = scene;
+        good.defects.clear();
+        auto good_light = light_of(good, options);
+        if (!good_light) return tl::unexpected(good_light.error());
+        auto compared = compare("cut beside", good, *good_light, scene, sim::truth_of(scene).defects.front(), shots);
+        if (!compared) return tl::unexpected(compared.error());
+        (*compared)["beside"] = {beside_m, beside_n};
+        scenes.push_back(*compared);
+    }
+    return scenes;
+}
+
+// CPU time of one thread, of the features, without and with a reference; taken in turns, for other programs slow both
+// alike. At the paper's size: one traced lens, exposed again and again, is learned from and inspected. The quick form
+// measures a smaller lens.
+Result<Json> measure_times(const ExperimentOptions& options) {
+    const int lenslets = options.quick ? 111 : 555, repeats = options.quick ? 9 : 31;
+    const sim::Scene scene = paper_lens(lenslets);
+    const algo::Extents& e = scene.camera.extents;
+    auto light = light_of(scene, options);
+    if (!light) return tl::unexpected(light.error());
+    const auto shoot = [&](std::uint64_t exposure) {
+        return expose_part(*light, scene, options.seed, 0xC200'0000U + exposure);
+    };
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < algo::Reference::kMinParts; ++k) frames.push_back(shoot(k + 1));
+    auto reference = learn_lens(scene, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; });
+    if (!reference) return tl::unexpected(reference.error());
+    frames.clear();
+    algo::Recipe recipe = production_recipe();
+    auto alone = algo::Pipeline::create(e, scene.camera.bits, recipe);
+    recipe.reference = *reference;
+    auto against = algo::Pipeline::create(e, scene.camera.bits, recipe);
+    if (!alone || !against) return tl::unexpected(alone ? against.error() : alone.error());
+    const Frame frame = shoot(0);
+    std::vector<double> features, without, with, added;
+    for (int k = 0; k < repeats; ++k) {
+        const auto a = alone->inspect(frame.view(), cpu_ns);
+        if (!a) return tl::unexpected(a.error());
+        features.push_back(static_cast<double>(a->times.feature_ns + a->times.decode_ns + a->times.hord_ns) / 1e6);
+        without.push_back(static_cast<double>(a->times.total_ns) / 1e6);
+        const auto b = against->inspect(frame.view(), cpu_ns);
+        if (!b) return tl::unexpected(b.error());
+        if (!b->registered.found())
+            return fail(ErrorCode::internal, "the timed part was not registered",
+                        "a bug: its reference was learned from the same part");
+        with.push_back(static_cast<double>(b->times.total_ns) / 1e6);
+        added.push_back((with.back() - without.back()) / features.back());
+    }
+    return Json{{"lenslets", lenslets},
+                {"repeats", repeats},
+                {"features", median(features)},
+                {"without", median(without)},
+                {"with", median(with)},
+                {"added", median(added)},
+                {"added_low", quantile(added, 0.1)},
+                {"added_high", quantile(added, 0.9)}};
+}
+
+}  // namespace hord::lab

@@ -1,0 +1,60 @@
+// The simulated production of `hord-lab experiment detection`: parts that lie a little differently each, good or with
+// one flaw, traced by the optics, exposed by the sensor model.
+//
+// The round part is a double-convex lens of 9.5 lenslets radius in a field of 27x27 lenslets of 0.2 mm, free light
+// around it, its mean deflection changing by 0.2 bin over two lenslets. The strip is a cylinder lens that fills a field
+// of 10x24 lenslets, of any slope. 9x9 bins of 15 mrad, 2,000 electrons a lenslet, 12 bits, one electron a DN, read
+// noise 2 electrons. The wobble is +-0.5 lenslet and +-1 degree.
+//
+// Bubbles, dimples (a shallow spherical hollow, radius of curvature 20 mm) and scratches (a groove of 0.03 mm radius)
+// are traced. Specks let half of the light through, and haze spreads a tenth of the light by a Gaussian of one bin, in
+// a disc: both are made of the traced light of a good part, for the optics do not scatter.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string_view>
+
+#include "algo/inspection/pipeline.h"
+#include "algo/reference/reference_learner.h"
+#include "hal_sim/optics/camera/render.h"
+
+namespace hord::lab {
+
+enum class Flaw : std::uint8_t { none, bubble, dimple, scratch, speck, haze };
+constexpr std::string_view kFlawNames[] = {"good", "bubble", "dimple", "scratch", "speck", "haze"};
+
+struct PlacedFlaw {
+    double m = 0, n = 0;  // lenslets
+    double size = 0;      // radius, lenslets; of a scratch half its length
+};
+
+struct ProductionPart {
+    sim::LightField light;
+    PlacedFlaw flaw;
+};
+
+// Disjoint streams of one seed: what is learned and tuned from is never tested on.
+enum class Stream : std::uint32_t { learn = 0x1EA2, tune = 0x7E57, test = 0xD37E };
+
+sim::Scene round_part();
+sim::Scene strip(double slope);  // bins over two lenslets
+
+// Part `number` of a stream. `wobble` 1: as above, 0: still. `size` of the flaw; 0: log-uniform from 0.1 to 1.5
+// lenslets.
+Result<ProductionPart> make_part(const sim::Scene& scene, Flaw flaw, double size, double wobble, std::uint64_t seed,
+                                 Stream stream, std::uint32_t number);
+// A speck or haze at a place of its own in a good part's light.
+void add_flaw(ProductionPart& part, Flaw flaw, double size, std::uint64_t seed, Stream stream, std::uint32_t number);
+
+Frame expose_part(const sim::LightField& light, const sim::Scene& scene, std::uint64_t seed, std::uint64_t exposure,
+                  double led = 1);
+
+constexpr double kProductionElectrons = 2000;  // a lenslet
+constexpr float kProductionGain = 1, kProductionReadDn = 2;
+algo::Recipe production_recipe();
+Result<std::shared_ptr<const algo::Reference>> learn_production(const sim::Scene& scene, int parts, double wobble,
+                                                                std::uint64_t seed);
+
+}  // namespace hord::lab

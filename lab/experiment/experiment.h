@@ -1,0 +1,60 @@
+// The experiments of `hord-lab experiment`: a question each, asked of the simulated cell and of algo/, and answered
+// with files, a report for people, and claims that hold or do not.
+//
+// To add one: a folder of its own beside this one with a run function, and a row in lab/hord_lab/experiments.cpp.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/result.h"
+
+namespace hord::lab {
+
+struct ExperimentOptions {
+    std::filesystem::path out;  // exists; what is in it already may be taken up again (result_cache.h)
+    bool quick = false;         // under a minute: fewer or smaller cells, the same claims
+    std::uint64_t seed = 1;
+    int threads = 0;  // 0: one a core; results do not depend on it (times measured do)
+    std::function<void(double done, const std::string& note)> progress = [](double, const std::string&) {};  // 0..1
+};
+
+// Something that is said of the method, and what was found.
+struct Claim {
+    std::string text;           // a sentence that is true or false
+    std::optional<bool> holds;  // nothing: it could not be decided, `evidence` says why
+    std::string evidence;       // the numbers
+    bool expected = true;  // how it came out when docs/results was written; false: a claim that is known not to hold
+    [[nodiscard]] bool as_expected() const { return holds == expected; }
+};
+
+struct ExperimentReport {
+    std::string opening;  // for people, Markdown: title and what was done, before the claims
+    std::string text;     // the rest, after them; without an opening, all of it, and the claims follow
+    std::vector<Claim> claims;
+    std::vector<std::filesystem::path> files;  // written
+    [[nodiscard]] bool as_expected() const;    // every claim was decided and came out as expected
+};
+
+struct Experiment {
+    std::string_view name;
+    std::string_view what;   // one line for --help
+    std::string_view takes;  // the full form's time, measured: on what
+    Result<ExperimentReport> (*run)(const ExperimentOptions& options);
+};
+
+// The claims as a Markdown table; all on one line each: holds / does not hold / undecided.
+std::string describe(std::span<const Claim> claims);
+
+// The whole report, Markdown.
+std::string to_markdown(const ExperimentReport& report);
+// Fails with io.
+Result<void> write_report(const std::filesystem::path& file, const ExperimentReport& report);
+
+}  // namespace hord::lab

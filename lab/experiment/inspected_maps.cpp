@@ -1,0 +1,136 @@
+#include "lab/experiment/inspected_maps.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <fmt/format.h>
+
+#include "algo/frame/mask.h"
+#include "algo/inspection/pipeline.h"
+#include "lab/report/statistics.h"
+
+namespace hord::lab {
+namespace {
+
+// Calls use(k, distance) for every lenslet within `reach` of the defect's centre.
+template <class Use>
+void around(const algo::Extents& e, const sim::TruthDefect& defect, double reach, const Use& use) {
+    const int m0 = std::max(0, static_cast<int>(std::floor(defect.m - reach))),
+              m1 = std::min(e.m - 1, static_cast<int>(std::ceil(defect.m + reach)));
+    const int n0 = std::max(0, static_cast<int>(std::floor(defect.n - reach))),
+              n1 = std::min(e.n - 1, static_cast<int>(std::ceil(defect.n + reach)));
+    for (int n = n0; n <= n1; ++n) {
+        for (int m = m0; m <= m1; ++m) {
+            if (std::hypot(m - defect.m, n - defect.n) <= reach) use(static_cast<std::size_t>(n * e.m + m));
+        }
+    }
+}
+
+// Lenslets of a window that are `in`, or that cannot be reached from the window's outermost ones without crossing such.
+std::size_t filled_area(std::vector<std::uint8_t> in, int width, int height) {
+    constexpr std::uint8_t kReached = 2;
+    std::vector<int> queue;
+    const auto visit = [&](int x, int y) {
+        if (x < 0 || y < 0 || x >= width || y >= height) return;
+        const int k = y * width + x;
+        if (in[static_cast<std::size_t>(k)] != 0) return;
+        in[static_cast<std::size_t>(k)] = kReached;
+        queue.push_back(k);
+    };
+    for (int x = 0; x < width; ++x) visit(x, 0), visit(x, height - 1);
+    for (int y = 0; y < height; ++y) visit(0, y), visit(width - 1, y);
+    while (!queue.empty()) {
+        const int x = queue.back() % width, y = queue.back() / width;
+        queue.pop_back();
+        visit(x - 1, y), visit(x + 1, y), visit(x, y - 1), visit(x, y + 1);
+    }
+    return static_cast<std::size_t>(std::ranges::count_if(in, [](std::uint8_t v) { return v != kReached; }));
+}
+
+}  // namespace
+
+Result<Sight> look_at(const Frame& frame, const algo::Extents& extents, int threads) {
+    auto pipeline = algo::Pipeline::create(extents, frame.bits(), {}, threads);
+    if (!pipeline) return tl::unexpected(pipeline.error());
+    const auto found = pipeline->inspect(frame.view());
+    if (!found) return tl::unexpected(found.error());
+    return Sight{extents,
+                 {found->emd.begin(), found->emd.end()},
+                 {found->frobenius.begin(), found->frobenius.end()},
+                 {found->transmission.begin(), found->transmission.end()},
+                 {found->mask.begin(), found->mask.end()}};
+}
+
+Frame with_dark_as_uniform(const Frame& frame, const Sight& sight) {
+    Frame filled = frame;
+    const algo::Extents& e = sight.extents;
+    const std::uint32_t even = frame.view().full_scale() / 8;
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            if ((sight.mask[static_cast<std::size_t>(n * e.m + m)] & algo::kDark) == 0) continue;
+            for (int k = 0; k < e.bins(); ++k) filled.set(m * e.i + k % e.i, n * e.j + k / e.i, even);
+        }
+    }
+    return filled;
+}
+
+Interior interior_of(std::span<const float> signal, std::span<const std::uint8_t> mask) {
+    std::vector<double> values;
+    double sum = 0, squares = 0;
+    for (std::size_t k = 0; k < signal.size(); ++k) {
+        if (mask[k] != algo::kValid) continue;
+        const double value = static_cast<double>(signal[k]);
+        values.push_back(value);
+        sum += value;
+        squares += value * value;
+    }
+    if (values.empty()) return {};
+    const auto count = static_cast<double>(values.size());
+    const double mean = sum / count;
+    std::ranges::sort(values);
+    const auto at = [&](double share) { return values[static_cast<std::size_t>(share * (count - 1))]; };
+    return {at(0.5), at(0.99), mean, std::sqrt(std::max(0.0, squares / count - mean * mean))};
+}
+
+Contrast contrast_of(std::span<const float> signal, std::span<const std::uint8_t> mask, const algo::Extents& extents,
+                     const sim::TruthDefect& defect, const Interior& clean, double floor) {
+    Contrast contrast;
+    const auto has_value = [&](std::size_t k) { return (mask[k] & algo::kNoGradient) == 0; };
+    around(extents, defect, defect.radius_lenslets + 3, [&](std::size_t k) {
+        if (has_value(k)) contrast.peak = std::max(contrast.peak, static_cast<double>(signal[k]));
+    });
+    double sum = 0, count = 0;
+    around(extents, defect, defect.radius_lenslets + 1.5, [&](std::size_t k) {
+        if (has_value(k)) sum += static_cast<double>(signal[k]), count += 1;
+    });
+    const double nothing = std::max(clean.p99, floor);
+    contrast.ratio = contrast.peak / nothing;
+    contrast.seen = contrast.ratio >= kVisible;
+    if (count > 0) contrast.to_noise = (sum / count - clean.mean) / std::max(clean.sigma, floor / 3);
+
+    const int half = static_cast<int>(std::ceil(2 * defect.radius_lenslets)) + 8;
+    const int m0 = static_cast<int>(std::lround(defect.m)) - half, n0 = static_cast<int>(std::lround(defect.n)) - half,
+              side = 2 * half + 1;
+    std::vector<std::uint8_t> above(static_cast<std::size_t>(side * side));
+    for (int y = 0; y < side; ++y) {
+        for (int x = 0; x < side; ++x) {
+            const int m = m0 + x, n = n0 + y;
+            if (m < 0 || n < 0 || m >= extents.m || n >= extents.n) continue;
+            const auto k = static_cast<std::size_t>(n * extents.m + m);
+            above[static_cast<std::size_t>(y * side + x)] =
+                has_value(k) && static_cast<double>(signal[k]) >= kVisible * nothing ? 1 : 0;
+        }
+    }
+    contrast.blob_radius = std::sqrt(static_cast<double>(filled_area(std::move(above), side, side)) / std::numbers::pi);
+    return contrast;
+}
+
+std::string hash_of(std::span<const std::byte> bytes) {
+    std::uint64_t hash = 0xCBF29CE484222325U;
+    for (const std::byte b : bytes) hash = (hash ^ static_cast<std::uint64_t>(b)) * 0x100000001B3U;
+    return fmt::format("{:016x}", hash);
+}
+std::string hash_of(std::span<const float> values) { return hash_of(std::as_bytes(values)); }
+
+}  // namespace hord::lab

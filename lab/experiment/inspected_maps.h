@@ -1,0 +1,54 @@
+// What is seen of a part: the maps of its frame and the conventional picture, and how clearly a known defect stands out
+// in them.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "algo/frame/extents.h"
+#include "common/frame.h"
+#include "common/result.h"
+#include "hal_sim/optics/camera/render.h"
+
+namespace hord::lab {
+
+// The station's maps of one frame (algo/inspection/pipeline.h), kept.
+struct Sight {
+    algo::Extents extents;
+    std::vector<float> emd, frobenius, transmission;
+    std::vector<std::uint8_t> mask;  // algo::MaskBit
+};
+Result<Sight> look_at(const Frame& frame, const algo::Extents& extents, int threads);
+
+// The frame with every lenslet that `sight` found dark filled evenly: what a dark lenslet's HORD would be if it had to
+// have one.
+Frame with_dark_as_uniform(const Frame& frame, const Sight& sight);
+
+// What the interior of a clean part shows: the lenslets that are judged (mask kValid).
+struct Interior {
+    double p50 = 0, p99 = 0, mean = 0, sigma = 0;
+};
+Interior interior_of(std::span<const float> signal, std::span<const std::uint8_t> mask);
+
+// A defect in a map of signals (0: as a good part would be; larger: more conspicuous). Lenslets without a value do not
+// count.
+struct Contrast {
+    double peak = 0;   // largest signal within three lenslets of the defect
+    double ratio = 0;  // peak over the clean interior's 99th percentile, or `floor` where that is larger
+    double to_noise =
+        0;  // (mean over the defect and 1.5 lenslets around it - the clean mean) over the clean sigma, or floor / 3
+    double blob_radius =
+        0;  // lenslets: of a disc with the area where the signal is as large as `seen` asks for, holes filled
+    bool seen = false;  // ratio is at least kVisible
+};
+constexpr double kVisible = 2;
+Contrast contrast_of(std::span<const float> signal, std::span<const std::uint8_t> mask, const algo::Extents& extents,
+                     const sim::TruthDefect& defect, const Interior& clean, double floor);
+
+// FNV-1a, 64 bits, of the bytes: to tell whether two runs gave the same bits.
+std::string hash_of(std::span<const std::byte> bytes);
+std::string hash_of(std::span<const float> values);
+
+}  // namespace hord::lab

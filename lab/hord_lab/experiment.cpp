@@ -1,0 +1,72 @@
+// hord-lab experiment: questions asked of the simulated cell, answered with files, a report and claims.
+#include <memory>
+
+#include <fmt/format.h>
+
+#include "common/cli/progress.h"
+#include "lab/detection/detection.h"
+#include "lab/hord_lab/commands.h"
+#include "lab/hord_lab/experiments.h"
+
+namespace hord::lab {
+namespace {
+
+struct ExperimentArguments {
+    std::string out;
+    bool quick = false, finished = false;
+    std::uint64_t seed = 1;
+    int threads = 0;
+};
+
+Exit run_experiment(const Experiment& experiment, const ExperimentArguments& arguments) {
+    std::error_code error;
+    std::filesystem::create_directories(arguments.out, error);
+    if (error)
+        return complain({ErrorCode::io, arguments.out + " cannot be created (" + error.message() + ")",
+                         "give a folder that may be written to"});
+    fmt::print(stderr, "experiment {}{}, seed {}; takes {}\n", experiment.name, arguments.quick ? " (quick)" : "",
+               arguments.seed, arguments.quick ? "less than a minute" : std::string(experiment.takes));
+    auto progress = std::make_unique<Progress>(std::string(experiment.name));
+    const auto run = arguments.finished ? report_finished_detection : experiment.run;
+    const auto report = run({arguments.out, arguments.quick, arguments.seed, arguments.threads,
+                             [&](double done, const std::string& note) { progress->show(done, note); }});
+    progress.reset();
+    if (!report) return complain(report.error());
+    const auto file = std::filesystem::path(arguments.out) / (std::string(experiment.name) + ".md");
+    if (auto done = write_report(file, *report); !done) return complain(done.error());
+    fmt::print("{}\n{}\n", to_markdown(*report), file.string());
+    for (const auto& written : report->files) fmt::print("{}\n", written.string());
+    return report->as_expected() ? Exit::good : Exit::rejected;
+}
+
+}  // namespace
+
+void add_experiment(CLI::App& program, Exit& status) {
+    auto* command =
+        program.add_subcommand("experiment", "Ask the simulated cell a question; files, a report and checked claims");
+    command->require_subcommand(1);
+    for (const Experiment& experiment : experiments()) {
+        auto* one = command->add_subcommand(std::string(experiment.name), std::string(experiment.what));
+        auto arguments = std::make_shared<ExperimentArguments>();
+        one->add_option("--out", arguments->out, "Folder for its files; a run that was interrupted there continues")
+            ->required();
+        one->add_flag("--quick", arguments->quick,
+                      "A smaller form that takes less than a minute and checks the same claims");
+        one->add_option("--seed", arguments->seed, "Seed of everything random; the same seed gives the same files")
+            ->capture_default_str();
+        one->add_option("--threads", arguments->threads, "Threads (0: one a core); results do not depend on it")
+            ->check(CLI::Range(0, 64));
+        if (experiment.run == run_detection)
+            one->add_flag("--finished", arguments->finished,
+                          "Report what an interrupted run has finished; compute nothing");
+        one->footer(
+            fmt::format("The full form takes {}.\n"
+                        "Exit status: 0 every claim was decided and came out as in docs/results, 1 one was not or did "
+                        "not, 2 usage.\n"
+                        "Example: hord-lab experiment {} --out {} --quick",
+                        experiment.takes, experiment.name, experiment.name));
+        one->callback([&experiment, arguments, &status] { status = run_experiment(experiment, *arguments); });
+    }
+}
+
+}  // namespace hord::lab

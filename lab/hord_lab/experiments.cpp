@@ -1,0 +1,29 @@
+#include "lab/hord_lab/experiments.h"
+
+#include "lab/ablation/ablation.h"
+#include "lab/detection/detection.h"
+#include "lab/paper/paper.h"
+#include "lab/stability/stability.h"
+#include "lab/tradeoff/tradeoff.h"
+
+namespace hord::lab {
+
+std::span<const Experiment> experiments() {
+    static constexpr Experiment kExperiments[] = {
+        {"paper", "The paper's figure: which of its claims hold, and for which light and bubbles",
+         "about one minute on two cores", run_paper},
+        {"tradeoff", "Speed against accuracy: every feature over light, bins, slopes, strides and frames",
+         "about six minutes on two cores", run_tradeoff},
+        {"detection",
+         "Judging against a reference: false rejects, bubbles, kinds, slopes, contrast and time on simulated "
+         "production",
+         "about twenty-five minutes on one core (estimated from its parts)", run_detection},
+        {"ablation", "What each physical effect does to detection, and what it costs", "about two minutes on two cores",
+         run_ablation},
+        {"stability", "Do the features keep their promises at the extremes? A table of case, expected, got, verdict",
+         "about half a minute", run_stability},
+    };
+    return kExperiments;
+}
+
+}  // namespace hord::lab

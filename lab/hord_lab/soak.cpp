@@ -1,0 +1,113 @@
+// hord-lab soak: many parts in virtual time, with faults, every promise checked.
+#include "lab/soak/soak.h"
+
+#include <algorithm>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <fmt/format.h>
+
+#include "common/cli/progress.h"
+#include "lab/hord_lab/commands.h"
+#include "lab/soak/shrink.h"
+
+namespace hord::lab {
+namespace {
+
+struct SoakArguments {
+    std::uint64_t parts = 100'000, seed = 1, episode_parts = 5'000;
+    std::optional<std::uint64_t> episode;
+    std::string line = "timed", faults;
+    bool coverage = false, shrink = false, real = false;
+    int threads = 1;
+    std::string profile = "random";
+};
+
+Exit show(const SoakReport& report, const SoakArguments& arguments) {
+    fmt::print("{}", describe(report));
+    if (arguments.coverage) fmt::print("{}", describe(report.coverage));
+    if (arguments.shrink && report.first_broken) {
+        const auto shrunk = shrink(*report.first_broken, try_episode);
+        if (!shrunk) return complain(shrunk.error());
+        fmt::print("smallest episode that still breaks {} ({} tried):\n    {}\n", shrunk->promise, shrunk->runs,
+                   command_of(shrunk->plan));
+    }
+    return report.good() ? Exit::good : Exit::rejected;
+}
+
+Exit run_one_episode(const SoakArguments& arguments) {
+    EpisodePlan plan{*arguments.episode,
+                     arguments.parts,
+                     arguments.line == "timed" ? LineProfile::timed : LineProfile::encoder,
+                     arguments.real,
+                     {}};
+    auto faults = faults_of(arguments.faults);
+    if (!faults) return complain(faults.error());
+    plan.faults = std::move(*faults);
+    SoakReport report;
+    if (auto done = run_episode(plan, report); !done) return complain(done.error());
+    return show(report, arguments);
+}
+
+Exit run_soak(const SoakArguments& arguments) {
+    if (arguments.episode) return run_one_episode(arguments);
+    SoakOptions options;
+    options.parts = arguments.parts;
+    options.seed = arguments.seed;
+    options.all_pairs = arguments.profile == "nightly";
+    options.parts_an_episode = std::min(arguments.episode_parts, arguments.parts);
+    options.threads = arguments.threads;
+    auto progress = std::make_unique<Progress>("soak");
+    options.progress = [&](double done) { progress->show(done); };
+    fmt::print(stderr, "seed {}, {} parts\n", arguments.seed, arguments.parts);
+    const auto report = soak(options);
+    progress.reset();
+    if (!report) return complain(report.error());
+    return show(*report, arguments);
+}
+
+}  // namespace
+
+void add_soak(CLI::App& program, Exit& status) {
+    auto* command =
+        program.add_subcommand("soak", "Run the station on a simulated line in virtual time, with random faults");
+    auto arguments = std::make_shared<SoakArguments>();
+    command->add_option("--parts", arguments->parts, "How many parts")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    command->add_option("--seed", arguments->seed, "Seed of lines and faults; the same seed gives the same run")
+        ->capture_default_str();
+    command
+        ->add_option("--episode-parts", arguments->episode_parts,
+                     "Parts an episode; each draws its own line and faults")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    command
+        ->add_option("--threads", arguments->threads,
+                     "Episodes at the same time; the report is the same for every number")
+        ->check(CLI::Range(1, 256))
+        ->capture_default_str();
+    command->add_option("--episode", arguments->episode,
+                        "Run one episode of this seed, as a violation prints it, with --parts, --line and --faults");
+    command->add_option("--line", arguments->line, "Of the episode: followed by time or by an encoder")
+        ->check(CLI::IsMember({"timed", "encoder"}));
+    command->add_flag("--real", arguments->real, "Of the episode: rendered frames and the real pipeline");
+    command->add_option("--faults", arguments->faults,
+                        "Of the episode: NAME@FIRST-LAST:PROBABILITY+TIME, several with commas");
+    command->add_flag("--coverage", arguments->coverage, "Show which states met which events, and which faults met");
+    command
+        ->add_option("--profile", arguments->profile,
+                     "nightly: first an episode for each pair of faults, and walks through all states with each fault; "
+                     "then up to --parts in all")
+        ->check(CLI::IsMember({"random", "nightly"}))
+        ->capture_default_str();
+    command->add_flag("--shrink", arguments->shrink,
+                      "When a promise is broken: find the smallest episode that still breaks it");
+    command->footer(
+        "Exit status: 0 every promise kept, 1 a violation or a planned fault that never fired, 2 usage.\n"
+        "Example: hord-lab soak --parts 1000000 --seed 1");
+    command->callback([arguments, &status] { status = run_soak(*arguments); });
+}
+
+}  // namespace hord::lab

@@ -1,0 +1,12 @@
+// The paper's Fig. 5: a clean lens, a spherical cut, an air bubble and an absorber, seen as EMD gradient, Jacobian
+// norm, transmission and by a conventional telecentric camera; which of its claims hold, and for which light and
+// bubbles its picture comes out.
+#pragma once
+
+#include "lab/experiment/experiment.h"
+
+namespace hord::lab {
+
+Result<ExperimentReport> run_paper(const ExperimentOptions& options);
+
+}  // namespace hord::lab

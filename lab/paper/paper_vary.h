@@ -1,0 +1,15 @@
+// For which bubbles and which area lights the paper's picture comes out: the cut seen by the telecentric camera, the
+// bubble not.
+#pragma once
+
+#include "lab/experiment/experiment.h"
+#include "lab/experiment/inspected_maps.h"
+#include "lab/experiment/result_cache.h"
+
+namespace hord::lab {
+
+// `lens`: the clean scene at the figure's pitch; `emd`, `frobenius`: what its interior shows.
+Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim::Scene& lens, const Interior& emd,
+                                    const Interior& frobenius, Cells& cells);
+
+}  // namespace hord::lab

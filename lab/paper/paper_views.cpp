@@ -1,0 +1,132 @@
+#include "lab/paper/paper_views.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "algo/frame/mask.h"
+#include "drivers/files/frame_file.h"
+
+namespace hord::lab {
+namespace {
+
+// A frame of the scene, from the folder if the cells vouch for it.
+Result<Frame> frame_of(const sim::Scene& scene, const std::filesystem::path& folder, int threads, Cells& cells,
+                       const std::function<void(double)>& progress, std::string& hash) {
+    const auto file = folder / ("frame_" + scene.name + ".png");
+    const std::string key = "frame " + scene.name;
+    if (const Json* kept = cells.find(key)) {
+        const auto frame = drivers::read_frame(file);
+        if (frame && hash_of(frame->bytes()) == kept->get<std::string>()) {
+            hash = kept->get<std::string>();
+            return *frame;
+        }
+    }
+    const auto light = sim::render(scene, {threads, progress});
+    if (!light) return tl::unexpected(light.error());
+    Frame frame = sim::expose(*light, scene, scene.seed);
+    if (auto done = drivers::write_frame(file, frame.view()); !done) return tl::unexpected(done.error());
+    hash = hash_of(frame.bytes());
+    if (auto done = cells.add(key, hash); !done) return tl::unexpected(done.error());
+    return frame;
+}
+
+}  // namespace
+
+std::string_view name_of(View view) {
+    constexpr std::string_view names[kViews] = {"EMD gradient",
+                                                "Frobenius norm",
+                                                "transmission",
+                                                "telecentric camera",
+                                                "EMD gradient, dark lenslets taken as even",
+                                                "Frobenius norm, dark lenslets taken as even"};
+    return names[static_cast<std::size_t>(view)];
+}
+std::string_view file_name_of(View view) {
+    constexpr std::string_view names[kViews] = {"emd",         "frobenius", "transmission",
+                                                "telecentric", "emd-even",  "frobenius-even"};
+    return names[static_cast<std::size_t>(view)];
+}
+
+double floor_of(View view) { return view == View::transmission || view == View::telecentric ? 0.01 : 0.0; }
+
+std::span<const float> SceneViews::map(View view) const {
+    switch (view) {
+        case View::emd: return sight.emd;
+        case View::frobenius: return sight.frobenius;
+        case View::transmission: return sight.transmission;
+        case View::telecentric: return telecentric;
+        case View::emd_even: return even.emd;
+        case View::frobenius_even: return even.frobenius;
+    }
+    return {};
+}
+
+std::span<const std::uint8_t> SceneViews::mask(View view) const {
+    if (view == View::emd || view == View::frobenius) return sight.mask;
+    if (view == View::emd_even || view == View::frobenius_even) return even.mask;
+    return everywhere_valid;
+}
+
+std::vector<float> SceneViews::signal(View view) const {
+    const auto values = map(view);
+    std::vector<float> out(values.begin(), values.end());
+    if (view == View::transmission || view == View::telecentric) {
+        for (float& v : out) v = std::abs(1.0F - v);
+    }
+    return out;
+}
+
+Result<SceneViews> see(const sim::Scene& scene, const std::filesystem::path& folder, int threads, Cells& cells,
+                       const std::function<void(double)>& progress) {
+    SceneViews views;
+    views.scene = scene;
+    views.truth = sim::truth_of(scene);
+    const algo::Extents& e = scene.camera.extents;
+    const auto frame = frame_of(scene, folder, threads, cells, progress, views.frame_hash);
+    if (!frame) return tl::unexpected(frame.error());
+    auto sight = look_at(*frame, e, 1);
+    if (!sight) return tl::unexpected(sight.error());
+    auto even = look_at(with_dark_as_uniform(*frame, *sight), e, 1);
+    if (!even) return tl::unexpected(even.error());
+    auto picture = sim::render_telecentric(scene, {threads, {}});
+    if (!picture) return tl::unexpected(picture.error());
+    views.sight = std::move(*sight);
+    views.even = std::move(*even);
+    views.telecentric = std::move(picture->light);
+    views.everywhere_valid = views.sight.mask;
+    for (std::uint8_t& bits : views.everywhere_valid) bits &= algo::kNotJudged;
+    return views;
+}
+
+Picture picture_of(const SceneViews& views, View view, const std::string& title, float high) {
+    std::vector<std::uint8_t> mask(views.mask(view).begin(), views.mask(view).end());
+    for (std::uint8_t& bits : mask) bits &= static_cast<std::uint8_t>(~algo::kNotJudged);  // the rim in full colour
+    const bool is_light = floor_of(view) > 0;
+    const std::string unit = is_light                 ? "of usual"
+        : view == View::emd || view == View::emd_even ? "bins"
+                                                      : "bins/lenslet";
+    return draw({title, unit, 0, high}, views.map(view), mask, views.scene.camera.extents, {});
+}
+
+Picture close_picture_of(const SceneViews& views, View view, const std::string& title, float high, double m, double n,
+                         int lenslets) {
+    const algo::Extents& e = views.scene.camera.extents;
+    const int m0 = std::clamp(static_cast<int>(std::lround(m)) - lenslets / 2, 0, e.m - lenslets);
+    const int n0 = std::clamp(static_cast<int>(std::lround(n)) - lenslets / 2, 0, e.n - lenslets);
+    std::vector<float> map;
+    std::vector<std::uint8_t> mask;
+    for (int y = 0; y < lenslets; ++y) {
+        for (int x = 0; x < lenslets; ++x) {
+            const auto k = static_cast<std::size_t>((n0 + y) * e.m + m0 + x);
+            map.push_back(views.map(view)[k]);
+            mask.push_back(static_cast<std::uint8_t>(views.mask(view)[k] & ~algo::kNotJudged));
+        }
+    }
+    const bool is_light = floor_of(view) > 0;
+    const std::string unit = is_light                 ? "of usual"
+        : view == View::emd || view == View::emd_even ? "bins"
+                                                      : "bins/lenslet";
+    return draw({title, unit, 0, high}, map, mask, {lenslets, lenslets, e.i, e.j}, {});
+}
+
+}  // namespace hord::lab

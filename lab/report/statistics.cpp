@@ -1,0 +1,204 @@
+#include "lab/report/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <numeric>
+
+#include "hal_sim/optics/scene/noise.h"
+
+namespace hord::lab {
+namespace {
+
+constexpr std::uint32_t kBootstrap = 0xB007;  // purpose of these random numbers
+
+// Scores from the highest down, and what a draw of parts makes of them.
+class RocCurve {
+  public:
+    explicit RocCurve(std::span<const Scored> scores) : scores_(scores.begin(), scores.end()) {
+        std::ranges::sort(scores_, [](const Scored& a, const Scored& b) { return a.score > b.score; });
+    }
+
+    struct Point {
+        double auc = 0, tpr = 0;
+        float threshold = 0;
+    };
+    // times[part]: how often the part was drawn. Nothing when no good, or no bad, place was.
+    [[nodiscard]] std::optional<Point> measure(std::span<const int> times, double fpr) const {
+        double good = 0, bad = 0;
+        for (const Scored& s : scores_) (s.bad ? bad : good) += times[s.part];
+        if (!(good > 0 && bad > 0)) return std::nullopt;
+        Point point;
+        point.threshold = scores_.front().score;
+        double good_above = 0, bad_above = 0, area = 0;
+        for (std::size_t k = 0; k < scores_.size();) {
+            double good_here = 0, bad_here = 0;
+            const float score = scores_[k].score;
+            for (; k < scores_.size() && scores_[k].score == score; ++k)
+                (scores_[k].bad ? bad_here : good_here) += times[scores_[k].part];
+            area += good_here * (bad_above + bad_here / 2);
+            good_above += good_here;
+            bad_above += bad_here;
+            if (good_above <= fpr * good) {
+                point.tpr = bad_above / bad;
+                point.threshold = k < scores_.size() ? scores_[k].score : score;
+            }
+        }
+        point.auc = area / (good * bad);
+        return point;
+    }
+
+  private:
+    std::vector<Scored> scores_;
+};
+
+Estimate with_interval(double value, std::vector<double> draws) {
+    return {value, quantile(draws, 0.025), quantile(draws, 0.975)};
+}
+
+// Calls use(times) with how often each part is drawn, draw by draw.
+template <class Use>
+void bootstrap(std::uint32_t parts, int repeats, std::uint64_t seed, Use use) {
+    std::vector<int> times(parts);
+    for (int repeat = 0; repeat < repeats; ++repeat) {
+        sim::Noise draw(seed, static_cast<std::uint64_t>(repeat), kBootstrap);
+        std::ranges::fill(times, 0);
+        for (std::uint32_t k = 0; k < parts; ++k) ++times[static_cast<std::size_t>(draw.uniform() * parts)];
+        use(times);
+    }
+}
+
+std::uint32_t parts_of(std::span<const Scored> scores) {
+    std::uint32_t parts = 0;
+    for (const Scored& s : scores) parts = std::max(parts, s.part + 1);
+    return parts;
+}
+
+double logistic(double x) { return 1 / (1 + std::exp(-x)); }
+
+}  // namespace
+
+double quantile(std::vector<double> values, double share) {
+    if (values.empty()) return 0;
+    std::ranges::sort(values);
+    const double at = share * static_cast<double>(values.size() - 1);
+    const auto below = static_cast<std::size_t>(at);
+    const std::size_t above = std::min(below + 1, values.size() - 1);
+    return values[below] + (at - static_cast<double>(below)) * (values[above] - values[below]);
+}
+
+Detection detection_of(std::span<const Scored> scores, double fpr, int repeats, std::uint64_t seed) {
+    const std::uint32_t parts = parts_of(scores);
+    const RocCurve curve(scores);
+    const auto whole = curve.measure(std::vector<int>(parts, 1), fpr);
+    if (!whole) return {};
+    std::vector<double> aucs, tprs;
+    bootstrap(parts, repeats, seed, [&](const std::vector<int>& times) {
+        const auto point = curve.measure(times, fpr);
+        if (!point) return;
+        aucs.push_back(point->auc);
+        tprs.push_back(point->tpr);
+    });
+    return {with_interval(whole->auc, std::move(aucs)), with_interval(whole->tpr, std::move(tprs)), whole->threshold};
+}
+
+Estimate auc_difference(std::span<const Scored> a, std::span<const Scored> b, int repeats, std::uint64_t seed) {
+    const std::uint32_t parts = parts_of(a);
+    const RocCurve of_a(a), of_b(b);
+    const auto difference = [&](const std::vector<int>& times) -> std::optional<double> {
+        const auto at_a = of_a.measure(times, 0), at_b = of_b.measure(times, 0);
+        if (!at_a || !at_b) return std::nullopt;
+        return at_a->auc - at_b->auc;
+    };
+    const auto whole = difference(std::vector<int>(parts, 1));
+    if (!whole) return {};
+    std::vector<double> draws;
+    bootstrap(parts, repeats, seed, [&](const std::vector<int>& times) {
+        if (const auto one = difference(times)) draws.push_back(*one);
+    });
+    return with_interval(*whole, std::move(draws));
+}
+
+double gumbel_limit(std::span<const double> good, double share) {
+    double mean = 0, square = 0, worst = 0;
+    for (const double score : good) {
+        mean += score, square += score * score;
+        worst = std::max(worst, score);
+    }
+    if (good.empty()) return 0;
+    const auto count = static_cast<double>(good.size());
+    mean /= count;
+    const double beta = std::sqrt(std::max(1e-12, square / count - mean * mean)) * std::sqrt(6.0) / std::numbers::pi;
+    return std::max(worst, mean - std::numbers::egamma * beta - beta * std::log(-std::log(1 - share)));
+}
+
+double PodCurve::at(double size) const { return logistic(b0 + b1 * std::log(size)); }
+
+PodCurve pod_curve(std::span<const Tried> tried) {
+    PodCurve curve;
+    if (tried.empty()) return curve;
+    // Around the mean, so that the two coefficients are nearly independent.
+    double middle = 0;
+    for (const Tried& t : tried) middle += std::log(t.size);
+    middle /= static_cast<double>(tried.size());
+    double c0 = 0, c1 = 0, v00 = 0, v01 = 0, v11 = 0;
+    constexpr int kSteps = 200;
+    for (int step = 0; step < kSteps; ++step) {
+        double i00 = 0, i01 = 0, i11 = 0;  // Fisher information
+        for (const Tried& t : tried) {
+            const double x = std::log(t.size) - middle, p = logistic(c0 + c1 * x), w = p * (1 - p);
+            i00 += w, i01 += w * x, i11 += w * x * x;
+        }
+        const double det = i00 * i11 - i01 * i01;
+        if (!(det > 1e-12)) break;
+        v00 = i11 / det, v01 = -i01 / det, v11 = i00 / det;
+        double u0 = 0, u1 = 0;  // score with Firth's penalty
+        for (const Tried& t : tried) {
+            const double x = std::log(t.size) - middle, p = logistic(c0 + c1 * x);
+            const double leverage = p * (1 - p) * (v00 + 2 * v01 * x + v11 * x * x);
+            const double residual = (t.found ? 1.0 : 0.0) - p + leverage * (0.5 - p);
+            u0 += residual, u1 += residual * x;
+        }
+        double d0 = v00 * u0 + v01 * u1, d1 = v01 * u0 + v11 * u1;
+        const double most = std::max(std::abs(d0), std::abs(d1));
+        if (most > 1) d0 /= most, d1 /= most;  // no step beyond one: Firth's score is not concave everywhere
+        c0 += d0, c1 += d1;
+        if (most < 1e-10) break;
+    }
+    curve.b0 = c0 - c1 * middle;
+    curve.b1 = c1;
+    if (!(c1 > 0)) return curve;
+    const double logit90 = std::log(9.0);
+    curve.a50 = std::exp(-curve.b0 / curve.b1);
+    curve.a90 = std::exp((logit90 - curve.b0) / curve.b1);
+    // Lower bound of the linear predictor crosses logit(0.9): (c0 + c1 x - L)^2 = z^2 var(x), the root above x90.
+    constexpr double kOneSided95 = 1.6448536269514722;
+    const double z2 = kOneSided95 * kOneSided95, e = c0 - logit90;
+    const double a = c1 * c1 - z2 * v11, b = c1 * e - z2 * v01, c = e * e - z2 * v00;
+    const double root = b * b - a * c;
+    if (a > 0 && root >= 0) curve.a90_95 = std::exp(middle + (-b + std::sqrt(root)) / a);
+    return curve;
+}
+
+double tail_limit(std::vector<double> values, double above) {
+    if (values.empty()) return 0;
+    std::ranges::sort(values, std::greater<>());
+    const std::size_t peaks = std::min(values.size() - 1, std::max<std::size_t>(10, values.size() / 10));
+    const double worst = values.front(), threshold = values[peaks];
+    if (peaks < 3 || !(worst > threshold)) return worst;
+    // Moments of what exceeds it: the mean, and the mean weighted with the share that exceeds more.
+    const auto count = static_cast<double>(peaks);
+    double mean = 0, weighted = 0;
+    for (std::size_t k = 0; k < peaks; ++k) {
+        const double excess = values[k] - threshold;
+        mean += excess / count;
+        weighted += excess * static_cast<double>(k) / ((count - 1) * count);
+    }
+    const double shape = std::max(0.0, 2 - mean / (mean - 2 * weighted)), scale = shape > 0 ? mean * (1 - shape) : mean;
+    const double times = count / (static_cast<double>(values.size()) * above);  // so much rarer than the peaks
+    const double beyond = shape > 1e-6 ? scale * (std::pow(times, shape) - 1) / shape : scale * std::log(times);
+    return std::max(worst, threshold + std::max(0.0, beyond));
+}
+
+}  // namespace hord::lab

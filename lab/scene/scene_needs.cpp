@@ -1,0 +1,233 @@
+#include "lab/scene/scene_needs.h"
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+
+#include <fmt/format.h>
+
+#include "algo/maps/feature_map.h"
+#include "algo/recipe/recipe.h"
+#include "hal_sim/optics/camera/render.h"
+
+namespace hord::lab {
+namespace {
+
+// Processor time of all threads: what else the machine does hardly changes it.
+double processor_ms() {
+    timespec now{};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+    return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
+}
+
+struct Features {
+    std::vector<float> emd, jacobian, light;
+    std::vector<std::uint8_t> mask;
+};
+
+Result<Features> features_of(const Frame& frame, const algo::Extents& e, const algo::LightLevels& levels) {
+    Features out;
+    for (const algo::Feature feature : {algo::Feature::emd, algo::Feature::jacobian_frobenius}) {
+        auto mapper = algo::FeatureMapper::create(e, frame.bits(), levels, feature);
+        if (!mapper) return tl::unexpected(mapper.error());
+        const auto map = mapper->over_neighbours(frame.view());
+        if (!map) return tl::unexpected(map.error());
+        (feature == algo::Feature::emd ? out.emd : out.jacobian).assign(map->values.begin(), map->values.end());
+        out.mask.assign(map->mask.begin(), map->mask.end());
+    }
+    algo::HordRow row(e);
+    for (int n = 0; n < e.n; ++n) {
+        algo::decode_row(frame.view(), e, levels, n, row);
+        for (const std::uint32_t sum : row.sums()) out.light.push_back(static_cast<float>(sum));
+    }
+    return out;
+}
+
+double percentile_99(std::vector<double>& of) {
+    if (of.empty()) return 0;
+    const auto at = of.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(of.size() - 1) + 0.5);
+    std::nth_element(of.begin(), at, of.end());
+    return *at;
+}
+double rms(const std::vector<double>& of) {
+    double sum = 0;
+    for (const double x : of) sum += x * x;
+    return of.empty() ? 0 : std::sqrt(sum / static_cast<double>(of.size()));
+}
+
+// `judged`: the lenslets off the rims.
+FeatureChange change(const Features& with, const Features& without, const std::vector<std::uint8_t>& judged) {
+    std::vector<float> lit;
+    for (std::size_t k = 0; k < judged.size(); ++k) {
+        if (judged[k] != 0) lit.push_back(with.light[k]);
+    }
+    if (lit.empty()) return {};
+    const auto middle = lit.begin() + static_cast<std::ptrdiff_t>(lit.size() / 2);
+    std::nth_element(lit.begin(), middle, lit.end());
+    const double typical = std::max(1.0F, *middle);
+    std::vector<double> emd, jacobian, light;
+    FeatureChange out;
+    for (std::size_t k = 0; k < judged.size(); ++k) {
+        if (judged[k] == 0) continue;
+        light.push_back(std::abs(static_cast<double>(with.light[k]) - static_cast<double>(without.light[k])) / typical);
+        const bool a = (with.mask[k] & algo::kNoGradient) == 0, b = (without.mask[k] & algo::kNoGradient) == 0;
+        if (a != b) ++out.unseen;
+        if (!a || !b) continue;
+        emd.push_back(std::abs(static_cast<double>(with.emd[k]) - static_cast<double>(without.emd[k])));
+        jacobian.push_back(std::abs(static_cast<double>(with.jacobian[k]) - static_cast<double>(without.jacobian[k])));
+    }
+    out.emd_rms = rms(emd), out.jacobian_rms = rms(jacobian), out.transmission_rms = rms(light);
+    out.emd = percentile_99(emd), out.jacobian = percentile_99(jacobian), out.transmission = percentile_99(light);
+    return out;
+}
+
+// A scene's frames and features, in its light or on its sensor.
+class Bench {
+  public:
+    Bench(const sim::Scene& scene, int threads) : scene_(scene), threads_(threads) {
+        const auto labels = sim::truth_of(scene).labels;
+        for (const std::uint8_t label : labels) judged_.push_back(label == 0 || label == 1 || label == 3);
+    }
+    [[nodiscard]] const std::vector<std::uint8_t>& judged() const { return judged_; }
+
+    // Without noise, at 16 bits.
+    Result<Features> light(const sim::Scene& scene, double& ms, sim::LightField* keep = nullptr) const {
+        const double start = processor_ms();
+        auto field = sim::render(scene, {threads_, {}});
+        ms = processor_ms() - start;
+        if (!field) return tl::unexpected(field.error());
+        sim::Scene quiet = scene;
+        quiet.noise = {};
+        quiet.camera.bits = 16;
+        quiet.camera.full_bin_dn = 30000;  // room above: several sources, rims
+        auto features = features_of(sim::expose(*field, quiet, 1), scene.camera.extents, {0, 30, 65535});
+        if (keep) *keep = std::move(*field);
+        return features;
+    }
+    // As the sensor has it, judged like a station does.
+    Result<Features> sensor(const sim::Scene& scene, const sim::LightField& field, double& ms) const {
+        const double start = processor_ms();
+        const Frame frame = sim::expose(field, scene, scene.seed);
+        ms = processor_ms() - start;
+        return features_of(frame, scene.camera.extents, algo::light_levels({}, scene.camera.bits));
+    }
+
+  private:
+    const sim::Scene& scene_;
+    int threads_;
+    std::vector<std::uint8_t> judged_;
+};
+
+FeatureChange larger(const FeatureChange& a, const FeatureChange& b) {
+    return {std::max(a.emd, b.emd),
+            std::max(a.jacobian, b.jacobian),
+            std::max(a.transmission, b.transmission),
+            std::max(a.emd_rms, b.emd_rms),
+            std::max(a.jacobian_rms, b.jacobian_rms),
+            std::max(a.transmission_rms, b.transmission_rms),
+            std::max(a.unseen, b.unseen)};
+}
+
+}  // namespace
+
+double FeatureChange::largest() const { return std::max({emd, jacobian, transmission}); }
+
+std::vector<sim::Effect> SceneNeeds::required() const {
+    std::vector<sim::Effect> out;
+    for (const EffectNeed& need : effects) {
+        if (need.required) out.push_back(need.effect);
+    }
+    return out;
+}
+
+Result<SceneNeeds> needs_of(const sim::Scene& scene, const NeedsOptions& options) {
+    SceneNeeds needs;
+    needs.tolerance = options.tolerance;
+    const auto named = sim::effects_of(scene);
+    const double steps = 2 + 2 * static_cast<double>(named.size());
+    double done = 0;
+    const auto step = [&] {
+        if (options.progress) options.progress(std::min(1.0, ++done / steps));
+    };
+    sim::LightField field;
+    // A first frame is rendered for nothing: the next one's time is then that of warm caches, like all others'.
+    if (auto first = sim::render(scene, {options.threads, {}}); !first) return tl::unexpected(first.error());
+    step();
+    const Bench bench(scene, options.threads);
+    needs.lenslets = static_cast<int>(std::count(bench.judged().begin(), bench.judged().end(), 1));
+    const auto whole_light = bench.light(scene, needs.render_ms, &field);
+    if (!whole_light) return tl::unexpected(whole_light.error());
+    const auto whole_sensor = bench.sensor(scene, field, needs.expose_ms);
+    if (!whole_sensor) return tl::unexpected(whole_sensor.error());
+    step();
+
+    const auto without = [&](const sim::Scene& less, bool of_sensor, double& ms) -> Result<FeatureChange> {
+        const auto features = of_sensor ? bench.sensor(less, field, ms) : bench.light(less, ms);
+        if (!features) return tl::unexpected(features.error());
+        return change(of_sensor ? *whole_sensor : *whole_light, *features, bench.judged());
+    };
+    for (const sim::Effect effect : named) {
+        EffectNeed need{effect, {}, 0, true};
+        const bool of_sensor = sim::is_of_sensor(effect);
+        double ms = 0;
+        auto changed = without(sim::without(scene, effect), of_sensor, ms);
+        if (!changed) return tl::unexpected(changed.error());
+        need.change = *changed;
+        need.cost_ms = (of_sensor ? needs.expose_ms : needs.render_ms) - ms;
+        needs.effects.push_back(need);
+        step();
+    }
+    for (const bool of_sensor : {false, true}) {
+        std::vector<EffectNeed*> order;
+        for (EffectNeed& need : needs.effects) {
+            if (sim::is_of_sensor(need.effect) == of_sensor) order.push_back(&need);
+        }
+        std::stable_sort(order.begin(), order.end(),
+                         [](const auto* a, const auto* b) { return a->change.largest() < b->change.largest(); });
+        sim::Scene least = scene;
+        for (EffectNeed* need : order) {
+            const sim::Scene less = sim::without(least, need->effect);
+            double ms = 0;
+            auto changed = without(less, of_sensor, ms);
+            if (!changed) return tl::unexpected(changed.error());
+            step();
+            if (changed->largest() > options.tolerance) continue;
+            need->required = false;
+            needs.left_out = larger(needs.left_out, *changed);
+            least = less;
+        }
+        // Without fresnel there are no ghosts, whatever became of them before.
+        for (EffectNeed& need : needs.effects) {
+            if (sim::is_of_sensor(need.effect) == of_sensor && !sim::names(least, need.effect)) need.required = false;
+        }
+    }
+    if (options.progress) options.progress(1);
+    return needs;
+}
+
+std::string table_of(const SceneNeeds& needs) {
+    std::string out = fmt::format(
+        "{} lenslets off the rims; render {:.0f} ms, exposure {:.0f} ms of processor time; change: 99th percentile "
+        "(rms)\n\n",
+        needs.lenslets, needs.render_ms, needs.expose_ms);
+    out += fmt::format("{:<13} {:>18} {:>18} {:>18} {:>7} {:>9}  {}\n", "without", "EMD, bins", "Jacobian, bins",
+                       "light, share", "unseen", "cost, ms", "");
+    const auto both = [](double p99, double mean) { return fmt::format("{:.4f} ({:.4f})", p99, mean); };
+    for (const EffectNeed& need : needs.effects) {
+        const FeatureChange& c = need.change;
+        out += fmt::format("{:<13} {:>18} {:>18} {:>18} {:>7} {:>9.1f}  {}\n", sim::name_of(need.effect),
+                           both(c.emd, c.emd_rms), both(c.jacobian, c.jacobian_rms),
+                           both(c.transmission, c.transmission_rms), c.unseen, need.cost_ms,
+                           need.required ? "required" : "");
+    }
+    std::string set;
+    for (const sim::Effect effect : needs.required())
+        set += (set.empty() ? "" : ", ") + std::string(sim::name_of(effect));
+    out += fmt::format("\nAt a tolerance of {} this scene requires: {}.\n", needs.tolerance,
+                       set.empty() ? "none of the effects that it names" : set);
+    out += fmt::format("Without all others: EMD {:.4f}, Jacobian {:.4f}, light {:.4f}.\n", needs.left_out.emd,
+                       needs.left_out.jacobian, needs.left_out.transmission);
+    return out;
+}
+
+}  // namespace hord::lab

@@ -1,0 +1,256 @@
+// What the station says: its steps, its results and its counters.
+#include <algorithm>
+
+#include "lab/soak/invariants.h"
+
+namespace hord::lab {
+
+using sim::Fault;
+
+namespace {
+
+template <class... Faults>
+constexpr std::uint64_t any_of(Faults... faults) {
+    return ((std::uint64_t{1} << static_cast<unsigned>(faults)) | ...);
+}
+static_assert(sim::kFaults <= 64);
+
+// What can be the truth behind a reason. Reasons that are not here may follow from any stop or neighbour.
+struct Behind {
+    PartReason reason;
+    std::uint64_t faults;
+};
+constexpr std::array kBehind{
+    Behind{PartReason::verdict_late,
+           any_of(Fault::inspector_slow, Fault::process_stalled, Fault::frame_late, Fault::encoder_silent,
+                  Fault::encoder_slip, Fault::belt_stop, Fault::part_sensor_lost, Fault::rejector_down,
+                  Fault::device_unplugged, Fault::inspector_hangs)},
+    Behind{PartReason::frame_lost,
+           any_of(Fault::frame_drop, Fault::frame_stale, Fault::frame_late, Fault::sensor_lost, Fault::inspector_slow,
+                  Fault::process_stalled, Fault::process_crash, Fault::device_unplugged, Fault::inspector_hangs)},
+    Behind{PartReason::frame_stale,
+           any_of(Fault::frame_stale, Fault::frame_late, Fault::process_stalled, Fault::sensor_lost,
+                  Fault::device_unplugged)},
+    Behind{PartReason::frame_duplicate, any_of(Fault::frame_duplicate, Fault::frame_late)},
+    Behind{PartReason::frame_short, any_of(Fault::frame_short)},
+    Behind{PartReason::frame_corrupt, any_of(Fault::frame_corrupt)},
+    Behind{PartReason::strobe_failed,
+           any_of(Fault::strobe_refused, Fault::strobe_late, Fault::strobe_lost, Fault::process_stalled,
+                  Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::encoder_slip, Fault::encoder_silent,
+                  Fault::belt_stop, Fault::part_sensor_lost, Fault::sensor_lost, Fault::device_unplugged)},
+    Behind{PartReason::inspector_failed,
+           any_of(Fault::inspector_failed, Fault::inspector_slow, Fault::inspector_hangs)},
+    Behind{PartReason::edge_lost,
+           any_of(Fault::edge_lost, Fault::edge_missed, Fault::edge_bounce, Fault::edge_ghost, Fault::process_stalled,
+                  Fault::encoder_silent, Fault::encoder_slip, Fault::belt_stop, Fault::part_touching)},
+    Behind{PartReason::parts_too_close,
+           any_of(Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::part_touching, Fault::encoder_slip,
+                  Fault::belt_stop, Fault::process_stalled, Fault::edge_missed, Fault::part_sensor_lost,
+                  Fault::encoder_silent, Fault::restart_ordered, Fault::process_crash, Fault::plc_commands,
+                  Fault::device_unplugged, Fault::plc_walks)},
+    Behind{PartReason::plc_lost,
+           any_of(Fault::plc_silent, Fault::process_stalled, Fault::process_crash, Fault::restart_ordered,
+                  Fault::plc_walks)},
+    Behind{PartReason::too_dark,
+           any_of(Fault::frame_dark, Fault::strobe_dead, Fault::strobe_weak, Fault::strobe_late, Fault::frame_stale,
+                  Fault::strobe_lost, Fault::device_unplugged)},
+    Behind{PartReason::saturated, any_of(Fault::frame_saturated, Fault::frame_stale)},
+};
+// What a fault does to a part shows while the part is on its way, 0.8 s from part sensor to ejector; a PLC's silence
+// ends with its next cycle. Counted from the end of the fault's effect to the moment of the verdict.
+constexpr Duration kCauseLag = milliseconds(1000);
+
+}  // namespace
+
+void Invariants::stepped(State before) {
+    struct {
+        State state;
+        bool line_stop, run_permit;
+        std::uint32_t parts_on_line;
+    } const now{core_->state(), core_->line_stop(), core_->run_permit(), core_->line().size()};
+    const auto lawful = [&] {
+        if (now.state == before) return true;
+        for (const Transition& first : kTransitions) {
+            if (first.from != before) continue;
+            if (first.to == now.state) return true;
+            for (const Transition& second : kTransitions) {  // two in one step
+                if (second.from == first.to && second.to == now.state) return true;
+            }
+        }
+        return false;
+    };
+    if (!lawful())
+        broken(Promise::lawful_states,
+               "the state changed from " + std::string(name_of(before)) + " to " + std::string(name_of(now.state)));
+    if (now.run_permit && (now.line_stop || !(executing(now.state) || now.state == State::ready))) {
+        broken(Promise::lawful_states,
+               "the line may run in " + std::string(name_of(now.state)) + (now.line_stop ? " with line stop" : ""));
+    }
+    if (cell_.rejector().run_permit() && now.line_stop)
+        broken(Promise::unconfirmed_stops, "line stop, and the belt has its permit");
+    if (now.parts_on_line > rules_.most_on_line)
+        broken(Promise::bounded, std::to_string(now.parts_on_line) + " parts are on the line");
+
+    const TimePoint time = clock_.now();
+    steps_at_once_ = time == stepped_at_ ? steps_at_once_ + 1 : 0;
+    stepped_at_ = time;
+    if (steps_at_once_ == kMostStepsAtOnce)
+        broken(Promise::bounded, "the station steps and steps, and time stands still");
+    if (now.line_stop) {
+        last_line_stop_ = time;
+        left_in_outage_at_ = -1;
+    } else if (left_in_outage_at_ >= 0 && now.run_permit &&
+               (time - TimePoint{}).count() > left_in_outage_at_ + milliseconds(500).count()) {
+        broken(Promise::no_bad_part_passes,
+               "a part left while the process did not run, and the line was never stopped for it");
+        left_in_outage_at_ = -1;
+    }
+    if (now.state != State::continuous_execution || now.line_stop) {
+        disturbed_until_ = std::max(disturbed_until_, time + milliseconds(1000));
+        if (time > faults_until_ + kReadyWithin && !told_not_ready_) {
+            told_not_ready_ = true;
+            broken(Promise::ready_again, "the station is still in " + std::string(name_of(now.state)));
+        }
+    }
+    check_counters();
+}
+
+void Invariants::result(const PartResult& r) {
+    ++results_;
+    ++reasons_[static_cast<std::size_t>(r.reason) % reasons_.size()];
+    for (const std::uint64_t value :
+         {std::uint64_t{r.part}, static_cast<std::uint64_t>(r.arrived_ns),
+          std::uint64_t{static_cast<unsigned>(r.verdict)}, std::uint64_t{static_cast<unsigned>(r.reason)},
+          std::uint64_t{static_cast<unsigned>(r.reject)}, std::uint64_t{r.latency_us}}) {
+        fingerprint_ = (fingerprint_ ^ value) * 0x100000001B3U;
+    }
+    if (r.sequence != ++results_in_process_)
+        broken(Promise::one_verdict, "results are not numbered one by one", r.part);
+    if ((r.verdict == PartVerdict::pass) != (r.reject == RejectState::not_needed))
+        broken(Promise::one_verdict, "verdict and rejection disagree", r.part);
+
+    switch (r.verdict) {
+        case PartVerdict::pass: ++told_.pass; break;
+        case PartVerdict::reject: ++told_.reject; break;
+        case PartVerdict::unfit: ++told_.unfit; break;
+    }
+    switch (r.reject) {
+        case RejectState::confirmed: ++told_.reject_confirmed; break;
+        case RejectState::failed: ++told_.reject_failed; break;
+        case RejectState::late: ++told_.reject_late; break;
+        case RejectState::not_needed:
+        case RejectState::commanded: break;
+    }
+    told_inspected_ += r.reason <= PartReason::not_registered ? 1U : 0U;
+    const bool unconfirmed = r.reject == RejectState::failed || r.reject == RejectState::late;
+    if (core_->line_stop()) last_line_stop_ = clock_.now();
+    if (unconfirmed && (last_line_stop_ - TimePoint{}).count() < r.arrived_ns) {
+        broken(Promise::unconfirmed_stops, "was not surely ejected, and the line runs", r.part);
+    }
+    check_reason(r);
+
+    Known* known = arrived_at(r.arrived_ns);
+    if (r.verdict == PartVerdict::pass) check_passed(r, known);
+    if (known == nullptr) return;  // a ghost edge: no part was there
+    if (known->has_result) broken(Promise::one_verdict, "has two verdicts", known->number);
+    known->has_result = true;
+    known->result = r;
+    check_undisturbed(r, *known);
+}
+
+void Invariants::check_passed(const PartResult& r, Known* known) {
+    const OwnData& data = data_of(r.part);
+    if (known == nullptr)
+        return broken(Promise::own_data,
+                      "station part " + std::to_string(r.part) + " was passed, and there is no such part");
+    // A part that a person has taken off is followed to its exposure all the same, and a clear empty field is good in
+    // the eyes of a real inspection: then nothing was passed by.
+    const bool nothing_there = !rules_.perfect_detection && data.true_part == 0 && known->taken_by_hand;
+    if (!data.submitted || (data.true_part != known->number && !nothing_there)) {
+        broken(Promise::own_data, "was passed by the frame of part " + std::to_string(data.true_part), known->number);
+    }
+    if (!data.frame_right)
+        broken(Promise::own_data, "was passed by a frame that is stale, short or corrupt", known->number);
+    if (!data.lit_right) broken(Promise::own_data, "was passed, and its light was not right", known->number);
+    if (!data.judged_good) broken(Promise::own_data, "was passed, and not judged good", known->number);
+    const CoreConfig& core = rules_.core;
+    const std::int64_t now_ns = (clock_.now() - TimePoint{}).count();
+    if (!core.by_encoder &&
+        now_ns > known->arrived_ns + (core.transport - core.reject_early - core.reject_lead).count()) {
+        broken(Promise::own_data, "was passed after its verdict was due", known->number);
+    }
+    const double left_mm = known->front_mm + cell_.world().geometry().ejector_mm - cell_.world().belt_mm(clock_.now());
+    const double lead_mm =
+        cell_.world().nominal_speed_mm_s() * 1e-9 * static_cast<double>((core.reject_early + core.reject_lead).count());
+    if (core.by_encoder && left_mm + known->slipped_mm < 0.9 * lead_mm - 1 && !belt_stands()) {
+        broken(Promise::own_data, "was passed after its verdict was due", known->number);
+    }
+    if (known->gone && !known->taken_by_hand)
+        broken(Promise::own_data, "was passed when it was gone already", known->number);
+    if (!known->bad) return;
+    ++passed_bad_;
+    if (rules_.perfect_detection) broken(Promise::no_bad_part_passes, "is bad, and was passed", known->number);
+}
+
+void Invariants::check_reason(const PartResult& r) {
+    const TimePoint decided(Duration(r.arrived_ns) + microseconds(r.latency_us) + microseconds(1));
+    const bool close = last_close_ != TimePoint::min() && decided - last_close_ <= kCauseLag;
+    if (close && (r.reason == PartReason::parts_too_close || r.reason == PartReason::strobe_failed)) return;
+    for (const Behind& cause : kBehind) {
+        if (cause.reason == r.reason && rules_.perfect_detection && !any_felt(cause.faults, decided - kCauseLag)) {
+            broken(Promise::true_reasons,
+                   "is unfit (" + std::string(name_of(r.reason)) + "), and nothing of the kind happened", r.part);
+        }
+    }
+}
+
+// Nothing was wrong from a second before it came until now.
+void Invariants::check_undisturbed(const PartResult& r, const Known& known) {
+    if (!rules_.perfect_detection || TimePoint(Duration(known.arrived_ns)) <= disturbed_until_) return;
+    ++undisturbed_;
+    if (!known.bad && r.verdict != PartVerdict::pass) {
+        broken(Promise::undisturbed_parts,
+               "is good, nothing was wrong, and it was not passed (" + std::string(name_of(r.reason)) + ")",
+               known.number);
+    }
+    if (known.bad &&
+        (r.verdict != PartVerdict::reject ||
+         r.reject != RejectState::confirmed)) {  // whether it was is seen at the exit
+        broken(Promise::undisturbed_parts, "is bad, nothing was wrong, and it was not rejected for sure", known.number);
+    }
+}
+
+// Whenever a counter or what was reported has changed.
+void Invariants::check_counters() {
+    const Counters& c = core_->counters();
+    if (results_in_process_ == counted_results_ && c == counted_) return;
+    counted_results_ = results_in_process_;
+    counted_ = c;
+    Counters here;  // decided, and not told yet
+    std::uint32_t waiting = 0, inspected = 0;
+    const Line& line = core_->line();
+    for (std::uint32_t k = 0; k < line.size(); ++k) {
+        const Part& p = line[k];
+        if (p.phase == Part::Phase::waiting) ++waiting;
+        if (p.phase != Part::Phase::decided && p.phase != Part::Phase::commanded) continue;
+        (p.result.verdict == PartVerdict::reject ? here.reject : here.unfit) += 1;
+        here.reject_commanded += p.phase == Part::Phase::commanded ? 1U : 0U;
+        inspected += p.result.reason <= PartReason::not_registered ? 1U : 0U;
+    }
+    const bool agree = c.pass == told_.pass && c.reject == told_.reject + here.reject &&
+        c.unfit == told_.unfit + here.unfit && c.reject_confirmed == told_.reject_confirmed &&
+        c.reject_failed == told_.reject_failed && c.reject_late == told_.reject_late &&
+        c.reject_commanded == told_.reject + told_.unfit + here.reject_commanded &&
+        c.inspected == told_inspected_ + inspected && c.seen == c.pass + c.reject + c.unfit + waiting;
+    if (!agree) broken(Promise::counters_agree, "the counters are not what was reported");
+}
+
+void Invariants::end() {
+    for (const Known& known : parts_) {
+        if (known.number != 0) forget(known);
+    }
+    if (cell_.strobe().longest_on() > cell_.strobe().limits().max_on)
+        broken(Promise::light_limits, "a light was on longer than its limit");
+}
+
+}  // namespace hord::lab

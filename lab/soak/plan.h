@@ -1,0 +1,39 @@
+// What goes wrong in an episode: data, drawn from a seed, and as text that can be given back.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/result.h"
+#include "hal_sim/world/faults.h"
+
+namespace hord::lab {
+
+enum class LineProfile : std::uint8_t { timed, encoder };
+std::string_view name_of(LineProfile profile);
+
+struct EpisodePlan {
+    std::uint64_t seed = 1;
+    std::uint64_t parts = 5'000;
+    LineProfile line = LineProfile::timed;
+    bool real = false;  // rendered frames and the real pipeline; else tokens and a stand-in
+    std::vector<sim::FaultRule> faults;
+    // And from the seed: what the station does when the PLC is lost, and all that is random.
+};
+
+// One to four faults. Each fires surely once, early in the episode and near the others, and then now and then until
+// nine tenths of it; in the last tenth the line must find back. One episode in fifty shows real parts.
+EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts);
+// The same with these faults.
+EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector<sim::Fault>& faults);
+
+// Faults that cannot happen on a line of this profile: without an encoder none can slip, and nothing tells of a belt
+// that stops by itself (such a line must be wired to stop by its permit only).
+bool possible(sim::Fault fault, LineProfile line);
+
+// "frame-drop@5", "frame-late@6-900:0.01+200ms": opportunities, probability, amount; several with commas.
+std::string text_of(const std::vector<sim::FaultRule>& faults);
+Result<std::vector<sim::FaultRule>> faults_of(std::string_view text);
+
+}  // namespace hord::lab

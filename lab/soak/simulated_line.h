@@ -1,0 +1,115 @@
+// A whole line in virtual time: the real station, the simulated cell, a person who resets, and the omniscient observer.
+//
+// The station's process may die at any point and is started again, as systemd does it; then it does not know what is on
+// the line. The person who resets after line stop takes every part off the belt.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "firmware/station/station.h"
+#include "hal_sim/cell/cell.h"
+#include "hal_sim/world/virtual_time.h"
+#include "lab/soak/coverage.h"
+#include "lab/soak/device_proxies.h"
+#include "lab/soak/invariants.h"
+#include "lab/soak/plc_simulator.h"
+#include "lab/soak/store_observer.h"
+
+namespace hord::lab {
+
+using namespace firmware;
+
+struct LineOptions {
+    CoreConfig core;
+    sim::CellOptions cell;
+
+    // The stand-in inspector judges by the token in the frame, after this time.
+    Duration inspection = milliseconds(20);
+    int queue = 4;
+
+    Duration reset_after = milliseconds(500);  // a person resets the station so long after an error
+    Duration module_watchdog =
+        milliseconds(50);  // after the process died the rejector's module drops permit and outputs
+
+    // In place of tokens: a frame source, which outlives the line, and what judges its frames. Its misses are its own.
+    sim::FrameSource* frames = nullptr;
+    Judge judge;
+};
+
+// A line of 10 parts a second on a belt of 500 mm/s, camera 100 mm and ejector 400 mm behind the part sensor. The belt
+// stops when the run permit drops. One part in ten is bad.
+LineOptions timed_line(std::uint64_t seed, std::uint64_t parts);
+LineOptions encoder_line(std::uint64_t seed, std::uint64_t parts);  // followed by an encoder; the belt jitters
+
+class SimulatedLine final : public StationObserver {
+  public:
+    static Result<std::unique_ptr<SimulatedLine>> make(const LineOptions& options);
+    ~SimulatedLine() override;
+
+    // Until every part is gone and the line is empty; false when that takes longer than twenty times the belt's time.
+    bool run();
+
+    [[nodiscard]] Invariants& invariants() { return *invariants_; }
+    [[nodiscard]] const Coverage& coverage() const { return coverage_; }
+    [[nodiscard]] Snapshot snapshot() const { return process_ ? process_->station->snapshot() : Snapshot{}; }
+    [[nodiscard]] sim::SimulatedCell& cell() { return *cell_; }
+    [[nodiscard]] sim::VirtualTime& loop() { return loop_; }
+    [[nodiscard]] Station& station() { return *process_->station; }  // while a process runs
+    [[nodiscard]] const Books& books() const { return *books_; }
+    [[nodiscard]] std::uint64_t resets() const { return resets_; }
+    [[nodiscard]] std::uint64_t line_stops() const { return line_stops_; }
+    [[nodiscard]] std::uint64_t processes() const { return processes_; }
+    [[nodiscard]] const std::vector<PartResult>& kept() const { return kept_; }
+    void keep_results(bool keep) { keep_ = keep; }
+
+  private:
+    class Witness;
+    struct Process {  // what dies together; destroyed in reverse order
+        std::unique_ptr<Gates> gates;
+        std::unique_ptr<Inspector> inspector;
+        std::unique_ptr<Station> station;
+        std::unique_ptr<PlcDoors> doors;
+        bool alive = true;  // false: cut off, to be buried
+    };
+    explicit SimulatedLine(const LineOptions& options) : options_(options) {}
+    Result<void> assemble();
+    Result<void> start_process(bool line_unknown);
+    void process_dies(Duration down_for, bool line_unknown);
+    void restart_in_order();
+    void plc_cycle();
+    void take_parts_off();
+    void publish_soon();
+    void unplug_something(Duration amount);
+    void part_comes(const sim::PartRecord& part);
+    [[nodiscard]] StandInAnswer judge(std::uint32_t part, const hal::FrameLease& frame);
+    [[nodiscard]] Judged judge_by_token(const hal::FrameLease& frame) const;
+    void person_comes();
+    void look_after_the_line();
+    void watch_line_stop();
+    void on_result(const PartResult& result) override;
+    void on_state(State from, State to) override;
+    void on_step(State before, const Event& event) override;
+    [[nodiscard]] bool alive() const { return process_ && process_->alive; }
+
+    LineOptions options_;
+    sim::VirtualTime loop_;
+    sim::TokenFrames tokens_{{5, 5, 8}};
+    Coverage coverage_;
+    std::unique_ptr<sim::SimulatedCell> cell_;
+    std::unique_ptr<Invariants> invariants_;
+    std::optional<Books> books_;
+    std::optional<PlcSide> plc_;
+    std::optional<Process> process_;
+    bool line_started_ = false;
+    bool person_is_coming_ = false;
+    bool was_stopped_ = false;
+    bool keep_ = false;
+    hal::TimePoint hangs_until_{};
+    std::uint64_t resets_ = 0, line_stops_ = 0, processes_ = 0, drawn_ = 0;
+    std::vector<PartResult> kept_;
+};
+
+}  // namespace hord::lab

@@ -1,0 +1,268 @@
+#include "lab/soak/soak.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <map>
+#include <mutex>
+#include <thread>
+#include <utility>
+
+#include "hal_sim/world/random.h"
+#include "lab/soak/real_parts.h"
+
+namespace hord::lab {
+namespace {
+
+using sim::Fault;
+
+constexpr std::uint64_t kEpisodeStream = 0xE915;
+constexpr std::uint64_t kPairStream = 0x9A12;
+constexpr std::uint64_t kPairParts = 400;
+constexpr std::size_t kWalks = 24;  // episodes for each fault
+constexpr std::size_t kViolationsShown = 20;
+
+void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::string& label) {
+    const Invariants& seen = line.invariants();
+    const auto violation = [&](const std::string& text) {
+        if (report.violations++ == 0) report.parts_to_violation = report.parts + line.cell().world().totals().arrived;
+        if (report.first_violations.size() < kViolationsShown)
+            report.first_violations.push_back(text + "\n    " + label);
+    };
+    report.results += seen.results();
+    if (report.violations == 0 && seen.violations() > 0)
+        report.parts_to_violation = report.parts + seen.parts_to_violation();
+    report.violations += seen.violations();
+    for (std::size_t k = 0; k < kPromises; ++k) report.broken[k] += seen.violations_of(static_cast<Promise>(k));
+    for (const std::string& text : seen.first_violations()) {
+        if (report.first_violations.size() < kViolationsShown)
+            report.first_violations.push_back(text + "\n    " + label);
+    }
+    if (!over) violation("did not end");
+    const Snapshot last = line.snapshot();
+    if (last.state != State::continuous_execution || last.line_stop)
+        violation("ended in " + std::string(name_of(last.state)));
+    report.line_stops += line.line_stops();
+    report.resets += line.resets();
+    report.excused += seen.excused();
+    report.virtual_s += static_cast<std::uint64_t>(
+        std::chrono::duration_cast<std::chrono::seconds>(line.loop().now().time_since_epoch()).count());
+    for (std::size_t k = 0; k < report.reasons.size(); ++k) report.reasons[k] += seen.of(static_cast<PartReason>(k));
+    report.coverage.merge(line.coverage());
+    report.undisturbed += seen.undisturbed();
+    report.processes += line.processes();
+    report.stored += line.books().stored();
+    report.lost += line.books().lost();
+    const sim::FaultPlan& faults = line.cell().faults();
+    for (std::size_t a = 0; a < sim::kFaults; ++a) {
+        const auto fired = faults.fired(static_cast<Fault>(a));
+        report.planned[a] += faults.names(static_cast<Fault>(a)) ? 1U : 0U;
+        report.fired[a] += fired;
+        for (std::size_t b = 0; fired > 0 && b < a; ++b) {
+            if (faults.fired(static_cast<Fault>(b)) > 0)
+                report.coverage.fired_together(static_cast<Fault>(a), static_cast<Fault>(b));
+        }
+    }
+    for (const Fault fault : faults.never_fired())
+        report.never_fired.push_back(label + ": " + std::string(sim::name_of(fault)));
+    report.fingerprint = sim::mix64(report.fingerprint ^ seen.fingerprint());
+}
+
+}  // namespace
+
+Result<LineOptions> line_of(const EpisodePlan& plan) {
+    LineOptions line =
+        plan.line == LineProfile::timed ? timed_line(plan.seed, plan.parts) : encoder_line(plan.seed, plan.parts);
+    line.cell.faults = plan.faults;
+    line.core.plc_policy = static_cast<PlcPolicy>(sim::random_bits(plan.seed, kEpisodeStream, 0) % 3);
+    if (sim::random_bits(plan.seed, kEpisodeStream, 1) % 2 == 0)
+        line.cell.sensor.buffers = 2 * line.queue;  // who is full first, the sensor or the inspector
+    if (plan.real) {
+        if (auto shown = show_real_parts(line); !shown) return tl::unexpected(shown.error());
+    }
+    return line;
+}
+
+std::string command_of(const EpisodePlan& plan) {
+    return "hord-lab soak --episode " + std::to_string(plan.seed) + " --parts " + std::to_string(plan.parts) +
+        " --line " + std::string(name_of(plan.line)) + (plan.real ? " --real" : "") +
+        (plan.faults.empty() ? "" : " --faults " + text_of(plan.faults));
+}
+
+Result<void> run_episode(const EpisodePlan& plan, SoakReport& report) {
+    const auto line = line_of(plan);
+    if (!line) return tl::unexpected(line.error());
+    auto made = SimulatedLine::make(*line);
+    if (!made) return tl::unexpected(made.error());
+    const bool over = (*made)->run();
+    add_episode(report, **made, over, command_of(plan));
+    if (report.violations > 0 && !report.first_broken) report.first_broken = plan;
+    if (plan.real) report.real_parts += plan.parts;
+    report.passed_bad += (*made)->invariants().passed_bad();
+    ++report.episodes;
+    report.parts += plan.parts;
+    return {};
+}
+
+void SoakReport::add(const SoakReport& later) {
+    if (violations == 0 && later.violations > 0) parts_to_violation = parts + later.parts_to_violation;
+    if (!first_broken) first_broken = later.first_broken;
+    parts += later.parts;
+    episodes += later.episodes;
+    results += later.results;
+    violations += later.violations;
+    for (std::size_t k = 0; k < kPromises; ++k) broken[k] += later.broken[k];
+    for (const std::string& text : later.first_violations) {
+        if (first_violations.size() < kViolationsShown) first_violations.push_back(text);
+    }
+    line_stops += later.line_stops;
+    resets += later.resets;
+    excused += later.excused;
+    stored += later.stored;
+    lost += later.lost;
+    virtual_s += later.virtual_s;
+    for (std::size_t k = 0; k < reasons.size(); ++k) reasons[k] += later.reasons[k];
+    for (std::size_t k = 0; k < sim::kFaults; ++k) {
+        planned[k] += later.planned[k];
+        fired[k] += later.fired[k];
+    }
+    real_parts += later.real_parts;
+    passed_bad += later.passed_bad;
+    undisturbed += later.undisturbed;
+    processes += later.processes;
+    coverage.merge(later.coverage);
+    never_fired.insert(never_fired.end(), later.never_fired.begin(), later.never_fired.end());
+    fingerprint = sim::mix64(fingerprint ^ later.fingerprint);
+}
+
+namespace {
+
+// The episodes of a soak by number: first the pairs of faults, and walks through the states with each fault, then
+// random ones.
+class Plans {
+  public:
+    explicit Plans(const SoakOptions& options) : options_(options) {
+        for (std::size_t a = 0; options.all_pairs && a < sim::kFaults; ++a) {
+            for (std::size_t b = 0; b < a; ++b) pairs_.push_back({static_cast<Fault>(a), static_cast<Fault>(b)});
+        }
+        for (std::size_t k = 0; options.all_pairs && k < kWalks * sim::kFaults; ++k) {
+            pairs_.push_back({Fault::plc_walks, static_cast<Fault>(k % sim::kFaults)});
+        }
+        const std::uint64_t of_pairs = pairs_.size() * kPairParts,
+                            rest = options.parts > of_pairs ? options.parts - of_pairs : 0;
+        count_ = pairs_.size() + (rest + options.parts_an_episode - 1) / options.parts_an_episode;
+    }
+    [[nodiscard]] std::uint64_t count() const { return count_; }
+    [[nodiscard]] EpisodePlan operator[](std::uint64_t number) const {
+        if (number < pairs_.size()) {
+            const auto& pair = pairs_[number];
+            EpisodePlan plan = draw_plan(sim::random_bits(options_.seed, kPairStream, number), kPairParts, pair);
+            const bool walks = number >= pairs_.size() - kWalks * sim::kFaults;
+            for (sim::FaultRule& rule : plan.faults) {
+                if (walks && rule.probability < 1) rule.probability = std::max(rule.probability, 0.03);
+            }
+            return plan;
+        }
+        EpisodePlan plan = draw_plan(sim::random_bits(options_.seed, kEpisodeStream, number - pairs_.size()),
+                                     options_.parts_an_episode);
+        plan.real = plan.real && options_.real_parts;
+        return plan;
+    }
+
+  private:
+    const SoakOptions& options_;
+    std::vector<std::vector<Fault>> pairs_;
+    std::uint64_t count_ = 0;
+};
+
+// Episodes are run by several threads and added up in their order.
+class Crew {
+  public:
+    Crew(const SoakOptions& options, const Plans& plans) : options_(options), plans_(plans) {}
+
+    Result<SoakReport> run() {
+        std::vector<std::thread> helpers;
+        for (int k = 1; k < options_.threads; ++k) helpers.emplace_back([this] { work(); });
+        work();
+        for (std::thread& helper : helpers) helper.join();
+        if (error_) return tl::unexpected(*error_);
+        return std::move(report_);
+    }
+
+  private:
+    void work() {
+        std::unique_lock lock(mutex_);
+        while (!over() && next_ < plans_.count()) {
+            const std::uint64_t number = next_++;
+            lock.unlock();
+            SoakReport episode;
+            const auto done = run_episode(plans_[number], episode);
+            lock.lock();
+            if (!done) error_ = done.error();
+            done_.emplace(number, std::move(episode));
+            while (!over() && !done_.empty() && done_.begin()->first == added_) {
+                report_.add(done_.begin()->second);
+                done_.erase(done_.begin());
+                ++added_;
+                if (options_.progress)
+                    options_.progress(static_cast<double>(added_) / static_cast<double>(plans_.count()));
+            }
+        }
+    }
+    [[nodiscard]] bool over() const { return error_ || (options_.until_violation && report_.violations > 0); }
+
+    const SoakOptions& options_;
+    const Plans& plans_;
+    std::mutex mutex_;  // guards the rest
+    std::uint64_t next_ = 0, added_ = 0;
+    std::map<std::uint64_t, SoakReport> done_;
+    SoakReport report_;
+    std::optional<Error> error_;
+};
+
+}  // namespace
+
+Result<SoakReport> soak(const SoakOptions& options) {
+    if (options.parts == 0 || options.parts_an_episode < 200 || options.threads < 1) {
+        return fail(ErrorCode::invalid_argument,
+                    "a soak of " + std::to_string(options.parts) + " parts, " +
+                        std::to_string(options.parts_an_episode) + " an episode, on " +
+                        std::to_string(options.threads) + " threads",
+                    "use at least 1 part, 200 an episode, and 1 thread");
+    }
+    const Plans plans(options);
+    return Crew(options, plans).run();
+}
+
+std::string describe(const SoakReport& r) {
+    const auto hex = [](std::uint64_t value) {
+        std::array<char, 17> digits{};
+        std::snprintf(digits.data(), digits.size(), "%016llx", static_cast<unsigned long long>(value));
+        return std::string(digits.data());
+    };
+    const auto line = [](const std::string& name, std::uint64_t value) {
+        return name + std::string(28 - std::min<std::size_t>(27, name.size()), ' ') + std::to_string(value) + "\n";
+    };
+    std::string text = line("parts", r.parts) + line("episodes", r.episodes) + line("results", r.results) +
+        line("hours of production", r.virtual_s / 3600) + line("line stops", r.line_stops) + line("resets", r.resets) +
+        line("excused (invisible faults)", r.excused) + line("parts with nothing wrong", r.undisturbed) +
+        line("parts seen through optics", r.real_parts) + line("bad ones the pipeline passed", r.passed_bad) +
+        line("processes", r.processes) + line("results on disks", r.stored) +
+        line("results lost, and said so", r.lost) + line("fault pairs", r.coverage.pairs()) +
+        line("violations", r.violations);
+    for (std::size_t k = 0; k < kPromises; ++k) {
+        if (r.broken[k] > 0) text += line("  " + std::string(name_of(static_cast<Promise>(k))), r.broken[k]);
+    }
+    text += "fingerprint                 " + hex(r.fingerprint) + "\nfaults fired\n";
+    for (std::size_t k = 0; k < sim::kFaults; ++k) {
+        if (r.planned[k] > 0) text += line("  " + std::string(sim::name_of(static_cast<Fault>(k))), r.fired[k]);
+    }
+    text += "verdicts by reason\n";
+    for (std::size_t k = 0; k < r.reasons.size(); ++k) {
+        if (r.reasons[k] > 0) text += line("  " + std::string(name_of(static_cast<PartReason>(k))), r.reasons[k]);
+    }
+    for (const std::string& violation : r.first_violations) text += "VIOLATION " + violation + "\n";
+    for (const std::string& fault : r.never_fired) text += "NEVER FIRED " + fault + "\n";
+    return text;
+}
+
+}  // namespace hord::lab

@@ -1,0 +1,65 @@
+// hord-lab experiment stability: do the features keep their promises at the extremes?
+//
+// A table of cases: what is expected (a closed form, an independent solver, a property), what came out, and whether
+// that is right. Expected values are derived in the cases' own code, never taken from algo. The same cases are tests
+// (tests/lab/stability/stability_test.cpp).
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "common/result.h"
+#include "lab/experiment/experiment.h"
+
+namespace hord::lab {
+
+struct StabilityRow {
+    std::string group;  // the extreme: "all zero", "degenerate ties", ...
+    std::string name;
+    std::string expected, got;
+    bool good = false;
+};
+
+class StabilityTable {
+  public:
+    void begin(std::string group) { group_ = std::move(group); }
+    // |got - expected| <= tolerance; a NaN or an infinity is wrong.
+    void near(const std::string& name, double expected, double got, double tolerance);
+    void at_most(const std::string& name, double limit, double got);
+    void same(const std::string& name, std::int64_t expected, std::int64_t got);
+    void holds(const std::string& name, const std::string& expected, const std::string& got, bool good);
+
+    [[nodiscard]] const std::vector<StabilityRow>& rows() const { return rows_; }
+    [[nodiscard]] std::size_t wrong() const;
+
+  private:
+    std::string group_;
+    std::vector<StabilityRow> rows_;
+};
+
+struct StabilityOptions {
+    std::uint64_t seed = 1;
+    int degenerate_pairs = 1'000'000;                           // against the independent solver
+    int random_pairs = 2'000;                                   // for properties
+    std::function<void(double done)> progress = [](double) {};  // 0..1
+};
+
+// Every case.
+StabilityTable check_stability(const StabilityOptions& options);
+
+// Its parts: pairs of HORDs, transport problems (against the solver in transport_check.h), and whole frames.
+void check_hords(const StabilityOptions& options, StabilityTable& table);
+void check_transport(const StabilityOptions& options, StabilityTable& table);
+void check_frames(const StabilityOptions& options, StabilityTable& table);
+
+// For people and for spreadsheets.
+std::string as_text(const StabilityTable& table);
+std::string as_csv(const StabilityTable& table);
+
+// The experiment: the table as stability.csv and stability.txt in options.out, and a claim for every extreme. Fails
+// with io.
+Result<ExperimentReport> run_stability(const ExperimentOptions& options);
+
+}  // namespace hord::lab

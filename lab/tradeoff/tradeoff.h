@@ -1,0 +1,30 @@
+// Speed against accuracy, measured: every feature over bins, light, slopes of the part, strides and averaged frames.
+#pragma once
+
+#include "lab/experiment/experiment.h"
+#include "lab/experiment/result_cache.h"
+#include "lab/tradeoff/tradeoff_parts.h"
+
+namespace hord::lab {
+
+Result<ExperimentReport> run_tradeoff(const ExperimentOptions& options);
+
+// What was measured at each point, as tradeoff_scores.h and tradeoff_times.h give it.
+struct TradeoffResults {
+    struct Cell {
+        TradeoffPoint point;
+        Json values;
+    };
+    std::vector<Cell> scores, times;
+    Json approximations;
+    PartCounts counts;
+    int good_patches = 0, defects_of_a_family = 0;
+
+    [[nodiscard]] const Json* scores_at(const TradeoffPoint& point) const;
+    [[nodiscard]] const Json* times_at(TradeoffPoint point) const;  // whatever its slope and frames
+};
+
+// The report, its tables and plots (tradeoff_report.cpp).
+Result<ExperimentReport> report_tradeoff(const TradeoffResults& results, const ExperimentOptions& options);
+
+}  // namespace hord::lab

@@ -1,0 +1,80 @@
+// The parts of the trade-off: small cylinder lenses with defects of known size, traced by the optics and exposed by the
+// sensor model.
+//
+// A part is a strip of 8 x 32 lenslets of 0.1 mm, wholly inside a cylinder lens whose curvature makes the mean
+// deflection change by `slope` over two lenslets across x. Slopes are in bins of the nine-bin camera (15 mrad), so that
+// they mean the same part whatever the bins: every camera sees the same 135 mrad with the same source, divided into
+// more or fewer bins. Good parts lie a little differently each (0.1 lenslet about one of four nominal places); bad ones
+// hold four defects each, log-uniform in size, far enough apart not to meet. Bubbles and inclusions are traced. Haze is
+// not, for the optics do not scatter: in a disc of 1.2 lenslets radius, a share of every lenslet's light is spread by a
+// Gaussian of 15 mrad. The sensor: one electron a DN, 16 bit, read noise 2 electrons, no pedestal; photon noise.
+//
+// Good and bad parts, places and exposures are drawn from disjoint streams of one seed.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "algo/frame/decode.h"
+#include "hal_sim/optics/camera/render.h"
+
+namespace hord::lab {
+
+struct TradeoffPoint {
+    int bins = 9;         // a side
+    double slope = 0.15;  // bins of the nine-bin camera over two lenslets
+    int photons = 2000;   // electrons a lenslet and frame
+    int frames = 1;       // averaged
+    int stride = 1;       // every so many lenslets of every so many rows are used, neighbours being that far apart
+    [[nodiscard]] std::string key() const;
+    friend bool operator==(const TradeoffPoint&, const TradeoffPoint&) = default;
+};
+
+enum class Family : std::uint8_t { bubble, inclusion, haze };  // air; glass of index 1.52 in glass of 1.5; scattering
+constexpr std::size_t kFamilies = 3;
+constexpr std::array<std::string_view, kFamilies> kFamilyNames = {"bubble", "inclusion", "haze"};
+// Sizes: radii in lenslets of stride 1; of haze, the share of the light that is scattered.
+constexpr std::array<double, kFamilies> kSmallest = {0.02, 0.1, 0.01}, kLargest = {1.2, 1.2, 1.0};
+
+struct PlacedDefect {
+    double m = 0, n = 0;  // lenslets of the field as it is used (every stride-th)
+    double size = 0;      // as kSmallest
+};
+struct PartLight {
+    sim::LightField light;  // every stride-th lenslet
+    int place = 0;          // which nominal one, 0..kPlaces-1
+    Family family = Family::bubble;
+    std::vector<PlacedDefect> defects;  // none: a good part
+};
+constexpr int kPlaces = 4;
+constexpr int kColumns = 8, kRows = 32;  // of lenslets used
+
+struct TradeoffParts {
+    sim::Scene scene;                      // the nominal part: camera, light, sensor
+    std::vector<sim::LightField> nominal;  // one a place, for references
+    std::vector<PartLight> good, bad;
+};
+
+struct PartCounts {
+    int good = 40;             // parts
+    int bad_of_a_family = 30;  // parts, with four defects each
+};
+// Traces them. Depends on the point's bins, slope and stride only.
+Result<TradeoffParts> trace_parts(const TradeoffPoint& point, const PartCounts& counts, std::uint64_t seed, int threads,
+                                  const std::function<void(double)>& progress);
+
+// `point.frames` exposures at point.photons, averaged. `exposure` tells repeated ones apart.
+Frame expose_part(const TradeoffParts& parts, const sim::LightField& light, const TradeoffPoint& point,
+                  std::uint64_t seed, std::uint64_t exposure);
+// Without noise, as finely as 16 bits allow.
+Frame expose_exactly(const TradeoffParts& parts, const sim::LightField& light);
+
+// What the station would subtract and mask: three times the read noise of the average; less than a tenth of the light
+// of 200 photons.
+algo::LightLevels levels_at(const TradeoffPoint& point);
+constexpr algo::LightLevels kExactLevels{0, 1, 65535};
+
+}  // namespace hord::lab

@@ -1,0 +1,60 @@
+// The features at one point of the trade-off, beside one another: which is worth its time.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "lab/report/statistics.h"
+#include "lab/tradeoff/tradeoff.h"
+
+namespace hord::lab {
+
+constexpr TradeoffPoint kCentre{};
+
+// What a feature compares with: features of one kind need the same.
+enum class Kind : std::uint8_t { light, neighbours, reference };
+constexpr std::string_view kKindNames[] = {"the light alone", "over neighbours", "against a reference"};
+
+// One feature at one point.
+struct Rated {
+    std::string name;
+    Kind kind = Kind::neighbours;
+    double median_ms = 0, p99_ms = 0;
+    std::array<Estimate, kFamilies> auc, tpr;  // by family
+    std::array<std::optional<double>, kFamilies> a90, a90_95;
+    double error_of_threshold = 0;  // error over threshold
+    double flips = 0;
+
+    // Over the families, and half of its interval.
+    [[nodiscard]] double mean_tpr() const {
+        double sum = 0;
+        for (const Estimate& t : tpr) sum += t.value;
+        return sum / kFamilies;
+    }
+    [[nodiscard]] double half_width() const {
+        double sum = 0;
+        for (const Estimate& t : tpr) sum += (t.high - t.low) / 2;
+        return sum / kFamilies;
+    }
+};
+
+// All features at a point, times 0 where it was not timed; none where it was not scored.
+std::vector<Rated> rated_at(const TradeoffResults& results, const TradeoffPoint& point);
+
+// Those that tables over many points and plots show.
+constexpr const char* kShown[] = {"emd",          "bhattacharyya", "chi2",           "jacobian-frobenius",
+                                  "transmission", "reference-emd", "reference-chi2", "reference-centroid"};
+const Rated& named(const std::vector<Rated>& all, std::string_view name);  // must be among them
+
+// Not slower, finds no less of any family, and is clearly better in one of these.
+bool dominates(const Rated& a, const Rated& b);
+// The one that dominates it and finds most, among all or those of its own kind; nothing when none does.
+const Rated* dominator(const std::vector<Rated>& all, const Rated& one, bool of_its_kind);
+// The one of a kind that finds most; and the fastest of that kind that finds as much, within the best's interval.
+const Rated* best_of(const std::vector<Rated>& all, Kind kind);
+const Rated* fastest_as_good(const std::vector<Rated>& all, const Rated& best);
+
+}  // namespace hord::lab

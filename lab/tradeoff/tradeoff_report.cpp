@@ -1,0 +1,322 @@
+// The trade-off in words, tables and plots: what to choose, when, at what price.
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <string>
+
+#include <fmt/format.h>
+
+#include "lab/report/tables.h"
+#include "lab/tradeoff/tradeoff.h"
+#include "lab/tradeoff/tradeoff_plots.h"
+#include "lab/tradeoff/tradeoff_rating.h"
+
+namespace hord::lab {
+namespace {
+
+std::string size_text(const std::optional<double>& a90, const std::optional<double>& a90_95, double largest) {
+    if (!a90 || *a90 > largest) return fmt::format("> {:g}", largest);
+    return fmt::format("{:.2f} ({})", *a90,
+                       a90_95 && *a90_95 <= largest ? fmt::format("{:.2f}", *a90_95) : fmt::format("> {:g}", largest));
+}
+std::string found_text(const Rated& r) {
+    std::string text;
+    for (const Estimate& t : r.tpr) text += fmt::format("{}{:.0f}", text.empty() ? "" : " / ", 100 * t.value);
+    return text;
+}
+
+Table everything(const TradeoffResults& results) {
+    Table table{{"bins", "slope", "photons", "frames", "stride", "feature", "family", "auc", "auc_low", "auc_high",
+                 "tpr", "tpr_low", "tpr_high", "a90", "a90_95", "error_over_threshold", "flips", "median_ms", "p99_ms"},
+                {}};
+    const auto number = [](double v) { return fmt::format("{:.6g}", v); };
+    for (const auto& cell : results.scores) {
+        const TradeoffPoint& p = cell.point;
+        const bool timed = results.times_at(p) != nullptr;
+        for (const Rated& r : rated_at(results, p)) {
+            for (std::size_t f = 0; f < kFamilies; ++f) {
+                table.rows.push_back(
+                    {std::to_string(p.bins), number(p.slope), std::to_string(p.photons), std::to_string(p.frames),
+                     std::to_string(p.stride), r.name, std::string(kFamilyNames[f]), number(r.auc[f].value),
+                     number(r.auc[f].low), number(r.auc[f].high), number(r.tpr[f].value), number(r.tpr[f].low),
+                     number(r.tpr[f].high), r.a90[f] ? number(*r.a90[f]) : "", r.a90_95[f] ? number(*r.a90_95[f]) : "",
+                     number(r.error_of_threshold), number(r.flips), timed ? number(r.median_ms) : "",
+                     timed ? number(r.p99_ms) : ""});
+            }
+        }
+    }
+    return table;
+}
+
+Table centre_table(const std::vector<Rated>& all) {
+    Table table{{"feature", "ms: median, p99"}, {}};
+    for (const std::string_view name : kFamilyNames) {
+        table.header.push_back(fmt::format("{}: AUC", name));
+        table.header.push_back("found");
+        table.header.push_back("90 % from");
+    }
+    for (const char* more : {"error / threshold", "flips", "dominated by"}) table.header.emplace_back(more);
+    std::vector<Rated> sorted = all;
+    std::ranges::sort(sorted, [](const Rated& a, const Rated& b) { return a.mean_tpr() > b.mean_tpr(); });
+    for (const Rated& r : sorted) {
+        std::vector<std::string> row{r.name, fmt::format("{:.3g}, {:.3g}", r.median_ms, r.p99_ms)};
+        for (std::size_t f = 0; f < kFamilies; ++f) {
+            row.push_back(fmt::format("{:.2f} [{:.2f}, {:.2f}]", r.auc[f].value, r.auc[f].low, r.auc[f].high));
+            row.push_back(fmt::format("{:.0f} [{:.0f}, {:.0f}] %", 100 * r.tpr[f].value, 100 * r.tpr[f].low,
+                                      100 * r.tpr[f].high));
+            row.push_back(size_text(r.a90[f], r.a90_95[f], kLargest[f]));
+        }
+        const Rated *within = dominator(all, r, true), *overall = dominator(all, r, false);
+        std::string by = within != nullptr ? within->name : overall == nullptr ? "-" : "";
+        if (overall != nullptr && overall != within)
+            by += (by.empty() ? "" : "; ") + fmt::format("({})", overall->name);
+        row.insert(row.end(),
+                   {fmt::format("{:.2f}", r.error_of_threshold), fmt::format("{:.0f} %", 100 * r.flips), by});
+        table.rows.push_back(std::move(row));
+    }
+    return table;
+}
+
+// Which feature finds most at each slope and light, and which fast one finds as much.
+Table choice_table(const TradeoffResults& results) {
+    Table table{{"slope", "photons", "the light alone"}, {}};
+    for (const Kind kind : {Kind::neighbours, Kind::reference}) {
+        table.header.push_back(fmt::format("most {}", kKindNames[static_cast<std::size_t>(kind)]));
+        table.header.emplace_back("fastest as good");
+    }
+    const auto text = [](const Rated& r) {
+        return fmt::format("{} {}{}", r.name, found_text(r),
+                           r.median_ms > 0 ? fmt::format(", {:.3g} ms", r.median_ms) : "");
+    };
+    for (const auto& cell : results.scores) {
+        const TradeoffPoint& p = cell.point;
+        const auto all = rated_at(results, p);
+        if (p.bins != 9 || p.frames != 1 || p.stride != 1 || all.empty() || all.front().median_ms == 0) continue;
+        std::vector<std::string> row{fmt::format("{:g}", p.slope), std::to_string(p.photons),
+                                     text(*best_of(all, Kind::light))};
+        for (const Kind kind : {Kind::neighbours, Kind::reference}) {
+            const Rated *best = best_of(all, kind), *fastest = fastest_as_good(all, *best);
+            row.push_back(text(*best));
+            row.push_back(fastest == best ? "the same" : text(*fastest));
+        }
+        table.rows.push_back(std::move(row));
+    }
+    return table;
+}
+
+// Which fast one is as good as the best most often, over the points of the choice table.
+std::string in_short(const TradeoffResults& results) {
+    std::map<Kind, std::map<std::string, int>> times;
+    int points = 0;
+    for (const auto& cell : results.scores) {
+        const TradeoffPoint& p = cell.point;
+        const auto all = rated_at(results, p);
+        if (p.bins != 9 || p.frames != 1 || p.stride != 1 || all.empty() || all.front().median_ms == 0) continue;
+        ++points;
+        for (const Kind kind : {Kind::neighbours, Kind::reference})
+            ++times[kind][fastest_as_good(all, *best_of(all, kind))->name];
+    }
+    std::string text;
+    for (const auto& [kind, names] : times) {
+        std::vector<std::pair<int, std::string>> order;
+        for (const auto& [name, count] : names) order.emplace_back(-count, name);
+        std::ranges::sort(order);
+        text +=
+            fmt::format("- The fastest that is as good as the best {}:", kKindNames[static_cast<std::size_t>(kind)]);
+        for (std::size_t k = 0; k < order.size(); ++k)
+            text += fmt::format("{} {} in {} of {}", k == 0 ? "" : ",", order[k].second, -order[k].first, points);
+        text += ".\n";
+    }
+    return text;
+}
+
+// How much is found by the features of kShown over points along one axis.
+Table axis_table(const TradeoffResults& results, const std::string& axis,
+                 const std::vector<std::pair<std::string, TradeoffPoint>>& along) {
+    Table table{{axis}, {}};
+    for (const char* name : kShown) table.header.emplace_back(name);
+    for (const auto& [label, point] : along) {
+        const auto all = rated_at(results, point);
+        if (all.empty()) continue;
+        std::vector<std::string> row{label};
+        for (const char* name : kShown) {
+            const Rated& r = named(all, name);
+            row.push_back(
+                fmt::format("{}{}", found_text(r), r.median_ms > 0 ? fmt::format(", {:.3g} ms", r.median_ms) : ""));
+        }
+        table.rows.push_back(std::move(row));
+    }
+    return table;
+}
+
+std::vector<std::pair<std::string, TradeoffPoint>> along_of(
+    const TradeoffResults& results, const std::function<bool(const TradeoffPoint&)>& is_on,
+    const std::function<std::string(const TradeoffPoint&)>& label) {
+    std::vector<std::pair<std::string, TradeoffPoint>> along;
+    for (const auto& cell : results.scores) {
+        if (is_on(cell.point)) along.emplace_back(label(cell.point), cell.point);
+    }
+    return along;
+}
+
+// -- claims
+
+std::vector<Claim> claims_of(const TradeoffResults& results) {
+    std::vector<Claim> claims;
+    const auto at = [&](double slope, int photons) { return rated_at(results, {9, slope, photons, 1, 1}); };
+    const auto centre = at(0.15, 2000), steep = at(1.0, 2000), dim = at(0.15, 200);
+    const auto found = [](const Rated& r) { return fmt::format("{} finds {} %", r.name, found_text(r)); };
+    const auto aucs = [](const Rated& r) {
+        return fmt::format("{} {:.3f} / {:.3f} / {:.3f}", r.name, r.auc[0].value, r.auc[1].value, r.auc[2].value);
+    };
+    const Rated &emd = named(centre, "emd"), &light = named(centre, "transmission"),
+                &jacobian = named(centre, "jacobian-frobenius"), &chi2 = named(centre, "chi2"),
+                &reference = named(centre, "reference-chi2");
+    claims.push_back(
+        {"The light that is missing finds more bubbles than any gradient over neighbours",
+         std::ranges::all_of(
+             centre, [&](const Rated& r) { return r.kind != Kind::neighbours || r.tpr[0].value < light.tpr[0].value; }),
+         found(light) + "; " + found(emd) + "; " + found(jacobian)});
+    claims.push_back(
+        {"Haze is told apart better by the EMD gradient than by the Jacobian, which is blind to light spread evenly",
+         emd.auc[2].value > jacobian.auc[2].value, "AUC " + aucs(emd) + "; " + aucs(jacobian)});
+    claims.push_back({"Chi-square over neighbours tells haze apart better than the EMD gradient",
+                      chi2.auc[2].value > emd.auc[2].value, "AUC " + aucs(chi2) + "; " + aucs(emd), false});
+    claims.push_back({"Chi-square against a reference finds more haze than anything over neighbours",
+                      std::ranges::all_of(centre,
+                                          [&](const Rated& r) {
+                                              return r.kind != Kind::neighbours ||
+                                                  r.tpr[2].value < reference.tpr[2].value;
+                                          }),
+                      found(reference) + "; " + found(chi2) + "; " + found(emd)});
+    const Rated &steep_emd = named(steep, "emd"), &steep_chi2 = named(steep, "chi2"),
+                &steep_reference = named(steep, "reference-chi2");
+    claims.push_back(
+        {"On a steep part (slope 1), chi-square over neighbours tells haze apart worse than on a flat one (0.15)",
+         steep_chi2.auc[2].value < chi2.auc[2].value, "AUC " + aucs(steep_chi2) + "; flat " + aucs(chi2)});
+    claims.push_back(
+        {"On a steep part (slope 1), chi-square against a reference finds more inclusions and more haze than the EMD "
+         "gradient, and no fewer bubbles",
+         steep_reference.tpr[0].value >= steep_emd.tpr[0].value &&
+             steep_reference.tpr[1].value > steep_emd.tpr[1].value &&
+             steep_reference.tpr[2].value > steep_emd.tpr[2].value,
+         found(steep_reference) + "; " + found(steep_emd)});
+    const Rated& dim_emd = named(dim, "emd");
+    claims.push_back({"With 200 photons in place of 2000, the EMD gradient finds less",
+                      dim_emd.mean_tpr() < emd.mean_tpr(), found(dim_emd) + "; with 2000 " + found(emd)});
+    return claims;
+}
+
+}  // namespace
+
+Result<ExperimentReport> report_tradeoff(const TradeoffResults& results, const ExperimentOptions& options) {
+    ExperimentReport report;
+    const auto centre = rated_at(results, kCentre);
+    if (auto done = write_csv(options.out / "tradeoff.csv", everything(results)); !done)
+        return tl::unexpected(done.error());
+    report.files.push_back(options.out / "tradeoff.csv");
+    report.claims = claims_of(results);
+
+    const auto is_axis = [](auto member) {
+        return [member](const TradeoffPoint& p) {
+            TradeoffPoint c = kCentre;
+            c.*member = p.*member;
+            return p == c;
+        };
+    };
+    std::string axes;
+    const auto add_axis =
+        [&](const std::string& title, const std::string& axis, const std::function<bool(const TradeoffPoint&)>& is_on,
+            const std::function<std::string(const TradeoffPoint&)>& label, const std::string& note = {}) {
+            const auto along = along_of(results, is_on, label);
+            if (along.size() < 2) return;  // the quick form
+            axes += "### " + title + "\n\n" + note + to_markdown(axis_table(results, axis, along)) + "\n";
+        };
+    add_axis("Slope of the part", "slope", is_axis(&TradeoffPoint::slope),
+             [](const TradeoffPoint& p) { return fmt::format("{:g}", p.slope); });
+    add_axis("Light", "photons", is_axis(&TradeoffPoint::photons),
+             [](const TradeoffPoint& p) { return std::to_string(p.photons); });
+    add_axis(
+        "Bins", "bins",
+        [](const TradeoffPoint& p) {
+            return p.slope == kCentre.slope && p.frames == 1 && p.stride == 1 &&
+                (p.photons == 200 || p.photons == 2000 || p.photons == 20000);
+        },
+        [](const TradeoffPoint& p) { return fmt::format("{}, {} photons", p.bins, p.photons); },
+        "The strips lie where the mean deflection is about zero. With 3 and 5 bins the source then stays inside the "
+        "middle bin nearly everywhere on a good part, which is the kindest case: where it\n"
+        "lies on an edge between bins, few bins do worse than this. Do not choose few bins from this table alone.\n\n");
+    add_axis(
+        "Frames averaged", "frames",
+        [](const TradeoffPoint& p) {
+            return p.slope == kCentre.slope && p.bins == 9 && p.stride == 1 && (p.frames > 1 || p.photons <= 2000);
+        },
+        [](const TradeoffPoint& p) { return fmt::format("{} of {} photons", p.frames, p.photons); });
+    add_axis("Stride", "stride", is_axis(&TradeoffPoint::stride),
+             [](const TradeoffPoint& p) { return std::to_string(p.stride); });
+
+    std::string approximations;
+    for (const auto& [name, error] : results.approximations.items()) {
+        approximations +=
+            fmt::format("| {} | {:.4f} | {:.4f} |\n", name, error["mean"].get<double>(), error["p99"].get<double>());
+    }
+    if (const auto entropic = results.approximations.find("sinkhorn"); entropic != results.approximations.end()) {
+        approximations += fmt::format(
+            "\nsinkhorn: entropic transport in the log domain, epsilon 0.05 bin pitches, until the plan's marginals "
+            "are right to 1e-4; {} pairs two lenslets apart, {:.0f} rounds\n"
+            "and {:.0f} us a pair, where the exact distance takes {:.1f} us one pair at a time. It is an oracle of the "
+            "tests and a row here; no station uses it.\n",
+            (*entropic)["pairs"].get<int>(), (*entropic)["rounds"].get<double>(), (*entropic)["pair_us"].get<double>(),
+            (*entropic)["exact_us"].get<double>());
+    }
+    const auto drawn = plot_tradeoff(results, options.out);
+    if (!drawn) return tl::unexpected(drawn.error());
+    report.files.insert(report.files.end(), drawn->begin(), drawn->end());
+
+    report.opening = fmt::format(
+        "# Speed against accuracy\n\n"
+        "Made by `hord-lab experiment tradeoff --out DIR{} --seed {}`; every number of every cell is in "
+        "DIR/tradeoff.csv.\n\n"
+        "## What is modelled\n\n"
+        "Parts: strips of 8x32 lenslets of 0.1 mm inside cylinder lenses, ray-traced (docs/scene.md), whose mean "
+        "deflection changes by the *slope* over two lenslets. Slopes are in\n"
+        "bins of the nine-bin camera, 15 mrad; cameras with other bins divide the same 135 mrad. {} good parts, each "
+        "lying a little differently ({:g} lenslet), exposed\n"
+        "repeatedly: {} patches of 3x3 lenslets. Three families of {} defects: air bubbles of {:g} to {:g} lenslets "
+        "radius and inclusions of index 1.52 in glass of 1.5, {:g} to {:g}\n"
+        "lenslets, log-uniform, at any place; and haze, which the optics do not trace: in a disc of 1.2 lenslets "
+        "radius, {:g} to {:g} of the light spread by a Gaussian of 15 mrad. Sensor: 16 bit, one electron a DN, photon "
+        "noise, read noise 2 electrons, dark level three times that. A reference is the mean of 16\n"
+        "exposures of the nominal part. Good and bad parts come from disjoint streams of the seed.\n\n"
+        "A patch scores the largest value in it; a defect is *found* where its score is above the threshold that one "
+        "good patch in a thousand exceeds. AUC: area under the ROC\n"
+        "curve. Intervals: 95 %, bootstrap over parts. 90 % from: the size (radius in lenslets; of haze, share of the "
+        "light) where a logistic POD curve reaches 0.9, and in brackets the size of which that is 95 % sure.\n"
+        "Error: RMS difference from the same feature of noise-free light, over the threshold. Flips: defects whose "
+        "verdict at that threshold is another with noise-free light.\n"
+        "Time: processor time of one thread with decoding, on a lens of 111x111 lenslets with a bubble, given for "
+        "555x555 (25 times); features taking turns; p99 is that of 25 runs (5 in the quick form).\n"
+        "*Not modelled*: dirt, a part that is not smooth, calibration errors, the lenslets' own blur, and the time of "
+        "averaging frames, which costs exposures instead.\n",
+        options.quick ? " --quick" : "", options.seed, results.counts.good, 0.1, results.good_patches,
+        results.defects_of_a_family, kSmallest[0], kLargest[0], kSmallest[1], kLargest[1], kSmallest[2], kLargest[2]);
+    report.text =
+        "## What to choose\n\nFound: bubbles / inclusions / haze, %, at 1e-3 false positives. As good: of the same "
+        "kind, within the interval of the best.\n\n" +
+        in_short(results) + "\n" + to_markdown(choice_table(results)) +
+        "\n## At the centre: 9 bins, slope 0.15, 2000 photons\n\n"
+        "Dominated by: a feature of the same kind (over neighbours, against a reference) that is not slower, finds no "
+        "less of any family, and is clearly better in one of these;\n"
+        "in brackets, one of any kind. Sorted by the mean of what is found.\n\n" +
+        to_markdown(centre_table(centre)) +
+        "\n![time and detection](tradeoff-pareto.png)\n\n![probability of detection by "
+        "size](tradeoff-pod.png)\n\n![error and time](tradeoff-error.png)\n\n"
+        "## What changes it\n\nFound: bubbles / inclusions / haze, %, and ms a frame where that was measured.\n\n" +
+        axes + "![slope, light, bins and stride](tradeoff-axes.png)\n\n" +
+        "## Cheaper stand-ins for the exact EMD gradient\n\nHow far they are from it on the frame that is timed (bin "
+        "pitches):\n\n| feature | mean | p99 |\n|---|---|---|\n" +
+        approximations;
+    return report;
+}
+
+}  // namespace hord::lab

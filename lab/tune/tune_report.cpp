@@ -1,0 +1,237 @@
+#include "lab/tune/tune_report.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "lab/report/scatter.h"
+
+namespace hord::lab {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+std::vector<const RungMeasured*> by_time(const Tuned& tuned) {
+    std::vector<const RungMeasured*> all;
+    for (const RungMeasured& measured : tuned.rungs) all.push_back(&measured);
+    std::ranges::stable_sort(all, {}, [](const RungMeasured* m) { return m->wall_ms; });
+    return all;
+}
+
+bool is(const Tuned& tuned, const std::optional<std::size_t>& which, const RungMeasured* measured) {
+    return which && &tuned.rungs[*which] == measured;
+}
+
+std::string with_interval(const Estimate& e, int digits = 3) {
+    return fmt::format("{:.{}f} [{:.{}f}, {:.{}f}]", e.value, digits, e.low, digits, e.high, digits);
+}
+
+// Its limits, as a recipe has them.
+std::string limits_of(const algo::Recipe& r) {
+    std::string text;
+    const auto add = [&](const std::string& limit) { text += (text.empty() ? "" : ", ") + limit; };
+    if (r.reference) add(fmt::format("reject_score {:.3g}", r.reject_score));
+    if (r.gradient) add(fmt::format("{} {:.3g}", name_of(*r.gradient), limit_of_gradient(r)));
+    if (r.slopes) add(fmt::format("jacobian-frobenius {:.3g}", r.frobenius_limit_bins));
+    if (r.light) add(fmt::format("transmission {:.3g}", r.transmission_limit));
+    return text;
+}
+
+std::string note_of(const Tuned& tuned, const RungMeasured* m) {
+    if (!m->no_limit.empty()) return "no limit";
+    if (!m->fits) return "over budget";
+    std::string note = is(tuned, tuned.chosen, m) ? "chosen" : "";
+    if (is(tuned, tuned.best, m)) note += note.empty() ? "best" : ", best";
+    return note;
+}
+
+// The rung that waited longest for a processor, beside what it needs of one; nothing on a quiet machine.
+const RungMeasured* most_disturbed(const Tuned& tuned) {
+    const auto waited = [](const RungMeasured& m) { return m.wall_ms / m.processor_ms; };
+    const RungMeasured& most = *std::ranges::max_element(tuned.rungs, {}, waited);
+    return tuned.threads == 1 && waited(most) > 1.2 ? &most : nullptr;
+}
+
+// The share of good parts that may be rejected though none of so many was, 95 % sure.
+double most_unseen(std::size_t good) { return 1 - std::pow(0.05, 1.0 / static_cast<double>(good)); }
+
+}  // namespace
+
+Table table_of(const Tuned& tuned) {
+    Table table{{"rung", "AUC (95 %)", "below the best (95 %)", "bad found", "good rejected", "ms a frame",
+                 "ms of processor", ""},
+                {}};
+    for (const RungMeasured* m : by_time(tuned)) {
+        const bool limit = m->no_limit.empty();
+        table.rows.push_back({m->rung.name(), with_interval(m->auc), tuned.best ? with_interval(m->behind) : "-",
+                              limit ? fmt::format("{} of {}", m->found, tuned.bad) : "-",
+                              limit ? fmt::format("{} of {}", m->rejected, tuned.good) : "-",
+                              fmt::format("{:.3g}", m->wall_ms), fmt::format("{:.3g}", m->processor_ms),
+                              note_of(tuned, m)});
+    }
+    return table;
+}
+
+Table numbers_of(const Tuned& tuned) {
+    Table table{{"rung", "auc", "auc_low", "auc_high", "behind", "behind_low", "behind_high", "bad_found", "bad",
+                 "good_rejected", "good", "wall_ms", "processor_ms", "fits", "chosen", "limits"},
+                {}};
+    for (const RungMeasured* m : by_time(tuned)) {
+        const auto number = [](double v) { return fmt::format("{:.6g}", v); };
+        table.rows.push_back({m->rung.name(), number(m->auc.value), number(m->auc.low), number(m->auc.high),
+                              number(m->behind.value), number(m->behind.low), number(m->behind.high),
+                              std::to_string(m->found), std::to_string(tuned.bad), std::to_string(m->rejected),
+                              std::to_string(tuned.good), number(m->wall_ms), number(m->processor_ms),
+                              m->fits ? "1" : "0", is(tuned, tuned.chosen, m) ? "1" : "0",
+                              m->no_limit.empty() ? limits_of(m->recipe.recipe) : ""});
+    }
+    return table;
+}
+
+Json to_json(const Tuned& tuned) {
+    const algo::Extents& e = tuned.extents;
+    const auto estimate = [](const Estimate& v) { return Json{{"value", v.value}, {"low", v.low}, {"high", v.high}}; };
+    Json rungs = Json::array(), left_out = Json::array();
+    for (const RungMeasured* m : by_time(tuned)) {
+        Json one{{"rung", m->rung.name()},
+                 {"auc", estimate(m->auc)},
+                 {"behind_best", estimate(m->behind)},
+                 {"ms", {{"wall", m->wall_ms}, {"processor", m->processor_ms}}},
+                 {"fits", m->fits}};
+        if (m->no_limit.empty())
+            one.update(
+                Json{{"bad_found", m->found}, {"good_rejected", m->rejected}, {"limits", limits_of(m->recipe.recipe)}});
+        else one["no_limit"] = m->no_limit;
+        rungs.push_back(std::move(one));
+    }
+    for (const LeftOut& out : tuned.left_out) left_out.push_back({{"file", out.file}, {"why", out.why}});
+    return {{"grid", {{"m", e.m}, {"n", e.n}, {"i", e.i}, {"j", e.j}}},
+            {"bits", tuned.bits},
+            {"threads", tuned.threads},
+            {"good", tuned.good},
+            {"bad", tuned.bad},
+            {"budget_ms", tuned.budget_ms},
+            {"best", tuned.best ? Json(tuned.rungs[*tuned.best].rung.name()) : Json()},
+            {"chosen", tuned.chosen ? Json(tuned.rungs[*tuned.chosen].rung.name()) : Json()},
+            {"rungs", rungs},
+            {"left_out", left_out}};
+}
+
+std::string describe(const Tuned& tuned) {
+    const algo::Extents& e = tuned.extents;
+    std::string text;
+    const auto say = [&](const std::string& line) { text += line + "\n"; };
+    say(fmt::format(
+        "{} good and {} bad frames of {}x{} lenslets of {}x{} bins, {} bits; judged by {} thread{}, median of 25 "
+        "times.",
+        tuned.good, tuned.bad, e.m, e.n, e.i, e.j, tuned.bits, tuned.threads, tuned.threads == 1 ? "" : "s"));
+    if (!tuned.chosen) return text;
+    const RungMeasured &chosen = tuned.rungs[*tuned.chosen], &best = tuned.rungs[*tuned.best];
+    say(fmt::format(
+        "Chosen: {}, AUC {}, {:.3g} ms of the {:g} ms allowed: the fastest within {} of the best (of those within {:g} "
+        "% of its time, the simplest).",
+        chosen.rung.name(), with_interval(chosen.auc), chosen.wall_ms, tuned.budget_ms, kAsGood, 100 * kAsFast));
+    if (&chosen != &best) {
+        say(fmt::format("The best that fits is {}, AUC {}. The chosen one is {} below it: these frames {}.",
+                        best.rung.name(), with_interval(best.auc), with_interval(chosen.behind),
+                        chosen.apart() ? "tell the two apart" : "do not tell the two apart"));
+    }
+    std::size_t alike = 0;
+    for (const RungMeasured& m : tuned.rungs) alike += m.fits && &m != &best && !m.apart() ? 1U : 0U;
+    if (alike > 0) {
+        say(
+            fmt::format("{} other rung{} that fit{} {} within the interval of the best: which of them is best, these "
+                        "frames do not say. More frames, above all of bad parts that are hard to see, would.",
+                        alike, alike == 1 ? "" : "s", alike == 1 ? "s" : "", alike == 1 ? "is" : "are"));
+    }
+    if (best.auc.low >= 1)
+        say("No good frame scores as high as any bad one does, by the best rung. The interval, drawn from these "
+            "frames, knows nothing of harder parts.");
+    for (const RungMeasured& m : tuned.rungs) {
+        if (!m.fits && m.no_limit.empty() && m.auc.value > best.auc.value + kAsGood) {
+            say(fmt::format("Over the budget and better: {}, AUC {}, {:.3g} ms.", m.rung.name(), with_interval(m.auc),
+                            m.wall_ms));
+        }
+        if (!m.no_limit.empty())
+            say(fmt::format("Without a limit, and not considered: {}: {}.", m.rung.name(), m.no_limit));
+    }
+    say(
+        fmt::format("The limits ({}) rest on {} good frames: what {:g} % of good parts exceed if their worst values "
+                    "follow a Gumbel distribution, at least {:g} % above the highest seen. At them {} of {} bad "
+                    "frames are found. That {} of {} good ones {} rejected shows only that at most {:.2g} % are (95 % "
+                    "sure); the rest is the fit's.",
+                    limits_of(chosen.recipe.recipe), tuned.good, 100 * tuned.false_rejects, 100 * kMargin, chosen.found,
+                    tuned.bad, chosen.rejected == 0 ? "none" : std::to_string(chosen.rejected), tuned.good,
+                    chosen.rejected == 1 ? "is" : "are", 100 * most_unseen(tuned.good)));
+    if (chosen.rung.reference)
+        say("The reference should come from other good parts than those measured here: parts that it was learned from "
+            "look better than new ones will.");
+    if (tuned.unregistered > 0)
+        say(fmt::format("{} good frame{} not found by the reference: a station would reject {}.", tuned.unregistered,
+                        tuned.unregistered == 1 ? " is" : "s are", tuned.unregistered == 1 ? "it" : "them"));
+    if (const RungMeasured* m = most_disturbed(tuned)) {
+        say(
+            fmt::format("The machine was busy with other things: {} took {:.3g} ms, of which it worked {:.3g}. Measure "
+                        "again on a quiet one before you trust the times.",
+                        m->rung.name(), m->wall_ms, m->processor_ms));
+    }
+    return text;
+}
+
+std::string recipe_text(const Tuned& tuned, const std::string& made) {
+    std::string comment;
+    const std::string told =
+        made + "\n" + describe(tuned) + "The same frames give the same recipe again, apart from the times measured.";
+    for (std::size_t from = 0; from < told.size();) {  // no line that is not a comment, whatever a folder is called
+        const std::size_t end = std::min(told.find('\n', from), told.size());
+        comment += "# ";
+        for (const char c : told.substr(from, end - from))
+            comment += static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) >= 0x7F
+                ? '?'
+                : c;  // and none that is not UTF-8
+        comment += '\n';
+        from = end + 1;
+    }
+    return comment + "\n" + format_recipe(tuned.rungs[*tuned.chosen].recipe);
+}
+
+Result<std::vector<std::filesystem::path>> plot_tuned(const Tuned& tuned, const std::filesystem::path& folder,
+                                                      const std::string& name) {
+    const auto all = by_time(tuned);
+    double least = 1;
+    for (const RungMeasured* m : all) least = std::min(least, m->auc.value);
+    const double shortest = std::min(all.front()->wall_ms, tuned.budget_ms),
+                 longest = std::max(all.back()->wall_ms, tuned.budget_ms);
+    const Scatter::Axis times{0.7 * shortest, 1.6 * longest, true},
+        areas{std::max(0.0, least - 0.15 * (1 - least) - 0.02), 1 + 0.15 * (1 - least) + 0.02, false};
+    Scatter scatter(times, areas);
+    std::string front, intervals;
+    double most = areas.low;
+    for (const RungMeasured* m : all) {
+        const int kind = is(tuned, tuned.chosen, m) ? 2 : m->rung.reference ? 1 : 0;
+        scatter.add(m->wall_ms, m->auc.value, m->rung.name(), kind);
+        intervals += fmt::format("{} {} {} {}\n", m->wall_ms, m->auc.value, m->auc.low, m->auc.high);
+        if (m->auc.value <= most) continue;
+        front += fmt::format("{} {}\n{} {}\n", m->wall_ms, most, m->wall_ms, m->auc.value);
+        most = m->auc.value;
+    }
+    front += fmt::format("{} {}\n", times.high, most);
+    const std::string script = "$front << EOD\n" + front + "EOD\n$intervals << EOD\n" + intervals + "EOD\n" +
+        scatter.script() +
+        fmt::format("set xlabel 'ms a frame, {} thread{}'\nset ylabel 'area under the ROC curve, bars 95 %'\nset key "
+                    "bottom right\nset grid\n",
+                    tuned.threads, tuned.threads == 1 ? "" : "s") +
+        fmt::format("set title 'Time and detection: {} good and {} bad frames of {}x{} lenslets'\n", tuned.good,
+                    tuned.bad, tuned.extents.m, tuned.extents.n) +
+        fmt::format("set arrow from {0},graph 0 to {0},graph 1 nohead lw 2 dt 2 lc rgb '#d62728'\n", tuned.budget_ms) +
+        "plot $front using 1:2 with lines lc rgb '#888888' title 'nothing is faster and better', "
+        "$intervals using 1:2:3:4 with yerrorbars pt 0 lw 0.5 lc rgb '#aaaaaa' notitle, "
+        "$points using ($3==0?$1:1/0):2 with points pt 7 lc rgb '#1f77b4' title 'by itself', "
+        "$points using ($3==1?$1:1/0):2 with points pt 5 lc rgb '#9467bd' title 'against a reference', "
+        "$points using ($3==2?$1:1/0):2 with points pt 9 ps 2 lc rgb '#2ca02c' title 'chosen', "
+        "NaN with lines lw 2 dt 2 lc rgb '#d62728' title 'budget'\n";
+    return plot(folder, name, script, Scatter::kWidth, Scatter::kHeight);
+}
+
+}  // namespace hord::lab

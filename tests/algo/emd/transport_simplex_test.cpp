@@ -1,0 +1,189 @@
+#include "algo/emd/transport_simplex.h"
+
+#include <algorithm>
+#include <tuple>
+
+#include <gtest/gtest.h>
+
+#include "algo/emd/ground_distance.h"
+#include "tests/support/histograms.h"
+
+namespace hord::algo {
+namespace {
+
+using namespace testing;
+
+// Rows are bins from 0, columns are the last bins.
+struct Problem {
+    int rows, cols, bins;
+    std::vector<double> cost, supply, demand;
+    std::vector<std::uint8_t> row_bin, col_bin;
+
+    Problem(Random& random, int r, int c)
+        : rows(r), cols(c), bins(std::max(r, c)), cost(static_cast<std::size_t>(bins * bins)) {
+        std::uniform_real_distribution<double> unit(0.0, 1.0);
+        for (double& value : cost) value = unit(random);
+        for (int i = 0; i < rows; ++i) row_bin.push_back(static_cast<std::uint8_t>(i));
+        for (int j = 0; j < cols; ++j) col_bin.push_back(static_cast<std::uint8_t>(bins - cols + j));
+        supply.assign(static_cast<std::size_t>(rows), 1);
+        demand.assign(static_cast<std::size_t>(cols), 1);
+    }
+    double& cost_of(int row, int col) { return cost[static_cast<std::size_t>(row * bins + bins - cols + col)]; }
+    // Masses that add up to the same, 1 at least.
+    void share_out(Random& random, int total) {
+        for (int n = rows; n < total; ++n) supply[static_cast<std::size_t>(pick(random, 0, rows - 1))] += 1;
+        for (int n = cols; n < total; ++n) demand[static_cast<std::size_t>(pick(random, 0, cols - 1))] += 1;
+    }
+    [[nodiscard]] Transport transport() const {
+        return {rows, cols, supply.data(), demand.data(), row_bin.data(), col_bin.data()};
+    }
+    [[nodiscard]] TransportSimplex simplex(Isa isa = best_isa()) const {
+        return {cost.data(), bins, *std::max_element(cost.begin(), cost.end()), isa};
+    }
+};
+
+// From the first row and column to the last, whatever it costs.
+std::vector<TransportStep> staircase(const Problem& p) {
+    std::vector<TransportStep> steps;
+    std::int16_t i = 0, j = 0;
+    for (double row = p.supply[0], col = p.demand[0]; static_cast<int>(steps.size()) < p.rows + p.cols - 1;) {
+        const double flow = std::min(row, col);
+        const bool row_used_up = row < col || j + 1 == p.cols;
+        steps.push_back({flow, i, j, row_used_up});
+        row -= flow;
+        col -= flow;
+        if (row_used_up) {
+            row = ++i < p.rows ? p.supply[static_cast<std::size_t>(i)] : 0;
+        } else {
+            col = p.demand[static_cast<std::size_t>(++j)];
+        }
+    }
+    return steps;
+}
+
+std::vector<std::size_t> members(const std::vector<bool>& of) {
+    std::vector<std::size_t> in;
+    for (std::size_t k = 0; k < of.size(); ++k) {
+        if (of[k]) in.push_back(k);
+    }
+    return in;
+}
+
+// The open cell of least reduced cost c_ij - R_i - K_j, one after the other, R_i and K_j the mean costs of its row and
+// its column: as transport_start.h says it, and nothing saved.
+std::vector<TransportStep> least_reduced_costs(Problem p) {
+    double total = 0;
+    for (const double mass : p.supply) total += mass;
+    std::vector<double> mean_row(p.supply.size()), mean_col(p.demand.size());
+    for (int i = 0; i < p.rows; ++i) {
+        for (int j = 0; j < p.cols; ++j) {
+            mean_row[static_cast<std::size_t>(i)] += p.cost_of(i, j) * p.demand[static_cast<std::size_t>(j)] / total;
+            mean_col[static_cast<std::size_t>(j)] += p.cost_of(i, j) * p.supply[static_cast<std::size_t>(i)] / total;
+        }
+    }
+    std::vector<TransportStep> steps;
+    std::vector<bool> row_open(p.supply.size(), true), col_open(p.demand.size(), true);
+    for (int cols = p.cols; static_cast<int>(steps.size()) < p.rows + p.cols - 1;) {
+        std::size_t row = 0, col = 0;
+        for (double least = 1e9; const std::size_t i : members(row_open)) {
+            for (const std::size_t j : members(col_open)) {
+                const double reduced = p.cost_of(static_cast<int>(i), static_cast<int>(j)) - mean_row[i] - mean_col[j];
+                if (reduced < least) std::tie(least, row, col) = std::tuple(reduced, i, j);
+            }
+        }
+        const double flow = std::min(p.supply[row], p.demand[col]);
+        const bool row_used_up = p.supply[row] < p.demand[col] || cols == 1;
+        steps.push_back({flow, static_cast<std::int16_t>(row), static_cast<std::int16_t>(col), row_used_up});
+        p.supply[row] -= flow;
+        p.demand[col] -= flow;
+        (row_used_up ? row_open[row] : col_open[col]) = false;
+        cols -= row_used_up ? 0 : 1;
+    }
+    return steps;
+}
+
+// A column more or less than fill a vector, up to six in registers, and in memory. Rounding of costs may swap two cells
+// now and then.
+TEST(TransportSimplex, begins_with_the_cells_of_least_reduced_cost) {
+    Random random(6);
+    for (const int cols : {2, 8, 9, 16, 17, 24, 25, 32, 33, 40, 41, 48, 49, 70}) {
+        for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
+            if (!has(isa)) continue;
+            int found = 0, given = 0, differ = 0;
+            constexpr int kProblems = 40;
+            for (int n = 0; n < kProblems; ++n) {
+                const int rows = pick(random, 2, cols + 3);
+                Problem p(random, rows, cols);
+                p.share_out(random, n % 2 == 0 ? 100000 : std::max(rows, cols) + n);  // few units make ties
+                auto simplex = p.simplex(isa);
+                const auto alone = simplex.solve(p.transport()),
+                           from = simplex.solve(p.transport(), least_reduced_costs(p).data());
+                ASSERT_TRUE(alone.proven && from.proven) << rows << "x" << cols;
+                ASSERT_NEAR(alone.cost, from.cost, 1e-10 * 100000) << rows << "x" << cols;
+                found += alone.pivots;
+                given += from.pivots;
+                differ += alone.pivots != from.pivots ? 1 : 0;
+            }
+            EXPECT_LE(differ, kProblems / 8)
+                << cols << " columns: " << found << " pivots, " << given << " from the plain start";
+        }
+    }
+}
+
+TEST(TransportSimplex, comes_to_the_same_cost_from_any_start) {
+    Random random(3);
+    const std::pair<int, int> sizes[] = {{2, 2},   {5, 3},   {9, 14},  {16, 17}, {17, 17},
+                                         {33, 32}, {35, 38}, {40, 45}, {40, 57}, {60, 50}};
+    for (const auto& [rows, cols] : sizes) {
+        for (int n = 0; n < 20; ++n) {
+            Problem p(random, rows, cols);
+            p.share_out(random, n % 2 == 0 ? 100000 : std::max(rows, cols) + n);  // few units make ties
+            auto simplex = p.simplex();
+            const auto found = simplex.solve(p.transport());
+            const auto given = simplex.solve(p.transport(), staircase(p).data());
+            ASSERT_TRUE(found.proven && given.proven) << rows << "x" << cols;
+            ASSERT_NEAR(given.cost, found.cost, 1e-10 * 100000) << rows << "x" << cols;
+        }
+    }
+}
+
+// Costs along the start are 1 and 0 by turns: dual variables climb from row to row to many times the largest cost, out
+// of the range of integers.
+TEST(TransportSimplex, finds_its_way_back_from_dual_variables_out_of_range) {
+    Random random(4);
+    for (int side = 3; side <= 40; ++side) {
+        Problem p(random, side, side);
+        for (int k = 0; k < side; ++k) {
+            p.cost_of(k, k) = 1;
+            if (k > 0) p.cost_of(k, k - 1) = 0;
+        }
+        std::fill(p.supply.begin() + 1, p.supply.end(), 2);
+        std::fill(p.demand.begin(), p.demand.end() - 1, 2);
+        const auto steps = staircase(p);
+        auto simplex = p.simplex();
+        const auto found = simplex.solve(p.transport());
+        const auto given = simplex.solve(p.transport(), steps.data());
+        ASSERT_TRUE(found.proven && given.proven) << side;
+        ASSERT_NEAR(given.cost, found.cost, 1e-9) << side;
+        for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
+            if (!has(isa)) continue;
+            auto other = p.simplex(isa);
+            ASSERT_EQ(other.solve(p.transport(), steps.data()).cost, given.cost) << side;
+            ASSERT_EQ(other.solve(p.transport()).cost, found.cost) << side;
+        }
+    }
+}
+
+TEST(TransportSimplex, needs_no_pivot_where_nothing_costs) {
+    Random random(5);
+    Problem p(random, 7, 9);
+    std::fill(p.cost.begin(), p.cost.end(), 0.0);
+    p.share_out(random, 50);
+    const auto outcome = p.simplex().solve(p.transport());
+    EXPECT_TRUE(outcome.proven);
+    EXPECT_EQ(outcome.cost, 0);
+    EXPECT_EQ(outcome.pivots, 0);
+}
+
+}  // namespace
+}  // namespace hord::algo

@@ -1,0 +1,50 @@
+#include "algo/features/transmission.h"
+
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "algo/frame/mask.h"
+
+namespace hord::algo {
+namespace {
+
+using Sums = std::vector<std::uint32_t>;
+using Mask = std::vector<std::uint8_t>;
+
+std::uint32_t typical(const Sums& sums, const Mask& mask) {
+    Sums scratch(sums.size());
+    return typical_light(sums, mask, scratch);
+}
+
+TEST(Transmission, is_relative_to_the_median_of_the_judged_lenslets_with_light) {
+    const Sums sums = {100, 300, 200, 0, 9999, 9999, 9999, 120};
+    const Mask mask = {kValid, kBorder, kValid, kDark, kSaturated, kRim, kOutside, kValid};
+    EXPECT_EQ(typical(sums, mask), 120U);  // of 100 120 200 300 the lower middle one
+    std::vector<float> out(8, -1);
+    transmissions(sums, mask, 200, out);
+    EXPECT_EQ(out, (std::vector<float>{0.5F, 1.5F, 1, 0, 0, 49.995F, 49.995F, 0.6F}));
+}
+
+TEST(Transmission, without_light_anywhere_is_zero_everywhere) {
+    EXPECT_EQ(typical({0, 0}, {kDark, kDark}), 0U);
+    std::vector<float> out(2, -1);
+    transmissions(Sums{5, 0}, Mask{kValid, kDark}, 0, out);
+    EXPECT_EQ(out, (std::vector<float>{0, 0}));
+}
+
+TEST(Transmission, typical_is_not_moved_by_defects) {
+    Sums sums(100, 250);
+    Mask mask(100, kValid);
+    for (std::size_t k = 0; k < 49; ++k) sums[k] = static_cast<std::uint32_t>(k);
+    EXPECT_EQ(typical(sums, mask), 250U);
+}
+
+TEST(Transmission, stays_finite_at_the_ends_of_its_range) {
+    std::vector<float> out(1);
+    transmissions(Sums{(1U << 24) - 1}, Mask{kValid}, 1, out);
+    EXPECT_EQ(out[0], 16777215.0F);
+}
+
+}  // namespace
+}  // namespace hord::algo

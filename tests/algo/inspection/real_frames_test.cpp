@@ -1,0 +1,129 @@
+// The verdict on light fields that an independent program traced: good parts pass, defects are found at their true
+// places - also in noise, at other exposures and bit depths, and wherever the part lies in the field.
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "algo/inspection/pipeline.h"
+#include "tests/support/frames.h"
+
+namespace hord::algo {
+namespace {
+
+using namespace hord;
+using namespace hord::algo::testing;
+
+constexpr float kNear = 2;  // lenslets: how far a found centre may be from the true one
+
+struct Scene {
+    const char* name;
+    bool good;
+    Point defect;  // true centre, lenslets
+    friend std::ostream& operator<<(std::ostream& out, const Scene& s) { return out << s.name; }
+};
+
+// The truth is in the frames' own JSON files.
+const Scene kGood[] = {{"lens_111", true, {}}, {"empty_111", true, {}}, {"wedge_111", true, {}}};
+const Scene kBad[] = {{"bubble_r500_111", false, {55.0F, 55.0F}}, {"cutout_111", false, {34.1875F, 34.1875F}}};
+
+void expect_true_verdict(const Scene& scene, const Frame& frame, Point moved = {}, const Recipe& recipe = {}) {
+    auto pipeline = Pipeline::create(kPovray, frame.bits(), recipe);
+    ASSERT_TRUE(pipeline) << pipeline.error().message();
+    const auto seen = pipeline->inspect(frame.view());
+    ASSERT_TRUE(seen) << seen.error().message();
+    if (scene.good) {
+        EXPECT_EQ(seen->verdict, Verdict::pass) << name_of(seen->reason);
+        EXPECT_TRUE(seen->defects.empty());
+        EXPECT_LT(seen->score, 1);
+        return;
+    }
+    EXPECT_EQ(seen->verdict, Verdict::reject);
+    EXPECT_GE(seen->score, 1);
+    ASSERT_EQ(seen->defects.size(), 1U);
+    EXPECT_NEAR(seen->defects[0].m, scene.defect.m + moved.m, kNear);
+    EXPECT_NEAR(seen->defects[0].n, scene.defect.n + moved.n, kNear);
+}
+
+class RealFrame : public ::testing::TestWithParam<Scene> {
+  protected:
+    void SetUp() override {
+        auto frame = povray(GetParam().name);
+        if (!frame) GTEST_SKIP() << GetParam().name << "_raw.png is neither below $HORD_DATA nor in ../shared/data";
+        frame_ = std::move(*frame);
+    }
+    Frame frame_;
+};
+
+TEST_P(RealFrame, is_judged_truly) { expect_true_verdict(GetParam(), frame_); }
+
+TEST_P(RealFrame, is_judged_truly_in_photon_and_read_noise) {
+    for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+        SCOPED_TRACE(seed);
+        expect_true_verdict(GetParam(), noisy(frame_, {10, 2, 1.0}, seed));  // 2800 electrons a lenslet
+    }
+}
+
+TEST_P(RealFrame, is_judged_truly_at_a_quarter_of_the_light) {
+    for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+        SCOPED_TRACE(seed);
+        expect_true_verdict(GetParam(), noisy(frame_, {10, 2, 0.25}, seed));  // 700 electrons
+    }
+}
+
+TEST_P(RealFrame, is_judged_truly_at_12_and_16_bits) {
+    expect_true_verdict(GetParam(), at_bits(frame_, 12));
+    expect_true_verdict(GetParam(), noisy(frame_, {10, 2, 1.0}, 6, 12));
+    expect_true_verdict(GetParam(), at_bits(frame_, 16));
+    expect_true_verdict(GetParam(), noisy(frame_, {10, 2, 1.0}, 7, 16));
+}
+
+TEST_P(RealFrame, is_judged_truly_wherever_the_part_lies) {
+    for (const auto& [dm, dn] :
+         {std::pair(5, -3), std::pair(-8, 8), std::pair(-30, 12), std::pair(-9, 0), std::pair(0, 10)}) {
+        SCOPED_TRACE(std::to_string(dm) + ", " + std::to_string(dn));
+        expect_true_verdict(GetParam(), shifted(frame_, kPovray, dm, dn),
+                            {static_cast<float>(dm), static_cast<float>(dn)});
+    }
+}
+
+TEST_P(RealFrame, is_judged_truly_when_transposed_or_mirrored) {
+    Scene scene = GetParam();  // the true centres lie on the diagonal
+    expect_true_verdict(scene, transposed(frame_));
+    scene.defect.m = static_cast<float>(kPovray.m - 1) - scene.defect.m;
+    expect_true_verdict(scene, mirrored(frame_));
+}
+
+class GoodPart : public RealFrame {};
+class BadPart : public RealFrame {};
+
+TEST_P(GoodPart, with_an_absorbing_speck_is_rejected_at_the_speck) {
+    for (const auto& [m, n, radius, transmission] :
+         {std::tuple(70.0, 40.0, 2.0, 0.0), std::tuple(48.3, 61.7, 1.0, 0.0), std::tuple(60.0, 75.0, 3.0, 0.5)}) {
+        SCOPED_TRACE(m);
+        const Frame speck = specked(frame_, kPovray, m, n, radius, transmission);
+        const Scene truth{GetParam().name, false, {static_cast<float>(m), static_cast<float>(n)}};
+        expect_true_verdict(truth, speck);
+        expect_true_verdict(truth, noisy(speck, {10, 2, 1.0}, 9));
+    }
+}
+
+TEST_P(BadPart, is_judged_only_inside_its_zones) {
+    Zone around;
+    around.centre = GetParam().defect;
+    around.radius = 9;
+    Recipe recipe;
+    recipe.zones = {around};
+    expect_true_verdict(GetParam(), frame_, {}, recipe);
+    recipe.zones[0].use = Zone::Use::ignore;
+    expect_true_verdict({GetParam().name, true, {}}, frame_, {}, recipe);
+}
+
+std::string name_of_scene(const ::testing::TestParamInfo<Scene>& scene) { return scene.param.name; }
+
+INSTANTIATE_TEST_SUITE_P(Good, RealFrame, ::testing::ValuesIn(kGood), name_of_scene);
+INSTANTIATE_TEST_SUITE_P(Bad, RealFrame, ::testing::ValuesIn(kBad), name_of_scene);
+INSTANTIATE_TEST_SUITE_P(Good, GoodPart, ::testing::ValuesIn(kGood), name_of_scene);
+INSTANTIATE_TEST_SUITE_P(Bad, BadPart, ::testing::ValuesIn(kBad), name_of_scene);
+
+}  // namespace
+}  // namespace hord::algo

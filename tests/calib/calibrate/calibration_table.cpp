@@ -1,0 +1,109 @@
+// Prints the tables of docs/results/calibration.md (tests/calib/calibrate/calibration_page.py): what the calibration
+// reaches on frames of known truth and on photographs.
+//   calibration_table [FOLDER with lenslet/]
+#include <cstdio>
+#include <ctime>
+#include <filesystem>
+#include <string>
+
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "tests/calib/support/synthetic.h"
+
+namespace {
+
+using namespace hord;
+using calib::test::White;
+
+double cpu_ms() { return 1e3 * static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
+
+void synthetic_row(const char* name, const White& white) {
+    const auto drawn = calib::test::draw(white);
+    const double before = cpu_ms();
+    const auto calibration = calib::calibrate_grid(drawn.frame.view());
+    const double spent = cpu_ms() - before;
+    if (!calibration) {
+        std::printf("| %s | refused: %s | | | | | |\n", name, calibration.error().message().c_str());
+        return;
+    }
+    const auto compared = calib::test::compare(drawn, *calibration, white.pitch_px);
+    std::printf("| %s | %d of %d | %d | %.5f | %.5f | %s | %.0f |\n", name, compared.found_alive,
+                compared.alive_complete, compared.invented, compared.rms_px, compared.max_px,
+                name_of(calibration->fit.grid.rung).data(), spent);
+    std::fflush(stdout);
+}
+
+void real_row(const std::filesystem::path& folder, const char* name) {
+    const cv::Mat pixels =
+        cv::imread((folder / "lenslet" / (std::string(name) + ".png")).string(), cv::IMREAD_UNCHANGED);
+    if (pixels.empty()) return;
+    const FrameView view{reinterpret_cast<const std::byte*>(pixels.data), pixels.cols, pixels.rows,
+                         static_cast<std::ptrdiff_t>(pixels.step[0]), pixels.depth() == CV_8U ? 8 : 16};
+    const auto calibration = calib::calibrate_grid(view);
+    if (!calibration) {
+        std::printf("| %s | | | | | | | | refused: %s | |\n", name, calibration.error().what.c_str());
+        return;
+    }
+    const auto& fit = calibration->fit;
+    char single[64] = "not needed";
+    if (fit.shifts.share > 0)
+        std::snprintf(single, sizeof single, "%.4f / %.4f", fit.shifts.left_x_px, fit.shifts.left_y_px);
+    std::printf("| %s | %s | %.3f | %d | %d of %d | %d | %d | %.4f / %.4f | %s | %s |\n", name,
+                name_of(fit.grid.kind).data(), calibration->pitch_px, calibration->found, calibration->whole_found,
+                calibration->whole, calibration->displaced, calibration->rejected, fit.cv_x_rms_px, fit.cv_y_rms_px,
+                name_of(fit.grid.rung).data(), single);
+}
+
+}  // namespace
+
+int main(int count, char** arguments) {
+    const std::filesystem::path folder = count > 1 ? arguments[1] : HORD_SOURCE_DIR "/../shared/data";
+    std::printf(
+        "## Synthetic, 5000 x 5000 px, 16 bit, 20 ke- a pixel, 2 %% dead lenslets\n\n"
+        "Rotation up to 10 degrees, shear 0.002, perspective 0.002, k1 0.004; distances of the fitted grid to the "
+        "truth in px, over all lenslets "
+        "inside the frame; time is CPU time of one thread, the frame in memory, nothing warmed up.\n\n"
+        "| frame | found of complete | invented | RMS | max | model | ms |\n|---|---|---|---|---|---|---|\n");
+    for (const bool hexagonal : {false, true}) {
+        for (const double pitch : {14.3, 22.7, 49.6}) {
+            for (const double sign : {1.0, -1.0}) {
+                White white;
+                white.width_px = white.height_px = 5000;
+                white.hexagonal = hexagonal;
+                white.pitch_px = pitch;
+                white.rotation_deg = sign * (hexagonal ? 7.3 : 9.8);
+                white.shear = 0.002 * sign;
+                white.perspective_x = 0.002;
+                white.perspective_y = -0.002 * sign;
+                white.k1 = 0.004 * sign;
+                white.dead_share = 0.02;
+                const std::string name = std::string(hexagonal ? "hexagonal " : "square ") +
+                    std::to_string(pitch).substr(0, 4) + " px, " + std::to_string(white.rotation_deg).substr(0, 4) +
+                    " degrees";
+                synthetic_row(name.c_str(), white);
+                if (sign > 0) {
+                    white.vignetting = 0.2;
+                    synthetic_row((name + ", 20 % vignetting in the corners' lenslets").c_str(), white);
+                }
+            }
+        }
+    }
+    std::printf(
+        "\n## Photographs\n\nCross-validated over blocks of lenslets that the model has not seen, px an axis (x / y). "
+        "`whole` lenslets have their whole "
+        "window in the frame and light reaches them whole (on the sensors behind a telescope's pupil it does not reach "
+        "all). `displaced` ones were found off the model, by "
+        "both halves of their light, and have a place of their own; `rejected` ones do not fit otherwise. Where both "
+        "halves of the lenslets' light ask for it, each lenslet has its own place; `with single lenslets` is how well "
+        "another frame "
+        "would be predicted then.\n\n"
+        "| frame | lattice | pitch | found | found of whole | displaced | rejected | cross-validated | model | with "
+        "single lenslets |\n|---|---|---|---|---|---|---|---|---|---|\n");
+    for (const char* name : {"lf_sq_napariLF_white", "sh_sq_mmt_LED", "sh_sq_mmt_binospec_ref", "sh_sq_mmt_f5hecto_ref",
+                             "sh_sq_mmt_mmirs1_ref", "sh_hex_mmt_f9_ref", "sh_sq_yuuto", "sh_bad_mmt_mmirs_blank",
+                             "sh_bad_mmt_mmirs_bogus"}) {
+        real_row(folder, name);
+    }
+    return 0;
+}

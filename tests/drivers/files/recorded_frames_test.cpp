@@ -1,0 +1,125 @@
+#include "drivers/files/recorded_frames.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "hal_sim/world/virtual_time.h"
+#include "tests/support/temp_folder.h"
+
+namespace hord::drivers {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+struct Ear final : hal::Sensor::Listener {
+    void on_frame(hal::FrameLease frame) override { frames.push_back(std::move(frame)); }
+    void on_sensor_lost(const Error& error) override { losses.push_back(error); }
+    std::vector<hal::FrameLease> frames;
+    std::vector<Error> losses;
+};
+
+class Recorded : public testing::Test {
+  protected:
+    void write(const char* name, std::uint32_t value, int width = 9, int bits = 8) {
+        Frame frame(width, 9, bits);
+        frame.set(0, 0, value);
+        ASSERT_TRUE(write_frame(folder_.path() / name, frame.view()));
+    }
+    // Plays `count` triggers and returns the first sample of each frame.
+    std::vector<std::uint32_t> play(RecordedFrames& sensor, Ear& ear, int count) {
+        std::vector<std::uint32_t> out;
+        for (int k = 0; k < count; ++k) {
+            (void)sensor.trigger({1, loop_.now(), 100us});
+            loop_.run_for(5ms);
+            if (ear.frames.empty()) break;
+            out.push_back(ear.frames[0].view().sample(0, 0));
+            ear.frames.clear();
+        }
+        return out;
+    }
+    sim::VirtualTime loop_;
+    testing_support::TempFolder folder_;
+};
+
+TEST_F(Recorded, plays_a_folder_in_the_order_of_names_and_leaves_other_files_alone) {
+    write("b.png", 2);
+    write("a.png", 1);
+    write("c.PNG", 3);
+    folder_.write("README.md", "about these frames");
+    auto sensor = RecordedFrames::open(loop_, {folder_.path()});
+    ASSERT_TRUE(sensor) << sensor.error().message();
+    Ear ear;
+    ASSERT_TRUE((*sensor)->start(ear));
+    EXPECT_THAT(play(**sensor, ear, 3), ElementsAre(1U, 2U, 3U));
+    EXPECT_EQ((*sensor)->file_of(2).filename(), "b.png");
+}
+
+TEST_F(Recorded, plays_a_list_in_its_own_order) {
+    write("a.png", 1);
+    write("b.png", 2);
+    auto sensor = RecordedFrames::open(loop_, {folder_.path() / "b.png", folder_.path() / "a.png"});
+    ASSERT_TRUE(sensor);
+    Ear ear;
+    ASSERT_TRUE((*sensor)->start(ear));
+    EXPECT_THAT(play(**sensor, ear, 2), ElementsAre(2U, 1U));
+}
+
+TEST_F(Recorded, after_the_last_frame_the_device_is_lost_once_and_a_restart_plays_again) {
+    write("a.png", 1);
+    auto sensor = RecordedFrames::open(loop_, {folder_.path()});
+    ASSERT_TRUE(sensor);
+    Ear ear;
+    ASSERT_TRUE((*sensor)->start(ear));
+    EXPECT_THAT(play(**sensor, ear, 5), ElementsAre(1U));
+    const auto done = (*sensor)->trigger({1, loop_.now(), 100us});
+    ASSERT_FALSE(done);
+    EXPECT_EQ(done.error().code, ErrorCode::disconnected);
+    loop_.run_for(5ms);
+    ASSERT_EQ(ear.losses.size(), 1U);
+    EXPECT_THAT(ear.losses[0].what, HasSubstr("played"));
+    (*sensor)->stop();
+    ASSERT_TRUE((*sensor)->start(ear));
+    EXPECT_THAT(play(**sensor, ear, 1), ElementsAre(1U));
+}
+
+TEST_F(Recorded, repeats_when_told_to) {
+    write("a.png", 1);
+    write("b.png", 2);
+    auto sensor = RecordedFrames::open(loop_, {folder_.path()}, {.expected = {}, .repeat = true});
+    ASSERT_TRUE(sensor);
+    Ear ear;
+    ASSERT_TRUE((*sensor)->start(ear));
+    EXPECT_THAT(play(**sensor, ear, 5), ElementsAre(1U, 2U, 1U, 2U, 1U));
+}
+
+TEST_F(Recorded, every_bad_file_is_named_before_anything_runs) {
+    write("a.png", 1);
+    write("b.png", 2, 18);
+    write("c.png", 3, 9, 16);
+    folder_.write("d.png", "not an image");
+    const auto sensor = RecordedFrames::open(loop_, {folder_.path()});
+    ASSERT_FALSE(sensor);
+    EXPECT_THAT(sensor.error().message(),
+                AllOf(HasSubstr("b.png is 18x9 pixels, expected 9x9"),
+                      HasSubstr("c.png has 16-bit samples, expected 8"), HasSubstr("d.png is not a PNG")));
+}
+
+TEST_F(Recorded, a_missing_file_an_empty_folder_and_no_name_at_all_are_refused) {
+    const auto missing = RecordedFrames::open(loop_, {folder_.path() / "none.png"});
+    ASSERT_FALSE(missing);
+    EXPECT_EQ(missing.error().code, ErrorCode::not_found);
+    EXPECT_THAT(missing.error().what, HasSubstr("none.png"));
+    const auto empty = RecordedFrames::open(loop_, {folder_.path()});
+    ASSERT_FALSE(empty);
+    EXPECT_EQ(empty.error().code, ErrorCode::not_found);
+    EXPECT_THAT(empty.error().what, HasSubstr(folder_.path().string()));
+    EXPECT_FALSE(RecordedFrames::open(loop_, {}));
+    write("a.png", 1);
+    EXPECT_FALSE(RecordedFrames::open(loop_, {folder_.path()}, {.expected = {}, .buffers = 0}));
+}
+
+}  // namespace
+}  // namespace hord::drivers

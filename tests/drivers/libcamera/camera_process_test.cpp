@@ -1,0 +1,203 @@
+// A camera that another process holds, whatever becomes of that process. The program in hord-camera's place is
+// fake_camera_program.cpp.
+#include "drivers/libcamera/camera_process.h"
+
+#include <condition_variable>
+#include <filesystem>
+#include <fstream>
+#include <mutex>
+#include <thread>
+
+#include <dirent.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sched.h>
+
+#include "drivers/libcamera/camera_wire.h"
+
+namespace hord::drivers {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::AllOf;
+using testing::HasSubstr;
+
+const std::filesystem::path kProgram = std::filesystem::path(HORD_BIN_DIR) / "hord_fake_camera";
+constexpr auto kPatience = 120s;  // for another process, on a busy machine
+
+class Heard final : public CameraPort::Listener {
+  public:
+    void on_camera_frame(const CameraFrame& frame) noexcept override {
+        const std::scoped_lock lock(mutex_);
+        frames_.push_back(frame);
+        changed_.notify_all();
+    }
+    void on_camera_gone() noexcept override {
+        const std::scoped_lock lock(mutex_);
+        ++gone_;
+        changed_.notify_all();
+    }
+    bool wait_for_frames(std::size_t count) {
+        std::unique_lock lock(mutex_);
+        return changed_.wait_for(lock, kPatience, [&] { return frames_.size() >= count; });
+    }
+    bool wait_until_gone() {
+        std::unique_lock lock(mutex_);
+        return changed_.wait_for(lock, kPatience, [&] { return gone_ > 0; });
+    }
+    CameraFrame frame(std::size_t k) {
+        const std::scoped_lock lock(mutex_);
+        return frames_[k];
+    }
+    int gone() {
+        const std::scoped_lock lock(mutex_);
+        return gone_;
+    }
+
+  private:
+    std::mutex mutex_;
+    std::condition_variable changed_;
+    std::vector<CameraFrame> frames_;
+    int gone_ = 0;
+};
+
+std::unique_ptr<CameraPort> camera_called(const std::string& name, hal::Duration patience = kPatience) {
+    return open_camera_process({.camera = name, .buffers = 3}, kProgram, patience);
+}
+
+// Processes that this one has started and not yet buried.
+int children() {
+    std::ifstream in("/proc/self/task/" + std::to_string(gettid()) + "/children");
+    int count = 0;
+    for (std::string pid; in >> pid;) ++count;
+    return count;
+}
+
+TEST(CameraProcess, shares_the_cameras_memory_and_fills_buffers_again) {
+    const auto port = camera_called("works");
+    const auto format = port->look();
+    ASSERT_TRUE(format) << format.error().message();
+    EXPECT_EQ(format->width_px, 8);
+    EXPECT_EQ(format->grey.name, "R8");
+    Heard heard;
+    const auto memory = port->start(heard);
+    ASSERT_TRUE(memory) << memory.error().message();
+    ASSERT_EQ((*memory)->size(), 3U);
+    for (std::size_t k = 0; k < 7; ++k) {
+        ASSERT_TRUE(heard.wait_for_frames(k + 1));
+        const CameraFrame frame = heard.frame(k);
+        EXPECT_EQ(frame.sequence, k + 1);
+        EXPECT_EQ((**memory)[frame.buffer].size(), 16U);
+        EXPECT_EQ(std::to_integer<std::size_t>((**memory)[frame.buffer][0]), k + 1);
+        ASSERT_TRUE(port->queue(frame.buffer));
+    }
+    port->stop();
+    EXPECT_EQ(heard.gone(), 0);
+    EXPECT_EQ(children(), 0);
+    EXPECT_NE((**memory)[0][0], std::byte{0}) << "memory that is held stays readable";
+}
+
+TEST(CameraProcess, that_dies_is_a_camera_that_is_gone_and_the_next_start_has_another) {
+    const auto port = camera_called("dies");
+    for (int k = 0; k < 2; ++k) {
+        Heard heard;
+        ASSERT_TRUE(port->start(heard));
+        ASSERT_TRUE(heard.wait_until_gone());
+        EXPECT_FALSE(port->queue(0));
+        port->stop();
+        EXPECT_EQ(heard.gone(), 1);
+        EXPECT_EQ(children(), 0);
+    }
+}
+
+TEST(CameraProcess, of_a_camera_that_was_unplugged_says_so_and_ends) {
+    const auto port = camera_called("unplugged");
+    Heard heard;
+    ASSERT_TRUE(port->start(heard));
+    ASSERT_TRUE(heard.wait_until_gone());
+    port->stop();
+    EXPECT_EQ(heard.gone(), 1);
+    EXPECT_EQ(children(), 0);
+}
+
+TEST(CameraProcess, that_does_not_stop_is_killed) {
+    const auto port = camera_called("does-not-stop");
+    Heard heard;
+    ASSERT_TRUE(port->start(heard));
+    ASSERT_TRUE(heard.wait_for_frames(1));
+    port->stop();
+    EXPECT_EQ(heard.gone(), 0);
+    EXPECT_EQ(children(), 0);
+}
+
+TEST(CameraProcess, that_says_nothing_or_dies_when_asked_is_an_error_and_is_not_left_behind) {
+    for (const auto& [name, patience] :
+         {std::pair<std::string, hal::Duration>{"hangs", 50ms}, {"dies-when-looked-at", kPatience}}) {
+        const auto format = camera_called(name, patience)->look();
+        ASSERT_FALSE(format);
+        EXPECT_EQ(format.error().code, ErrorCode::io);
+        EXPECT_THAT(format.error().message(), AllOf(HasSubstr("hord_fake_camera"), HasSubstr("journal")));
+        EXPECT_EQ(children(), 0);
+    }
+}
+
+TEST(CameraProcess, says_what_the_camera_said) {
+    const auto format = camera_called("unsupported")->look();
+    ASSERT_FALSE(format);
+    EXPECT_EQ(format.error().code, ErrorCode::unsupported);
+    EXPECT_EQ(format.error().what, "it has BGR888");
+    EXPECT_EQ(format.error().cure, "set sensor.bits");
+}
+
+TEST(CameraProcess, whose_program_is_not_there_is_named_with_a_cure) {
+    const auto format = open_camera_process({}, "/no/such/hord-camera")->look();
+    ASSERT_FALSE(format);
+    EXPECT_EQ(format.error().code, ErrorCode::not_found);
+    EXPECT_THAT(format.error().message(),
+                AllOf(HasSubstr("/no/such/hord-camera"), HasSubstr("install the package again")));
+}
+
+// A camera's process may turn in circles: under the timing thread's policy it would leave a processor to nobody.
+TEST(CameraProcess, does_not_have_the_real_time_policy_of_who_starts_it) {
+    sched_param param{};
+    param.sched_priority = 1;
+    if (::sched_setscheduler(0, SCHED_FIFO, &param) != 0)
+        GTEST_SKIP() << "this user may take no real-time policy (RLIMIT_RTPRIO)";
+    const auto port = camera_called("works");
+    Heard heard;
+    const auto memory = port->start(heard);
+    param.sched_priority = 0;
+    ::sched_setscheduler(0, SCHED_OTHER, &param);
+    ASSERT_TRUE(memory);
+    ASSERT_TRUE(heard.wait_for_frames(1));
+    EXPECT_EQ(std::to_integer<int>((**memory)[heard.frame(0).buffer][1]), SCHED_OTHER);
+}
+
+TEST(CameraWire, carries_a_request_through_arguments_unchanged) {
+    const CameraRequest asked{.camera = "\\_SB_.PCI0 1:2.0",
+                              .width_px = 320,
+                              .height_px = 240,
+                              .bits = 12,
+                              .buffers = 5,
+                              .green = true,
+                              .controls = {{"AnalogueGain", -2}, {"ExposureTime", 600000}}};
+    const auto order = camera_order(camera_arguments(CameraAsk::start, asked));
+    ASSERT_TRUE(order);
+    EXPECT_EQ(order->ask, CameraAsk::start);
+    EXPECT_EQ(order->request.camera, asked.camera);
+    EXPECT_EQ(order->request.width_px, 320);
+    EXPECT_EQ(order->request.bits, 12);
+    EXPECT_EQ(order->request.buffers, 5);
+    EXPECT_TRUE(order->request.green);
+    EXPECT_EQ(order->request.controls, asked.controls);
+    for (const std::vector<std::string>& wrong : {std::vector<std::string>{},
+                                                  {"look"},
+                                                  {"pry", "c", "1", "1", "8", "4", "0"},
+                                                  {"look", "c", "1", "x", "8", "4", "0"},
+                                                  {"look", "c", "1", "1", "8", "4", "0", "Gain"}}) {
+        EXPECT_FALSE(camera_order(wrong));
+    }
+}
+
+}  // namespace
+}  // namespace hord::drivers

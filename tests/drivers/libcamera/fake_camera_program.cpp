@@ -1,0 +1,93 @@
+// In hord-camera's place: a camera that does what its name says. The first pixel of a frame is its number, the second
+// the thread's policy.
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdlib>
+#include <deque>
+#include <mutex>
+#include <thread>
+
+#include <sched.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include "drivers/libcamera/camera_host.h"
+
+namespace {
+
+using namespace hord;
+using namespace std::chrono_literals;
+
+class NamedCamera final : public drivers::CameraDevice {
+  public:
+    explicit NamedCamera(drivers::CameraRequest request) : request_(std::move(request)) {}
+    ~NamedCamera() override { stop(); }
+
+    Result<drivers::CameraFormat> look() override {
+        if (request_.camera == "unsupported") return fail(ErrorCode::unsupported, "it has\nBGR888", "set sensor.bits");
+        if (request_.camera == "hangs") std::this_thread::sleep_for(1h);
+        if (request_.camera == "dies-when-looked-at") std::abort();
+        return drivers::CameraFormat{8, 2, {"R8", request_.bits}, 8};
+    }
+    Result<std::vector<drivers::CameraBuffer>> start(drivers::CameraPort::Listener& listener) override {
+        std::vector<drivers::CameraBuffer> out;
+        for (int k = 0; k < request_.buffers; ++k) {
+            const int fd = ::memfd_create("buffer", MFD_CLOEXEC);
+            if (::ftruncate(fd, 4096) != 0) return fail(ErrorCode::io, "no memory");
+            void* const data = ::mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+            data_.push_back(static_cast<unsigned char*>(data));
+            out.push_back({fd, 64, 16});
+            queued_.push_back(static_cast<std::uint32_t>(k));
+        }
+        thread_ = std::thread([this, &listener] { run(listener); });
+        return out;
+    }
+    Result<void> queue(std::uint32_t buffer) override {
+        const std::scoped_lock lock(mutex_);
+        queued_.push_back(buffer);
+        return {};
+    }
+    bool is_there() override { return !(request_.camera == "unplugged" && made_ >= 3); }
+    void stop() override {
+        if (!thread_.joinable()) return;
+        while (request_.camera == "does-not-stop") std::this_thread::sleep_for(1h);
+        stopping_ = true;
+        thread_.join();
+    }
+
+  private:
+    void run(drivers::CameraPort::Listener& listener) {
+        for (; !stopping_; std::this_thread::sleep_for(1ms)) {
+            const std::scoped_lock lock(mutex_);
+            if (queued_.empty() || (request_.camera == "unplugged" && made_ == 3)) continue;
+            const std::uint32_t buffer = queued_.front();
+            queued_.pop_front();
+            const int number = ++made_;
+            if (number == 3 && request_.camera == "dies") std::abort();
+            data_[buffer][64] = static_cast<unsigned char>(number);
+            data_[buffer][65] = static_cast<unsigned char>(::sched_getscheduler(0));
+            drivers::CameraFrame frame;
+            frame.buffer = buffer;
+            frame.sequence = static_cast<std::uint32_t>(number);
+            frame.bytes_used = 16;
+            listener.on_camera_frame(frame);
+        }
+    }
+
+    const drivers::CameraRequest request_;
+    std::vector<unsigned char*> data_;
+    std::mutex mutex_;
+    std::deque<std::uint32_t> queued_;
+    std::atomic<int> made_ = 0;
+    std::atomic<bool> stopping_ = false;
+    std::thread thread_;
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    return hord::drivers::host_camera(argc, argv, [](hord::drivers::CameraRequest request) {
+        return std::make_unique<NamedCamera>(std::move(request));
+    });
+}

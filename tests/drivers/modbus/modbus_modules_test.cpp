@@ -1,0 +1,228 @@
+// The rejector driver with what particular modules have: the read-back's place, a watchdog, pulses of the module's own,
+// a sensor that sees the ejected part. The simulated modules are written from the manuals, not from the profiles.
+#include <algorithm>
+
+#include "firmware/config/module_profiles.h"
+#include "tests/drivers/modbus/rejector_bench.h"
+
+namespace hord::drivers {
+namespace {
+
+hal::ModuleMap map_of(std::string_view name) {
+    for (const auto& profile : firmware::module_profiles()) {
+        if (profile.name == name) return profile.map;
+    }
+    throw std::runtime_error("no such profile");
+}
+
+class Module : public RejectorBench {
+  protected:
+    void play(const sim::CoilModuleOptions& module, std::string_view profile) {
+        connect_to(module);
+        options_.map = map_of(profile);
+    }
+};
+
+TEST_F(Module, of_wago_reads_outputs_back_where_they_are) {
+    play({.kind = sim::ModuleKind::wago}, "wago-750");
+    start_and_wait();
+    rejector_->set_run_permit(true);
+    EXPECT_TRUE(run_until([&] { return module_->coil(kPermit); }));
+    EXPECT_EQ(reject(1), Outcome::confirmed);
+    EXPECT_EQ(ear_.changes, 1);
+}
+
+TEST_F(Module, of_wago_with_the_plain_profile_confirms_nothing) {
+    play({.kind = sim::ModuleKind::wago}, "plain-coils");
+    start_and_wait();
+    EXPECT_EQ(reject(1), Outcome::failed) << "its inputs were read for its outputs";
+}
+
+TEST_F(Module, of_wago_has_its_watchdog_started_and_kept_alive_over_tcp_and_serial) {
+    for (const bool serial : {false, true}) {
+        play({.kind = sim::ModuleKind::wago, .serial = serial, .unit = 1}, "wago-750");
+        options_.watchdog = 1500ms;
+        ear_ = {};
+        start_and_wait();
+        EXPECT_TRUE(run_until([&] { return module_->watchdog_triggers() >= 3; }));
+        EXPECT_FALSE(module_->watchdog_expired());
+        EXPECT_EQ(ear_.changes, 1);
+        for (int again = 0; again < 2; ++again) {  // whatever value the station before left in the trigger
+            rejector_->stop();
+            const int before = module_->watchdog_triggers();
+            ear_ = {};
+            start_and_wait();
+            EXPECT_TRUE(run_until([&] { return module_->watchdog_triggers() > before; }));
+        }
+        rejector_->stop();
+        rejector_.reset();
+    }
+}
+
+TEST_F(Module, of_wago_that_no_longer_hears_the_station_drops_its_outputs_and_works_again_afterwards) {
+    play({.kind = sim::ModuleKind::wago}, "wago-750");
+    options_.watchdog = 500ms;
+    start_and_wait();
+    rejector_->set_run_permit(true);
+    EXPECT_TRUE(run_until([&] { return module_->coil(kPermit); }));
+    module_->misbehave(CoilFault::silent, -1, {}, true);
+    EXPECT_TRUE(run_until([&] { return module_->watchdog_expired(); }));
+    EXPECT_FALSE(module_->coil(kPermit));
+    module_->misbehave(CoilFault::none);
+    expect_recovered();
+    EXPECT_FALSE(module_->watchdog_expired());
+}
+
+// The driver's thread was held up, the link was not: the permit is down in the module although the station gave it.
+TEST_F(Module, whose_permit_fell_by_itself_is_noticed) {
+    start_and_wait();
+    rejector_->set_run_permit(true);
+    ASSERT_TRUE(run_until([&] { return module_->coil(kPermit); }));
+    CoilLink other(*loop_, options_.address);
+    ASSERT_TRUE(other.connect(10s));
+    ASSERT_TRUE(other.command(kPermit, false, 10s));
+    EXPECT_TRUE(run_until([&] { return ear_.changes == 3 && ear_.up; }));
+    EXPECT_THAT(ear_.why_down.what, HasSubstr("coil 1 is 0"));
+}
+
+TEST_F(Module, of_moxa_times_the_pulse_itself) {
+    play({.kind = sim::ModuleKind::moxa, .pulse = 40ms}, "moxa-iologik");
+    options_.module_pulse = 40ms;
+    start_and_wait();
+    EXPECT_EQ(reject(1), Outcome::confirmed);
+    ASSERT_TRUE(run_until([&] { return !module_->coil(kEjector); }));
+    const auto moves = module_->history();
+    ASSERT_EQ(moves.size(), 2U);
+    EXPECT_EQ(moves[1].at - moves[0].at, 40ms);
+    // It ends even when nobody is there any more.
+    EXPECT_EQ(reject(2), Outcome::confirmed);
+    module_->misbehave(CoilFault::silent, -1, {}, true);
+    EXPECT_TRUE(run_until([&] { return !module_->coil(kEjector) && !ear_.up; }));
+    EXPECT_EQ(times_on(kEjector), 2);
+}
+
+TEST_F(Module, whose_pulse_does_not_fit_into_the_window_does_not_act) {
+    play({.kind = sim::ModuleKind::moxa, .pulse = 100ms}, "moxa-iologik");
+    options_.module_pulse = 100ms;
+    start_and_wait();
+    EXPECT_EQ(reject(1, 90ms), Outcome::late);
+    EXPECT_EQ(times_on(kEjector), 0);
+}
+
+TEST_F(Module, whose_pulse_was_started_by_a_request_with_a_lost_answer_is_not_pulsed_again) {
+    play({.kind = sim::ModuleKind::moxa, .pulse = 30ms}, "moxa-iologik");
+    options_.module_pulse = 30ms;
+    start_and_wait();
+    module_->misbehave(CoilFault::late, 1, 2 * kTimeout);
+    EXPECT_EQ(reject(1), Outcome::failed);
+    expect_recovered();
+    EXPECT_EQ(times_on(kEjector), 2);  // part 1 and that of the recovery
+}
+
+TEST_F(Module, of_moxa_with_its_watchdog_alarm_up_is_given_free) {
+    play({.kind = sim::ModuleKind::moxa, .watchdog = 1s}, "moxa-iologik");
+    start_and_wait();
+    module_->misbehave(CoilFault::silent, -1, {}, true);
+    EXPECT_TRUE(run_until([&] { return module_->watchdog_expired(); }));
+    module_->misbehave(CoilFault::none);
+    expect_recovered();
+}
+
+TEST_F(Module, that_lacks_what_is_asked_for_is_refused_at_start) {
+    options_.watchdog = 500ms;
+    options_.module_pulse = 10ms;
+    options_.energise_to_pass = true;
+    rejector_.emplace(*loop_, options_);
+    const auto done = rejector_->start(ear_);
+    ASSERT_FALSE(done);
+    EXPECT_THAT(
+        done.error().what,
+        AllOf(HasSubstr("watchdog must be 0"), HasSubstr("module_pulse must be 0"), HasSubstr("energise_to_pass")));
+}
+
+TEST_F(Module, says_what_it_is_where_it_can) {
+    CoilLink plain(*loop_, options_.address);
+    ASSERT_TRUE(plain.connect(10s));
+    EXPECT_EQ(plain.identify(10s).value_or("nothing"), "HORD coil module 1.0");
+    EXPECT_FALSE(plain.connected());
+    play({.kind = sim::ModuleKind::wago}, "wago-750");
+    CoilLink wago(*loop_, options_.address);
+    ASSERT_TRUE(wago.connect(10s));
+    const auto none = wago.identify(10s);
+    ASSERT_FALSE(none);
+    EXPECT_EQ(none.error().code, ErrorCode::unsupported);
+}
+
+// ---- the confirm sensor
+
+constexpr int kChute = 3;
+
+class Chute : public Module {
+  protected:
+    Chute() {
+        options_.confirm_input = kChute;
+        options_.confirm_within = 400ms;
+    }
+    // A part falls past the sensor while the ejector acts.
+    void let_parts_fall(bool active_low = false) {
+        module_->on_coil([this, active_low](int coil, bool on, hal::TimePoint) {
+            if (coil == kEjector) module_->set_input(kChute, on != active_low);
+        });
+    }
+};
+
+TEST_F(Chute, a_part_that_arrives_confirms_its_command_with_the_time_of_the_acknowledgement) {
+    let_parts_fall();
+    start_and_wait();
+    const hal::TimePoint asked = loop_->now();
+    EXPECT_EQ(reject(1), Outcome::confirmed);
+    EXPECT_GE(ear_.reports[0].at, asked);
+    EXPECT_LT(ear_.reports[0].at, asked + kWindow);
+}
+
+TEST_F(Chute, a_part_that_never_arrives_leaves_its_command_unconfirmed_although_the_coil_moved) {
+    start_and_wait();
+    EXPECT_EQ(reject(1, 600ms), Outcome::failed);
+    EXPECT_EQ(times_on(kEjector), 1);
+    EXPECT_TRUE(ear_.up);
+}
+
+TEST_F(Chute, a_sensor_that_is_covered_all_the_time_confirms_nothing) {
+    module_->set_input(kChute, true);
+    start_and_wait();
+    EXPECT_EQ(reject(1, 600ms), Outcome::failed);
+}
+
+TEST_F(Chute, one_part_confirms_one_command) {
+    start_and_wait();
+    const hal::TimePoint start = loop_->now();
+    ASSERT_TRUE(rejector_->reject({1, start, kWindow}));
+    ASSERT_TRUE(rejector_->reject({2, start + 1ms, kWindow}));
+    ASSERT_TRUE(run_until([&] { return module_->coil(kEjector); }));
+    loop_->call_after(100ms, [&] { module_->set_input(kChute, true); });
+    ASSERT_TRUE(run_until([&] { return ear_.reports.size() == 2; }));
+    EXPECT_EQ(ear_.reports[0].outcome, Outcome::confirmed);
+    EXPECT_EQ(ear_.reports[0].part, 1U);
+    EXPECT_EQ(ear_.reports[1].outcome, Outcome::failed);
+}
+
+TEST_F(Chute, a_sensor_may_be_active_low) {
+    options_.confirm_active_low = true;
+    module_->set_input(kChute, true);  // at rest
+    let_parts_fall(true);
+    start_and_wait();
+    EXPECT_EQ(reject(1), Outcome::confirmed);
+}
+
+TEST_F(Chute, a_link_that_goes_while_a_part_is_awaited_leaves_it_unconfirmed) {
+    start_and_wait();
+    const std::size_t before = ear_.reports.size();
+    ASSERT_TRUE(rejector_->reject({1, loop_->now(), kWindow}));
+    ASSERT_TRUE(run_until([&] { return module_->coil(kEjector); }));
+    module_->power_off();
+    ASSERT_TRUE(run_until([&] { return ear_.reports.size() > before; }));
+    EXPECT_EQ(ear_.reports.back().outcome, Outcome::failed);
+}
+
+}  // namespace
+}  // namespace hord::drivers

@@ -1,0 +1,196 @@
+// The rejector driver against a coil module that misbehaves, over loopback, in real time.
+#include <algorithm>
+
+#include "hal_sim/cell/cell.h"
+#include "tests/drivers/modbus/rejector_bench.h"
+
+namespace hord::drivers {
+namespace {
+
+using Rejector = RejectorBench;
+
+TEST_F(Rejector, a_module_absent_at_start_is_named_commands_fail_and_it_is_found_when_it_comes) {
+    module_->power_off();
+    start();
+    ASSERT_TRUE(run_until([&] { return ear_.changes == 1; }));
+    EXPECT_FALSE(ear_.up);
+    EXPECT_THAT(ear_.why_down.what, HasSubstr("127.0.0.1:" + std::to_string(options_.address.port)));
+    EXPECT_FALSE(ear_.why_down.cure.empty());
+    EXPECT_EQ(reject(1), Outcome::failed);
+    EXPECT_EQ(ear_.changes, 1);  // told once, however often it was tried
+    ASSERT_TRUE(module_->power_on());
+    expect_recovered();
+}
+
+TEST_F(Rejector, a_module_that_is_silent_from_the_start_is_down_and_does_not_hold_up_anything) {
+    module_->misbehave(CoilFault::silent, -1, {}, true);
+    start();
+    ASSERT_TRUE(run_until([&] { return ear_.changes == 1; }));
+    EXPECT_FALSE(ear_.up);
+    EXPECT_EQ(reject(1), Outcome::failed);
+    module_->misbehave(CoilFault::none);
+    expect_recovered();
+}
+
+TEST_F(Rejector, silence_in_the_middle_of_a_run_fails_the_command_and_drops_the_link_until_it_answers) {
+    start_and_wait();
+    EXPECT_EQ(reject(1), Outcome::confirmed);
+    module_->misbehave(CoilFault::silent, -1, {}, true);
+    EXPECT_EQ(reject(2), Outcome::failed);
+    EXPECT_TRUE(run_until([&] { return !ear_.up; }));
+    EXPECT_EQ(reject(3), Outcome::failed);
+    module_->misbehave(CoilFault::none);
+    expect_recovered();
+}
+
+TEST_F(Rejector, silence_is_noticed_without_any_command) {
+    start_and_wait();
+    module_->misbehave(CoilFault::silent, -1, {}, true);
+    EXPECT_TRUE(run_until([&] { return !ear_.up; }));
+    EXPECT_THAT(ear_.why_down.what, HasSubstr("coil "));
+}
+
+TEST_F(Rejector, a_late_answer_costs_its_own_command_at_most_and_never_acts_twice) {
+    start_and_wait();
+    module_->misbehave(CoilFault::late, 1, 3 * kTimeout);
+    EXPECT_EQ(reject(1), Outcome::failed);  // it did act: the answer came too late to know
+    EXPECT_EQ(times_on(kEjector), 1);
+    ASSERT_TRUE(run_until([&] { return ear_.up && module_->connections() >= 2 && !module_->coil(kEjector); }));
+    for (std::uint32_t part = 2; part <= 6; ++part) {
+        ASSERT_TRUE(run_until([&] { return ear_.up; }));
+        EXPECT_EQ(reject(part), Outcome::confirmed) << part;
+    }
+    ASSERT_TRUE(run_until([&] { return !module_->coil(kEjector); }));
+    // The windows of parts 2 to 6 overlap here: the valve is held, not pulsed again.
+    EXPECT_LE(times_on(kEjector), 6);
+}
+
+// The output had moved when the write was acknowledged, however long the module then takes to be read.
+TEST_F(Rejector, a_rejection_is_told_with_the_time_at_which_its_write_was_acknowledged) {
+    options_.response_timeout = 900ms;
+    options_.check_every = 60s;
+    start_and_wait();
+    constexpr hal::Duration kSlow = 100ms;
+    module_->misbehave_at_reads(CoilFault::late, 1, kSlow);
+    ASSERT_EQ(reject(1), Outcome::confirmed);
+    EXPECT_EQ(module_->misbehaved(), 1);
+    const auto history = module_->history();
+    const auto moved = std::ranges::find_if(history, [](const auto& move) { return move.coil == kEjector && move.on; });
+    ASSERT_NE(moved, history.end());
+    EXPECT_GE(ear_.reports.back().at, moved->at);
+    EXPECT_LE(ear_.reports.back().at + kSlow, loop_->now());
+}
+
+TEST_F(Rejector, an_answer_that_drips_in_byte_by_byte_is_not_waited_for) {
+    start_and_wait();
+    module_->misbehave(CoilFault::drip, 1, kTimeout / 2);
+    const hal::TimePoint asked = loop_->now();
+    EXPECT_EQ(reject(1), Outcome::failed);
+    EXPECT_LT(ear_.reports.back().at - asked, 12 * kTimeout / 2);  // the whole answer would take that long
+    expect_recovered();
+}
+
+TEST_F(Rejector, a_refusal_fails_the_command_and_keeps_the_link) {
+    start_and_wait();
+    module_->misbehave(CoilFault::exception, 1);
+    EXPECT_EQ(reject(1), Outcome::failed);
+    EXPECT_EQ(reject(2), Outcome::confirmed);
+    EXPECT_EQ(module_->connections(), 1);
+    EXPECT_EQ(ear_.changes, 1);
+}
+
+TEST_F(Rejector, a_coil_that_does_not_read_back_as_written_is_not_confirmed) {
+    start_and_wait();
+    module_->misbehave(CoilFault::stuck, 1);
+    EXPECT_EQ(reject(1), Outcome::failed);
+    EXPECT_EQ(times_on(kEjector), 0);
+}
+
+TEST_F(Rejector, a_connection_closed_in_the_middle_fails_the_command_and_is_made_anew) {
+    start_and_wait();
+    module_->misbehave(CoilFault::close, 1);
+    EXPECT_EQ(reject(1), Outcome::failed);
+    expect_recovered();
+    EXPECT_GE(module_->connections(), 2);
+}
+
+TEST_F(Rejector, a_module_that_restarts_is_noticed_and_the_permit_stays_down_until_said_again) {
+    start_and_wait();
+    rejector_->set_run_permit(true);
+    ASSERT_TRUE(run_until([&] { return module_->coil(kPermit); }));
+    module_->power_off();
+    ASSERT_TRUE(module_->power_on());
+    ASSERT_TRUE(run_until([&] { return ear_.changes == 3 && ear_.up; }));
+    EXPECT_FALSE(module_->coil(kPermit));
+    EXPECT_EQ(reject(1), Outcome::confirmed);
+    EXPECT_FALSE(module_->coil(kPermit));
+    rejector_->set_run_permit(true);
+    EXPECT_TRUE(run_until([&] { return module_->coil(kPermit); }));
+}
+
+TEST_F(Rejector, a_pulse_left_on_by_a_lost_link_is_taken_back_first_thing) {
+    start_and_wait();
+    ASSERT_TRUE(rejector_->reject({1, loop_->now(), 3600s}));
+    ASSERT_TRUE(run_until([&] { return module_->coil(kEjector); }));
+    module_->misbehave(CoilFault::close, 1);
+    rejector_->set_run_permit(true);  // the write that the module closes on
+    EXPECT_TRUE(run_until([&] { return ear_.changes == 3 && ear_.up; }));
+    EXPECT_FALSE(module_->coil(kEjector));
+}
+
+TEST_F(Rejector, energise_to_pass_rests_at_1_acts_at_0_and_is_left_at_0) {
+    options_.energise_to_pass = true;
+    start_and_wait();
+    EXPECT_TRUE(module_->coil(kEjector));
+    EXPECT_EQ(reject(1), Outcome::confirmed);
+    EXPECT_FALSE(module_->coil(kEjector));
+    ASSERT_TRUE(run_until([&] { return module_->coil(kEjector); }));  // the pulse is over
+    rejector_->stop();
+    EXPECT_FALSE(module_->coil(kEjector));  // as on lost communication: nothing passes
+}
+
+TEST_F(Rejector, impossible_options_are_all_named_and_nothing_starts) {
+    options_.address.port = 0;
+    options_.address.host.clear();
+    options_.permit_coil = options_.ejector_coil;
+    options_.response_timeout = 0ms;
+    rejector_.emplace(*loop_, options_);
+    const auto done = rejector_->start(ear_);
+    ASSERT_FALSE(done);
+    EXPECT_EQ(done.error().code, ErrorCode::invalid_argument);
+    EXPECT_THAT(done.error().what,
+                AllOf(HasSubstr("port"), HasSubstr("host"), HasSubstr("permit_coil"), HasSubstr("response_timeout")));
+    EXPECT_EQ(module_->connections(), 0);
+}
+
+TEST_F(Rejector, a_taken_port_is_named_by_the_module) {
+    const auto second = sim::CoilModule::open(*loop_, {.port = module_->port()});
+    ASSERT_FALSE(second);
+    EXPECT_EQ(second.error().code, ErrorCode::busy);
+    EXPECT_THAT(second.error().what, HasSubstr(std::to_string(module_->port())));
+}
+
+// The simulated cell in real time, ejecting over Modbus: the module tells the world what its coil did.
+TEST_F(Rejector, the_module_ejects_the_part_that_is_really_there) {
+    sim::CellOptions cell_options;
+    cell_options.schedule.parts = 1;
+    cell_options.geometry.ejector_reach_mm = 50;  // 200 ms of belt: real time on a busy machine
+    cell_options.geometry.exit_mm = 600;
+    sim::TokenFrames frames({27, 18, 8});
+    auto cell = std::move(*sim::SimulatedCell::make(*loop_, frames, cell_options));
+    module_->on_coil([&](int coil, bool on, hal::TimePoint at) {
+        if (coil == kEjector) loop_->post([&cell, on, at] { cell->world().set_ejector(on, at); });
+    });
+    start_and_wait();
+    cell->start();
+    const hal::TimePoint centred =
+        loop_->now() + cell_options.travel(cell_options.schedule.first_mm) + cell_options.ejector_delay();
+    ASSERT_TRUE(rejector_->reject({1, centred - 50ms, 100ms}));
+    EXPECT_TRUE(run_until([&] { return cell->world().totals().ejected_good == 1; }));
+    EXPECT_TRUE(run_until([&] { return !module_->coil(kEjector); }));
+    rejector_->stop();
+    module_->power_off();
+}
+
+}  // namespace
+}  // namespace hord::drivers

@@ -1,0 +1,664 @@
+// The configuration and the recipe: defaults, documentation that is true, and every problem at once.
+#include "firmware/config/config.h"
+
+#include <fstream>
+#include <sstream>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include "firmware/recipes/recipe_file.h"
+#include "firmware/recipes/recipe_folder.h"
+
+namespace hord::firmware {
+namespace {
+
+using ::testing::HasSubstr;
+
+Result<Config> parse(std::string_view text) { return parse_config(text, "cell.toml", "/etc/hord"); }
+std::string problems_of(std::string_view text) {
+    const auto config = parse(text);
+    return config ? std::string("no problem") : config.error().what;
+}
+const std::filesystem::path kDeploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";
+
+std::string text_of(const std::filesystem::path& file) {
+    std::ifstream in(file);
+    std::stringstream text;
+    text << in.rdbuf();
+    return text.str();
+}
+
+TEST(Config, an_empty_file_is_the_defaults_and_they_can_be_used) {
+    const auto config = parse("");
+    ASSERT_TRUE(config) << config.error().what;
+    EXPECT_EQ(config->core.transport, milliseconds(400));
+    EXPECT_TRUE(std::holds_alternative<SimulatedSensor>(config->sensor));
+    EXPECT_TRUE(std::holds_alternative<SimulatedRejector>(config->rejector));
+    EXPECT_EQ(config->modbus.port, 1502);
+}
+
+// The simulated cell has a module, too, and it is asked as the table says: a time-out that nobody heeds stops lines.
+TEST(Config, what_is_said_of_a_module_holds_for_the_simulated_one) {
+    const auto config = parse("[rejector]\nresponse_timeout_ms = 500\nreject_coil = 7\n");
+    ASSERT_TRUE(config) << config.error().what;
+    const auto& module = std::get<SimulatedRejector>(config->rejector).module;
+    EXPECT_EQ(module.response_timeout, milliseconds(500));
+    EXPECT_EQ(module.reject_coil, 7);
+}
+
+// deploy/hordd.toml claims to hold every key at its default.
+TEST(Config, the_documented_file_is_the_defaults) {
+    const auto file = load_config(kDeploy / "hordd.toml");
+    ASSERT_TRUE(file) << file.error().what;
+    const Config defaults;
+    EXPECT_EQ(file->name, defaults.name);
+    const CoreConfig &a = file->core, &b = defaults.core;
+    EXPECT_EQ(std::tie(a.by_encoder, a.transport, a.transport_counts, a.encoder_timeout, a.max_parts, a.min_gap,
+                       a.exposure_delay, a.trigger_lead, a.exposure_counts, a.min_gap_counts, a.exposure,
+                       a.strobe_delay, a.strobe, a.strobe_channels, a.strobe_window, a.frame_window, a.frame_timeout),
+              std::tie(b.by_encoder, b.transport, b.transport_counts, b.encoder_timeout, b.max_parts, b.min_gap,
+                       b.exposure_delay, b.trigger_lead, b.exposure_counts, b.min_gap_counts, b.exposure,
+                       b.strobe_delay, b.strobe, b.strobe_channels, b.strobe_window, b.frame_window, b.frame_timeout));
+    EXPECT_EQ(std::tie(a.reject_lead, a.reject_early, a.reject_pulse, a.confirm_timeout, a.max_failures_in_a_row,
+                       a.heartbeat),
+              std::tie(b.reject_lead, b.reject_early, b.reject_pulse, b.confirm_timeout, b.max_failures_in_a_row,
+                       b.heartbeat));
+    EXPECT_EQ(file->strobe, defaults.strobe);
+    EXPECT_EQ(file->part_sensor, defaults.part_sensor);
+    EXPECT_EQ(std::tie(file->modbus.host, file->modbus.port, file->modbus.read_only_port, file->modbus.max_connections),
+              std::tie(defaults.modbus.host, defaults.modbus.port, defaults.modbus.read_only_port,
+                       defaults.modbus.max_connections));
+    ASSERT_EQ(file->modbus.access.size(), defaults.modbus.access.size());
+    for (std::size_t k = 0; k < file->modbus.access.size(); ++k) {
+        const auto &rule = file->modbus.access[k], &same = defaults.modbus.access[k];
+        EXPECT_EQ(std::tie(rule.network.address, rule.network.prefix_bits, rule.may_write),
+                  std::tie(same.network.address, same.network.prefix_bits, same.may_write));
+    }
+    EXPECT_FALSE(file->serial);
+    EXPECT_EQ(std::tie(file->autostart, file->plc.timeout, a.plc_policy),
+              std::tie(defaults.autostart, defaults.plc.timeout, b.plc_policy));
+    EXPECT_EQ(
+        std::tie(file->inspection.bins_i, file->inspection.bins_j, file->inspection.threads, file->inspection.queue),
+        std::tie(defaults.inspection.bins_i, defaults.inspection.bins_j, defaults.inspection.threads,
+                 defaults.inspection.queue));
+    EXPECT_EQ(file->optics, defaults.optics);
+}
+
+// The same for the keys that a simulated backend does not use: switch the backends on, uncomment, compare.
+TEST(Config, the_documented_keys_of_other_backends_are_known_and_at_their_defaults) {
+    std::string text = text_of(kDeploy / "hordd.toml");
+    const auto replace = [&](std::string_view from, std::string_view to) {
+        const auto at = text.find(from);
+        ASSERT_NE(at, std::string::npos) << from;
+        text.replace(at, from.size(), to);
+    };
+    replace("backend = \"simulated\"          # \"simulated\", or \"modbus\"", "backend = \"modbus\" #");
+    replace("backend = \"simulated\"          # \"simulated\", \"frames\"", "backend = \"frames\" #");
+    replace("# folder =", "folder =");
+    replace("# recipe =", "recipe =");
+    const auto config = parse(text);
+    ASSERT_TRUE(config) << config.error().what;
+    EXPECT_EQ(std::get<RecordedFrames>(config->sensor).folder, "/etc/hord/frames");
+    EXPECT_EQ(config->inspection.recipe, "/etc/hord/recipes/default.toml");
+    EXPECT_EQ(std::get<ModbusRejector>(config->rejector), ModbusRejector{});
+}
+
+TEST(Config, a_camera_of_libcamera_is_named_with_its_format_and_controls) {
+    const auto config = parse(
+        "[sensor]\nbackend = \"libcamera\"\ncamera = \"/base/imx296\"\nwidth_px = 1440\nheight_px = 1080\nbits = "
+        "10\nbuffers = 6\n"
+        "green = true\n[[sensor.control]]\nname = \"ExposureTime\"\nvalue = 500\n");
+    ASSERT_TRUE(config) << config.error().what;
+    EXPECT_EQ(std::get<CameraSensor>(config->sensor),
+              (CameraSensor{"/base/imx296", 1440, 1080, 10, 6, true, {{"ExposureTime", 500}}}));
+    EXPECT_EQ(std::get<CameraSensor>(parse("[sensor]\nbackend = \"libcamera\"\n")->sensor), CameraSensor{});
+}
+
+// What the profile says can be said otherwise; as it stands there, it is the plain module.
+TEST(Config, the_documented_keys_of_a_module_are_those_of_the_plain_profile) {
+    const std::string text = text_of(kDeploy / "hordd.toml");
+    const auto begin = text.find("# read_back_offset"), end = text.find("[modbus]");
+    ASSERT_NE(begin, std::string::npos);
+    std::istringstream lines(text.substr(begin, end - begin));
+    std::string part = "[rejector]\nbackend = \"modbus\"\nprofile = \"wago-750\"\n";
+    int keys = 0;
+    for (std::string line; std::getline(lines, line);) {
+        if (!line.starts_with("# ")) continue;
+        part += line.substr(2) + "\n";
+        ++keys;
+    }
+    EXPECT_EQ(keys, 10);
+    const auto config = parse(part);
+    ASSERT_TRUE(config) << config.error().what;
+    hal::ModuleMap map = std::get<ModbusRejector>(config->rejector).map;
+    map.name_register = -1;  // the profile's alone
+    map.name_prefix = hal::ModuleMap{}.name_prefix;
+    EXPECT_EQ(map, hal::ModuleMap{});
+}
+
+TEST(Config, a_modules_profile_fills_its_addresses_and_each_can_be_overridden) {
+    const auto wago = parse("[rejector]\nbackend = \"modbus\"\nprofile = \"wago-750\"\nwatchdog_ms = 500\n");
+    ASSERT_TRUE(wago) << wago.error().what;
+    const auto& module = std::get<ModbusRejector>(wago->rejector);
+    EXPECT_EQ(module.map.read_back_offset, 512);
+    EXPECT_EQ(module.map.watchdog_time_register, 0x1000);
+    EXPECT_EQ(module.watchdog, milliseconds(500));
+    const auto moxa =
+        parse("[rejector]\nbackend = \"modbus\"\nprofile = \"moxa-iologik\"\nalarm_coil = -1\nmodule_pulse_ms = 12\n");
+    ASSERT_TRUE(moxa) << moxa.error().what;
+    EXPECT_EQ(std::get<ModbusRejector>(moxa->rejector).map.pulse_coil_offset, 16);
+    EXPECT_EQ(std::get<ModbusRejector>(moxa->rejector).map.alarm_coil, -1);
+    const auto serial = parse(
+        "[rejector]\nbackend = \"modbus\"\ndevice = \"/dev/ttyUSB0\"\nbaud = 115200\nparity = \"odd\"\nrs485 = "
+        "false\n");
+    ASSERT_TRUE(serial) << serial.error().what;
+    const auto& line = std::get<ModbusRejector>(serial->rejector);
+    EXPECT_EQ(std::tie(line.device, line.baud, line.parity, line.rs485),
+              std::make_tuple("/dev/ttyUSB0", 115200, 'O', false));
+}
+
+TEST(Config, what_a_module_cannot_do_is_refused_with_the_cure) {
+    const auto wrong = [](const std::string& keys) { return problems_of("[rejector]\nbackend = \"modbus\"\n" + keys); };
+    EXPECT_THAT(wrong("profile = \"wago\"\n"), HasSubstr("use one of plain-coils, wago-750, moxa-iologik"));
+    EXPECT_THAT(wrong("watchdog_ms = 500\n"), HasSubstr("cannot be set in this module"));
+    EXPECT_THAT(wrong("profile = \"wago-750\"\nwatchdog_ms = 60\n"),
+                HasSubstr("shorter than three response_timeout_ms"));
+    EXPECT_THAT(wrong("module_pulse_ms = 10\n"), HasSubstr("does not time"));
+    EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 16\n"), HasSubstr("is longer than pulse_ms"));
+    EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 10\nenergise_to = \"pass\"\n"),
+                HasSubstr("pulses an output on"));
+    EXPECT_THAT(wrong("confirm_input = 0\nconfirm_within_ms = 80\n"), HasSubstr("raise confirm_timeout_ms"));
+    EXPECT_THAT(wrong("device = \"/dev/ttyS0\"\nunit = 0\n"), HasSubstr("use 1 to 247"));
+    EXPECT_THAT(wrong("device = \"/dev/ttyS0\"\nport = 1502\n"), HasSubstr("either rejector.device, or host and port"));
+}
+
+// Every commented line of [sensor], [strobe] and [part_sensor], uncommented, is what the drivers would be told.
+TEST(Config, the_documented_keys_of_real_devices_are_known_and_at_their_defaults) {
+    std::string text = text_of(kDeploy / "hordd.toml");
+    const auto begin = text.find("[sensor]"), end = text.find("[rejector]");
+    ASSERT_NE(begin, std::string::npos);
+    ASSERT_NE(end, std::string::npos);
+    std::istringstream lines(text.substr(begin, end - begin));
+    std::string part;
+    for (std::string line, table; std::getline(lines, line);) {
+        if (line.starts_with("# folder")) continue;
+        if (line.starts_with("# ")) line.erase(0, 2);
+        if (line.starts_with("[")) table = line.substr(0, line.find(']'));
+        if (line.starts_with("channels =")) continue;
+        if (table == "[part_sensor" && line.starts_with("chip =")) line = "chip = \"label\"";
+        if (table == "[part_sensor" && line.starts_with("line =")) line = "line = \"6\"";
+        if (line.starts_with("backend =")) line = table == "[sensor" ? "backend = \"v4l2\"" : "backend = \"gpio\"";
+        part += line + "\n";
+    }
+    const auto config = parse(part);
+    ASSERT_TRUE(config) << config.error().what;
+    VideoSensor video;
+    video.controls = {{"Exposure", 100}};
+    EXPECT_EQ(config->sensor, SensorConfig(video));
+    const StrobeConfig defaults;
+    ASSERT_EQ(config->strobe.gpio.size(), 1U);
+    EXPECT_EQ(config->strobe.gpio[0],
+              (StrobeChannel{
+                  {"pinctrl-bcm2711", "GPIO17", false, {}}, defaults.max_on, defaults.min_rest, defaults.max_duty}));
+    GpioPartSensorLine barrier;
+    barrier.line = {"label", "6", false, {}};
+    barrier.encoder = {"pinctrl-bcm2711", "GPIO18", false, {}};
+    EXPECT_EQ(config->part_sensor, PartSensorConfig(barrier));
+}
+
+TEST(Config, real_devices_are_told_everything_that_is_wrong_with_them_at_once) {
+    const std::string all = problems_of(R"(
+[sensor]
+backend = "v4l2"
+bits = 9
+[[sensor.control]]
+name = "Exposure"
+[strobe]
+backend = "gpio"
+channels = 3
+[[strobe.channel]]
+chip = "soc"
+line = "A"
+max_on_us = 100
+[[strobe.channel]]
+chip = "soc"
+line = "A"
+duty = 0.1
+[part_sensor]
+backend = "gpio"
+line = "BARRIER"
+debounce_us = 20000
+[line]
+tracking = "time"
+)");
+    for (const char* what : {"sensor.bits: is no depth", "value: is missing", "strobe.channels: differs",
+                             "the limit protects the LED", "lights another channel", "duty: is not a known key",
+                             "part_sensor.chip: is missing", "debounce_us: ends after the exposure has begun"}) {
+        EXPECT_THAT(all, HasSubstr(what));
+    }
+    EXPECT_THAT(problems_of("[strobe]\nbackend = \"gpio\"\n"), HasSubstr("describe every collimator"));
+    EXPECT_THAT(problems_of("[strobe]\nmax_duty = 0.005\n"),
+                HasSubstr("is exceeded by parts that follow at line.min_gap_ms"));
+    EXPECT_THAT(
+        problems_of(
+            "[line]\ntracking = \"encoder\"\n[part_sensor]\nbackend = \"gpio\"\nchip = \"soc\"\nline = \"6\"\n"),
+        HasSubstr("describe it in [part_sensor.encoder]"));
+}
+
+TEST(Config, every_collimator_has_limits_of_its_own_or_the_common_ones) {
+    const auto config = parse(R"(
+[strobe]
+backend = "gpio"
+lit = [0, 1]
+min_rest_ms = 3
+max_duty = 0.3
+[[strobe.channel]]
+chip = "soc"
+line = "A"
+[[strobe.channel]]
+chip = "/dev/gpiochip3"
+line = "4"
+active_low = true
+max_on_us = 400
+min_rest_ms = 9
+max_duty = 0.1
+)");
+    ASSERT_TRUE(config) << config.error().what;
+    EXPECT_EQ(config->strobe.channels, 2);
+    EXPECT_EQ(config->core.strobe_channels, 0b11U);
+    EXPECT_EQ(config->strobe.gpio[0], (StrobeChannel{{"soc", "A", false, {}}, milliseconds(2), milliseconds(3), 0.3}));
+    EXPECT_EQ(config->strobe.gpio[1],
+              (StrobeChannel{{"/dev/gpiochip3", "4", true, {}}, microseconds(400), milliseconds(9), 0.1}));
+}
+
+TEST(Config, every_key_reaches_its_field) {
+    const auto config = parse(R"(
+[station]
+name = "line 4"
+heartbeat_ms = 250
+max_failures_in_a_row = 3
+[line]
+tracking = "encoder"
+transport_counts = 12345
+encoder_timeout_ms = 50
+exposure_delay_ms = 7.5
+min_gap_ms = 40
+max_parts = 9
+[timing]
+exposure_us = 900
+strobe_delay_us = 50.5
+strobe_us = 800
+[strobe]
+channels = 4
+lit = [0, 3]
+[rejector]
+backend = "modbus"
+host = "10.0.0.7"
+port = 5020
+unit = 3
+reject_coil = 17
+run_permit_coil = 18
+energise_to = "pass"
+response_timeout_ms = 45
+pulse_ms = 30
+[modbus]
+port = 0
+read_only_port = 5021
+may_write = ["10.0.0.0/8"]
+may_read = []
+max_connections = 5
+[serial]
+device = "/dev/ttyS1"
+baud = 115200
+parity = "none"
+unit = 17
+rs485 = false
+may_write = false
+[plc]
+policy = "reject_all"
+timeout_ms = 750
+[inspection]
+recipes = "all"
+macro = "7x5"
+threads = 2
+)");
+    ASSERT_TRUE(config) << config.error().what;
+    EXPECT_EQ(config->name, "line 4");
+    EXPECT_EQ(config->core.heartbeat, milliseconds(250));
+    EXPECT_EQ(config->core.max_failures_in_a_row, 3U);
+    EXPECT_TRUE(config->core.by_encoder);
+    EXPECT_EQ(config->core.transport_counts, 12345);
+    EXPECT_EQ(config->core.exposure_delay, microseconds(7500));
+    EXPECT_EQ(config->core.strobe_delay, Duration(50'500));
+    EXPECT_EQ(config->core.strobe_channels, 0b1001U);
+    EXPECT_EQ(config->core.max_parts, 9U);
+    EXPECT_EQ(config->modbus.read_only_port, 5021);
+    EXPECT_EQ(config->modbus.max_connections, 5U);
+    ASSERT_EQ(config->modbus.access.size(), 1U);
+    EXPECT_EQ(config->modbus.access[0].network.prefix_bits, 96 + 8);
+    EXPECT_TRUE(config->modbus.access[0].may_write);
+    ASSERT_TRUE(config->serial);
+    EXPECT_EQ(config->serial->device, "/dev/ttyS1");
+    EXPECT_EQ(config->serial->baud, 115200);
+    EXPECT_EQ(config->serial->parity, firmware::modbus::SerialOptions::Parity::none);
+    EXPECT_EQ(config->serial->unit, 17);
+    EXPECT_FALSE(config->serial->rs485);
+    EXPECT_FALSE(config->serial->may_write);
+    EXPECT_EQ(config->core.plc_policy, PlcPolicy::reject_all);
+    EXPECT_EQ(config->plc.timeout, milliseconds(750));
+    EXPECT_EQ(config->inspection.recipes, "/etc/hord/all");
+    const auto& modbus = std::get<ModbusRejector>(config->rejector);
+    EXPECT_EQ(modbus.host, "10.0.0.7");
+    EXPECT_EQ(modbus.port, 5020);
+    EXPECT_EQ(modbus.unit, 3);
+    EXPECT_EQ(modbus.reject_coil, 17);
+    EXPECT_TRUE(modbus.energise_to_pass);
+    EXPECT_EQ(modbus.response_timeout, milliseconds(45));
+    EXPECT_EQ(config->inspection.bins_i, 7);
+    EXPECT_EQ(config->inspection.bins_j, 5);
+}
+
+TEST(Config, all_problems_are_told_at_once_with_line_and_cure) {
+    const std::string what =
+        problems_of("[line]\ntransprt_ms = 300\nmax_parts = 0\n[timing]\nexposure_us = \"long\"\n");
+    EXPECT_THAT(what, HasSubstr("cell.toml:2: line.transprt_ms: is not a known key: did you mean transport_ms?"));
+    EXPECT_THAT(what, HasSubstr("cell.toml:3: line.max_parts: 0 is out of range: use 1 to 256"));
+    EXPECT_THAT(what, HasSubstr("cell.toml:5: timing.exposure_us: is not a number"));
+}
+
+TEST(Config, what_cannot_work_together_is_refused) {
+    EXPECT_THAT(problems_of("[line]\ntransport_ms = 100\n"), HasSubstr("the verdict is due 75 ms after the edge"));
+    EXPECT_THAT(problems_of("[rejector]\npulse_ms = 20\n"), HasSubstr("else a neighbour is ejected"));
+    EXPECT_THAT(problems_of("[rejector]\nearly_ms = 15\n"), HasSubstr("shorten early_ms"));
+    EXPECT_THAT(problems_of("[timing]\nexposure_us = 21000\n"), HasSubstr("an exposure takes 21 ms"));
+    EXPECT_THAT(problems_of("[line]\ntracking = \"encoder\"\nexposure_counts = 4000\n"),
+                HasSubstr("lies behind the ejector"));
+    EXPECT_THAT(problems_of("[timing]\nframe_window_us = 10000\n"), HasSubstr("a frame may belong to two parts"));
+    EXPECT_THAT(problems_of("[timing]\nstrobe_us = 450\n"),
+                HasSubstr("the light ends 0.55 ms after the exposure's start"));
+    EXPECT_THAT(problems_of("[strobe]\nmax_on_us = 100\n"), HasSubstr("shorten the pulse; the limit protects the LED"));
+    EXPECT_THAT(problems_of("[strobe]\nlit = [1]\n"), HasSubstr("names a channel that does not exist"));
+    EXPECT_THAT(problems_of("[rejector]\nreject_coil = 1\n"), HasSubstr("give each output a coil of its own"));
+    EXPECT_THAT(problems_of("[sensor]\nbackend = \"frames\"\n"), HasSubstr("name the folder of the recorded frames"));
+    EXPECT_THAT(problems_of("[sensor]\nbackend = \"camera\"\n"), HasSubstr("use one of simulated, frames"));
+    for (const char* macro : {"9", "9x", "x9", "9x9x9", "2x9", "16x9", "nine"}) {
+        EXPECT_THAT(problems_of(std::string("[inspection]\nmacro = \"") + macro + "\"\n"),
+                    HasSubstr("is not a macro-pixel"))
+            << macro;
+    }
+}
+
+TEST(Config, a_missing_file_and_broken_toml_are_named) {
+    const auto missing = load_config("/nowhere/cell.toml");
+    ASSERT_FALSE(missing);
+    EXPECT_THAT(missing.error().what, HasSubstr("/nowhere/cell.toml: cannot be read"));
+    EXPECT_THAT(problems_of("[line\n"), HasSubstr("cell.toml:1: not valid TOML"));
+}
+
+TEST(Recipe, the_documented_file_is_the_defaults) {
+    const auto file = load_recipe(kDeploy / "recipes/default.toml");
+    ASSERT_TRUE(file) << file.error().what;
+    const algo::Recipe d;
+    EXPECT_EQ(
+        std::tie(file->name, file->dark_dn, file->min_sum_dn, file->saturated_dn, file->min_area, file->rim_margin),
+        std::tie(d.name, d.dark_dn, d.min_sum_dn, d.saturated_dn, d.min_area, d.rim_margin));
+    EXPECT_EQ(std::tie(file->emd_limit_bins, file->frobenius_limit_bins, file->transmission_limit,
+                       file->max_saturated_share, file->min_lit_share),
+              std::tie(d.emd_limit_bins, d.frobenius_limit_bins, d.transmission_limit, d.max_saturated_share,
+                       d.min_lit_share));
+    EXPECT_EQ(std::tie(file->gradient, file->slopes, file->light), std::tie(d.gradient, d.slopes, d.light));
+    EXPECT_TRUE(file->zones.empty());
+}
+
+TEST(Recipe, zones_are_circles_and_polygons) {
+    const auto recipe = parse_recipe(R"(
+[[zone]]
+shape = "circle"
+centre = [55, 54.5]
+radius = 40
+[[zone]]
+use = "ignore"
+shape = "polygon"
+corners = [10, 11, 20, 10, 20, 30]
+)",
+                                     "r.toml");
+    ASSERT_TRUE(recipe) << recipe.error().what;
+    ASSERT_EQ(recipe->zones.size(), 2U);
+    EXPECT_EQ(recipe->zones[0].use, algo::Zone::Use::inspect);
+    EXPECT_FLOAT_EQ(recipe->zones[0].centre.n, 54.5F);
+    EXPECT_FLOAT_EQ(recipe->zones[0].radius, 40.0F);
+    EXPECT_EQ(recipe->zones[1].use, algo::Zone::Use::ignore);
+    ASSERT_EQ(recipe->zones[1].corners.size(), 3U);
+    EXPECT_FLOAT_EQ(recipe->zones[1].corners[0].n, 11.0F);
+}
+
+TEST(Recipe, zones_may_be_in_mm_from_the_middle_of_the_field) {
+    const std::string text = R"(
+[scale]
+lenslet_mm = 0.216
+[[zone]]
+use = "ignore"
+shape = "circle"
+centre_mm = [-3.1, 1.7]
+radius_mm = 0.3
+[[zone]]
+shape = "polygon"
+corners_mm = [-5, -5, 5, -5, 0, 5]
+)";
+    const auto recipe = parse_numbered_recipe(text, "r.toml");
+    ASSERT_TRUE(recipe) << recipe.error().message();
+    const auto& zones = recipe->recipe.zones;
+    ASSERT_EQ(zones.size(), 2U);
+    EXPECT_EQ(zones[0].unit, algo::Zone::Unit::mm);
+    EXPECT_EQ(zones[0].centre.m, -3.1F);
+    EXPECT_EQ(zones[0].radius, 0.3F);
+    EXPECT_EQ(zones[1].corners[2].n, 5);
+    // What is written of it is read again as it was, to the bit.
+    const std::string written = format_recipe(*recipe);
+    EXPECT_THAT(written, HasSubstr("centre_mm = [-3.1, 1.7]\nradius_mm = 0.3\n"));
+    EXPECT_THAT(written, HasSubstr("corners_mm = [-5, -5, 5, -5, 0, 5]\n"));
+    const auto again = parse_numbered_recipe(written, "again.toml");
+    ASSERT_TRUE(again) << again.error().message();
+    EXPECT_EQ(crc32_of(*again), crc32_of(*recipe));
+    EXPECT_EQ(again->recipe.zones[0].unit, algo::Zone::Unit::mm);
+}
+
+TEST(Recipe, zones_in_mixed_units_or_without_the_lenslets_size_are_refused) {
+    const auto problems = [](std::string_view text) {
+        const auto recipe = parse_numbered_recipe(text, "r.toml");
+        return recipe ? std::string() : recipe.error().message();
+    };
+    const std::string scale = "[scale]\nlenslet_mm = 0.2\n";
+    const std::string in_mm = "[[zone]]\nshape = \"circle\"\ncentre_mm = [0, 0]\nradius_mm = 1\n";
+    EXPECT_EQ(problems(scale + in_mm), "");
+    EXPECT_THAT(problems(in_mm),
+                AllOf(HasSubstr("is in mm, and the size of a lenslet is not known"),
+                      HasSubstr("give [scale] lenslet_mm"), HasSubstr("r.toml:2")));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"circle\"\ncentre = [0, 0]\nradius_mm = 1\n"),
+                HasSubstr("radius_mm: stands beside a place without _mm"));
+    EXPECT_THAT(problems(scale + in_mm + "[[zone]]\nshape = \"circle\"\ncentre = [5, 5]\nradius = 2\n"),
+                HasSubstr("has another unit than the zones before it"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"circle\"\ncentre_mm = [0, 0]\n"),
+                HasSubstr("radius_mm: is missing"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"polygon\"\ncorners_mm = [0, 0, 1, 0, 1]\n"),
+                HasSubstr("corners_mm"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"polygon\"\ncorners_mm = [0, 0, 1, 0, 1, 1, 2]\n"),
+                HasSubstr("give x and y of each corner"));
+}
+
+TEST(Recipe, problems_of_zones_are_told_with_their_cure) {
+    const auto problems = [](std::string_view text) {
+        const auto recipe = parse_recipe(text, "r.toml");
+        return recipe ? std::string("no problem") : recipe.error().what;
+    };
+    EXPECT_THAT(problems("[[zone]]\nshape = \"circle\"\n"), HasSubstr("write centre = [m, n]"));
+    EXPECT_THAT(problems("[[zone]]\nuse = \"ignore\"\n"), HasSubstr("shape: is missing"));
+    EXPECT_THAT(problems("[[zone]]\nshape = \"polygon\"\ncorners = [1,2,3,4,5,6,7]\n"),
+                HasSubstr("give m and n of each corner"));
+    EXPECT_THAT(problems("[[zone]]\nshape = \"polygon\"\ncorners = [1,2,3,4]\n"), HasSubstr("has 4 numbers"));
+    EXPECT_THAT(problems("[limits]\nemd_bin = 1\n"), HasSubstr("did you mean emd_bins?"));
+    EXPECT_THAT(problems("[limits]\nemd_bins = 0\n"), HasSubstr("out of range"));
+}
+
+TEST(Recipe, what_it_says_survives_being_written_and_read) {
+    const auto recipe = parse_numbered_recipe(R"(
+name = "quo\"te \\ ä"
+number = 12
+version = 4
+rim_margin = 2
+[light]
+dark_dn = 7
+min_lit_share = 0.0512
+[limits]
+emd_bins = 0.123456
+transmission = 0.333
+[[zone]]
+shape = "circle"
+centre = [5.25, 6]
+radius = 2.5
+[[zone]]
+use = "ignore"
+shape = "polygon"
+corners = [1, 2, 3, 4, 5.5, 0.1]
+)",
+                                              "r.toml");
+    ASSERT_TRUE(recipe) << recipe.error().what;
+    const std::string text = format_recipe(*recipe);
+    const auto again = parse_numbered_recipe(text, "again.toml");
+    ASSERT_TRUE(again) << again.error().what;
+    EXPECT_EQ(format_recipe(*again), text);
+    EXPECT_EQ(again->recipe.name, recipe->recipe.name);
+    EXPECT_EQ(again->number, 12);
+    EXPECT_EQ(again->version, 4U);
+    EXPECT_EQ(again->recipe.emd_limit_bins, recipe->recipe.emd_limit_bins);
+    ASSERT_EQ(again->recipe.zones.size(), 2U);
+    EXPECT_EQ(again->recipe.zones[1].corners.size(), 3U);
+    EXPECT_EQ(crc32_of(*again), crc32_of(*recipe));
+    NumberedRecipe other = *recipe;
+    other.recipe.zones[0].radius = 2.6F;
+    EXPECT_NE(crc32_of(other), crc32_of(*recipe));
+}
+
+// The checksums and texts of recipes from before there was a choice stay what they were: stations remember them.
+TEST(Recipe, the_usual_features_are_not_written) {
+    const std::string text = format_recipe({});
+    EXPECT_EQ(text.find("features"), std::string::npos);
+    EXPECT_EQ(text,
+              format_recipe(*parse_numbered_recipe("features = [\"transmission\", \"emd\", \"jacobian-frobenius\"]\n",
+                                                   "r.toml")));
+    EXPECT_EQ(crc32_of(NumberedRecipe{}), 0x2571D927U);  // computed then
+}
+
+TEST(Recipe, features_are_chosen_and_survive_being_written_and_read) {
+    const struct {
+        const char* text;
+        std::optional<algo::Feature> gradient;
+        bool slopes, light;
+        float limit;
+    } cases[] = {
+        {"features = [\"chi2\", \"jacobian-frobenius\"]\n[limits]\nchi2 = 0.4\nfrobenius_bins = 0.3\n",
+         algo::Feature::chi2, true, false, 0.4F},
+        {"features = [\"marginal\"]\n[limits]\nmarginal_bins = 0.7\n", algo::Feature::marginal, false, false, 0.7F},
+        {"features = [\"hellinger\", \"transmission\"]\n[limits]\nhellinger = 0.2\ntransmission = 0.8\n",
+         algo::Feature::hellinger, false, true, 0.2F},
+        {"features = [\"emd\"]\n[limits]\nemd_bins = 0.5\n", algo::Feature::emd, false, false, 0.5F},
+        {"features = [\"transmission\"]\n", std::nullopt, false, true, 0},
+    };
+    for (const auto& c : cases) {
+        const auto read = parse_numbered_recipe(c.text, "r.toml");
+        ASSERT_TRUE(read) << read.error().what;
+        const auto again = parse_numbered_recipe(format_recipe(*read), "again.toml");
+        ASSERT_TRUE(again) << again.error().what;
+        for (const algo::Recipe& recipe : {read->recipe, again->recipe}) {
+            EXPECT_EQ(recipe.gradient, c.gradient) << c.text;
+            EXPECT_EQ(recipe.slopes, c.slopes);
+            EXPECT_EQ(recipe.light, c.light);
+            EXPECT_EQ(limit_of_gradient(recipe), c.limit);
+            EXPECT_TRUE(problems(recipe, {40, 36, 9, 9}).empty());
+        }
+        EXPECT_EQ(crc32_of(*again), crc32_of(*read));
+        EXPECT_NE(crc32_of(*read), crc32_of(NumberedRecipe{}));
+    }
+}
+
+TEST(Recipe, features_that_contradict_are_told_with_their_cure) {
+    const auto said = [](std::string_view text) {
+        const auto recipe = parse_recipe(text, "r.toml");
+        return recipe ? std::string("no problem") : recipe.error().what;
+    };
+    EXPECT_THAT(said("features = [\"emd\", \"emd\"]\n"), HasSubstr("r.toml:1: features: has emd twice"));
+    EXPECT_THAT(
+        said("features = [\"edm\"]\n"),
+        HasSubstr("has edm, which is none: use emd, marginal, hellinger, chi2, jacobian-frobenius, transmission"));
+    EXPECT_THAT(said("features = [\"sliced\"]\n"), HasSubstr("has sliced, by which no part is judged"));
+    EXPECT_THAT(said("features = [\"reference-chi2\"]\n"), HasSubstr("has reference-chi2, by which no part is judged"));
+    EXPECT_THAT(said("features = [\"emd\", \"hellinger\"]\n[limits]\nhellinger = 1\n"),
+                HasSubstr("has hellinger beside emd: compare neighbours by one distance"));
+    EXPECT_THAT(said("features = []\n"), HasSubstr("leaves nothing to judge parts by"));
+    EXPECT_THAT(said("features = [\"transmission\"]\n[limits]\ntransmission = 0\n"),
+                HasSubstr("leaves nothing to judge parts by"));
+    EXPECT_THAT(said("features = [\"chi2\"]\n"), HasSubstr("limits.chi2: is missing"));
+    EXPECT_THAT(said("features = [\"chi2\"]\n[limits]\nchi2 = 3.5\n"), HasSubstr("out of range"));
+    EXPECT_THAT(said("features = [\"transmission\"]\n[limits]\nemd_bins = 1\n"),
+                HasSubstr("r.toml:3: limits.emd_bins: is a limit of emd, which is not among the features"));
+    EXPECT_THAT(said("[limits]\nchi2 = 1\n"),
+                HasSubstr("is a limit of chi2, which is not among the features: remove it, or add that to features"));
+    EXPECT_THAT(said("features = [\"emd\"]\n[limits]\nfrobenius_bins = 1\ntransmission = 0.5\n"),
+                HasSubstr("is a limit of transmission"));
+    // What was changed without a file, as by registers, is refused when it is written and read.
+    NumberedRecipe changed;
+    changed.recipe.slopes = false;
+    changed.recipe.frobenius_limit_bins = 0.7F;
+    EXPECT_THAT(said(format_recipe(changed)), HasSubstr("is a limit of jacobian-frobenius"));
+}
+
+TEST(Recipe, for_another_program_and_with_a_broken_seal_is_refused) {
+    EXPECT_FALSE(parse_numbered_recipe("schema = 2\n", "r.toml"));
+    const auto broken = parse_numbered_recipe("crc32 = \"12345678\"\n", "r.toml");
+    ASSERT_FALSE(broken);
+    EXPECT_THAT(broken.error().what, HasSubstr("r.toml:1"));
+}
+
+// What the pipeline would refuse, the file refuses, with its line.
+TEST(Recipe, limits_that_no_pipeline_takes_are_refused_at_reading) {
+    for (const char* text : {"[limits]\ntransmission = 1\n", "[light]\nsaturated_dn = 65536\n",
+                             "[light]\ndark_dn = 200\nsaturated_dn = 100\n"}) {
+        const auto recipe = parse_numbered_recipe(text, "r.toml");
+        EXPECT_FALSE(recipe) << text;
+    }
+}
+
+TEST(RecipeFolder, finds_by_number_and_says_why_it_cannot) {
+    const auto folder = std::filesystem::temp_directory_path() / ("hord-recipes-" + std::to_string(::getpid()));
+    std::filesystem::create_directories(folder);
+    const auto write = [&](const char* name, const char* text) { std::ofstream(folder / name) << text; };
+    write("a.toml", "number = 1\n");
+    write("b.toml", "number = 2\n");
+    write("notes.txt", "number = 3\n");
+    EXPECT_TRUE(find_recipe(folder, 2));
+    EXPECT_EQ(find_recipe(folder, 3).error().code, ErrorCode::not_found);
+    write("c.toml", "number = 1\n");
+    EXPECT_EQ(find_recipe(folder, 1).error().code, ErrorCode::refused);
+    write("c.toml", "nubmer = 3\n");
+    EXPECT_THAT(find_recipe(folder, 3).error().what, HasSubstr("c.toml:1"));
+    EXPECT_TRUE(find_recipe(folder, 1));
+    EXPECT_EQ(find_recipe(folder / "none", 1).error().code, ErrorCode::not_found);
+
+    NumberedRecipe in_use;
+    in_use.number = 5;
+    ASSERT_TRUE(remember_recipe(folder / "in-use", 0xAB, in_use));
+    EXPECT_EQ(remembered_recipe(folder / "in-use", 0xAB)->value().number, 5);
+    EXPECT_FALSE(remembered_recipe(folder / "in-use", 0xAC)->has_value());  // another one is configured meanwhile
+    EXPECT_FALSE(remembered_recipe(folder / "nowhere", 0xAB)->has_value());
+    in_use.reference_file = folder / "gone.hordref";
+    ASSERT_TRUE(remember_recipe(folder / "in-use", 0xAB, in_use));
+    const auto lost = remembered_recipe(folder / "in-use", 0xAB);
+    ASSERT_FALSE(lost);
+    EXPECT_THAT(lost.error().what, HasSubstr("gone.hordref"));
+    std::filesystem::remove_all(folder);
+}
+
+}  // namespace
+}  // namespace hord::firmware

@@ -1,0 +1,137 @@
+// The calibration of a running station: it fits the sensor, has an identity, and a worse one does not take the place of
+// a better one; and the watch over its drift.
+#include "firmware/devices/active_calibration.h"
+
+#include <cmath>
+#include <ctime>
+#include <fstream>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "firmware/monitoring/drift_monitor.h"
+
+namespace hord::firmware {
+namespace {
+
+using ::testing::HasSubstr;
+
+class CalibrationFile : public ::testing::Test {
+  protected:
+    CalibrationFile()
+        : folder(std::filesystem::temp_directory_path() / ("hord-calibration-" + std::to_string(::getpid()))) {
+        std::filesystem::create_directories(folder);
+    }
+    ~CalibrationFile() override { std::filesystem::remove_all(folder); }
+
+    // Of a 320 x 288 px sensor; `cv_px` is how well it predicts.
+    [[nodiscard]] std::filesystem::path write(const char* name, double cv_px, const char* camera = "one") const {
+        calib::GridFile file;
+        file.grid.columns = 20;
+        file.grid.rows = 18;
+        file.grid.width_px = 320;
+        file.grid.height_px = 288;
+        file.grid.parameters = {7.5, 7.5, 16, 0};
+        file.stamp = {camera, "2026-01-31T12:00:00Z", "white.png", ""};
+        file.statistics.complete = file.statistics.found = 360;
+        file.statistics.blocks = 25;
+        file.statistics.cv_x_rms_px = file.statistics.cv_y_rms_px = cv_px;
+        EXPECT_TRUE(calib::write_grid(folder / name, file));
+        return folder / name;
+    }
+    [[nodiscard]] Result<CalibrationInUse> use(const std::filesystem::path& file) const {
+        return use_calibration(file, folder / "kept.toml", {320, 288, 8, 4}, 8, 8);
+    }
+
+    std::filesystem::path folder;
+};
+
+TEST_F(CalibrationFile, is_read_and_known_by_its_checksum) {
+    const auto one = use(write("one.toml", 0.01));
+    ASSERT_TRUE(one) << one.error().message();
+    EXPECT_EQ(one->decoder->extents(), (algo::Extents{20, 18, 8, 8}));
+    EXPECT_NE(one->crc32, 0U);
+    EXPECT_EQ(use(write("same.toml", 0.01))->crc32, one->crc32);
+    EXPECT_NE(use(write("other.toml", 0.0099))->crc32, one->crc32);
+    ASSERT_TRUE(one->age_s());
+    EXPECT_NEAR(static_cast<double>(*one->age_s()), static_cast<double>(std::time(nullptr)) - 1769860800.0, 5.0);
+}
+
+TEST_F(CalibrationFile, that_does_not_fit_the_sensor_is_refused_with_both_sizes) {
+    const auto file = write("one.toml", 0.01);
+    const auto refused = use_calibration(file, {}, {436, 436, 8, 4}, 8, 8);
+    ASSERT_FALSE(refused);
+    EXPECT_THAT(refused.error().message(), HasSubstr("one.toml"));
+    EXPECT_THAT(refused.error().message(), HasSubstr("320x288"));
+    EXPECT_THAT(refused.error().message(), HasSubstr("436x436"));
+    EXPECT_FALSE(use_calibration(file, {}, {320, 288, 8, 4}, 8, 40));
+    EXPECT_FALSE(use(folder / "none.toml"));
+}
+
+TEST_F(CalibrationFile, that_is_worse_does_not_take_the_place_of_the_one_in_use) {
+    ASSERT_TRUE(use(write("good.toml", 0.01)));
+    const auto worse = write("worse.toml", 0.03);
+    for (int start = 0; start < 2; ++start) {
+        const auto refused = use(worse);
+        ASSERT_FALSE(refused);
+        EXPECT_EQ(refused.error().code, ErrorCode::refused);
+        EXPECT_THAT(refused.error().message(), HasSubstr("worse.toml"));
+        EXPECT_THAT(refused.error().message(), HasSubstr("kept.toml"));  // the cure
+    }
+    EXPECT_TRUE(use(write("good.toml", 0.01)));
+    EXPECT_TRUE(use(write("better.toml", 0.005)));
+    EXPECT_FALSE(use(write("good.toml", 0.01)));  // now it is the worse one
+    // What a person means, and what another camera has, is taken.
+    std::filesystem::remove(folder / "kept.toml");
+    EXPECT_TRUE(use(worse));
+    EXPECT_TRUE(use(write("theirs.toml", 0.1, "another")));
+}
+
+TEST_F(CalibrationFile, kept_by_a_station_that_can_no_longer_be_read_stands_in_nobodys_way) {
+    std::ofstream(folder / "kept.toml") << "what is this\n";
+    EXPECT_TRUE(use(write("one.toml", 0.01)));
+    EXPECT_TRUE(calib::read_grid(folder / "kept.toml"));
+}
+
+// -- drift
+
+// Free light at a place between the bins.
+Frame free_light(const algo::Extents& e, double x_bins) {
+    Frame frame(e.width_px(), e.height_px(), 8);
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            frame.set(m * e.i + e.i / 2, n * e.j + e.j / 2,
+                      static_cast<std::uint32_t>(std::lround(200 * (1 - x_bins))));
+            frame.set(m * e.i + e.i / 2 + 1, n * e.j + e.j / 2, static_cast<std::uint32_t>(std::lround(200 * x_bins)));
+        }
+    }
+    return frame;
+}
+
+TEST(DriftWatch, notices_a_tenth_of_a_pixel_within_fifty_parts_and_when_it_is_over) {
+    const algo::Extents extents{30, 30, 5, 5};
+    auto watch = DriftWatch::create(extents, {0, 16, 255}, algo::DriftZero::calibration, 2);  // a bin is two pixels
+    ASSERT_TRUE(watch);
+    const auto parts_until_changed = [&](double x_bins) {
+        const Frame frame = free_light(extents, x_bins);
+        for (int k = 1; k <= 100; ++k) {
+            if ((*watch)->add(frame.view())) return k;
+        }
+        return 0;
+    };
+    for (int k = 0; k < 40; ++k) EXPECT_FALSE((*watch)->add(free_light(extents, 0).view()));
+    EXPECT_FALSE((*watch)->view().noticed);
+    const int noticed = parts_until_changed(0.05);
+    EXPECT_GT(noticed, 0);
+    EXPECT_LE(noticed, 50);
+    EXPECT_TRUE((*watch)->view().noticed);
+    EXPECT_TRUE((*watch)->view().since_calibration);
+    EXPECT_NEAR(*(*watch)->view().largest_px, 0.1, 0.01);
+    EXPECT_EQ(parts_until_changed(0.035), 0);  // 0.07 px: neither noticed anew nor gone
+    EXPECT_GT(parts_until_changed(0.02), 0);
+    EXPECT_FALSE((*watch)->view().noticed);
+    EXPECT_EQ(parts_until_changed(0.035), 0);
+}
+
+}  // namespace
+}  // namespace hord::firmware

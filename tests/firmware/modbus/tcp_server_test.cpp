@@ -1,0 +1,263 @@
+// The register server over real sockets: with literal bytes, with libmodbus, and with mbpoll.
+#include "firmware/modbus/tcp_server.h"
+
+#include <array>
+#include <cstdio>
+#include <cstdlib>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/firmware/modbus/modbus_peer.h"
+
+namespace hord::firmware::modbus {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+TEST_F(ServedStation, answers_a_frame_with_a_frame) {
+    Peer peer(port);
+    peer.send(kReadMagic);
+    EXPECT_EQ(peer.receive(13), kMagicReply);
+}
+
+TEST_F(ServedStation, answers_requests_that_come_together_in_their_order) {
+    Peer peer(port);
+    Bytes many;
+    for (int k = 0; k < 100; ++k) {
+        Bytes request = kReadMagic;
+        request[1] = static_cast<std::uint8_t>(k);
+        many.insert(many.end(), request.begin(), request.end());
+    }
+    ASSERT_EQ(peer.send(many), many.size());
+    for (int k = 0; k < 100; ++k) EXPECT_EQ(peer.receive(13)[1], k);
+}
+
+TEST_F(ServedStation, answers_a_request_that_comes_byte_by_byte) {
+    Peer peer(port);
+    for (const std::uint8_t byte : kReadMagic) {
+        peer.send({byte});
+        loop.on_loop([] {});
+    }
+    EXPECT_EQ(peer.receive(13), kMagicReply);
+}
+
+TEST_F(ServedStation, answers_before_it_closes_a_connection_that_turns_into_garbage) {
+    Peer peer(port);
+    Bytes stream = kReadMagic;
+    stream.insert(stream.end(), {'G', 'E', 'T', ' ', '/', ' '});
+    peer.send(stream);
+    EXPECT_TRUE(peer.receive(14).size() <= 13);
+    EXPECT_EQ(statistics().broken, 1U);
+    EXPECT_EQ(statistics().connections, 0U);
+}
+
+TEST_F(ServedStation, libmodbus_walks_the_chain_and_reads_every_block_by_name) {
+    Snapshot now;
+    now.state = State::ready;
+    now.counters.seen = 70'000;
+    image.publish(now);
+    Client reader = client();
+    const auto places = reader.walk();
+    ASSERT_TRUE(places) << places.error().message();
+    ASSERT_GE(places->size(), 4U);
+    EXPECT_EQ(places->at(1).base, 100);
+    const auto status = reader.read_block(BlockId::status);
+    ASSERT_TRUE(status) << status.error().message();
+    EXPECT_EQ(status->at(0).text, "6 Ready");
+    const auto counters = reader.read_block(BlockId::counters);
+    ASSERT_TRUE(counters);
+    EXPECT_EQ(counters->at(0).number, 70'000);
+    const auto ident = reader.read_block(BlockId::ident);
+    ASSERT_TRUE(ident);
+    EXPECT_EQ(ident->back().text, "H-0042");
+}
+
+TEST_F(ServedStation, a_result_is_read_by_its_sequence) {
+    Snapshot now;
+    now.last.sequence = 300;
+    now.last.latency_us = 1234;
+    image.publish(now);
+    Client reader = client();
+    const auto result = reader.read_result(300);
+    ASSERT_TRUE(result) << result.error().message();
+    EXPECT_EQ(result->front().number, 300);
+    const auto gone = reader.read_result(44);  // the same slot
+    ASSERT_FALSE(gone);
+    EXPECT_EQ(gone.error().code, ErrorCode::not_found);
+}
+
+TEST_F(ServedStation, an_exception_is_a_clear_error_and_the_connection_stays_good) {
+    Client reader = client();
+    const auto refused = reader.read(60000, 2);
+    ASSERT_FALSE(refused);
+    EXPECT_EQ(refused.error().code, ErrorCode::refused);
+    EXPECT_THAT(refused.error().message(), HasSubstr("exception 02"));
+    EXPECT_TRUE(reader.read(0, 125));
+    EXPECT_EQ(statistics().accepted, 1U);
+}
+
+TEST_F(ServedStation, a_restarted_server_is_found_again_by_the_same_client) {
+    Client reader = client();
+    ASSERT_TRUE(reader.read(0, 2));
+    const ServerOptions again{.host = "127.0.0.1", .port = port};
+    loop.on_loop([&] { server.reset(); });
+    EXPECT_FALSE(reader.read(0, 2));
+    server = std::move(*loop.on_loop([&] { return Server::open(loop, image, again); }));
+    EXPECT_TRUE(reader.read(0, 2));
+}
+
+TEST_F(ServedStation, who_is_not_on_the_list_is_closed_at_once) {
+    loop.on_loop([&] { server.reset(); });
+    serve({.access = {{*parse_network("192.0.2.0/24"), true}}});
+    Peer peer(port);
+    EXPECT_TRUE(peer.closed_by_server());
+    EXPECT_EQ(statistics().refused, 1U);
+    EXPECT_EQ(statistics().accepted, 0U);
+}
+
+TEST_F(ServedStation, who_may_only_read_knows_no_writing_function) {
+    loop.on_loop([&] { server.reset(); });
+    serve({.access = {{*parse_network("127.0.0.0/8"), false}}});
+    Client reader = client();
+    EXPECT_TRUE(reader.read(0, 2));
+    const std::uint16_t one = 1;
+    const auto written = reader.write(8102, std::span(&one, 1));
+    ASSERT_FALSE(written);
+    EXPECT_THAT(written.error().message(), HasSubstr("exception 01"));
+}
+
+TEST_F(ServedStation, a_taken_port_is_an_error_that_names_the_port_and_the_cure) {
+    const auto second = loop.on_loop([&] { return Server::open(loop, image, {.host = "127.0.0.1", .port = port}); });
+    ASSERT_FALSE(second);
+    EXPECT_EQ(second.error().code, ErrorCode::busy);
+    EXPECT_THAT(second.error().message(), HasSubstr(std::to_string(port)));
+    EXPECT_THAT(second.error().cure, HasSubstr("another port"));
+}
+
+TEST_F(ServedStation, an_address_that_is_not_ours_is_an_error) {
+    const auto foreign = loop.on_loop([&] { return Server::open(loop, image, {.host = "192.0.2.1", .port = 0}); });
+    ASSERT_FALSE(foreign);
+    EXPECT_EQ(foreign.error().code, ErrorCode::not_found);
+    const auto nonsense = loop.on_loop([&] { return Server::open(loop, image, {.host = "no address", .port = 0}); });
+    ASSERT_FALSE(nonsense);
+    EXPECT_EQ(nonsense.error().code, ErrorCode::invalid_argument);
+}
+
+TEST_F(ServedStation, a_socket_opened_by_somebody_else_is_served) {
+    const int fd = ::socket(AF_INET, SOCK_STREAM, 0);
+    ASSERT_EQ(::listen(fd, 4), 0);  // the kernel chooses the port
+    auto adopted = loop.on_loop([&] { return Server::adopt(loop, image, fd, {}); });
+    ASSERT_TRUE(adopted) << adopted.error().message();
+    Peer peer((*adopted)->port());
+    peer.send(kReadMagic);
+    EXPECT_EQ(peer.receive(13), kMagicReply);
+    loop.on_loop([&] { adopted->reset(); });
+}
+
+TEST_F(ServedStation, a_descriptor_that_does_not_listen_is_refused) {
+    const auto adopted =
+        loop.on_loop([&] { return Server::adopt(loop, image, ::socket(AF_INET, SOCK_STREAM, 0), {}); });
+    ASSERT_FALSE(adopted);
+    EXPECT_EQ(adopted.error().code, ErrorCode::invalid_argument);
+}
+
+TEST_F(ServedStation, nobody_at_the_address_is_a_clear_error_of_the_client) {
+    loop.on_loop([&] { server.reset(); });
+    const auto nobody = Client::connect({"127.0.0.1", port}, kPatience);
+    ASSERT_FALSE(nobody);
+    EXPECT_EQ(nobody.error().code, ErrorCode::disconnected);
+    EXPECT_THAT(nobody.error().message(), HasSubstr(std::to_string(port)));
+}
+
+TEST(Endpoint, is_read_from_text) {
+    const auto plain = parse_endpoint("station.local");
+    ASSERT_TRUE(plain);
+    EXPECT_EQ(plain->host, "station.local");
+    EXPECT_EQ(plain->port, 502);
+    EXPECT_EQ(parse_endpoint("10.0.0.5:1502")->port, 1502);
+    EXPECT_EQ(parse_endpoint("[fe80::1]:1502")->host, "fe80::1");
+    EXPECT_EQ(parse_endpoint("[::1]")->port, 502);
+    for (const char* wrong : {"", ":502", "host:", "host:0", "host:65536", "host:5o2", "[::1", "[::1]x", "[::1]:"}) {
+        EXPECT_FALSE(parse_endpoint(wrong)) << wrong;
+    }
+}
+
+// -- a client that nobody here wrote
+
+std::string output_of(const std::string& command) {
+    std::string text;
+    std::array<char, 4096> buffer{};
+    FILE* pipe = ::popen((command + " 2>&1").c_str(), "r");
+    while (const std::size_t count = std::fread(buffer.data(), 1, buffer.size(), pipe))
+        text.append(buffer.data(), count);
+    ::pclose(pipe);
+    return text;
+}
+
+TEST_F(ServedStation, mbpoll_reads_ident_to_last) {
+    if (std::system("command -v mbpoll >/dev/null") != 0)
+        GTEST_SKIP() << "mbpoll is not installed (Debian package mbpoll)";
+    Snapshot now;
+    now.state = State::continuous_execution;
+    now.counters.seen = 0x00010002;
+    now.last.sequence = 77;
+    now.last.verdict = PartVerdict::reject;
+    image.publish(now);
+    const std::string where = " -1 -0 -o 10 -p " + std::to_string(port) + " 127.0.0.1 ";
+    const std::string ident = output_of("mbpoll -t 4:hex -r 0 -c 100" + where);
+    EXPECT_THAT(ident, HasSubstr("[2]: \t0x484F"));
+    EXPECT_THAT(ident, HasSubstr("[3]: \t0x5244"));
+    EXPECT_THAT(output_of("mbpoll -t 4 -r 100 -c 40" + where), HasSubstr("[102]: \t8"));
+    EXPECT_THAT(output_of("mbpoll -t 4:int -B -r 142 -c 10" + where), HasSubstr("[142]: \t65538"));
+    EXPECT_THAT(output_of("mbpoll -t 3 -r 200 -c 100" + where), HasSubstr("[203]: \t77"));
+    EXPECT_THAT(output_of("mbpoll -t 4 -r 9000 -c 1" + where), HasSubstr("Illegal data address"));
+}
+
+// A station that says yes, so that there is something to write to.
+class Obedient : public PlcHandler {
+  public:
+    int commands = 0;
+    CommandOutcome on_command(const Origin&, const CommandRequest&) override {
+        ++commands;
+        return {};
+    }
+    CommandOutcome on_recipe(const Origin&, const CommandRequest&, const StagedRecipe&) override { return {}; }
+    modbus::Exception on_acknowledged(const Origin&, std::uint32_t) override { return modbus::Exception::none; }
+    void on_plc_lost(PlcPolicy) override {}
+    void on_plc_back() override {}
+};
+
+TEST_F(ServedStation, pymodbus_reads_writes_and_commands) {
+    if (std::system("/usr/bin/python3 -c 'import pymodbus.client' 2>/dev/null") != 0) {
+        GTEST_SKIP() << "pymodbus is not installed (Debian packages python3-pymodbus python3-serial-asyncio)";
+    }
+    Obedient station;
+    PlcDesk desk(loop, station, {});
+    RegisterImage full(StationIdentity{.firmware = "0.1.0"}, &desk);
+    Snapshot now;
+    now.state = State::ready;
+    now.run_permit = true;
+    full.publish(now);
+    loop.on_loop([&] {
+        server.reset();
+        server = std::move(*Server::open(loop, full, {.host = "127.0.0.1", .port = 0}));
+    });
+    const std::string said =
+        output_of("/usr/bin/python3 " HORD_SOURCE_DIR "/tests/firmware/pymodbus_reads_the_station.py " +
+                  std::to_string(server->port()));
+    EXPECT_EQ(said,
+              "block 1 at 0\nblock 2 at 100\nblock 3 at 140\nblock 4 at 200\nblock 0 at 300\nblock 5 at "
+              "998\nblock 0 at 7144\n"
+              "block 6 at 8000\nblock 7 at 8020\nblock 8 at 8100\nblock 9 at 8200\nblock 0 at 8300\nblock 10 "
+              "at 8400\n"
+              "block 11 at 8500\nblock 65535 at 8600\n"
+              "mirrored\nstate 6\nbits 01000000\nexception 2\ncommand written\nreply [0, 71, 2, 2, 0]\n"
+              "reply [0, 72, 6, 2, 0]\nheartbeat 7\nheartbeat 1\nidentity HORD station 0.1.0\n");
+    loop.on_loop([&] { server.reset(); });
+    EXPECT_EQ(station.commands, 2) << "the repeated token did nothing";
+}
+
+}  // namespace
+}  // namespace hord::firmware::modbus

@@ -1,0 +1,397 @@
+// The page's parts by themselves: who may command, what is configured, what is kept in memory, what Prometheus and
+// Grafana read.
+#include <fstream>
+#include <regex>
+#include <set>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "tests/firmware/page/small_page.h"
+#include "tests/system/cli/program.h"
+
+namespace hord::firmware::page::test {
+namespace {
+
+using ::testing::HasSubstr;
+using Json = nlohmann::json;
+using store::test::TempFolder;
+using store::test::write_text;
+
+// -- tokens
+
+TEST(PageTokens, know_their_owners_and_nobody_else) {
+    const auto tokens =
+        Tokens::parse("# the night shift\nanna 0123456789abcdef01234567\nben  abcdefghijklmnopqrstuvwxyz # new\n", "t");
+    ASSERT_TRUE(tokens) << tokens.error().message();
+    EXPECT_EQ(tokens->owner("0123456789abcdef01234567"), "anna");
+    EXPECT_EQ(tokens->owner("abcdefghijklmnopqrstuvwxyz"), "ben");
+    for (const std::string& wrong :
+         {std::string(), std::string("0123456789abcdef0123456"), std::string("0123456789abcdef012345678"),
+          std::string("0123456789abcdef01234567\0", 25), std::string(100'000, 'a')}) {
+        EXPECT_FALSE(tokens->owner(wrong)) << wrong.size();
+    }
+    EXPECT_FALSE(Tokens().owner(""));
+}
+
+TEST(PageTokens, refuse_what_would_be_guessed_or_mistaken) {
+    for (const char* text : {"", "# nobody\n", "anna\n", "anna short\n", "anna 0123456789abcdef01234567 more\n",
+                             "a-name-of-more-than-twenty-letters 0123456789abcdef01234567\n",
+                             "anna 0123456789abcdef01234567\nanna abcdefghijklmnopqrstuvwxyz\n",
+                             "anna 0123456789abcdef01234567\nben 0123456789abcdef01234567\n"}) {
+        const auto tokens = Tokens::parse(text, "t");
+        ASSERT_FALSE(tokens) << text;
+        EXPECT_FALSE(tokens.error().cure.empty());
+        EXPECT_THAT(tokens.error().message(),
+                    ::testing::Not(HasSubstr("0123456789abcdef")));  // a log is not the place for a token
+    }
+}
+
+TEST(PageTokens, are_not_read_from_a_file_that_others_may_read_or_change) {
+    const TempFolder folder;
+    const auto file = folder.path() / "tokens";
+    write_text(file, "anna 0123456789abcdef01234567\n");
+    for (const mode_t bad : {0644U, 0666U, 0660U, 0602U}) {
+        ASSERT_EQ(::chmod(file.c_str(), bad), 0);
+        const auto tokens = Tokens::load(file);
+        ASSERT_FALSE(tokens) << bad;
+        EXPECT_EQ(tokens.error().code, ErrorCode::refused);
+        EXPECT_THAT(tokens.error().cure, HasSubstr("chmod 0640"));
+    }
+    for (const mode_t good : {0600U, 0640U, 0400U}) {
+        ASSERT_EQ(::chmod(file.c_str(), good), 0);
+        EXPECT_TRUE(Tokens::load(file)) << good;
+    }
+    EXPECT_FALSE(Tokens::load(folder.path()));
+    EXPECT_FALSE(Tokens::load(folder.path() / "none"));
+}
+
+// -- configuration
+
+TEST(PageConfiguration, the_one_that_is_installed_holds_every_key_at_its_default) {
+    const auto installed = load_page_config(std::filesystem::path(HORD_SOURCE_DIR) / "deploy/page.toml");
+    ASSERT_TRUE(installed) << installed.error().message();
+    const PageConfig defaults;
+    EXPECT_EQ(installed->host, defaults.host);
+    EXPECT_EQ(installed->port, defaults.port);
+    EXPECT_EQ(installed->names, defaults.names);
+    EXPECT_EQ(installed->viewers, defaults.viewers);
+    EXPECT_EQ(installed->modbus, defaults.modbus);
+    EXPECT_EQ(installed->store, defaults.store);
+    EXPECT_EQ(installed->poll, defaults.poll);
+    EXPECT_TRUE(installed->tokens.empty());
+}
+
+TEST(PageConfiguration, every_problem_is_told_at_once_with_its_line) {
+    const auto read = parse_page_config(
+        "[page]\nport = 70000\nhots = \"x\"\nnames = [\"http://wall\"]\n[station]\nmodbus = \"a:b:c\"\npoll_ms = 1\n",
+        "/etc/hord/page.toml");
+    ASSERT_FALSE(read);
+    for (const char* part : {"page.toml:2", "page.toml:3", "host", "page.toml:4", "page.toml:6", "page.toml:7"})
+        EXPECT_THAT(read.error().what, HasSubstr(part));
+}
+
+TEST(PageConfiguration, files_are_found_beside_it) {
+    const auto read =
+        parse_page_config("[station]\nstore = \"store\"\n[actions]\ntokens = \"/x/t\"\n", "/etc/hord/page.toml");
+    ASSERT_TRUE(read);
+    EXPECT_EQ(read->store, "/etc/hord/store");
+    EXPECT_EQ(read->tokens, "/x/t");
+}
+
+// -- what is kept in memory
+
+TEST(PageHistory, stays_of_its_size_and_the_worst_latency_of_a_long_step_is_kept) {
+    History history;
+    for (int k = 0; k < 100'000; ++k) {
+        HistoryValues values;
+        values[0] = static_cast<float>(k % 120 < 60 ? 100 : 200);
+        if (k % 120 == 7) values[5] = 93.0F;
+        history.add(1'000'000 + 2 * k, values);
+    }
+    EXPECT_EQ(history.size(false), History::kShortKept);
+    EXPECT_EQ(history.size(true), History::kLongKept);
+    const Json day = Json::parse(history.json(true));
+    EXPECT_EQ(day["step_s"], 240);
+    EXPECT_EQ(day["rows"].size(), History::kLongKept);
+    for (const Json& row : day["rows"]) {
+        EXPECT_EQ(row[1], 150);
+        EXPECT_EQ(row[6], 93);
+        EXPECT_TRUE(row[2].is_null());
+    }
+}
+
+TEST(PageViewers, are_so_many_and_no_more_and_a_slow_one_is_told_to_ask_anew) {
+    Viewers viewers(2);
+    auto one = viewers.enter();
+    auto two = viewers.enter();
+    ASSERT_TRUE(one && two);
+    EXPECT_FALSE(viewers.enter());
+    two.reset();
+    EXPECT_TRUE(viewers.enter());
+    for (std::size_t k = 0; k <= Viewers::kQueue; ++k) viewers.tell("result", "{}");
+    const auto told = one->next(std::chrono::milliseconds(0));
+    ASSERT_TRUE(told);
+    EXPECT_EQ(*told, "event: overrun\ndata: {}\n\n");
+    viewers.tell("state", "{}");
+    EXPECT_EQ(one->next(std::chrono::milliseconds(0)), "event: state\ndata: {}\n\n");
+    EXPECT_THAT(*one->next(std::chrono::milliseconds(0)), HasSubstr(": "));  // keeps the line alive
+    viewers.end();
+    EXPECT_FALSE(one->next(std::chrono::milliseconds(0)));
+    EXPECT_FALSE(viewers.enter());
+}
+
+TEST(PageLive, keeps_a_strip_of_fixed_length_and_says_when_nobody_answers) {
+    Viewers viewers(1);
+    Live live(viewers);
+    for (std::uint32_t k = 1; k <= 1000; ++k) live.saw(seen(k, k % 4 == 0 ? "reject" : "pass"));
+    live.saw(example_moment());
+    Json page = Json::parse(live.page_json());
+    EXPECT_EQ(page["results"].size(), Live::kStrip);
+    EXPECT_EQ(page["results"].back()["sequence"], 1000);
+    EXPECT_EQ(page["state"]["rows"]["status"]["state"], "ContinuousExecution");
+    ASSERT_EQ(page["state"]["faults_active"].size(), 1U);
+    EXPECT_THAT(page["state"]["faults_active"][0]["cure"].get<std::string>(), ::testing::Not(::testing::IsEmpty()));
+    EXPECT_EQ(page["state"]["faults_latched"].size(), 1U);  // what is active is not told twice
+    live.lost({ErrorCode::disconnected, "station 1 cannot be reached", "check the cable"});
+    const Json state = Json::parse(live.state_json());
+    EXPECT_EQ(state["up"], false);
+    EXPECT_EQ(state["trouble"]["cure"], "check the cable");
+    EXPECT_TRUE(state["faults_active"].empty());
+    EXPECT_EQ(state["run_permit"], false);
+}
+
+// -- the store and the ring
+
+TEST(PageParts, have_two_kinds_of_names_and_nothing_else_is_one) {
+    EXPECT_EQ(parse_part_key("4711")->number, 4711);
+    const auto live = parse_part_key("0a1b2c3d-42");
+    ASSERT_TRUE(live);
+    EXPECT_EQ(live->boot, 0x0a1b2c3dU);
+    EXPECT_EQ(live->part, 42U);
+    for (const char* wrong : {"", "0", "-1", "+1", "1 ", "4711x", "..", "0a1b2c3d-", "0a1b2c3d-4294967296",
+                              "0a1b2c3-42", "0a1b2c3d-42-1", "0x1b2c3d-42", "99999999999999999999", "%31"}) {
+        EXPECT_FALSE(parse_part_key(wrong)) << wrong;
+    }
+}
+
+TEST(PageResults, are_found_page_by_page) {
+    SmallPage page;
+    std::int64_t before = 0;
+    std::vector<std::int64_t> numbers;
+    for (bool more = true; more;) {
+        Fields fields{{"limit", "7"}};
+        if (before != 0) fields.emplace("before", std::to_string(before));
+        const auto text = page.results.search(fields);
+        ASSERT_TRUE(text) << text.error().message();
+        const Json found = Json::parse(*text);
+        for (const Json& row : found["rows"]) numbers.push_back(row["number"]);
+        before = numbers.back();
+        more = found["more"];
+    }
+    ASSERT_EQ(numbers.size(), 30U);
+    for (std::size_t k = 0; k < numbers.size(); ++k) EXPECT_EQ(numbers[k], static_cast<std::int64_t>(30 - k));
+    const auto count = [&](Fields fields) { return Json::parse(*page.results.search(fields))["rows"].size(); };
+    EXPECT_EQ(count({{"verdict", "reject"}}), 3U);
+    EXPECT_EQ(count({{"kind", "scratch"}}), 3U);
+    EXPECT_EQ(count({{"kind", "' OR 1=1 --"}}), 0U);
+    EXPECT_EQ(count({{"part", "110"}}), 1U);
+    EXPECT_EQ(count({{"recipe", "lens"}}), 30U);
+    EXPECT_EQ(count({{"until", "2026-01-01"}}), 0U);
+    for (const Fields& wrong : {Fields{{"limit", "0"}},
+                                {{"limit", "201"}},
+                                {{"part", "x"}},
+                                {{"since", "yesterday"}},
+                                {{"verdcit", "reject"}},
+                                {{"reason", std::string(101, 'a')}},
+                                {{"recipe", "a\nb"}}}) {
+        const auto refused = page.results.search(wrong);
+        ASSERT_FALSE(refused) << wrong.begin()->first;
+        EXPECT_EQ(refused.error().code, ErrorCode::invalid_argument);
+    }
+}
+
+TEST(PageResults, of_a_store_that_is_away_or_none_are_a_clear_refusal) {
+    Results none{""};
+    EXPECT_THAT(none.search({}).error().cure, HasSubstr("page.toml"));
+    Results away{"/nowhere"};
+    EXPECT_EQ(away.search({}).error().code, ErrorCode::not_found);
+    const TempFolder folder;
+    write_text(folder.path() / "results.db", std::string(5000, 'x'));
+    Results damaged{folder.path()};
+    EXPECT_EQ(damaged.search({}).error().code, ErrorCode::unreadable);
+}
+
+TEST(PageResults, are_read_while_a_station_writes) {
+    SmallPage page;
+    const auto store = store::test::open(page.folder);
+    ASSERT_TRUE(store->write(store::test::Story(store::test::start(9)).add_results(1, 5).entries()));
+    EXPECT_EQ(Json::parse(*page.results.search({}))["rows"].size(), 35U);
+    EXPECT_EQ(page.results.one({std::nullopt, 9, 103})->number, 33);
+    EXPECT_EQ(page.results.one({std::nullopt, kBoot, 103})->number, 3);  // the same number of an earlier start
+    EXPECT_EQ(page.results.one({std::nullopt, 8, 103}).error().code, ErrorCode::not_found);
+}
+
+// As hord-page.service has it: a user that may read the folder as a member of its group, and write nothing.
+TEST(PageResults, are_read_without_the_right_to_write_while_a_station_runs_and_when_none_does) {
+    if (::geteuid() != 0 || !std::filesystem::exists("/usr/bin/setpriv"))
+        GTEST_SKIP() << "needs root and setpriv, to be another user";
+    SmallPage page;
+    constexpr gid_t kGroup = 4711;
+    const auto give = [&] {
+        ASSERT_EQ(::chown(page.folder.path().c_str(), 0, kGroup), 0);
+        ASSERT_EQ(::chmod(page.folder.path().c_str(), 0750), 0);
+        for (const auto& entry : std::filesystem::directory_iterator(page.folder.path())) {
+            ASSERT_EQ(::chown(entry.path().c_str(), 0, kGroup), 0);
+            if (!entry.is_directory()) {
+                ASSERT_EQ(::chmod(entry.path().c_str(), 0640), 0);
+            }
+        }
+    };
+    const auto as_member = [&] {
+        return hord::test::run("/usr/bin/setpriv",
+                               {"--reuid=4712", "--regid=4712", "--groups=4711", std::string(HORD_BIN_DIR) + "/hordctl",
+                                "results", "--store", page.folder.path().string(), "--format", "csv"});
+    };
+    give();
+    const auto at_rest = as_member();
+    EXPECT_EQ(at_rest.status, 0) << at_rest.err;
+    EXPECT_EQ(std::count(at_rest.out.begin(), at_rest.out.end(), '\n'), 31);
+    const auto store = store::test::open(page.folder);
+    ASSERT_TRUE(store->write(store::test::Story(store::test::start(9)).add_results(1, 5).entries()));
+    give();
+    const auto running = as_member();
+    EXPECT_EQ(running.status, 0) << running.err;
+    EXPECT_EQ(std::count(running.out.begin(), running.out.end(), '\n'), 36);
+}
+
+TEST(PageFrames, belong_to_the_part_of_one_start_and_a_torn_one_is_told) {
+    SmallPage page;
+    const auto kept = page.frames.find(kBoot, kBadPart);
+    ASSERT_TRUE(kept) << kept.error().message();
+    EXPECT_EQ(page.frames.find(kBoot + 1, kBadPart).error().code, ErrorCode::not_found);
+    EXPECT_EQ(page.frames.find(kBoot, 111).error().code, ErrorCode::not_found);
+    ASSERT_TRUE(page.frames.newest());
+    EXPECT_FALSE(page.frames.newest());          // nothing new
+    keep_frame(page.folder.path(), 112, false);  // passed, and is not kept
+    ASSERT_TRUE(page.frames.newest_reject());
+    EXPECT_FALSE(page.frames.newest_reject());
+    const auto file = page.folder.path() / store::kFramesFolder / kept->name;
+    std::filesystem::resize_file(file, std::filesystem::file_size(file) / 2);
+    EXPECT_EQ(page.frames.find(kBoot, kBadPart).error().code, ErrorCode::unreadable);
+    std::filesystem::remove(file);
+    EXPECT_EQ(page.frames.find(kBoot, kBadPart).error().code, ErrorCode::not_found);
+}
+
+TEST(PagePicture, shows_what_the_inspection_said_then) {
+    SmallPage page;
+    const Json found = Json::parse(page.get("/parts/00000007-110/found.json").body);
+    EXPECT_EQ(found["part"], kBadPart);
+    EXPECT_EQ(found["verdict"], "reject");
+    EXPECT_EQ(found["same_as_then"], true);
+    ASSERT_GE(found["defects"].size(), 1U);
+    EXPECT_NEAR(found["defects"][0]["m"].get<double>(), 12, 2);  // where the frame was made to jump
+    EXPECT_NEAR(found["defects"][0]["n"].get<double>(), 11, 2);
+    const Reply map = page.get("/parts/00000007-110/map.png");
+    EXPECT_EQ(map.type, "image/png");
+    EXPECT_TRUE(map.body.starts_with("\x89PNG"));
+    EXPECT_NE(page.get("/parts/10/map.png", {{"map", "transmission"}}).body, map.body);
+    EXPECT_EQ(page.get("/parts/10/map.png", {{"map", "../x"}}).status, 400);
+    EXPECT_NEAR(brightest_share(page.frames.find(kBoot, kBadPart)->frame.frame.view()), 200.0 / 255, 0.02);
+}
+
+TEST(PageRecord, holds_everything_and_an_archive_that_tar_reads) {
+    SmallPage page;
+    const Reply reply = page.get("/parts/10/record.tar");
+    ASSERT_EQ(reply.status, 200);
+    const TempFolder folder;
+    write_text(folder.path() / "r.tar", reply.body);
+    const auto said =
+        hord::test::run("/bin/tar", {"-xf", (folder.path() / "r.tar").string(), "-C", folder.path().string()});
+    ASSERT_EQ(said.status, 0) << said.err;
+    const auto inside = folder.path() / "part-00000007-110";
+    const Json record = Json::parse(store::test::read_text(inside / "record.json"));
+    EXPECT_EQ(record["result"]["number"], 10);
+    EXPECT_EQ(record["frame_metadata"]["recipe"], "name = \"lens\"\n");
+    EXPECT_EQ(store::test::read_text(inside / "frame.png"), page.get("/parts/10/frame.png").body);
+    EXPECT_THAT(Json::parse(page.get("/parts/11/record.json").body)["no_frame"].get<std::string>(),
+                HasSubstr("no frame of part 111"));
+}
+
+// -- Prometheus and Grafana
+
+std::string example_metrics() {
+    Viewers viewers(1);
+    Live live(viewers);
+    live.saw(example_moment());
+    live.saw(seen(1));
+    live.saw(seen(2, "reject"));
+    live.saw_light(0.8);
+    return metrics_text(live.figures(), {"0.0.1", 1, {{200, 3}}, {{"completed", 1}}, 2});
+}
+
+TEST(PageMetrics, are_as_prometheus_wants_them) {
+    if (!std::filesystem::exists("/usr/bin/promtool")) GTEST_SKIP() << "promtool is not installed (package prometheus)";
+    const TempFolder folder;
+    write_text(folder.path() / "m", example_metrics());
+    const auto said = hord::test::run("/bin/sh", {"-c", "promtool check metrics <" + (folder.path() / "m").string()});
+    EXPECT_EQ(said.status, 0);
+    EXPECT_EQ(said.out + said.err, "");
+}
+
+TEST(PageMetrics, say_what_the_station_said) {
+    const std::string text = example_metrics();
+    for (const char* line :
+         {"hord_station_up 1\n", "hord_station_state{state=\"ContinuousExecution\"} 1\n",
+          "hord_station_state{state=\"Error\"} 0\n", "hord_fault_active{fault=\"light-level\"} 1\n",
+          "hord_parts_judged_total{verdict=\"pass\"} 9\n", "hord_verdict_latency_seconds_bucket{le=\"0.15\"} 2\n",
+          "hord_verdict_latency_seconds_bucket{le=\"0.1\"} 0\n", "hord_reject_latency_seconds_count 1\n",
+          "hord_store_disk_free_ratio 0.5\n", "hord_plc_heartbeat_age_seconds 0.02\n", "hord_grid_drift_pixels 0.02\n",
+          "name=\"lens \\\"a\\\"\\\\\""}) {
+        EXPECT_THAT(text, HasSubstr(line));
+    }
+    Viewers viewers(1);
+    Live away(viewers);
+    away.saw(example_moment());
+    away.lost({ErrorCode::disconnected, "gone", ""});
+    const std::string without = metrics_text(away.figures(), {});
+    EXPECT_THAT(without, HasSubstr("hord_station_up 0\n"));
+    EXPECT_THAT(without, ::testing::Not(HasSubstr("hord_run_permit")));  // old news are no news
+}
+
+std::set<std::string> names_in(const std::string& text, const std::regex& pattern) {
+    std::set<std::string> names;
+    for (auto at = std::sregex_iterator(text.begin(), text.end(), pattern); at != std::sregex_iterator(); ++at)
+        names.insert((*at)[1].str());
+    return names;
+}
+
+TEST(PageMetrics, all_that_the_dashboard_asks_for_exist_and_all_are_described) {
+    const std::filesystem::path tree(HORD_SOURCE_DIR);
+    const Json dashboard =
+        Json::parse(store::test::read_text(tree / "deploy/grafana/hord-station.json"), nullptr, false);
+    ASSERT_TRUE(dashboard.is_object());
+    const std::string metrics = example_metrics();
+    std::string asked;
+    int queries = 0;
+    for (const Json& panel : dashboard["panels"]) {
+        if (!panel.contains("targets")) continue;
+        for (const Json& target : panel["targets"]) {
+            asked += target["expr"].get<std::string>() + "\n";
+            ++queries;
+        }
+    }
+    EXPECT_GT(queries, 10);
+    const std::set<std::string> there = names_in(metrics, std::regex("(?:^|\n)([a-z_][a-z0-9_]*)[{ ]"));
+    for (const std::string& name : names_in(asked, std::regex("\\b((?:hord|process)_[a-z0-9_]+)")))
+        EXPECT_TRUE(there.contains(name)) << name;
+    const std::string page = store::test::read_text(tree / "docs/page.md");
+    for (const std::string& name : names_in(metrics, std::regex("# TYPE ([a-z0-9_]+)")))
+        EXPECT_THAT(page, HasSubstr("`" + name + "`"));
+}
+
+}  // namespace
+}  // namespace hord::firmware::page::test

@@ -1,0 +1,350 @@
+// A PLC commands the station through its registers: what it asks for happens, once, and the reply says what came of it.
+#include "firmware/plc/command_handler.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "firmware/diagnostics/inspection_self_test.h"
+#include "tests/firmware/plc/plc_commands.h"
+
+namespace hord::firmware {
+namespace {
+
+using modbus::Exception;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using State = firmware::State;
+
+TEST_F(PlcCommands, lead_the_station_from_power_up_to_execution_and_back) {
+    open();
+    EXPECT_EQ(state(), State::preoperational);
+    EXPECT_EQ(command(CommandCode::initialise), CommandError::none);
+    EXPECT_EQ(state(), State::initialized);
+    EXPECT_EQ(command(CommandCode::arm), CommandError::device_down);
+    devices_up();
+    EXPECT_EQ(state(), State::initialized);  // nothing starts by itself
+    EXPECT_EQ(command(CommandCode::arm), CommandError::none);
+    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+    EXPECT_EQ(state(), State::continuous_execution);
+    EXPECT_EQ(rejector.permits, std::vector<bool>{true});
+    EXPECT_EQ(command(CommandCode::arm), CommandError::not_in_this_state);
+    EXPECT_EQ(command(CommandCode::stop), CommandError::none);
+    EXPECT_EQ(state(), State::ready);
+    EXPECT_EQ(command(CommandCode::disarm), CommandError::none);
+    EXPECT_EQ(command(CommandCode::halt), CommandError::none);
+    EXPECT_EQ(state(), State::halted);
+    EXPECT_EQ(command(CommandCode::reset), CommandError::none);
+    EXPECT_EQ(state(), State::preoperational);
+    EXPECT_EQ(command(CommandCode{99}), CommandError::unknown_command);
+    EXPECT_EQ(command(CommandCode::teach), CommandError::not_supported);
+    EXPECT_EQ(read32(8029), 11U);  // commands done
+}
+
+TEST_F(PlcCommands, a_repeated_start_does_not_start_again) {
+    open();
+    ready();
+    const std::uint32_t start = ++token;
+    EXPECT_EQ(send(start, CommandCode::start_continuous), Exception::none);
+    EXPECT_EQ(command(CommandCode::stop), CommandError::none);
+    EXPECT_EQ(send(start, CommandCode::start_continuous), Exception::none);  // its first reply was lost
+    EXPECT_EQ(state(), State::ready);
+    EXPECT_EQ(read32(8022), start);
+    EXPECT_EQ(reply_state(), CommandState::completed);
+}
+
+TEST_F(PlcCommands, a_refused_start_is_not_made_up_for_after_a_reset) {
+    open();
+    running();
+    sensor.listener->on_sensor_lost({ErrorCode::disconnected, "/dev/video0", "plug it in"});
+    publish();
+    EXPECT_EQ(state(), State::error);
+    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::not_in_this_state);
+    EXPECT_EQ(command(CommandCode::reset), CommandError::none);
+    EXPECT_EQ(state(), State::initialized);
+}
+
+TEST_F(PlcCommands, a_single_shot_inspects_one_part) {
+    open();
+    ready();
+    EXPECT_EQ(command(CommandCode::start_single), CommandError::none);
+    part();
+    light_and_frame();
+    publish();
+    EXPECT_EQ(read32(106), 1U);      // last sequence
+    EXPECT_EQ(read(210, 1)[0], 1U);  // pass
+    loop.run_for(std::chrono::seconds(1));
+    publish();
+    EXPECT_EQ(state(), State::ready);
+    part();
+    loop.run_for(std::chrono::seconds(1));
+    publish();
+    EXPECT_EQ(sensor.requests.size(), 1U);
+    EXPECT_EQ(read32(146), 1U);  // passed
+}
+
+TEST_F(PlcCommands, a_result_says_where_the_worst_defect_is_and_which_recipe_judged) {
+    open();
+    inspector.answer = {0, false, algo::Verdict::reject, algo::Reason::slope, 2, 1.5F, 17, 42};
+    running();
+    part();
+    light_and_frame();
+    loop.run_for(milliseconds(360));
+    rejector.listener->on_reject({1, hal::RejectReport::Outcome::confirmed, loop.now()});
+    publish();
+    EXPECT_THAT(read(220, 3), ElementsAre(17, 42, 0));
+    notes.answer = Taken::not_yet;
+    EXPECT_EQ(write(8103, {0, 1}), Exception::busy);
+    notes.answer = Taken::cannot;
+    EXPECT_EQ(write(8103, {0, 1}), Exception::device_failure);
+    EXPECT_EQ(notes.acknowledged.size(), 0U);
+    notes.answer = Taken::yes;
+    EXPECT_EQ(write(8103, {0, 1}), Exception::none);
+    EXPECT_THAT(notes.acknowledged, ElementsAre(1U));
+}
+
+// -- recipes
+
+TEST_F(PlcCommands, staged_limits_are_judged_with_once_committed_and_what_registers_do_not_say_stays) {
+    open();
+    ready();
+    EXPECT_EQ(write(8202, {12, 800}), Exception::none);
+    EXPECT_EQ(command(CommandCode::commit_recipe, 0xBAD), CommandError::wrong_checksum);
+    EXPECT_EQ(operations.recipe().number, 3);
+    EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::none);
+    EXPECT_EQ(inspector.number, 12);
+    EXPECT_FLOAT_EQ(operations.recipe().recipe.emd_limit_bins, 0.8F);
+    EXPECT_EQ(operations.recipe().recipe.zones.size(), 1U);
+    EXPECT_EQ(read32(8027), crc32_of(operations.recipe()));  // the reply's result
+    const auto change = std::find_if(notes.changes.begin(), notes.changes.end(),
+                                     [](const Change& c) { return c.what == Change::What::recipe; });
+    ASSERT_NE(change, notes.changes.end());
+    EXPECT_EQ(change->who.peer, "192.0.2.7:50123");
+    EXPECT_EQ(change->who.token, token);
+    EXPECT_THAT(change->before, HasSubstr("number = 3"));
+    EXPECT_THAT(change->after, HasSubstr("emd_bins = 0.8"));
+}
+
+TEST_F(PlcCommands, a_recipe_that_cannot_be_used_is_refused_as_a_whole_and_the_old_one_stays) {
+    open();
+    ready();
+    const std::string before = format_recipe(operations.recipe());
+    for (const Words& bad :
+         {Words{12, 0}, Words{12, 1000, 400, 1000}, Words{12, 1000, 400, 700, 0}, Words{12, 800, 400, 700, 1, 200}}) {
+        EXPECT_EQ(write(8202, bad), Exception::none);
+        EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::bad_argument);
+        EXPECT_EQ(format_recipe(operations.recipe()), before);
+    }
+    EXPECT_EQ(inspector.number, 0);
+    EXPECT_EQ(troubles.size(), 4U);
+}
+
+TEST_F(PlcCommands, the_limit_of_a_feature_that_is_not_judged_is_not_available_and_cannot_be_given) {
+    open();
+    ready();
+    EXPECT_EQ(command(CommandCode::use_recipe, 88), CommandError::none);
+    const StagedRecipe staged = staged_from(operations.recipe());
+    EXPECT_EQ(staged.emd_limit_mbins, 0xFFFF);
+    EXPECT_EQ(staged.frobenius_limit_mbins, 0xFFFF);
+    EXPECT_EQ(staged.transmission_permille, 700);
+    // What is judged can be changed; the others stay away.
+    EXPECT_EQ(write(8205, {800}), Exception::none);
+    EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::none);
+    EXPECT_FLOAT_EQ(operations.recipe().recipe.transmission_limit, 0.8F);
+    EXPECT_FALSE(operations.recipe().recipe.gradient);
+    const std::string before = format_recipe(operations.recipe());
+    EXPECT_EQ(write(8203, {500}), Exception::none);
+    EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::bad_argument);
+    EXPECT_EQ(format_recipe(operations.recipe()), before);
+    ASSERT_EQ(troubles.size(), 1U);
+    EXPECT_THAT(troubles[0], HasSubstr("is a limit of emd, which is not among the features"));
+}
+
+TEST_F(PlcCommands, change_no_recipe_while_the_station_executes) {
+    open();
+    running();
+    EXPECT_EQ(write(8202, {12, 800}), Exception::none);
+    EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::not_in_this_state);
+    EXPECT_EQ(command(CommandCode::use_recipe, 7), CommandError::not_in_this_state);
+    EXPECT_EQ(operations.recipe().number, 3);
+}
+
+TEST_F(PlcCommands, switch_to_a_recipe_by_number_and_by_its_checksum) {
+    open();
+    ready();
+    EXPECT_EQ(command(CommandCode::use_recipe, 8), CommandError::no_such_recipe);
+    EXPECT_EQ(command(CommandCode::use_recipe, 7, 0xBAD), CommandError::wrong_checksum);
+    const std::uint32_t crc = read32(8027);  // what it really is
+    EXPECT_EQ(operations.recipe().number, 3);
+    EXPECT_EQ(command(CommandCode::use_recipe, 7, crc), CommandError::none);
+    EXPECT_EQ(operations.recipe().recipe.name, "seven");
+    EXPECT_EQ(read(8203, 1)[0], 750);  // and is what is staged now
+}
+
+// -- outside faults
+
+TEST_F(PlcCommands, a_store_that_fails_is_a_fault_and_the_station_goes_on_judging) {
+    open();
+    running();
+    station->outside_faults(kFaultStore);
+    publish();
+    EXPECT_EQ(state(), State::continuous_execution);
+    EXPECT_EQ(read32(113), std::uint32_t{kFaultStore});
+    EXPECT_EQ(read(117, 1)[0], 11);
+    part();
+    light_and_frame();
+    loop.run_for(std::chrono::seconds(1));
+    publish();
+    EXPECT_EQ(read32(146), 1U);  // passed
+    station->outside_faults(0);
+    publish();
+    EXPECT_EQ(read32(113), 0U);
+    EXPECT_EQ(read32(115), std::uint32_t{kFaultStore});  // until a reset
+}
+
+// -- heartbeat
+
+TEST_F(PlcCommands, a_silent_plc_stops_the_station_which_waits_for_a_new_start) {
+    open(PlcPolicy::stop);
+    running();
+    pass(milliseconds(2000));
+    EXPECT_EQ(state(), State::continuous_execution);  // it has never been heard
+    beat();
+    pass(milliseconds(450));
+    EXPECT_EQ(state(), State::continuous_execution);
+    pass(milliseconds(200));
+    EXPECT_EQ(state(), State::ready);
+    EXPECT_EQ(rejector.permits.back(), false);
+    EXPECT_EQ(read32(113) & kFaultPlc, kFaultPlc);
+    EXPECT_EQ(read(103, 1)[0] & 0x80U, 0x80U);
+    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::plc_lost);
+    beat();
+    publish();
+    EXPECT_EQ(state(), State::ready);
+    EXPECT_EQ(read32(113) & kFaultPlc, 0U);
+    EXPECT_EQ(read32(115) & kFaultPlc, kFaultPlc);  // until a reset
+    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+}
+
+TEST_F(PlcCommands, without_a_plc_every_part_is_rejected_until_it_is_back) {
+    open(PlcPolicy::reject_all);
+    running();
+    beat();
+    hal::TimePoint part_sensor_saw{};
+    const auto is_rejected_without_plc = [&](std::uint32_t number) {
+        pass(part_sensor_saw + milliseconds(400) - loop.now());  // at the ejector
+        EXPECT_EQ(rejector.commands.back().part, number);
+        rejector.listener->on_reject({number, hal::RejectReport::Outcome::confirmed, loop.now()});
+        publish();
+        EXPECT_EQ(read(211, 1)[0], static_cast<std::uint16_t>(PartReason::plc_lost));
+    };
+    pass(milliseconds(500));
+    part_sensor_saw = loop.now();
+    part();  // its verdict is still awaited when the PLC goes
+    pass(milliseconds(50));
+    is_rejected_without_plc(1);
+    part_sensor_saw = loop.now();
+    part();
+    EXPECT_EQ(sensor.requests.size(), 1U);  // not even looked at
+    is_rejected_without_plc(2);
+    EXPECT_EQ(state(), State::continuous_execution);
+    EXPECT_EQ(read32(146), 0U);  // none passed
+    beat();
+    part();
+    light_and_frame();
+    publish();
+    EXPECT_EQ(read32(146), 1U);
+}
+
+TEST_F(PlcCommands, with_policy_none_a_silent_plc_is_shown_and_changes_nothing) {
+    open(PlcPolicy::none);
+    running();
+    beat();
+    pass(milliseconds(2000));
+    EXPECT_EQ(state(), State::continuous_execution);
+    EXPECT_EQ(read(103, 1)[0] & 0x80U, 0x80U);
+    EXPECT_EQ(read32(113), 0U);
+}
+
+// -- self-test
+
+class SelfTest : public PlcCommands {
+  protected:
+    // The devices' part of a test under way.
+    void devices_answer(bool lit = true, bool frame = true) {
+        loop.run_for(milliseconds(6));
+        const auto pulse = strobe.pulses.back();
+        if (frame) sensor.deliver(sensor.requests.back().start);
+        strobe.listener->on_strobe({pulse.exposure, lit, pulse.start, pulse.width});
+        loop.run_for(std::chrono::seconds(3));
+    }
+};
+
+TEST_F(SelfTest, flashes_looks_and_judges_and_no_part_is_counted) {
+    open();
+    ready();
+    EXPECT_EQ(command(CommandCode::self_test), CommandError::none);
+    EXPECT_EQ(reply_state(), CommandState::executing);
+    EXPECT_EQ(send(++token, CommandCode::start_continuous), Exception::busy);
+    devices_answer();
+    EXPECT_EQ(reply_state(), CommandState::completed);
+    EXPECT_EQ(read32(8027), 0U);
+    EXPECT_EQ(station->snapshot().counters.seen, 0U);
+    EXPECT_EQ(sensor.given_back, 1);
+    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+}
+
+TEST_F(SelfTest, names_what_is_wrong) {
+    open();
+    ready();
+    const auto found = [&](bool lit, bool frame) {
+        EXPECT_EQ(command(CommandCode::self_test), CommandError::none);
+        devices_answer(lit, frame);
+        EXPECT_EQ(reply_state(), CommandState::failed);
+        return read32(8027);
+    };
+    EXPECT_EQ(found(false, true), std::uint32_t{kFaultStrobe});
+    EXPECT_EQ(found(true, false), std::uint32_t{kFaultSensor});
+    inspector.answer.reason = algo::Reason::too_dark;
+    EXPECT_EQ(found(true, true), std::uint32_t{kFaultLightLevel});
+    inspector.answer.reason = algo::Reason::none;
+    inspector.answer.failed = true;
+    EXPECT_EQ(found(true, true), std::uint32_t{kFaultInspector});
+    inspector.answer.failed = false;
+    judgement = fail(ErrorCode::internal, "a drawn bad part was judged pass", "");
+    EXPECT_EQ(found(true, true), std::uint32_t{kFaultInspector});
+    EXPECT_THAT(troubles.back(), HasSubstr("inspector"));
+}
+
+TEST_F(SelfTest, is_refused_while_executing_and_with_a_device_down) {
+    open();
+    EXPECT_EQ(command(CommandCode::self_test), CommandError::not_in_this_state);
+    EXPECT_EQ(command(CommandCode::initialise), CommandError::none);
+    EXPECT_EQ(command(CommandCode::self_test), CommandError::device_down);
+    EXPECT_EQ(read32(8027), std::uint32_t{kFaultRejector});
+    devices_up();
+    EXPECT_EQ(command(CommandCode::arm), CommandError::none);
+    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+    EXPECT_EQ(command(CommandCode::self_test), CommandError::not_in_this_state);
+}
+
+TEST_F(SelfTest, that_is_cut_off_by_a_halt_fails) {
+    open();
+    ready();
+    EXPECT_EQ(command(CommandCode::self_test), CommandError::none);
+    const std::uint32_t test = token;
+    EXPECT_EQ(command(CommandCode::halt), CommandError::none);
+    loop.run_for(std::chrono::seconds(3));
+    EXPECT_EQ(send(test, CommandCode::self_test), Exception::none);  // asks again what came of it
+    EXPECT_EQ(reply_state(), CommandState::failed);
+}
+
+TEST(JudgementCheck, tells_good_from_bad_at_every_number_of_bins) {
+    for (int bins = 3; bins <= 15; ++bins) {
+        const auto checked = check_judgement(bins, bins, 8);
+        EXPECT_TRUE(checked) << bins << " bins: " << checked.error().message();
+    }
+    EXPECT_TRUE(check_judgement(9, 5, 12));
+}
+
+}  // namespace
+}  // namespace hord::firmware

@@ -1,0 +1,180 @@
+// A station that is commanded through its registers, in virtual time, with devices that do what the test says.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "firmware/plc/command_handler.h"
+#include "firmware/plc/register_server_model.h"
+#include "hal_sim/world/virtual_time.h"
+#include "tests/firmware/station/fake_devices.h"
+
+namespace hord::firmware {
+
+using Words = std::vector<std::uint16_t>;
+
+struct Notes final : Recorder {
+    std::vector<Change> changes;
+    std::vector<std::uint32_t> acknowledged;
+    void on_result(const PartResult&) override {}
+    Taken answer = Taken::yes;
+    Taken on_acknowledged(const Who&, std::uint32_t sequence) override {
+        if (answer == Taken::yes) acknowledged.push_back(sequence);
+        return answer;
+    }
+    void on_change(const Change& change) override { changes.push_back(change); }
+    void on_inspection(std::uint32_t, const FrameView&, const algo::Inspection&) override {}
+};
+
+// Judges as it is told, and with any recipe but one with a rim margin above 3, as a light field of 8 lenslets would.
+class ToldInspector final : public Inspector {
+  public:
+    explicit ToldInspector(hal::EventLoop& loop) : loop_(loop) {}
+    Judged answer{0, false, algo::Verdict::pass, algo::Reason::none, 0, 0.5F};
+    std::uint16_t number = 0;
+
+  private:
+    void do_start(Listener& listener) override { listener_ = &listener; }
+    Result<void> do_submit(std::uint32_t part, hal::FrameLease) override {
+        Judged judged = answer;
+        judged.part = part;
+        judged.recipe = number;
+        loop_.call_after(milliseconds(20), [this, judged] {
+            if (listener_ != nullptr) listener_->on_judged(judged);
+        });
+        return {};
+    }
+    Result<void> do_use(const algo::Recipe& recipe, std::uint16_t n) override {
+        if (recipe.rim_margin > 3) return fail(ErrorCode::invalid_argument, "rim_margin", "lower it");
+        number = n;
+        return {};
+    }
+    void do_stop() override { listener_ = nullptr; }
+
+    hal::EventLoop& loop_;
+    Listener* listener_ = nullptr;
+};
+
+class PlcCommands : public ::testing::Test, public StationObserver {
+  protected:
+    void open(PlcPolicy policy = PlcPolicy::none) {
+        CoreConfig config;
+        config.plc_policy = policy;
+        station.emplace(config, Cell{loop, part_sensor, strobe, sensor, rejector, inspector}, this);
+        desk.emplace(loop, operations, PlcOptions{policy, milliseconds(500), 0xB007});
+        image.emplace(StationIdentity{.boot_id = 0xB007}, &*desk);
+        Operations::Works works{
+            .station = *station, .inspector = inspector, .desk = *desk, .recorder = &notes, .teacher = teacher};
+        works.publish = [this] { publish(); };
+        works.recipe = [](std::uint16_t number) -> Result<NumberedRecipe> {
+            if (number == 88) {  // judged by the light alone
+                NumberedRecipe by_light{.number = 88};
+                by_light.recipe.gradient.reset();
+                by_light.recipe.slopes = false;
+                return by_light;
+            }
+            if (number != 7) return fail(ErrorCode::not_found, "no recipe 7", "make one");
+            NumberedRecipe seven{.number = 7};
+            seven.recipe.name = "seven";
+            seven.recipe.emd_limit_bins = 0.75F;
+            return seven;
+        };
+        works.check_judgement = [this] { return judgement; };
+        works.trouble = [this](const Error& error) { troubles.push_back(error.message()); };
+        NumberedRecipe first{.number = 3};
+        algo::Zone middle;
+        middle.centre = {4, 4};
+        middle.radius = 3;
+        first.recipe.zones.push_back(middle);
+        operations.begin(std::move(works), first);
+        publish();
+    }
+    void publish() {
+        image->publish(station->snapshot(), results);
+        results.clear();
+    }
+    void on_result(const PartResult& result) override { results.push_back(result); }
+
+    void devices_up() { rejector.link(true); }
+    void ready() {
+        EXPECT_EQ(command(CommandCode::initialise), CommandError::none);
+        devices_up();
+        EXPECT_EQ(command(CommandCode::arm), CommandError::none);
+    }
+    void running() {
+        ready();
+        EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+        EXPECT_EQ(state(), firmware::State::continuous_execution);
+    }
+    firmware::State state() { return static_cast<firmware::State>(read(102, 1)[0]); }
+    Words read(std::uint16_t address, std::size_t count) {
+        Words words(count);
+        EXPECT_EQ(image->read_registers(address, words), modbus::Exception::none);
+        return words;
+    }
+    std::uint32_t read32(std::uint16_t address) {
+        const Words w = read(address, 2);
+        return std::uint32_t{w[0]} << 16U | w[1];
+    }
+    modbus::Exception write(std::uint16_t address, const Words& words) {
+        return image->write_registers({.peer = "192.0.2.7:50123"}, address, words);
+    }
+    modbus::Exception send(std::uint32_t as, CommandCode code, std::uint32_t argument = 0,
+                           std::uint32_t argument2 = 0) {
+        const auto low = [](std::uint32_t v) { return static_cast<std::uint16_t>(v & 0xFFFFU); };
+        return write(8002,
+                     {low(as >> 16U), low(as), 0xB007, static_cast<std::uint16_t>(code), low(argument >> 16U),
+                      low(argument), low(argument2 >> 16U), low(argument2)});
+    }
+    // As a new command; what its reply says.
+    CommandError command(CommandCode code, std::uint32_t argument = 0, std::uint32_t argument2 = 0) {
+        EXPECT_EQ(send(++token, code, argument, argument2), modbus::Exception::none);
+        EXPECT_EQ(read32(8022), token);
+        return static_cast<CommandError>(read(8026, 1)[0]);
+    }
+    CommandState reply_state() { return static_cast<CommandState>(read(8025, 1)[0]); }
+    void beat() { EXPECT_EQ(write(8102, {++beats}), modbus::Exception::none); }
+    // Lets time pass as the service does, with its look at the heartbeat.
+    void pass(Duration time) {
+        for (Duration done{}; done < time; done += milliseconds(50)) {
+            loop.run_for(milliseconds(50));
+            desk->check_heartbeat();
+            (void)operations.use_what_was_taught();
+            publish();
+        }
+    }
+    std::uint32_t part() {
+        part_sensor.listener->on_edge({hal::PartEdge::Kind::arrives, loop.now(), ++edges, {}});
+        return edges;
+    }
+    void light_and_frame() {
+        loop.run_for(milliseconds(10));
+        const auto& pulse = strobe.pulses.back();
+        strobe.listener->on_strobe({pulse.exposure, true, pulse.start, pulse.width});
+        sensor.deliver(sensor.requests.back().start);
+        loop.run_for(milliseconds(25));
+    }
+
+    sim::VirtualTime loop;
+    FakePartSensor part_sensor;
+    FakeStrobe strobe;
+    FakeSensor sensor;
+    FakeRejector rejector;
+    ToldInspector inspector{loop};
+    Notes notes;
+    Teacher* teacher = nullptr;
+    Operations operations{loop};
+    Result<void> judgement;
+    std::vector<std::string> troubles;
+    std::vector<PartResult> results;
+    std::optional<Station> station;
+    std::optional<PlcDesk> desk;
+    std::optional<RegisterImage> image;
+    std::uint32_t token = 70, edges = 0;
+    std::uint16_t beats = 0;
+};
+
+}  // namespace hord::firmware

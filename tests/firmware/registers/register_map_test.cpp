@@ -1,0 +1,221 @@
+#include "firmware/registers/register_map.h"
+
+#include <bit>
+#include <fstream>
+#include <iterator>
+#include <set>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <toml++/toml.h>
+
+#include "firmware/core/faults.h"
+
+namespace hord::firmware {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+Snapshot example() {
+    Snapshot s;
+    s.state = State::continuous_execution;
+    s.run_permit = true;
+    s.faults_latched = kFaultRejector | kFaultLightLevel;
+    s.first_fault = 4;
+    s.heartbeat = 0xFFFF;
+    s.counters.seen = 0x00012345;
+    s.counters.pass = 7;
+    s.last = {.sequence = 0x10002,
+              .part = 9,
+              .arrived_ns = 12'345'678'901'234,
+              .verdict = PartVerdict::reject,
+              .reason = PartReason::slope,
+              .defects = 2,
+              .score = 1.2345F,
+              .latency_us = 4321,
+              .reject_latency_us = 70000,
+              .reject = RejectState::confirmed};
+    return s;
+}
+
+std::vector<std::uint16_t> image_of(BlockId id, const Snapshot& snapshot, const StationIdentity& identity = {},
+                                    const RegisterExtras& extras = {}) {
+    const Block& block = *find_block(id);
+    std::vector<std::uint16_t> image(block.size());
+    encode(block, {.identity = identity, .snapshot = snapshot, .result = snapshot.last, .extras = extras}, image);
+    return image;
+}
+
+// The literals are what a PLC programmer reads off the documentation, not what the table says.
+TEST(Registers, status_is_encoded_as_documented) {
+    const auto image = image_of(BlockId::status, example());
+    EXPECT_THAT(std::vector(image.begin(), image.begin() + 20),
+                ElementsAre(2, 38,           // id, length
+                            8,               // ContinuousExecution
+                            0b010011,        // executing, run permit, latched fault
+                            0xFFFF,          // heartbeat
+                            0xFFFF,          // no PLC heartbeat yet
+                            1, 2,            // last sequence 0x10002, high word first
+                            0, 0xFF03,       // oldest: 255 before it
+                            0xFFFF, 0, 0,    // no recipe
+                            0, 0,            // active faults
+                            0, 0b100001000,  // latched: rejector, light level
+                            4,               // first: rejector
+                            0, 0));          // parts on the line
+    EXPECT_EQ(image.back(), 0xFFFF) << "a register without a row";
+}
+
+TEST(Registers, a_result_is_encoded_as_documented) {
+    const auto image = image_of(BlockId::last, example());
+    EXPECT_THAT(std::vector(image.begin() + 2, image.begin() + 26),
+                ElementsAre(1, 2, 0, 9, 0, 12345, 678901 >> 16, 678901 & 0xFFFF, 2, 2, 2, 0, 1235, 0, 4321, 1, 4464, 2,
+                            0xFFFF, 0xFFFF, 0xFFFF, 0b11, 1, 2));
+}
+
+TEST(Registers, before_the_first_result_its_values_are_not_available) {
+    const auto readings = decode(*find_block(BlockId::last), image_of(BlockId::last, Snapshot{}));
+    ASSERT_TRUE(readings);
+    for (const Reading& reading : *readings) {
+        const bool has_value = reading.what->name.starts_with("sequence") || reading.what->name == "flags";
+        EXPECT_EQ(reading.text, reading.what->name == "flags" ? "none" : has_value ? "0" : "-") << reading.what->name;
+    }
+}
+
+TEST(Registers, values_beyond_the_range_stop_short_of_the_sentinel) {
+    Snapshot s = example();
+    s.last.score = 1e30F;
+    s.last.defects = 0xFFFF;
+    const auto image = image_of(BlockId::last, s);
+    EXPECT_EQ(image[12], 0xFFFE);
+    EXPECT_EQ(image[13], 0xFFFF);
+    EXPECT_EQ(image[14], 0xFFFE);
+}
+
+TEST(Registers, decoding_gives_back_names_units_and_values) {
+    const StationIdentity identity{.firmware = "0.1.0", .serial = "H-0042", .boot_id = 0xDEADBEEF};
+    std::string text;
+    for (const BlockId id : {BlockId::ident, BlockId::status, BlockId::counters, BlockId::last}) {
+        const auto readings = decode(*find_block(id), image_of(id, example(), identity));
+        ASSERT_TRUE(readings);
+        for (const Reading& r : *readings)
+            text += std::string(r.what->name) + '=' + r.text + ' ' + std::string(r.what->unit) + '\n';
+    }
+    for (const char* line :
+         {"magic=0x484F5244", "boot_id=0xDEADBEEF", "firmware=0.1.0", "serial=H-0042", "state=8 ContinuousExecution",
+          "bits=executing, run_permit, fault_latched", "plc_heartbeat_age=- ms", "heartbeat=65535",
+          "faults_latched=rejector, light-level", "first_fault=4 rejector", "seen=74565 parts", "verdict=2 reject",
+          "reason=2 slope", "score=1.235", "latency=4321 us", "reject_latency=70000 us", "reject_state=2 confirmed"}) {
+        EXPECT_THAT(text, HasSubstr(line));
+    }
+}
+
+TEST(Registers, a_shorter_block_of_an_older_station_is_decoded_as_far_as_it_goes) {
+    auto image = image_of(BlockId::counters, example());
+    image[1] = 4;
+    const auto readings = decode(*find_block(BlockId::counters), image);
+    ASSERT_TRUE(readings);
+    EXPECT_EQ(readings->size(), 2U);
+}
+
+TEST(Registers, a_foreign_block_is_not_decoded) {
+    const auto readings = decode(*find_block(BlockId::counters), image_of(BlockId::status, example()));
+    ASSERT_FALSE(readings);
+    EXPECT_EQ(readings.error().code, ErrorCode::unreadable);
+}
+
+std::string_view name_in_map(BlockId id, std::string_view row, std::uint32_t value) {
+    for (const NamedValue& named : find_register(id, row)->values) {
+        if (named.value == value) return named.name;
+    }
+    return "unknown";
+}
+
+TEST(Registers, every_reason_and_fault_has_the_cores_name) {
+    int reasons = 0;
+    for (std::uint16_t reason = 0; reason < 256; ++reason) {
+        const std::string_view name = name_of(static_cast<PartReason>(reason));
+        EXPECT_EQ(name_in_map(BlockId::last, "reason", reason), name);
+        reasons += name == "unknown" ? 0 : 1;
+    }
+    EXPECT_GE(reasons, 20);
+    for (const FaultText& fault : fault_texts()) {
+        const auto bit = static_cast<std::uint32_t>(std::countr_zero(static_cast<std::uint32_t>(fault.bit)));
+        EXPECT_EQ(name_in_map(BlockId::status, "faults_active", bit), fault.name);
+        EXPECT_EQ(name_in_map(BlockId::status, "faults_latched", bit), fault.name);
+        EXPECT_EQ(name_in_map(BlockId::status, "first_fault", bit + 1), fault.name);
+    }
+    EXPECT_EQ(find_register(BlockId::status, "faults_active")->values.size(), fault_texts().size());
+}
+
+TEST(Registers, names_are_unique_in_their_block) {
+    for (const Block& block : register_blocks()) {
+        std::set<std::string_view> names;
+        for (const Register& row : block.registers)
+            EXPECT_TRUE(names.insert(row.name).second) << block.name << ' ' << row.name;
+    }
+}
+
+TEST(Registers, the_documentation_in_the_tree_is_what_the_code_prints) {
+    std::ifstream in(HORD_SOURCE_DIR "/docs/registers.md", std::ios::binary);
+    const std::string tree{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+    EXPECT_EQ(tree, format_registers(MapFormat::markdown)) << "run: hordctl registers --format md > docs/registers.md";
+}
+
+TEST(Registers, rows_that_were_released_stay_where_they_are) {
+    std::ifstream in(HORD_SOURCE_DIR "/tests/firmware/registers_v1.csv");
+    const std::string now = format_registers(MapFormat::csv);
+    std::string line;
+    int lines = 0;
+    while (std::getline(in, line)) {
+        ++lines;
+        EXPECT_THAT(now, HasSubstr('\n' + line + ','))
+            << "a released row may not move, change its type or scale, or go";
+    }
+    EXPECT_GT(lines, 40);
+}
+
+TEST(Registers, every_format_is_known_by_its_name) {
+    for (const char* name : {"md", "csv", "json", "telegraf"}) {
+        ASSERT_TRUE(map_format_of(name)) << name;
+        EXPECT_THAT(format_registers(*map_format_of(name)), HasSubstr("reject_confirmed"));
+    }
+    EXPECT_FALSE(map_format_of("xml"));
+}
+
+TEST(Registers, telegraf_is_told_each_number_with_its_address_and_type) {
+    const toml::table all = toml::parse(format_registers(MapFormat::telegraf));
+    const auto* requests = all.at_path("inputs.modbus[0].request").as_array();
+    ASSERT_NE(requests, nullptr);
+    std::size_t told = 0;
+    for (const Block& block : register_blocks()) {
+        if (block.id == BlockId::ident || block.registers.empty()) continue;
+        std::string measurement = "hord_" + std::string(block.name);
+        for (char& c : measurement) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+        const toml::table* request = nullptr;
+        for (const auto& candidate : *requests) {
+            if (candidate.at_path("measurement").value<std::string>() == measurement) request = candidate.as_table();
+        }
+        ASSERT_NE(request, nullptr) << measurement;
+        EXPECT_EQ(request->at_path("register").value<std::string>(), "holding");
+        for (const Register& row : block.registers) {
+            if (row.type == RegisterType::text) continue;
+            ++told;
+            const toml::table* field = nullptr;
+            for (const auto& candidate : *request->at_path("fields").as_array()) {
+                if (candidate.at_path("address").value<int>() == int{row.address}) field = candidate.as_table();
+            }
+            ASSERT_NE(field, nullptr) << row.name;
+            EXPECT_EQ(field->at_path("name").value<std::string>(), std::string(row.name));
+            EXPECT_EQ(field->at_path("scale").value_or(1.0), row.scale) << row.name;
+            const std::string type = field->at_path("type").value_or<std::string>("");
+            EXPECT_TRUE(type.ends_with(row.words == 2 ? "32" : "16")) << row.name << ' ' << type;
+            EXPECT_EQ(type.starts_with("INT"), row.type == RegisterType::s16 || row.type == RegisterType::s32)
+                << row.name;
+        }
+    }
+    EXPECT_GT(told, 60U);
+}
+
+}  // namespace
+}  // namespace hord::firmware

@@ -1,0 +1,33 @@
+#include "firmware/station/line_occupancy_marker.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+namespace hord::firmware {
+namespace {
+
+TEST(LineMark, stays_until_a_process_ends_in_order) {
+    const auto folder = std::filesystem::temp_directory_path() / ("hord-line-mark-" + std::to_string(getpid()));
+    std::filesystem::create_directories(folder);
+    {
+        const LineMark first(folder);
+        EXPECT_FALSE(first.left_behind());
+        first.raise();
+    }
+    const LineMark next(folder);  // the first has died
+    EXPECT_TRUE(next.left_behind());
+    next.raise();
+    next.clear();
+    EXPECT_FALSE(LineMark(folder).left_behind());
+    std::filesystem::remove_all(folder);
+}
+
+TEST(LineMark, without_a_folder_nothing_is_left_behind) {
+    const LineMark mark{{}};
+    mark.raise();
+    EXPECT_FALSE(mark.left_behind());
+    mark.clear();
+}
+
+}  // namespace
+}  // namespace hord::firmware

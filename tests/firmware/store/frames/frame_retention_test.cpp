@@ -1,0 +1,359 @@
+// Frames that are kept: whole or recognised as torn, chosen as promised, in a ring that never fills the disk, judged
+// again to the bit.
+#include "firmware/store/frames/frame_retention.h"
+
+#include <cmath>
+#include <random>
+
+#include <nlohmann/json.hpp>
+
+#include "firmware/recipes/recipe_file.h"
+#include "firmware/store/frames/frame_archive.h"
+#include "firmware/store/frames/frame_png.h"
+#include "firmware/store/frames/replay.h"
+#include "tests/firmware/store/results/samples.h"
+
+namespace hord::firmware::store::test {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+using Json = nlohmann::json;
+
+constexpr algo::Extents kExtents{24, 24, 5, 5};
+
+// Every lenslet holds a spot of light about a bin wide, with noise of its own; in a bad part a patch of them jumps.
+Frame part_frame(std::uint32_t seed, bool bad, int bits = 8) {
+    Frame frame(kExtents.width_px(), kExtents.height_px(), bits);
+    std::mt19937 random(seed);
+    const double brightest = 0.8 * ((1 << bits) - 1);
+    for (int n = 0; n < kExtents.n; ++n) {
+        for (int m = 0; m < kExtents.m; ++m) {
+            const bool jumps = bad && std::abs(m - 12) <= 1 && std::abs(n - 11) <= 1 && (m + n) % 2 == 0;
+            const double x = jumps ? 0.2 : 2.0 + 0.5 * m / kExtents.m, y = 2.0;
+            for (int j = 0; j < kExtents.j; ++j) {
+                for (int i = 0; i < kExtents.i; ++i) {
+                    const double spot = brightest * std::exp(-((i - x) * (i - x) + (j - y) * (j - y)));
+                    const double noise = static_cast<double>(random() % 1000) / 1000.0 * 0.01 * brightest;
+                    frame.set(m * kExtents.i + i, n * kExtents.j + j, static_cast<std::uint32_t>(spot + noise));
+                }
+            }
+        }
+    }
+    return frame;
+}
+
+// -- one frame as a file
+
+TEST(FramePng, gives_back_every_bit_and_every_word) {
+    for (const int bits : {8, 10, 12, 16}) {
+        const Frame frame = part_frame(1, true, bits);
+        const std::string text = "{\"recipe\":\"a \\\"b\\\"\\n µ\"}";
+        const auto png = encode_png(frame.view(), text);
+        ASSERT_TRUE(png) << png.error().message();
+        const auto back = decode_png(*png, "f.png");
+        ASSERT_TRUE(back) << back.error().message();
+        EXPECT_EQ(back->frame.bits(), bits);
+        EXPECT_TRUE(std::equal(frame.bytes().begin(), frame.bytes().end(), back->frame.bytes().begin(),
+                               back->frame.bytes().end()));
+        EXPECT_EQ(back->metadata, text);
+    }
+}
+
+TEST(FramePng, recognises_every_cut_and_every_changed_byte) {
+    const Frame frame = part_frame(1, true);
+    const auto png = encode_png(frame.view(), "{}");
+    ASSERT_TRUE(png);
+    for (std::size_t length = 0; length < png->size(); length += 1 + length / 50) {
+        EXPECT_FALSE(decode_png(std::span(*png).first(length), "f.png"))
+            << "cut at " << length << " of " << png->size();
+    }
+    std::mt19937 random(7);
+    for (int k = 0; k < 300; ++k) {
+        auto changed = *png;
+        changed[random() % changed.size()] ^= static_cast<std::uint8_t>(1U << (random() % 8));
+        EXPECT_FALSE(decode_png(changed, "f.png")) << k;
+    }
+    auto longer = *png;
+    longer.push_back(0);
+    EXPECT_FALSE(decode_png(longer, "f.png"));
+}
+
+// -- the ring
+
+std::vector<std::string> names(const std::filesystem::path& folder) {
+    std::vector<std::string> all;
+    const auto files = list_frames(folder);
+    EXPECT_TRUE(files);
+    for (const ArchivedFile& file : *files) all.push_back(file.file.filename().string());
+    return all;
+}
+
+TEST(FrameArchive, keeps_the_newest_within_its_bytes_and_goes_on_counting_after_a_restart) {
+    const TempFolder folder;
+    const std::vector<std::uint8_t> bytes(1000, 1);
+    const ArchiveLimits limits{.max_bytes = 3500, .min_free_bytes = 0};
+    {
+        auto archive = FrameArchive::open(folder.path() / "frames", limits);
+        ASSERT_TRUE(archive) << archive.error().message();
+        for (const char* label : {"a", "b", "c", "d", "e"}) ASSERT_TRUE((*archive)->add(label, bytes));
+        EXPECT_EQ((*archive)->bytes(), 3000U);
+    }
+    EXPECT_THAT(names(folder.path() / "frames"),
+                ElementsAre("000000000003-c.png", "000000000004-d.png", "000000000005-e.png"));
+    auto archive = FrameArchive::open(folder.path() / "frames", limits);
+    ASSERT_TRUE((*archive)->add("f", bytes));
+    EXPECT_THAT(names(folder.path() / "frames"),
+                ElementsAre("000000000004-d.png", "000000000005-e.png", "000000000006-f.png"));
+    EXPECT_FALSE((*archive)->add("larger than all", std::vector<std::uint8_t>(4000)));
+}
+
+TEST(FrameArchive, leaves_the_disk_what_it_was_told_to_whatever_others_write) {
+    const TempFolder folder;
+    const std::vector<std::uint8_t> bytes(1000, 1);
+    ArchiveDisk disk = real_disk();
+    std::uint64_t others = 0;
+    const auto used = [&] {
+        std::uint64_t sum = others;
+        const auto files = list_frames(folder.path());
+        for (const ArchivedFile& file : *files) sum += file.bytes;
+        return sum;
+    };
+    static constexpr std::uint64_t kDisk = 20'000, kFree = 5'000;
+    disk.free_bytes = [&](const std::filesystem::path&) -> Result<std::uint64_t> {
+        return kDisk - std::min(kDisk, used());
+    };
+    auto archive = FrameArchive::open(folder.path(), {.max_bytes = 1'000'000, .min_free_bytes = kFree}, disk);
+    ASSERT_TRUE(archive);
+    for (int k = 0; k < 40; ++k) {
+        ASSERT_TRUE((*archive)->add("x", bytes));
+        EXPECT_LE(used(), kDisk - kFree);
+    }
+    EXPECT_EQ((*archive)->count(), 15U);
+    others = 10'500;  // somebody else takes space
+    ASSERT_TRUE((*archive)->trim());
+    EXPECT_EQ((*archive)->count(), 4U);
+    others = 15'500;  // and all of it
+    const auto added = (*archive)->add("x", bytes);
+    ASSERT_FALSE(added);
+    EXPECT_THAT(added.error().message(), HasSubstr("stay free"));
+    EXPECT_EQ((*archive)->count(), 0U);
+    others = 0;
+    EXPECT_TRUE((*archive)->add("x", bytes));
+}
+
+TEST(FrameArchive, removes_what_a_crash_left_unfinished_and_nothing_else) {
+    const TempFolder folder;
+    write_text(folder.path() / "000000000007-x.png", "whole");
+    write_text(folder.path() / "000000000008-y.png.part", "half");
+    write_text(folder.path() / "notes.txt", "mine");
+    auto archive = FrameArchive::open(folder.path(), {});
+    ASSERT_TRUE(archive);
+    EXPECT_EQ((*archive)->next_number(), 8U);
+    EXPECT_FALSE(std::filesystem::exists(folder.path() / "000000000008-y.png.part"));
+    EXPECT_TRUE(std::filesystem::exists(folder.path() / "notes.txt"));
+}
+
+TEST(FrameArchive, names_the_file_that_a_disk_refuses) {
+    auto archive = FrameArchive::open("/proc/hord-frames", {});
+    ASSERT_FALSE(archive);
+    EXPECT_THAT(archive.error().message(), HasSubstr("/proc/hord-frames"));
+}
+
+// -- choosing
+
+// A keeper without a thread over a folder, and a pipeline that judges.
+struct Cell {
+    explicit Cell(FrameKeeperOptions options = {}, ArchiveDisk disk = real_disk(), const algo::Recipe& recipe = {})
+        : pipeline(algo::Pipeline::create(kExtents, 8, recipe).value()),
+          keeper(
+              [this, disk] {
+                  return FrameArchive::open(folder.path() / "frames", {.max_bytes = 100'000'000, .min_free_bytes = 0},
+                                            disk);
+              },
+              complete(options), [] { return kNoon; },
+              {[this](const Error& e) { said.push_back(e.message()); }, [this] { said.emplace_back("works again"); }}) {
+        keeper.set_recipe(format_recipe({.number = 3, .version = 1, .recipe = recipe}));
+    }
+    static FrameKeeperOptions complete(FrameKeeperOptions options) {
+        options.extents = kExtents;
+        options.station = "cell 3";
+        options.software = "0.1.0";
+        options.boot = 7;
+        options.thread = false;
+        return options;
+    }
+    void inspect(std::uint32_t part, bool bad) {
+        const Frame frame = part_frame(part, bad);
+        const auto inspection = pipeline.inspect(frame.view());
+        ASSERT_TRUE(inspection);
+        ASSERT_EQ(inspection->verdict, bad ? algo::Verdict::reject : algo::Verdict::pass);
+        keeper.on_inspection(part, frame.view(), *inspection);
+    }
+    void write_all() {
+        while (keeper.step()) {
+        }
+    }
+    // "p12-reject" ...
+    std::vector<std::string> kept() {
+        write_all();
+        std::vector<std::string> all;
+        for (const std::string& name : names(folder.path() / "frames")) {
+            const auto from = name.find("-p") + 1;
+            all.push_back(name.substr(from, name.size() - from - 4));
+        }
+        return all;
+    }
+    TempFolder folder;
+    std::vector<std::string> said;
+    algo::Pipeline pipeline;
+    FrameKeeper keeper;
+};
+
+TEST(FrameKeeper, keeps_rejects_and_the_parts_around_them) {
+    Cell cell({.before = 2, .after = 1});
+    for (std::uint32_t part = 1; part <= 12; ++part) cell.inspect(part, part == 5 || part == 10);
+    EXPECT_THAT(cell.kept(),
+                ElementsAre("p3-before", "p4-before", "p5-reject", "p6-after", "p8-before", "p9-before", "p10-reject",
+                            "p11-after"));
+    EXPECT_EQ(cell.keeper.counts().kept, 8U);
+    EXPECT_EQ(cell.keeper.counts().dropped, 0U);
+}
+
+TEST(FrameKeeper, keeps_a_part_around_two_rejects_once) {
+    Cell cell({.before = 2, .after = 2});
+    for (std::uint32_t part = 1; part <= 8; ++part) cell.inspect(part, part == 3 || part == 5);
+    EXPECT_THAT(cell.kept(),
+                ElementsAre("p1-before", "p2-before", "p3-reject", "p4-after", "p5-reject", "p6-after", "p7-after"));
+}
+
+TEST(FrameKeeper, keeps_every_so_many_as_a_sample) {
+    Cell cell({.before = 0, .after = 0, .sample_every = 4});
+    for (std::uint32_t part = 1; part <= 9; ++part) cell.inspect(part, part == 6);
+    EXPECT_THAT(cell.kept(), ElementsAre("p4-sample", "p6-reject", "p8-sample"));
+}
+
+TEST(FrameKeeper, keeps_a_good_part_that_was_rejected_because_its_verdict_came_late) {
+    for (const bool result_first : {false, true}) {
+        Cell cell({.before = 1, .after = 0});
+        PartResult late;
+        late.part = 3;
+        late.verdict = PartVerdict::unfit;
+        late.reason = PartReason::verdict_late;
+        cell.inspect(1, false);
+        cell.inspect(2, false);
+        if (result_first) cell.keeper.on_result(late);
+        cell.inspect(3, false);
+        if (!result_first) cell.keeper.on_result(late);
+        cell.inspect(4, false);
+        EXPECT_THAT(cell.kept(), ElementsAre("p2-before", "p3-reject"));
+    }
+}
+
+TEST(FrameKeeper, drops_counts_and_says_so_when_the_disk_is_too_slow_and_recovers) {
+    Cell cell({.before = 0, .after = 0, .buffers = 3});
+    for (std::uint32_t part = 1; part <= 5; ++part) cell.inspect(part, true);  // nothing is written meanwhile
+    EXPECT_EQ(cell.keeper.counts().dropped, 2U);
+    EXPECT_TRUE(cell.keeper.counts().failing);
+    ASSERT_THAT(cell.said, SizeIs(1));
+    EXPECT_THAT(cell.said[0], HasSubstr("faster"));
+    EXPECT_THAT(cell.kept(), ElementsAre("p1-reject", "p2-reject", "p3-reject"));
+    EXPECT_FALSE(cell.keeper.counts().failing);
+    EXPECT_EQ(cell.said.back(), "works again");
+}
+
+TEST(FrameKeeper, goes_on_when_a_full_disk_has_room_again) {
+    ArchiveDisk disk = real_disk();
+    bool is_full = true;
+    disk.write = [&, real = disk.write](const std::filesystem::path& file,
+                                        std::span<const std::uint8_t> bytes) -> Result<void> {
+        if (is_full)
+            return fail(ErrorCode::io, file.string() + " cannot be written (No space left on device)", "free space");
+        return real(file, bytes);
+    };
+    Cell cell({.before = 0, .after = 0}, disk);
+    cell.inspect(1, true);
+    cell.inspect(2, true);
+    EXPECT_THAT(cell.kept(), IsEmpty());
+    EXPECT_EQ(cell.keeper.counts().dropped, 2U);
+    ASSERT_THAT(cell.said, SizeIs(1));
+    is_full = false;
+    cell.inspect(3, true);
+    EXPECT_THAT(cell.kept(), ElementsAre("p3-reject"));
+    EXPECT_EQ(cell.said.back(), "works again");
+}
+
+TEST(FrameKeeper, writes_everything_that_replay_and_people_need) {
+    Cell cell({.before = 1, .after = 0});
+    cell.inspect(1, false);
+    cell.inspect(2, true);
+    cell.write_all();
+    const auto files = list_frames(cell.folder.path() / "frames");
+    ASSERT_EQ(files->size(), 2U);
+    const Json before = Json::parse(read_annotated_frame(files->at(0).file).value().metadata);
+    EXPECT_EQ(before["role"], "before");
+    EXPECT_EQ(before["trigger"], 2);
+    const Json json = Json::parse(read_annotated_frame(files->at(1).file).value().metadata);
+    EXPECT_EQ(json["station"], "cell 3");
+    EXPECT_EQ(json["boot"], 7);
+    EXPECT_EQ(json["verdict"], "reject");
+    EXPECT_EQ(json["grid"], Json({{"m", 24}, {"n", 24}, {"i", 5}, {"j", 5}}));
+    EXPECT_FALSE(json["defects"].empty());
+    EXPECT_THAT(json["recipe"].get<std::string>(), HasSubstr("emd_bins"));
+}
+
+// -- judging again
+
+TEST(Replay, with_the_recipe_of_then_is_the_same_to_the_bit) {
+    Cell cell({.before = 3, .after = 3});
+    for (std::uint32_t part = 1; part <= 20; ++part) cell.inspect(part, part % 6 == 0);
+    cell.write_all();
+    Replay replay;
+    const auto files = list_frames(cell.folder.path() / "frames");
+    ASSERT_GT(files->size(), 10U);
+    for (const ArchivedFile& file : *files) {
+        const auto replayed = replay.judge(file.file);
+        ASSERT_TRUE(replayed) << replayed.error().message();
+        EXPECT_TRUE(replayed->same()) << to_json_line(*replayed);
+        EXPECT_THAT(to_json_line(*replayed), HasSubstr("\"changes\":[]"));
+    }
+}
+
+TEST(Replay, with_another_recipe_shows_what_changes) {
+    Cell cell({.before = 1, .after = 0});
+    cell.inspect(1, false);
+    cell.inspect(2, true);
+    cell.write_all();
+    algo::Recipe lenient;
+    lenient.name = "lenient";
+    lenient.emd_limit_bins = lenient.frobenius_limit_bins = 30;
+    lenient.transmission_limit = 0;
+    Replay replay(lenient);
+    const auto files = list_frames(cell.folder.path() / "frames");
+    const auto good = replay.judge(files->at(0).file), bad = replay.judge(files->at(1).file);
+    EXPECT_EQ(good->now.verdict, "pass");
+    EXPECT_TRUE(bad->verdict_changes());
+    EXPECT_EQ(bad->then.verdict, "reject");
+    EXPECT_EQ(bad->now.verdict, "pass");
+    EXPECT_EQ(bad->recipe_now, "lenient");
+    EXPECT_EQ(bad->then.maps_sha256, bad->now.maps_sha256);  // limits do not touch the maps
+    EXPECT_THAT(to_json_line(*bad), HasSubstr("\"changes\":[\"verdict\",\"reason\",\"score\",\"defects\"]"));
+}
+
+TEST(Replay, refuses_a_frame_whose_samples_somebody_exchanged) {
+    Cell cell({.before = 0, .after = 0});
+    cell.inspect(1, true);
+    cell.write_all();
+    const auto file = list_frames(cell.folder.path() / "frames")->at(0).file;
+    const std::string metadata = read_annotated_frame(file)->metadata;
+    const auto forged = encode_png(part_frame(1, false).view(), metadata);
+    write_text(file, std::string(forged->begin(), forged->end()));
+    const auto replayed = Replay().judge(file);
+    ASSERT_FALSE(replayed);
+    EXPECT_THAT(replayed.error().message(), HasSubstr("other samples"));
+}
+
+}  // namespace
+}  // namespace hord::firmware::store::test

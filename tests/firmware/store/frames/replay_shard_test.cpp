@@ -1,0 +1,204 @@
+// Shards of a replay: joined to the bytes of one replay whatever their number and order, and refused by name when they
+// do not belong together or are not whole.
+#include "firmware/store/frames/replay_shard.h"
+
+#include <csignal>
+#include <random>
+
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "tests/firmware/store/results/samples.h"
+
+namespace hord::firmware::store::test {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+const ReplayIdentity kReplay{std::string(64, 'a'), 10, "own", "0.1.0", std::string(64, 'b')};
+
+std::vector<ArchivedFile> frames(std::uint64_t count) {
+    std::vector<ArchivedFile> all;
+    for (std::uint64_t k = 1; k <= count; ++k) {
+        std::string name = std::to_string(k);
+        name.insert(0, 12 - name.size(), '0');
+        all.push_back({k, name + "-p.png", 1000 + k});
+    }
+    return all;
+}
+
+std::string line_of(const ArchivedFile& frame) {
+    if (frame.number % 7 == 0) return unreadable_line(frame.file.string(), ErrorCode::unreadable);
+    return "{\"frame\":\"" + frame.file.string() + "\",\"part\":1,\"changes\":[" +
+        (frame.number % 5 == 0 ? "\"verdict\"" : "") + "]}";
+}
+
+void write_shard(const fs::path& file, ReplayIdentity identity, const Shard& shard,
+                 const std::vector<ArchivedFile>& all) {
+    identity.frames = all.size();
+    auto writer = ShardWriter::create(file, identity, shard);
+    ASSERT_TRUE(writer) << writer.error().message();
+    for (const ArchivedFile& frame : all) {
+        if (shard.holds(frame)) {
+            ASSERT_TRUE(writer->add(line_of(frame)));
+        }
+    }
+    ASSERT_TRUE(writer->finish());
+}
+
+std::vector<fs::path> write_shards(const fs::path& folder, std::uint64_t count, const std::vector<ArchivedFile>& all) {
+    std::vector<fs::path> files;
+    for (std::uint64_t k = 1; k <= count; ++k) {
+        files.push_back(folder / ("s" + std::to_string(k)));
+        write_shard(files.back(), kReplay, {k, count}, all);
+    }
+    return files;
+}
+
+std::string refusal(const std::vector<fs::path>& files, const fs::path& out) {
+    const auto merged = merge_shards(files, out);
+    EXPECT_FALSE(fs::exists(out));
+    return merged ? "merged" : merged.error().message();
+}
+
+TEST(Shards, of_any_number_in_any_order_are_the_bytes_of_one_replay) {
+    const TempFolder folder;
+    std::mt19937 random(7);
+    for (const std::uint64_t frame_count : {0U, 1U, 41U}) {
+        const auto all = frames(frame_count);
+        write_shard(folder.path() / "one", kReplay, {}, all);
+        const std::string one = read_text(folder.path() / "one");
+        for (const std::uint64_t count : {1U, 2U, 3U, 41U, 60U}) {
+            auto files = write_shards(folder.path(), count, all);
+            std::shuffle(files.begin(), files.end(), random);
+            const auto merged = merge_shards(files, folder.path() / "merged");
+            ASSERT_TRUE(merged) << merged.error().message();
+            EXPECT_EQ(read_text(folder.path() / "merged"), one) << count << " shards of " << frame_count;
+            EXPECT_EQ(merged->records, frame_count);
+        }
+    }
+    EXPECT_THAT(read_text(folder.path() / "one"),
+                HasSubstr("\"records\":41,\"same\":29,\"verdicts\":7,\"unreadable\":5,"));
+}
+
+TEST(Shards, hold_every_frame_once_and_the_same_one_whatever_else_there_is) {
+    const auto all = frames(100);
+    for (const ArchivedFile& frame : all) {
+        int holders = 0;
+        for (std::uint64_t k = 1; k <= 7; ++k) holders += Shard{k, 7}.holds(frame) ? 1 : 0;
+        EXPECT_EQ(holders, 1);
+    }
+    const ArchivedFile unnumbered{0, "elsewhere/x.png", 1}, copied{0, "copy/x.png", 9};
+    for (std::uint64_t k = 1; k <= 7; ++k) EXPECT_EQ((Shard{k, 7}.holds(unnumbered)), (Shard{k, 7}.holds(copied)));
+}
+
+TEST(Shards, that_do_not_belong_together_are_refused_by_name) {
+    const TempFolder folder;
+    const fs::path out = folder.path() / "out";
+    const auto all = frames(10);
+    const auto files = write_shards(folder.path(), 3, all);
+    EXPECT_THAT(refusal({files[0], files[2]}, out), HasSubstr("1 of 3 shards are missing: 2/3"));
+    EXPECT_THAT(refusal({files[0], files[1], files[2], files[1]}, out), HasSubstr("are both shard 2/3"));
+    EXPECT_THAT(refusal({files[0], folder.path() / "nowhere"}, out), HasSubstr("nowhere cannot be read"));
+    write_text(folder.path() / "foreign", "{\"frame\":\"a\"}\n");
+    EXPECT_THAT(refusal({files[0], folder.path() / "foreign"}, out), HasSubstr("foreign is no shard of a replay"));
+    EXPECT_THAT(refusal({"/dev/zero"}, out), HasSubstr("is no shard of a replay"));
+
+    const auto odd = [&](auto change) {
+        ReplayIdentity other = kReplay;
+        change(other);
+        write_shard(folder.path() / "odd", other, {2, 3}, all);
+        return refusal({files[0], folder.path() / "odd", files[2]}, out);
+    };
+    EXPECT_THAT(odd([](ReplayIdentity& id) { id.archive = std::string(64, 'c'); }),
+                HasSubstr("odd are of different replays: archive"));
+    EXPECT_THAT(odd([](ReplayIdentity& id) { id.recipe = std::string(64, 'c'); }), HasSubstr("recipe own"));
+    EXPECT_THAT(odd([](ReplayIdentity& id) { id.software = "0.2.0"; }), HasSubstr("software 0.1.0 and 0.2.0"));
+    EXPECT_THAT(odd([](ReplayIdentity& id) { id.program = std::string(64, 'c'); }), HasSubstr("program"));
+    write_shard(folder.path() / "odd", kReplay, {2, 4}, all);
+    EXPECT_THAT(refusal({files[0], folder.path() / "odd", files[2]}, out), HasSubstr("shards 1/3 and 2/4"));
+    // Whole, but without the frames that it should hold.
+    {
+        auto writer = ShardWriter::create(folder.path() / "odd", kReplay, {2, 3});
+        ASSERT_TRUE(writer);
+        ASSERT_TRUE(writer->finish());
+    }
+    EXPECT_THAT(refusal({files[0], folder.path() / "odd", files[2]}, out),
+                HasSubstr("hold 6 frames, and the archive 10"));
+}
+
+TEST(Shards, torn_at_any_byte_or_changed_in_any_are_refused) {
+    const TempFolder folder;
+    const fs::path out = folder.path() / "out", torn = folder.path() / "torn";
+    const auto files = write_shards(folder.path(), 2, frames(6));
+    const std::string whole = read_text(files[1]);
+    for (std::size_t size = 0; size < whole.size(); ++size) {
+        write_text(torn, whole.substr(0, size));
+        EXPECT_THAT(refusal({files[0], torn}, out), HasSubstr(size > whole.find('\n') ? "is torn" : "is no shard"))
+            << size;
+    }
+    for (std::size_t at = 0; at < whole.size(); ++at) {
+        std::string changed = whole;
+        changed[at] = static_cast<char>(changed[at] ^ 1);
+        write_text(torn, changed);
+        EXPECT_NE(refusal({files[0], torn}, out), "merged") << at;
+    }
+    write_text(torn, whole + "\n");
+    EXPECT_THAT(refusal({files[0], torn}, out), HasSubstr("something follows"));
+}
+
+TEST(Shards, of_a_worker_that_is_killed_do_not_appear_and_come_out_the_same_the_second_time) {
+    const TempFolder folder;
+    const auto all = frames(20);
+    write_shard(folder.path() / "one", kReplay, {}, all);
+    auto files = write_shards(folder.path(), 2, all);
+    fs::remove(files[1]);
+    int ready[2];
+    ASSERT_EQ(pipe(ready), 0);
+    const pid_t worker = fork();
+    if (worker == 0) {
+        ReplayIdentity identity = kReplay;
+        identity.frames = all.size();
+        auto writer = ShardWriter::create(files[1], identity, {2, 2});
+        for (std::size_t k = 0; k < 10; ++k) {
+            if (Shard{2, 2}.holds(all[k])) (void)writer->add(line_of(all[k]));
+        }
+        if (::write(ready[1], "x", 1) != 1) _exit(1);
+        while (true) pause();
+    }
+    char sign = 0;
+    ASSERT_EQ(::read(ready[0], &sign, 1), 1);
+    kill(worker, SIGKILL);
+    int status = 0;
+    waitpid(worker, &status, 0);
+    close(ready[0]);
+    close(ready[1]);
+    ASSERT_TRUE(WIFSIGNALED(status));
+    EXPECT_FALSE(fs::exists(files[1]));
+    EXPECT_THAT(refusal(files, folder.path() / "merged"), HasSubstr("s2 cannot be read"));
+    write_shard(files[1], kReplay, {2, 2}, all);
+    ASSERT_TRUE(merge_shards(files, folder.path() / "merged"));
+    EXPECT_EQ(read_text(folder.path() / "merged"), read_text(folder.path() / "one"));
+}
+
+TEST(Shards, are_named_as_one_of_how_many_and_not_otherwise) {
+    EXPECT_EQ(parse_shard("2/4"), (Shard{2, 4}));
+    EXPECT_EQ(parse_shard("100000/100000"), (Shard{100'000, 100'000}));
+    for (const char* wrong : {"", "/", "1", "1/", "/4", "0/4", "5/4", "1/0", "-1/4", "+1/4", " 1/4", "1/4 ", "1/4/4",
+                              "1/4x", "a/b", "1/100001", "18446744073709551617/2", "1/18446744073709551617"}) {
+        const auto shard = parse_shard(wrong);
+        ASSERT_FALSE(shard) << wrong;
+        EXPECT_THAT(shard.error().message(), HasSubstr("shard")) << wrong;
+        EXPECT_FALSE(shard.error().cure.empty()) << wrong;
+    }
+}
+
+TEST(Shards, cannot_be_written_where_there_is_no_folder) {
+    const auto writer = ShardWriter::create("/nowhere/x.jsonl", kReplay, {});
+    ASSERT_FALSE(writer);
+    EXPECT_THAT(writer.error().message(), HasSubstr("/nowhere/x.jsonl cannot be written"));
+}
+
+}  // namespace
+}  // namespace hord::firmware::store::test

@@ -1,0 +1,60 @@
+// What leaves the station as text: compared with files that are kept, since programs of other people read them.
+#include "firmware/store/results/export.h"
+
+#include "tests/firmware/store/results/samples.h"
+
+namespace hord::firmware::store::test {
+namespace {
+
+const std::filesystem::path kGolden = std::filesystem::path(HORD_SOURCE_DIR) / "tests/firmware/store/results/golden";
+
+void fill(const TempFolder& folder) {
+    ChangeRecord change = recipe("lens, \"clear\"", "name = \"lens\"\nlimit = 2\n");
+    change.before = "name = \"lens\"\nlimit = 1\n";
+    change.peer = "192.0.2.7:50123";
+    change.token = 71;
+    ResultRecord late = result(3);
+    late.result.verdict = PartVerdict::unfit;
+    late.result.reason = PartReason::verdict_late;
+    late.result.reject = RejectState::failed;
+    write(folder,
+          Story()
+              .add(change)
+              .add(result(1))
+              .add(result(2, PartVerdict::reject))
+              .add(late)
+              .add(CommandRecord{kNoon + kSecond, "192.0.2.7:50123", 72, "start-continuous", "Ready", "completed"}));
+}
+
+template <class Row>
+std::string all_of(const std::vector<Row>& rows, std::string text, std::string (*line)(const Row&)) {
+    for (const Row& row : rows) text += line(row) + "\n";
+    return text;
+}
+
+TEST(Export, gives_the_same_bytes_as_ever) {
+    const TempFolder folder;
+    fill(folder);
+    EXPECT_EQ(all_of(results(folder), csv_head_of_results() + "\n", to_csv), read_text(kGolden / "results.csv"));
+    EXPECT_EQ(all_of(results(folder), "", to_json_line), read_text(kGolden / "results.jsonl"));
+    EXPECT_EQ(all_of(changes(folder), csv_head_of_changes() + "\n", to_csv), read_text(kGolden / "changes.csv"));
+    EXPECT_EQ(all_of(changes(folder), "", to_json_line), read_text(kGolden / "changes.jsonl"));
+}
+
+TEST(Export, times_are_read_as_people_write_them) {
+    const UtcMicros now = kNoon;
+    const auto read = [&](const char* text) { return parse_utc(text, now); };
+    EXPECT_EQ(format_utc(*read("2026-11-21")), "2026-11-21T00:00:00.000Z");
+    EXPECT_EQ(format_utc(*read("2026-11-21T07:15")), "2026-11-21T07:15:00.000Z");
+    EXPECT_EQ(format_utc(*read("2026-11-21T07:15:30Z")), "2026-11-21T07:15:30.000Z");
+    EXPECT_EQ(*read("90s"), now - 90 * kSecond);
+    EXPECT_EQ(*read("7d"), now - 7 * kDay);
+    EXPECT_EQ(format_utc(-1), "1969-12-31T23:59:59.999Z");
+    for (const char* bad : {"", "yesterday", "2026-02-30", "2026-11-21T", "2026-11-21T7", "21.11.2026", "-3d", "3w",
+                            "2026-11-21T07:15:30+01:00", "2026-11-21T25:00"}) {
+        EXPECT_FALSE(read(bad)) << bad;
+    }
+}
+
+}  // namespace
+}  // namespace hord::firmware::store::test

@@ -1,0 +1,307 @@
+#include <fstream>
+
+#include <sys/stat.h>
+
+#include "tests/firmware/store/results/samples.h"
+#include "tests/firmware/store/results/sql.h"
+
+namespace hord::firmware::store::test {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+
+std::vector<std::string> whats(const std::vector<StoredChange>& changes) {
+    std::vector<std::string> all;
+    for (const StoredChange& change : changes) all.push_back(change.what);
+    return all;
+}
+
+TEST(SqliteStore, gives_back_every_part_as_it_was_written) {
+    const TempFolder folder;
+    write(folder, Story().add(recipe("lens", "name = \"lens\"")).add(result(1)).add(result(2, PartVerdict::reject)));
+    const auto all = results(folder);
+    ASSERT_THAT(all, SizeIs(2));
+    const StoredResult& r = all[1];
+    EXPECT_EQ(r.number, 2);
+    EXPECT_EQ(r.boot, 7U);
+    EXPECT_EQ(r.sequence, 2U);
+    EXPECT_EQ(r.part, 102U);
+    EXPECT_EQ(r.time_us, kNoon + 200'000);
+    EXPECT_EQ(r.verdict, "reject");
+    EXPECT_EQ(r.reason, "deflection");
+    EXPECT_EQ(r.reject, "confirmed");
+    EXPECT_EQ(static_cast<float>(r.score.value()), 0.2F);
+    EXPECT_EQ(r.defect_count, 2);
+    EXPECT_EQ(
+        r.defects,
+        R"([{"m":12.25,"n":3.5,"area":9,"peak":1.7,"kind":"scratch"},{"m":40,"n":41,"area":4,"peak":1.1,"kind":"absorbing"}])");
+    EXPECT_EQ(r.latency_us, 4202);
+    EXPECT_EQ(r.reject_latency_us, 400'000);
+    EXPECT_EQ(r.recipe, "lens");
+    EXPECT_EQ(r.software, "0.1.0");
+    EXPECT_EQ(all[0].defects, "[]");
+}
+
+TEST(SqliteStore, keeps_so_many_defects_and_says_how_many_there_were) {
+    const TempFolder folder;
+    ResultRecord record = result(1, PartVerdict::reject);
+    record.defects.assign(1000, {1.5F, 2.5F, 3, 4.5F, algo::DefectKind::unknown});
+    record.result.defects = 1000;
+    write(folder, Story().add(record));
+    const StoredResult r = results(folder).at(0);
+    EXPECT_EQ(r.defect_count, 1000);
+    EXPECT_EQ(std::count(r.defects.begin(), r.defects.end(), '{'), 64);
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+}
+
+TEST(SqliteStore, continues_its_numbers_over_restarts_and_names_each_run) {
+    const TempFolder folder;
+    write(folder, Story(start(7)).add_results(1, 20));
+    write(folder, Story(start(8)).add_results(1, 5));
+    const auto all = results(folder);
+    ASSERT_THAT(all, SizeIs(25));
+    for (std::size_t k = 0; k < all.size(); ++k) EXPECT_EQ(all[k].number, static_cast<std::int64_t>(k + 1));
+    EXPECT_EQ(all[19].boot, 7U);
+    EXPECT_EQ(all[20].boot, 8U);
+    EXPECT_EQ(all[20].sequence, 1U);  // the PLC's number begins again, with another boot
+    EXPECT_NE(all[19].run, all[20].run);
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+}
+
+TEST(SqliteStore, stores_a_repeated_batch_once) {
+    const TempFolder folder;
+    Story run;
+    run.add(recipe("a", "1")).add_results(1, 10).add(CommandRecord{kNoon, "plc:1", 9, "stop", "Ready", "done"});
+    write(folder, run);
+    write(folder, run);  // opened again: nobody knew whether the batch had arrived
+    run.add_results(11, 12);
+    write(folder, run);
+    EXPECT_THAT(results(folder), SizeIs(12));
+    EXPECT_THAT(whats(changes(folder)), ElementsAre("start", "recipe", "command"));
+    EXPECT_EQ(open(folder)->last_sequence(), 0U);  // no run yet
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+}
+
+TEST(SqliteStore, does_not_go_back_to_an_older_recipe_when_it_is_opened_again) {
+    const TempFolder folder;
+    Story run;
+    run.add(recipe("a", "1")).add(result(1)).add(recipe("b", "2")).add(result(2));
+    write(folder, run);
+    // What a queue says that had written the first two records and then saw an error.
+    const auto store = open(folder);
+    ASSERT_TRUE(store->write(std::vector<Entry>{{0, start()}, {0, recipe("a", "1")}}));
+    ASSERT_TRUE(store->write(std::vector<Entry>{{3, recipe("b", "2")}, {4, result(2)}, {5, result(3)}}));
+    const auto all = results(folder);
+    ASSERT_THAT(all, SizeIs(3));
+    EXPECT_EQ(all[1].recipe, "b");
+    EXPECT_EQ(all[2].recipe, "b");
+}
+
+TEST(SqliteStore, tells_a_fresh_file_what_is_in_use_and_a_known_one_only_what_is_new) {
+    const TempFolder folder;
+    ChangeRecord at_start = recipe("a", "1");
+    at_start.if_new = true;
+    write(folder, Story(start(7)).add(at_start).add(result(1)));
+    write(folder, Story(start(8)).add(at_start).add(result(1)));
+    at_start.after = "2";
+    write(folder, Story(start(9)).add(at_start).add(result(1)));
+    const auto all = changes(folder);
+    EXPECT_THAT(whats(all), ElementsAre("start", "recipe", "start", "start", "recipe"));
+    EXPECT_EQ(all[4].before, "1");
+    EXPECT_EQ(all[4].after, "2");
+    const auto parts = results(folder);
+    EXPECT_EQ(parts[0].recipe_change, parts[1].recipe_change);
+    EXPECT_NE(parts[1].recipe_change, parts[2].recipe_change);
+}
+
+TEST(SqliteStore, records_who_changed_what_from_what) {
+    const TempFolder folder;
+    ChangeRecord change = recipe("lens", "limit = 2");
+    change.before = "limit = 1";
+    change.peer = "192.0.2.7:50123";
+    change.token = 71;
+    write(folder,
+          Story().add(change).add(
+              CommandRecord{kNoon + 5, "192.0.2.7:50123", 72, "start-continuous", "Ready", "completed"}));
+    const auto all = changes(folder);
+    ASSERT_THAT(all, SizeIs(3));
+    EXPECT_EQ(all[1].peer, "192.0.2.7:50123");
+    EXPECT_EQ(all[1].token, 71U);
+    EXPECT_EQ(all[1].before, "limit = 1");
+    EXPECT_EQ(all[1].after, "limit = 2");
+    EXPECT_EQ(all[2].what, "command");
+    EXPECT_EQ(all[2].name, "start-continuous");
+}
+
+TEST(SqliteStore, filters_by_time_verdict_kind_recipe_and_takes_the_newest) {
+    const TempFolder folder;
+    ResultRecord bubble = result(31, PartVerdict::reject);
+    bubble.defects = {{1, 1, 1, 1, algo::DefectKind::scattering}};
+    write(folder,
+          Story().add(recipe("a", "1")).add_results(1, 20).add(recipe("b", "2")).add_results(21, 30).add(bubble));
+    ResultFilter filter;
+    filter.verdict = "reject";
+    EXPECT_THAT(results(folder, filter), SizeIs(4));
+    filter.kind = "scratch";
+    EXPECT_THAT(results(folder, filter), SizeIs(3));
+    filter.recipe = "b";
+    EXPECT_EQ(results(folder, filter).at(0).sequence, 30U);
+    filter = {};
+    filter.reason = "deflection";
+    filter.since = kNoon + 2'000'000;
+    EXPECT_THAT(results(folder, filter), SizeIs(3));
+    filter.until = kNoon + 3'000'000;
+    EXPECT_THAT(results(folder, filter), SizeIs(1));
+    filter = {};
+    filter.newest = 3;
+    const auto newest = results(folder, filter);
+    ASSERT_THAT(newest, SizeIs(3));
+    EXPECT_EQ(newest.front().sequence, 29U);
+    EXPECT_EQ(newest.back().sequence, 31U);
+    filter.recipe = "none of these'; DROP TABLE results; --";
+    EXPECT_THAT(results(folder, filter), IsEmpty());
+}
+
+// -- retention
+
+TEST(Retention, removes_what_is_too_old_and_the_rest_still_verifies) {
+    const TempFolder folder;
+    write(folder, Story().add_results(1, 500));
+    const auto store = open(folder);
+    ASSERT_TRUE(store->write(Story().entries()));
+    Retention retention;
+    retention.keep_us = kDay;
+    const auto more = store->prune(retention, kNoon + kDay + 201 * 100'000);  // results up to 200 are older than a day
+    ASSERT_TRUE(more) << more.error().message();
+    EXPECT_FALSE(*more);
+    const auto all = results(folder);
+    ASSERT_THAT(all, SizeIs(300));
+    EXPECT_EQ(all.front().number, 201);
+    const Verification verification = verify(folder.path());
+    EXPECT_THAT(verification.problems, IsEmpty());
+    EXPECT_EQ(verification.heads.back().chain, "results");
+    EXPECT_EQ(verification.heads.back().first, 201);
+    EXPECT_EQ(verification.heads.back().number, 500);
+}
+
+TEST(Retention, works_in_bounded_steps_and_never_removes_the_newest_row) {
+    const TempFolder folder;
+    write(folder, Story().add_results(1, 500));
+    const auto store = open(folder, {.rows_in_one_prune = 200});
+    ASSERT_TRUE(store->write(Story().entries()));
+    const Retention retention{.keep_us = 1, .max_bytes = 0};
+    std::vector<std::size_t> left;
+    for (bool more = true; more;) {
+        more = store->prune(retention, kNoon + kDay).value();
+        left.push_back(results(folder).size());
+        EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+    }
+    EXPECT_THAT(left, ElementsAre(300, 100, 1));
+    ASSERT_TRUE(store->write(Story().add_results(1, 501).entries()));
+    EXPECT_EQ(results(folder).back().number, 501);
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+}
+
+TEST(Retention, keeps_the_file_under_its_limit_and_gives_space_back) {
+    const TempFolder folder;
+    const auto store = open(folder);
+    constexpr std::uint64_t kLimit = 2'000'000;
+    Story run;
+    std::uint32_t last = 0;
+    std::uintmax_t largest = 0;
+    for (int round = 0; round < 10; ++round) {
+        run.add_results(last + 1, last + 2000);
+        last += 2000;
+        ASSERT_TRUE(store->write(run.entries()));
+        for (bool more = true; more;) more = store->prune({.keep_us = 0, .max_bytes = kLimit}, kNoon).value();
+        if (round >= 6)
+            largest = std::max(largest,
+                               sql_integer(folder,
+                                           "SELECT (page_count - freelist_count) * page_size FROM pragma_page_count, "
+                                           "pragma_freelist_count, pragma_page_size"));
+    }
+    EXPECT_LE(largest, kLimit);
+    EXPECT_EQ(results(folder).back().sequence, last);
+    EXPECT_GT(results(folder).size(), 4000U);  // what fits is kept
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+}
+
+TEST(Retention, by_a_clock_that_was_set_back_removes_nothing_young) {
+    const TempFolder folder;
+    ResultRecord ahead = result(3);
+    ahead.time_us = kNoon + 365 * kDay;  // the clock was a year ahead for a moment
+    write(folder, Story().add(result(1)).add(ahead).add(result(4)).add(result(5)));
+    const auto store = open(folder);
+    ASSERT_TRUE(store->prune({.keep_us = kDay, .max_bytes = 0}, kNoon + 2 * kDay));
+    ASSERT_THAT(results(folder), SizeIs(3));  // up to the row that says it is young
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+}
+
+// -- what cannot be used
+
+TEST(SqliteStore, belongs_to_one_writer_while_anybody_may_read) {
+    const TempFolder folder;
+    const auto store = open(folder);
+    ASSERT_TRUE(store->write(Story().add(result(1)).entries()));
+    const auto second = SqliteStore::open(folder.path());
+    ASSERT_FALSE(second);
+    EXPECT_EQ(second.error().code, ErrorCode::busy);
+    EXPECT_THAT(results(folder), SizeIs(1));
+}
+
+TEST(SqliteStore, refuses_what_is_no_store_and_leaves_it_alone) {
+    const TempFolder folder;
+    const std::string text(5000, 'x');
+    write_text(folder.path() / "results.db", text);
+    const auto store = SqliteStore::open(folder.path());
+    ASSERT_FALSE(store);
+    EXPECT_EQ(store.error().code, ErrorCode::unreadable);
+    EXPECT_THAT(store.error().message(), HasSubstr("results.db"));
+    EXPECT_EQ(read_text(folder.path() / "results.db"), text);
+}
+
+TEST(SqliteStore, refuses_another_programs_database_and_a_newer_schema) {
+    const TempFolder other, newer;
+    sql(other, "CREATE TABLE t (a); INSERT INTO t VALUES (1)");
+    EXPECT_EQ(SqliteStore::open(other.path()).error().code, ErrorCode::unreadable);
+    write(newer, Story().add(result(1)));
+    sql(newer, "PRAGMA user_version = 1000");
+    EXPECT_EQ(SqliteStore::open(newer.path()).error().code, ErrorCode::unsupported);
+    EXPECT_EQ(StoreReader::open(newer.path()).error().code, ErrorCode::unsupported);
+}
+
+TEST(SqliteStore, names_the_folder_it_cannot_make) {
+    const auto store = SqliteStore::open("/nonexistent/folder/store");
+    ASSERT_FALSE(store);
+    EXPECT_THAT(store.error().message(), HasSubstr("/nonexistent/folder/store"));
+}
+
+TEST(SqliteStore, survives_a_cut_off_or_overwritten_file_with_an_error) {
+    for (const int kind : {0, 1}) {
+        const TempFolder folder;
+        write(folder, Story().add_results(1, 3000));
+        const auto file = folder.path() / "results.db";
+        const auto size = std::filesystem::file_size(file);
+        if (kind == 0) {
+            std::filesystem::resize_file(file, size / 2);
+        } else {
+            std::fstream damage(file, std::ios::in | std::ios::out | std::ios::binary);
+            damage.seekp(static_cast<std::streamoff>(size / 4));
+            damage << std::string(size / 2, '\x55');
+        }
+        EXPECT_FALSE(verify(folder.path()).problems.empty());
+        auto store = SqliteStore::open(folder.path());
+        if (!store) {
+            EXPECT_EQ(store.error().code, ErrorCode::unreadable) << store.error().message();
+            continue;
+        }
+        const auto done = (*store)->write(Story(start(9)).add_results(1, 100).entries());
+        EXPECT_TRUE(done || done.error().code == ErrorCode::unreadable) << done.error().message();
+    }
+}
+
+}  // namespace
+}  // namespace hord::firmware::store::test

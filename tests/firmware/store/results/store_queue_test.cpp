@@ -1,0 +1,273 @@
+// Between the line and the disk: nothing is stored twice, nothing is lost silently, and nobody waits for the disk.
+#include "firmware/store/results/store_queue.h"
+
+#include <future>
+
+#include "firmware/store/results/memory_store.h"
+#include "tests/firmware/store/results/samples.h"
+
+namespace hord::firmware::store::test {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+
+Error full() { return {ErrorCode::io, "results.db cannot grow: the disk is full", "free space"}; }
+
+std::vector<std::uint32_t> sequences(const MemoryDisk& disk) {
+    std::vector<std::uint32_t> all;
+    for (const Entry& entry : disk.entries) {
+        if (const auto* r = std::get_if<ResultRecord>(&entry.record)) all.push_back(r->result.sequence);
+    }
+    return all;
+}
+std::vector<std::string> lost(const MemoryDisk& disk) {
+    std::vector<std::string> all;
+    for (const Entry& entry : disk.entries) {
+        const auto* change = std::get_if<ChangeRecord>(&entry.record);
+        if (change != nullptr && change->what == ChangeRecord::What::lost) all.push_back(change->after);
+    }
+    return all;
+}
+std::vector<std::uint32_t> count_to(std::uint32_t last) {
+    std::vector<std::uint32_t> all(last);
+    for (std::uint32_t k = 0; k < last; ++k) all[k] = k + 1;
+    return all;
+}
+
+// A queue without a thread over a disk in memory.
+struct Bench {
+    explicit Bench(StoreQueueOptions options = {})
+        : queue([this] { return MemoryStore::open(disk); }, without_thread(options), start(), [] { return kNoon; },
+                listener()) {}
+    static StoreQueueOptions without_thread(StoreQueueOptions options) {
+        options.thread = false;
+        return options;
+    }
+    StoreQueue::Listener listener() {
+        return {[this](const Error& error) { said.push_back(error.message()); },
+                [this] { said.emplace_back("works again"); }};
+    }
+    void add(std::uint32_t from, std::uint32_t to) {
+        for (std::uint32_t k = from; k <= to; ++k) queue.add(result(k));
+    }
+    MemoryDisk disk;
+    std::vector<std::string> said;
+    StoreQueue queue;
+};
+
+TEST(StoreQueue, writes_everything_in_order_in_batches) {
+    Bench bench({.batch = 4});
+    bench.add(1, 10);
+    EXPECT_THAT(sequences(bench.disk), IsEmpty());
+    for (int k = 0; k < 3; ++k) EXPECT_TRUE(bench.queue.step());
+    EXPECT_EQ(sequences(bench.disk), count_to(10));
+    EXPECT_EQ(bench.disk.batches, 1 + 3);  // the run's start is one
+    EXPECT_EQ(bench.queue.state().waiting, 0U);
+    EXPECT_EQ(bench.queue.state().durable_sequence, 10U);
+}
+
+TEST(StoreQueue, acknowledges_what_is_durable_and_nothing_else) {
+    Bench bench;
+    bench.add(1, 5);
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 5), Kept::not_yet);
+    EXPECT_TRUE(bench.queue.step());
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 5), Kept::kept);
+    bench.add(6, 6);
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 6), Kept::not_yet);
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 3), Kept::kept);
+    bench.disk.on_write = [] { return std::optional(full()); };
+    EXPECT_FALSE(bench.queue.step());
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 6), Kept::failing);
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 5), Kept::kept);  // it is on the disk
+}
+
+TEST(StoreQueue, keeps_results_while_the_disk_is_full_and_writes_them_when_there_is_room) {
+    Bench bench;
+    bench.add(1, 3);
+    EXPECT_TRUE(bench.queue.step());
+    bench.disk.on_write = [] { return std::optional(full()); };
+    for (std::uint32_t k = 4; k <= 50; ++k) {
+        bench.add(k, k);
+        EXPECT_FALSE(bench.queue.step());
+        EXPECT_TRUE(bench.queue.state().failing);
+    }
+    EXPECT_THAT(bench.said, ElementsAre(HasSubstr("disk is full")));  // said once
+    bench.disk.on_write = nullptr;
+    EXPECT_TRUE(bench.queue.step());
+    EXPECT_EQ(sequences(bench.disk), count_to(50));
+    EXPECT_EQ(bench.said.back(), "works again");
+    EXPECT_FALSE(bench.queue.state().failing);
+    EXPECT_EQ(bench.queue.state().lost, 0U);
+}
+
+TEST(StoreQueue, opens_a_store_that_was_not_there_at_the_start_and_says_each_different_trouble_once) {
+    Bench bench;
+    bench.disk.on_open = [] { return std::optional(Error{ErrorCode::io, "no folder", "make it"}); };
+    bench.add(1, 2);
+    EXPECT_FALSE(bench.queue.step());
+    EXPECT_FALSE(bench.queue.step());
+    bench.disk.on_open = [] { return std::optional(full()); };
+    EXPECT_FALSE(bench.queue.step());
+    EXPECT_THAT(bench.said, ElementsAre(HasSubstr("no folder"), HasSubstr("disk is full")));
+    bench.disk.on_open = nullptr;
+    EXPECT_TRUE(bench.queue.step());
+    EXPECT_EQ(sequences(bench.disk), count_to(2));
+}
+
+TEST(StoreQueue, stores_once_what_an_error_left_in_doubt) {
+    Bench bench;
+    bench.add(1, 3);
+    EXPECT_TRUE(bench.queue.step());
+    bench.disk.on_written = [] { return std::optional(Error{ErrorCode::io, "sync failed", "check the disk"}); };
+    bench.add(4, 6);
+    EXPECT_FALSE(bench.queue.step());
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 6), Kept::failing);  // it does not know, so it does not say so
+    bench.disk.on_written = nullptr;
+    bench.add(7, 8);
+    EXPECT_TRUE(bench.queue.step());
+    EXPECT_EQ(sequences(bench.disk), count_to(8));
+}
+
+TEST(StoreQueue, counts_reports_and_records_what_it_had_to_lose) {
+    Bench bench({.capacity = 10});
+    bench.disk.on_write = [] { return std::optional(full()); };
+    bench.add(1, 25);
+    EXPECT_FALSE(bench.queue.step());
+    EXPECT_EQ(bench.queue.state().lost, 15U);
+    EXPECT_EQ(bench.queue.state().waiting, 10U + 1U);  // and the report of the loss
+    bench.queue.add(recipe("b", "2"));                 // few and needed: still room
+    EXPECT_EQ(bench.queue.state().lost, 15U);
+    bench.disk.on_write = nullptr;
+    EXPECT_TRUE(bench.queue.step());
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 25), Kept::kept);  // nobody waits for what cannot come any more
+    bench.add(26, 27);
+    EXPECT_TRUE(bench.queue.step());
+    std::vector<std::uint32_t> expected = count_to(10);
+    expected.insert(expected.end(), {26, 27});
+    EXPECT_EQ(sequences(bench.disk), expected);
+    EXPECT_THAT(lost(bench.disk), ElementsAre(R"({"records":15,"from_sequence":11,"to_sequence":25})"));
+}
+
+TEST(StoreQueue, tells_a_new_store_what_is_in_use) {
+    Bench bench;
+    bench.queue.add(recipe("a", "1"));
+    bench.add(1, 1);
+    EXPECT_TRUE(bench.queue.step());
+    bench.queue.add(recipe("b", "2"));
+    EXPECT_TRUE(bench.queue.step());
+    // Somebody moved the damaged file away: the next one is empty.
+    bench.disk.on_write = [] { return std::optional(full()); };
+    bench.add(2, 2);
+    EXPECT_FALSE(bench.queue.step());
+    bench.disk.on_write = nullptr;
+    bench.disk.entries.clear();
+    EXPECT_TRUE(bench.queue.step());
+    ASSERT_THAT(bench.disk.entries, SizeIs(3));
+    EXPECT_TRUE(std::holds_alternative<StartRecord>(bench.disk.entries[0].record));
+    EXPECT_EQ(std::get<ChangeRecord>(bench.disk.entries[1].record).after, "2");
+    EXPECT_EQ(sequences(bench.disk), std::vector<std::uint32_t>{2});
+}
+
+// A real store that fails when it is told to.
+class Fragile final : public ResultStore {
+  public:
+    Fragile(std::unique_ptr<ResultStore> inner, const bool& fails) : inner_(std::move(inner)), fails_(fails) {}
+
+  private:
+    Result<void> do_write(std::span<const Entry> entries) override {
+        return fails_ ? tl::unexpected(full()) : inner_->write(entries);
+    }
+    Result<bool> do_prune(const Retention& retention, UtcMicros now_us) override {
+        return inner_->prune(retention, now_us);
+    }
+    std::unique_ptr<ResultStore> inner_;
+    const bool& fails_;
+};
+
+TEST(StoreQueue, starts_a_new_file_when_somebody_moved_a_damaged_one_away) {
+    const TempFolder folder;
+    bool fails = false;
+    const auto opener = [&]() -> Result<std::unique_ptr<ResultStore>> {
+        auto store = SqliteStore::open(folder.path());
+        if (!store) return tl::unexpected(store.error());
+        return std::unique_ptr<ResultStore>(std::make_unique<Fragile>(std::move(*store), fails));
+    };
+    StoreQueue queue(opener, {.thread = false}, start(), [] { return kNoon; });
+    queue.add(recipe("a", "1"));
+    queue.add(result(1));
+    ASSERT_TRUE(queue.step());
+    fails = true;
+    queue.add(result(2));
+    ASSERT_FALSE(queue.step());
+    for (const char* name : {"results.db", "results.db-wal", "results.db-shm"})
+        std::filesystem::remove(folder.path() / name);
+    fails = false;
+    ASSERT_TRUE(queue.step());
+    const auto all = results(folder);
+    ASSERT_THAT(all, SizeIs(1));
+    EXPECT_EQ(all[0].sequence, 2U);
+    EXPECT_EQ(all[0].recipe, "a");
+    EXPECT_EQ(all[0].boot, 7U);
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+}
+
+TEST(StoreQueue, never_makes_the_line_wait_for_the_disk) {
+    MemoryDisk disk;
+    std::promise<void> stuck, go_on;
+    bool first = true;
+    disk.on_write = [&]() -> std::optional<Error> {
+        if (std::exchange(first, false)) {
+            stuck.set_value();
+            go_on.get_future().wait();  // a disk that hangs
+        }
+        return std::nullopt;
+    };
+    std::uint64_t lost = 0;
+    {
+        StoreQueue queue([&] { return MemoryStore::open(disk); }, {.capacity = 1000}, start(), [] { return kNoon; });
+        stuck.get_future().wait();
+        for (std::uint32_t k = 1; k <= 1500; ++k) queue.add(result(k));  // returns, or this test never ends
+        EXPECT_EQ(queue.acknowledge("plc", kNoon, 1), Kept::not_yet);
+        EXPECT_EQ(queue.state().waiting, 1000U);
+        lost = queue.state().lost;
+        go_on.set_value();
+    }  // writes what waits
+    EXPECT_EQ(lost, 500U);
+    EXPECT_EQ(sequences(disk), count_to(1000));
+}
+
+TEST(StoreQueue, with_its_thread_keeps_what_is_acknowledged_and_the_rest_at_the_end) {
+    const TempFolder folder;
+    {
+        StoreQueue queue(
+            [&]() -> Result<std::unique_ptr<ResultStore>> {
+                auto store = SqliteStore::open(folder.path());
+                if (!store) return tl::unexpected(store.error());
+                return std::unique_ptr<ResultStore>(std::move(*store));
+            },
+            {.commit_every = std::chrono::hours(1)}, start(), [] { return kNoon; });
+        for (std::uint32_t k = 1; k <= 100; ++k) queue.add(result(k));
+        while (queue.acknowledge("plc", kNoon, 100) == Kept::not_yet)
+            std::this_thread::yield();  // does not wait for the hour
+        EXPECT_THAT(results(folder), SizeIs(100));
+        for (std::uint32_t k = 101; k <= 150; ++k) queue.add(result(k));
+    }
+    EXPECT_THAT(results(folder), SizeIs(150));
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+}
+
+TEST(StoreQueue, prunes_by_itself_and_reports_when_that_fails) {
+    Bench bench({.retention = {.keep_us = kDay, .max_bytes = 0}});
+    bench.add(1, 1);
+    EXPECT_TRUE(bench.queue.step());
+    EXPECT_EQ(bench.disk.pruned, 1);
+    bench.disk.on_prune = [] { return std::optional(full()); };
+    EXPECT_FALSE(bench.queue.step());
+    EXPECT_THAT(bench.said, SizeIs(1));
+}
+
+}  // namespace
+}  // namespace hord::firmware::store::test

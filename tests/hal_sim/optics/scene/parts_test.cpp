@@ -1,0 +1,88 @@
+// The other presets, defects and effects, against closed forms.
+#include <cmath>
+#include <iterator>
+#include <numeric>
+
+#include <gtest/gtest.h>
+
+#include "hal_sim/optics/camera/lenslet_light.h"
+#include "hal_sim/optics/camera/render.h"
+#include "hal_sim/optics/trace/trace.h"
+
+namespace hord::sim {
+namespace {
+
+Body body(const Part& part, std::vector<SceneDefect> defects = {}, bool fresnel = false) {
+    Scene scene;
+    scene.part = part;
+    scene.defects = std::move(defects);
+    scene.effects.fresnel = fresnel;
+    EXPECT_TRUE(problems(scene).empty()) << problems(scene).front().message();
+    return body_of(scene, true);
+}
+
+TEST(Parts, a_plano_convex_lens_has_the_focal_length_of_its_one_face) {
+    const Landing out = shine(body(PlanoConvexLens{}), 1e-3, 0);
+    EXPECT_NEAR(out.u, -1e-3 * 0.5 / 100, 1e-9 * 1e-5);
+}
+
+TEST(Parts, a_cylinder_lens_bends_across_its_axis_only) {
+    const Landing out = shine(body(CylinderLens{}), 1e-3, 3);
+    EXPECT_NEAR(out.u, -1e-3 * 0.5 / 100, 1e-9 * 1e-5);
+    EXPECT_NEAR(out.v, 0, 1e-15);
+}
+
+TEST(Parts, a_vial_filled_with_its_own_glass_is_a_rod) {
+    const Body rod = body(Vial{6, 5, 10, 1.5, 1.5});
+    for (const double share : {0.1, 0.5, 0.8}) {
+        const double bend = 2 * (std::asin(share) - std::asin(share / 1.5));
+        EXPECT_NEAR(std::atan(shine(rod, 6 * share, 1).u), -bend, 1e-11) << share;
+    }
+    // Empty, a thin wall is a weak diverging lens; full of water, a strong converging one.
+    EXPECT_GT(shine(body(Vial{6, 5, 10, 1.5, 1}), 1, 0).u, 0);
+    EXPECT_LT(shine(body(Vial{6, 5, 10, 1.5, 1.33}), 1, 0).u, -0.05);
+}
+
+TEST(Parts, an_inclusion_of_the_part_s_index_is_not_there_and_another_bends_the_other_way_than_a_bubble) {
+    const Plate plate;
+    const CameraRay ray{0.1, 0, 0, 0};
+    EXPECT_EQ(trace(body(plate, {Inclusion{{0, 0, 0}, 0.5, 1.5}}), ray).u, 0);
+    const double dense = trace(body(plate, {Inclusion{{0, 0, 0}, 0.5, 1.7}}), ray).u;
+    const double hollow = trace(body(plate, {AirBubble{{0, 0, 0}, 0.5}}), ray).u;
+    EXPECT_LT(dense * hollow, 0);
+}
+
+TEST(Parts, a_scratch_is_a_groove_of_its_length) {
+    const Body scratched = body(Plate{}, {Scratch{{-2, -1, 2}, {2, -1, 2}, 0.05}});
+    const auto bends = [&](double x, double y) { return trace(scratched, {x, y, 0, 0}).v != 0; };
+    EXPECT_TRUE(bends(0, -1.02));
+    EXPECT_TRUE(bends(1.9, -0.98));
+    EXPECT_FALSE(bends(2.1, -0.98));
+    EXPECT_FALSE(bends(0, -0.9));
+    Scene scene;
+    scene.part = Plate{};
+    scene.defects = {Scratch{{-2, -1, 2}, {2, -1, 2}, 0.05}};
+    const Truth truth = truth_of(scene);
+    ASSERT_EQ(truth.defects.size(), 1U);
+    EXPECT_NEAR(truth.defects[0].m, 55, 0.1);
+    EXPECT_NEAR(truth.defects[0].n, 55 - 1 / (24.0 / 111), 0.1);
+    EXPECT_GE(truth.defects[0].area_lenslets, 18U);
+    const LensletLight light(scene);
+    const auto sum = [&](int m, int n) {
+        double bins[81];
+        light.collect(m, n, bins);
+        return std::accumulate(std::begin(bins), std::end(bins), 0.0);
+    };
+    EXPECT_LT(sum(55, 50), 0.7 * sum(55, 55));  // a tenth of a millimetre of 0.216 bends its light away
+    EXPECT_NEAR(sum(67, 50), sum(55, 55), 1e-3);
+}
+
+TEST(Effects, fresnel_takes_four_percent_a_face_and_nothing_when_off) {
+    const CameraRay ray{1, 1, 0, 0};
+    EXPECT_EQ(trace(body(Plate{}), ray).weight, 1);
+    EXPECT_NEAR(trace(body(Plate{}, {}, true), ray).weight, 0.96 * 0.96, 1e-14);
+    EXPECT_NEAR(trace(body(Plate{}, {AirBubble{{1, 1, 0}, 0.5}}, true), ray).weight, std::pow(0.96, 4), 1e-14);
+}
+
+}  // namespace
+}  // namespace hord::sim

@@ -1,0 +1,81 @@
+// The cases of `hord-lab experiment stability`, as tests; the full number of degenerate pairs is left to the
+// experiment.
+#include "lab/stability/stability.h"
+
+#include <algorithm>
+#include <cmath>
+#include <initializer_list>
+
+#include <gtest/gtest.h>
+
+#include "lab/experiment/transport_check.h"
+
+namespace hord::lab {
+namespace {
+
+// Every row is right, and none of the extremes is without rows.
+template <class Check>
+void expect_right(Check check, std::initializer_list<const char*> extremes) {
+    StabilityTable table;
+    check(StabilityOptions{.degenerate_pairs = 20'000, .random_pairs = 500}, table);
+    for (const StabilityRow& row : table.rows()) {
+        EXPECT_TRUE(row.good) << row.group << ": " << row.name << ": expected " << row.expected << ", got " << row.got;
+    }
+    for (const char* extreme : extremes)
+        EXPECT_TRUE(std::ranges::count(table.rows(), std::string(extreme), &StabilityRow::group) > 0) << extreme;
+}
+
+TEST(Stability, pairs_of_hords_keep_every_promise) {
+    expect_right(
+        check_hords,
+        {"all zero", "one photon", "one bin", "all saturated", "disjoint supports", "equal histograms",
+         "1 DN differences at 16 bit", "sums at the type's limit", "masses differing by 1", "collinear supports",
+         "identity, symmetry, triangle, bounds", "invariance to exposure, transposition, mirroring"});
+}
+
+TEST(Stability, transport_problems_keep_every_promise) {
+    expect_right(check_transport,
+                 {"degenerate transport ties", "direction maps", "entropic cross-check (Sinkhorn, log domain)"});
+}
+
+TEST(Stability, frames_keep_every_promise) {
+    expect_right(check_frames,
+                 {"all zero", "one photon", "all saturated", "one lenslet row", "dark neighbours", "pedestals",
+                  "invariance to exposure, transposition, mirroring", "singular, zero, huge, nearly rank-one Jacobians",
+                  "no NaN, no infinity, whatever the frame"});
+}
+
+TEST(StabilityTable, calls_wrong_what_is_wrong) {
+    StabilityTable table;
+    table.begin("x");
+    table.near("right", 1, 1.05, 0.1);
+    table.at_most("right", 2, 2);
+    table.same("right", 3, 3);
+    EXPECT_EQ(table.wrong(), 0U);
+    table.near("too far", 1, 1.2, 0.1);
+    table.near("no number", 1, std::nan(""), 0.1);
+    table.near("infinite", 1, INFINITY, INFINITY);
+    table.at_most("too much", 2, 2.1);
+    table.at_most("no number", 2, std::nan(""));
+    table.same("another", 3, 4);
+    EXPECT_EQ(table.wrong(), 6U);
+    EXPECT_NE(as_text(table).find("9 cases, 6 wrong"), std::string::npos);
+    EXPECT_NE(as_csv(table).find("\"x\",\"another\",\"3\",\"4\",WRONG"), std::string::npos);
+}
+
+// The checkers themselves, by hand: three stay, two move from (1,0) to (2,2).
+TEST(TransportCheck, is_what_a_hand_computes) {
+    const Masses a{1, 2, 0, 0, 1, 1, 0, 0, 0}, b{1, 0, 0, 0, 1, 1, 0, 0, 2};
+    EXPECT_NEAR(distance_by_shortest_paths(a, b, *algo::GroundDistance::between_bins(3, 3)), 2 * std::sqrt(5.0) / 5,
+                1e-14);
+    EXPECT_NEAR(
+        distance_by_shortest_paths(a, b, *algo::GroundDistance::between_bins(3, 3, algo::GroundNorm::manhattan)),
+        6.0 / 5, 1e-14);
+    const Sinkhorn s = sinkhorn(a, b, *algo::GroundDistance::between_bins(3, 3), 0.05, 1e-5, 100'000);
+    EXPECT_LE(s.residual, 1e-5);
+    EXPECT_NEAR(s.cost, 2 * std::sqrt(5.0) / 5, s.bias + 1e-4);
+    EXPECT_LT(s.bias, 0.15);
+}
+
+}  // namespace
+}  // namespace hord::lab

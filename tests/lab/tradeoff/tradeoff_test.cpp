@@ -1,0 +1,149 @@
+// `hord-lab experiment tradeoff`: the parts are what they say, scores do not depend on threads, the quick form's claims
+// come out as docs/results/tradeoff.md has them, and a run that was killed continues.
+#include "lab/tradeoff/tradeoff.h"
+
+#include <algorithm>
+#include <csignal>
+#include <fstream>
+#include <iterator>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "algo/maps/feature_map.h"
+#include "lab/tradeoff/tradeoff_rating.h"
+#include "lab/tradeoff/tradeoff_scores.h"
+#include "tests/system/cli/program.h"
+
+namespace hord::lab {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+const auto kUnheard = [](double) {};
+
+double median_of_interior(std::span<const float> values) {
+    std::vector<double> inside;
+    for (int n = 1; n < kRows - 1; ++n) {
+        for (int m = 1; m < kColumns - 1; ++m)
+            inside.push_back(static_cast<double>(values[static_cast<std::size_t>(n * kColumns + m)]));
+    }
+    return quantile(inside, 0.5);
+}
+
+TEST(TradeoffParts, bend_light_by_the_slope_they_are_named_after_whatever_the_bins) {
+    for (const TradeoffPoint& point : {TradeoffPoint{9, 0.15, 2000, 1, 1}, TradeoffPoint{9, 1.0, 2000, 1, 1},
+                                       TradeoffPoint{13, 0.5, 2000, 1, 1}, TradeoffPoint{9, 0.15, 2000, 1, 2}}) {
+        SCOPED_TRACE(point.key());
+        const auto parts = trace_parts(point, {0, 0}, 1, 2, kUnheard);
+        ASSERT_TRUE(parts) << parts.error().message();
+        const algo::Extents& e = parts->nominal[0].extents;
+        ASSERT_EQ(e, (algo::Extents{kColumns, kRows, point.bins, point.bins}));
+        auto mapper = algo::FeatureMapper::create(e, 16, kExactLevels, algo::Feature::centroid);
+        ASSERT_TRUE(mapper);
+        const Frame frame = expose_exactly(*parts, parts->nominal[0]);
+        const auto map = mapper->over_neighbours(frame.view());
+        ASSERT_TRUE(map);
+        // Neighbours are `stride` lenslets apart, and the bin is 9 / bins of the nine-bin camera's. Bins of finite
+        // width make the mean ripple about the truth (algo/recipe/recipe.h): the median over all phases is within a
+        // tenth.
+        const double slope = point.slope * point.stride * point.bins / 9.0;
+        EXPECT_NEAR(median_of_interior(map->values), slope, 0.1 * slope);
+    }
+}
+
+TEST(TradeoffParts, hold_the_light_and_the_noise_that_are_asked_for) {
+    const TradeoffPoint point;
+    const auto parts = trace_parts(point, {1, 0}, 1, 2, kUnheard);
+    ASSERT_TRUE(parts);
+    double sum = 0, squares = 0, count = 0;
+    for (std::uint64_t exposure = 0; exposure < 10; ++exposure) {
+        const Frame frame = expose_part(*parts, parts->good[0].light, point, 1, exposure);
+        for (int n = 0; n < kRows; ++n) {
+            for (int m = 0; m < kColumns; ++m) {
+                double light = 0;
+                for (int k = 0; k < 81; ++k) light += frame.view().sample(m * 9 + k % 9, n * 9 + k / 9);
+                sum += light, squares += light * light, count += 1;
+            }
+        }
+    }
+    const double mean = sum / count, variance = squares / count - mean * mean;
+    // Read noise below zero is cut off: about 0.8 electrons in each of some seventy dark bins, with a variance of
+    // about 1.4 each.
+    EXPECT_NEAR(mean, point.photons + 0.8 * 70, 0.02 * point.photons);
+    EXPECT_NEAR(variance, point.photons + 1.4 * 70 + 4 * 10, 0.15 * point.photons);
+}
+
+TEST(TradeoffScores, do_not_depend_on_the_number_of_threads) {
+    const TradeoffPoint point;
+    std::vector<std::string> said;
+    for (const int threads : {1, 3}) {
+        const auto parts = trace_parts(point, {2, 1}, 5, threads, kUnheard);
+        ASSERT_TRUE(parts);
+        ScoreOptions options;
+        options.good_exposures = options.bad_exposures = 1;
+        options.repeats = 5;
+        options.threads = threads;
+        const auto scores = score_features(*parts, point, options);
+        ASSERT_TRUE(scores) << scores.error().message();
+        EXPECT_EQ(scores->size(), 23U);
+        said.push_back(scores->dump());
+    }
+    EXPECT_EQ(said[0], said[1]);
+}
+
+Rated rated(const std::string& name, Kind kind, double ms, double found) {
+    Rated r;
+    r.name = name;
+    r.kind = kind;
+    r.median_ms = ms;
+    for (Estimate& t : r.tpr) t = {found, found - 0.05, found + 0.05};
+    return r;
+}
+
+TEST(TradeoffRating, names_what_is_dominated_and_what_is_as_good_but_faster) {
+    const std::vector<Rated> all = {rated("good", Kind::neighbours, 100, 0.8),
+                                    rated("slow", Kind::neighbours, 200, 0.8), rated("poor", Kind::neighbours, 50, 0.5),
+                                    rated("nearly", Kind::neighbours, 80, 0.77),
+                                    rated("other", Kind::reference, 90, 0.9)};
+    EXPECT_EQ(dominator(all, all[1], true)->name, "good");
+    EXPECT_EQ(dominator(all, all[1], false)->name, "other");
+    EXPECT_EQ(dominator(all, all[2], false), nullptr);
+    EXPECT_EQ(dominator(all, all[0], true), nullptr);
+    EXPECT_EQ(dominator(all, all[0], false)->name, "other");
+    const Rated* best = best_of(all, Kind::neighbours);
+    EXPECT_EQ(best->name, "good");
+    EXPECT_EQ(fastest_as_good(all, *best)->name, "nearly");
+    EXPECT_FALSE(dominates(all[0], all[0]));
+}
+
+std::string text_of(const std::string& file) {
+    std::ifstream stream(file, std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+TEST(TradeoffExperiment, killed_and_started_again_it_continues_and_its_claims_come_out_as_written_down) {
+    const test::TemporaryFolder folder;
+    const std::vector<std::string> arguments = {"experiment", "tradeoff", "--quick", "--out", folder.path().string()};
+    {
+        test::Running running("hord-lab", arguments);
+        ASSERT_TRUE(running.says("photons 200 ", std::chrono::seconds(250)))
+            << running.so_far().err;  // the first cell is finished
+        running.stop(SIGKILL);
+    }
+    const std::string cells = folder / "cells.jsonl", before = text_of(cells);
+    EXPECT_THAT(before, HasSubstr("score bins 9 slope 0.15 photons 2000"));
+    EXPECT_THAT(before, ::testing::Not(HasSubstr("slope 1 ")));
+    const test::Said said = test::run("hord-lab", arguments, std::chrono::seconds(280));
+    EXPECT_EQ(said.status, 0) << said.err
+                              << said.out.substr(std::min(said.out.size(), said.out.find("## Claims")), 4000);
+    EXPECT_THAT(text_of(cells), StartsWith(before.substr(0, before.rfind('\n') + 1)));
+    for (const char* file : {"tradeoff.md", "tradeoff.csv", "tradeoff-pareto.svg", "tradeoff-pareto.png",
+                             "tradeoff-pod.png", "tradeoff-error.png", "tradeoff-axes.png"}) {
+        EXPECT_TRUE(std::filesystem::exists(folder / file)) << file;
+    }
+}
+
+}  // namespace
+}  // namespace hord::lab

@@ -1,0 +1,242 @@
+// `hordctl inspect` as a person meets it: verdicts, files, JSON, exit statuses and refusals.
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "algo/features/feature.h"
+#include "drivers/files/frame_file.h"
+#include "tests/system/cli/program.h"
+
+namespace hord::test {
+namespace {
+
+using ::testing::HasSubstr;
+using Json = nlohmann::json;
+
+// Every lenslet of 20 x 16 with the same small spot of light in its centre bins: a good, empty field.
+Frame plain_frame(int bits = 8) {
+    Frame frame(20 * 9, 16 * 9, bits);
+    const std::uint32_t unit = bits > 8 ? 256 : 1;
+    for (int y = 0; y < frame.height_px(); ++y) {
+        for (int x = 0; x < frame.width_px(); ++x) {
+            const int i = x % 9 - 4, j = y % 9 - 4;
+            frame.set(x, y, (i == 0 && j == 0 ? 200U : std::abs(i) + std::abs(j) == 1 ? 50U : 0U) * unit);
+        }
+    }
+    return frame;
+}
+
+std::string write(const TemporaryFolder& folder, const std::string& name, const Frame& frame) {
+    const std::string file = folder / name;
+    EXPECT_TRUE(drivers::write_frame(file, frame.view()));
+    return file;
+}
+
+std::size_t lines(const std::string& text) {
+    return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
+}
+
+TEST(Inspect, a_plain_field_passes_with_status_0_at_8_and_16_bits) {
+    const TemporaryFolder folder;
+    const Said said =
+        run("hordctl", {"inspect", write(folder, "a.png", plain_frame(8)), write(folder, "b.png", plain_frame(16))});
+    EXPECT_EQ(said.status, 0) << said.err;
+    EXPECT_EQ(lines(said.out), 2U);
+    EXPECT_THAT(said.out, HasSubstr("pass"));
+}
+
+TEST(Inspect, json_is_one_object_a_line_with_every_promised_key) {
+    const TemporaryFolder folder;
+    const Said said = run("hordctl", {"inspect", write(folder, "a.png", plain_frame()), "--json"});
+    ASSERT_EQ(said.status, 0) << said.err;
+    const Json json = Json::parse(said.out);
+    EXPECT_EQ(json["grid"], Json::parse(R"({"m":20,"n":16,"i":9,"j":9})"));
+    EXPECT_EQ(json["verdict"], "pass");
+    EXPECT_EQ(json["feature"]["name"], "emd");
+    EXPECT_GT(json["feature"]["valid"], 0);
+    for (const char* key : {"frame", "reason", "score", "defects", "feature", "ms"})
+        EXPECT_TRUE(json.contains(key)) << key;
+    for (const char* key : {"unit", "p50", "p99", "max"}) EXPECT_TRUE(json["feature"].contains(key)) << key;
+    for (const char* key : {"decode", "hord", "feature", "decide", "total"})
+        EXPECT_TRUE(json["ms"].contains(key)) << key;
+}
+
+TEST(Inspect, out_writes_map_picture_and_json) {
+    const TemporaryFolder folder;
+    const Said said =
+        run("hordctl",
+            {"inspect", write(folder, "a.png", plain_frame()), "--out", folder / "maps", "--feature", "transmission"});
+    ASSERT_EQ(said.status, 0) << said.err;
+    for (const char* name : {"maps/a.transmission.tiff", "maps/a.transmission.png", "maps/a.json"}) {
+        EXPECT_GT(std::filesystem::file_size(folder.path() / name), 100U) << name;
+    }
+}
+
+TEST(Inspect, every_feature_it_names_has_a_map) {
+    const TemporaryFolder folder;
+    const std::string frame = write(folder, "a.png", plain_frame()),
+                      reference = write(folder, "good.png", plain_frame());
+    std::vector<std::string> names;
+    for (const auto name : algo::kFeatureNames) {
+        names.emplace_back(name);
+        if (algo::feature_named("reference-" + std::string(name))) names.push_back("reference-" + std::string(name));
+    }
+    EXPECT_EQ(names.size(), 14U + 9U);
+    for (const auto& feature : names) {
+        std::vector<std::string> arguments{"inspect", frame, "--feature", feature, "--out", folder / "maps", "--json"};
+        if (feature.starts_with("reference-")) arguments.insert(arguments.end(), {"--reference", reference});
+        const Said said = run("hordctl", arguments);
+        ASSERT_EQ(said.status, 0) << said.err;
+        const Json map = Json::parse(said.out)["feature"];
+        EXPECT_EQ(map["name"], feature);
+        EXPECT_GT(map["valid"], 100) << feature;
+        EXPECT_EQ(map["max"], feature == "transmission" ? 1.0 : 0.0) << feature;  // a plain field
+        EXPECT_TRUE(std::filesystem::exists(folder / ("maps/a." + feature + ".tiff")));
+    }
+}
+
+// One lenslet of the frame sees its light a bin further to the right than the reference does.
+TEST(Inspect, compares_with_a_reference_at_the_same_place) {
+    const TemporaryFolder folder;
+    Frame moved = plain_frame();
+    for (int y = 0; y < 9; ++y) {
+        for (int x = 8; x > 0; --x) moved.set(7 * 9 + x, 8 * 9 + y, moved.view().sample(7 * 9 + x - 1, 8 * 9 + y));
+    }
+    const std::string good = write(folder, "good.png", plain_frame()), frame = write(folder, "moved.png", moved);
+    for (const auto& [feature, distance] :
+         {std::pair("reference-emd", 1.0), std::pair("reference-centroid", 1.0), std::pair("reference-emd-l1", 1.0)}) {
+        const Said said = run("hordctl", {"inspect", frame, "--reference", good, "--feature", feature, "--json"});
+        ASSERT_EQ(said.status, 1) << said.err;  // the part itself is rejected, by the recipe
+        const Json map = Json::parse(said.out)["feature"];
+        EXPECT_NEAR(map["max"].get<double>(), distance, 1e-6);
+        EXPECT_EQ(map["p99"], 0.0);
+    }
+}
+
+TEST(Inspect, a_dark_frame_is_unfit_with_status_3) {
+    const TemporaryFolder folder;
+    const Said said = run("hordctl", {"inspect", write(folder, "dark.png", Frame(90, 90, 8)), "--json"});
+    EXPECT_EQ(said.status, 3);
+    EXPECT_EQ(Json::parse(said.out)["verdict"], "unfit");
+}
+
+// Every bad input: status 2, one line that names the thing and the cure, and no crash.
+void expect_refusal(const std::vector<std::string>& arguments, const std::string& thing, const std::string& cure) {
+    std::vector<std::string> all{"inspect"};
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    const Said said = run("hordctl", all);
+    EXPECT_EQ(said.status, 2) << said.err;
+    EXPECT_EQ(lines(said.err), 1U) << said.err;
+    EXPECT_THAT(said.err, HasSubstr(thing));
+    EXPECT_THAT(said.err, HasSubstr(cure));
+}
+
+TEST(Inspect, refuses_a_missing_file) { expect_refusal({"/nonexistent/a.png"}, "/nonexistent/a.png", ""); }
+
+TEST(Inspect, refuses_a_file_that_is_no_image) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "a.png") << "not an image";
+    expect_refusal({folder / "a.png"}, folder / "a.png", "");
+}
+
+TEST(Inspect, refuses_a_truncated_image) {
+    const TemporaryFolder folder;
+    const std::string whole = write(folder, "whole.png", plain_frame());
+    std::ifstream in(whole, std::ios::binary);
+    std::string bytes{std::istreambuf_iterator<char>(in), {}};
+    std::ofstream(folder / "cut.png", std::ios::binary) << bytes.substr(0, bytes.size() * 2 / 3);
+    expect_refusal({folder / "cut.png"}, "cut.png", "");
+}
+
+TEST(Inspect, refuses_macro_pixels_that_do_not_divide_the_frame) {
+    const TemporaryFolder folder;
+    const std::string file = write(folder, "a.png", plain_frame());
+    expect_refusal({file, "--macro", "7x7"}, "7x7", "bins");
+    expect_refusal({file, "--macro", "nine"}, "nine", "9x9");
+    expect_refusal({file, "--macro", "0x9"}, "0x9", "bins");
+}
+
+TEST(Inspect, refuses_an_unknown_feature_and_names_the_known) {
+    const TemporaryFolder folder;
+    expect_refusal({write(folder, "a.png", plain_frame()), "--feature", "emdd"}, "emdd", "emd");
+}
+
+TEST(Inspect, refuses_a_reference_feature_without_a_reference_and_the_other_way_round) {
+    const TemporaryFolder folder;
+    const std::string frame = write(folder, "a.png", plain_frame());
+    expect_refusal({frame, "--feature", "reference-chi2"}, "reference-chi2", "--reference FRAME");
+    expect_refusal({frame, "--feature", "chi2", "--reference", frame}, "chi2", "reference-chi2");
+    expect_refusal({frame, "--feature", "reference-transmission", "--reference", frame}, "reference-transmission",
+                   "emd");
+    expect_refusal({frame, "--feature", "reference-chi2", "--reference", "/nonexistent/b.png"}, "/nonexistent/b.png",
+                   "");
+    expect_refusal({frame, "--feature", "reference-chi2", "--reference", write(folder, "deep.png", plain_frame(16))},
+                   "deep.png", "at 8");
+}
+
+TEST(Inspect, refuses_an_unknown_recipe_key_and_an_impossible_value_at_once) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "r.toml") << "[limits]\nemd_binss = 1\nemd_bins = -1\n";
+    const Said said = run("hordctl", {"inspect", write(folder, "a.png", plain_frame()), "--recipe", folder / "r.toml"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("r.toml:2"));
+    EXPECT_THAT(said.err, HasSubstr("r.toml:3"));
+}
+
+TEST(Inspect, a_bad_frame_does_not_hide_the_verdicts_of_the_others) {
+    const TemporaryFolder folder;
+    const Said said =
+        run("hordctl", {"inspect", "/nonexistent/a.png", write(folder, "b.png", plain_frame()), "--json"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_EQ(Json::parse(said.out)["verdict"], "pass");
+}
+
+TEST(Inspect, refuses_two_frames_that_would_overwrite_each_other) {
+    const TemporaryFolder folder;
+    std::filesystem::create_directories(folder / "x");
+    const std::string a = write(folder, "a.png", plain_frame());
+    const std::string b = write(folder, "x/a.png", plain_frame());
+    expect_refusal({a, b, "--out", folder / "maps"}, "overwrite", "rename");
+}
+
+// Frames made by an independent ray tracer, with its truth beside them.
+TEST(Inspect, finds_the_defects_of_independent_frames_at_their_true_places) {
+    const auto data = real_data() / "povray";
+    if (!std::filesystem::is_directory(data))
+        GTEST_SKIP() << "no real input: set HORD_DATA, or put it at ../shared/data";
+    const TemporaryFolder folder;
+    std::vector<std::string> arguments{"inspect", "--json", "--macro", "9x9", "--out", folder / "maps"};
+    const std::vector<std::string> names{"lens_111", "empty_111", "wedge_111", "bubble_r500_111", "cutout_111"};
+    for (const auto& name : names) arguments.push_back((data / (name + "_raw.png")).string());
+    const Said said = run("hordctl", arguments);
+    EXPECT_EQ(said.status, 1) << said.err;
+    std::istringstream stream(said.out);
+    for (const auto& name : names) {
+        std::string line;
+        ASSERT_TRUE(std::getline(stream, line));
+        const Json found = Json::parse(line);
+        std::ifstream truth_file(data / (name + ".json"));
+        const Json truth = Json::parse(truth_file);
+        if (truth["defect_free"]) {
+            EXPECT_EQ(found["verdict"], "pass") << name << " " << line;
+            continue;
+        }
+        EXPECT_EQ(found["verdict"], "reject") << name;
+        ASSERT_FALSE(found["defects"].empty()) << name;
+        const auto& centre = truth["defect_components"][0]["centroid_lenslet"];
+        const double dm = found["defects"][0]["m"].get<double>() - centre[0].get<double>();
+        const double dn = found["defects"][0]["n"].get<double>() - centre[1].get<double>();
+        EXPECT_LE(std::hypot(dm, dn), 2.0) << name << " " << line;
+        EXPECT_EQ(found["defects"].size(), 1U) << "one defect, one finding: " << line;
+    }
+}
+
+}  // namespace
+}  // namespace hord::test

@@ -1,0 +1,125 @@
+// `hordctl learn`, and `hordctl inspect` against what it has learned, as a person meets them.
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <random>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "drivers/files/frame_file.h"
+#include "tests/system/cli/program.h"
+
+namespace hord::test {
+namespace {
+
+using ::testing::HasSubstr;
+using Json = nlohmann::json;
+
+constexpr int kColumns = 26, kRows = 24;
+
+// A weak lens that fills the field, 12 bits in a 16-bit file, one electron a DN; `speck`: nine lenslets with a third
+// less light.
+Frame part(std::uint64_t seed, bool speck = false) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    std::uniform_real_distribution<double> wobble(-0.3, 0.3);
+    const double x0 = wobble(random), y0 = wobble(random);
+    Frame frame(kColumns * 9, kRows * 9, 12);
+    for (int y = 0; y < frame.height_px(); ++y) {
+        for (int x = 0; x < frame.width_px(); ++x) {
+            const int m = x / 9, n = y / 9;
+            const double dx = x % 9 - 4 - 0.08 * (m - 12.5 - x0), dy = y % 9 - 4 - 0.06 * (n - 11.5 - y0);
+            double light = 1000 * std::exp(-(dx * dx + dy * dy) / 0.7);
+            if (speck && std::abs(m - 15) <= 1 && std::abs(n - 9) <= 1) light *= 0.67;
+            const double noisy = light + std::sqrt(light + 4) * normal(random);
+            frame.set(x, y, static_cast<std::uint32_t>(std::clamp(std::lround(noisy), 0L, 4095L)));
+        }
+    }
+    return frame;
+}
+
+class Learn : public ::testing::Test {
+  protected:
+    std::string write(const std::string& name, const Frame& frame) {
+        const std::string file = folder / name;
+        EXPECT_TRUE(drivers::write_frame(file, frame.view()));
+        return file;
+    }
+    Said learn(int parts) {
+        std::vector<std::string> arguments{"learn"};
+        for (int k = 0; k < parts; ++k)
+            arguments.push_back(write("good" + std::to_string(k) + ".png", part(static_cast<std::uint64_t>(k) + 1)));
+        arguments.insert(arguments.end(),
+                         {"--bits", "12", "--electrons-per-dn", "1", "--read-dn", "2", "--out", reference});
+        return run("hordctl", arguments);
+    }
+    TemporaryFolder folder;
+    std::string reference = folder / "lens.hordref";
+};
+
+TEST_F(Learn, what_was_learned_tells_good_from_bad_and_says_why) {
+    const Said learned = learn(9);
+    ASSERT_EQ(learned.status, 0) << learned.err;
+    EXPECT_THAT(learned.out, HasSubstr("9 of 9 parts"));
+    const std::string good = write("new.png", part(100)), bad = write("bad.png", part(101, true));
+
+    EXPECT_EQ(run("hordctl", {"inspect", good, "--bits", "12", "--reference", reference}).status, 0);
+    // Three in ten of the light is what the default recipe alone tolerates.
+    const Said said =
+        run("hordctl", {"inspect", bad, "--bits", "12", "--reference", reference, "--json", "--out", folder / "maps"});
+    ASSERT_EQ(said.status, 1) << said.err << said.out;
+    const Json json = Json::parse(said.out);
+    EXPECT_EQ(json["reason"], "absorption");
+    EXPECT_NEAR(json["defects"][0]["m"].get<double>(), 15, 1);
+    EXPECT_NEAR(json["defects"][0]["n"].get<double>(), 9, 1);
+    EXPECT_EQ(json["defects"][0]["kind"], "absorbing");
+    EXPECT_THAT(json["explain"].get<std::string>(), HasSubstr("Rejected: an absorbing defect"));
+    EXPECT_EQ(json["feature"]["name"], "surprise");
+    EXPECT_TRUE(json.contains("pose"));
+    EXPECT_TRUE(std::filesystem::exists(folder / "maps/bad.surprise.png"));
+}
+
+TEST_F(Learn, a_recipe_names_its_reference_and_tolerates_in_mm) {
+    ASSERT_EQ(learn(8).status, 0);
+    const std::string bad = write("bad.png", part(101, true));
+    const auto with = [&](const std::string& more) {
+        const std::string file = folder / "recipe.toml";
+        std::ofstream(file) << "schema = 1\n[reference]\nfile = \"lens.hordref\"\n" << more;
+        return run("hordctl", {"inspect", bad, "--bits", "12", "--recipe", file});
+    };
+    EXPECT_EQ(with("").status, 1);
+    const std::string scale = "[scale]\nlenslet_mm = 0.2\nbin_rad = 0.015\n";
+    EXPECT_EQ(with(scale + "[[tolerate]]\nkinds = [\"absorbing\"]\nlargest_mm = 1.5\n").status, 0);
+    EXPECT_EQ(with(scale + "[[tolerate]]\nkinds = [\"scratch\"]\nlargest_mm = 1.5\n").status, 1);
+    // At (0.5, -0.5) mm from the middle.
+    const std::string here = "shape = \"circle\"\ncentre = [0.5, -0.5]\nradius = 0.4\n",
+                      there = "shape = \"circle\"\ncentre = [-1.5, 0.5]\nradius = 0.4\n";
+    EXPECT_EQ(with(scale + "[[tolerate]]\nlargest_mm = 1.5\n" + here).status, 0);
+    EXPECT_EQ(with(scale + "[[tolerate]]\nlargest_mm = 1.5\n" + there).status, 1);
+    // Every problem at once.
+    const Said refused = with("grow_score = 9\n[[tolerate]]\nkinds = [\"dent\"]\ndeepest_rad = 0.1\n");
+    EXPECT_EQ(refused.status, 2);
+    for (const char* problem : {"grow_score", "dent", "largest_mm", "lenslet_mm", "bin_rad"})
+        EXPECT_THAT(refused.err, HasSubstr(problem));
+}
+
+TEST_F(Learn, a_damaged_reference_and_too_few_parts_are_refused) {
+    EXPECT_EQ(learn(7).status, 2);
+    ASSERT_EQ(learn(8).status, 0);
+    std::string text;
+    {
+        std::ifstream stream(reference, std::ios::binary);
+        text.assign(std::istreambuf_iterator<char>(stream), {});
+    }
+    text[text.size() / 2] = static_cast<char>(text[text.size() / 2] ^ 1);
+    std::ofstream(reference, std::ios::binary) << text;
+    const Said said = run("hordctl", {"inspect", folder / "good0.png", "--bits", "12", "--reference", reference});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("checksum"));
+}
+
+}  // namespace
+}  // namespace hord::test

@@ -1,0 +1,60 @@
+// `hordctl recipe`: what a folder holds, what is wrong with a file, and seals.
+#include <fstream>
+#include <sstream>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/system/cli/program.h"
+
+namespace hord::test {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+void write(const std::string& file, const std::string& text) { std::ofstream(file) << text; }
+std::string text_of(const std::string& file) {
+    std::ifstream in(file);
+    std::stringstream text;
+    text << in.rdbuf();
+    return text.str();
+}
+
+TEST(Recipes, of_a_folder_are_listed_with_what_a_plc_must_know_and_bad_ones_are_named) {
+    const TemporaryFolder folder;
+    write(folder / "a.toml", "name = \"bottle\"\nnumber = 7\nversion = 3\n");
+    EXPECT_EQ(run("hordctl", {"recipe", "list", folder.path().string()}).status, 0);
+    write(folder / "b.toml", "nmae = \"vial\"\n");
+    const Said said = run("hordctl", {"recipe", "list", folder.path().string()});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.out, HasSubstr("bottle"));
+    EXPECT_THAT(said.err, HasSubstr("b.toml:1"));
+    write(folder / "b.toml", "number = 7\n");
+    EXPECT_THAT(run("hordctl", {"recipe", "list", folder.path().string()}).err, HasSubstr("number 7 is taken twice"));
+}
+
+TEST(Recipes, that_are_sealed_are_refused_once_somebody_changed_what_they_say_but_not_how) {
+    const TemporaryFolder folder;
+    const std::string file = folder / "a.toml";
+    write(file, "# ours\nname = \"bottle\"\n[limits]\nemd_bins = 0.9\n");
+    EXPECT_EQ(run("hordctl", {"recipe", "seal", file}).status, 0);
+    EXPECT_EQ(run("hordctl", {"recipe", "seal", file}).status, 0);  // again: one seal
+    EXPECT_EQ(run("hordctl", {"recipe", "check", file}).status, 0);
+    const std::string sealed = text_of(file);
+    EXPECT_THAT(sealed, HasSubstr("# ours"));
+    EXPECT_EQ(sealed.find("crc32"), sealed.rfind("crc32"));
+    write(file, sealed + "# a remark\nmin_area = 1\n");  // the default, written out
+    EXPECT_EQ(run("hordctl", {"recipe", "check", file}).status, 0);
+    write(file, sealed + "min_area = 2\n");
+    const Said said = run("hordctl", {"recipe", "check", file});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("sealed"));
+}
+
+TEST(Recipes, of_the_package_can_be_used) {
+    EXPECT_EQ(run("hordctl", {"recipe", "list", std::string(HORD_SOURCE_DIR) + "/deploy/recipes"}).status, 0);
+}
+
+}  // namespace
+}  // namespace hord::test

@@ -1,0 +1,432 @@
+// hordd as systemd meets it, without a booted systemd: readiness, watchdog, sockets, reload, journal, sandbox.
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <optional>
+#include <regex>
+#include <set>
+#include <span>
+#include <sstream>
+#include <stop_token>
+#include <thread>
+
+#include <arpa/inet.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <sched.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include "firmware/core/station_types.h"
+#include "firmware/registers/register_client.h"
+#include "tests/system/cli/program.h"
+
+namespace hord::test {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+const std::filesystem::path kDeploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";
+const std::string kHordSafe = std::string(HORD_BIN_DIR) + "/hord-safe";
+const std::string kHordd = std::string(HORD_BIN_DIR) + "/hordd";
+constexpr auto kPatience = std::chrono::seconds(120);
+
+std::string text_of(const std::filesystem::path& file) {
+    std::ifstream in(file);
+    std::stringstream text;
+    text << in.rdbuf();
+    return text.str();
+}
+
+// What a service manager hears.
+class NotifySocket {
+  public:
+    explicit NotifySocket(const std::string& path) : fd_(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+        sockaddr_un address{};
+        address.sun_family = AF_UNIX;
+        path.copy(address.sun_path, sizeof address.sun_path - 1);
+        EXPECT_EQ(bind(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address), 0);
+    }
+    ~NotifySocket() { close(fd_); }
+    NotifySocket(const NotifySocket&) = delete;
+    NotifySocket& operator=(const NotifySocket&) = delete;
+
+    // The next message that holds `text`; empty when none comes.
+    std::string hears(const std::string& text) {
+        const auto until = std::chrono::steady_clock::now() + kPatience;
+        while (std::chrono::steady_clock::now() < until) {
+            pollfd ready{fd_, POLLIN, 0};
+            if (poll(&ready, 1, 1000) <= 0) continue;
+            char bytes[4096];
+            const ssize_t got = recv(fd_, bytes, sizeof bytes, 0);
+            const std::string message(bytes, got > 0 ? static_cast<std::size_t>(got) : 0);
+            if (message.find(text) != std::string::npos) return message;
+        }
+        return {};
+    }
+
+  private:
+    int fd_;
+};
+
+// A small simulated cell: few bins, so that its parts are rendered at once.
+class Service : public ::testing::Test {
+  protected:
+    void write_config(const std::string& more = "", const std::string& modbus = "port = 0\n") {
+        std::ofstream(folder / "c.toml") << "[inspection]\nmacro = \"3x3\"\n[line]\nexposure_delay_ms = 100\n[modbus]\n"
+                                         << modbus << more;
+    }
+    std::vector<std::string> under(const std::vector<std::string>& environment,
+                                   const std::vector<std::string>& more = {}) {
+        std::vector<std::string> arguments{"CACHE_DIRECTORY=" + cache};
+        arguments.insert(arguments.end(), environment.begin(), environment.end());
+        arguments.insert(arguments.end(), {kHordd, "--config", folder / "c.toml"});
+        arguments.insert(arguments.end(), more.begin(), more.end());
+        return arguments;
+    }
+    static std::string port_of(const Said& said) {
+        std::smatch found;
+        const std::string text = said.err + said.out;
+        return std::regex_search(text, found, std::regex("registers at [^ ]*:([0-9]+)")) ? found[1].str() : "";
+    }
+    static Result<firmware::modbus::Client> client_at(const std::string& port) {
+        return firmware::modbus::Client::connect({"127.0.0.1", static_cast<std::uint16_t>(std::stoi(port))},
+                                                 std::chrono::seconds(10));
+    }
+
+    TemporaryFolder folder;
+    // What one test has rendered, the next starts with.
+    const std::string cache = [] {
+        const std::string made = std::string(HORD_BIN_DIR) + "/../service-cache";
+        std::filesystem::create_directories(made);
+        return made;
+    }();
+};
+
+TEST_F(Service, tells_its_manager_when_it_is_ready_what_it_does_and_that_it_lives) {
+    write_config();
+    NotifySocket manager(folder / "notify");
+    Running service("/usr/bin/env", under({"NOTIFY_SOCKET=" + (folder / "notify"), "WATCHDOG_USEC=400000"}));
+    EXPECT_NE(manager.hears("READY=1"), "") << service.so_far().err;
+    EXPECT_NE(manager.hears("STATUS=ContinuousExecution"), "");
+    for (int k = 0; k < 3; ++k) EXPECT_NE(manager.hears("WATCHDOG=1"), "");
+    service.signal(SIGTERM);
+    EXPECT_NE(manager.hears("STOPPING=1"), "");
+    EXPECT_EQ(service.stop(0).status, 0);
+}
+
+TEST_F(Service, reads_its_configuration_again_without_stopping) {
+    write_config();
+    NotifySocket manager(folder / "notify");
+    Running service("/usr/bin/env", under({"NOTIFY_SOCKET=" + (folder / "notify")}));
+    ASSERT_TRUE(service.says("registers at", kPatience)) << service.so_far().err;
+    auto plc = client_at(port_of(service.so_far()));
+    ASSERT_TRUE(plc) << plc.error().message();
+    const std::uint16_t beat[] = {1};
+    EXPECT_TRUE(plc->write(8102, beat));
+
+    write_config("[plc]\ntimeout_ms = 5000\n[strobe]\nmin_rest_ms = 6\n", "port = 0\nmay_write = []\n");
+    service.signal(SIGHUP);
+    EXPECT_NE(manager.hears("RELOADING=1"), "");
+    ASSERT_TRUE(service.says("configuration read again", kPatience));
+    EXPECT_THAT(service.so_far().err, HasSubstr("[strobe]"));  // and that this waits for a restart
+    EXPECT_NE(manager.hears("READY=1"), "");
+    EXPECT_FALSE(plc->write(8102, beat));  // on the connection that was open
+    EXPECT_EQ(plc->read(8106, 1)->at(0), 5000);
+
+    write_config("", "prot = 0\n");
+    service.signal(SIGHUP);
+    ASSERT_TRUE(service.says("the old configuration stays", kPatience));
+    EXPECT_THAT(service.so_far().err, HasSubstr("c.toml:6"));
+    EXPECT_TRUE(plc->read(8106, 1));
+    EXPECT_EQ(service.stop(SIGTERM).status, 0);
+}
+
+// A PLC that beats, on a connection of its own, for as long as it lives.
+class BeatingPlc {
+  public:
+    explicit BeatingPlc(firmware::modbus::Client client)
+        : client_(std::move(client)), beats_([this](const std::stop_token& over) {
+              for (std::uint16_t beat = 1; !over.stop_requested(); ++beat) {
+                  (void)client_.write(8102, std::span(&beat, 1));
+                  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+              }
+          }) {}
+
+  private:
+    firmware::modbus::Client client_;
+    std::jthread beats_;
+};
+
+// Every time on this line is long: how fast the machine is does not matter here. Its recipe passes whatever has light.
+TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_when_it_is_back) {
+    std::ofstream(folder / "wide.toml")
+        << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n";
+    std::ofstream(folder / "c.toml")
+        << "[station]\nmax_failures_in_a_row = 0\n[line]\nexposure_delay_ms = 400\ntransport_ms = 3000\nmin_gap_ms = "
+           "450\n"
+           "[timing]\nstrobe_window_us = 150000\nframe_window_us = 200000\nframe_timeout_ms = 1500\ntrigger_lead_ms = "
+           "300\n"
+           "[rejector]\nearly_ms = 400\npulse_ms = 440\nconfirm_timeout_ms = 10000\n[modbus]\nport = 0\n"
+           "[inspection]\nmacro = \"3x3\"\nrecipe = \"wide.toml\"\n[plc]\npolicy = \"reject_all\"\ntimeout_ms = 2000\n";
+    Running service("hordctl",
+                    {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--state",
+                     folder.path().string()});
+    ASSERT_TRUE(service.says("registers at", kPatience)) << service.so_far().err << service.so_far().out;
+    const std::string port = port_of(service.so_far());
+    auto scada = client_at(port);  // reads and commands; it is the PLC that beats
+    ASSERT_TRUE(scada) << scada.error().message();
+    const auto two = [&](std::uint16_t address) {
+        const auto words = scada->read(address, 2);
+        return words ? std::uint32_t{words->at(0)} << 16U | words->at(1) : 0;
+    };
+    const auto comes = [](const auto& what) {
+        for (const auto until = std::chrono::steady_clock::now() + kPatience;
+             std::chrono::steady_clock::now() < until;) {
+            if (what()) return true;
+            std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        }
+        return false;
+    };
+    const auto missed = [&] { return (scada->read(103, 1).value_or(std::vector<std::uint16_t>{0})[0] & 0x80U) != 0; };
+    const auto parts_seen = [&] { return two(142); };
+    struct Newest {
+        std::uint32_t part = 0;
+        std::uint16_t verdict = 0;
+    };
+    const auto newest = [&]() -> Newest {  // result, read in one request
+        const auto last = scada->read(202, 24);
+        if (!last) return {};
+        return {std::uint32_t{last->at(2)} << 16U | last->at(3), last->at(8)};
+    };
+    const auto passes_after = [&](std::uint32_t part) {
+        return comes([&] {
+            const Newest now = newest();
+            return now.part > part && now.verdict == 1;
+        });
+    };
+
+    auto connection = client_at(port);
+    ASSERT_TRUE(connection) << connection.error().message();
+    std::optional<BeatingPlc> plc(std::in_place, std::move(*connection));
+    ASSERT_TRUE(passes_after(0)) << "with the PLC there, parts are inspected";
+
+    plc.reset();
+    ASSERT_TRUE(comes(missed));
+    const std::uint32_t when_lost = parts_seen();
+    ASSERT_TRUE(comes([&] { return newest().part > when_lost + 5; }));
+    for (std::uint32_t sequence = two(106); sequence > 0; --sequence) {
+        const auto result = scada->read_result(sequence);
+        ASSERT_TRUE(result) << result.error().message();
+        const auto said = [&](std::string_view name) {
+            for (const auto& row : *result) {
+                if (row.what->name == name) return row.text;
+            }
+            return std::string("?");
+        };
+        if (std::stoul(said("part")) <= when_lost) break;
+        EXPECT_THAT(said("verdict"), HasSubstr("unfit"));
+        EXPECT_THAT(said("reason"), HasSubstr("plc-lost"));
+        EXPECT_THAT(said("flags"), HasSubstr("rejected"));
+    }
+    EXPECT_EQ(two(113) & firmware::kFaultPlc, firmware::kFaultPlc);
+    EXPECT_EQ(scada->read(102, 1)->at(0), static_cast<std::uint16_t>(firmware::State::continuous_execution));
+    EXPECT_THAT(run("hordctl", {"status", "--modbus", "127.0.0.1:" + port}).out, HasSubstr("plc-lost"));
+    EXPECT_TRUE(service.says("the PLC's heartbeat has stopped", kPatience)) << service.so_far().err;
+
+    auto again = client_at(port);
+    ASSERT_TRUE(again) << again.error().message();
+    plc.emplace(std::move(*again));
+    ASSERT_TRUE(comes([&] { return !missed(); }));
+    EXPECT_TRUE(passes_after(parts_seen()));
+    EXPECT_EQ(two(115) & firmware::kFaultPlc, firmware::kFaultPlc);  // until a reset
+    for (const auto command : {firmware::CommandCode::halt, firmware::CommandCode::reset}) {
+        const auto reply = scada->command(command, 0, 0, std::chrono::seconds(60));
+        ASSERT_TRUE(reply) << reply.error().message();
+        EXPECT_EQ(reply->error, firmware::CommandError::none);
+    }
+    EXPECT_EQ(two(115) & firmware::kFaultPlc, 0U);
+    // Who halted it brings it up again; what it has done by itself meanwhile is refused.
+    EXPECT_TRUE(comes([&] {
+        for (const auto command :
+             {firmware::CommandCode::initialise, firmware::CommandCode::arm, firmware::CommandCode::start_continuous}) {
+            (void)scada->command(command, 0, 0, std::chrono::seconds(60));
+        }
+        return scada->read(102, 1).value_or(std::vector<std::uint16_t>{0})[0] ==
+            static_cast<std::uint16_t>(firmware::State::continuous_execution);
+    })) << service.so_far().err;
+    EXPECT_TRUE(passes_after(parts_seen()));
+    service.stop(SIGINT);
+
+    const Said kept =
+        run("hordctl", {"results", "--store", folder / "store", "--reason", "plc-lost", "--format", "csv"});
+    EXPECT_GE(std::ranges::count(kept.out, '\n'), 6) << kept.out << kept.err;
+}
+
+TEST_F(Service, takes_the_socket_that_systemd_opened) {
+    const std::string activate = "/usr/bin/systemd-socket-activate";
+    if (!std::filesystem::exists(activate)) GTEST_SKIP() << activate << " is not installed (package systemd)";
+    // A port that is free now.
+    const int probe = socket(AF_INET, SOCK_STREAM, 0);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t size = sizeof address;
+    ASSERT_EQ(bind(probe, reinterpret_cast<sockaddr*>(&address), size), 0);
+    ASSERT_EQ(getsockname(probe, reinterpret_cast<sockaddr*>(&address), &size), 0);
+    const std::string port = std::to_string(ntohs(address.sin_port));
+    close(probe);
+
+    write_config("", "port = 502\n");
+    Running service("/usr/bin/env",
+                    {"CACHE_DIRECTORY=" + cache, activate, "-E", "CACHE_DIRECTORY", "--listen=127.0.0.1:" + port,
+                     "--fdname=modbus", kHordd, "--config", folder / "c.toml"});
+    ASSERT_TRUE(service.says("Listening on", kPatience)) << service.so_far().err;
+    auto plc = client_at(port);  // before the service runs: it waits, and is not refused
+    ASSERT_TRUE(plc) << plc.error().message();
+    ASSERT_TRUE(service.says("registers at", kPatience)) << service.so_far().err;
+    EXPECT_EQ(port_of(service.so_far()), port);
+    const auto magic = plc->read(2, 2);
+    ASSERT_TRUE(magic) << magic.error().message();
+    EXPECT_EQ(magic->at(0), 0x484F);
+    EXPECT_EQ(service.stop(SIGTERM).status, 0);
+}
+
+TEST_F(Service, times_in_real_time_and_inspects_in_what_is_left) {
+    sched_param param{};
+    param.sched_priority = 1;
+    if (sched_setscheduler(0, SCHED_FIFO, &param) != 0)
+        GTEST_SKIP() << "real-time policies are refused here (run as root, or raise LimitRTPRIO)";
+    param.sched_priority = 0;
+    ASSERT_EQ(sched_setscheduler(0, SCHED_OTHER, &param), 0);
+
+    write_config();
+    NotifySocket manager(folder / "notify");
+    Running service("/usr/bin/env", under({"NOTIFY_SOCKET=" + (folder / "notify")}, {"--realtime", "1"}));
+    EXPECT_NE(manager.hears("STATUS=ContinuousExecution"), "") << service.so_far().err;
+    EXPECT_EQ(sched_getscheduler(service.pid()), SCHED_FIFO);
+    int ordinary = 0;
+    for (const auto& task : std::filesystem::directory_iterator("/proc/" + std::to_string(service.pid()) + "/task")) {
+        std::string name;
+        std::getline(std::ifstream(task.path() / "comm"), name);
+        if (name.ends_with("-ust")) continue;  // of the tracing library that libcamera brings; they sleep
+        ordinary += sched_getscheduler(std::stoi(task.path().filename().string())) == SCHED_OTHER ? 1 : 0;
+    }
+    EXPECT_EQ(ordinary, 1);  // the one that inspects
+    EXPECT_EQ(service.stop(SIGTERM).status, 0);
+}
+
+TEST_F(Service, starts_warm_from_what_it_rendered_before) {
+    write_config();
+    const std::vector<std::string> arguments = under({"CACHE_DIRECTORY=" + folder.path().string()});
+    std::vector<std::filesystem::path> kept;
+    for (int start = 0; start < 2; ++start) {
+        Running service("/usr/bin/env", arguments);
+        ASSERT_TRUE(service.says("registers at", kPatience)) << service.so_far().err;
+        EXPECT_EQ(service.stop(SIGTERM).status, 0);
+        for (const auto& entry : std::filesystem::directory_iterator(folder.path())) {
+            if (entry.path().extension() == ".cache") kept.push_back(entry.path());
+        }
+    }
+    ASSERT_EQ(kept.size(), 2U);
+    EXPECT_EQ(kept[0], kept[1]);
+}
+
+TEST_F(Service, remembers_the_recipe_that_was_committed_until_another_is_configured) {
+    std::filesystem::create_directories(folder / "recipes");
+    std::ofstream(folder / "recipes/seven.toml") << "name = \"seven\"\nnumber = 7\n";
+    write_config("[station]\nautostart = false\n");
+    const std::vector<std::string> arguments = under({"STATE_DIRECTORY=" + folder.path().string()});
+    const auto number_in_use = [&](bool switch_to_seven) {
+        Running service("/usr/bin/env", arguments);
+        EXPECT_TRUE(service.says("registers at", kPatience)) << service.so_far().err;
+        auto plc = client_at(port_of(service.so_far()));
+        if (!plc) return -1;
+        if (switch_to_seven) {
+            const auto reply = plc->command(firmware::CommandCode::use_recipe, 7, 0, std::chrono::seconds(20));
+            EXPECT_TRUE(reply && reply->error == firmware::CommandError::none) << service.so_far().err;
+        }
+        const auto number = plc->read(110, 1);
+        EXPECT_EQ(service.stop(SIGTERM).status, 0);
+        return number ? static_cast<int>(number->at(0)) : -1;
+    };
+    EXPECT_EQ(number_in_use(false), 0);
+    EXPECT_EQ(number_in_use(true), 7);
+    EXPECT_EQ(number_in_use(false), 7);
+    std::ofstream(folder / "other.toml") << "name = \"other\"\nnumber = 9\n";
+    std::ofstream(folder / "c.toml")
+        << "[inspection]\nmacro = \"3x3\"\nrecipe = \"other.toml\"\n[modbus]\nport = 0\n[station]\nautostart = false\n";
+    EXPECT_EQ(number_in_use(false), 9);
+}
+
+TEST_F(Service, refuses_a_bad_configuration_with_a_status_that_systemd_does_not_repeat) {
+    write_config("", "prot = 0\n");
+    for (const char* only : {"--check", ""}) {
+        const Said said = run(kHordd,
+                              *only != 0 ? std::vector<std::string>{"--config", folder / "c.toml", only}
+                                         : std::vector<std::string>{"--config", folder / "c.toml"});
+        EXPECT_EQ(said.status, 78);
+        EXPECT_THAT(said.err, HasSubstr("c.toml:6"));
+    }
+    write_config();
+    EXPECT_EQ(run(kHordd, {"--config", folder / "c.toml", "--check"}).status, 0);
+    EXPECT_THAT(text_of(kDeploy / "hordd.service"), HasSubstr("RestartPreventExitStatus=78"));
+}
+
+TEST_F(Service, cannot_make_a_rejector_safe_that_does_not_answer_and_says_so) {
+    write_config("[rejector]\nbackend = \"modbus\"\nport = 1\n");
+    const std::vector<std::string> how{"--config", folder / "c.toml"};
+    const Said said = run(kHordSafe, how);
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("stop the line by hand"));
+    write_config();
+    EXPECT_EQ(run(kHordSafe, how).status, 0);  // a simulated one
+    write_config("[rejector]\nport = -1\n");
+    EXPECT_EQ(run(kHordSafe, how).status, 78);
+    EXPECT_THAT(text_of(kDeploy / "hordd.service"), HasSubstr("ExecStopPost=/usr/libexec/hord/hord-safe\n"));
+}
+
+TEST(ServiceFiles, the_catalogue_in_the_tree_is_what_the_code_prints) {
+    EXPECT_EQ(run(kHordd, {"--catalog"}).out, text_of(kDeploy / "hord.catalog"))
+        << "run: hordd --catalog > deploy/hord.catalog";
+}
+
+TEST(ServiceFiles, every_message_id_is_there_once_and_its_cure_with_it) {
+    const std::string catalog = text_of(kDeploy / "hord.catalog");
+    std::set<std::string> ids;
+    const std::regex id("\n-- ([0-9a-f]{32})\n");
+    for (auto it = std::sregex_iterator(catalog.begin(), catalog.end(), id); it != std::sregex_iterator(); ++it) {
+        EXPECT_TRUE(ids.insert((*it)[1].str()).second);
+    }
+    EXPECT_GE(ids.size(), 19U);
+    EXPECT_THAT(catalog, HasSubstr("take the parts behind the ejector off the line"));
+}
+
+TEST(ServiceFiles, the_units_are_sound_and_expose_little) {
+    const std::string analyze = "/usr/bin/systemd-analyze";
+    if (!std::filesystem::exists(analyze)) GTEST_SKIP() << analyze << " is not installed (package systemd)";
+    for (const auto& [unit, threshold] : std::map<std::string, std::string>{
+             {"hordd.service", "17"}, {"hord-page.service", "15"}, {"hord-mqtt.service", "13"}}) {
+        const Said security =
+            run(analyze,
+                {"security", "--offline=true", "--no-pager", "--threshold=" + threshold, (kDeploy / unit).string()});
+        EXPECT_EQ(security.status, 0) << unit
+                                      << security.out.substr(security.out.size() -
+                                                             std::min<std::size_t>(security.out.size(), 200));
+        EXPECT_THAT(security.out, HasSubstr("Overall exposure level"));
+        // That the program is not installed here, nor its man page, it says as well; a line that systemd would not take
+        // is another matter.
+        const Said verified = run(analyze, {"verify", "--man=no", (kDeploy / unit).string()});
+        EXPECT_THAT(verified.err, Not(HasSubstr("ignoring"))) << unit;
+    }
+}
+
+}  // namespace
+}  // namespace hord::test

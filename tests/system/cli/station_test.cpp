@@ -1,0 +1,369 @@
+// `hordctl run`, `status` and `registers`: the whole station as a person and a PLC meet it.
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <sstream>
+#include <thread>
+
+#include <arpa/inet.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <nlohmann/json.hpp>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "firmware/registers/register_client.h"
+#include "tests/system/cli/program.h"
+
+namespace hord::test {
+namespace {
+
+using ::testing::HasSubstr;
+using Json = nlohmann::json;
+
+// A TCP port of this machine, held (and, if asked, listening without ever answering) for the test's life.
+class HeldPort {
+  public:
+    explicit HeldPort(bool listening) : fd_(socket(AF_INET, SOCK_STREAM, 0)) {
+        sockaddr_in address{};
+        address.sin_family = AF_INET;
+        address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+        socklen_t size = sizeof address;
+        EXPECT_EQ(bind(fd_, reinterpret_cast<sockaddr*>(&address), size), 0);
+        EXPECT_EQ(getsockname(fd_, reinterpret_cast<sockaddr*>(&address), &size), 0);
+        port_ = ntohs(address.sin_port);
+        if (listening) {
+            EXPECT_EQ(listen(fd_, 16), 0);
+        }
+    }
+    ~HeldPort() { close(fd_); }
+    HeldPort(const HeldPort&) = delete;
+    HeldPort& operator=(const HeldPort&) = delete;
+    [[nodiscard]] std::string address() const { return "127.0.0.1:" + std::to_string(port_); }
+    [[nodiscard]] int port() const { return port_; }
+
+  private:
+    int fd_;
+    int port_ = 0;
+};
+
+std::vector<Json> json_lines(const std::string& text) {
+    std::vector<Json> all;
+    std::istringstream stream(text);
+    for (std::string line; std::getline(stream, line);) {
+        if (!line.empty() && line.front() == '{') all.push_back(Json::parse(line));
+    }
+    return all;
+}
+
+// -- registers
+
+TEST(Registers, are_printed_in_every_format) {
+    EXPECT_THAT(run("hordctl", {"registers"}).out, HasSubstr("| "));
+    EXPECT_THAT(run("hordctl", {"registers", "--format", "csv"}).out, HasSubstr("heartbeat"));
+    EXPECT_FALSE(Json::parse(run("hordctl", {"registers", "--format", "json"}).out).empty());
+    EXPECT_THAT(run("hordctl", {"registers", "--format", "telegraf"}).out, HasSubstr("[[inputs.modbus]]"));
+}
+
+TEST(Registers, refuse_an_unknown_format) {
+    const Said said = run("hordctl", {"registers", "--format", "xml"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("xml"));
+}
+
+// -- status
+
+TEST(Status, says_so_when_nobody_answers) {
+    const HeldPort refusing(false), silent(true);
+    for (const std::string& address : {refusing.address(), silent.address()}) {
+        const Said said = run("hordctl", {"status", "--modbus", address, "--timeout", "300"}, std::chrono::seconds(20));
+        EXPECT_EQ(said.status, 2);
+        EXPECT_THAT(said.err, HasSubstr(address.substr(address.find(':') + 1)));
+    }
+}
+
+// -- run
+
+TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ejector) {
+    const Said said = run(
+        "hordctl",
+        {"run", "--simulate", "--variety", "1", "--parts", "12", "--rate", "2", "--modbus", "127.0.0.1:0", "--json"},
+        std::chrono::seconds(120));
+    ASSERT_EQ(said.status, 0) << said.err;
+    const auto parts = json_lines(said.out);
+    ASSERT_EQ(parts.size(), 12U) << said.out;
+    std::set<int> numbers;  // a part is printed when its fate is known: ejected ones before those that leave at the end
+    for (std::size_t k = 0; k < parts.size(); ++k) {
+        EXPECT_TRUE(numbers.insert(parts[k]["part"].get<int>()).second) << parts[k];
+        EXPECT_EQ(parts[k]["ejected"], parts[k]["verdict"] != "pass") << parts[k];
+        EXPECT_EQ(parts[k]["truth"] == "good", parts[k]["verdict"] == "pass") << parts[k];
+    }
+}
+
+TEST(Run, vitals_are_written_and_stay_flat) {
+    const TemporaryFolder folder;
+    const Said said = run("hordctl",
+                          {"run", "--simulate", "--variety", "1", "--parts", "60", "--modbus", "127.0.0.1:0",
+                           "--vitals", folder / "v.csv", "--vitals-every", "1"},
+                          std::chrono::seconds(120));
+    EXPECT_THAT(said.out, HasSubstr("descriptors"));
+    std::ifstream file(folder / "v.csv");
+    std::string line;
+    ASSERT_TRUE(std::getline(file, line));
+    EXPECT_EQ(line, "until_s,parts,late,unfit,p50_ms,p99_ms,max_ms,memory_kb,descriptors,threads,processor");
+    std::vector<std::vector<double>> rows;
+    while (std::getline(file, line)) {
+        std::istringstream cells(line);
+        auto& row = rows.emplace_back();
+        for (std::string cell; std::getline(cells, cell, ',');) row.push_back(std::stod(cell));
+        ASSERT_EQ(row.size(), 11U) << line;
+    }
+    ASSERT_GE(rows.size(), 3U) << said.err;  // six seconds of parts, however slow the machine is
+    double parts = 0;
+    for (const auto& row : rows) parts += row[1];
+    EXPECT_LE(parts, 60);
+    EXPECT_EQ(rows.back()[8], rows[1][8]) << "descriptors";
+    EXPECT_LT(rows.back()[7], rows[1][7] + 8'000) << "kB of memory";
+}
+
+TEST(Run, resets_no_real_line_by_itself) {
+    const Said said = run("hordctl", {"run", "--reset-after", "1"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("--simulate"));
+}
+
+// A process that was held up for longer than a part's way to the ejector has stopped its line; somebody resets it, and
+// the parts go on.
+TEST(Run, is_reset_after_it_was_held_up_and_goes_on) {
+    Running station("hordctl",
+                    {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--reset-after",
+                     "1", "--json"});
+    ASSERT_TRUE(station.says("\"part\":3", std::chrono::seconds(120))) << station.so_far().err;
+    station.signal(SIGSTOP);
+    std::this_thread::sleep_for(std::chrono::seconds(2));
+    station.signal(SIGCONT);
+    ASSERT_TRUE(station.says("Error to Initialized", std::chrono::seconds(120))) << station.so_far().err;
+    const std::string& out = station.so_far().out;
+    const int last = std::stoi(out.substr(out.rfind("\"part\":") + 7));
+    EXPECT_TRUE(station.says("\"part\":" + std::to_string(last + 8) + ",", std::chrono::seconds(120)))
+        << station.so_far().err;
+    const Said said = station.stop(SIGINT);
+    EXPECT_THAT(said.err, HasSubstr("the line was stopped and reset"));
+}
+
+// The port that a running station said it listens at.
+std::string port_of(const Said& said) {
+    const std::string mark = "registers at 127.0.0.1:";
+    const auto at = said.err.find(mark);
+    return at == std::string::npos ? "" : said.err.substr(at + mark.size(), said.err.find('\n', at) - at - mark.size());
+}
+
+// By mbpoll, a Modbus client that nobody here wrote, and by hordctl's own.
+TEST(Run, ident_to_last_can_be_read_while_it_runs) {
+    Running station("hordctl",
+                    {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--json"});
+    ASSERT_TRUE(station.says("\"part\":3", std::chrono::seconds(120))) << station.so_far().err;
+    const std::string port = port_of(station.so_far());
+    ASSERT_NE(port, "");
+    const auto poll = [&](int from, int count) {
+        return run("/usr/bin/mbpoll",
+                   {"-m", "tcp", "-p", port, "-0", "-o", "10", "-r", std::to_string(from), "-c", std::to_string(count),
+                    "-t", "4:hex", "-1", "127.0.0.1"});
+    };
+    const Said ident = poll(0, 10);
+    EXPECT_EQ(ident.status, 0) << ident.out << ident.err;
+    EXPECT_THAT(ident.out, HasSubstr("0x484F"));  // "HO", of "HORD"
+    EXPECT_THAT(ident.out, HasSubstr("0x5244"));  // "RD"
+    EXPECT_EQ(poll(100, 20).status, 0);           // STATUS
+    EXPECT_EQ(poll(140, 20).status, 0);           // COUNTERS
+    EXPECT_EQ(poll(200, 20).status, 0);           // LAST
+
+    const Said said = run("hordctl", {"status", "--modbus", "127.0.0.1:" + port, "--json"});
+    ASSERT_EQ(said.status, 0) << said.err;
+    const Json status = Json::parse(said.out);
+    EXPECT_EQ(status["STATUS"]["state"], 8);  // ContinuousExecution
+    EXPECT_GE(status["COUNTERS"]["seen"], 3);
+    const auto counted = [&](const char* name) { return status["COUNTERS"][name].get<int>(); };
+    EXPECT_GE(counted("inspected"), 3);
+    EXPECT_EQ(counted("missed"), 0);
+    EXPECT_LE(counted("pass") + counted("reject") + counted("unfit"), counted("seen"));
+    EXPECT_EQ(station.stop(SIGINT).status, 0);
+}
+
+// -- a PLC
+
+// Talks to a station as a PLC program does: commands by token, and looks until what it waits for is there.
+class Plc {
+  public:
+    explicit Plc(const std::string& port) : client_(connect(port)) { boot_ = read(8, 1)[0]; }
+    std::vector<std::uint16_t> read(std::uint16_t address, std::size_t count) {
+        auto words = client_.read(address, count);
+        EXPECT_TRUE(words) << words.error().message();
+        return words ? *words : std::vector<std::uint16_t>(count);
+    }
+    std::uint32_t read32(std::uint16_t address) {
+        const auto words = read(address, 2);
+        return std::uint32_t{words[0]} << 16U | words[1];
+    }
+    Result<void> write(std::uint16_t address, const std::vector<std::uint16_t>& words) {
+        return client_.write(address, words);
+    }
+    // The reply's error once it is known.
+    int command(std::uint16_t code, std::uint16_t argument = 0) {
+        EXPECT_TRUE(write(8002, {0, ++token_, boot_, code, 0, argument}));
+        EXPECT_TRUE(comes([&] { return read(8023, 1)[0] == token_ && read(8025, 1)[0] >= 2; }));
+        return read(8026, 1)[0];
+    }
+    template <class F>
+    bool comes(F what) {
+        const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+        while (std::chrono::steady_clock::now() < end) {
+            if (what()) return true;
+        }
+        return false;
+    }
+    bool state_is(int state) {
+        return comes([&] { return read(102, 1)[0] == state; });
+    }
+
+  private:
+    static firmware::modbus::Client connect(const std::string& port) {
+        auto client = firmware::modbus::Client::connect({"127.0.0.1", static_cast<std::uint16_t>(std::stoi(port))},
+                                                        std::chrono::seconds(10));
+        if (!client) throw std::runtime_error(client.error().message());
+        return std::move(*client);
+    }
+    firmware::modbus::Client client_;
+    std::uint16_t boot_ = 0, token_ = 0;
+};
+
+TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
+    const TemporaryFolder folder;
+    std::filesystem::create_directories(folder / "recipes");
+    std::ofstream(folder / "recipes/seven.toml") << "name = \"seven\"\nnumber = 7\n[limits]\nemd_bins = 0.9\n";
+    std::ofstream(folder / "c.toml") << "[station]\nautostart = false\n[plc]\npolicy = \"stop\"\ntimeout_ms = 60000\n"
+                                     << kRoomyLine;
+    Running station("hordctl",
+                    {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--modbus",
+                     "127.0.0.1:0"});
+    ASSERT_TRUE(station.says("registers at", std::chrono::seconds(120))) << station.so_far().err;
+    Plc plc(port_of(station.so_far()));
+    EXPECT_TRUE(plc.write(8102, {1}));  // alive
+    ASSERT_TRUE(plc.state_is(5));
+    ASSERT_TRUE(plc.comes([&] { return plc.command(2) == 0; }));  // arm, as soon as the rejector's module is found
+    EXPECT_EQ(plc.command(22), 0) << "self-test found " << plc.read32(8027) << station.so_far().err;
+    EXPECT_EQ(plc.command(23, 7), 0) << station.so_far().err;
+    EXPECT_EQ(plc.read(110, 1)[0], 7);  // the recipe in use
+    EXPECT_EQ(plc.command(5), 0);
+    ASSERT_TRUE(plc.state_is(8));
+    ASSERT_TRUE(plc.comes([&] { return plc.read32(106) >= 2; }));
+    EXPECT_EQ(plc.read32(1024), 1U);  // the first result, and who judged it
+    EXPECT_EQ(plc.read(1024 + 20, 1)[0], 7);
+    EXPECT_TRUE(plc.write(8103, {0, 2}));
+    EXPECT_FALSE(plc.write(8103, {0, 1}));  // never backwards
+    // As a person sees and commands it.
+    const std::string address = "127.0.0.1:" + port_of(station.so_far());
+    const Said watched = run("hordctl", {"watch", "--modbus", address, "--count", "2", "--every", "20"});
+    EXPECT_EQ(watched.status, 0) << watched.err;
+    EXPECT_EQ(std::count(watched.out.begin(), watched.out.end(), '\n'), 2);
+    EXPECT_THAT(watched.out, HasSubstr("ContinuousExecution parts/min "));
+    EXPECT_THAT(watched.out, HasSubstr("faults "));  // which ones: a busy machine misses flashes
+    const Said refused = run("hordctl", {"command", "arm", "--modbus", address});
+    EXPECT_EQ(refused.status, 2);
+    EXPECT_THAT(refused.err, HasSubstr("not_in_this_state"));
+    EXPECT_EQ(run("hordctl", {"command", "stop", "--modbus", address}).status, 0);
+    ASSERT_TRUE(plc.state_is(6));
+    Said tested;
+    ASSERT_TRUE(plc.comes([&] {  // once the belt stands and the parts on it have gone
+        tested = run("hordctl", {"selftest", "--modbus", address});
+        return tested.err.find("not_yet") == std::string::npos;
+    })) << tested.err;
+    EXPECT_THAT(tested.out, HasSubstr("self-test passed")) << tested.err;
+    EXPECT_EQ(plc.read32(115) & 0x10U, 0U);  // every rejection was confirmed
+    EXPECT_EQ(station.stop(SIGINT).status, 0);
+}
+
+TEST(Plc, writes_only_where_the_configuration_lets_it) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "c.toml") << "[modbus]\nport = 0\nmay_write = [\"192.0.2.0/24\"]\n";
+    Running station("hordctl", {"run", "--variety", "1", "--config", folder / "c.toml"});
+    ASSERT_TRUE(station.says("registers at", std::chrono::seconds(120))) << station.so_far().err;
+    Plc plc(port_of(station.so_far()));
+    EXPECT_EQ(plc.read(2, 1)[0], 0x484F);
+    EXPECT_FALSE(plc.write(8102, {1}));
+    EXPECT_EQ(station.stop(SIGINT).status, 0);
+}
+
+TEST(Run, refuses_a_port_that_is_taken_and_names_it) {
+    const HeldPort taken(true);
+    const Said said = run("hordctl", {"run", "--simulate", "--parts", "1", "--modbus", taken.address()});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr(std::to_string(taken.port())));
+}
+
+TEST(Run, refuses_a_configuration_with_every_problem_at_once) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "c.toml") << "[line]\ntransport_mss = 4\n[modbus]\nport = 99999999\n";
+    const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--parts", "1"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("c.toml:2"));
+    EXPECT_THAT(said.err, HasSubstr("c.toml:4"));
+}
+
+// Parts do not ask whether the rejector is there: they come, are counted, and none is called good.
+TEST(Run, without_its_rejector_no_part_is_passed_and_the_line_is_stopped) {
+    const TemporaryFolder folder;
+    const HeldPort absent(false), silent(true);
+    for (const int port : {absent.port(), silent.port()}) {
+        std::ofstream(folder / "c.toml") << "[rejector]\nbackend = \"modbus\"\nport = " << port
+                                         << "\n[modbus]\nport = 0\n";
+        const Said said =
+            run("hordctl", {"run", "--config", folder / "c.toml", "--variety", "1", "--parts", "5", "--json"});
+        EXPECT_EQ(said.status, 3) << said.err;
+        const auto parts = json_lines(said.out);
+        EXPECT_EQ(parts.size(), 5U) << said.err;
+        for (const Json& part : parts) EXPECT_NE(part["verdict"], "pass") << part;
+        EXPECT_THAT(said.err, HasSubstr(std::to_string(port)));
+    }
+}
+
+TEST(Run, recorded_frames_get_the_verdicts_that_inspect_gives) {
+    const auto data = real_data() / "povray";
+    if (!std::filesystem::is_directory(data))
+        GTEST_SKIP() << "no real input: set HORD_DATA, or put it at ../shared/data";
+    const TemporaryFolder folder;
+    std::filesystem::create_directories(folder / "frames");
+    std::vector<std::string> arguments{"inspect", "--json"};
+    for (const std::string name : {"bubble_r500_111", "cutout_111", "empty_111", "lens_111", "wedge_111"}) {
+        const std::string file = folder / ("frames/" + name + ".png");
+        std::filesystem::copy_file(data / (name + "_raw.png"), file);
+        arguments.push_back(file);
+    }
+    const auto inspected = json_lines(run("hordctl", arguments).out);
+    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n"
+                                     << kRoomyLine;
+    const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--rate", "2", "--json"});
+    const auto played = json_lines(said.out);
+    ASSERT_EQ(inspected.size(), 5U);
+    ASSERT_EQ(played.size(), 5U) << said.err;
+    for (std::size_t k = 0; k < played.size(); ++k) {
+        EXPECT_EQ(played[k]["verdict"], inspected[k]["verdict"]) << played[k] << said.err;
+        EXPECT_EQ(played[k]["reason"], inspected[k]["reason"]);
+        EXPECT_EQ(played[k]["ejected"], inspected[k]["verdict"] != "pass");
+    }
+}
+
+TEST(Run, refuses_a_folder_of_frames_with_a_bad_one_and_names_it) {
+    const TemporaryFolder folder;
+    std::filesystem::create_directories(folder / "frames");
+    std::ofstream(folder / "frames/a.png") << "not an image";
+    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n";
+    const Said said = run("hordctl", {"run", "--config", folder / "c.toml"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("a.png"));
+}
+
+}  // namespace
+}  // namespace hord::test

@@ -1,0 +1,22 @@
+#!/usr/bin/env bash
+# The same seed gives the same bits, however the soak is compiled: core, station, simulated cell and observer without optimisation
+# against build/release, over one soak.
+#
+#     tests/system/mutants/same_bits.sh [PARTS]     (100,000; build/release must have mutant-none)
+set -euo pipefail
+cd "$(dirname "$(readlink -f "$0")")/../../.."
+parts=${1:-100000}
+objects=build/unoptimised
+mkdir -p "$objects"
+for file in firmware/core/*.cpp firmware/station/station.cpp firmware/station/inspector_modelled.cpp hal_sim/cell/{cell,world,conveyor,faults,frame_source}.cpp \
+            hal_sim/cell/{sim_part_sensor,sim_strobe,sim_sensor,sim_rejector,virtual_time}.cpp \
+            lab/soak/{invariants,invariants_results,gates,simulated_line,plan,plc_side,books,soak}.cpp; do
+    echo "$file"
+done | xargs -P "$(nproc)" -I FILE sh -c 'g++ -std=gnu++20 -O0 -ffp-contract=off -I. -c FILE -o '"$objects"'/$(echo FILE | tr / _).o'
+libraries=$(grep -A14 '^build tests/system/mutants/mutant-none:' build/release/build.ninja | sed -n 's/.*LINK_LIBRARIES = //p')
+(cd build/release && eval g++ ../unoptimised/*.o tests/system/mutants/CMakeFiles/hord_probe.dir/probe.cpp.o -o ../unoptimised/mutant-none "$libraries")
+one=$(build/release/tests/mutants/mutant-none --parts "$parts")
+other=$("$objects/mutant-none" --parts "$parts")
+echo "-O2: $one"
+echo "-O0: $other"
+test "$one" = "$other"

@@ -1,0 +1,481 @@
+#!/bin/bash
+# Runs inside the machine. Every check says "RIG PASS|FAIL name milliseconds"; what it saw stands before that, behind "RIG  | ".
+# `rig.phase` on the kernel's command line: install (first boot, ends in a power cut), boot (after it), time (in virtual time: one processor
+# that does an instruction a nanosecond, whatever the host does meanwhile), latency (the same, its measurement alone, but for the package).
+set -u
+chip=/sys/kernel/config/gpio-sim/rig
+world=/opt/rig/hord_rig_world
+phase=$(sed -n 's/.*rig\.phase=\([a-z]*\).*/\1/p' /proc/cmdline)
+kills=$(sed -n 's/.*rig\.kills=\([0-9]*\).*/\1/p' /proc/cmdline)
+seed=$(sed -n 's/.*rig\.seed=\([0-9]*\).*/\1/p' /proc/cmdline)
+edges_asked=$(sed -n 's/.*rig\.edges=\([0-9]*\).*/\1/p' /proc/cmdline)
+only=$(sed -n 's/.*rig\.only=\([^ ]*\).*/\1/p' /proc/cmdline)  # a pattern of names, to look into one
+RANDOM=${seed:-1}
+pass=0 fail=0
+say() { printf 'RIG %s\n' "$*"; }
+now_ms() {  # into `now`; starts no program: an emulated processor takes longer for that than for all that is waited for
+    local up
+    read -r up _ </proc/uptime
+    now=$((10#${up/./} * 10))
+}
+mkfifo /run/rig-never
+exec 9<>/run/rig-never
+pause() { read -rt "$1" -u 9 || true; }  # s; nobody writes there
+
+# check NAME COMMAND...: everything it prints is shown as it comes. It is a group of processes of its own: when its time is over (LIMIT, s of
+# the machine's time), it is ended and has failed; when it has ended, so does whatever it has left running, so that nothing waits for that.
+limit=900
+check() {
+    local name=$1 now began group teller watch rc
+    shift
+    [[ $name =~ ${only:-.} ]] || return 0
+    say BEGIN "$name"
+    now_ms
+    began=$now
+    rm -f /run/rig-said /run/rig-over
+    mkfifo /run/rig-said
+    sed -u 's/^/RIG  | /' </run/rig-said &
+    teller=$!
+    set -m  # a group for each of the two
+    "$@" </dev/null >/run/rig-said 2>&1 &
+    group=$!
+    end_when_over "$group" >/run/rig-said 2>&1 &
+    watch=$!
+    set +m
+    wait "$group" 2>/dev/null
+    rc=$?
+    kill -KILL -- "-$watch" 2>/dev/null
+    kill -KILL -- "-$group" 2>/dev/null
+    wait "$teller" "$watch" 2>/dev/null
+    [ ! -e /run/rig-over ] || rc=over
+    now_ms
+    if [ "$rc" = 0 ]; then pass=$((pass + 1)); say PASS "$name" "$((now - began))"; else fail=$((fail + 1)); say FAIL "$name" "$((now - began))"; fi
+}
+
+end_when_over() {  # end_when_over GROUP: when its time is over, says where it stands, and ends it
+    sleep "$limit"
+    touch /run/rig-over
+    echo "not at its end after $limit s; what of it still runs:"
+    ps -eo pgid,pid,etimes,stat,wchan:24,args | awk -v group="$1" '$1 == group'
+    systemctl show -P StatusText hordd
+    kill -KILL -- "-$1"
+}
+
+wait_for() {  # wait_for SECONDS COMMAND...: asks ever more seldom, because every question starts programs
+    local now until between=1
+    now_ms
+    until=$((now + $1 * 1000))
+    shift
+    until "$@" >/dev/null 2>&1; do
+        now_ms
+        [ "$now" -lt "$until" ] || { echo "waited in vain for: $*"; return 1; }
+        pause "0.$between"
+        [ $between -ge 8 ] || between=$((2 * between))
+    done
+}
+
+# -- the seam ---------------------------------------------------------------------------------------------------
+
+# contract FILTER: a suite of tests/system/contract on a real device; nothing may be left out.
+contract() {
+    /opt/rig/test_contract --gtest_brief=1 --gtest_filter="$1" >/tmp/contract 2>&1
+    local rc=$?
+    grep -vE '^\[==|^Note|^Running|^$' /tmp/contract | tail -n 25
+    [ $rc = 0 ] && ! grep -q SKIPPED /tmp/contract && grep -qE 'PASSED  \] [1-9]' /tmp/contract
+}
+
+devices() {
+    gpiodetect
+    gpioinfo rig-gpio | head -n 6
+    v4l2-ctl --list-devices 2>/dev/null | tr -s '\n\t ' ' '
+    echo
+    [ -c /dev/gpiochip0 ] && [ -c /dev/video10 ] && [ -c /dev/video11 ] && [ -c /dev/video20 ] && [ "$(cat /proc/1/comm)" = systemd ]
+}
+
+contract_video_loopback() {
+    $world camera --video /dev/video11 >/dev/null 2>&1 &
+    local camera=$!
+    sleep 1
+    # How a device is lost is shown on the other one: this one never is.
+    HORD_V4L2_DEVICE=/dev/video11 contract 'V4l2/*-*a_loss_is_told_once*'
+    local rc=$?
+    kill $camera
+    wait $camera 2>/dev/null
+    return $rc
+}
+contract_video_vivid() {
+    v4l2-ctl -d /dev/video20 -v width=320,height=180,pixelformat=GREY -p 5 >/dev/null 2>&1
+    v4l2-ctl -d /dev/video20 -c timestamp_source=1  # of the start of the frame: that of its end lies in the future
+    HORD_V4L2_LOSE='v4l2-ctl -d /dev/video20 -c inject_fatal_streaming_error=1' HORD_V4L2_DEVICE=/dev/video20 contract 'V4l2/*'
+}
+
+# libcamera's vimc pipeline on the kernel's vimc; it is taken away by unbinding it from its driver.
+contract_libcamera() {
+    local driver=/sys/bus/platform/drivers/vimc
+    HORD_LIBCAMERA=any HORD_LIBCAMERA_LOSE="echo vimc.0 >$driver/unbind" HORD_LIBCAMERA_RETURN="echo vimc.0 >$driver/bind" contract 'Libcamera/*/camera'
+}
+
+# -- the installed station --------------------------------------------------------------------------------------
+
+# As the service tells systemd: asking over Modbus means starting a program, which takes seconds on an emulated processor.
+executes() { [[ $(systemctl show -P StatusText hordd) = ContinuousExecution* ]]; }
+not_executing() { ! executes; }
+hordd_active() { [ "$(systemctl is-active hordd)" = active ]; }
+journal_says() { grep -q "$1" /run/hordd.log; }
+follow_journal() {  # from now on
+    [ -z "${follower:-}" ] || kill "$follower"
+    journalctl -fu hordd -o cat -n 0 >/run/hordd.log 2>&1 &
+    follower=$!
+}
+lamps_dark() { [ "$(cat "$(line_folder 0)/value")$(cat "$(line_folder 1)/value")" = 00 ]; }
+line_is_used() { gpioinfo rig-gpio | grep 'COLLIMATOR_A.*used'; }
+line_folder() { echo "/sys/devices/platform/$(cat $chip/dev_name)/$(cat $chip/bank0/chip_name)/sim_gpio$1"; }
+
+# The package's files and what its installation does with them, for a machine in which installing is not what is looked into: dpkg's own
+# work takes an emulated processor a minute.
+station_is_there() {
+    [ ! -e /usr/bin/hordd ] || return
+    dpkg-deb --fsys-tarfile /opt/rig/hord-station.deb | tar -x --keep-directory-symlink -C /
+    cp /opt/rig/hordd.toml /etc/hord/hordd.toml
+    systemd-sysusers hord.conf
+    systemctl daemon-reload
+    udevadm control --reload
+    udevadm trigger --subsystem-match=gpio
+    systemctl start hordd.socket
+    systemctl start --no-block hordd
+    say "# the package is there $(cut -d' ' -f1 /proc/uptime) s after the kernel"
+}
+
+install_package() {
+    mkdir -p /etc/hord
+    start_world /tmp/install --parts 1000 || return 1  # the camera is on, the module answers
+    cp /opt/rig/hordd.toml /etc/hord/hordd.toml  # kept: the package does not overwrite an edited configuration
+    dpkg -i --force-confold /opt/rig/hord-station.deb || return 1
+    cmp /opt/rig/hordd.toml /etc/hord/hordd.toml || return 1
+    wait_for 120 hordd_active || { systemctl status hordd --no-pager; journalctl -u hordd -o cat | tail -n 20; return 1; }
+    systemctl show -P StatusText hordd
+    ls -l /dev/gpiochip* /dev/video10
+    stop_world
+}
+
+security() {
+    systemd-analyze security hordd --no-pager | tail -n 1
+    local exposure
+    exposure=$(systemd-analyze security hordd --no-pager | sed -n 's/.*: \([0-9.]*\) .*/\1/p' | tail -n 1)
+    awk -v e="$exposure" 'BEGIN {exit !(e > 0 && e <= 1.7)}'
+}
+
+start_world() {  # start_world LOG ARGUMENT...
+    local log=$1
+    shift
+    $world line --chip $chip --video /dev/video10 --frames /opt/rig/frames "$@" >"$log" 2>&1 &
+    world_pid=$!
+    wait_for 60 grep -q ' ready' "$log" || { cat "$log"; return 1; }
+}
+
+stop_world() {
+    kill "$world_pid"
+    wait "$world_pid" 2>/dev/null
+    return 0
+}
+
+# Whatever it does now, it executes afterwards: by itself, or once a person has reset it.
+to_execution() {
+    local k
+    for k in 1 2 3 4; do
+        wait_for 10 executes >/dev/null && return 0
+        hordctl command reset 2>&1
+        wait_for 20 executes >/dev/null && return 0
+        hordctl command start_continuous 2>&1
+    done
+    wait_for 30 executes || { systemctl show -P StatusText hordd; return 1; }
+}
+
+whole_line() {
+    start_world /tmp/line --parts 16 --seed "${seed:-1}" --patience 150 --faults '3=bounce,5=no-frame,7=short-frame,9=late-frame,11=twice,13=camera-gone' || return 1
+    to_execution || { stop_world; return 1; }
+    wait $world_pid
+    local rc=$?
+    grep -E ' (gone|totals) ' /tmp/line | cut -d' ' -f2-
+    hordctl results --format csv --last 16 | cut -d, -f5-8,15-16 2>/dev/null
+    systemctl show -P StatusText hordd
+    [ $rc = 0 ]
+}
+
+# Light and output while the line ran: never longer than the channel stands, dark and at rest afterwards.
+lights_in_limits() {
+    awk '$2 == "lamps" && $3 != 0 && !on {on = $1; n++} $2 == "lamps" && $3 == 0 && on {d = ($1 - on) * 1000; on = 0; if (d > worst) worst = d; }
+         END {printf "%d flashes, longest %.1f ms by the simulator'"'"'s side, 400 ms allowed\n", n, worst; exit !(n >= 10 && worst <= 400)}' /tmp/line && lamps_dark
+}
+
+camera_on() {
+    $world camera --video /dev/video10 --width 333 --height 333 --period 200 >/dev/null 2>&1 &
+    camera_pid=$!
+}
+
+line_busy() {
+    camera_on
+    systemctl stop hordd || return 1
+    gpioset -m signal rig-gpio 0=0 >/dev/null 2>&1 &
+    local holder=$!
+    wait_for 30 line_is_used || return 1
+    follow_journal
+    systemctl start --no-block hordd
+    wait_for 120 journal_says 'COLLIMATOR_A.*holds it' || { kill $holder; return 1; }
+    grep 'holds it' /run/hordd.log | tail -n 1
+    kill $holder
+    wait $holder 2>/dev/null
+    wait_for 120 hordd_active || return 1  # by itself
+    kill $camera_pid
+}
+
+chip_missing() {
+    camera_on
+    systemctl stop hordd || return 1
+    echo 0 >$chip/live
+    follow_journal
+    systemctl start --no-block hordd
+    wait_for 120 journal_says 'there is no such chip' || return 1
+    grep 'there is no such chip' /run/hordd.log | tail -n 1
+    echo 1 >$chip/live
+    wait_for 120 hordd_active || return 1
+    kill $camera_pid
+}
+
+chip_goes() {
+    start_world /tmp/goes --person 127.0.0.1:502 --parts 1000 || return 1
+    to_execution || return 1
+    local now began
+    now_ms
+    began=$now
+    echo 0 >$chip/live
+    wait_for 30 not_executing || return 1
+    now_ms
+    echo "seen to have stopped $((now - began)) ms after the chip went"
+    systemctl show -P StatusText hordd
+    stop_world
+    echo 1 >$chip/live
+    start_world /tmp/back --person 127.0.0.1:502 --parts 2 || return 1
+    to_execution || return 1
+    wait $world_pid || { cat /tmp/back; return 1; }
+    grep -E ' (totals|resets) ' /tmp/back | cut -d' ' -f2-
+}
+
+# A camera that only libcamera knows, in the installed service; then it is gone, and comes back.
+libcamera_disconnect() {
+    cp /etc/hord/hordd.toml /tmp/hordd.toml
+    sed -i 's|^backend = "v4l2"|backend = "libcamera"\ngreen = true|; s|^width_px = .*|width_px = 90|; s|^height_px = .*|height_px = 90|' /etc/hord/hordd.toml
+    start_world /tmp/libcamera --parts 1000 --person 127.0.0.1:502 || return 1
+    follow_journal
+    systemctl restart --no-block hordd
+    local rc=0
+    libcamera_goes || rc=1
+    stop_world
+    cp /tmp/hordd.toml /etc/hord/hordd.toml
+    systemctl restart --no-block hordd
+    return $rc
+}
+# By this process, of its camera's frames: neither pass nor reject is said of a part that was not judged.
+has_judged() { [[ $(systemctl show -P StatusText hordd) =~ ([0-9]+)\ pass,\ ([0-9]+)\ reject ]] && [ $((BASH_REMATCH[1] + BASH_REMATCH[2])) -gt 0 ]; }
+libcamera_goes() {
+    wait_for 120 executes || { tail -n 5 /run/hordd.log; return 1; }
+    wait_for 120 has_judged || { systemctl show -P StatusText hordd; hordctl results --format csv --last 5 | cut -d, -f5-8; return 1; }
+    local now began
+    now_ms
+    began=$now
+    local process
+    process=$(systemctl show -P MainPID hordd)
+    echo vimc.0 >/sys/bus/platform/drivers/vimc/unbind
+    wait_for 60 not_executing || return 1
+    now_ms
+    echo "seen to have stopped $((now - began)) ms after the camera went"
+    systemctl show -P StatusText hordd
+    echo vimc.0 >/sys/bus/platform/drivers/vimc/bind
+    wait_for 120 executes || { tail -n 5 /run/hordd.log; return 1; }
+    echo "executes again; the station's process was $process, is $(systemctl show -P MainPID hordd)"
+    [ "$process" = "$(systemctl show -P MainPID hordd)" ]  # it has not been started again
+}
+
+# -- in virtual time --------------------------------------------------------------------------------------------
+
+# What the light barrier may say that no part is: something close behind a part, and edges that the kernel could not keep. The person clears
+# belt and station after the stop.
+edges_wrong() {
+    start_world /tmp/edges --person 127.0.0.1:502 --parts 14 --seed "${seed:-1}" --patience 400 --faults '3=too-close,8=edges-lost' || return 1
+    to_execution || return 1
+    wait $world_pid
+    local rc=$?
+    grep -E ' (gone|totals|resets|edges|edges-lost:) ' /tmp/edges | cut -d' ' -f2-
+    hordctl results --format csv --last 16 | cut -d, -f5-7 | tee /tmp/edges-results
+    [ $rc = 0 ] || return 1
+    # Both of those that came too close, the part and what followed it, are told as such.
+    [ "$(cut -d, -f3 /tmp/edges-results | grep -c parts-too-close)" = 2 ]
+}
+
+# Each fault of the module at some command; the person clears the belt and resets the station after each stop.
+rejector_faults() {
+    start_world /tmp/module --person 127.0.0.1:502 --parts 38 --good-share 0 --seed "${seed:-1}" --patience 400 \
+        --faults '2=reject-refused,8=reject-late,14=reject-drip,20=reject-close,26=reject-stuck,32=module-reboot' || return 1
+    sed -i 's/^response_timeout_ms = .*/response_timeout_ms = 100/' /etc/hord/hordd.toml  # this processor comes in time
+    systemctl restart --no-block hordd
+    wait $world_pid
+    local rc=$?
+    grep -E ' (module-fault|totals|resets|a fault|kill) ' /tmp/module | cut -d' ' -f2-
+    hordctl status 2>/dev/null | grep -iE 'reject|fault' | head -n 5
+    return $rc
+}
+
+# The module behind two of the machine's UARTs that are wired to each other, with noise on the wire for a while.
+serial_noise() {
+    local ports
+    mapfile -t ports < <(ls -d /sys/bus/pci/drivers/serial/*/tty/ttyS* | sed 's|.*/||')
+    [ ${#ports[@]} = 2 ] || { echo "two serial ports are expected, there are: ${ports[*]}"; return 1; }
+    cp /etc/hord/hordd.toml /tmp/hordd.toml
+    sed -i "s|^port = 1503|device = \"/dev/${ports[0]}\"\nrs485 = false|" /etc/hord/hordd.toml
+    start_world /tmp/serial --person 127.0.0.1:502 --serial "/dev/${ports[1]}" --parts 20 --seed "${seed:-1}" --patience 400 --faults '6=noise' || return 1
+    systemctl restart --no-block hordd
+    wait $world_pid
+    local rc=$?
+    grep -E ' (gone|totals|resets|disturbed|a fault) ' /tmp/serial | cut -d' ' -f2- | tail -n 30
+    cp /tmp/hordd.toml /etc/hord/hordd.toml
+    systemctl restart --no-block hordd  # waits for its camera, which comes with the next world
+    return $rc
+}
+
+# SIGKILL in each phase of a part's way, at random moments of it: when were lights dark and outputs at rest after it? Every part is bad, so that the
+# ejector is out as often as it can be.
+killed() {
+    start_world /tmp/kill --parts 0 --good-share 0 --person 127.0.0.1:502 --seed "${seed:-1}" --kills "${kills:-6}" --safe-ms 500 --patience 7200 || return 1
+    # As they come: a run that is ended shows how far it was.
+    tail -n +1 -f /tmp/kill --pid=$world_pid | grep --line-buffered -E ' kills? ' | sed -u 's/^[^ ]* //'
+    wait $world_pid
+    local rc=$?
+    [ $rc = 0 ] || tail -n 5 /tmp/kill
+    return $rc
+}
+
+latency() {
+    systemctl stop hordd hordd.socket
+    $world edges --chip $chip >/tmp/edges 2>&1 &
+    local edges=$!
+    wait_for 60 grep -q ' ready' /tmp/edges || { cat /tmp/edges; return 1; }
+    hordctl latency --config /opt/rig/latency.toml --sensor --actuate --edges "${edges_asked:-300}" </dev/null >/tmp/latency 2>&1
+    local rc=$?
+    grep -vE ': [0-9]+ %$' /tmp/latency | sed 's/^/LATENCY /'
+    kill $edges
+    return $rc
+}
+
+acknowledged_some() { [ "$(grep -c acknowledged /tmp/plc)" -ge 4 ]; }
+
+# Parts run and a PLC acknowledges; then the host takes the power away, in the middle of it.
+until_power_cut() {
+    start_world /tmp/cut --parts 1000 || return 1
+    to_execution || return 1
+    $world plc >/tmp/plc 2>&1 &
+    wait_for 60 acknowledged_some || { systemctl show -P StatusText hordd; return 1; }
+    say CUT "in the middle of it, as soon as the host has heard what was acknowledged"
+    # Straight to the console: what goes through the journal may still be on its way when the power goes.
+    tail -n 1 -f /tmp/plc | while read -r _ _ boot sequence; do echo "RIG ACKNOWLEDGED $boot $sequence"; done >/dev/console
+}
+
+# -- after the power cut ----------------------------------------------------------------------------------------
+
+boot_into_ready() {
+    wait_for 120 hordd_active || { journalctl -u hordd -o cat | tail; return 1; }
+    local inactive active
+    inactive=$(systemctl show -P InactiveExitTimestampMonotonic hordd)
+    active=$(systemctl show -P ActiveEnterTimestampMonotonic hordd)
+    echo "started by systemd at $((inactive / 1000)) ms after the kernel, ready $(((active - inactive) / 1000)) ms later; restarts: $(systemctl show -P NRestarts hordd)"
+    systemctl show -P StatusText hordd
+}
+
+line_stopped() { systemctl show -P StatusText hordd | grep -q 'LINE STOP'; }
+
+# Parts were on the line when the power went: nobody knows where they are.
+line_stop_until_reset() {
+    wait_for 60 line_stopped || { systemctl show -P StatusText hordd; return 1; }
+    systemctl show -P StatusText hordd
+    systemctl stop rig-camera
+    start_world /tmp/again --parts 1000 || return 1
+    to_execution || return 1
+    stop_world
+}
+
+store_is_whole() {
+    local boot sequence
+    hordctl results verify || return 1
+    read -r boot sequence <<<"$(sed -n 's/.*rig\.kept=\([0-9]*\)\.\([0-9]*\).*/\1 \2/p' /proc/cmdline)"
+    [ -n "$sequence" ] || { echo "nothing was acknowledged before the cut"; return 1; }
+    hordctl results --format json >/tmp/kept
+    local kept
+    kept=$(grep -c "\"boot\":$boot,\"sequence\":" /tmp/kept)
+    echo "acknowledged before the cut: $sequence of boot $boot; kept of that boot: $kept"
+    local k
+    for k in $(seq "$sequence"); do grep -q "\"boot\":$boot,\"sequence\":$k," /tmp/kept || { echo "result $k is lost"; return 1; }; done
+}
+
+restart_time() {
+    local k times=()
+    camera_on
+    for k in 1 2 3; do
+        systemctl restart hordd || return 1
+        times+=($((($(systemctl show -P ActiveEnterTimestampMonotonic hordd) - $(systemctl show -P InactiveExitTimestampMonotonic hordd)) / 1000)))
+    done
+    kill $camera_pid
+    echo "start to ready, warm: ${times[*]} ms"
+}
+
+say START "$phase, $(cut -d' ' -f1 /proc/uptime) s after the kernel"
+case $phase in
+    install)
+        check devices devices
+        export HORD_GPIO_SIM=$chip
+        check contract-strobe-gpio contract 'Gpio/StrobeContract.*/chip'
+        check contract-part-sensor-gpio contract 'Gpio/PartSensorContract.*/chip*'
+        check contract-sensor-v4l2loopback contract_video_loopback
+        check contract-sensor-vivid contract_video_vivid
+        check contract-sensor-libcamera-vimc contract_libcamera
+        check contract-rejector-modbus contract 'ModbusRejector/*'
+        check contract-event-loop contract 'SdEventLoop/*'
+        check package-installs-and-starts install_package
+        station_is_there
+        check service-is-shut-in security
+        check fault-line-busy line_busy
+        check fault-chip-missing-at-start chip_missing
+        check fault-power-cut until_power_cut  # does not come back
+        ;;
+    cut)
+        check power-cut-loses-nothing-acknowledged store_is_whole
+        check fault-power-cut until_power_cut
+        ;;
+    boot)
+        check boot-into-ready boot_into_ready
+        check power-cut-loses-nothing-acknowledged store_is_whole
+        check power-cut-stops-the-line-until-reset line_stop_until_reset
+        check start-time restart_time
+        ;;
+    time)
+        station_is_there
+        check whole-line-with-the-world-below whole_line
+        check lights-within-their-limits lights_in_limits
+        check fault-chip-goes-and-returns chip_goes
+        check fault-edges-too-close-or-lost edges_wrong
+        check fault-rejector-misbehaves rejector_faults
+        check fault-serial-noise serial_noise
+        limit=$((900 + 30 * ${kills:-6}))
+        check fault-service-killed killed
+        limit=900
+        check latency-on-device-nodes latency
+        check fault-libcamera-goes-and-returns libcamera_disconnect
+        ;;
+    latency)
+        station_is_there
+        check latency-on-device-nodes latency
+        ;;
+esac
+journalctl -b -o short-monotonic --no-hostname >/journal.txt 2>/dev/null
+journalctl -b -u hordd -o short-monotonic --no-hostname | tail -n 40 | sed 's/^/RIG  # /'
+say RESULT "pass=$pass fail=$fail"
+sync
+exit 0

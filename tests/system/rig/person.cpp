@@ -1,0 +1,61 @@
+#include "tests/system/rig/person.h"
+
+#include <optional>
+#include <stdexcept>
+
+#include "firmware/registers/register_client.h"
+
+namespace hord::rig {
+namespace {
+
+using namespace std::chrono_literals;
+
+// Where the rows stand (docs/registers.md): STATUS from 102 on, reject_failed of COUNTERS.
+constexpr std::uint16_t kState = 102, kRejectFailed = 158;
+constexpr std::uint16_t kContinuousExecution = 8, kLineStop = 1U << 2U;
+
+std::uint32_t pair_at(const std::vector<std::uint16_t>& words, std::size_t at) {
+    return static_cast<std::uint32_t>(words[at]) << 16U | words[at + 1];
+}
+
+}  // namespace
+
+Person::Person(const std::string& station) : thread_([this, station] { run(station); }) {}
+Person::~Person() {
+    stopping_ = true;
+    thread_.join();
+}
+
+void Person::run(const std::string& station) {
+    using namespace firmware;
+    const auto endpoint = modbus::parse_endpoint(station);
+    if (!endpoint) return;
+    std::optional<modbus::Client> client;
+    int stood = 0;  // looks in a row
+    for (; !stopping_; std::this_thread::sleep_for(100ms)) {
+        if (!client) {
+            executes_ = false;
+            if (auto reached = modbus::Client::connect(*endpoint, 2s)) client.emplace(std::move(*reached));
+            else continue;
+        }
+        const auto status = client->read(kState, 20);
+        const auto failed = client->read(kRejectFailed, 2);
+        if (!status || !failed) {
+            client.reset();
+            continue;
+        }
+        executes_ = (*status)[0] == kContinuousExecution;
+        if (((*status)[1] & kLineStop) != 0) line_stop_ = true;
+        faults_ |= pair_at(*status, 13);
+        reject_failed_ = pair_at(*failed, 0);
+        // It starts by itself where nothing is in the way: nobody hurries it.
+        stood = executes_ ? 0 : stood + 1;
+        if (stood < 10 || !may_reset_) continue;
+        stood = 0;
+        if (const auto reply = client->command(CommandCode::reset, 0, 0, 10s, "rig");
+            reply && reply->state == CommandState::completed)
+            ++resets_;
+    }
+}
+
+}  // namespace hord::rig

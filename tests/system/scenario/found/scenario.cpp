@@ -1,0 +1,20 @@
+#include <gtest/gtest.h>
+
+#include "lab/soak/soak.h"
+#include "tests/system/scenario/found/found.h"
+
+namespace hord::lab {
+namespace {
+
+TEST(Found, breaks_no_promise_any_more) {
+    for (const Found& found : kFound) {
+        const auto plan = plan_of(found);
+        ASSERT_TRUE(plan) << plan.error().message();
+        SoakReport report;
+        ASSERT_TRUE(run_episode(*plan, report));
+        EXPECT_TRUE(report.good()) << found.bug << "\n" << describe(report);
+    }
+}
+
+}  // namespace
+}  // namespace hord::lab
