@@ -15,8 +15,8 @@ namespace {
 
 constexpr png_uint_32 kLargestSide = 65'536;
 // Deflate says no more than 258 bytes with 2 bits.
-constexpr std::uint64_t kMostUnpacked = 258 * 8 / 2;
-constexpr int kMostTexts = 16;
+constexpr std::uint64_t kMaxUnpacked = 258 * 8 / 2;
+constexpr int kMaxTexts = 16;
 constexpr png_alloc_size_t kLongestText = 8'000'000;
 
 // What libpng is given and gives back. It leaves by longjmp, past any destructor: so everything that it works on lives
@@ -131,7 +131,7 @@ void read_all(const Reader& from, Job& job, const std::string& keyword) {
     if (!keyword.empty()) {
         static constexpr png_byte wanted[] = "sBIT\0iTXt";
         png_set_keep_unknown_chunks(from.png, PNG_HANDLE_CHUNK_AS_DEFAULT, wanted, 2);
-        png_set_chunk_cache_max(from.png, kMostTexts);
+        png_set_chunk_cache_max(from.png, kMaxTexts);
         png_set_chunk_malloc_max(from.png, kLongestText);
         png_set_benign_errors(from.png, 0);  // a longer chunk is refused; else libpng would warn, and take that memory
     }
@@ -148,7 +148,7 @@ void read_all(const Reader& from, Job& job, const std::string& keyword) {
     if (depth == 16) png_set_swap(from.png);
     const auto width = png_get_image_width(from.png, from.info), height = png_get_image_height(from.png, from.info);
     const std::size_t row_bytes = static_cast<std::size_t>(width) * (depth == 16 ? 2U : 1U);
-    if (std::uint64_t{row_bytes} * height > kMostUnpacked * job.to_read.size())
+    if (std::uint64_t{row_bytes} * height > kMaxUnpacked * job.to_read.size())
         png_error(from.png, "it is too short for the size that it says");
     job.read.frame = Frame(static_cast<int>(width), static_cast<int>(height), bits);
     job.rows.resize(height);

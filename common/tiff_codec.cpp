@@ -17,12 +17,12 @@ namespace {
 
 constexpr std::uint32_t kLargestSide = 65'536;
 // LZW packs best: at most 4096 bytes, all that its table can chain, in a code of 12 bits. Deflate 1032, PackBits 64.
-constexpr std::uint64_t kMostUnpacked = 4096 * 8 / 12;
+constexpr std::uint64_t kMaxUnpacked = 4096 * 8 / 12;
 // What libtiff may take at once beside the file's own size: its tables.
 constexpr tmsize_t kTables = 16 << 20;
 // A file whose tags and parts do not overlap is read once, its directory a few times. libtiff keeps every tag's values,
 // known or not.
-constexpr std::uint64_t kMostReadings = 2;
+constexpr std::uint64_t kMaxReadings = 2;
 constexpr std::uint64_t kDirectoryReadings = 1 << 20;
 
 // A file in memory, as libtiff wants it, and the first error that libtiff tells.
@@ -44,7 +44,7 @@ tmsize_t on_read(thandle_t handle, void* to, tmsize_t count) {
     const auto copied =
         static_cast<std::size_t>(std::min(left, static_cast<std::uint64_t>(std::max<tmsize_t>(count, 0))));
     file.have_read += copied;
-    if (!file.writing && file.have_read > kMostReadings * file.size() + kDirectoryReadings) {
+    if (!file.writing && file.have_read > kMaxReadings * file.size() + kDirectoryReadings) {
         if (file.why.empty()) file.why = "its tags or parts overlap";
         return 0;
     }
@@ -167,7 +167,7 @@ class GreyReader {
             return tiled_ ? std::uint64_t{(side - 1) / part + 1} * part : side;
         };
         const std::uint64_t unpacked = whole(width_, part_width_) * whole(height_, part_height_) * (bits_ / 8U);
-        if (unpacked > kMostUnpacked * file_.size()) return "it is too short for the size that it says";
+        if (unpacked > kMaxUnpacked * file_.size()) return "it is too short for the size that it says";
         return {};
     }
 

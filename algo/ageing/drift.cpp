@@ -12,9 +12,9 @@
 namespace hord::algo {
 namespace {
 
-constexpr float kLeastSigma = 0.005F;  // bins: of a median, below which lenslets are trusted alike
+constexpr float kMinSigma = 0.005F;  // bins: of a median, below which lenslets are trusted alike
 constexpr int kRounds = 8;
-constexpr int kLeastSeen = DriftEstimator::kWindow / 2;
+constexpr int kMinSeen = DriftEstimator::kWindow / 2;
 
 }  // namespace
 
@@ -92,7 +92,7 @@ bool DriftEstimator::add(const FrameView& frame) {
 // Of one lenslet over this window, its median and the variance of that; weight 0 where it was not seen often enough.
 DriftEstimator::Centre DriftEstimator::centre_of(std::size_t k) {
     const int seen = samples_[k].seen;
-    if (seen < kLeastSeen) return {};
+    if (seen < kMinSeen) return {};
     const auto first = static_cast<std::ptrdiff_t>(k * kWindow);
     const auto middle_of = [&](const std::vector<float>& window) {
         std::copy_n(window.begin() + first, seen, scratch_.begin());
@@ -108,7 +108,7 @@ DriftEstimator::Centre DriftEstimator::centre_of(std::size_t k) {
             std::max(std::abs(window_x_[place] - centre.x), std::abs(window_y_[place] - centre.y));
     }
     const float sigma =
-        std::max(kLeastSigma, 1.4826F * 1.2533F * median(scratch_.data(), seen) / std::sqrt(static_cast<float>(seen)));
+        std::max(kMinSigma, 1.4826F * 1.2533F * median(scratch_.data(), seen) / std::sqrt(static_cast<float>(seen)));
     centre.weight = 1 / (sigma * sigma);
     return centre;
 }

@@ -29,9 +29,9 @@ DustEstimator::DustEstimator(const Extents& extents, int window)
 
 Result<DustEstimator> DustEstimator::create(const Extents& extents, int window) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    if (window < kLeastWindow || window > kMostWindow) {
+    if (window < kMinWindow || window > kMaxWindow) {
         return fail(ErrorCode::invalid_argument, "a window of " + std::to_string(window) + " parts",
-                    "use " + std::to_string(kLeastWindow) + " to " + std::to_string(kMostWindow));
+                    "use " + std::to_string(kMinWindow) + " to " + std::to_string(kMaxWindow));
     }
     return DustEstimator(extents, window);
 }
@@ -91,12 +91,12 @@ void DustEstimator::mark_defects(const Inspection& inspection) {
 
 bool DustEstimator::add(const Inspection& inspection) {
     if (inspection.verdict == Verdict::unfit || inspection.sums.size() != now_.size()) return false;
-    const bool against_reference = inspection.surprise.size() == now_.size();
+    const bool against_reference = inspection.z_score.size() == now_.size();
     for (std::size_t k = 0; k < now_.size(); ++k) {
         const std::uint8_t mask = inspection.mask[k];
         now_[k] = static_cast<std::uint8_t>(((mask & (kSaturated | kNotJudged)) == 0 ? kLookedAt : 0) |
                                             ((mask & (kNoHord | kNotJudged)) == 0 ? kHasLight : 0));
-        if (against_reference && inspection.surprise[k] >= kNotable) now_[k] |= kResponds;
+        if (against_reference && inspection.z_score[k] >= kNotable) now_[k] |= kResponds;
     }
     if (!against_reference) mark_dips(inspection);
     mark_defects(inspection);

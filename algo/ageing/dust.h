@@ -5,7 +5,7 @@
 //   less in small fields) to the left and
 //     right, or above and below, have on average: the lesser of the two, so that a slope of the light, or a line, is no
 //     response;
-//   - with a reference: it differs from the reference by kNotable standard deviations or more (Inspection::surprise);
+//   - with a reference: it differs from the reference by kNotable standard deviations or more (Inspection::z_score);
 //   - or it lies in a defect that was found (the disc of its area about its centre; not in one of more than 1/64 of the
 //   field).
 // Lenslets outside the part, at its rim, outside the recipe's zones, or saturated are not looked at in that part.
@@ -67,7 +67,7 @@ struct DustFound {
 
 class DustEstimator {
   public:
-    static constexpr int kLeastWindow = 25, kMostWindow = 1000;  // parts
+    static constexpr int kMinWindow = 25, kMaxWindow = 1000;  // parts
     static constexpr float kDip = 0.9F, kNotable = 3.0F;
     static constexpr double kShare = 0.5, kShareToStay = 0.3, kFalseAlarms = 1e-6;
 

@@ -10,15 +10,15 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kDarkSide = 16, kLightSide = 32, kTileSide = 8, kLeastTile = 3;  // lenslets, lenslets, tiles, lenslets
-constexpr double kNews = 0.25;                                                 // weight of a window
+constexpr int kDarkSide = 16, kLightSide = 32, kTileSide = 8, kMinTile = 3;  // lenslets, lenslets, tiles, lenslets
+constexpr double kNews = 0.25;                                               // weight of a window
 constexpr float kBrightest = 2;  // times the part's typical light: brighter lenslets count as that
 
 }  // namespace
 
 LightTrend::LightTrend(const Extents& extents, int window)
-    : extents_(extents), window_(window), tiles_m_(std::clamp(extents.m / kLeastTile, 1, kTileSide)),
-      tiles_n_(std::clamp(extents.n / kLeastTile, 1, kTileSide)), dark_columns_(spread(extents.m, kDarkSide)),
+    : extents_(extents), window_(window), tiles_m_(std::clamp(extents.m / kMinTile, 1, kTileSide)),
+      tiles_n_(std::clamp(extents.n / kMinTile, 1, kTileSide)), dark_columns_(spread(extents.m, kDarkSide)),
       dark_rows_(spread(extents.n, kDarkSide)), light_columns_(spread(extents.m, kLightSide)),
       light_rows_(spread(extents.n, kLightSide)), typical_(light_columns_.size() * light_rows_.size()),
       dark_samples_(dark_columns_.size() * dark_rows_.size() * static_cast<std::size_t>(extents.bins())),
@@ -31,9 +31,9 @@ LightTrend::LightTrend(const Extents& extents, int window)
 
 Result<LightTrend> LightTrend::create(const Extents& extents, int window) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    if (window < kLeastWindow || window > kMostWindow) {
+    if (window < kMinWindow || window > kMaxWindow) {
         return fail(ErrorCode::invalid_argument, "a window of " + std::to_string(window) + " parts",
-                    "use " + std::to_string(kLeastWindow) + " to " + std::to_string(kMostWindow));
+                    "use " + std::to_string(kMinWindow) + " to " + std::to_string(kMaxWindow));
     }
     return LightTrend(extents, window);
 }

@@ -48,7 +48,7 @@ struct LightAge {
 
 class LightTrend {
   public:
-    static constexpr int kLeastWindow = 10, kMostWindow = 1000;  // parts
+    static constexpr int kMinWindow = 10, kMaxWindow = 1000;  // parts
 
     // Fails with invalid_argument for extents that check() refuses, or another window.
     static Result<LightTrend> create(const Extents& extents, int window);

@@ -41,7 +41,7 @@ void EmdBounds::take(const Hord& a, const Hord& b) {
     if (a.sum == 0 || b.sum == 0) return;
     expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
     unit_ = static_cast<double>(a.sum) * static_cast<double>(b.sum);
-    const LitBins lit(a.mass, b.mass, ground_.bins());
+    const OccupiedBins lit(a.mass, b.mass, ground_.bins());
     for (int w = 0; w < lit.words(); ++w) {
         for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);
@@ -80,8 +80,8 @@ Bracket EmdBounds::operator()(const Hord& a, const Hord& b) {
 // The first that has too much gives to the first that has too little, until both are even; and so on.
 double EmdBounds::plan_in_order(const Places& places) const {
     // What has been passed and is not yet even: all of it too much, or all of it too little.
-    std::array<std::uint8_t, kMostBins> waiting_bin;
-    std::array<double, kMostBins> waiting_mass;
+    std::array<std::uint8_t, kMaxBinCount> waiting_bin;
+    std::array<double, kMaxBinCount> waiting_mass;
     std::size_t first = 0, last = 0;
     double work = 0;
     const auto pass = [&](std::uint8_t bin, double left) {
@@ -103,8 +103,8 @@ double EmdBounds::plan_in_order(const Places& places) const {
         for (std::size_t k = 0; k < count; ++k) pass(difference_.bin[k], difference_.mass[k]);
         return work;
     }
-    std::uint64_t differs[(kMostBins + 63) / 64] = {};
-    std::array<double, kMostBins> mass;
+    std::uint64_t differs[(kMaxBinCount + 63) / 64] = {};
+    std::array<double, kMaxBinCount> mass;
     for (std::size_t k = 0; k < count; ++k) {
         const auto place = places.place_of[difference_.bin[k]];
         mass[place] = difference_.mass[k];

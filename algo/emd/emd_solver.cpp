@@ -26,13 +26,13 @@ double total(const ResidualSide<Mass>& side) {
 // Problems whose masses have one format: what is found of a pair, and the small ones.
 template <class Mass>
 struct Format {
-    Format(FindResidual<Mass> find_it, Isa isa) : find(find_it), solve(solve_small<Mass>(isa)) {}
+    Format(FindResidual<Mass> find_it, Isa isa) : find(find_it), solve(transport_kernel<Mass>(isa)) {}
 
     FindResidual<Mass> find;
     Residual<Mass> residual;
     SolveSmall<Mass> solve;
-    SmallAnswer<Mass> answer;
-    SmallBatches<Mass> small;
+    TransportAnswer<Mass> answer;
+    TransportBatches<Mass> small;
 };
 
 // What one has too much is what the other has too little, and no more than there is.
@@ -45,8 +45,8 @@ bool adds_up(const ClosedDifference& difference) {
 // As many as there may be: a count that is known is faster than the right one.
 template <class Mass>
 void put(const ResidualSide<Mass>& side, Mass* to_mass, std::uint8_t* to_bin) {
-    std::memcpy(to_mass, side.mass.data(), kSmallSide * sizeof(Mass));
-    std::memcpy(to_bin, side.bin.data(), kSmallSide);
+    std::memcpy(to_mass, side.mass.data(), kMaxBatchSide * sizeof(Mass));
+    std::memcpy(to_bin, side.bin.data(), kMaxBatchSide);
 }
 
 }  // namespace
@@ -57,37 +57,38 @@ struct EmdSolver::State {
           simplex(ground.row(0), ground.bins(), ground.largest(), isa), costs{ground.row(0), ground.bins(),
                                                                               ground.largest() *
                                                                                   TransportSimplex::kTolerance},
-          closed(closed_kernels(ground.is_metric() ? widest(isa) : Isa::portable)),
-          light(find_residual_for(widest(isa)), isa), heavy(find_residual<double>, isa), solve_few_of(solve_few(isa)) {}
+          closed(sparse_kernels(ground.is_metric() ? widest(isa) : Isa::portable)),
+          light(find_residual_for(widest(isa)), isa), heavy(find_residual<double>, isa),
+          solve_knapsack_of(knapsack_kernel(isa)) {}
 
     // For what a wider instruction set has an instruction for.
     static Isa widest(Isa isa) { return isa == Isa::portable ? isa : widest_isa(); }
 
     void submit(const Hord& a, const Hord& b, double* out, bool at_once);
-    void submit(const ClosedHord& a, const ClosedHord& b, double* out);
+    void submit(const SparseHord& a, const SparseHord& b, double* out);
     void finish();
     template <class Mass>
     void submit_as(Format<Mass>& format, const Hord& a, const Hord& b, double mass, double* out, bool at_once);
     void submit_difference(const ClosedDifference& difference);
-    void solve_few_batch();
+    void solve_knapsack_batch();
     template <class Mass>
     double from_one(const ResidualSide<Mass>& one, const ResidualSide<Mass>& others) const;
     template <class Mass>
     void solve_batch(Format<Mass>& format, std::size_t shape);
     template <class Mass>
-    double improve(const SmallBatch<Mass>& batch, const SmallAnswer<Mass>& answer, int lane);
+    double improve(const TransportBatch<Mass>& batch, const TransportAnswer<Mass>& answer, int lane);
     template <class Mass>
     double by_simplex(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols);
     double by_simplex(const Transport& problem, const TransportStep* start);
 
     GroundDistance ground;
     TransportSimplex simplex;
-    SmallCosts costs;
-    ClosedKernels closed;  // of a metric: what both share must not be cancelled where it may have to move
+    TransportBatchCosts costs;
+    SparseKernels closed;  // of a metric: what both share must not be cancelled where it may have to move
     Format<std::int32_t> light;
     Format<double> heavy;
-    SolveFew solve_few_of;
-    FewBatch few;
+    SolveFew solve_knapsack_of;
+    KnapsackBatch few;
     Work work;
 };
 
@@ -120,7 +121,7 @@ void EmdSolver::State::submit_as(Format<Mass>& format, const Hord& a, const Hord
     const ResidualSide<Mass>&rows = residual.side[of_rows], &cols = residual.side[1 - of_rows];
     if (rows.count == 1) {
         *out = from_one(rows, cols) / mass;
-    } else if (cols.count > kSmallSide) {
+    } else if (cols.count > kMaxBatchSide) {
         *out = by_simplex(rows, cols) / mass;
     } else {
         const std::size_t shape = format.small.shape(rows.count, cols.count);
@@ -133,15 +134,15 @@ void EmdSolver::State::submit_as(Format<Mass>& format, const Hord& a, const Hord
     }
 }
 
-void EmdSolver::State::submit(const ClosedHord& a, const ClosedHord& b, double* out) {
+void EmdSolver::State::submit(const SparseHord& a, const SparseHord& b, double* out) {
     ClosedDifference& next = few.difference[few.filled];
     const int bins = closed.subtract(a, b, next);
     if (bins == 0) return submit(a.hord(), b.hord(), out, false);
     expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit && adds_up(next));
     ++work.pairs;
     next.out = out;
-    if (bins > kFewBins) return submit_difference(next);
-    if (++few.filled == kWide) solve_few_batch();
+    if (bins > kMaxKnapsackBins) return submit_difference(next);
+    if (++few.filled == kWide) solve_knapsack_batch();
 }
 
 // As one of the small problems.
@@ -150,9 +151,9 @@ void EmdSolver::State::submit_difference(const ClosedDifference& difference) {
     if (shape != 0 && light.small.filled[shape] == kWide) solve_batch(light, shape);
 }
 
-void EmdSolver::State::solve_few_batch() {
-    FewAnswer answer;
-    solve_few_of(few, costs, answer);
+void EmdSolver::State::solve_knapsack_batch() {
+    KnapsackAnswer answer;
+    solve_knapsack_of(few, costs, answer);
     for (int lane = 0; lane < few.filled; ++lane) *few.difference[lane].out = answer.distance[lane];
     work.few += static_cast<std::uint64_t>(few.filled);
     for (std::uint32_t rest = ~answer.proven & ((1U << few.filled) - 1); rest != 0; rest &= rest - 1) {
@@ -174,8 +175,8 @@ double EmdSolver::State::from_one(const ResidualSide<Mass>& one, const ResidualS
 
 template <class Mass>
 void EmdSolver::State::solve_batch(Format<Mass>& format, std::size_t shape) {
-    const SmallBatch<Mass>& batch = format.small.take(shape);
-    SmallAnswer<Mass>& answer = format.answer;
+    const TransportBatch<Mass>& batch = format.small.take(shape);
+    TransportAnswer<Mass>& answer = format.answer;
     work.small += static_cast<std::uint64_t>(batch.filled);
     format.solve(batch, costs, answer);
     for (int lane = 0; lane < batch.filled; ++lane) {
@@ -186,8 +187,8 @@ void EmdSolver::State::solve_batch(Format<Mass>& format, std::size_t shape) {
 
 // From the plan of a lane on.
 template <class Mass>
-double EmdSolver::State::improve(const SmallBatch<Mass>& batch, const SmallAnswer<Mass>& answer, int lane) {
-    std::array<TransportStep, kMostSmallSteps> steps;
+double EmdSolver::State::improve(const TransportBatch<Mass>& batch, const TransportAnswer<Mass>& answer, int lane) {
+    std::array<TransportStep, kMaxBatchSteps> steps;
     for (int step = 0; step < batch.rows + batch.cols - 1; ++step) {
         const std::int32_t child = answer.child[step][lane], parent = answer.parent[step][lane];
         steps[index(step)] = {static_cast<double>(answer.flow[step][lane]),
@@ -200,7 +201,7 @@ double EmdSolver::State::improve(const SmallBatch<Mass>& batch, const SmallAnswe
 
 template <class Mass>
 double EmdSolver::State::by_simplex(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols) {
-    std::array<double, kMostBins> supply, demand;
+    std::array<double, kMaxBinCount> supply, demand;
     std::copy_n(rows.mass.begin(), rows.count, supply.begin());
     std::copy_n(cols.mass.begin(), cols.count, demand.begin());
     return by_simplex({rows.count, cols.count, supply.data(), demand.data(), rows.bin.data(), cols.bin.data()},
@@ -221,7 +222,7 @@ void EmdSolver::State::finish() {
             if (format.small.filled[shape] > 0) solve_batch(format, shape);
         }
     };
-    if (few.filled > 0) solve_few_batch();
+    if (few.filled > 0) solve_knapsack_batch();
     solve_rest(light);
     solve_rest(heavy);
 }
@@ -239,8 +240,8 @@ double EmdSolver::distance(const Hord& a, const Hord& b) {
 }
 
 void EmdSolver::submit(const Hord& a, const Hord& b, double* out) { state_->submit(a, b, out, false); }
-void EmdSolver::submit(const ClosedHord& a, const ClosedHord& b, double* out) { state_->submit(a, b, out); }
-CloseUp EmdSolver::close_up() const { return state_->closed.close_up; }
+void EmdSolver::submit(const SparseHord& a, const SparseHord& b, double* out) { state_->submit(a, b, out); }
+CloseUp EmdSolver::compact() const { return state_->closed.compact; }
 void EmdSolver::finish() { state_->finish(); }
 
 const EmdSolver::Work& EmdSolver::work() const { return state_->work; }

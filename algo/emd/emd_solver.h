@@ -44,10 +44,10 @@ class EmdSolver {
     void submit(const Hord& a, const Hord& b, double* out);
     void finish();
 
-    // The same of HORDs that a close_up() has closed up: faster where few bins are lit and each HORD belongs to several
+    // The same of HORDs that a compact() has closed up: faster where few bins are lit and each HORD belongs to several
     // pairs (docs/results/features.md).
-    void submit(const ClosedHord& a, const ClosedHord& b, double* out);
-    [[nodiscard]] CloseUp close_up() const;
+    void submit(const SparseHord& a, const SparseHord& b, double* out);
+    [[nodiscard]] CloseUp compact() const;
 
     // What was done since create(). `unproven` counts plans returned at the pivot limit without a proof that they
     // are optimal; the tree is kept strongly feasible, so that it stays 0 (tested).

@@ -8,7 +8,7 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kCols = kFewBins - 1;  // without a row there is nothing to move
+constexpr int kCols = kMaxKnapsackBins - 1;  // without a row there is nothing to move
 // Of a key, as many as in transport_batch.cpp, and columns in the same order: so that columns of as much gain are
 // served in the same order, too, to the same bits.
 constexpr std::int32_t kColumnBits = 0xFF;
@@ -20,30 +20,30 @@ struct Few {
     using Ints = Lanes<std::int32_t, kWide, Bytes>;
     using Doubles = Lanes<double, kWide, Bytes>;
 
-    const SmallCosts& costs;
+    const TransportBatchCosts& costs;
     std::int32_t denominator[kWide];
-    Ints more[kFewBins], bin[kFewBins];  // after find_rows(), the bins of columns
+    Ints more[kMaxKnapsackBins], bin[kMaxKnapsackBins];  // after find_rows(), the bins of columns
     Ints row_mass[2], row_bin[2], column[kCols];
     Doubles cost[2][kCols];
     Doubles gain[kCols];  // by the first row instead of the second
     Ints before[kCols];   // what the columns before one want
 
-    HORD_ALWAYS_INLINE explicit Few(const SmallCosts& c) : costs(c) {}
+    HORD_ALWAYS_INLINE explicit Few(const TransportBatchCosts& c) : costs(c) {}
 
-    HORD_ALWAYS_INLINE void transpose(const FewBatch& batch) {
-        std::int32_t masses[kFewBins][kWide], bytes[2][kWide];
+    HORD_ALWAYS_INLINE void transpose(const KnapsackBatch& batch) {
+        std::int32_t masses[kMaxKnapsackBins][kWide], bytes[2][kWide];
         for (int l = 0; l < kWide; ++l) {
             const ClosedDifference& d = batch.difference[l];
             std::int32_t four[2];
             std::memcpy(four, d.bin, sizeof(four));
 #pragma GCC unroll 5
-            for (int k = 0; k < kFewBins; ++k) masses[k][l] = d.more[k];
+            for (int k = 0; k < kMaxKnapsackBins; ++k) masses[k][l] = d.more[k];
             bytes[0][l] = four[0];
             bytes[1][l] = four[1];
             denominator[l] = d.denominator;
         }
 #pragma GCC unroll 5
-        for (int k = 0; k < kFewBins; ++k) {
+        for (int k = 0; k < kMaxKnapsackBins; ++k) {
             more[k] = Ints::at(masses[k]);
             bin[k] = (Ints::at(bytes[k / 4]) >> k % 4 * 8) & Ints::all(0xFF);
         }
@@ -55,7 +55,7 @@ struct Few {
         const Ints none = Ints::all(0);
         Ints bins_more = none, first = none;
 #pragma GCC unroll 5
-        for (int k = kFewBins - 1; k >= 0; --k) {
+        for (int k = kMaxKnapsackBins - 1; k >= 0; --k) {
             const Ints is_more = more[k].above(none), is_less = none.above(more[k]);
             bins_more = bins_more - is_more + is_less;
             first = choose(is_more | is_less, more[k], first);
@@ -68,7 +68,7 @@ struct Few {
         const Ints none = Ints::all(0), turned = less_are_rows();
         row_mass[0] = row_mass[1] = row_bin[0] = row_bin[1] = none;
 #pragma GCC unroll 5
-        for (int k = kFewBins - 1; k >= 0; --k) {
+        for (int k = kMaxKnapsackBins - 1; k >= 0; --k) {
             more[k] = (more[k] ^ turned) - turned;
             const Ints is_row = more[k].above(none);
             row_mass[1] = choose(is_row, row_mass[0], row_mass[1]);
@@ -76,7 +76,7 @@ struct Few {
             row_mass[0] = choose(is_row, more[k], row_mass[0]);
             row_bin[0] = choose(is_row, bin[k], row_bin[0]);
 #pragma GCC unroll 5
-            for (int j = k; j + 1 < kFewBins; ++j) {
+            for (int j = k; j + 1 < kMaxKnapsackBins; ++j) {
                 more[j] = choose(is_row, more[j + 1], more[j]);
                 bin[j] = choose(is_row, bin[j + 1], bin[j]);
             }
@@ -124,7 +124,7 @@ struct Few {
         }
     }
 
-    HORD_ALWAYS_INLINE void answer(FewAnswer& to) const {
+    HORD_ALWAYS_INLINE void answer(KnapsackAnswer& to) const {
         constexpr double kInfinity = std::numeric_limits<double>::infinity();
         double sum[kWide] = {}, most_served[kWide], least_left[kWide];  // gains
         for (int l = 0; l < kWide; ++l) most_served[l] = -kInfinity;
@@ -154,7 +154,7 @@ struct Few {
 };
 
 template <int Bytes>
-HORD_ALWAYS_INLINE void solve(const FewBatch& batch, const SmallCosts& costs, FewAnswer& answer) {
+HORD_ALWAYS_INLINE void solve(const KnapsackBatch& batch, const TransportBatchCosts& costs, KnapsackAnswer& answer) {
     Few<Bytes> few(costs);
     few.transpose(batch);
     few.find_rows();
@@ -163,11 +163,12 @@ HORD_ALWAYS_INLINE void solve(const FewBatch& batch, const SmallCosts& costs, Fe
     few.answer(answer);
 }
 
-HORD_FOR_EACH_ISA(few_for, void, solve, (const FewBatch& batch, const SmallCosts& costs, FewAnswer& answer),
+HORD_FOR_EACH_ISA(few_for, void, solve,
+                  (const KnapsackBatch& batch, const TransportBatchCosts& costs, KnapsackAnswer& answer),
                   (batch, costs, answer))
 
 }  // namespace
 
-SolveFew solve_few(Isa isa) { return few_for(isa); }
+SolveFew knapsack_kernel(Isa isa) { return few_for(isa); }
 
 }  // namespace hord::algo

@@ -14,23 +14,23 @@
 
 namespace hord::algo {
 
-constexpr int kFewBins = 5;
+constexpr int kMaxKnapsackBins = 5;
 
 // Of each difference the first five bins count; of those filled the others are 0. Idle ones are as they were made, or
 // hold an earlier difference of the same ground: so their bins are in the table of costs, and their masses in range;
 // what comes out of them is not looked at.
-struct FewBatch {
+struct KnapsackBatch {
     int filled = 0;
     ClosedDifference difference[kWide] = {};
 };
 
-struct FewAnswer {
+struct KnapsackAnswer {
     double distance[kWide];
     std::uint32_t proven;  // a bit a problem; what is not proven must be solved otherwise: keys had too few bits to
                            // tell two columns apart
 };
 
-using SolveFew = void (*)(const FewBatch& batch, const SmallCosts& costs, FewAnswer& answer);
-SolveFew solve_few(Isa isa);
+using SolveFew = void (*)(const KnapsackBatch& batch, const TransportBatchCosts& costs, KnapsackAnswer& answer);
+SolveFew knapsack_kernel(Isa isa);
 
 }  // namespace hord::algo

@@ -24,7 +24,7 @@ Projection::Projection(std::span<const Direction> directions, double x, double y
 }
 
 double Projection::distance(const Difference& d) const {
-    std::array<double, kMostBins> mass;
+    std::array<double, kMaxBinCount> mass;
     std::fill_n(mass.begin(), gap_.size() + 1, 0.0);
     for (std::size_t k = 0; k < static_cast<std::size_t>(d.count); ++k) mass[place_of_bin_[d.bin[k]]] += d.mass[k];
     double sum = 0;

@@ -19,8 +19,8 @@ namespace hord::algo {
 // Bins in which two HORDs differ: d = a * S_b - b * S_a.
 struct Difference {
     int count = 0;
-    std::array<std::uint8_t, kMostBins> bin;
-    std::array<double, kMostBins> mass;
+    std::array<std::uint8_t, kMaxBinCount> bin;
+    std::array<double, kMaxBinCount> mass;
 };
 
 class Projection {

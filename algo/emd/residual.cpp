@@ -21,7 +21,7 @@ using Whole = std::conditional_t<std::is_same_v<Mass, std::int32_t>, std::int32_
 
 template <class Mass>
 void keep(const Hord& h, std::uint32_t other_sum, int bins, ResidualSide<Mass>& side) {
-    const LitBins lit(h.mass, bins);
+    const OccupiedBins lit(h.mass, bins);
     side.count = 0;
     for (int w = 0; w < lit.words(); ++w) {
         for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
@@ -57,7 +57,7 @@ void find_residual(const Hord& a, const Hord& b, int bins, Residual<Mass>& resid
     const auto sum_b = static_cast<Whole<Mass>>(b.sum);
     auto& [more, less] = residual.side;
     std::size_t n_more = 0, n_less = 0;
-    const LitBins lit(mass_a, mass_b, bins);
+    const OccupiedBins lit(mass_a, mass_b, bins);
     for (int w = 0; w < lit.words(); ++w) {
         for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);

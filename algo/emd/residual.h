@@ -26,8 +26,8 @@ template <class Mass>
 struct alignas(kAlignment) ResidualSide {
     int count = 0;
     alignas(kAlignment)
-        std::array<Mass, kMostBins + 16> mass{};  // integers; sixteen more: they are written before it is decided
-    alignas(16) std::array<std::uint8_t, kMostBins + 16> bin{};
+        std::array<Mass, kMaxBinCount + 16> mass{};  // integers; sixteen more: they are written before it is decided
+    alignas(16) std::array<std::uint8_t, kMaxBinCount + 16> bin{};
 };
 
 // Light masses of both sides lie within one page: they are written as vectors that overlap, and one that begins on a
@@ -53,7 +53,7 @@ struct alignas(kPage) Residual {
 
 static_assert(sizeof(Residual<std::int32_t>) == kPage);
 
-// Both HORDs have light. `bins` of them, at most kMostBins.
+// Both HORDs have light. `bins` of them, at most kMaxBinCount.
 template <class Mass>
 void find_residual(const Hord& a, const Hord& b, int bins, Residual<Mass>& residual);
 

@@ -7,20 +7,22 @@
 namespace hord::algo {
 namespace {
 
-HORD_ALWAYS_INLINE void leave_open(ClosedHord& closed, const std::uint16_t* masses, std::uint32_t sum) {
+HORD_ALWAYS_INLINE void leave_open(SparseHord& closed, const std::uint16_t* masses, std::uint32_t sum) {
     closed.masses = masses;
     closed.sum = sum;
-    closed.closed_sum = ClosedHord::kNotClosed;
+    closed.closed_sum = SparseHord::kNotClosed;
 }
 
-void leave_all_open(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins, ClosedHord* to) {
+void leave_all_open(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins, SparseHord* to) {
     for (std::size_t l = 0; l < sums.size(); ++l, masses += bins) {
         leave_open(to[l], masses, sums[l]);
     }
 }
 // Never where nothing can be subtracted.
-std::size_t cannot_put(const ClosedDifference& /*difference*/, SmallBatches<std::int32_t>& /*to*/) { __builtin_trap(); }
-int cannot_subtract(const ClosedHord& /*a*/, const ClosedHord& /*b*/, ClosedDifference& /*to*/) { return 0; }
+std::size_t cannot_put(const ClosedDifference& /*difference*/, TransportBatches<std::int32_t>& /*to*/) {
+    __builtin_trap();
+}
+int cannot_subtract(const SparseHord& /*a*/, const SparseHord& /*b*/, ClosedDifference& /*to*/) { return 0; }
 
 #if defined(__x86_64__)
 // Where lit bins begin, and which they are from there on: none if there are none, too many or too far apart.
@@ -41,7 +43,7 @@ HORD_ALWAYS_INLINE LitSpan span_of(const std::uint64_t (&word)[Words]) {
     const int by = __builtin_ctzll(word[w]);
     const std::uint64_t next = w + 1 < Words ? word[w + 1] : 0;
     const std::uint64_t lit = word[w] >> by | next << 1 << (63 - by);
-    if (next >> by != 0 || lit >> kClosedSpan != 0 || __builtin_popcountll(lit) > kMostClosed) return {};
+    if (next >> by != 0 || lit >> kClosedSpan != 0 || __builtin_popcountll(lit) > kMaxSparseBins) return {};
     return {w * 64 + by, lit};
 }
 
@@ -76,9 +78,9 @@ template <int Words>
 
 template <int Words>
 [[gnu::target(HORD_AVX2)]] void close_up_words(const std::uint16_t* masses, std::span<const std::uint32_t> sums,
-                                               int bins, ClosedHord* to) {
+                                               int bins, SparseHord* to) {
     for (std::size_t l = 0; l < sums.size(); ++l, masses += bins) {
-        ClosedHord& closed = to[l];
+        SparseHord& closed = to[l];
         leave_open(closed, masses, sums[l]);
         std::uint64_t word[Words];
         find_lit(masses, bins, word);
@@ -89,7 +91,7 @@ template <int Words>
         // As many as there may be, the last one again where there is no other: a number that is known is faster than
         // the right one.
         std::uint64_t rest = lit;
-        for (std::size_t k = 0; k < kMostClosed; ++k) {
+        for (std::size_t k = 0; k < kMaxSparseBins; ++k) {
             const int bin = first + __builtin_ctzll(rest);
             closed.mass[k] = masses[bin];
             closed.bin[k] = static_cast<std::uint8_t>(bin);
@@ -99,8 +101,8 @@ template <int Words>
     }
 }
 
-[[gnu::target(HORD_AVX2)]] void close_up(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins,
-                                         ClosedHord* to) {
+[[gnu::target(HORD_AVX2)]] void compact(const std::uint16_t* masses, std::span<const std::uint32_t> sums, int bins,
+                                        SparseHord* to) {
     if (bins <= 64) return close_up_words<1>(masses, sums, bins, to);
     if (bins <= 128) return close_up_words<2>(masses, sums, bins, to);
     close_up_words<4>(masses, sums, bins, to);
@@ -115,13 +117,13 @@ alignas(kAlignment) constexpr auto kNumbers = [] {
 // The same, by instructions that close up.
 template <int Words>
 [[gnu::target(HORD_AVX512)]] void close_up_words_avx512(const std::uint16_t* masses,
-                                                        std::span<const std::uint32_t> sums, int bins, ClosedHord* to) {
+                                                        std::span<const std::uint32_t> sums, int bins, SparseHord* to) {
     const __m512i numbers = _mm512_load_si512(kNumbers.data());
     std::uint64_t there[Words];
     for (int w = 0; w < Words; ++w)
         there[w] = bins > w * 64 ? _bzhi_u64(~std::uint64_t{0}, static_cast<unsigned>(bins - w * 64)) : 0;
     for (std::size_t l = 0; l < sums.size(); ++l, masses += bins) {
-        ClosedHord& closed = to[l];
+        SparseHord& closed = to[l];
         leave_open(closed, masses, sums[l]);
         std::uint64_t word[Words];
         for (int w = 0; w < Words; ++w) {
@@ -146,7 +148,7 @@ template <int Words>
 }
 
 [[gnu::target(HORD_AVX512)]] void close_up_avx512(const std::uint16_t* masses, std::span<const std::uint32_t> sums,
-                                                  int bins, ClosedHord* to) {
+                                                  int bins, SparseHord* to) {
     if (bins <= 64) return close_up_words_avx512<1>(masses, sums, bins, to);
     if (bins <= 128) return close_up_words_avx512<2>(masses, sums, bins, to);
     close_up_words_avx512<4>(masses, sums, bins, to);
@@ -171,7 +173,7 @@ struct Opened {
     __m128i bin;
     __m256i mass;
 };
-[[gnu::target(HORD_AVX2), gnu::always_inline]] inline Opened opened(const ClosedHord& h, std::size_t set) {
+[[gnu::target(HORD_AVX2), gnu::always_inline]] inline Opened opened(const SparseHord& h, std::size_t set) {
     const __m128i rank = eight_bytes(kRanks[set].data());
     const __m256i wide = _mm256_cvtepi8_epi32(rank);
     const __m256i mass =
@@ -179,14 +181,14 @@ struct Opened {
     return {_mm_shuffle_epi8(eight_bytes(h.bin.data()), rank), _mm256_andnot_si256(_mm256_srai_epi32(wide, 31), mass)};
 }
 
-[[gnu::target(HORD_AVX2)]] int subtract(const ClosedHord& a, const ClosedHord& b, ClosedDifference& to) {
+[[gnu::target(HORD_AVX2)]] int subtract(const SparseHord& a, const SparseHord& b, ClosedDifference& to) {
     const int after = a.bin[0] - b.bin[0];
     const std::uint64_t in_a = a.lit << (after & ~(after >> 31) & 63), in_b = b.lit << (-after & (after >> 31) & 63),
                         in_either = in_a | in_b;
     const std::uint64_t denominator = std::uint64_t{a.closed_sum} * b.closed_sum;
     const int count = __builtin_popcountll(in_either);
     if (denominator >= static_cast<std::uint64_t>(kLightMass) || after > kClosedApart || after < -kClosedApart ||
-        count > kMostClosed)
+        count > kMaxSparseBins)
         return 0;
     static_assert(kClosedSpan + kClosedApart <= 64);
     const Opened of_a = opened(a, _pext_u64(in_a, in_either)), of_b = opened(b, _pext_u64(in_b, in_either));
@@ -199,7 +201,7 @@ struct Opened {
 }
 
 // Rows as Residual::rows() says. Without branches: they would be guesses.
-[[gnu::target(HORD_AVX2)]] std::size_t put(const ClosedDifference& difference, SmallBatches<std::int32_t>& to) {
+[[gnu::target(HORD_AVX2)]] std::size_t put(const ClosedDifference& difference, TransportBatches<std::int32_t>& to) {
     const __m256i more = _mm256_load_si256(reinterpret_cast<const __m256i*>(difference.more));
     const __m256i mass[2] = {more, _mm256_sub_epi32(_mm256_setzero_si256(), more)};
     const __m128i bin = eight_bytes(difference.bin);
@@ -231,10 +233,10 @@ struct Opened {
 
 }  // namespace
 
-ClosedKernels closed_kernels([[maybe_unused]] Isa isa) {
+SparseKernels sparse_kernels([[maybe_unused]] Isa isa) {
 #if defined(__x86_64__)
     if (isa == Isa::avx512) return {close_up_avx512, subtract, put};
-    if (isa == Isa::avx2) return {close_up, subtract, put};
+    if (isa == Isa::avx2) return {compact, subtract, put};
 #endif
     return {leave_all_open, cannot_subtract, cannot_put};
 }

@@ -8,7 +8,7 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kCells = kSmallSide * kFirstSmallColumn;
+constexpr int kCells = kMaxBatchSide * kFirstSmallColumn;
 constexpr std::int32_t kCellBits = 0xFF;
 static_assert(kCells <= kCellBits + 1);
 constexpr float kClosed = std::numeric_limits<float>::infinity();
@@ -20,16 +20,17 @@ struct Batch {
     using Ints = Lanes<std::int32_t, kWide, Bytes>;
     using Doubles = Lanes<double, kWide, Bytes>;
 
-    const SmallBatch<Mass>& b;
-    const SmallCosts& costs;
-    SmallAnswer<Mass>& answer;
+    const TransportBatch<Mass>& b;
+    const TransportBatchCosts& costs;
+    TransportAnswer<Mass>& answer;
     const int rows;
     const int cols;
     Mass mass[kSmallNodes][kWide];
     double cost[kCells][kWide];
     float key[kCells][kWide];
 
-    HORD_ALWAYS_INLINE Batch(const SmallBatch<Mass>& batch, const SmallCosts& c, SmallAnswer<Mass>& out)
+    HORD_ALWAYS_INLINE Batch(const TransportBatch<Mass>& batch, const TransportBatchCosts& c,
+                             TransportAnswer<Mass>& out)
         : b(batch), costs(c), answer(out), rows(batch.rows), cols(batch.cols) {}
 
     HORD_ALWAYS_INLINE static int cell(int row, int col) { return row * kFirstSmallColumn + col; }
@@ -98,7 +99,7 @@ struct Batch {
             set_key(j, Floats::at(gain));
         }
         // Of each column, what those before it want; of two keys, which no two columns share, one is the lower.
-        Mass before[kSmallSide][kWide] = {}, taken[kSmallSide][kWide];
+        Mass before[kMaxBatchSide][kWide] = {}, taken[kMaxBatchSide][kWide];
         for (int j = 0; j < cols; ++j) {
             for (int k = 0; k < j; ++k)
                 add_before(key[j], key[k], mass[column(j)], mass[column(k)], before[j], before[k]);
@@ -290,7 +291,7 @@ struct Batch {
     }
 
     HORD_ALWAYS_INLINE void by_least_cost() {
-        std::int32_t served[kMostSmallSteps][kWide];
+        std::int32_t served[kMaxBatchSteps][kWide];
         order_cells();
         serve(served);
         prove(served);
@@ -298,35 +299,38 @@ struct Batch {
 };
 
 template <int Bytes, class Mass>
-HORD_ALWAYS_INLINE void solve_batch(const SmallBatch<Mass>& batch, const SmallCosts& costs, SmallAnswer<Mass>& answer) {
+HORD_ALWAYS_INLINE void solve_batch(const TransportBatch<Mass>& batch, const TransportBatchCosts& costs,
+                                    TransportAnswer<Mass>& answer) {
     Batch<Bytes, Mass>(batch, costs, answer).solve();
 }
 template <int Bytes>
-HORD_ALWAYS_INLINE void solve_ints(const SmallBatch<std::int32_t>& batch, const SmallCosts& costs,
-                                   SmallAnswer<std::int32_t>& answer) {
+HORD_ALWAYS_INLINE void solve_ints(const TransportBatch<std::int32_t>& batch, const TransportBatchCosts& costs,
+                                   TransportAnswer<std::int32_t>& answer) {
     solve_batch<Bytes>(batch, costs, answer);
 }
 template <int Bytes>
-HORD_ALWAYS_INLINE void solve_doubles(const SmallBatch<double>& batch, const SmallCosts& costs,
-                                      SmallAnswer<double>& answer) {
+HORD_ALWAYS_INLINE void solve_doubles(const TransportBatch<double>& batch, const TransportBatchCosts& costs,
+                                      TransportAnswer<double>& answer) {
     solve_batch<Bytes>(batch, costs, answer);
 }
 
 HORD_FOR_EACH_ISA(ints_for, void, solve_ints,
-                  (const SmallBatch<std::int32_t>& batch, const SmallCosts& costs, SmallAnswer<std::int32_t>& answer),
+                  (const TransportBatch<std::int32_t>& batch, const TransportBatchCosts& costs,
+                   TransportAnswer<std::int32_t>& answer),
                   (batch, costs, answer))
 HORD_FOR_EACH_ISA(doubles_for, void, solve_doubles,
-                  (const SmallBatch<double>& batch, const SmallCosts& costs, SmallAnswer<double>& answer),
+                  (const TransportBatch<double>& batch, const TransportBatchCosts& costs,
+                   TransportAnswer<double>& answer),
                   (batch, costs, answer))
 
 }  // namespace
 
 template <>
-SolveSmall<std::int32_t> solve_small(Isa isa) {
+SolveSmall<std::int32_t> transport_kernel(Isa isa) {
     return ints_for(isa);
 }
 template <>
-SolveSmall<double> solve_small(Isa isa) {
+SolveSmall<double> transport_kernel(Isa isa) {
     return doubles_for(isa);
 }
 

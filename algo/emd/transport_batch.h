@@ -28,51 +28,51 @@
 
 namespace hord::algo {
 
-constexpr int kSmallSide = 12;  // most rows and columns
-constexpr int kWide = 16;       // problems side by side
+constexpr int kMaxBatchSide = 12;  // most rows and columns
+constexpr int kWide = 16;          // problems side by side
 
 // Nodes: rows from 0, columns from kFirstSmallColumn. A cell's number is row * kFirstSmallColumn + column.
 constexpr int kFirstSmallColumn = 16;
-constexpr int kSmallNodes = kFirstSmallColumn + kSmallSide;
-constexpr int kMostSmallSteps = 2 * kSmallSide - 1;
+constexpr int kSmallNodes = kFirstSmallColumn + kMaxBatchSide;
+constexpr int kMaxBatchSteps = 2 * kMaxBatchSide - 1;
 
 // Rows, then columns; masses are positive, and those of either add up to the same. Light ones take two cache lines, of
 // which nothing is left over.
 template <class Mass>
 struct alignas(kAlignment) SmallProblem {
-    Mass mass[2][kSmallSide];
-    std::uint8_t bin[2][kSmallSide];
+    Mass mass[2][kMaxBatchSide];
+    std::uint8_t bin[2][kMaxBatchSide];
     double* out;  // where its answer goes; not read here
 };
 static_assert(sizeof(SmallProblem<std::int32_t>) == 2 * kAlignment);
 
 // Problems of one shape.
 template <class Mass>
-struct SmallBatch {
-    int rows = 0, cols = 0;  // 1 <= rows <= cols <= kSmallSide
+struct TransportBatch {
+    int rows = 0, cols = 0;  // 1 <= rows <= cols <= kMaxBatchSide
     int filled = 0;  // problems; those after them must be problems, too: what is computed of them is not looked at
     SmallProblem<Mass> problem[kWide];
 };
 
 // Problems that wait until there are enough of their shape.
 template <class Mass>
-struct SmallBatches {
-    SmallBatches() : batch(kShapes) {
-        for (int rows = 1; rows <= kSmallSide; ++rows) {
-            for (int cols = rows; cols <= kSmallSide; ++cols) {
+struct TransportBatches {
+    TransportBatches() : batch(kShapes) {
+        for (int rows = 1; rows <= kMaxBatchSide; ++rows) {
+            for (int cols = rows; cols <= kMaxBatchSide; ++cols) {
                 batch[shape(rows, cols)].rows = rows;
                 batch[shape(rows, cols)].cols = cols;
             }
         }
     }
-    static constexpr std::size_t kShapes = (kSmallSide + 1) * (kSmallSide + 1);
-    static std::size_t shape(int rows, int cols) { return static_cast<std::size_t>(rows * (kSmallSide + 1) + cols); }
+    static constexpr std::size_t kShapes = (kMaxBatchSide + 1) * (kMaxBatchSide + 1);
+    static std::size_t shape(int rows, int cols) { return static_cast<std::size_t>(rows * (kMaxBatchSide + 1) + cols); }
 
     // One more of a shape; a batch that is full is taken before the next.
     SmallProblem<Mass>& add(std::size_t shape) { return batch[shape].problem[filled[shape]++]; }
     // That of a shape, as it is solved: once more the first problem, where there is no other.
-    SmallBatch<Mass>& take(std::size_t shape) {
-        SmallBatch<Mass>& taken = batch[shape];
+    TransportBatch<Mass>& take(std::size_t shape) {
+        TransportBatch<Mass>& taken = batch[shape];
         taken.filled = std::exchange(filled[shape], std::uint8_t{0});
         std::fill(taken.problem + taken.filled, taken.problem + kWide, taken.problem[0]);
         return taken;
@@ -80,27 +80,28 @@ struct SmallBatches {
 
     alignas(kAlignment)
         std::array<std::uint8_t, kShapes> filled{};  // of each batch: three cache lines, which every pair needs
-    AlignedVector<SmallBatch<Mass>> batch;
+    AlignedVector<TransportBatch<Mass>> batch;
 };
 
 template <class Mass>
-struct SmallAnswer {
+struct TransportAnswer {
     double cost[kWide];  // mass times cost of the plan
     bool proven[kWide];  // it is optimal
     // Where it is not: the plan, a step a row or column that is used up, the child (TransportStep).
-    std::int32_t child[kMostSmallSteps][kWide], parent[kMostSmallSteps][kWide];
-    Mass flow[kMostSmallSteps][kWide];
+    std::int32_t child[kMaxBatchSteps][kWide], parent[kMaxBatchSteps][kWide];
+    Mass flow[kMaxBatchSteps][kWide];
 };
 
-struct SmallCosts {
+struct TransportBatchCosts {
     const double* table = nullptr;  // bins x bins
     int bins = 0;
     double tolerance = 0;  // a reduced cost below -tolerance disproves a plan
 };
 
 template <class Mass>
-using SolveSmall = void (*)(const SmallBatch<Mass>& batch, const SmallCosts& costs, SmallAnswer<Mass>& answer);
+using SolveSmall = void (*)(const TransportBatch<Mass>& batch, const TransportBatchCosts& costs,
+                            TransportAnswer<Mass>& answer);
 template <class Mass>
-SolveSmall<Mass> solve_small(Isa isa);
+SolveSmall<Mass> transport_kernel(Isa isa);
 
 }  // namespace hord::algo

@@ -30,7 +30,7 @@ constexpr double kNoCost = 1e30;  // of padding, in double precision
 constexpr int padded(int count) { return TransportCosts::padded(count); }
 std::size_t size(int count) { return static_cast<std::size_t>(count); }
 
-constexpr int kMostWords = 15;  // 32 arcs each: rows and columns of 15 x 15 bins
+constexpr int kMaxWords = 15;  // 32 arcs each: rows and columns of 15 x 15 bins
 
 }  // namespace
 
@@ -51,7 +51,7 @@ struct TransportWorkspace {
         cell.resize(size(side * side));
         for (auto* values : {&row_begin, &col_bin}) values->resize(size(side));
         flow.resize(size(2 * side));
-        path.resize(size(2 * side * kMostWords));
+        path.resize(size(2 * side * kMaxWords));
         dual.resize(size(2 * side));
         arcs.resize(size(2 * side));
     }
@@ -327,7 +327,7 @@ struct Problem {
         if (arcs <= 64) return solve_with<2>(start);
         if (arcs <= 96) return solve_with<3>(start);
         if (arcs <= 224) return solve_with<7>(start);
-        return solve_with<kMostWords>(start);
+        return solve_with<kMaxWords>(start);
     }
 };
 

@@ -139,7 +139,7 @@ struct TransportStart {
     }
 
     // The last open row takes its place.
-    HORD_ALWAYS_INLINE void close_row(int row, int place) {
+    HORD_ALWAYS_INLINE void compact_row(int row, int place) {
         std::int32_t* const at = space.open_rows.data();
         std::int32_t* const mean = space.mean_row.data();
         --open_rows;
@@ -181,7 +181,7 @@ struct TransportStart {
             steps[step] = {flow, static_cast<std::int16_t>(i), static_cast<std::int16_t>(j), row_used_up};
             if (step++ == last) return;
             if (row_used_up) {
-                close_row(i, place);
+                compact_row(i, place);
                 renew(best, j);
             } else {
                 --open_cols;

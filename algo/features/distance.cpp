@@ -24,7 +24,7 @@ constexpr double kSliceScale = 0.19509032201612825;
 template <class Visit>
 void for_each_lit(const Hord& a, const Hord& b, int bins, Visit visit) {
     expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
-    const LitBins lit(a.mass, b.mass, bins);
+    const OccupiedBins lit(a.mass, b.mass, bins);
     for (int w = 0; w < lit.words(); ++w) {
         for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
             const int k = w * 64 + __builtin_ctzll(rest);
@@ -169,7 +169,7 @@ void Distance::submit(const Hord& a, const Hord& b, double* out) {
     }
 }
 
-void Distance::submit(const ClosedHord& a, const ClosedHord& b, double* out) {
+void Distance::submit(const SparseHord& a, const SparseHord& b, double* out) {
     if (state_->emd) {
         state_->emd->submit(a, b, out);
     } else {
@@ -177,8 +177,8 @@ void Distance::submit(const ClosedHord& a, const ClosedHord& b, double* out) {
     }
 }
 
-CloseUp Distance::close_up() const {
-    return state_->emd ? state_->emd->close_up() : closed_kernels(Isa::portable).close_up;
+CloseUp Distance::compact() const {
+    return state_->emd ? state_->emd->compact() : sparse_kernels(Isa::portable).compact;
 }
 
 void Distance::finish() {

@@ -55,8 +55,8 @@ class Distance {
 
     // The same, where that is faster for many: *out is written at the latest by finish() (see EmdSolver::submit).
     void submit(const Hord& a, const Hord& b, double* out);
-    void submit(const ClosedHord& a, const ClosedHord& b, double* out);
-    [[nodiscard]] CloseUp close_up() const;
+    void submit(const SparseHord& a, const SparseHord& b, double* out);
+    [[nodiscard]] CloseUp compact() const;
     void finish();
 
     [[nodiscard]] Feature feature() const;

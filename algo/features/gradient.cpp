@@ -9,8 +9,8 @@ double EmdGradient::norm() const {
     return std::sqrt(across * across + down * down);
 }
 
-void submit_emd_gradient(EmdSolver& solver, const Stencil& across, const ClosedHord& left, const ClosedHord& right,
-                         const Stencil& down, const ClosedHord& above, const ClosedHord& below, EmdGradient& out) {
+void submit_emd_gradient(EmdSolver& solver, const Stencil& across, const SparseHord& left, const SparseHord& right,
+                         const Stencil& down, const SparseHord& above, const SparseHord& below, EmdGradient& out) {
     out = {0, 0, across.weight(), down.weight()};
     solver.submit(left, right, &out.x);
     solver.submit(above, below, &out.y);

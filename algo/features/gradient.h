@@ -26,7 +26,7 @@ struct EmdGradient {
 
 // Asks for the gradient between the HORDs that the stencils name; all have light. `out` is complete after
 // solver.finish() and must stay in place until then; the HORDs need not.
-void submit_emd_gradient(EmdSolver& solver, const Stencil& across, const ClosedHord& left, const ClosedHord& right,
-                         const Stencil& down, const ClosedHord& above, const ClosedHord& below, EmdGradient& out);
+void submit_emd_gradient(EmdSolver& solver, const Stencil& across, const SparseHord& left, const SparseHord& right,
+                         const Stencil& down, const SparseHord& above, const SparseHord& below, EmdGradient& out);
 
 }  // namespace hord::algo

@@ -2,9 +2,9 @@
 
 namespace hord::algo {
 
-RowWindow::RowWindow(const Extents& extents, CloseUp close_up, Isa isa)
-    : extents_(extents), close_up_(close_up), isa_(isa), rows_{HordRow(extents), HordRow(extents), HordRow(extents)} {
-    if (close_up == nullptr) return;
+RowWindow::RowWindow(const Extents& extents, CloseUp compact, Isa isa)
+    : extents_(extents), compact_(compact), isa_(isa), rows_{HordRow(extents), HordRow(extents), HordRow(extents)} {
+    if (compact == nullptr) return;
     for (auto& row : closed_) row.resize(static_cast<std::size_t>(extents.m));
 }
 

@@ -14,8 +14,8 @@ namespace hord::algo {
 
 class RowWindow {
   public:
-    // `close_up`: rows that are streamed are closed up, too.
-    explicit RowWindow(const Extents& extents, CloseUp close_up = nullptr, Isa isa = best_isa());
+    // `compact`: rows that are streamed are closed up, too.
+    explicit RowWindow(const Extents& extents, CloseUp compact = nullptr, Isa isa = best_isa());
 
     // Decodes rows first-1 .. last of the frame, those that exist, and calls visit(n) for n = first .. last-1, each as
     // soon as rows n-1, n and n+1 are here. The frame fits the extents (check_frame). `goes_on`: the call before was of
@@ -24,9 +24,9 @@ class RowWindow {
     void stream(const FrameView& frame, const LightLevels& levels, int first, int last, bool goes_on, Visit&& visit) {
         for (int n = goes_on ? first + 1 : std::max(first - 1, 0); n < std::min(last + 1, extents_.n); ++n) {
             load(frame, levels, n);
-            if (close_up_ != nullptr)
-                close_up_(row(n).hord(0).mass, row(n).sums(), extents_.bins(),
-                          closed_[static_cast<std::size_t>(n % 3)].data());
+            if (compact_ != nullptr)
+                compact_(row(n).hord(0).mass, row(n).sums(), extents_.bins(),
+                         closed_[static_cast<std::size_t>(n % 3)].data());
             if (n > first) visit(n - 1);
         }
         if (last == extents_.n) visit(last - 1);
@@ -40,7 +40,7 @@ class RowWindow {
 
     [[nodiscard]] const HordRow& row(int n) const { return rows_[static_cast<std::size_t>(n % 3)]; }
     // Of a window that closes up.
-    [[nodiscard]] const ClosedHord& closed(int m, int n) const {
+    [[nodiscard]] const SparseHord& closed(int m, int n) const {
         return closed_[static_cast<std::size_t>(n % 3)][static_cast<std::size_t>(m)];
     }
 
@@ -56,10 +56,10 @@ class RowWindow {
     void load(const FrameView& frame, const LightLevels& levels, int n);
 
     Extents extents_;
-    CloseUp close_up_;
+    CloseUp compact_;
     Isa isa_;
     std::array<HordRow, 3> rows_;  // row n in place n % 3
-    std::array<AlignedVector<ClosedHord>, 3> closed_;
+    std::array<AlignedVector<SparseHord>, 3> closed_;
 };
 
 }  // namespace hord::algo

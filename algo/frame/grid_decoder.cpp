@@ -8,7 +8,7 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kMostDropped = 4;  // outer columns and rows together: with more, the lattice counts as turned
+constexpr int kMaxDropped = 4;  // outer columns and rows together: with more, the lattice counts as turned
 constexpr double kInsidePitches =
     0.25;  // of a lenslet's centre from the frame's edge: undeflected light is then wholly in the frame
 
@@ -28,7 +28,7 @@ LensletGrid part_of(const LensletGrid& grid, int first_m, int first_n, int colum
     return part;
 }
 
-// A square lattice without its outermost lenslets outside the frame; none where more than kMostDropped columns and rows
+// A square lattice without its outermost lenslets outside the frame; none where more than kMaxDropped columns and rows
 // would go.
 std::optional<LensletGrid> upright_part(const LensletGrid& grid, double pitch_px) {
     if (grid.stagger != Stagger::none) return std::nullopt;
@@ -52,7 +52,7 @@ std::optional<LensletGrid> upright_part(const LensletGrid& grid, double pitch_px
         }
         const int most = std::max({at_left, at_right, at_top, at_bottom});
         if (most == 0) return part_of(grid, left, top, right - left + 1, bottom - top + 1);
-        if (dropped == kMostDropped) return std::nullopt;
+        if (dropped == kMaxDropped) return std::nullopt;
         if (at_left == most) ++left;
         else if (at_right == most) --right;
         else if (at_top == most) ++top;

@@ -9,7 +9,7 @@ namespace {
 
 constexpr double kHalfSqrt3 = 0.86602540378443864676;
 
-int order_of(GridRung rung) { return rung == GridRung::quintic ? 5 : 3; }
+int order_of(GridModelKind rung) { return rung == GridModelKind::quintic ? 5 : 3; }
 
 int shifted(int index, int parity) { return static_cast<int>(static_cast<unsigned>(index + parity) & 1U); }
 
@@ -30,28 +30,28 @@ double polynomial(int order, const double* coefficients, double u, double v) {
 
 }  // namespace
 
-std::string_view name_of(GridRung rung) {
+std::string_view name_of(GridModelKind rung) {
     switch (rung) {
-        case GridRung::similarity: return "similarity";
-        case GridRung::affine: return "affine";
-        case GridRung::homography: return "homography";
-        case GridRung::radial1: return "homography+k1";
-        case GridRung::radial2: return "homography+k1+k2+centre";
-        case GridRung::cubic: return "cubic";
-        case GridRung::quintic: return "quintic";
+        case GridModelKind::similarity: return "similarity";
+        case GridModelKind::affine: return "affine";
+        case GridModelKind::homography: return "homography";
+        case GridModelKind::radial1: return "homography+k1";
+        case GridModelKind::radial2: return "homography+k1+k2+centre";
+        case GridModelKind::cubic: return "cubic";
+        case GridModelKind::quintic: return "quintic";
     }
     return "?";
 }
 
-int parameter_count(GridRung rung) {
+int parameter_count(GridModelKind rung) {
     switch (rung) {
-        case GridRung::similarity: return 4;
-        case GridRung::affine: return 6;
-        case GridRung::homography: return 8;
-        case GridRung::radial1: return 9;
-        case GridRung::radial2: return 12;
-        case GridRung::cubic: return 20;
-        case GridRung::quintic: return 42;
+        case GridModelKind::similarity: return 4;
+        case GridModelKind::affine: return 6;
+        case GridModelKind::homography: return 8;
+        case GridModelKind::radial1: return 9;
+        case GridModelKind::radial2: return 12;
+        case GridModelKind::cubic: return 20;
+        case GridModelKind::quintic: return 42;
     }
     return 0;
 }
@@ -63,8 +63,8 @@ std::string_view name_of(Stagger stagger) {
     return stagger == Stagger::rows ? "rows" : "columns";
 }
 
-std::string parameter_name(GridRung rung, int index) {
-    if (rung == GridRung::cubic || rung == GridRung::quintic) {
+std::string parameter_name(GridModelKind rung, int index) {
+    if (rung == GridModelKind::cubic || rung == GridModelKind::quintic) {
         const int half = parameter_count(rung) / 2;
         int term = index % half;
         int degree = 0;
@@ -94,10 +94,10 @@ PixelPoint LensletGrid::at(Uv where) const {
     const auto [u, v] = where;
     const double* p = parameters.data();
     switch (rung) {
-        case GridRung::similarity: return {p[0] + p[2] * u - p[3] * v, p[1] + p[3] * u + p[2] * v};
-        case GridRung::affine: return {p[0] + p[2] * u + p[3] * v, p[1] + p[4] * u + p[5] * v};
-        case GridRung::cubic:
-        case GridRung::quintic: {
+        case GridModelKind::similarity: return {p[0] + p[2] * u - p[3] * v, p[1] + p[3] * u + p[2] * v};
+        case GridModelKind::affine: return {p[0] + p[2] * u + p[3] * v, p[1] + p[4] * u + p[5] * v};
+        case GridModelKind::cubic:
+        case GridModelKind::quintic: {
             const int half = parameter_count(rung) / 2;
             return {polynomial(order_of(rung), p, u, v), polynomial(order_of(rung), p + half, u, v)};
         }
@@ -105,8 +105,8 @@ PixelPoint LensletGrid::at(Uv where) const {
     }
     const double w = 1.0 + p[6] * u + p[7] * v;
     PixelPoint point{p[0] + (p[2] * u + p[3] * v) / w, p[1] + (p[4] * u + p[5] * v) / w};
-    if (rung == GridRung::homography) return point;
-    const bool full = rung == GridRung::radial2;
+    if (rung == GridModelKind::homography) return point;
+    const bool full = rung == GridModelKind::radial2;
     const double dx = (point.x_px - middle_x_px) / radius_px - (full ? p[10] : 0.0);
     const double dy = (point.y_px - middle_y_px) / radius_px - (full ? p[11] : 0.0);
     const double r2 = dx * dx + dy * dy;

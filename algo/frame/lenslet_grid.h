@@ -21,7 +21,7 @@ enum class LatticeKind : std::uint8_t { square, hexagonal };
 enum class Stagger : std::uint8_t { none, rows, columns };
 
 // The ladder of models, simplest first. Each maps normalised lattice coordinates (u, v) to pixels.
-enum class GridRung : std::uint8_t {
+enum class GridModelKind : std::uint8_t {
     similarity,  // 4: shift, rotation, one pitch
     affine,      // 6: + two pitches, shear
     homography,  // 8: + perspective
@@ -30,16 +30,17 @@ enum class GridRung : std::uint8_t {
     cubic,       // 20: two polynomials of order 3
     quintic,     // 42: two polynomials of order 5
 };
-inline constexpr std::array kGridRungs{GridRung::similarity, GridRung::affine, GridRung::homography, GridRung::radial1,
-                                       GridRung::radial2,    GridRung::cubic,  GridRung::quintic};
+inline constexpr std::array kGridRungs{GridModelKind::similarity, GridModelKind::affine,  GridModelKind::homography,
+                                       GridModelKind::radial1,    GridModelKind::radial2, GridModelKind::cubic,
+                                       GridModelKind::quintic};
 
-[[nodiscard]] std::string_view name_of(GridRung rung);
-[[nodiscard]] int parameter_count(GridRung rung);
+[[nodiscard]] std::string_view name_of(GridModelKind rung);
+[[nodiscard]] int parameter_count(GridModelKind rung);
 [[nodiscard]] std::string_view name_of(LatticeKind kind);
 [[nodiscard]] std::string_view name_of(Stagger stagger);
 
 // The name of a parameter: tx, ty, a, b ... or x_u2v1 for the factor of u^2 v in x.
-[[nodiscard]] std::string parameter_name(GridRung rung, int index);
+[[nodiscard]] std::string parameter_name(GridModelKind rung, int index);
 
 struct PixelPoint {
     double x_px = 0, y_px = 0;
@@ -56,7 +57,7 @@ struct LensletGrid {
     int columns = 0, rows = 0;  // lenslets m in [0, columns), n in [0, rows); not all need lie inside the frame
     double origin_u = 0, origin_v = 0, span = 1;
 
-    GridRung rung = GridRung::similarity;
+    GridModelKind rung = GridModelKind::similarity;
     std::vector<double> parameters;           // parameter_count(rung) of them
     double middle_x_px = 0, middle_y_px = 0;  // of radial distortion, before the fitted shift
     double radius_px = 1;                     // where the radial terms are k1, k2

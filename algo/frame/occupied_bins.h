@@ -12,13 +12,13 @@
 
 namespace hord::algo {
 
-constexpr int kMostBins = kMaxBins * kMaxBins;
+constexpr int kMaxBinCount = kMaxBins * kMaxBins;
 
-class LitBins {
+class OccupiedBins {
   public:
     // Lit in one HORD, or in either of two.
-    LitBins(const std::uint16_t* mass, int bins) : LitBins(mass, mass, bins) {}
-    LitBins(const std::uint16_t* a, const std::uint16_t* b, int bins) : words_((bins + 63) / 64) {
+    OccupiedBins(const std::uint16_t* mass, int bins) : OccupiedBins(mass, mass, bins) {}
+    OccupiedBins(const std::uint16_t* a, const std::uint16_t* b, int bins) : words_((bins + 63) / 64) {
         for (int w = 0; w < words_; ++w) word_[w] = word_of(a + w * 64, b + w * 64, std::min(bins - w * 64, 64), w > 0);
     }
 
@@ -56,7 +56,7 @@ class LitBins {
     }
 
     int words_;
-    std::uint64_t word_[(kMostBins + 63) / 64];
+    std::uint64_t word_[(kMaxBinCount + 63) / 64];
 };
 
 }  // namespace hord::algo

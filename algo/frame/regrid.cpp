@@ -10,13 +10,13 @@ namespace hord::algo {
 namespace {
 
 constexpr double kHalfSqrt3 = 0.86602540378443864676;
-constexpr int kMostSteps = 20;
+constexpr int kMaxSteps = 20;
 constexpr double kSettled = 1e-6;  // px
 
 // Newton from `start`; none where it does not settle (far outside the lattice, where a polynomial may fold).
 std::optional<LensletGrid::Uv> place_of(const LensletGrid& grid, PixelPoint wanted, LensletGrid::Uv start) {
     LensletGrid::Uv at = start;
-    for (int k = 0; k < kMostSteps; ++k) {
+    for (int k = 0; k < kMaxSteps; ++k) {
         const PixelPoint here = grid.at(at);
         const double dx = wanted.x_px - here.x_px;
         const double dy = wanted.y_px - here.y_px;

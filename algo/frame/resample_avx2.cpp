@@ -19,9 +19,9 @@ constexpr int kHalf = 8;  // bins a window
 LanePlan plan_lanes(std::span<const std::int32_t> column, std::span<const std::int32_t> row,
                     std::span<const std::uint8_t> weights_x, int taps_x, int taps_y) {
     LanePlan plan;
-    if (column.empty() || taps_x > LanePlan::kMostTaps || taps_y > LanePlan::kMostTaps) return plan;
-    plan.rows = ((row.back() - row.front() + LanePlan::kPhases - 1) >> kPhaseBits) + 1 + LanePlan::kMostTaps;
-    if (plan.rows > LanePlan::kMostRows) return plan;
+    if (column.empty() || taps_x > LanePlan::kMaxTaps || taps_y > LanePlan::kMaxTaps) return plan;
+    plan.rows = ((row.back() - row.front() + LanePlan::kPhases - 1) >> kPhaseBits) + 1 + LanePlan::kMaxTaps;
+    if (plan.rows > LanePlan::kMaxRows) return plan;
     const auto bins = static_cast<int>(column.size());
     for (int phase = 0; phase < LanePlan::kPhases; ++phase) {
         LanePlan::Phase lanes;
@@ -60,7 +60,7 @@ namespace {
     const bool two_pairs = lenslet.taps_x > 2;
     const int rows =
         ((lenslet.place_y_fraction + lenslet.row.back() - lenslet.row.front()) >> kPhaseBits) + lenslet.taps_y;
-    __m256i weighed[LanePlan::kMostRows + 1];
+    __m256i weighed[LanePlan::kMaxRows + 1];
     const std::byte* from = lenslet.first;
     for (int y = 0; y < rows; ++y, from += lenslet.row_bytes) {
         const __m128i low = _mm_loadu_si128(reinterpret_cast<const __m128i*>(from));

@@ -20,9 +20,9 @@ namespace hord::algo {
 
 struct LanePlan {
     static constexpr int kPhases = 32;
-    static constexpr int kMostTaps = 4;
-    static constexpr int kMostRows = 48;  // raw rows under a lenslet
-    static constexpr int kWindow = 16;    // pixels that one shuffle reads
+    static constexpr int kMaxTaps = 4;
+    static constexpr int kMaxRows = 48;  // raw rows under a lenslet
+    static constexpr int kWindow = 16;   // pixels that one shuffle reads
 
     struct Phase {
         bool usable = false;      // false: a weight of 128 does not fit a signed byte

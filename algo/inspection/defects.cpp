@@ -50,9 +50,10 @@ std::pair<double, double> length_and_width(const Region& r) {
 DefectKind kind_of(const Region& r) {
     const auto [length, width] = length_and_width(r);
     if (length >= kScratchLength && length >= kScratchRatio * width) return DefectKind::scratch;
-    const bool dims = r.severity.absorption >= 1, bends = r.severity.slope >= 1, disturbs = r.severity.deflection >= 1;
-    if (dims) return bends || disturbs ? DefectKind::unknown : DefectKind::absorbing;
-    return bends ? DefectKind::surface : DefectKind::scattering;
+    const bool dims = r.severity.absorption >= 1, deflection_shifts = r.severity.slope >= 1,
+               disturbs = r.severity.deflection >= 1;
+    if (dims) return deflection_shifts || disturbs ? DefectKind::unknown : DefectKind::absorbing;
+    return deflection_shifts ? DefectKind::surface : DefectKind::scattering;
 }
 
 }  // namespace

@@ -69,7 +69,7 @@ struct EmdRows {
     }
     EmdSolver solver;
     std::array<HordRow, 3> hords;
-    std::array<AlignedVector<ClosedHord>, 3> closed;
+    std::array<AlignedVector<SparseHord>, 3> closed;
     std::array<std::vector<Deflection>, 3> deflections;
     std::vector<EmdGradient> gradients;  // of the rows asked for, one after the other
     std::size_t asked = 0;
@@ -78,22 +78,22 @@ struct EmdRows {
     [[nodiscard]] std::vector<Deflection>& deflections_of(int n) {
         return deflections[static_cast<std::size_t>(n % 3)];
     }
-    [[nodiscard]] AlignedVector<ClosedHord>& closed_of(int n) { return closed[static_cast<std::size_t>(n % 3)]; }
-    [[nodiscard]] const ClosedHord& closed_hord(int m, int n) { return closed_of(n)[static_cast<std::size_t>(m)]; }
+    [[nodiscard]] AlignedVector<SparseHord>& sparse_of(int n) { return closed[static_cast<std::size_t>(n % 3)]; }
+    [[nodiscard]] const SparseHord& sparse_hord(int m, int n) { return sparse_of(n)[static_cast<std::size_t>(m)]; }
     [[nodiscard]] Deflection deflection(int m, int n) { return deflections_of(n)[static_cast<std::size_t>(m)]; }
 };
 
 // What one thread works with: rows of HORDs for the EMD, else rows of planes, which are read three times as fast.
 struct Worker {
     std::optional<EmdRows> rows;
-    std::optional<PlaneFeature> planes;
-    std::optional<Comparer> comparer;  // where there is a reference
+    std::optional<SoaDistances> planes;
+    std::optional<ReferenceComparer> comparer;  // where there is a reference
 };
 
 }  // namespace
 
 struct Pipeline::Workspace {
-    Workspace(const Extents& e, int sample_bits, const Recipe& r, MapSet maps, std::unique_ptr<BandCrew> the_crew,
+    Workspace(const Extents& e, int sample_bits, const Recipe& r, MapSet maps, std::unique_ptr<RowThreadPool> the_crew,
               std::vector<Worker> the_workers)
         : extents(e), bits(sample_bits), recipe(r), levels(light_levels(r, sample_bits)), crew(std::move(the_crew)),
           workers(std::move(the_workers)), zones(e.lenslets()), deflections(e.lenslets()), sums(e.lenslets()),
@@ -110,7 +110,7 @@ struct Pipeline::Workspace {
     int bits;
     Recipe recipe;
     LightLevels levels;
-    std::unique_ptr<BandCrew> crew;
+    std::unique_ptr<RowThreadPool> crew;
     std::vector<Worker> workers;
 
     // One value a lenslet; none of a map that is not wanted.
@@ -127,11 +127,11 @@ struct Pipeline::Workspace {
     // What a reference needs.
     struct AgainstReference {
         AgainstReference(const Extents& e, const Recipe& r)
-            : registrar(e), judge(e, r), differences(e.lenslets()), surprise(e.lenslets()) {}
+            : registrar(e), judge(e, r), differences(e.lenslets()), z_score(e.lenslets()) {}
         Registrar registrar;
-        Judge judge;
+        ReferenceDefects judge;
         std::vector<Difference> differences;
-        std::vector<float> surprise;
+        std::vector<float> z_score;
     };
     std::optional<AgainstReference> against;
 
@@ -142,9 +142,9 @@ struct Pipeline::Workspace {
     void compute_band(EmdRows& rows, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
     void compare_row(EmdRows& rows, int n);
     void finish_rows(EmdRows& rows, int last);
-    void compute_band(PlaneFeature& planes, const FrameView& frame, int first, int last, Stopwatch& watch,
+    void compute_band(SoaDistances& planes, const FrameView& frame, int first, int last, Stopwatch& watch,
                       StageTimes& times);
-    void compare_row(PlaneFeature& planes, int n);
+    void compare_row(SoaDistances& planes, int n);
     [[nodiscard]] std::span<const float> judged_slopes() const {
         return recipe.slopes ? std::span<const float>(frobenius) : std::span<const float>();
     }
@@ -176,7 +176,7 @@ void Pipeline::Workspace::compute_band(EmdRows& rows, const FrameView& frame, in
         decode_row(frame, extents, levels, n, rows.hords_of(n));
         watch.lap(times.decode_ns);
         mean_deflections(hords, rows.deflections_of(n));
-        rows.solver.close_up()(hords.hord(0).mass, hords.sums(), extents.bins(), rows.closed_of(n).data());
+        rows.solver.compact()(hords.hord(0).mass, hords.sums(), extents.bins(), rows.sparse_of(n).data());
         if (ours(n)) {
             const auto row = static_cast<std::ptrdiff_t>(at(0, n));
             std::ranges::copy(rows.deflections_of(n), deflections.begin() + row);
@@ -209,8 +209,8 @@ void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
             if (across.valid() && down.valid()) {
                 const int left = m + across.before, right = m + across.after, above = n + down.before,
                           below = n + down.after;
-                submit_emd_gradient(rows.solver, across, rows.closed_hord(left, n), rows.closed_hord(right, n), down,
-                                    rows.closed_hord(m, above), rows.closed_hord(m, below), wanted);
+                submit_emd_gradient(rows.solver, across, rows.sparse_hord(left, n), rows.sparse_hord(right, n), down,
+                                    rows.sparse_hord(m, above), rows.sparse_hord(m, below), wanted);
                 jacobian = jacobian_of(across, rows.deflection(left, n), rows.deflection(right, n), down,
                                        rows.deflection(m, above), rows.deflection(m, below));
             } else {
@@ -236,14 +236,14 @@ void Pipeline::Workspace::finish_rows(EmdRows& rows, int last) {
 }
 
 // The same where there is no EMD.
-void Pipeline::Workspace::compute_band(PlaneFeature& planes, const FrameView& frame, int first, int last,
+void Pipeline::Workspace::compute_band(SoaDistances& planes, const FrameView& frame, int first, int last,
                                        Stopwatch& watch, StageTimes& times) {
     const auto ours = [&](int n) { return n >= first && n < last; };
     for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents.n); ++n) {
         planes.load(frame, levels, n);
         watch.lap(times.decode_ns);
         if (ours(n)) {
-            const PlaneRow& row = planes.loaded(n);
+            const SoaRow& row = planes.loaded(n);
             std::copy_n(row.sums().begin(), extents.m, sums.begin() + static_cast<std::ptrdiff_t>(at(0, n)));
             for (int m = 0; m < extents.m; ++m) {
                 deflections[at(m, n)] =
@@ -258,7 +258,7 @@ void Pipeline::Workspace::compute_band(PlaneFeature& planes, const FrameView& fr
     watch.lap(times.feature_ns);
 }
 
-void Pipeline::Workspace::compare_row(PlaneFeature& planes, int n) {
+void Pipeline::Workspace::compare_row(SoaDistances& planes, int n) {
     std::uint8_t* const of_row = mask.data() + at(0, n);
     planes.mark_row(n, of_row);
     if (!gradient.empty()) planes.compare_row(n, gradient.data() + at(0, n), of_row);
@@ -300,7 +300,7 @@ Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
     if (!found.found()) return found;
     const PoseMap pose(found.pose, extents);
     crew->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
-        Comparer& comparer = *workers[static_cast<std::size_t>(worker)].comparer;
+        ReferenceComparer& comparer = *workers[static_cast<std::size_t>(worker)].comparer;
         const auto columns = static_cast<std::size_t>(extents.m);
         for (int n = band * kBandRows; n < std::min((band + 1) * kBandRows, extents.n); ++n) {
             comparer.compare_row(frame, std::span<const std::uint32_t>(sums).subspan(at(0, n), columns),
@@ -318,10 +318,10 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
     for (std::string& line : problems_of(light_levels(recipe, bits), bits)) lines.push_back(std::move(line));
     for (std::string& line : problems_of_reference(recipe, extents, bits)) lines.push_back(std::move(line));
     if (!lines.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(lines));
-    auto crew = BandCrew::create(threads);
+    auto crew = RowThreadPool::create(threads);
     if (!crew) return tl::unexpected(crew.error());
     std::vector<Worker> workers;
-    const auto planes = recipe.reference ? std::make_shared<const GoldenPlanes>(*recipe.reference) : nullptr;
+    const auto planes = recipe.reference ? std::make_shared<const ReferenceSoa>(*recipe.reference) : nullptr;
     for (int worker = 0; worker < threads; ++worker) {
         Worker& made = workers.emplace_back();
         if (recipe.reference) made.comparer.emplace(*recipe.reference, widest_isa(), planes);
@@ -370,11 +370,11 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     if (result.reason == Reason::none && w.against) {
         const FoundDefects found =
             w.against->judge.find({w.against->differences, w.gradient, w.judged_slopes(), w.mask},
-                                  result.registered.pose, w.against->surprise);
+                                  result.registered.pose, w.against->z_score);
         result.defects = found.defects;
         result.reason = found.reason;
         result.score = found.score;
-        result.surprise = w.against->surprise;
+        result.z_score = w.against->z_score;
         result.verdict = found.defects.empty() ? Verdict::pass : Verdict::reject;
     } else if (result.reason == Reason::none) {
         auto found = w.defect_finder.find({w.gradient, w.judged_slopes(), w.transmission, w.mask});

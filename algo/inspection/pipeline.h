@@ -47,7 +47,7 @@ struct Inspection {
     std::span<const std::uint8_t> mask;  // MaskBit, one a lenslet
     std::span<const std::uint32_t>
         sums;               // DN, one a lenslet: its light above the dark level, whatever the recipe chooses
-    Map surprise;           // with a reference: the worst score of a lenslet, in units of noise
+    Map z_score;            // with a reference: the worst score of a lenslet, in units of noise
                             // (algo/inspection/reference_defects.h); else empty
     Registered registered;  // and where the part lies
     StageTimes times;

@@ -9,7 +9,7 @@
 namespace hord::algo {
 namespace {
 
-constexpr double kMostOfIt = 0.6;
+constexpr double kMaxOfIt = 0.6;
 constexpr double kSpreadOfIt = 0.25;
 // The EMD between two draws of one HORD, both ways of a gradient, is about so many bins over the root of the electrons.
 constexpr float kEmdOfNoise = 10;
@@ -18,12 +18,12 @@ float score(const Scores& s, Deviation which) { return s[static_cast<std::size_t
 
 // The shape's score and that of the gradients are one-sided: less than expected is no defect.
 float worst_of(const Scores& s) {
-    return std::max({std::abs(score(s, Deviation::light)), score(s, Deviation::bend),
-                     std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
+    return std::max({std::abs(score(s, Deviation::light)), score(s, Deviation::deflection_shift),
+                     std::abs(score(s, Deviation::scattering)), score(s, Deviation::shape), 0.0F});
 }
 
 // With operations alone that are rounded alike everywhere; x above 0.
-double log_of(double x) {
+double exact_log(double x) {
     int exponent = 0;
     const double mantissa = std::frexp(x, &exponent), t = (mantissa - 0.75) / (mantissa + 0.75),
                  t2 = t * t;  // 0.5 to 1, of 0.75
@@ -39,16 +39,16 @@ double log_of(double x) {
 float counted(float d) {
     const double v = static_cast<double>(d), left = 1 + v;
     if (v > -0.05) return 1 - d / 6;
-    return static_cast<float>(std::sqrt(2 * ((left > 1e-9 ? left * log_of(left) : 0) - v)) / -v);
+    return static_cast<float>(std::sqrt(2 * ((left > 1e-9 ? left * exact_log(left) : 0) - v)) / -v);
 }
 
 // How much that is for a good part at this place, with all its light: where so much of it is missing that it is a
 // defect anyway, what is left is not excused for being noisy, and what is missing is counted.
-float surprise_of(const Scores& s, const Difference& d, float reject_score) {
+float z_score_of(const Scores& s, const Difference& d, float reject_score) {
     const float light = score(s, Deviation::light);
     if (light > -reject_score) return worst_of(s);
-    const float others =
-        std::max({score(s, Deviation::bend), std::abs(score(s, Deviation::blur)), score(s, Deviation::shape), 0.0F});
+    const float others = std::max({score(s, Deviation::deflection_shift), std::abs(score(s, Deviation::scattering)),
+                                   score(s, Deviation::shape), 0.0F});
     return std::max(-light * counted(d.light), others / std::sqrt(std::max(1 + d.light, 0.01F)));
 }
 
@@ -56,7 +56,7 @@ double square(float v) { return static_cast<double>(v) * static_cast<double>(v);
 
 }  // namespace
 
-Judge::Judge(const Extents& extents, const Recipe& recipe)
+ReferenceDefects::ReferenceDefects(const Extents& extents, const Recipe& recipe)
     : extents_(extents), recipe_(recipe), reference_(*recipe.reference), scores_(extents.lenslets()),
       severity_(extents.lenslets()), visited_(extents.lenslets()), queue_(extents.lenslets()),
       used_(recipe.tolerances.size()) {
@@ -65,16 +65,16 @@ Judge::Judge(const Extents& extents, const Recipe& recipe)
 }
 
 // Scores and severities of all lenslets.
-void Judge::look(const Compared& c, std::span<float> surprise) {
+void ReferenceDefects::look(const Compared& c, std::span<float> z_score) {
     for (std::size_t k = 0; k < scores_.size(); ++k) {
         scores_[k] = {};
         severity_[k] = 0;
-        surprise[k] = 0;
+        z_score[k] = 0;
         if ((c.mask[k] & (kOutside | kSaturated)) != 0) continue;
         const Difference& d = c.differences[k];
         if (d.has_light) scores_[k] = scores_of(d, reference_);
-        surprise[k] = surprise_of(scores_[k], d, recipe_.reject_score);
-        severity_[k] = surprise[k] / recipe_.reject_score;
+        z_score[k] = z_score_of(scores_[k], d, recipe_.reject_score);
+        severity_[k] = z_score[k] / recipe_.reject_score;
         if ((c.mask[k] & (kNoGradient | kNotJudged)) != 0 || !d.has_light) continue;
         // Less light than the reference's has more noise; that is looked at where it matters.
         float emd = c.emd.empty() ? 0 : (c.emd[k] - reference_.emd[d.at]) / recipe_.emd_limit_bins;
@@ -91,7 +91,7 @@ void Judge::look(const Compared& c, std::span<float> surprise) {
     }
 }
 
-Judge::Region Judge::gather(std::uint32_t seed, const Compared& c) {
+ReferenceDefects::Region ReferenceDefects::gather(std::uint32_t seed, const Compared& c) {
     const float grow = recipe_.grow_score / recipe_.reject_score;
     Region r;
     std::size_t count = 0;
@@ -111,7 +111,7 @@ Judge::Region Judge::gather(std::uint32_t seed, const Compared& c) {
         }
         const Scores& s = scores_[k];
         const float in_noise = severity_[k] * recipe_.reject_score,
-                    by_reference = surprise_of(s, c.differences[k], recipe_.reject_score);
+                    by_reference = z_score_of(s, c.differences[k], recipe_.reject_score);
         const double weight = std::min(static_cast<double>(severity_[k]), 2.0);
         ++r.area;
         r.weight += weight;
@@ -119,8 +119,8 @@ Judge::Region Judge::gather(std::uint32_t seed, const Compared& c) {
         r.mm += weight * m * m, r.nn += weight * n * n, r.mn += weight * m * n;
         r.squares += square(in_noise);
         (score(s, Deviation::light) < 0 ? r.missing : r.added) += square(score(s, Deviation::light));
-        r.bend += square(score(s, Deviation::bend));
-        r.spread += square(std::max(0.0F, score(s, Deviation::blur)));
+        r.deflection_shift += square(score(s, Deviation::deflection_shift));
+        r.spread += square(std::max(0.0F, score(s, Deviation::scattering)));
         r.shape += square(std::max(0.0F, score(s, Deviation::shape)));
         if (in_noise > by_reference * 1.0001F) r.gradient += square(in_noise);
         r.worst = std::max(r.worst, severity_[k]);
@@ -128,14 +128,14 @@ Judge::Region Judge::gather(std::uint32_t seed, const Compared& c) {
         r.least_light = std::min(r.least_light, d.light);
         if (d.has_hord) {
             r.most_bend = std::max(r.most_bend, std::sqrt(d.x * d.x + d.y * d.y));
-            r.most_blur = std::max(r.most_blur, std::sqrt(std::max(0.0F, d.blur)));
+            r.most_blur = std::max(r.most_blur, std::sqrt(std::max(0.0F, d.scattering)));
         }
         if (!c.emd.empty() && (c.mask[k] & kNoGradient) == 0) r.most_gradient = std::max(r.most_gradient, c.emd[k]);
     }
     return r;
 }
 
-Defect Judge::describe(const Region& r, Reason& reason) const {
+Defect ReferenceDefects::describe(const Region& r, Reason& reason) const {
     Defect d;
     d.m = static_cast<float>(r.m / r.weight);
     d.n = static_cast<float>(r.n / r.weight);
@@ -148,21 +148,21 @@ Defect Judge::describe(const Region& r, Reason& reason) const {
     const auto side = [](double variance) { return std::sqrt(12 * std::max(variance, 0.0) + 1); };
     d.length = static_cast<float>(side(middle + half));
     d.width = static_cast<float>(side(middle - half));
-    const double all = r.missing + r.added + r.bend + r.spread + r.shape;
-    const double bent = r.bend + r.shape;
-    const bool dims = r.missing >= kMostOfIt * all, spreads = r.spread >= kSpreadOfIt * all && r.spread >= bent,
-               bends = bent > r.spread && bent + r.spread >= kMostOfIt * all;
+    const double all = r.missing + r.added + r.deflection_shift + r.spread + r.shape;
+    const double bent = r.deflection_shift + r.shape;
+    const bool dims = r.missing >= kMaxOfIt * all, spreads = r.spread >= kSpreadOfIt * all && r.spread >= bent,
+               deflection_shifts = bent > r.spread && bent + r.spread >= kMaxOfIt * all;
     const double length = static_cast<double>(d.length), width = static_cast<double>(d.width);
     if (length >= kScratchLength && length >= kScratchRatio * width) d.kind = DefectKind::scratch;
     else if (all <= 0 || r.gradient > all) d.kind = DefectKind::unknown;
     else
-        d.kind = dims ? DefectKind::absorbing
-            : spreads ? DefectKind::scattering
-            : bends   ? DefectKind::surface
-                      : DefectKind::unknown;
-    reason = r.missing >= r.bend + r.shape && r.missing >= r.spread ? Reason::absorption
-        : r.bend + r.shape >= r.spread                              ? Reason::slope
-                                                                    : Reason::deflection;
+        d.kind = dims           ? DefectKind::absorbing
+            : spreads           ? DefectKind::scattering
+            : deflection_shifts ? DefectKind::surface
+                                : DefectKind::unknown;
+    reason = r.missing >= r.deflection_shift + r.shape && r.missing >= r.spread ? Reason::absorption
+        : r.deflection_shift + r.shape >= r.spread                              ? Reason::slope
+                                                                                : Reason::deflection;
     if (all <= 0) reason = Reason::deflection;
     d.peak = reason == Reason::absorption ? -r.least_light
         : reason == Reason::slope         ? r.most_bend
@@ -170,7 +170,7 @@ Defect Judge::describe(const Region& r, Reason& reason) const {
     return d;
 }
 
-bool Judge::tolerated(const Defect& d, const Region& r, const PoseMap& pose) {
+bool ReferenceDefects::tolerated(const Defect& d, const Region& r, const PoseMap& pose) {
     const auto place = pose.to_reference(static_cast<double>(d.m), static_cast<double>(d.n));
     const float disc = 2 * std::sqrt(static_cast<float>(d.area) * std::numbers::inv_pi_v<float>);
     const float size_mm = (d.kind == DefectKind::scratch ? d.length : disc) * recipe_.lenslet_mm;
@@ -187,8 +187,8 @@ bool Judge::tolerated(const Defect& d, const Region& r, const PoseMap& pose) {
     return false;
 }
 
-FoundDefects Judge::find(const Compared& compared, const Pose& pose, std::span<float> surprise) {
-    look(compared, surprise);
+FoundDefects ReferenceDefects::find(const Compared& compared, const Pose& pose, std::span<float> z_score) {
+    look(compared, z_score);
     std::ranges::fill(visited_, std::uint8_t{0});
     std::ranges::fill(used_, 0U);
     found_.clear();

@@ -43,24 +43,24 @@ struct Compared {
     std::span<const std::uint8_t> mask;     // MaskBit
 };
 
-class Judge {
+class ReferenceDefects {
   public:
     // Takes all memory but that of more than a thousand defects.
-    Judge(const Extents& extents, const Recipe& recipe);
+    ReferenceDefects(const Extents& extents, const Recipe& recipe);
 
-    // `surprise` receives every lenslet's worst score.
-    FoundDefects find(const Compared& compared, const Pose& pose, std::span<float> surprise);
+    // `z_score` receives every lenslet's worst score.
+    FoundDefects find(const Compared& compared, const Pose& pose, std::span<float> z_score);
 
   private:
     struct Region {
         std::uint32_t area = 0;
         double m = 0, n = 0, mm = 0, nn = 0, mn = 0, weight = 0;
-        double squares = 0;                                                            // of scores
-        double missing = 0, added = 0, bend = 0, spread = 0, shape = 0, gradient = 0;  // shares of that
-        float worst = 0;                                                               // severity
-        float least_light = 0, most_bend = 0, most_blur = 0, most_gradient = 0;        // in their own units
+        double squares = 0;                                                                        // of scores
+        double missing = 0, added = 0, deflection_shift = 0, spread = 0, shape = 0, gradient = 0;  // shares of that
+        float worst = 0;                                                                           // severity
+        float least_light = 0, most_bend = 0, most_blur = 0, most_gradient = 0;                    // in their own units
     };
-    void look(const Compared& compared, std::span<float> surprise);
+    void look(const Compared& compared, std::span<float> z_score);
     Region gather(std::uint32_t seed, const Compared& compared);
     [[nodiscard]] Defect describe(const Region& region, Reason& reason) const;
     [[nodiscard]] bool tolerated(const Defect& defect, const Region& region, const PoseMap& pose);

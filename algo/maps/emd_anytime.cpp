@@ -35,7 +35,7 @@ struct Worker {
     EmdBounds bounds;
     EmdSolver solver;
     std::array<EmdGradient, kShare> asked;
-    std::array<std::array<std::uint16_t, kMostBins>, 2> masses;
+    std::array<std::array<std::uint16_t, kMaxBinCount>, 2> masses;
 };
 
 }  // namespace
@@ -45,7 +45,7 @@ struct AnytimeEmdMap::State {
     int bits = 8;
     LightLevels levels;
     float largest = 0;
-    std::unique_ptr<BandCrew> crew;
+    std::unique_ptr<RowThreadPool> crew;
     std::vector<Worker> workers;
     FrameView frame;
     std::vector<float> lower, upper;
@@ -152,7 +152,7 @@ Result<AnytimeEmdMap> AnytimeEmdMap::create(const Extents& extents, int bits, co
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bins(ground, extents); !fine) return tl::unexpected(fine.error());
-    auto crew = BandCrew::create(threads);
+    auto crew = RowThreadPool::create(threads);
     if (!crew) return tl::unexpected(crew.error());
     auto state = std::make_unique<State>();
     state->extents = extents;

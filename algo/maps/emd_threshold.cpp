@@ -35,7 +35,7 @@ struct EmdDecisions::State {
     Extents extents;
     int bits = 8;
     LightLevels levels;
-    std::unique_ptr<BandCrew> crew;
+    std::unique_ptr<RowThreadPool> crew;
     std::vector<Worker> workers;
     std::vector<std::uint8_t> reached, mask;
     float limit = 0;
@@ -148,7 +148,7 @@ Result<EmdDecisions> EmdDecisions::create(const Extents& extents, int bits, cons
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bins(ground, extents); !fine) return tl::unexpected(fine.error());
-    auto crew = BandCrew::create(threads);
+    auto crew = RowThreadPool::create(threads);
     if (!crew) return tl::unexpected(crew.error());
     auto state = std::make_unique<State>();
     state->extents = extents;

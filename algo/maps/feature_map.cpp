@@ -21,11 +21,11 @@ constexpr int kBandRows = 16;
 // A worker has one or the other: most of what is cheap goes by planes, the rest pair by pair.
 struct Worker {
     Worker(const Extents& e, Distance d, Isa isa) : by_pairs(std::make_unique<ByPairs>(e, std::move(d), isa)) {}
-    Worker(const Extents& e, Feature feature, Isa isa) : by_planes(std::make_unique<PlaneFeature>(e, feature, isa)) {}
+    Worker(const Extents& e, Feature feature, Isa isa) : by_planes(std::make_unique<SoaDistances>(e, feature, isa)) {}
 
     struct ByPairs {
         ByPairs(const Extents& e, Distance d, Isa an_isa)
-            : isa(an_isa), distance(std::move(d)), window(e, distance.close_up(), isa), reference(e),
+            : isa(an_isa), distance(std::move(d)), window(e, distance.compact(), isa), reference(e),
               asked(static_cast<std::size_t>(kBandRows * e.m)) {}
         Isa isa;
         Distance distance;
@@ -42,7 +42,7 @@ struct Worker {
         }
     };
     std::unique_ptr<ByPairs> by_pairs;
-    std::unique_ptr<PlaneFeature> by_planes;
+    std::unique_ptr<SoaDistances> by_planes;
     int went_to = -1;  // the row after its last band of this frame
 };
 
@@ -53,7 +53,7 @@ struct FeatureMapper::State {
     int bits = 8;
     LightLevels levels;
     Feature feature = Feature::emd;
-    std::unique_ptr<BandCrew> crew;
+    std::unique_ptr<RowThreadPool> crew;
     std::vector<Worker> workers;
     std::vector<float> values;
     std::vector<std::uint8_t> mask;
@@ -161,7 +161,7 @@ Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, co
     }
     if (!has(options.isa))
         return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
-    auto crew = BandCrew::create(options.threads);
+    auto crew = RowThreadPool::create(options.threads);
     if (!crew) return tl::unexpected(crew.error());
     auto state = std::make_unique<State>();
     state->extents = extents;
@@ -170,7 +170,7 @@ Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, co
     state->feature = feature;
     state->crew = std::move(*crew);
     const bool by_planes =
-        PlaneFeature::covers(feature) && (options.distance.directions.empty() || !is_distance(feature));
+        SoaDistances::covers(feature) && (options.distance.directions.empty() || !is_distance(feature));
     for (int worker = 0; worker < options.threads; ++worker) {
         if (by_planes) {
             state->workers.emplace_back(extents, feature, options.isa);

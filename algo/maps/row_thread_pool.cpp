@@ -16,7 +16,7 @@ constexpr int kFewestRows = 16;
 
 }  // namespace
 
-struct BandCrew::State {
+struct RowThreadPool::State {
     std::mutex mutex;
     std::condition_variable wake, done;
     std::vector<std::thread> others;
@@ -66,12 +66,12 @@ struct BandCrew::State {
     }
 };
 
-Result<std::unique_ptr<BandCrew>> BandCrew::create(int threads) {
+Result<std::unique_ptr<RowThreadPool>> RowThreadPool::create(int threads) {
     if (threads < 1 || threads > kMaxThreads) {
         return fail(ErrorCode::invalid_argument, std::to_string(threads) + " threads",
                     "use 1 to " + std::to_string(kMaxThreads));
     }
-    std::unique_ptr<BandCrew> crew(new BandCrew(std::make_unique<State>()));
+    std::unique_ptr<RowThreadPool> crew(new RowThreadPool(std::make_unique<State>()));
     State& state = *crew->state_;
     state.shares.resize(static_cast<std::size_t>(threads));
     try {
@@ -83,9 +83,9 @@ Result<std::unique_ptr<BandCrew>> BandCrew::create(int threads) {
     return crew;
 }
 
-BandCrew::BandCrew(std::unique_ptr<State> state) : state_(std::move(state)) {}
+RowThreadPool::RowThreadPool(std::unique_ptr<State> state) : state_(std::move(state)) {}
 
-BandCrew::~BandCrew() {
+RowThreadPool::~RowThreadPool() {
     {
         const std::lock_guard lock(state_->mutex);
         state_->closing = true;
@@ -94,14 +94,14 @@ BandCrew::~BandCrew() {
     for (std::thread& other : state_->others) other.join();
 }
 
-int BandCrew::threads() const { return static_cast<int>(state_->others.size()) + 1; }
+int RowThreadPool::threads() const { return static_cast<int>(state_->others.size()) + 1; }
 
-int BandCrew::rows_a_band(int rows) const {
+int RowThreadPool::rows_a_band(int rows) const {
     const int bands = threads() == 1 ? 1 : threads() * kBandsAThread;
     return std::max((rows + bands - 1) / bands, std::min(rows, kFewestRows));
 }
 
-void BandCrew::share_out(int bands, Call call, void* context) {
+void RowThreadPool::share_out(int bands, Call call, void* context) {
     State& state = *state_;
     std::unique_lock lock(state.mutex);
     state.call = call;

@@ -11,15 +11,15 @@
 
 namespace hord::algo {
 
-class BandCrew {
+class RowThreadPool {
   public:
     // threads: 1..kMaxThreads, the calling thread included. Fails with busy when the system gives no thread.
-    static Result<std::unique_ptr<BandCrew>> create(int threads);
+    static Result<std::unique_ptr<RowThreadPool>> create(int threads);
     static constexpr int kMaxThreads = 64;
 
-    BandCrew(const BandCrew&) = delete;
-    BandCrew& operator=(const BandCrew&) = delete;
-    ~BandCrew();
+    RowThreadPool(const RowThreadPool&) = delete;
+    RowThreadPool& operator=(const RowThreadPool&) = delete;
+    ~RowThreadPool();
 
     [[nodiscard]] int threads() const;
 
@@ -43,7 +43,7 @@ class BandCrew {
   private:
     using Call = void (*)(void* context, int worker, int band);
     struct State;
-    explicit BandCrew(std::unique_ptr<State> state);
+    explicit RowThreadPool(std::unique_ptr<State> state);
     void share_out(int bands, Call call, void* context);
     std::unique_ptr<State> state_;
 };

@@ -14,9 +14,9 @@ namespace {
 constexpr int kFarBins = 3;
 constexpr std::uint32_t kBright = 8, kSupport = 16;
 constexpr std::size_t kFrames = 8;
-constexpr std::uint64_t kLeastReadings = 1000;
-constexpr double kWithin = 5;    // standard deviations
-constexpr double kLeast = 0.25;  // DN: below, rounding leaves too little
+constexpr std::uint64_t kMinReadings = 1000;
+constexpr double kWithin = 5;  // standard deviations
+constexpr double kMin = 0.25;  // DN: below, rounding leaves too little
 
 // How often each reading was seen.
 using Histogram = std::vector<std::uint64_t>;
@@ -62,12 +62,12 @@ double square_of_upper_half(double sigma) {
 // The standard deviation whose rounded upper half has this mean square.
 double sigma_of(double square) {
     if (square > 4) return std::sqrt(square - 1.0 / 12);
-    double low = kLeast / 2, high = 3;
+    double low = kMin / 2, high = 3;
     for (int k = 0; k < 50; ++k) {
         const double middle = (low + high) / 2;
         (square_of_upper_half(middle) < square ? low : high) = middle;
     }
-    return low < kLeast ? 0 : low;
+    return low < kMin ? 0 : low;
 }
 
 double noise_of(const Histogram& seen, std::uint64_t readings) {
@@ -110,7 +110,7 @@ Result<float> read_noise_of(const Extents& extents, const LightLevels& levels, s
     }
     std::uint64_t readings = 0;
     for (const std::uint64_t n : seen) readings += n;
-    if (readings < kLeastReadings) {
+    if (readings < kMinReadings) {
         return fail(ErrorCode::invalid_argument,
                     "too few bins of these frames are without light to tell the read noise from them",
                     "give the sensor's, in DN, with --read-dn");

@@ -15,7 +15,7 @@ Result<void> check(const Reference& r) {
     if (r.parts < Reference::kMinParts) return refuse("parts are fewer than " + std::to_string(Reference::kMinParts));
     const auto count = r.extents.lenslets();
     if (r.shares.size() != count * r.stride() || r.mask.size() != count)
-        return refuse("golden HORDs are not one a lenslet");
+        return refuse("reference HORDs are not one a lenslet");
     const auto sound = [&](const std::vector<float>& map, double low, double high) {
         return map.size() == count && std::ranges::all_of(map, [&](float v) {
                    return v >= static_cast<float>(low) && v <= static_cast<float>(high);
@@ -27,7 +27,7 @@ Result<void> check(const Reference& r) {
         if (!sound(map, 0, 1e9)) return refuse("spreads are out of range");
     }
     if (!sound(r.emd, 0, 100) || !sound(r.frobenius, 0, 100)) return refuse("gradients are out of range");
-    if (std::ranges::any_of(r.shares, [](std::uint16_t v) { return v > Reference::kMostShare; }))
+    if (std::ranges::any_of(r.shares, [](std::uint16_t v) { return v > Reference::kMaxShare; }))
         return refuse("shares are not below 1");
     if (!(r.sensor.electrons_per_dn > 0 && r.sensor.electrons_per_dn < 1e6F && r.sensor.read_dn >= 0 &&
           r.sensor.read_dn < 1e4F && r.sensor.clip_dn >= 0 && r.sensor.clip_dn <= 65535)) {

@@ -21,18 +21,18 @@ struct SensorModel {
         0;  // of light that the dark level cuts off every lit bin: the dark level, less the camera's own pedestal
 };
 
-// By how much a lenslet may differ from the golden HORD; one number each.
+// By how much a lenslet may differ from the reference HORD; one number each.
 enum class Deviation : std::uint8_t {
-    light,  // missing or additional light, of what is expected
-    bend,   // the mean deflection, bin pitches
-    blur,   // the spread of the deflections: the share of the light that is scattered by about a bin
-    shape,  // all that these do not describe
+    light,             // missing or additional light, of what is expected
+    deflection_shift,  // the mean deflection, bin pitches
+    scattering,        // the spread of the deflections: the share of the light that is scattered by about a bin
+    shape,             // all that these do not describe
 };
 inline constexpr std::size_t kDeviations = 4;
 
 struct Reference {
     static constexpr int kShareBits = 15;  // a share of the light, Q0.15,
-    static constexpr std::uint16_t kMostShare =
+    static constexpr std::uint16_t kMaxShare =
         (1U << kShareBits) - 1;  // below 1: it is multiplied as a signed number, too
     static constexpr std::uint32_t kMinParts = 8;
 
@@ -42,13 +42,13 @@ struct Reference {
     SensorModel sensor;
     std::uint32_t parts = 0;  // learned from
 
-    // Golden HORDs: `stride()` shares a lenslet, bin (i, j) at place(i, j); a border of dark bins around them, and the
-    // rest, are 0.
+    // Reference HORDs: `stride()` shares a lenslet, bin (i, j) at place(i, j); a border of dark bins around them, and
+    // the rest, are 0.
     std::vector<std::uint16_t> shares;
     // One value a lenslet.
     std::vector<float> light;        // DN: the typical part's sum
     std::vector<float> x, y;         // mean deflection, bin pitches
-    std::vector<std::uint8_t> mask;  // kDark: no golden HORD; kOutside: not seen often enough to say anything
+    std::vector<std::uint8_t> mask;  // kDark: no reference HORD; kOutside: not seen often enough to say anything
     std::array<std::vector<float>, kDeviations> spread;  // variance of good parts beyond noise, in the deviation's unit
                                                          // squared; of shape: excess of chi-square a DN of light
     std::vector<float> emd, frobenius;                   // the gradients of a typical good part

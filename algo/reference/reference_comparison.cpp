@@ -12,7 +12,7 @@ namespace {
 constexpr int kCopiedLine = 16, kCopied = kCopiedLine * kMaxBins;  // samples: of a copied lenslet's line; of all
 static_assert(kCopiedLine >= (kMaxBins + 7) / 8 * 8);
 constexpr float kEdgeBins = 0.2F,
-                kEdgeLight = 0.1F;  // second differences of a golden map: what interpolation cannot follow
+                kEdgeLight = 0.1F;  // second differences of a reference map: what interpolation cannot follow
 
 constexpr int floor_of(double v) {
     const int towards_zero = static_cast<int>(v);
@@ -20,7 +20,7 @@ constexpr int floor_of(double v) {
 }
 
 // With operations alone that are rounded alike everywhere.
-double exp_of(double x) {
+double exact_exp(double x) {
     int halved = 0;
     for (; x > 0.5; x *= 0.5) ++halved;
     double sum = 1, term = 1;
@@ -34,7 +34,7 @@ double clipped_variance(double variance, double clip) {
     const double from = clip / std::sqrt(variance), step = 1.0 / 32;
     double mean = 0, square = 0;
     for (int k = 0; k < 8 * 32; ++k) {
-        const double above = (k + 0.5) * step, z = from + above, density = 0.3989422804 * step / exp_of(0.5 * z * z);
+        const double above = (k + 0.5) * step, z = from + above, density = 0.3989422804 * step / exact_exp(0.5 * z * z);
         mean += density * above;
         square += density * above * above;
     }
@@ -43,8 +43,8 @@ double clipped_variance(double variance, double clip) {
 
 }  // namespace
 
-Comparer::Comparer(const Reference& reference, Isa isa, std::shared_ptr<const GoldenPlanes> planes)
-    : reference_(reference), planes_(planes ? std::move(planes) : std::make_shared<const GoldenPlanes>(reference)),
+ReferenceComparer::ReferenceComparer(const Reference& reference, Isa isa, std::shared_ptr<const ReferenceSoa> planes)
+    : reference_(reference), planes_(planes ? std::move(planes) : std::make_shared<const ReferenceSoa>(reference)),
       row_(reference, *planes_, isa), reader_(reference, isa), fitter_(reference.extents, isa),
       edge_(reference.extents.lenslets()), read_(kLanes * reference.stride()),
       copied_(static_cast<std::size_t>(kLanes * kCopied)) {
@@ -70,14 +70,14 @@ Comparer::Comparer(const Reference& reference, Isa isa, std::shared_ptr<const Go
     noise_at_edges_.empty = static_cast<float>(floor_);
 }
 
-void Comparer::find_edges() {
+void ReferenceComparer::find_edges() {
     const Extents& e = reference_.extents;
     const auto at = [&](int m, int n) { return static_cast<std::size_t>(n * e.m + m); };
     for (int n = 0; n < e.n; ++n) {
         for (int m = 0; m < e.m; ++m) {
             if (reference_.mask[at(m, n)] == kOutside) continue;
             bool edge = reference_.mask[at(m, n)] != kValid;
-            const auto bends = [&](std::size_t before, std::size_t k, std::size_t after) {
+            const auto deflection_shifts = [&](std::size_t before, std::size_t k, std::size_t after) {
                 if ((reference_.mask[before] | reference_.mask[k] | reference_.mask[after]) != kValid) return;
                 const auto second = [&](const std::vector<float>& map) {
                     return std::abs(map[before] - 2 * map[k] + map[after]);
@@ -85,8 +85,8 @@ void Comparer::find_edges() {
                 edge = edge || second(reference_.x) > kEdgeBins || second(reference_.y) > kEdgeBins ||
                     second(reference_.light) > kEdgeLight * reference_.light[k];
             };
-            if (m > 0 && m + 1 < e.m) bends(at(m - 1, n), at(m, n), at(m + 1, n));
-            if (n > 0 && n + 1 < e.n) bends(at(m, n - 1), at(m, n), at(m, n + 1));
+            if (m > 0 && m + 1 < e.m) deflection_shifts(at(m - 1, n), at(m, n), at(m + 1, n));
+            if (n > 0 && n + 1 < e.n) deflection_shifts(at(m, n - 1), at(m, n), at(m, n + 1));
             for (int y = std::max(0, n - 2); edge && y <= std::min(e.n - 1, n + 2); ++y) {
                 for (int x = std::max(0, m - 2); x <= std::min(e.m - 1, m + 2); ++x) edge_[at(x, y)] = 1;
             }
@@ -95,7 +95,7 @@ void Comparer::find_edges() {
 }
 
 // Of a part at `light_` times the reference's light.
-BinNoise Comparer::at_light(const BinNoise& noise) const {
+BinNoise ReferenceComparer::at_light(const BinNoise& noise) const {
     BinNoise here = noise;
     here.a_dn = static_cast<float>(golden_share_ / static_cast<double>(reference_.sensor.electrons_per_dn));
     // Of a spot's fringes, weaker light leaves below the dark level what is not quiet.
@@ -103,7 +103,7 @@ BinNoise Comparer::at_light(const BinNoise& noise) const {
     return here;
 }
 
-void Comparer::start_row(const PoseMap& pose, int n, double light) {
+void ReferenceComparer::start_row(const PoseMap& pose, int n, double light) {
     pose_ = &pose;
     light_ = (light + clipped_) / (1 + clipped_);
     row_.start_row(pose, n, light_);
@@ -112,14 +112,14 @@ void Comparer::start_row(const PoseMap& pose, int n, double light) {
     noise_now_ = at_light(noise_), noise_at_edges_now_ = at_light(noise_at_edges_);
 }
 
-std::uint32_t Comparer::nearest(const PoseMap::Place& at) const {
+std::uint32_t ReferenceComparer::nearest(const PoseMap::Place& at) const {
     const Extents& e = reference_.extents;
     return static_cast<std::uint32_t>(std::clamp(floor_of(at.n + 0.5), 0, e.n - 1) * e.m +
                                       std::clamp(floor_of(at.m + 0.5), 0, e.m - 1));
 }
 
 // The lane of a lenslet among those that wait; -1: those that do are to be compared first.
-int Comparer::join(int m, int n, std::uint32_t sum, bool has_hord, Difference& out) {
+int ReferenceComparer::join(int m, int n, std::uint32_t sum, bool has_hord, Difference& out) {
     const auto at = pose_->to_reference(m, n);
     const int column = floor_of(at.m), block = (column - 1) >> 4, lane = (column - 1) & (kLanes - 1);
     static_assert(kLanes == 16);
@@ -135,13 +135,13 @@ int Comparer::join(int m, int n, std::uint32_t sum, bool has_hord, Difference& o
     g.sum[lane] = sum;
     g.out[lane] = &out;
     const QuantisedCubic& along = cubic_at(at.m - column);
-    for (int c = 0; c < GoldenPlanes::kAcross; ++c) golden_.weights[c][lane] = static_cast<float>(along.of[c]);
+    for (int c = 0; c < ReferenceSoa::kAcross; ++c) reference_hords_.weights[c][lane] = static_cast<float>(along.of[c]);
     return lane;
 }
 
 // Of lenslets at the ends of the frame's lines: so that behind each line can be read.
 template <class Sample>
-LensletSamples<Sample> Comparer::copy_of(const LensletSamples<Sample>& samples, int lane) {
+LensletSamples<Sample> ReferenceComparer::copy_of(const LensletSamples<Sample>& samples, int lane) {
     auto* const copied = reinterpret_cast<Sample*>(copied_.data() + std::ptrdiff_t{lane} * kCopied);
     for (int j = 0; j < reference_.extents.j; ++j)
         std::copy_n(samples.first + j * samples.line_stride, reference_.extents.i,
@@ -149,7 +149,8 @@ LensletSamples<Sample> Comparer::copy_of(const LensletSamples<Sample>& samples, 
     return {copied, kCopiedLine};
 }
 
-void Comparer::compare_row(const HordRow& row, int n, const PoseMap& pose, double light, std::span<Difference> out) {
+void ReferenceComparer::compare_row(const HordRow& row, int n, const PoseMap& pose, double light,
+                                    std::span<Difference> out) {
     start_row(pose, n, light);
     const Extents& e = reference_.extents;
     for (int m = 0; m < e.m; ++m) {
@@ -167,9 +168,9 @@ void Comparer::compare_row(const HordRow& row, int n, const PoseMap& pose, doubl
     compare(group_.wide, 0);
 }
 
-void Comparer::compare_row(const FrameView& frame, std::span<const std::uint32_t> sums,
-                           std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
-                           std::span<Difference> out) {
+void ReferenceComparer::compare_row(const FrameView& frame, std::span<const std::uint32_t> sums,
+                                    std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
+                                    std::span<Difference> out) {
     start_row(pose, n, light);
     const Extents& e = reference_.extents;
     const auto compare_samples = [&]<class Sample>(LensletSamples<Sample>(&waiting)[kLanes]) {
@@ -196,22 +197,23 @@ void Comparer::compare_row(const FrameView& frame, std::span<const std::uint32_t
 
 // All that wait.
 template <class Sample>
-void Comparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::uint32_t dark) {
+void ReferenceComparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::uint32_t dark) {
     Group& g = group_;
     if (g.live == 0) return;
     row_.move_to(g.block);
     const std::uint32_t plain = row_.plain() & g.live;
     BinRect lit;
     if (plain != 0) lit = row_.lit();
-    GoldenReader::Golden alone[kLanes];
+    ReferenceSampler::ReferenceHord alone[kLanes];
     for (std::uint32_t left = g.live & ~plain; left != 0; left &= left - 1) {
         const int l = __builtin_ctz(left);
-        GoldenReader::Golden& golden = alone[l];
-        golden = reader_.read(g.at[l].m, g.at[l].n, light_,
-                              read_.data() + static_cast<std::size_t>(l) * reference_.stride());
-        if (!golden.has_hord) continue;
+        ReferenceSampler::ReferenceHord& reference_hord = alone[l];
+        reference_hord = reader_.read(g.at[l].m, g.at[l].n, light_,
+                                      read_.data() + static_cast<std::size_t>(l) * reference_.stride());
+        if (!reference_hord.has_hord) continue;
         const auto bin = [](int place) { return static_cast<std::int16_t>(place - 1); };
-        lit.cover({bin(golden.lit.left()), bin(golden.lit.right()), bin(golden.lit.top()), bin(golden.lit.bottom())});
+        lit.cover({bin(reference_hord.lit.left()), bin(reference_hord.lit.right()), bin(reference_hord.lit.top()),
+                   bin(reference_hord.lit.bottom())});
     }
     const int at_once = fitter_.at_once();
     if (!lit.none()) {
@@ -224,25 +226,28 @@ void Comparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::uint32_t 
         if (ours == 0) continue;
         if (!lit.none()) {
             fitter_.start(first, lit);
-            row_.interpolate(first, lit, golden_, fitter_.golden(lit.left, lit.top), fitter_.golden_pitch());
+            row_.interpolate(first, lit, reference_hords_, fitter_.reference_hord(lit.left, lit.top),
+                             fitter_.reference_pitch());
         }
         std::uint32_t fitted = 0;
         for (std::uint32_t left = ours; left != 0; left &= left - 1) {
             const int l = __builtin_ctz(left);
             bool has_hord = true;
             if ((plain >> l & 1U) != 0) {
-                has_hord =
-                    look_at_light(l, static_cast<double>(golden_.light[l]), static_cast<double>(golden_.share[l]));
+                has_hord = look_at_light(l, static_cast<double>(reference_hords_.light[l]),
+                                         static_cast<double>(reference_hords_.share[l]));
             } else {
-                const GoldenReader::Golden& golden = alone[l];
-                has_hord = golden.known && look_at_light(l, golden.light, golden.share) && golden.has_hord;
+                const ReferenceSampler::ReferenceHord& reference_hord = alone[l];
+                has_hord = reference_hord.known && look_at_light(l, reference_hord.light, reference_hord.share) &&
+                    reference_hord.has_hord;
                 if (!has_hord) continue;
                 const float* bins = read_.data() + static_cast<std::size_t>(l) * reference_.stride();
                 for (int j = lit.top; j <= lit.bottom; ++j) {
                     for (int i = lit.left; i <= lit.right; ++i) {
                         const auto place = static_cast<int>(reference_.place(i, j));
-                        fitter_.golden(i, j)[l - first] =
-                            place >= golden.written.first && place < golden.written.end() ? bins[place] : 0.0F;
+                        fitter_.reference_hord(i, j)[l - first] =
+                            place >= reference_hord.written.first && place < reference_hord.written.end() ? bins[place]
+                                                                                                          : 0.0F;
                     }
                 }
             }
@@ -261,7 +266,7 @@ void Comparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::uint32_t 
 }
 
 // Whether there is light to be expected.
-bool Comparer::look_at_light(int lane, double light, double share) {
+bool ReferenceComparer::look_at_light(int lane, double light, double share) {
     Difference& out = *group_.out[lane];
     const std::uint32_t sum = group_.sum[lane];
     out.at = nearest(group_.at[lane]);
@@ -279,11 +284,11 @@ bool Comparer::look_at_light(int lane, double light, double share) {
     return true;
 }
 
-void Comparer::finish(int l) {
+void ReferenceComparer::finish(int l) {
     if (fits_.found[l] == 0) return;
     Difference& out = *group_.out[l];
     out.has_hord = true;
-    out.x = fits_.x[l], out.y = fits_.y[l], out.blur = fits_.blur[l];
+    out.x = fits_.x[l], out.y = fits_.y[l], out.scattering = fits_.scattering[l];
     out.x_variance = fits_.x_variance[l], out.y_variance = fits_.y_variance[l],
     out.blur_variance = fits_.blur_variance[l];
     out.chi2 = fits_.chi2[l];
@@ -297,7 +302,7 @@ void Comparer::finish(int l) {
 }
 
 // Where a fit of small shifts does not say how far light went: by the mean of all bins.
-void Comparer::look_how_far(int lane, Difference& out) const {
+void ReferenceComparer::look_how_far(int lane, Difference& out) const {
     const double a_dn = golden_share_ / static_cast<double>(reference_.sensor.electrons_per_dn),
                  quiet = static_cast<double>(noise_.quiet);
     struct Moments {
@@ -310,7 +315,7 @@ void Comparer::look_how_far(int lane, Difference& out) const {
         for (int i = 0; i < reference_.extents.i; ++i) {
             const double x = i - 0.5 * (reference_.extents.i - 1), y = j - 0.5 * (reference_.extents.j - 1);
             seen.add(static_cast<double>(fitter_.mass(lane, i, j)), x, y), places.add(1, x, y);
-            wanted.add(static_cast<double>(fitter_.golden(lane, i, j)), x, y);
+            wanted.add(static_cast<double>(fitter_.reference_hord(lane, i, j)), x, y);
         }
     }
     if (!(seen.light > 0) || !(wanted.light > 0)) return;
@@ -348,9 +353,10 @@ Scores scores_of(const Difference& d, const Reference& reference) {
     const auto set = [&](Deviation which, float z) { scores[static_cast<std::size_t>(which)] = z; };
     if (d.has_light) set(Deviation::light, d.light / std::sqrt(d.light_variance + spread(Deviation::light)));
     if (!d.has_hord) return scores;
-    const float bend = spread(Deviation::bend);
-    set(Deviation::bend, std::sqrt(d.x * d.x / (d.x_variance + bend) + d.y * d.y / (d.y_variance + bend)));
-    set(Deviation::blur, d.blur / std::sqrt(d.blur_variance + spread(Deviation::blur)));
+    const float deflection_shift = spread(Deviation::deflection_shift);
+    set(Deviation::deflection_shift,
+        std::sqrt(d.x * d.x / (d.x_variance + deflection_shift) + d.y * d.y / (d.y_variance + deflection_shift)));
+    set(Deviation::scattering, d.scattering / std::sqrt(d.blur_variance + spread(Deviation::scattering)));
     // sqrt(2 chi2) is about normal; the good parts' own excess widens it.
     const float excess = spread(Deviation::shape) * d.sum, expected = d.degrees + excess;
     const float width = std::sqrt((d.degrees + 2 * excess + excess * excess) / expected);

@@ -1,8 +1,8 @@
-// How a lenslet differs from the golden HORD of its place, told apart and in units of noise.
+// How a lenslet differs from the reference HORD of its place, told apart and in units of noise.
 //
-// With the golden shares g at the place where the registered part has this lenslet (cubic interpolation between golden
-// HORDs) and n the light that the lenslet has, n g is expected in the bins. What remains, r = mass - n g, is explained
-// by weighted least squares as
+// With the reference shares g at the place where the registered part has this lenslet (cubic interpolation between
+// reference HORDs) and n the light that the lenslet has, n g is expected in the bins. What remains, r = mass - n g, is
+// explained by weighted least squares as
 //
 //     r = n (a G_x + b G_y + c G_s) + rest       weights 1 / variance of the bin
 //
@@ -18,13 +18,13 @@
 // variance of what a normal number has above it, far less; in the fit it counts with a sixteenth of the reading noise
 // at least, for single readings are not normal, and within two lenslets of an edge with all of it, for interpolation
 // puts light there that is none. In between it is mixed by e / (e + soft), soft one standard deviation of the reading.
-// The golden bin's own variance is 1/parts of the photon noise. Each of the four deviations, divided by its expected
+// The reference bin's own variance is 1/parts of the photon noise. Each of the four deviations, divided by its expected
 // standard deviation, with the good parts' own spread added, is a z-score: about normal for good parts at any light,
 // less in the spread.
 //
 // Chi-square is that of the rest with the whole reading noise in dark bins, too. Where it is much (kMuch), a fit of
 // small shifts does not say how far light went: where the mean of all bins moved by more than kFarBins beyond what the
-// reference's does from neighbour to neighbour, that is the bend.
+// reference's does from neighbour to neighbour, that is the deflection_shift.
 #pragma once
 
 #include <array>
@@ -49,7 +49,7 @@ struct Difference {
     bool has_hord = false;   // and so do the others
     float light = 0, light_variance = 1;  // light / expected - 1
     float x = 0, y = 0, x_variance = 1, y_variance = 1;
-    float blur = 0, blur_variance = 1;
+    float scattering = 0, blur_variance = 1;
     float chi2 = 0, degrees = 1;  // the rest, and what noise alone would give
     float sum = 0;                // DN
     std::uint32_t at = 0;         // the reference's nearest lenslet
@@ -58,12 +58,12 @@ struct Difference {
 constexpr float kMuch = 3;  // standard deviations
 constexpr double kFarBins = 0.5;
 
-class Comparer {
+class ReferenceComparer {
   public:
     // `reference` outlives it. Takes all memory. Comparers of one reference, one a thread, may share its planes; else
     // it makes its own.
-    explicit Comparer(const Reference& reference, Isa isa = widest_isa(),
-                      std::shared_ptr<const GoldenPlanes> planes = nullptr);
+    explicit ReferenceComparer(const Reference& reference, Isa isa = widest_isa(),
+                               std::shared_ptr<const ReferenceSoa> planes = nullptr);
 
     // Compares row n of a part: `light` is its typical sum over the reference's. One Difference a lenslet.
     void compare_row(const HordRow& row, int n, const PoseMap& pose, double light, std::span<Difference> out);
@@ -100,12 +100,12 @@ class Comparer {
     [[nodiscard]] std::uint32_t nearest(const PoseMap::Place& at) const;
 
     const Reference& reference_;
-    std::shared_ptr<const GoldenPlanes> planes_;
-    GoldenRow row_;
-    GoldenReader reader_;  // where a row does not reach
-    BinFitter fitter_;
+    std::shared_ptr<const ReferenceSoa> planes_;
+    ReferenceRowSampler row_;
+    ReferenceSampler reader_;  // where a row does not reach
+    TemplateFitter fitter_;
     std::vector<std::uint8_t> edge_;     // one a lenslet: whether it is within two lenslets of an edge
-    std::vector<float> read_;            // golden bins that a row does not reach, a Reference's stride a lane
+    std::vector<float> read_;            // reference bins that a row does not reach, a Reference's stride a lane
     std::vector<std::uint16_t> copied_;  // samples of lenslets at the end of the frame's lines, lane by lane
     double clipped_ = 0;                 // of a typical lenslet's light, by the dark level
     double floor_ = 0;                   // variance of a reading
@@ -116,12 +116,12 @@ class Comparer {
     double light_ = 1, golden_share_ = 1;
     BinNoise noise_now_{}, noise_at_edges_now_{};
     Group group_;
-    GoldenRow::Lanes golden_;
-    BinFitter::Fits fits_;
+    ReferenceRowSampler::Lanes reference_hords_;
+    TemplateFitter::Fits fits_;
 };
 
-// The four scores of a lenslet: deviation over its standard deviation. Light and blur are signed (less light, less
-// spread: negative).
+// The four scores of a lenslet: deviation over its standard deviation. Light and scattering are signed (less light,
+// less spread: negative).
 using Scores = std::array<float, kDeviations>;
 Scores scores_of(const Difference& difference, const Reference& reference);
 

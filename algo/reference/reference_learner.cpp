@@ -19,7 +19,7 @@ constexpr float kStrange[kDeviations] = {0.05F, 0.05F, 0.02F, 0.05F};
 // Standard deviations of a bin's mean, with a sixteenth of the reading noise in dark bins
 // (algo/reference/reference_comparison.h), that noise alone has seldom.
 constexpr double kNoise = 3;
-constexpr float kLeastSpread[kDeviations] = {1e-6F, 1e-5F, 1e-5F, 0};  // 0.1 % of light, 0.003 bin: rounding
+constexpr float kMinSpread[kDeviations] = {1e-6F, 1e-5F, 1e-5F, 0};  // 0.1 % of light, 0.003 bin: rounding
 
 // Gives a vector's memory back: the sums and shares of a large light field are most of what learning takes, and no pass
 // needs all of them.
@@ -72,9 +72,9 @@ class Learner {
     void decode(const FrameView& frame, Part& part, bool with_shares);
     Result<bool> find_poses_from(std::size_t origin);
     void centre_poses();
-    Result<void> learn_golden(bool register_again);
-    void add_golden(const Part& part, const PoseMap& pose, double light);
-    void finish_golden(double parts, double light);
+    Result<void> learn_mean_hords(bool register_again);
+    void add_reference_hord(const Part& part, const PoseMap& pose, double light);
+    void finish_mean_hords(double parts, double light);
     void drop_noise(std::size_t k, double least);
     Result<void> learn_spread();
     void add_spread(std::uint32_t part, const Difference& d);
@@ -100,8 +100,8 @@ class Learner {
     std::vector<LeftOut> left_out_list_;
     std::size_t ticks_ = 0;
 
-    // Sums while golden HORDs are learned.
-    std::vector<float> golden_;
+    // Sums while reference HORDs are learned.
+    std::vector<float> reference_hords_;
     std::vector<double> light_;
     std::vector<std::uint16_t> seen_light_, seen_hord_;
 
@@ -207,7 +207,7 @@ void Learner::centre_poses() {
 }
 
 // Adds a part's HORDs at the places of the reference's lenslets.
-void Learner::add_golden(const Part& part, const PoseMap& pose, double light) {
+void Learner::add_reference_hord(const Part& part, const PoseMap& pose, double light) {
     const std::size_t stride = reference_.stride();
     const auto columns = static_cast<std::size_t>(extents_.m);
     std::size_t k = 0;
@@ -227,7 +227,7 @@ void Learner::add_golden(const Part& part, const PoseMap& pose, double light) {
                 near.along = CubicWeights::linear_at(p.m - std::floor(p.m)),
                 near.across = CubicWeights::linear_at(p.n - std::floor(p.n));
             }
-            float* to = golden_.data() + k * stride;
+            float* to = reference_hords_.data() + k * stride;
             double sum = 0;
             for (int r = 0; r < 4; ++r) {
                 for (int c = 0; c < 4; ++c) {
@@ -251,7 +251,7 @@ void Learner::add_golden(const Part& part, const PoseMap& pose, double light) {
 // Forgets what single readings left in bins far from all light, for the comparison need not look where nothing is
 // expected: of the sums of shares, those below `least` but beside none that is as large, and those below a third of it.
 void Learner::drop_noise(std::size_t k, double least) {
-    float* const bins = golden_.data() + k * reference_.stride();
+    float* const bins = reference_hords_.data() + k * reference_.stride();
     const auto limit = static_cast<float>(least);
     std::array<bool, kMaxBins * kMaxBins> keep{};
     const auto at = [&](int i, int j) { return static_cast<std::size_t>(j * extents_.i + i); };
@@ -271,7 +271,7 @@ void Learner::drop_noise(std::size_t k, double least) {
     }
 }
 
-void Learner::finish_golden(double parts, double light) {
+void Learner::finish_mean_hords(double parts, double light) {
     Reference& r = reference_;
     const std::size_t count = extents_.lenslets(), stride = r.stride();
     r.parts = static_cast<std::uint32_t>(parts);
@@ -290,8 +290,8 @@ void Learner::finish_golden(double parts, double light) {
         if (r.light[k] > 0) drop_noise(k, seen_hord_[k] * least_dn / static_cast<double>(r.light[k]) * kShareOne);
         double sum = 0, x = 0, y = 0;
         for (int b = 0; b < extents_.bins(); ++b) {
-            const double share =
-                std::max(0.0, static_cast<double>(golden_[k * stride + r.place(b % extents_.i, b / extents_.i)]));
+            const double share = std::max(
+                0.0, static_cast<double>(reference_hords_[k * stride + r.place(b % extents_.i, b / extents_.i)]));
             sum += share;
             x += share * (b % extents_.i - 0.5 * (extents_.i - 1));
             y += share * (b / extents_.i - 0.5 * (extents_.j - 1));
@@ -302,19 +302,19 @@ void Learner::finish_golden(double parts, double light) {
         r.y[k] = static_cast<float>(y / sum);
         for (std::size_t b = 0; b < stride; ++b) {
             const long share =
-                std::lround(std::max(0.0, static_cast<double>(golden_[k * stride + b])) / sum * kShareOne);
-            r.shares[k * stride + b] = static_cast<std::uint16_t>(std::min(share, long{Reference::kMostShare}));
+                std::lround(std::max(0.0, static_cast<double>(reference_hords_[k * stride + b])) / sum * kShareOne);
+            r.shares[k * stride + b] = static_cast<std::uint16_t>(std::min(share, long{Reference::kMaxShare}));
         }
     }
 }
 
 // Passes 2 and 3.
-Result<void> Learner::learn_golden(bool register_again) {
+Result<void> Learner::learn_mean_hords(bool register_again) {
     const std::size_t count = extents_.lenslets();
     release(reference_.shares);  // found anew; registering needs its maps alone
     release(spread_);
     release(chi2_ratios_);
-    golden_.assign(count * reference_.stride(), 0);
+    reference_hords_.assign(count * reference_.stride(), 0);
     light_.assign(count, 0);
     seen_light_.assign(count, 0);
     seen_hord_.assign(count, 0);
@@ -336,13 +336,13 @@ Result<void> Learner::learn_golden(bool register_again) {
             poses_[k] = found.pose;
             lights_[k] = found.light;
         }
-        add_golden(part, PoseMap(*poses_[k], extents_), lights_[k]);
+        add_reference_hord(part, PoseMap(*poses_[k], extents_), lights_[k]);
         lights.push_back(lights_[k]);
     }
     if (auto fine = enough(); !fine) return fine;
     release(part.shares);
-    finish_golden(static_cast<double>(lights.size()), median(lights));
-    release(golden_);
+    finish_mean_hords(static_cast<double>(lights.size()), median(lights));
+    release(reference_hords_);
     return {};
 }
 
@@ -361,8 +361,8 @@ void Learner::add_spread(std::uint32_t part, const Difference& d) {
     add(Deviation::light, d.light * d.light, d.light_variance);
     if (d.has_hord) {
         ++s.hords;
-        add(Deviation::bend, (d.x * d.x + d.y * d.y) / 2, (d.x_variance + d.y_variance) / 2);
-        add(Deviation::blur, d.blur * d.blur, d.blur_variance);
+        add(Deviation::deflection_shift, (d.x * d.x + d.y * d.y) / 2, (d.x_variance + d.y_variance) / 2);
+        add(Deviation::scattering, d.scattering * d.scattering, d.blur_variance);
         const auto w = static_cast<std::size_t>(Deviation::shape);
         const float excess = (d.chi2 - d.degrees) / d.sum;
         s.squares[w] += excess;
@@ -421,8 +421,8 @@ void Learner::finish_spread(double parts) {
                         tails.push_back(static_cast<double>(tail[k]));
                     }
                 }
-                spread[static_cast<std::size_t>(n * extents_.m + m)] = std::max(
-                    kLeastSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median(tails)) : 0));
+                spread[static_cast<std::size_t>(n * extents_.m + m)] =
+                    std::max(kMinSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median(tails)) : 0));
             }
         }
     }
@@ -445,7 +445,7 @@ Result<void> Learner::learn_spread() {
         if (!mapper) return tl::unexpected(mapper.error());
         mappers[f].emplace(std::move(*mapper));
     }
-    Comparer comparer(reference_);
+    ReferenceComparer comparer(reference_);
     std::vector<Difference> differences(static_cast<std::size_t>(extents_.m));
     Part part;
     spread_.assign(extents_.lenslets(), {});
@@ -523,10 +523,10 @@ Result<Learned> Learner::run() {
     }
     if (auto fine = enough(); !fine) return tl::unexpected(fine.error());
     centre_poses();
-    if (auto done = learn_golden(false); !done) return tl::unexpected(done.error());
+    if (auto done = learn_mean_hords(false); !done) return tl::unexpected(done.error());
     bool calibrated = options_.electrons_per_dn.has_value();
     for (;;) {
-        if (auto done = learn_golden(true); !done) return tl::unexpected(done.error());
+        if (auto done = learn_mean_hords(true); !done) return tl::unexpected(done.error());
         if (auto done = learn_spread(); !done) return tl::unexpected(done.error());
         if (!calibrated && !chi2_ratios_.empty()) {
             // Twice: the floor of read noise does not scale.

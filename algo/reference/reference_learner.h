@@ -3,9 +3,9 @@
 // Frames are asked for again and again, in order, and one is held at a time: any number of parts, the same memory. The
 // passes:
 //   1  where each part lies, compared with one of them; the middle of these poses becomes the reference's
-//   2  golden HORDs: the mean of all parts' HORDs at the same place of the part (cubic interpolation between lenslets)
-//   3  poses and golden HORDs again, now registered to the golden ones, which are free of noise
-//   4  spread: how much the parts differ from the golden HORDs, beyond what their light explains. Trimmed: the largest
+//   2  reference HORDs: the mean of all parts' HORDs at the same place of the part (cubic interpolation between
+//   lenslets) 3  poses and reference HORDs again, now registered to the reference ones, which are free of noise 4
+//   spread: how much the parts differ from the reference HORDs, beyond what their light explains. Trimmed: the largest
 //   of a lenslet's
 //      squared deviations is left out and the mean corrected for it (as if normal), then averaged over 3x3 lenslets.
 //      Where the largest ones of most of the 3x3 say more (at edges deviations are not normal: they are how an edge

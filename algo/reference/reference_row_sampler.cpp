@@ -9,8 +9,8 @@ namespace hord::algo {
 
 namespace {
 
-constexpr int kLanes = kGoldenLanes, kSides = GoldenRow::kSides, kAcross = GoldenPlanes::kAcross,
-              kRowsTogether = GoldenPlanes::kRowsTogether;
+constexpr int kLanes = kGoldenLanes, kSides = ReferenceRowSampler::kSides, kAcross = ReferenceSoa::kAcross,
+              kRowsTogether = ReferenceSoa::kRowsTogether;
 
 constexpr int floor_of(double v) {
     const int towards_zero = static_cast<int>(v);
@@ -39,8 +39,8 @@ constexpr CubicTable kCubic;
 
 // The bins `bins` of a block's columns where the line crosses them: sums over the rows where `lit`, else nothing.
 template <int Bytes>
-HORD_ALWAYS_INLINE void join(const GoldenRow::Join& from, const BinRect& bins, const BinRect& lit, int bin_columns,
-                             float* __restrict out) {
+HORD_ALWAYS_INLINE void join(const ReferenceRowSampler::Join& from, const BinRect& bins, const BinRect& lit,
+                             int bin_columns, float* __restrict out) {
     constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
     using Floats = Vector<float, Bytes>;
     const auto clear = [&](int j, int left, int right) {
@@ -82,8 +82,9 @@ HORD_ALWAYS_INLINE void join(const GoldenRow::Join& from, const BinRect& bins, c
 
 // Between four columns: the share at the part's light. Nothing where the dark level leaves nothing.
 template <int Bytes>
-HORD_ALWAYS_INLINE void interpolate(const GoldenRow::Between& between, int first, const BinRect& bins,
-                                    const float* light, GoldenRow::Lanes& lanes, float* __restrict out, int pitch) {
+HORD_ALWAYS_INLINE void interpolate(const ReferenceRowSampler::Between& between, int first, const BinRect& bins,
+                                    const float* light, ReferenceRowSampler::Lanes& lanes, float* __restrict out,
+                                    int pitch) {
     constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
     using Floats = Vector<float, Bytes>;
     const Floats nothing{};
@@ -114,11 +115,12 @@ HORD_ALWAYS_INLINE void interpolate(const GoldenRow::Between& between, int first
 }
 
 HORD_FOR_EACH_ISA(join_for, void, join,
-                  (const GoldenRow::Join& from, const BinRect& bins, const BinRect& lit, int bin_columns, float* out),
+                  (const ReferenceRowSampler::Join& from, const BinRect& bins, const BinRect& lit, int bin_columns,
+                   float* out),
                   (from, bins, lit, bin_columns, out))
 HORD_FOR_EACH_ISA(interpolate_for, void, interpolate,
-                  (const GoldenRow::Between& between, int first, const BinRect& bins, const float* light,
-                   GoldenRow::Lanes& lanes, float* out, int pitch),
+                  (const ReferenceRowSampler::Between& between, int first, const BinRect& bins, const float* light,
+                   ReferenceRowSampler::Lanes& lanes, float* out, int pitch),
                   (between, first, bins, light, lanes, out, pitch))
 
 }  // namespace
@@ -126,7 +128,7 @@ HORD_FOR_EACH_ISA(interpolate_for, void, interpolate,
 QuantisedCubic quantised(const CubicWeights& weights) { return quantised_of(weights); }
 const QuantisedCubic& cubic_at(double t) { return kCubic.of[static_cast<int>(t * CubicTable::kPlaces + 0.5)]; }
 
-GoldenPlanes::GoldenPlanes(const Reference& reference)
+ReferenceSoa::ReferenceSoa(const Reference& reference)
     : blocks_((reference.extents.m + kLanes - 1) / kLanes),
       blocks_of_(static_cast<std::size_t>(reference.extents.n) * static_cast<std::size_t>(blocks_)),
       light_(blocks_of_.size()) {
@@ -185,11 +187,11 @@ GoldenPlanes::GoldenPlanes(const Reference& reference)
     }
 }
 
-GoldenRow::GoldenRow(const Reference& reference, const GoldenPlanes& planes, Isa isa)
+ReferenceRowSampler::ReferenceRowSampler(const Reference& reference, const ReferenceSoa& planes, Isa isa)
     : reference_(reference), planes_(planes), columns_(static_cast<std::size_t>(reference.extents.bins() * 2)),
       join_(join_for(isa)), interpolate_(interpolate_for(isa)) {}
 
-void GoldenRow::start_row(const PoseMap& pose, int n, double light) {
+void ReferenceRowSampler::start_row(const PoseMap& pose, int n, double light) {
     const auto first = pose.to_reference(0, n), last = pose.to_reference(reference_.extents.m - 1, n);
     line_m_ = first.m, line_n_ = first.n;
     line_slope_ = (last.n - first.n) / (last.m - first.m);
@@ -198,7 +200,7 @@ void GoldenRow::start_row(const PoseMap& pose, int n, double light) {
 }
 
 // Where the line crosses the block's columns, and with which weights.
-void GoldenRow::find(int block, Side& side, int lane) {
+void ReferenceRowSampler::find(int block, Side& side, int lane) {
     side.block = block;
     side.plain = 0;
     side.lit = side.ready = {};
@@ -230,7 +232,7 @@ void GoldenRow::find(int block, Side& side, int lane) {
     if (side.plain == 0) return;
     side.lit = planes_.block(top, block).lit;
     for (int r = 0; r < join.rows; ++r) {
-        const GoldenPlanes::Block& from = planes_.block(top + r, block);
+        const ReferenceSoa::Block& from = planes_.block(top + r, block);
         join.from[r] = planes_.shares(from);
         join.stored[r] = from.stored;
         const float* of_row = planes_.light(top + r, block);
@@ -238,12 +240,12 @@ void GoldenRow::find(int block, Side& side, int lane) {
     }
 }
 
-void GoldenRow::write(const BinRect& bins, Side& side, int lane) {
+void ReferenceRowSampler::write(const BinRect& bins, Side& side, int lane) {
     join_(side.join, bins, side.lit, reference_.extents.i, columns_.front().of + lane);
     side.ready = bins;
 }
 
-void GoldenRow::move_to(int block) {
+void ReferenceRowSampler::move_to(int block) {
     if (here_.block == block) return;
     if (next_.block == block) {
         here_ = next_;
@@ -265,7 +267,7 @@ void GoldenRow::move_to(int block) {
     lit_.cover(next_.lit);
 }
 
-void GoldenRow::interpolate(int first, const BinRect& bins, Lanes& lanes, float* out, int pitch) {
+void ReferenceRowSampler::interpolate(int first, const BinRect& bins, Lanes& lanes, float* out, int pitch) {
     if (!here_.ready.has(bins)) write(bins, here_, 0);
     if (!next_.ready.has(bins)) write(bins, next_, kLanes);
     const Between between{columns_.front().of, reference_.extents.i, static_cast<float>(row_light_),

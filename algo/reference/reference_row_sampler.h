@@ -1,4 +1,4 @@
-// The golden HORDs along a row of a part, sixteen lenslets side by side: the same bin of neighbouring lenslets lies
+// The reference HORDs along a row of a part, sixteen lenslets side by side: the same bin of neighbouring lenslets lies
 // together, so that one instruction works on as many lenslets as it has lanes.
 //
 // A part's row lies on a straight line in the reference, its lenslets all but a lenslet apart. Every column of the
@@ -6,7 +6,7 @@
 // lenslet between four such columns along the line (another cubic). Columns come in blocks of sixteen, and with a block
 // the lenslets whose four columns begin in it.
 //
-// GoldenPlanes is the reference stored for that, made once: of every row and block of columns the bins that have light
+// ReferenceSoa is the reference stored for that, made once: of every row and block of columns the bins that have light
 // there or up to four rows away, column by column, as floats. At the paper's size 56 MB; threads share it.
 //
 // Formats. Shares are Q0.15 below 1, cubic weights Q1.7: the sum over four lenslets stays below 1.25 * 2^7 * 2^15 <
@@ -52,20 +52,20 @@ struct alignas(kGoldenLanes * sizeof(float)) LaneLine {
     float of[kGoldenLanes];
 };
 
-class GoldenPlanes {
+class ReferenceSoa {
   public:
     static constexpr int kAcross = 4,
                          kRowsTogether = kAcross +
         1;  // a cubic's rows; those that a block's columns may need, where the line is not level
 
-    explicit GoldenPlanes(const Reference& reference);
+    explicit ReferenceSoa(const Reference& reference);
 
     struct Block {
         std::uint32_t first = 0;  // of shares, in vectors of sixteen
         BinRect stored;           // these bins, row by row
         BinRect lit;              // with light in this row or one of the four below it
         std::uint16_t plain =
-            0;  // columns where this lenslet and the three below it have a golden HORD; bit c: column c
+            0;  // columns where this lenslet and the three below it have a reference HORD; bit c: column c
     };
     [[nodiscard]] int blocks() const { return blocks_; }
     [[nodiscard]] const Block& block(int row, int block) const { return blocks_of_[index(row, block)]; }
@@ -82,10 +82,10 @@ class GoldenPlanes {
     std::vector<LaneLine> shares_;
 };
 
-class GoldenRow {
+class ReferenceRowSampler {
   public:
     // Both outlive it.
-    GoldenRow(const Reference& reference, const GoldenPlanes& planes, Isa isa);
+    ReferenceRowSampler(const Reference& reference, const ReferenceSoa& planes, Isa isa);
 
     // Begins row n of a part that lies so, at `light` times the reference's light.
     void start_row(const PoseMap& pose, int n, double light);
@@ -99,20 +99,21 @@ class GoldenRow {
 
     // What lanes_at_once() lanes from `first` on expect.
     struct Lanes {
-        alignas(64) float weights[GoldenPlanes::kAcross][kGoldenLanes];  // in: cubic along the row, Q1.7
+        alignas(64) float weights[ReferenceSoa::kAcross][kGoldenLanes];  // in: cubic along the row, Q1.7
         alignas(64) float light[kGoldenLanes];                           // out: DN, at the reference's light
-        alignas(64) float share[kGoldenLanes];  // out: of it the part has, at its light: what the golden bins add up to
+        alignas(
+            64) float share[kGoldenLanes];  // out: of it the part has, at its light: what the reference bins add up to
     };
-    // `out`: the golden bins of `bins`, which has lit(), as shares at the part's light; lane by lane, the next bin so
-    // many lanes further, the next row of bins `pitch` bins.
+    // `out`: the reference bins of `bins`, which has lit(), as shares at the part's light; lane by lane, the next bin
+    // so many lanes further, the next row of bins `pitch` bins.
     void interpolate(int first, const BinRect& bins, Lanes& lanes, float* out, int pitch);
 
     static constexpr int kSides = 2 * kGoldenLanes;  // a block, and the next one
     struct Join {                                    // a block's columns where the line crosses them
-        const float* from[GoldenPlanes::kRowsTogether];
-        BinRect stored[GoldenPlanes::kRowsTogether];
+        const float* from[ReferenceSoa::kRowsTogether];
+        BinRect stored[ReferenceSoa::kRowsTogether];
         int rows = 0;
-        alignas(64) float weights[GoldenPlanes::kRowsTogether][kGoldenLanes];
+        alignas(64) float weights[ReferenceSoa::kRowsTogether][kGoldenLanes];
     };
     struct Between {
         const float* columns;  // of bin (0, 0); the next bin is kSides further
@@ -132,7 +133,7 @@ class GoldenRow {
     void write(const BinRect& bins, Side& side, int lane);
 
     const Reference& reference_;
-    const GoldenPlanes& planes_;
+    const ReferenceSoa& planes_;
     double line_m_ = 0, line_n_ = 0, line_slope_ = 0, row_light_ = 1;  // a place on the row's line, and how it falls
     Side here_, next_;
     std::uint32_t plain_ = 0;

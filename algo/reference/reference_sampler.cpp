@@ -16,7 +16,7 @@ namespace hord::algo {
 
 namespace {
 
-constexpr int kLanes = 8, kLine = GoldenLines::kLine;
+constexpr int kLanes = 8, kLine = ReferenceLines::kLine;
 
 using Eight = Vector<float, kLanes * sizeof(float)>;
 using EightInts = Vector<std::int32_t, kLanes * sizeof(std::int32_t)>;
@@ -36,7 +36,7 @@ HORD_ALWAYS_INLINE float total(const Eight& lanes) {
     return (pair(0) + pair(1)) + (pair(2) + pair(3));
 }
 
-float gather_portable(const GoldenReader::Taps& taps, GoldenLines lines, float* __restrict out) {
+float gather_portable(const ReferenceSampler::Taps& taps, ReferenceLines lines, float* __restrict out) {
     Eight all{};
     for (int k = lines.first; k < lines.end(); k += kLanes) {
         EightInts sum{};
@@ -54,7 +54,8 @@ float gather_portable(const GoldenReader::Taps& taps, GoldenLines lines, float* 
 
 #if defined(__x86_64__)
 // The same integers, two taps in one multiplication.
-[[gnu::target("avx2")]] float gather_avx2(const GoldenReader::Taps& taps, GoldenLines lines, float* __restrict out) {
+[[gnu::target("avx2")]] float gather_avx2(const ReferenceSampler::Taps& taps, ReferenceLines lines,
+                                          float* __restrict out) {
     const auto sixteen = [](const std::uint16_t* from) __attribute__((target("avx2"), always_inline)) {
         return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from));
     };
@@ -95,7 +96,7 @@ constexpr int floor_of(double v) {
 
 }  // namespace
 
-GoldenReader::GoldenReader(const Reference& reference, Isa isa)
+ReferenceSampler::ReferenceSampler(const Reference& reference, Isa isa)
     : reference_(reference), lit_(reference.extents.lenslets()), gather_(gather_for(isa)) {
     const auto stride = reference.stride(), pitch = static_cast<std::size_t>(reference.extents.i + 2);
     for (std::size_t k = 0; k < lit_.size(); ++k) {
@@ -107,7 +108,7 @@ GoldenReader::GoldenReader(const Reference& reference, Isa isa)
     }
 }
 
-GoldenReader::Golden GoldenReader::read(double m, double n, double light, float* bins) const {
+ReferenceSampler::ReferenceHord ReferenceSampler::read(double m, double n, double light, float* bins) const {
     const Extents& e = reference_.extents;
     const auto columns = static_cast<std::size_t>(e.m), stride = reference_.stride();
     const auto index = [&](int x, int y) {
@@ -117,14 +118,14 @@ GoldenReader::Golden GoldenReader::read(double m, double n, double light, float*
     Taps taps;
     double sum = 0;
     std::uint8_t mask = 0;
-    Golden golden;
+    ReferenceHord reference_hord;
     const auto near = Surroundings::of(
         m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & (kOutside | kDark)) == 0; });
     // Dark ones nearby: the light alone, evenly.
     const auto around = near.found
         ? near
         : Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & kOutside) == 0; });
-    if (!around.found) return golden;
+    if (!around.found) return reference_hord;
     const QuantisedCubic along = quantised(near.found ? around.along : CubicWeights::linear_at(m - floor_m)),
                          across = quantised(near.found ? around.across : CubicWeights::linear_at(n - floor_n));
     int count = 0;
@@ -135,24 +136,25 @@ GoldenReader::Golden GoldenReader::read(double m, double n, double light, float*
             const std::size_t k = index(around.m + c, around.n + r);
             mask |= reference_.mask[k];
             sum += w * static_cast<double>(reference_.light[k]);
-            golden.lit.cover(lit_[k]);
+            reference_hord.lit.cover(lit_[k]);
             taps.from[count] = reference_.shares.data() + k * stride;
             taps.weights[count++] = static_cast<std::int16_t>(w);
         }
     }
     for (int t = count; t < 16; ++t) taps.from[t] = reference_.shares.data(), taps.weights[t] = 0;
-    if ((mask & kOutside) != 0) return golden;
-    golden.known = true;
-    golden.light = sum * 0x1p-14;
-    golden.share = light;
-    if ((mask & kDark) != 0 || !(golden.light > 0) || golden.lit.none()) return golden;
+    if ((mask & kOutside) != 0) return reference_hord;
+    reference_hord.known = true;
+    reference_hord.light = sum * 0x1p-14;
+    reference_hord.share = light;
+    if ((mask & kDark) != 0 || !(reference_hord.light > 0) || reference_hord.lit.none()) return reference_hord;
     taps.light = static_cast<float>(light);
-    taps.clip = static_cast<float>(static_cast<double>(reference_.sensor.clip_dn) / golden.light);
-    const int lines = (golden.lit.last() - golden.lit.first()) / kLine + 1;
-    golden.written = {std::min<int>(golden.lit.first(), static_cast<int>(stride) - lines * kLine), lines};
-    golden.share = static_cast<double>(gather_(taps, golden.written, bins));
-    golden.has_hord = golden.share > 0;
-    return golden;
+    taps.clip = static_cast<float>(static_cast<double>(reference_.sensor.clip_dn) / reference_hord.light);
+    const int lines = (reference_hord.lit.last() - reference_hord.lit.first()) / kLine + 1;
+    reference_hord.written = {std::min<int>(reference_hord.lit.first(), static_cast<int>(stride) - lines * kLine),
+                              lines};
+    reference_hord.share = static_cast<double>(gather_(taps, reference_hord.written, bins));
+    reference_hord.has_hord = reference_hord.share > 0;
+    return reference_hord;
 }
 
 }  // namespace hord::algo

@@ -1,6 +1,6 @@
-// The golden HORD at any place between the reference's lenslets, at the light that a part has: by cubic interpolation
-// of the 4x4 lenslets around it, of fewer where some have none. Along a part's row reference_row_sampler.h does the
-// same for many lenslets at once, where all of the 4x4 have one.
+// The reference HORD at any place between the reference's lenslets, at the light that a part has: by cubic
+// interpolation of the 4x4 lenslets around it, of fewer where some have none. Along a part's row
+// reference_row_sampler.h does the same for many lenslets at once, where all of the 4x4 have one.
 //
 // Another light. The dark level cuts `clip` DN off every lit bin, whatever its light. A part with s times the
 // reference's light G = n g has s (G + clip) - clip; bins with less than clip in proportion: s G - (1 - s) min(clip,
@@ -19,7 +19,7 @@
 
 namespace hord::algo {
 
-// Where a golden HORD has light: places as Reference::place, and their columns and rows, the border's bins counted.
+// Where a reference HORD has light: places as Reference::place, and their columns and rows, the border's bins counted.
 class LitPlaces {
   public:
     void cover(int place, int column, int row) { cover(all_of(place, column, row)); }
@@ -49,29 +49,29 @@ class LitPlaces {
 };
 
 // Lines of sixteen places, the last one not beyond a Reference's stride.
-struct GoldenLines {
+struct ReferenceLines {
     static constexpr int kLine = 16;
     int first = 0, count = 0;
     [[nodiscard]] int end() const { return first + count * kLine; }
 };
 
-class GoldenReader {
+class ReferenceSampler {
   public:
-    struct Golden {
+    struct ReferenceHord {
         bool known = false;  // there is light that is known
         bool has_hord = false;
         double light = 0;  // DN, at the reference's light
-        double share = 1;  // of it the part has, at its light: what the golden bins add up to
+        double share = 1;  // of it the part has, at its light: what the reference bins add up to
         LitPlaces lit;
-        GoldenLines written;  // of the bins
+        ReferenceLines written;  // of the bins
     };
 
     // `reference` outlives it.
-    GoldenReader(const Reference& reference, Isa isa);
+    ReferenceSampler(const Reference& reference, Isa isa);
 
-    // At a place of the reference, lenslets. `bins` receives lines of golden bins, as shares at `light` times the
+    // At a place of the reference, lenslets. `bins` receives lines of reference bins, as shares at `light` times the
     // reference's light; the rest of it is left alone. There is room for a Reference's stride.
-    Golden read(double m, double n, double light, float* bins) const;
+    ReferenceHord read(double m, double n, double light, float* bins) const;
 
     struct Taps {
         const std::uint16_t* from[16];
@@ -83,7 +83,7 @@ class GoldenReader {
     const Reference& reference_;
     std::vector<LitPlaces> lit_;  // one a lenslet
 
-    float (*gather_)(const Taps& taps, GoldenLines lines, float* out);
+    float (*gather_)(const Taps& taps, ReferenceLines lines, float* out);
 };
 
 }  // namespace hord::algo

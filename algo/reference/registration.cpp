@@ -16,7 +16,7 @@ constexpr double kSettled = 5e-3;        // lenslets, at the field's rim
 constexpr double kSwings = 1.0 / 8;      // of a step, after three that turned back
 constexpr double kNearlySettled = 0.03;  // where a quarter of the sample has done its part
 constexpr int kCoarseSteps = 12;
-constexpr std::size_t kLeastCoarse = 64;
+constexpr std::size_t kMinCoarse = 64;
 constexpr double kShiftPrior = 1, kTurnPrior = 0.02;  // lenslets, radians
 constexpr double kLightFloor = 0.05,
                  kDeflectionFloor = 0.03;  // of the typical light; bin pitches: what good parts differ by
@@ -123,7 +123,7 @@ MapAt CubicReader::read(std::span<const float> map) const {
     const auto outer = [&](int r) { return (row[r][0] - row[r][1]) - (row[r][2] - row[r][3]); };
     const auto inner = [&](int r) { return row[r][1] + row[r][2]; };
     const float along = outer(1) + outer(2), across = (inner(0) - inner(1)) - (inner(2) - inner(3));
-    at.bend = 0.25 * static_cast<double>(std::max(std::abs(along), std::abs(across)));
+    at.deflection_shift = 0.25 * static_cast<double>(std::max(std::abs(along), std::abs(across)));
     return at;
 }
 
@@ -139,7 +139,7 @@ Registrar::Registrar(const Extents& extents) : extents_(extents) {
         }
         if (coarse) coarse_ = sample_.size();
     }
-    if (coarse_ < kLeastCoarse) coarse_ = sample_.size();
+    if (coarse_ < kMinCoarse) coarse_ = sample_.size();
     ratios_.resize(sample_.size());
 }
 
@@ -191,7 +191,8 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         const double cosine = std::sqrt(1 - turn * turn);
         const auto add = [&](double part, const MapAt& at, double x, double y, double turned, double plain_noise,
                              double own) {
-            const double bend = kBendNoise * at.bend, noise = std::sqrt(plain_noise * plain_noise + bend * bend);
+            const double deflection_shift = kBendNoise * at.deflection_shift,
+                         noise = std::sqrt(plain_noise * plain_noise + deflection_shift * deflection_shift);
             // Of the reference at q by the pose: dq/dx = -R(-turn) e_x, dq/dturn = (y', -x') with (x', y') = q.
             const std::array<double, 3> slope{(-at.by_m * cosine + at.by_n * turn) / noise,
                                               (-at.by_m * turn - at.by_n * cosine) / noise,
@@ -218,7 +219,8 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
                 ratios_[count++] = static_cast<double>(sums[s.k]) / light.value;
                 next_typical += light.value;
             }
-            light = {light.value / typical, light.by_m / typical, light.by_n / typical, light.bend / typical};
+            light = {light.value / typical, light.by_m / typical, light.by_n / typical,
+                     light.deflection_shift / typical};
             const double seen = static_cast<double>(sums[s.k]) / (found.light * typical);
             add(seen, light, x, y, 0, light_noise, light_in);
             compared += 1;
@@ -229,9 +231,9 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
                 const Deflection& d = deflections[s.k];
                 // Turning the part turns its deflections, too.
                 const MapAt along_x{wanted.m, dx.by_m * cosine - dy.by_m * turn, dx.by_n * cosine - dy.by_n * turn,
-                                    dx.bend};
+                                    dx.deflection_shift};
                 const MapAt along_y{wanted.n, dy.by_m * cosine + dx.by_m * turn, dy.by_n * cosine + dx.by_n * turn,
-                                    dy.bend};
+                                    dy.deflection_shift};
                 add(bins(d.x), along_x, x, y, -wanted.n, deflection_noise, deflection_in);
                 add(bins(d.y), along_y, x, y, wanted.m, deflection_noise, deflection_in);
                 strange =

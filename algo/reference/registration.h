@@ -75,7 +75,7 @@ class Registrar {
 // outside or one of them has one of the mask's bits `without`.
 struct MapAt {
     double value = 0, by_m = 0, by_n = 0;
-    double bend = 0;  // how much its slope changes over a lenslet: 0 where it is even, large at edges
+    double deflection_shift = 0;  // how much its slope changes over a lenslet: 0 where it is even, large at edges
 };
 class CubicReader {
   public:

@@ -9,37 +9,38 @@ namespace hord::algo {
 
 namespace {
 
-constexpr int kLanes = BinFitter::kLanes;
+constexpr int kLanes = TemplateFitter::kLanes;
 constexpr int kReach = 2;       // bins that scattering reaches
 constexpr int kCacheLine = 64;  // bytes
-constexpr int kMostBins = kMaxBins * kMaxBins;
-// Golden bins have room for the reach around them, along their rows for that of the bins which are reached; rows that
-// are scattered, twice the reach above and below.
-constexpr int kMostGolden = (kMaxBins + 2 * kReach) * (kMaxBins + 4 * kReach),
-              kMostHalf = (kMaxBins + 4 * kReach) * kMaxBins;
+constexpr int kMaxBinCount = kMaxBins * kMaxBins;
+// Reference bins have room for the reach around them, along their rows for that of the bins which are reached; rows
+// that are scattered, twice the reach above and below.
+constexpr int kMaxReference = (kMaxBins + 2 * kReach) * (kMaxBins + 4 * kReach),
+              kMaxHalf = (kMaxBins + 4 * kReach) * kMaxBins;
 
 }  // namespace
 
 // Of the lanes that are fitted at once, `lanes` floats a bin.
-struct BinFitter::Work {
+struct TemplateFitter::Work {
     int lanes = 0, first = 0;
     BinRect lit, window;               // what scattering reaches, within the HORD
-    int golden_pitch = 0;              // bins
+    int reference_pitch = 0;           // bins
     BinRect golden_clear, half_clear;  // of this size what is around the bins is 0
-    alignas(64) float golden[kMostGolden * kLanes];
-    alignas(64) float half[kMostHalf * kLanes];      // scattered along the rows
-    alignas(64) float blur[kMostBins * kLanes];      // of the window: the template b,
-    alignas(64) float residual[kMostBins * kLanes];  // and r
-    alignas(64) float mass[kMostBins][kLanes];       // of all sixteen lanes
+    alignas(64) float reference_hord[kMaxReference * kLanes];
+    alignas(64) float half[kMaxHalf * kLanes];            // scattered along the rows
+    alignas(64) float scattering[kMaxBinCount * kLanes];  // of the window: the template b,
+    alignas(64) float residual[kMaxBinCount * kLanes];    // and r
+    alignas(64) float mass[kMaxBinCount][kLanes];         // of all sixteen lanes
 
-    [[nodiscard]] float* golden_at(int i, int j) {
-        return golden + std::ptrdiff_t{(j - lit.top + kReach) * golden_pitch + i - lit.left + 2 * kReach} * lanes;
+    [[nodiscard]] float* reference_hord_at(int i, int j) {
+        return reference_hord +
+            std::ptrdiff_t{(j - lit.top + kReach) * reference_pitch + i - lit.left + 2 * kReach} * lanes;
     }
 };
 
 namespace {
 
-using Work = BinFitter::Work;
+using Work = TemplateFitter::Work;
 using Eight = Vector<std::uint16_t, 16>;
 
 // Eight vectors of eight become their columns, by three perfect shuffles.
@@ -106,7 +107,7 @@ HORD_ALWAYS_INLINE void take(const LensletSamples<Sample> (&samples)[kLanes], co
     }
 }
 
-// Golden bins scattered along their rows, by the binomial 1 4 6 4 1.
+// Reference bins scattered along their rows, by the binomial 1 4 6 4 1.
 template <int Bytes>
 HORD_ALWAYS_INLINE void scatter(Work& work) {
     constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
@@ -114,7 +115,7 @@ HORD_ALWAYS_INLINE void scatter(Work& work) {
     const BinRect &lit = work.lit, &window = work.window;
     float* half = work.half + std::ptrdiff_t{2 * kReach * window.columns()} * kWide;
     for (int j = lit.top; j <= lit.bottom; ++j) {
-        const float* at = work.golden_at(window.left, j);
+        const float* at = work.reference_hord_at(window.left, j);
         for (int i = window.left; i <= window.right; ++i, at += kWide, half += kWide) {
             const Floats beside = load<Floats>(at - kWide) + load<Floats>(at + kWide),
                          outer = load<Floats>(at - 2 * kWide) + load<Floats>(at + 2 * kWide);
@@ -147,12 +148,12 @@ HORD_ALWAYS_INLINE void for_parts(int j, const BinRect& lit, const BinRect& wind
 }
 
 template <int Bytes>
-HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits& fits) {
+HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::Fits& fits) {
     constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
     using Floats = Vector<float, Bytes>;
     const BinRect lit = work.lit, window = work.window;
     const int first = work.first, columns = window.columns(), bin_columns = extents.i;
-    const std::ptrdiff_t pitch = std::ptrdiff_t{work.golden_pitch} * kWide,
+    const std::ptrdiff_t pitch = std::ptrdiff_t{work.reference_pitch} * kWide,
                          half_pitch = std::ptrdiff_t{columns} * kWide;
     const BinNoise noise = fits.noise;
     const float a_dn = noise.a_dn, soft = noise.soft;
@@ -163,7 +164,7 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits&
     const Floats linear = (a_dn * soft + empty) + noise.lit, constant = empty * soft, dark_weight = 1.0F / empty;
     Floats rx{}, ry{}, rb{}, xx{}, xy{}, xb{}, yy{}, yb{}, bb{};
     // What a bin adds to the sums.
-    const auto add = [&]<Part part>(int bin, const float* g, const float* half, float* blur, float* residual)
+    const auto add = [&]<Part part>(int bin, const float* g, const float* half, float* scattering, float* residual)
         __attribute__((always_inline)) {
         const Floats outer = load<Floats>(half - 2 * half_pitch) + load<Floats>(half + 2 * half_pitch),
                      inner = load<Floats>(half - half_pitch) + load<Floats>(half + half_pitch);
@@ -176,7 +177,7 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits&
             b -= here;
             r -= e;
         }
-        store(b, blur);
+        store(b, scattering);
         store(r, residual);
         const Floats wb = w * b;
         rb += wb * r;
@@ -196,13 +197,13 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits&
         }
     };
     const float* half = work.half + (window.top - lit.top + 2 * kReach) * half_pitch;
-    float *blur = work.blur, *residual = work.residual;
+    float *scattering = work.scattering, *residual = work.residual;
     for (int j = window.top; j <= window.bottom; ++j) {
         int i = window.left, bin = j * bin_columns + i;
-        const float* g = work.golden_at(i, j);
+        const float* g = work.reference_hord_at(i, j);
         const auto run = [&]<Part part>(int end) __attribute__((always_inline)) {
-            for (; i < end; ++i, ++bin, g += kWide, half += kWide, blur += kWide, residual += kWide)
-                add.template operator()<part>(bin, g, half, blur, residual);
+            for (; i < end; ++i, ++bin, g += kWide, half += kWide, scattering += kWide, residual += kWide)
+                add.template operator()<part>(bin, g, half, scattering, residual);
         };
         for_parts(j, lit, window, run);
     }
@@ -238,7 +239,7 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits&
         const Doubles per_dn = 1 / of(n), of_shift = 2 * per_dn;  // differences are over two bins
         const int at = first + h * kHalf;
         halves(of_a * of_shift, fits.x + at), halves(of_b * of_shift, fits.y + at),
-            halves(of_c * per_dn, fits.blur + at);
+            halves(of_c * per_dn, fits.scattering + at);
         const Doubles to_shift = inverse * of_shift, to_variance = to_shift * of_shift;
         halves(c_xx * to_variance, fits.x_variance + at), halves(c_yy * to_variance, fits.y_variance + at),
             halves(c_bb * inverse * (per_dn * per_dn), fits.blur_variance + at);
@@ -255,18 +256,18 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, BinFitter::Fits&
     const auto of_a = load<Floats>(a), of_b = load<Floats>(b), of_c = load<Floats>(c);
     const float read = noise.quiet + noise.lit, per_read = 1.0F / read;
     Floats squares{}, dark{}, narrowed{};
-    blur = work.blur, residual = work.residual;
+    scattering = work.scattering, residual = work.residual;
     for (int j = window.top; j <= window.bottom; ++j) {
         int i = window.left;
-        const float* g = work.golden_at(i, j);
+        const float* g = work.reference_hord_at(i, j);
         const auto run = [&]<Part part>(int end) __attribute__((always_inline)) {
-            for (; i < end; ++i, g += kWide, blur += kWide, residual += kWide) {
+            for (; i < end; ++i, g += kWide, scattering += kWide, residual += kWide) {
                 Floats rest = load<Floats>(residual);
                 if constexpr (part == Part::bright || part == Part::beside)
                     rest -= of_a * (load<Floats>(g - kWide) - load<Floats>(g + kWide));
                 if constexpr (part == Part::bright || part == Part::above)
                     rest -= of_b * (load<Floats>(g - pitch) - load<Floats>(g + pitch));
-                rest -= of_c * load<Floats>(blur);
+                rest -= of_c * load<Floats>(scattering);
                 if constexpr (part == Part::bright) {
                     const Floats e = n * load<Floats>(g), more = e + soft, w = 1.0F / ((a_dn * e + read) * more);
                     squares += (w * more) * (rest * rest);
@@ -305,39 +306,39 @@ HORD_FOR_EACH_ISA(take16_for, void, take,
                    Work& work),
                   (samples, extents, dark, work))
 HORD_FOR_EACH_ISA(scatter_for, void, scatter, (Work & work), (work))
-HORD_FOR_EACH_ISA(fit_for, void, fit, (Work & work, const Extents& extents, BinFitter::Fits& fits),
+HORD_FOR_EACH_ISA(fit_for, void, fit, (Work & work, const Extents& extents, TemplateFitter::Fits& fits),
                   (work, extents, fits))
 
 }  // namespace
 
-BinFitter::BinFitter(const Extents& extents, Isa isa)
+TemplateFitter::TemplateFitter(const Extents& extents, Isa isa)
     : extents_(extents), at_once_(lanes_at_once(isa)), work_(std::make_unique<Work>()), take8_(take8_for(isa)),
       take16_(take16_for(isa)), scatter_(scatter_for(isa)), fit_(fit_for(isa)) {
     work_->lanes = at_once_;
 }
-BinFitter::BinFitter(BinFitter&&) noexcept = default;
-BinFitter::~BinFitter() = default;
+TemplateFitter::TemplateFitter(TemplateFitter&&) noexcept = default;
+TemplateFitter::~TemplateFitter() = default;
 
-void BinFitter::take(const LensletSamples<std::uint8_t> (&samples)[kLanes], std::uint32_t dark) {
+void TemplateFitter::take(const LensletSamples<std::uint8_t> (&samples)[kLanes], std::uint32_t dark) {
     take8_(samples, extents_, dark, *work_);
 }
-void BinFitter::take(const LensletSamples<std::uint16_t> (&samples)[kLanes], std::uint32_t dark) {
+void TemplateFitter::take(const LensletSamples<std::uint16_t> (&samples)[kLanes], std::uint32_t dark) {
     take16_(samples, extents_, dark, *work_);
 }
 
-void BinFitter::start(int first, const BinRect& lit) {
+void TemplateFitter::start(int first, const BinRect& lit) {
     Work& w = *work_;
     w.first = first;
     w.lit = lit;
     const auto least = [](int v) { return static_cast<std::int16_t>(std::max(v - kReach, 0)); };
     const auto most = [](int v, int end) { return static_cast<std::int16_t>(std::min(v + kReach, end - 1)); };
     w.window = {least(lit.left), most(lit.right, extents_.i), least(lit.top), most(lit.bottom, extents_.j)};
-    w.golden_pitch = lit.columns() + 4 * kReach;
+    w.reference_pitch = lit.columns() + 4 * kReach;
     const auto same_size = [](const BinRect& a, const BinRect& b) {
         return a.columns() == b.columns() && a.rows() == b.rows();
     };
     if (!same_size(w.golden_clear, lit)) {
-        std::fill_n(w.golden, w.golden_pitch * (lit.rows() + 2 * kReach) * w.lanes, 0.0F);
+        std::fill_n(w.reference_hord, w.reference_pitch * (lit.rows() + 2 * kReach) * w.lanes, 0.0F);
         w.golden_clear = lit;
     }
     const BinRect half{w.window.left, w.window.right, lit.top, lit.bottom};
@@ -347,29 +348,30 @@ void BinFitter::start(int first, const BinRect& lit) {
     }
 }
 
-float* BinFitter::golden(int i, int j) { return work_->golden_at(i, j); }
-int BinFitter::golden_pitch() const { return work_->golden_pitch; }
+float* TemplateFitter::reference_hord(int i, int j) { return work_->reference_hord_at(i, j); }
+int TemplateFitter::reference_pitch() const { return work_->reference_pitch; }
 
-float BinFitter::mass(int lane, int i, int j) const { return work_->mass[j * extents_.i + i][lane]; }
-float BinFitter::golden(int lane, int i, int j) const {
-    return work_->lit.has(i, j) ? work_->golden_at(i, j)[lane - work_->first] : 0.0F;
+float TemplateFitter::mass(int lane, int i, int j) const { return work_->mass[j * extents_.i + i][lane]; }
+float TemplateFitter::reference_hord(int lane, int i, int j) const {
+    return work_->lit.has(i, j) ? work_->reference_hord_at(i, j)[lane - work_->first] : 0.0F;
 }
 
-float BinFitter::blur_of(int lane, int i, int j) const {
+float TemplateFitter::scattering_of(int lane, int i, int j) const {
     const BinRect& window = work_->window;
-    return work_->blur[((j - window.top) * window.columns() + i - window.left) * work_->lanes + lane - work_->first];
+    return work_
+        ->scattering[((j - window.top) * window.columns() + i - window.left) * work_->lanes + lane - work_->first];
 }
 
-// The bend as if the largest reading of the dark bins that scattering reaches were the second largest.
-void BinFitter::limit_largest_dark(Fits& fits, int lane) const {
+// The deflection_shift as if the largest reading of the dark bins that scattering reaches were the second largest.
+void TemplateFitter::limit_largest_dark(Fits& fits, int lane) const {
     const BinRect& window = work_->window;
     float largest = 0, second = 0;
     int at_i = -1, at_j = -1;
     for (int j = window.top; j <= window.bottom; ++j) {
         for (int i = window.left; i <= window.right; ++i) {
             const float reading = mass(lane, i, j);
-            if (reading <= second || blur_of(lane, i, j) == 0 ||
-                fits.light[lane] * golden(lane, i, j) >= fits.noise.soft)
+            if (reading <= second || scattering_of(lane, i, j) == 0 ||
+                fits.light[lane] * reference_hord(lane, i, j) >= fits.noise.soft)
                 continue;
             if (reading > largest) second = largest, largest = reading, at_i = i, at_j = j;
             else second = reading;
@@ -377,18 +379,18 @@ void BinFitter::limit_largest_dark(Fits& fits, int lane) const {
     }
     if (!(largest > second)) return;
     const BinNoise& noise = fits.noise;
-    const float e = fits.light[lane] * golden(lane, at_i, at_j), empty = fits.empty[lane];
+    const float e = fits.light[lane] * reference_hord(lane, at_i, at_j), empty = fits.empty[lane];
     const float w = (e + noise.soft) /
         ((noise.a_dn * e + ((noise.a_dn * noise.soft + empty) + noise.lit)) * e + empty * noise.soft),
                 less = w * (second - largest);
-    const float x = golden(lane, at_i - 1, at_j) - golden(lane, at_i + 1, at_j),
-                y = golden(lane, at_i, at_j - 1) - golden(lane, at_i, at_j + 1);
-    const float b = blur_of(lane, at_i, at_j);
+    const float x = reference_hord(lane, at_i - 1, at_j) - reference_hord(lane, at_i + 1, at_j),
+                y = reference_hord(lane, at_i, at_j - 1) - reference_hord(lane, at_i, at_j + 1);
+    const float b = scattering_of(lane, at_i, at_j);
     fits.x[lane] += less * (fits.xx[lane] * x + fits.xy[lane] * y + fits.xb[lane] * b);
     fits.y[lane] += less * (fits.xy[lane] * x + fits.yy[lane] * y + fits.yb[lane] * b);
 }
 
-void BinFitter::fit(Fits& fits, std::uint32_t wanted) {
+void TemplateFitter::fit(Fits& fits, std::uint32_t wanted) {
     scatter_(*work_);
     fit_(*work_, extents_, fits);
     for (int l = work_->first; l < work_->first + at_once_; ++l) {

@@ -1,7 +1,7 @@
-// What explains how a lenslet's bins differ from its golden HORD: light that is shifted, light that is scattered, and a
-// rest.
+// What explains how a lenslet's bins differ from its reference HORD: light that is shifted, light that is scattered,
+// and a rest.
 //
-// With the golden shares g and the light n that the lenslet has, n g is expected in the bins. r = mass - n g is
+// With the reference shares g and the light n that the lenslet has, n g is expected in the bins. r = mass - n g is
 // explained by weighted least squares as
 //
 //     r = n (a G_x + b G_y + c G_s) + rest       weights 1 / variance of the bin
@@ -10,13 +10,13 @@
 // changes (by the binomial 1 4 6 4 1 along each axis, whose variance is one bin squared).
 // algo/reference/reference_comparison.h says what the numbers mean, and where the variances come from.
 //
-// One reading is no bend. Dark bins count with little noise, for most of them read nothing: one that does, beside a
-// spot, looks like a bend of five standard deviations. So where a fit says more than kNotable, the largest reading of a
-// dark bin counts as much as the second largest, and the bend is fitted again: light that is bent is missing where it
-// was.
+// One reading is no deflection_shift. Dark bins count with little noise, for most of them read nothing: one that does,
+// beside a spot, looks like a deflection_shift of five standard deviations. So where a fit says more than kNotable, the
+// largest reading of a dark bin counts as much as the second largest, and the deflection_shift is fitted again: light
+// that is bent is missing where it was.
 //
 // Where the work is. Sixteen lenslets at a time, bin by bin, as many side by side as an instruction takes. Only around
-// the golden HORDs' light is there anything to fit: the bins that are lit in any of the sixteen, those beside them,
+// the reference HORDs' light is there anything to fit: the bins that are lit in any of the sixteen, those beside them,
 // which a shift changes, and those that scattering reaches. All others, and those where nothing is expected, count in
 // chi-square alone.
 //
@@ -50,15 +50,15 @@ struct LensletSamples {
     std::ptrdiff_t line_stride = 0;  // samples
 };
 
-class BinFitter {
+class TemplateFitter {
   public:
     static constexpr int kLanes = kGoldenLanes;
     static constexpr double kNotable = 3;  // standard deviations by noise alone
 
     // Takes all memory.
-    BinFitter(const Extents& extents, Isa isa);
-    BinFitter(BinFitter&&) noexcept;
-    ~BinFitter();
+    TemplateFitter(const Extents& extents, Isa isa);
+    TemplateFitter(TemplateFitter&&) noexcept;
+    ~TemplateFitter();
 
     // The masses of sixteen lenslets: their samples less `dark`, never below 0. From the start of each line
     // `readable()` samples are read.
@@ -69,12 +69,12 @@ class BinFitter {
     // Lanes that are fitted at once.
     [[nodiscard]] int at_once() const { return at_once_; }
 
-    // Begins at_once() lenslets, from lane `first` on, whose golden HORDs have light in these bins alone. Their golden
-    // bins are to be written to golden(i, j), lane by lane; those of the next bin are at_once() further, of the next
-    // row of bins golden_pitch() bins.
+    // Begins at_once() lenslets, from lane `first` on, whose reference HORDs have light in these bins alone. Their
+    // reference bins are to be written to reference(i, j), lane by lane; those of the next bin are at_once() further,
+    // of the next row of bins reference_pitch() bins.
     void start(int first, const BinRect& lit);
-    float* golden(int i, int j);
-    [[nodiscard]] int golden_pitch() const;
+    float* reference_hord(int i, int j);
+    [[nodiscard]] int reference_pitch() const;
 
     // One value a lane.
     struct Fits {
@@ -84,7 +84,7 @@ class BinFitter {
         // Out, in the header's units. `found`: the bins can be told apart by the three; else nothing else means
         // anything.
         alignas(64) std::int32_t found[kLanes];
-        alignas(64) float x[kLanes], y[kLanes], blur[kLanes];  // a, b, c
+        alignas(64) float x[kLanes], y[kLanes], scattering[kLanes];  // a, b, c
         alignas(64) float x_variance[kLanes], y_variance[kLanes], blur_variance[kLanes];
         alignas(64) float chi2[kLanes],
             degrees[kLanes];  // of the rest, with the whole reading noise in dark bins; what noise alone would give
@@ -96,13 +96,13 @@ class BinFitter {
 
     // A lane's bin among those begun last.
     [[nodiscard]] float mass(int lane, int i, int j) const;
-    [[nodiscard]] float golden(int lane, int i, int j) const;
+    [[nodiscard]] float reference_hord(int lane, int i, int j) const;
 
     struct Work;  // algo/reference/template_fit.cpp
 
   private:
     void limit_largest_dark(Fits& fits, int lane) const;
-    [[nodiscard]] float blur_of(int lane, int i, int j) const;
+    [[nodiscard]] float scattering_of(int lane, int i, int j) const;
 
     Extents extents_;
     int at_once_;

@@ -13,7 +13,7 @@
 
 namespace hord::algo {
 
-inline constexpr auto kMembers = [] {
+inline constexpr auto kCompactionTable = [] {
     std::array<std::array<std::uint8_t, 8>, 256> members{};
     for (std::size_t set = 0; set < 256; ++set) {
         std::size_t count = 0;
@@ -26,7 +26,7 @@ inline constexpr auto kMembers = [] {
 
 // Eight bytes; those after the last member are 0.
 [[gnu::target(HORD_AVX2)]] inline __m128i members(std::size_t set) {
-    return _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kMembers[set].data()));
+    return _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kCompactionTable[set].data()));
 }
 
 }  // namespace hord::algo

@@ -14,7 +14,7 @@
 
 namespace hord::algo {
 
-constexpr int kLanes = PlaneBlock::kLanes;
+constexpr int kLanes = SoaBlock::kLanes;
 constexpr int kCacheLine =
     64;                     // bytes; the same samples of the next lenslet row are fetched while this one is worked on
 constexpr int kWindow = 8;  // neighbouring bins that are transposed at once
@@ -22,7 +22,7 @@ constexpr int kColumns = kMaxBins - 1 + kWindow / 2;  // half a window may begin
 
 namespace {
 
-using Wanted = PlaneBlock::Wanted;
+using Wanted = SoaBlock::Wanted;
 using Bytes16 = Vector<std::uint8_t, 16>;
 
 // One bit a byte, of bytes that are all ones or none.
@@ -171,7 +171,7 @@ struct Ints {
     }
 };
 
-HORD_ALWAYS_INLINE void light(PlaneBlock::Lit& all, int first, std::uint32_t bins) {
+HORD_ALWAYS_INLINE void light(SoaBlock::Lit& all, int first, std::uint32_t bins) {
     all[static_cast<std::size_t>(first / 64)] |= std::uint64_t{bins} << (first % 64);
     if (first % 64 > 64 - kMaxBins) all[static_cast<std::size_t>(first / 64 + 1)] |= bins >> (64 - first % 64);
 }
@@ -186,7 +186,7 @@ struct LineSums {
 template <int Bytes>
 HORD_ALWAYS_INLINE void gather_line(const std::uint8_t* line, int j, std::uint32_t lit, const Extents& extents,
                                     const std::uint8_t* darkness, Wanted wanted, int& count, EvenOdd* columns,
-                                    LineSums<EvenOdd>& sums, PlaneBlock& block) {
+                                    LineSums<EvenOdd>& sums, SoaBlock& block) {
     const auto take = [&](const Bytes16(&four)[4], int first) __attribute__((always_inline)) {
         for (int k = 0; k < 4; ++k) {
             const auto masses = EvenOdd::of(four[k]);
@@ -220,7 +220,7 @@ HORD_ALWAYS_INLINE void gather_line(const std::uint8_t* line, int j, std::uint32
 template <int Bytes>
 HORD_ALWAYS_INLINE void gather_line(const std::uint16_t* line, int j, std::uint32_t lit, const Extents& extents,
                                     const std::uint16_t* darkness, Wanted wanted, int& count, Ints<Bytes>* columns,
-                                    LineSums<Ints<Bytes>>& sums, PlaneBlock& block) {
+                                    LineSums<Ints<Bytes>>& sums, SoaBlock& block) {
     using Words16 = Vector<std::uint16_t, 32>;
     const Words16 dark = Words16{} + darkness[0];
     for (; lit != 0; lit &= lit - 1) {
@@ -251,7 +251,7 @@ HORD_ALWAYS_INLINE const Ints<Bytes>& ints(const Ints<Bytes>& sums) {
 // Finds the bins that are lit in any of the sixteen lenslets, gathers those, and adds them up.
 template <int Bytes, class Sample>
 HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, const Extents& extents,
-                               const LightLevels& levels, Wanted wanted, PlaneBlock& block) {
+                               const LightLevels& levels, Wanted wanted, SoaBlock& block) {
     using Samples = Vector<Sample, kLanes * sizeof(Sample)>;
     using Sums = std::conditional_t<sizeof(Sample) == 1, EvenOdd, Ints<Bytes>>;
     const int bins_i = extents.i, bins_j = extents.j;
@@ -309,7 +309,7 @@ HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, con
 }
 
 template <int Bytes>
-HORD_ALWAYS_INLINE void make_shares(const PlaneBlock& block, std::size_t stride, bool roots, float* first) {
+HORD_ALWAYS_INLINE void make_shares(const SoaBlock& block, std::size_t stride, bool roots, float* first) {
     constexpr int kOfOne = Ints<Bytes>::kOfOne, kParts = Ints<Bytes>::kParts;
     using Floats = Vector<float, Ints<Bytes>::kBytes>;
     Floats inverse[kParts];
@@ -332,7 +332,7 @@ HORD_ALWAYS_INLINE void make_shares(const PlaneBlock& block, std::size_t stride,
 
 // Cumulative sums are integers until they are scaled.
 template <int Bytes>
-HORD_ALWAYS_INLINE void make_marginals(const PlaneBlock& block, const Extents& extents, std::size_t stride,
+HORD_ALWAYS_INLINE void make_marginals(const SoaBlock& block, const Extents& extents, std::size_t stride,
                                        float* first) {
     const auto along = [&](const std::int32_t(*sums)[kLanes], int count) __attribute__((always_inline)) {
         Ints<Bytes> passed{};
@@ -351,24 +351,23 @@ HORD_ALWAYS_INLINE void make_marginals(const PlaneBlock& block, const Extents& e
 
 HORD_FOR_EACH_ISA(gather8_for, void, gather,
                   (const std::uint8_t* samples, std::ptrdiff_t stride, const Extents& extents,
-                   const LightLevels& levels, Wanted wanted, PlaneBlock& block),
+                   const LightLevels& levels, Wanted wanted, SoaBlock& block),
                   (samples, stride, extents, levels, wanted, block))
 HORD_FOR_EACH_ISA(gather16_for, void, gather,
                   (const std::uint16_t* samples, std::ptrdiff_t stride, const Extents& extents,
-                   const LightLevels& levels, Wanted wanted, PlaneBlock& block),
+                   const LightLevels& levels, Wanted wanted, SoaBlock& block),
                   (samples, stride, extents, levels, wanted, block))
-HORD_FOR_EACH_ISA(shares_for, void, make_shares,
-                  (const PlaneBlock& block, std::size_t stride, bool roots, float* first),
+HORD_FOR_EACH_ISA(shares_for, void, make_shares, (const SoaBlock& block, std::size_t stride, bool roots, float* first),
                   (block, stride, roots, first))
 HORD_FOR_EACH_ISA(marginals_for, void, make_marginals,
-                  (const PlaneBlock& block, const Extents& extents, std::size_t stride, float* first),
+                  (const SoaBlock& block, const Extents& extents, std::size_t stride, float* first),
                   (block, extents, stride, first))
 
 }  // namespace
 
-PlaneBlock::Gather<std::uint8_t> PlaneBlock::gather8(Isa isa) { return gather8_for(isa); }
-PlaneBlock::Gather<std::uint16_t> PlaneBlock::gather16(Isa isa) { return gather16_for(isa); }
-PlaneBlock::Shares PlaneBlock::shares(Isa isa) { return shares_for(isa); }
-PlaneBlock::Marginals PlaneBlock::marginals(Isa isa) { return marginals_for(isa); }
+SoaBlock::Gather<std::uint8_t> SoaBlock::gather8(Isa isa) { return gather8_for(isa); }
+SoaBlock::Gather<std::uint16_t> SoaBlock::gather16(Isa isa) { return gather16_for(isa); }
+SoaBlock::Shares SoaBlock::shares(Isa isa) { return shares_for(isa); }
+SoaBlock::Marginals SoaBlock::marginals(Isa isa) { return marginals_for(isa); }
 
 }  // namespace hord::algo

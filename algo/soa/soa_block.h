@@ -24,11 +24,11 @@
 
 namespace hord::algo {
 
-struct PlaneBlock {
+struct SoaBlock {
     static constexpr int kLanes = 16;      // lenslets
     static constexpr int kReadAhead = 64;  // samples that may be read after the last of a line
 
-    using Lit = std::array<std::uint64_t, (kMostBins + 63) / 64>;
+    using Lit = std::array<std::uint64_t, (kMaxBinCount + 63) / 64>;
 
     // Beside the sums.
     struct Wanted {
@@ -46,19 +46,19 @@ struct PlaneBlock {
     float inverse[kLanes];  // 1 / sum; 0 without a HORD
     Lit lit;                // bins lit in any of the lenslets
     int count = 0;          // those bins, and their masses; one more is written than counts
-    std::uint8_t bin[kMostBins + 1];
-    alignas(kAlignment) std::uint16_t mass[kMostBins + 1][kLanes];
+    std::uint8_t bin[kMaxBinCount + 1];
+    alignas(kAlignment) std::uint16_t mass[kMaxBinCount + 1][kLanes];
 
     template <class Sample>
     using Gather = void (*)(const Sample* samples, std::ptrdiff_t stride, const Extents& extents,
-                            const LightLevels& levels, Wanted wanted, PlaneBlock& block);
+                            const LightLevels& levels, Wanted wanted, SoaBlock& block);
     static Gather<std::uint8_t> gather8(Isa isa);
     static Gather<std::uint16_t> gather16(Isa isa);
 
     // Into planes `stride` apart: h of the lit bins or its roots; cumulative marginals, I-1 along x and J-1 along y.
-    using Shares = void (*)(const PlaneBlock& block, std::size_t stride, bool roots, float* first);
+    using Shares = void (*)(const SoaBlock& block, std::size_t stride, bool roots, float* first);
     static Shares shares(Isa isa);
-    using Marginals = void (*)(const PlaneBlock& block, const Extents& extents, std::size_t stride, float* first);
+    using Marginals = void (*)(const SoaBlock& block, const Extents& extents, std::size_t stride, float* first);
     static Marginals marginals(Isa isa);
 };
 

@@ -11,11 +11,11 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kLanes = PlaneRow::kLanes;
+constexpr int kLanes = SoaRow::kLanes;
 // Far below any share of light (2^-24), and without effect on one; it keeps 0 / 0 away.
 constexpr float kNothing = 1e-30F;
 
-using Lit = PlaneRow::Lit;
+using Lit = SoaRow::Lit;
 
 template <Feature kFeature>
 HORD_ALWAYS_INLINE float term(float a, float b) {
@@ -92,7 +92,7 @@ HORD_ALWAYS_INLINE void divide(const std::int32_t* moment, const std::uint32_t* 
 }
 
 template <int Bytes>
-HORD_ALWAYS_INLINE void slopes(const PlaneFeature::MeanRows& r, bool centroid, int count, float* __restrict values) {
+HORD_ALWAYS_INLINE void slopes(const SoaDistances::MeanRows& r, bool centroid, int count, float* __restrict values) {
     const auto [x_left, x_right, x_above, x_below, y_left, y_right, y_above, y_below] = r;
     if (centroid) {
         for (int m = 0; m < count; ++m) {
@@ -112,15 +112,15 @@ HORD_FOR_EACH_ISA(divide_for, void, divide,
                   (const std::int32_t* moment, const std::uint32_t* sum, int count, std::int32_t* mean),
                   (moment, sum, count, mean))
 HORD_FOR_EACH_ISA(slopes_for, void, slopes,
-                  (const PlaneFeature::MeanRows& rows, bool centroid, int count, float* values),
+                  (const SoaDistances::MeanRows& rows, bool centroid, int count, float* values),
                   (rows, centroid, count, values))
 
-PlaneUse use_of(Feature feature) {
+SoaUse use_of(Feature feature) {
     switch (feature) {
-        case Feature::chi2: return PlaneUse::shares;
-        case Feature::hellinger: return PlaneUse::roots;
-        case Feature::marginal: return PlaneUse::marginals;
-        default: return PlaneUse::sums;
+        case Feature::chi2: return SoaUse::shares;
+        case Feature::hellinger: return SoaUse::roots;
+        case Feature::marginal: return SoaUse::marginals;
+        default: return SoaUse::sums;
     }
 }
 
@@ -129,7 +129,7 @@ void unite(Lit& all, const Lit& more) {
 }
 
 // Every lenslet of the block has a HORD.
-bool whole(const PlaneRow& row, int block) {
+bool whole(const SoaRow& row, int block) {
     std::uint64_t masks[kLanes / 8];
     std::memcpy(masks, row.mask().data() + block * kLanes, sizeof masks);
     return (masks[0] | masks[1]) == 0;
@@ -139,15 +139,15 @@ double squared(double v) { return v * v; }
 
 }  // namespace
 
-bool PlaneFeature::covers(Feature feature) {
+bool SoaDistances::covers(Feature feature) {
     return feature == Feature::centroid || feature == Feature::marginal || feature == Feature::hellinger ||
         feature == Feature::chi2 || (feature >= Feature::jacobian_frobenius && feature <= Feature::anisotropy);
 }
 
-PlaneFeature::PlaneFeature(const Extents& extents, Feature feature, Isa isa, bool keeps_deflections)
+SoaDistances::SoaDistances(const Extents& extents, Feature feature, Isa isa, bool keeps_deflections)
     : extents_(extents), feature_(feature), along_x_(extents.i - 1), divide_(divide_for(isa)),
       slopes_(slopes_for(isa)) {
-    const bool of_sums = use_of(feature) == PlaneUse::sums, moments = of_sums || keeps_deflections;
+    const bool of_sums = use_of(feature) == SoaUse::sums, moments = of_sums || keeps_deflections;
     for (int place = 0; place < 3; ++place) rows_.emplace_back(extents, use_of(feature), isa, moments);
     if (moments) {
         for (Means& means : means_) {
@@ -163,8 +163,8 @@ PlaneFeature::PlaneFeature(const Extents& extents, Feature feature, Isa isa, boo
                                         : add_marginal(isa);
 }
 
-void PlaneFeature::load(const FrameView& frame, const LightLevels& levels, int n) {
-    PlaneRow& r = row(n);
+void SoaDistances::load(const FrameView& frame, const LightLevels& levels, int n) {
+    SoaRow& r = row(n);
     r.decode(frame, levels, n);
     Means& means = means_[static_cast<std::size_t>(n % 3)];
     const auto count = static_cast<int>(means.x.size());
@@ -173,7 +173,7 @@ void PlaneFeature::load(const FrameView& frame, const LightLevels& levels, int n
 }
 
 // Of two lenslets anywhere: the lane of a block that starts with them.
-float PlaneFeature::squared_alone(const PlaneRow& a, int m_a, const PlaneRow& b, int m_b) const {
+float SoaDistances::squared_alone(const SoaRow& a, int m_a, const SoaRow& b, int m_b) const {
     Lit lit = a.lit(m_a / kLanes);
     unite(lit, b.lit(m_b / kLanes));
     const float* p = a.plane(0) + m_a;
@@ -195,15 +195,15 @@ float PlaneFeature::squared_alone(const PlaneRow& a, int m_a, const PlaneRow& b,
     return is_chi2 ? squared_distance<Feature::chi2>(x, y) : squared_distance<Feature::hellinger>(x, y);
 }
 
-Jacobian PlaneFeature::jacobian(int m, int n) const {
-    const PlaneRow& here = loaded(n);
+Jacobian SoaDistances::jacobian(int m, int n) const {
+    const SoaRow& here = loaded(n);
     const Stencil across = stencil(here.has_hord(m - 1), here.has_hord(m + 1)),
                   down = stencil(loaded(n + 2).has_hord(m), loaded(n + 1).has_hord(m));
     return jacobian_of(across, deflection(m + across.before, n), deflection(m + across.after, n), down,
                        deflection(m, n + down.before), deflection(m, n + down.after));
 }
 
-float PlaneFeature::by_deflections(Feature which, int m, int n) const {
+float SoaDistances::by_deflections(Feature which, int m, int n) const {
     switch (which) {
         case Feature::centroid: break;
         case Feature::jacobian_spectral: return singular_norms(jacobian(m, n)).spectral.to_float_rounded();
@@ -211,7 +211,7 @@ float PlaneFeature::by_deflections(Feature which, int m, int n) const {
         case Feature::anisotropy: return singular_norms(jacobian(m, n)).anisotropy.to_float_rounded();
         default: return frobenius_norm(jacobian(m, n)).to_float_rounded();
     }
-    const PlaneRow& here = loaded(n);
+    const SoaRow& here = loaded(n);
     const Stencil across = stencil(here.has_hord(m - 1), here.has_hord(m + 1)),
                   down = stencil(loaded(n + 2).has_hord(m), loaded(n + 1).has_hord(m));
     const Deflection left = deflection(m + across.before, n), right = deflection(m + across.after, n),
@@ -222,16 +222,16 @@ float PlaneFeature::by_deflections(Feature which, int m, int n) const {
 }
 
 // Every lenslet of the block, and every neighbour of one, has a HORD.
-bool PlaneFeature::surrounded(int n, int block) const {
-    const auto of = [&](int r) -> const PlaneRow& { return rows_[static_cast<std::size_t>(r % 3)]; };
-    const PlaneRow& here = of(n);
+bool SoaDistances::surrounded(int n, int block) const {
+    const auto of = [&](int r) -> const SoaRow& { return rows_[static_cast<std::size_t>(r % 3)]; };
+    const SoaRow& here = of(n);
     return whole(here, block) && whole(of(n + 1), block) && whole(of(n + 2), block) &&
         (block == 0 || whole(here, block - 1)) && (block + 1 == here.blocks() || whole(here, block + 1));
 }
 
 // Sixteen lenslets, those with a gradient; first as if no neighbour were missing.
-void PlaneFeature::compare_planes(int n, int block, float* values, const std::uint8_t* mask) {
-    const PlaneRow &above = row(n - 1), &here = row(n), &below = row(n + 1);
+void SoaDistances::compare_planes(int n, int block, float* values, const std::uint8_t* mask) {
+    const SoaRow &above = row(n - 1), &here = row(n), &below = row(n + 1);
     const int first = block * kLanes, count = std::min(kLanes, extents_.m - first);
     Lit lit = here.lit(block);
     if (block > 0) unite(lit, here.lit(block - 1));
@@ -258,8 +258,8 @@ void PlaneFeature::compare_planes(int n, int block, float* values, const std::ui
     }
 }
 
-void PlaneFeature::mark_row(int n, std::uint8_t* mask) const {
-    const PlaneRow &above = loaded(n + 2), &here = loaded(n), &below = loaded(n + 1);
+void SoaDistances::mark_row(int n, std::uint8_t* mask) const {
+    const SoaRow &above = loaded(n + 2), &here = loaded(n), &below = loaded(n + 1);
     const bool edge = n == 0 || n == extents_.n - 1;
     std::copy_n(here.mask().begin(), extents_.m, mask);
     for (int block = 0; block < here.blocks() && !edge; ++block) {
@@ -274,7 +274,7 @@ void PlaneFeature::mark_row(int n, std::uint8_t* mask) const {
     for (int m = 0; m < extents_.m; m += edge ? 1 : extents_.m - 1) mask[m] |= kBorder;
 }
 
-void PlaneFeature::compare_row(int n, float* values, const std::uint8_t* mask) {
+void SoaDistances::compare_row(int n, float* values, const std::uint8_t* mask) {
     if (stride_ == 0) {
         slopes_row(feature_, n, values, mask);
     } else if (n == 0 || n == extents_.n - 1) {
@@ -285,18 +285,18 @@ void PlaneFeature::compare_row(int n, float* values, const std::uint8_t* mask) {
     }
 }
 
-void PlaneFeature::slopes_row(int n, float* frobenius, const std::uint8_t* mask) {
+void SoaDistances::slopes_row(int n, float* frobenius, const std::uint8_t* mask) {
     slopes_row(Feature::jacobian_frobenius, n, frobenius, mask);
 }
 
 // As if no neighbour were missing, where that is quick; then one by one where one is.
-void PlaneFeature::slopes_row(Feature which, int n, float* values, const std::uint8_t* mask) {
+void SoaDistances::slopes_row(Feature which, int n, float* values, const std::uint8_t* mask) {
     if (n == 0 || n == extents_.n - 1) {
         std::fill_n(values, extents_.m, 0.0F);
         return;
     }
     const bool quick = which == Feature::centroid || which == Feature::jacobian_frobenius;
-    const PlaneRow &above = row(n + 2), &here = row(n), &below = row(n + 1);
+    const SoaRow &above = row(n + 2), &here = row(n), &below = row(n + 1);
     if (quick) {
         const Means &up = means_[static_cast<std::size_t>((n + 2) % 3)], &at = means_[static_cast<std::size_t>(n % 3)],
                     &low = means_[static_cast<std::size_t>((n + 1) % 3)];
@@ -317,7 +317,7 @@ void PlaneFeature::slopes_row(Feature which, int n, float* values, const std::ui
     values[0] = values[extents_.m - 1] = 0;
 }
 
-void PlaneFeature::over_neighbours(const FrameView& frame, const LightLevels& levels, int first, int last,
+void SoaDistances::over_neighbours(const FrameView& frame, const LightLevels& levels, int first, int last,
                                    float* values, std::uint8_t* mask, bool goes_on) {
     const auto compare = [&](int n) {
         const std::ptrdiff_t at = std::ptrdiff_t{n} * extents_.m;
@@ -331,7 +331,7 @@ void PlaneFeature::over_neighbours(const FrameView& frame, const LightLevels& le
     if (last == extents_.n) compare(last - 1);
 }
 
-void PlaneFeature::against(const FrameView& frame, const FrameView& reference, const LightLevels& levels, int first,
+void SoaDistances::against(const FrameView& frame, const FrameView& reference, const LightLevels& levels, int first,
                            int last, float* values, std::uint8_t* mask) {
     for (int n = first; n < last; ++n) {
         rows_[0].decode(frame, levels, n);
@@ -340,7 +340,7 @@ void PlaneFeature::against(const FrameView& frame, const FrameView& reference, c
     }
 }
 
-void PlaneFeature::against(const FrameView& frame, std::span<const Hord> reference, const LightLevels& levels,
+void SoaDistances::against(const FrameView& frame, std::span<const Hord> reference, const LightLevels& levels,
                            int first, int last, float* values, std::uint8_t* mask) {
     const auto columns = static_cast<std::size_t>(extents_.m);
     for (int n = first; n < last; ++n) {
@@ -351,14 +351,14 @@ void PlaneFeature::against(const FrameView& frame, std::span<const Hord> referen
 }
 
 // The frame's row is in place 0, the reference's in place 1.
-void PlaneFeature::compare_with_reference(float* values, std::uint8_t* mask) {
-    const PlaneRow &here = rows_[0], &wanted = rows_[1];
+void SoaDistances::compare_with_reference(float* values, std::uint8_t* mask) {
+    const SoaRow &here = rows_[0], &wanted = rows_[1];
     for (int m = 0; m < extents_.m; ++m) {
         mask[m] = static_cast<std::uint8_t>(here.mask()[static_cast<std::size_t>(m)] |
                                             (wanted.has_hord(m) ? kValid : kBorder));
     }
     if (feature_ == Feature::centroid) {
-        const auto mean = [](const PlaneRow& r, int m) {
+        const auto mean = [](const SoaRow& r, int m) {
             const auto k = static_cast<std::size_t>(m);
             return mean_deflection(r.sums()[k], r.moments_x()[k], r.moments_y()[k]);
         };

@@ -26,12 +26,12 @@
 
 namespace hord::algo {
 
-class PlaneFeature {
+class SoaDistances {
   public:
     static bool covers(Feature feature);
 
     // A feature that is covered. Mean deflections are kept if it is made of them, or somebody wants them.
-    PlaneFeature(const Extents& extents, Feature feature, Isa isa, bool keeps_deflections = false);
+    SoaDistances(const Extents& extents, Feature feature, Isa isa, bool keeps_deflections = false);
 
     // Rows first .. last-1 of a whole field's map; algo/maps/feature_map.h says what is in it. No allocation.
     // `goes_on`: the call before was of the rows before, of this frame.
@@ -44,9 +44,9 @@ class PlaneFeature {
 
     // The same row by row, for whoever needs more of the rows (algo/inspection/pipeline.h): load(n-1), load(n) and
     // load(n+1), those that exist, then what is asked of row n. Deflections and what is made of them: only of a
-    // PlaneFeature that keeps them.
+    // SoaDistances that keeps them.
     void load(const FrameView& frame, const LightLevels& levels, int n);
-    [[nodiscard]] const PlaneRow& loaded(int n) const { return rows_[static_cast<std::size_t>(n % 3)]; }
+    [[nodiscard]] const SoaRow& loaded(int n) const { return rows_[static_cast<std::size_t>(n % 3)]; }
     [[nodiscard]] Deflection deflection(int m, int n) const {
         const Means& means = means_[static_cast<std::size_t>(n % 3)];
         return {DeflectionQ::from_raw(means.x[static_cast<std::size_t>(m)]),
@@ -64,7 +64,7 @@ class PlaneFeature {
     };
 
   private:
-    [[nodiscard]] PlaneRow& row(int n) { return rows_[static_cast<std::size_t>(n % 3)]; }
+    [[nodiscard]] SoaRow& row(int n) { return rows_[static_cast<std::size_t>(n % 3)]; }
     // Mean deflections of a row, raw.
     struct Means {
         std::vector<std::int32_t> x, y;
@@ -73,19 +73,19 @@ class PlaneFeature {
     void slopes_row(Feature which, int n, float* values, const std::uint8_t* mask);
     [[nodiscard]] bool surrounded(int n, int block) const;
     void compare_planes(int n, int block, float* values, const std::uint8_t* mask);
-    [[nodiscard]] float squared_alone(const PlaneRow& a, int m_a, const PlaneRow& b, int m_b) const;
+    [[nodiscard]] float squared_alone(const SoaRow& a, int m_a, const SoaRow& b, int m_b) const;
     [[nodiscard]] float by_deflections(Feature which, int m, int n) const;
 
     Extents extents_;
     Feature feature_;
-    std::vector<PlaneRow> rows_;  // three; row n in place n % 3
+    std::vector<SoaRow> rows_;    // three; row n in place n % 3
     std::array<Means, 3> means_;  // empty unless the feature is made of them
     std::size_t stride_ = 0;      // from a plane to the next
     int along_x_ = 0;             // planes of the marginal along x
     void (*divide_)(const std::int32_t* moment, const std::uint32_t* sum, int count, std::int32_t* mean);
     void (*slopes_)(const MeanRows& rows, bool centroid, int count, float* values);
     // Squared distances of sixteen lenslets of a from sixteen of b, over the lit planes.
-    void (*add_up_)(const float* a, const float* b, std::size_t stride, const PlaneRow::Lit& lit, int along_x,
+    void (*add_up_)(const float* a, const float* b, std::size_t stride, const SoaRow::Lit& lit, int along_x,
                     float* squared);
 };
 

@@ -8,47 +8,46 @@
 namespace hord::algo {
 
 // A block, and the end of the lines.
-struct PlaneRow::Work {
-    PlaneBlock block;
-    std::uint16_t copied[kMaxBins * (kMaxBins * kLanes + PlaneBlock::kReadAhead)];
+struct SoaRow::Work {
+    SoaBlock block;
+    std::uint16_t copied[kMaxBins * (kMaxBins * kLanes + SoaBlock::kReadAhead)];
 };
 
 namespace {
 
-int blocks_of(const Extents& extents) { return (extents.m + PlaneRow::kLanes - 1) / PlaneRow::kLanes; }
+int blocks_of(const Extents& extents) { return (extents.m + SoaRow::kLanes - 1) / SoaRow::kLanes; }
 std::size_t lenslets_of(const Extents& extents) {
-    return static_cast<std::size_t>(blocks_of(extents) * PlaneRow::kLanes);
+    return static_cast<std::size_t>(blocks_of(extents) * SoaRow::kLanes);
 }
 
 }  // namespace
 
-PlaneRow::PlaneRow(const Extents& extents, PlaneUse use, Isa isa, bool moments)
+SoaRow::SoaRow(const Extents& extents, SoaUse use, Isa isa, bool moments)
     : extents_(extents),
-      use_(use), wanted_{use == PlaneUse::shares || use == PlaneUse::roots, use == PlaneUse::marginals, moments},
-      blocks_(blocks_of(extents)), planes_(use == PlaneUse::sums            ? 0
-                                               : use == PlaneUse::marginals ? extents.i + extents.j - 2
-                                                                            : extents.bins()),
+      use_(use), wanted_{use == SoaUse::shares || use == SoaUse::roots, use == SoaUse::marginals, moments},
+      blocks_(blocks_of(extents)), planes_(use == SoaUse::sums            ? 0
+                                               : use == SoaUse::marginals ? extents.i + extents.j - 2
+                                                                          : extents.bins()),
       stride_(lenslets_of(extents) + 2 * kPad), planes_of_(static_cast<std::size_t>(planes_) * stride_),
       lit_(static_cast<std::size_t>(blocks_)), sums_(lenslets_of(extents)), moments_x_(sums_.size()),
-      moments_y_(sums_.size()), mask_(sums_.size()), work_(std::make_unique<Work>()),
-      gather8_(PlaneBlock::gather8(isa)), gather16_(PlaneBlock::gather16(isa)), shares_(PlaneBlock::shares(isa)),
-      marginals_(PlaneBlock::marginals(isa)) {
-    if (use != PlaneUse::marginals) return;
+      moments_y_(sums_.size()), mask_(sums_.size()), work_(std::make_unique<Work>()), gather8_(SoaBlock::gather8(isa)),
+      gather16_(SoaBlock::gather16(isa)), shares_(SoaBlock::shares(isa)), marginals_(SoaBlock::marginals(isa)) {
+    if (use != SoaUse::marginals) return;
     for (Lit& lit : lit_) {
         for (int k = 0; k < planes_; ++k) lit[static_cast<std::size_t>(k / 64)] |= std::uint64_t{1} << (k % 64);
     }
 }
 
-PlaneRow::PlaneRow(PlaneRow&&) noexcept = default;
-PlaneRow::~PlaneRow() = default;
+SoaRow::SoaRow(SoaRow&&) noexcept = default;
+SoaRow::~SoaRow() = default;
 
 template <class Sample>
-void PlaneRow::decode_samples(const FrameView& frame, const LightLevels& levels, int n) {
+void SoaRow::decode_samples(const FrameView& frame, const LightLevels& levels, int n) {
     const std::ptrdiff_t stride = frame.stride_bytes / static_cast<std::ptrdiff_t>(sizeof(Sample));
     const auto* first = reinterpret_cast<const Sample*>(frame.data) + n * extents_.j * stride;
     const int of_a_block = kLanes * extents_.i;
-    constexpr int kReadAhead = PlaneBlock::kReadAhead;
-    PlaneBlock& work = work_->block;
+    constexpr int kReadAhead = SoaBlock::kReadAhead;
+    SoaBlock& work = work_->block;
     for (int block = 0; block < blocks_; ++block) {
         const int at = block * of_a_block;
         const Sample* samples = first + at;
@@ -73,9 +72,9 @@ void PlaneRow::decode_samples(const FrameView& frame, const LightLevels& levels,
     }
 }
 
-void PlaneRow::store_block(int block) {
+void SoaRow::store_block(int block) {
     const auto m = static_cast<std::size_t>(block * kLanes);
-    const PlaneBlock& work = work_->block;
+    const SoaBlock& work = work_->block;
     for (int l = 0; l < kLanes; ++l) {
         expect_no_overflow(work.sum[l] >= 0 && static_cast<std::uint32_t>(work.sum[l]) < kSumLimit);
         expect_no_overflow(std::abs(work.moment_x[l]) <= 14 * work.sum[l] &&
@@ -85,9 +84,9 @@ void PlaneRow::store_block(int block) {
     std::copy_n(work.sum, kLanes, sums_.begin() + static_cast<std::ptrdiff_t>(m));
     std::copy_n(work.moment_x, kLanes, moments_x_.begin() + static_cast<std::ptrdiff_t>(m));
     std::copy_n(work.moment_y, kLanes, moments_y_.begin() + static_cast<std::ptrdiff_t>(m));
-    if (use_ == PlaneUse::sums) return;
+    if (use_ == SoaUse::sums) return;
     float* const first = planes_of_.data() + kPad + m;
-    if (use_ == PlaneUse::marginals) return marginals_(work, extents_, stride_, first);
+    if (use_ == SoaUse::marginals) return marginals_(work, extents_, stride_, first);
     Lit& before = lit_[static_cast<std::size_t>(block)];
     for (std::size_t w = 0; w < before.size(); ++w) {
         for (std::uint64_t gone = before[w] & ~work.lit[w]; gone != 0; gone &= gone - 1) {
@@ -95,10 +94,10 @@ void PlaneRow::store_block(int block) {
         }
     }
     before = work.lit;
-    shares_(work, stride_, use_ == PlaneUse::roots, first);
+    shares_(work, stride_, use_ == SoaUse::roots, first);
 }
 
-void PlaneRow::decode(const FrameView& frame, const LightLevels& levels, int n) {
+void SoaRow::decode(const FrameView& frame, const LightLevels& levels, int n) {
     if (frame.bits > 8) {
         decode_samples<std::uint16_t>(frame, levels, n);
     } else {
@@ -106,9 +105,9 @@ void PlaneRow::decode(const FrameView& frame, const LightLevels& levels, int n) 
     }
 }
 
-void PlaneRow::take(std::span<const Hord> row) {
+void SoaRow::take(std::span<const Hord> row) {
     constexpr LightLevels kAsTheyAre{0, 1, 1U << 17};
-    const int of_a_line = kLanes * extents_.i + PlaneBlock::kReadAhead;
+    const int of_a_line = kLanes * extents_.i + SoaBlock::kReadAhead;
     std::uint16_t* const samples = work_->copied;
     for (int block = 0; block < blocks_; ++block) {
         std::fill_n(samples, extents_.j * of_a_line, std::uint16_t{0});

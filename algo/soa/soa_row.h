@@ -22,22 +22,22 @@
 
 namespace hord::algo {
 
-enum class PlaneUse : std::uint8_t {
+enum class SoaUse : std::uint8_t {
     sums,      // sums and moments only
     shares,    // and h in planes
     roots,     // and its roots in planes
     marginals  // and the cumulative marginals in planes: I-1 along x, then J-1 along y; all count as lit
 };
 
-class PlaneRow {
+class SoaRow {
   public:
-    static constexpr int kLanes = PlaneBlock::kLanes;  // lenslets of a block
-    static constexpr int kPad = 16;                    // floats before the first lenslet and after the last, always 0
+    static constexpr int kLanes = SoaBlock::kLanes;  // lenslets of a block
+    static constexpr int kPad = 16;                  // floats before the first lenslet and after the last, always 0
 
     // Without `moments` they are all 0, and decoding is faster.
-    PlaneRow(const Extents& extents, PlaneUse use, Isa isa, bool moments = true);
-    PlaneRow(PlaneRow&&) noexcept;
-    ~PlaneRow();
+    SoaRow(const Extents& extents, SoaUse use, Isa isa, bool moments = true);
+    SoaRow(SoaRow&&) noexcept;
+    ~SoaRow();
 
     // Decodes lenslet row n of a checked frame.
     void decode(const FrameView& frame, const LightLevels& levels, int n);
@@ -53,7 +53,7 @@ class PlaneRow {
     }
 
     // Planes that are not 0 in all lenslets of a block.
-    using Lit = PlaneBlock::Lit;
+    using Lit = SoaBlock::Lit;
     [[nodiscard]] const Lit& lit(int block) const { return lit_[static_cast<std::size_t>(block)]; }
 
     // One value a lenslet (and some more, to a whole number of blocks).
@@ -71,8 +71,8 @@ class PlaneRow {
     void store_block(int block);
 
     Extents extents_;
-    PlaneUse use_;
-    PlaneBlock::Wanted wanted_;
+    SoaUse use_;
+    SoaBlock::Wanted wanted_;
     int blocks_, planes_;
     std::size_t stride_;
     AlignedVector<float> planes_of_;
@@ -81,10 +81,10 @@ class PlaneRow {
     std::vector<std::int32_t> moments_x_, moments_y_;
     std::vector<std::uint8_t> mask_;
     std::unique_ptr<Work> work_;
-    PlaneBlock::Gather<std::uint8_t> gather8_;
-    PlaneBlock::Gather<std::uint16_t> gather16_;
-    PlaneBlock::Shares shares_;
-    PlaneBlock::Marginals marginals_;
+    SoaBlock::Gather<std::uint8_t> gather8_;
+    SoaBlock::Gather<std::uint16_t> gather16_;
+    SoaBlock::Shares shares_;
+    SoaBlock::Marginals marginals_;
 };
 
 }  // namespace hord::algo

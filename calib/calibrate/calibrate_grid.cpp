@@ -15,13 +15,13 @@ namespace {
 using algo::LensletGrid;
 using algo::PixelPoint;
 
-constexpr double kLeastMatch = 0.5;       // correlation with the frame's own lenslets
-constexpr double kLeastAmplitude = 0.08;  // of the typical lenslet
-constexpr double kLeastNeighbours = 0.5;  // of measured lenslets, measured, too; random blots: their own share
+constexpr double kMinMatch = 0.5;       // correlation with the frame's own lenslets
+constexpr double kMinAmplitude = 0.08;  // of the typical lenslet
+constexpr double kMinNeighbours = 0.5;  // of measured lenslets, measured, too; random blots: their own share
 // Of the model where it was not fitted, an axis, against the pitch. Three standard deviations of a lenslet's place stay
 // within half a bin of the finest decode, so that its centre bin is the centre bin. What scatters more is no white
 // frame: structure in the light, seen through a part, moves centres by tenths of a pixel.
-constexpr double kMostError = 0.5 / algo::kMaxBins / 3;
+constexpr double kMaxError = 0.5 / algo::kMaxBins / 3;
 constexpr double kGrowCentres = 900;
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
 constexpr double kSplitPixels = 400'000;  // of all of them: what it may cost
@@ -42,7 +42,7 @@ LensletGrid grid_of(const Lattice& lattice, const WhiteImage& image) {
     grid.radius_px = 0.5 * std::max(image.width_px(), image.height_px());
     grid.span = std::max(1.0, grid.radius_px / lattice.pitch_px());
     grid.columns = grid.rows = 1;
-    grid.rung = algo::GridRung::affine;
+    grid.rung = algo::GridModelKind::affine;
     const double s = grid.span;
     grid.parameters = {lattice.seed_px.x_px,    lattice.seed_px.y_px,    s * lattice.step_u.x_px,
                        s * lattice.step_v.x_px, s * lattice.step_u.y_px, s * lattice.step_v.y_px};
@@ -104,7 +104,7 @@ struct Growth {
 
 std::optional<Observation> observe(const CentreFinder& finder, const Index& k, double most_px) {
     const auto spot = finder.measure(k.at, most_px);
-    if (!spot || spot->match < kLeastMatch || spot->amplitude_dn < kLeastAmplitude * finder.typical_amplitude_dn())
+    if (!spot || spot->match < kMinMatch || spot->amplitude_dn < kMinAmplitude * finder.typical_amplitude_dn())
         return std::nullopt;
     return Observation{k.m, k.n, spot->centre_px, true};
 }
@@ -240,7 +240,7 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     report(0.7);
     count_from_zero(grid, out.observations, all);
     const double together = neighbours_found(grid, grown->finder, out.observations);
-    if (together < kLeastNeighbours) {
+    if (together < kMinNeighbours) {
         return fail(ErrorCode::refused,
                     fmt::format("the lenslets do not look like one another: only {:.0f} % of the neighbours of those "
                                 "measured can be measured",
@@ -251,18 +251,18 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     if (!fit) return tl::unexpected(fit.error());
     out.fit = std::move(*fit);
     const double pitches = std::max(out.fit.cv_x_rms_px, out.fit.cv_y_rms_px) / pitch;
-    if (!(pitches < kMostError)) {
+    if (!(pitches < kMaxError)) {
         return fail(ErrorCode::refused,
                     fmt::format("this is no white frame: its centres scatter about the best grid by {:.1f} % of a "
                                 "pitch, {:.1f} % is the most",
-                                100 * pitches, 100 * kMostError),
+                                100 * pitches, 100 * kMaxError),
                     "record evenly lit lenslets, without a part in the light, in focus");
     }
     // Lenslets that do not fit are asked by halves, too, before they are left out: they may lie where they were seen.
     for (Observation& seen : out.observations) {
         if (!seen.used && !seen.split_px) seen.split_px = grown->finder.split(seen.centre_px);
     }
-    const std::vector<std::uint8_t> whole = whole_lenslets(
+    const std::vector<std::uint8_t> whole = lenslet_coverage(
         out.fit.grid, out.observations, [&](PixelPoint at) { return grown->finder.complete(at); },
         [&](PixelPoint at) { return grown->finder.amplitude_dn(at); }, grown->finder.typical_amplitude_dn());
     place_displaced(out.observations, whole, out.fit);

@@ -26,7 +26,7 @@ double share_found(const GridStatistics& s) {
 
 }  // namespace
 
-Result<void> not_worse(const GridFile& fresh, const GridFile& held) {
+Result<void> accept_calibration(const GridFile& fresh, const GridFile& held) {
     const auto worse = [](std::string what, const char* cure) {
         return fail(ErrorCode::refused, std::move(what), cure);
     };

@@ -13,6 +13,6 @@ namespace hord::calib {
 //     to 1 / sqrt(4 B) of itself; two standard errors of the difference of both count as chance;
 //   - it measured fewer of the complete lenslets, by more than one in a hundred;
 //   - it has no direction map where `held` has one, or one that predicts captures worse by more than chance.
-Result<void> not_worse(const GridFile& fresh, const GridFile& held);
+Result<void> accept_calibration(const GridFile& fresh, const GridFile& held);
 
 }  // namespace hord::calib

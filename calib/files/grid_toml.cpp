@@ -16,8 +16,8 @@ namespace {
 constexpr std::string_view kChecksumKey = "checksum = \"fnv1a64:";
 constexpr std::size_t kDigits = 16;
 constexpr double kAny = 1e12;
-constexpr double kShiftUnit = 0.001;    // px
-constexpr double kMostShift = 100'000;  // units
+constexpr double kShiftUnit = 0.001;   // px
+constexpr double kMaxShift = 100'000;  // units
 
 std::uint64_t fnv1a(std::string_view bytes) {
     std::uint64_t hash = 14695981039346656037U;
@@ -63,7 +63,7 @@ std::string directions_to_toml(const algo::DirectionMap& map, const DirectionSta
         number(s.stage_rotation_rad), number(s.stage_rotation_sigma), s.mirrored);
 }
 
-void read_rung(common::TomlTable& table, algo::GridRung& to) {
+void read_rung(common::TomlTable& table, algo::GridModelKind& to) {
     std::array<std::string_view, algo::kGridRungs.size()> rungs;
     for (std::size_t k = 0; k < rungs.size(); ++k) rungs[k] = name_of(algo::kGridRungs[k]);
     if (const auto rung = table.choice("name", rungs)) to = algo::kGridRungs[*rung];
@@ -117,7 +117,7 @@ void read_shifts(common::TomlTable table, algo::LensletGrid& grid, LensletShifts
     if (x.size() != count || y.size() != count)
         return table.problem("x", "does not shift every lenslet", "use an unchanged calibration file");
     for (std::size_t k = 0; k < count; ++k) {
-        if (!(std::abs(x[k]) <= kMostShift && std::abs(y[k]) <= kMostShift))
+        if (!(std::abs(x[k]) <= kMaxShift && std::abs(y[k]) <= kMaxShift))
             return table.problem("x", "shifts a lenslet out of the frame", "use an unchanged calibration file");
         grid.shifts_px.push_back({x[k] * kShiftUnit, y[k] * kShiftUnit});
     }

@@ -29,7 +29,7 @@ struct Observation {
 
 // One model of the ladder and why it was, or was not, taken.
 struct RungReport {
-    algo::GridRung rung = algo::GridRung::similarity;
+    algo::GridModelKind rung = algo::GridModelKind::similarity;
     bool single_lenslets = false;  // the last rung: the one held, and each lenslet's own shift
     int parameters = 0;
     double rms_px = 0;                        // an axis, of the fit
@@ -71,8 +71,8 @@ struct GridFit {
 };
 
 struct FitOptions {
-    std::optional<algo::GridRung> only;  // this rung, without a ladder
-    algo::GridRung highest = algo::GridRung::quintic;
+    std::optional<algo::GridModelKind> only;  // this rung, without a ladder
+    algo::GridModelKind highest = algo::GridModelKind::quintic;
     bool single_lenslets = true;  // may be taken
 };
 

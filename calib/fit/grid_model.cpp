@@ -32,27 +32,27 @@ double median(std::vector<double> values) {
 }  // namespace
 
 void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, double* of_x, double* of_y) {
-    using algo::GridRung;
+    using algo::GridModelKind;
     const auto [u, v] = where;
     const double* p = grid.parameters.data();
     const int count = parameter_count(grid.rung);
     std::fill(of_x, of_x + count, 0.0);
     std::fill(of_y, of_y + count, 0.0);
-    if (grid.rung == GridRung::cubic || grid.rung == GridRung::quintic) {
-        const int half = monomials(grid.rung == GridRung::cubic ? 3 : 5, u, v, of_x);
+    if (grid.rung == GridModelKind::cubic || grid.rung == GridModelKind::quintic) {
+        const int half = monomials(grid.rung == GridModelKind::cubic ? 3 : 5, u, v, of_x);
         std::copy(of_x, of_x + half, of_y + half);
         return;
     }
     of_x[0] = 1;
     of_y[1] = 1;
-    if (grid.rung == GridRung::similarity) {
+    if (grid.rung == GridModelKind::similarity) {
         of_x[2] = u;
         of_x[3] = -v;
         of_y[2] = v;
         of_y[3] = u;
         return;
     }
-    const bool perspective = grid.rung != GridRung::affine;
+    const bool perspective = grid.rung != GridModelKind::affine;
     const double w = perspective ? 1.0 + p[6] * u + p[7] * v : 1.0;
     of_x[2] = of_y[4] = u / w;
     of_x[3] = of_y[5] = v / w;
@@ -63,8 +63,8 @@ void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, dou
     of_x[7] = -v * px / w;
     of_y[6] = -u * py / w;
     of_y[7] = -v * py / w;
-    if (grid.rung == GridRung::homography) return;
-    const bool full = grid.rung == GridRung::radial2;
+    if (grid.rung == GridModelKind::homography) return;
+    const bool full = grid.rung == GridModelKind::radial2;
     const double radius = grid.radius_px;
     const double dx = (p[0] + px - grid.middle_x_px) / radius - (full ? p[10] : 0.0);
     const double dy = (p[1] + py - grid.middle_y_px) / radius - (full ? p[11] : 0.0);
@@ -95,10 +95,10 @@ void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, dou
 std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& frame, std::span<Observation> observations,
                                                    int order) {
     constexpr int kRounds = 12;
-    constexpr std::size_t kMostCentres = 4000;
+    constexpr std::size_t kMaxCentres = 4000;
     const int terms = (order + 1) * (order + 2) / 2;
     // A regular part of very many centres determines the surface as well; all of them are then judged by it.
-    const std::size_t every = (observations.size() + kMostCentres - 1) / kMostCentres;
+    const std::size_t every = (observations.size() + kMaxCentres - 1) / kMaxCentres;
     const auto count =
         every == 0 ? Eigen::Index{0} : static_cast<Eigen::Index>((observations.size() + every - 1) / every);
     if (count < terms + 1) return std::nullopt;
@@ -140,7 +140,7 @@ std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& fram
         if (settled) break;
     }
     algo::LensletGrid grid = frame;
-    grid.rung = order == 1 ? algo::GridRung::affine : algo::GridRung::cubic;
+    grid.rung = order == 1 ? algo::GridModelKind::affine : algo::GridModelKind::cubic;
     grid.parameters.assign(static_cast<std::size_t>(parameter_count(grid.rung)), 0.0);
     const auto value = [&](int term, int axis) { return solution(term, axis) / size(term); };
     if (order == 1) {

@@ -8,14 +8,14 @@
 namespace hord::calib {
 namespace {
 
-using algo::GridRung;
+using algo::GridModelKind;
 
 constexpr double kSingular = 1e-9;  // of the eigenvalues of the normalised normal equations, against 1
 
 // Models that are linear in their parameters have the same derivatives wherever they stand.
-bool linear(GridRung rung) {
-    return rung == GridRung::similarity || rung == GridRung::affine || rung == GridRung::cubic ||
-        rung == GridRung::quintic;
+bool linear(GridModelKind rung) {
+    return rung == GridModelKind::similarity || rung == GridModelKind::affine || rung == GridModelKind::cubic ||
+        rung == GridModelKind::quintic;
 }
 
 // All residuals of a grid in one block, with their analytic derivatives.
@@ -190,7 +190,7 @@ std::optional<Solved> solve(algo::LensletGrid start, const std::vector<Point>& p
     Solved solved;
     solved.grid = std::move(start);
     solved.fixed.assign(solved.grid.parameters.size(), false);
-    const bool full = solved.grid.rung == GridRung::radial2;
+    const bool full = solved.grid.rung == GridModelKind::radial2;
     const bool know_centre = full && (solved.grid.parameters[10] != 0 || solved.grid.parameters[11] != 0);
     if (full && !know_centre) solved.fixed[10] = solved.fixed[11] = true;
     evaluate(solved, points);

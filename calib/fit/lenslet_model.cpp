@@ -12,12 +12,12 @@
 namespace hord::calib {
 namespace {
 
-constexpr double kNeededGain = 2.0;                            // standard errors, as for every rung
-constexpr double kLeastShift = 1.0 / 32 / 3.4641016151377544;  // px: rms of what algo/frame/resample.h rounds places by
-constexpr int kLeastBlocks = 9;
-constexpr double kLeastDisplaced = 0.002, kMostDisplaced = 0.05;  // of a pitch: less is noise or not worth a place
-constexpr double kMostDisagreement = 0.5;  // of a displacement: how far each half may lie from it, along it
-constexpr double kUnit = 0.001;            // px: shifts are whole thousandths, as the calibration file has them
+constexpr double kNeededGain = 2.0;                          // standard errors, as for every rung
+constexpr double kMinShift = 1.0 / 32 / 3.4641016151377544;  // px: rms of what algo/frame/resample.h rounds places by
+constexpr int kMinBlocks = 9;
+constexpr double kMinDisplaced = 0.002, kMaxDisplaced = 0.05;  // of a pitch: less is noise or not worth a place
+constexpr double kMaxDisagreement = 0.5;  // of a displacement: how far each half may lie from it, along it
+constexpr double kUnit = 0.001;           // px: shifts are whole thousandths, as the calibration file has them
 
 // The halves' residuals of one point along one axis.
 struct Halves {
@@ -58,7 +58,7 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
         if (seen.used && seen.split_px) points.push_back({fit.grid.uv(seen.m, seen.n), seen.centre_px, *seen.split_px});
     }
     const Blocks blocks = sort_into_blocks(points);
-    if (points.size() < 4 * fit.grid.parameters.size() || blocks.count() < kLeastBlocks || blocks.first[1] == 1) {
+    if (points.size() < 4 * fit.grid.parameters.size() || blocks.count() < kMinBlocks || blocks.first[1] == 1) {
         report.verdict = "not tried: too few lenslets";
         return;
     }
@@ -114,8 +114,8 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
     const std::string agree =
         fmt::format("both halves of a lenslet's light agree on shifts of {:.4f} px, {:.1f} standard errors",
                     shifts.rms_px, report.gain_t);
-    if (!(report.gain_t > kNeededGain) || !(shifts.rms_px > kLeastShift)) {
-        report.verdict = fmt::format("not needed: {}, of {:.0f} and {:.4f} px needed", agree, kNeededGain, kLeastShift);
+    if (!(report.gain_t > kNeededGain) || !(shifts.rms_px > kMinShift)) {
+        report.verdict = fmt::format("not needed: {}, of {:.0f} and {:.4f} px needed", agree, kNeededGain, kMinShift);
         return;
     }
     report.verdict = "needed: " + agree;
@@ -161,7 +161,7 @@ void place_displaced(std::span<Observation> observations, std::span<const std::u
         const double off_y = seen.centre_px.y_px - model_px.y_px;
         const double off = std::hypot(off_x, off_y);
         const double along = std::abs(seen.split_px->x_px * off_x + seen.split_px->y_px * off_y) / off;
-        if (!(off >= kLeastDisplaced * pitch && off <= kMostDisplaced * pitch) || !(along <= kMostDisagreement * off))
+        if (!(off >= kMinDisplaced * pitch && off <= kMaxDisplaced * pitch) || !(along <= kMaxDisagreement * off))
             continue;
         make_room_for_shifts(grid);
         grid.shifts_px[index_of(grid, seen)] = {whole_units(off_x), whole_units(off_y)};

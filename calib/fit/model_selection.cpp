@@ -8,21 +8,21 @@
 namespace hord::calib {
 namespace {
 
-using algo::GridRung;
+using algo::GridModelKind;
 
 constexpr double kNeededGain = 2.0;  // standard errors
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
 // A start for `rung` from the fit of a lower one.
-algo::LensletGrid lift(const algo::LensletGrid& from, GridRung rung) {
+algo::LensletGrid lift(const algo::LensletGrid& from, GridModelKind rung) {
     algo::LensletGrid grid = from;
     const std::vector<double>& p = from.parameters;
     grid.rung = rung;
-    if (rung == GridRung::similarity) return grid;
+    if (rung == GridModelKind::similarity) return grid;
     std::vector<double> six(p.begin(), p.begin() + std::min<std::ptrdiff_t>(6, static_cast<std::ptrdiff_t>(p.size())));
-    if (from.rung == GridRung::similarity) six = {p[0], p[1], p[2], -p[3], p[3], p[2]};
-    if (rung != GridRung::cubic && rung != GridRung::quintic) {
-        if (from.rung == GridRung::similarity) grid.parameters = six;
+    if (from.rung == GridModelKind::similarity) six = {p[0], p[1], p[2], -p[3], p[3], p[2]};
+    if (rung != GridModelKind::cubic && rung != GridModelKind::quintic) {
+        if (from.rung == GridModelKind::similarity) grid.parameters = six;
         grid.parameters.resize(static_cast<std::size_t>(parameter_count(rung)), 0.0);
         return grid;
     }
@@ -58,7 +58,7 @@ algo::LensletGrid first_similarity(const algo::LensletGrid& frame, const std::ve
     }
     a /= std::max(uu, 1e-12), b /= std::max(uu, 1e-12);
     algo::LensletGrid grid = frame;
-    grid.rung = GridRung::similarity;
+    grid.rung = GridModelKind::similarity;
     grid.parameters = {x - a * u + b * v, y - b * u - a * v, a, b};
     return grid;
 }
@@ -66,15 +66,15 @@ algo::LensletGrid first_similarity(const algo::LensletGrid& frame, const std::ve
 }  // namespace
 
 Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
-              std::span<const GridRung> rungs) {
+              std::span<const GridModelKind> rungs) {
     Climbed out;
     const Blocks blocks = sort_into_blocks(sample);
     out.blocks = blocks.count();
     algo::LensletGrid previous = first_similarity(frame, sample);
     std::optional<Validation> best;
-    for (const GridRung rung : rungs) {
+    for (const GridModelKind rung : rungs) {
         if (rung > options.highest ||
-            (options.only && rung != *options.only && (rung > *options.only || rung >= GridRung::cubic)))
+            (options.only && rung != *options.only && (rung > *options.only || rung >= GridModelKind::cubic)))
             continue;
         RungReport& report = out.ladder.emplace_back();
         report.rung = rung;
@@ -89,7 +89,7 @@ Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const F
             report.verdict = "not taken: the fit did not settle";
             continue;
         }
-        if (rung < GridRung::cubic) previous = solved->grid;
+        if (rung < GridModelKind::cubic) previous = solved->grid;
         const Validation validation = leave_blocks_out(*solved, blocks);
         report.rms_px = std::sqrt(solved->residuals.squaredNorm() / static_cast<double>(solved->residuals.size()));
         report.cv_x_rms_px = validation.x_rms;

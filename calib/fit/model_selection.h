@@ -24,6 +24,6 @@ struct Climbed {
 
 // `frame` gives what the model is made of besides its parameters; the sample is sorted into blocks.
 Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
-              std::span<const algo::GridRung> rungs = algo::kGridRungs);
+              std::span<const algo::GridModelKind> rungs = algo::kGridRungs);
 
 }  // namespace hord::calib

@@ -21,8 +21,8 @@ constexpr double kStiffness = 1e-5;  // of neighbouring rings, against what is s
 constexpr double kRingStep = 0.5;    // between them, px
 constexpr double kTaper = 2.0;       // over which the weight falls to zero at the window's rim, px
 constexpr double kPlateau = 0.92;
-constexpr double kMostVariance = 2.5;  // that an immunity may cost, against the most efficient weight
-constexpr std::size_t kMostSeeds = 400;
+constexpr double kMaxVariance = 2.5;  // that an immunity may cost, against the most efficient weight
+constexpr std::size_t kMaxSeeds = 400;
 
 using Table = std::vector<double>;
 
@@ -159,7 +159,7 @@ Weights design(const Profile& profile, double radius, bool against_gradients) {
         return out;
     };
     const auto accept = [&](const Table& w, bool against_background, bool against_vignetting) {
-        if (!(gain(w) > 0) || !(variance(w) <= kMostVariance * best)) return false;
+        if (!(gain(w) > 0) || !(variance(w) <= kMaxVariance * best)) return false;
         weights.shift = w;
         weights.immunity = {against_background, against_vignetting};
         return true;
@@ -295,10 +295,10 @@ bool CentreFinder::Kernels::complete(algo::PixelPoint at) const {
 }
 
 std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double most_px) const {
-    constexpr int kMostSteps = 12;
+    constexpr int kMaxSteps = 12;
     const double longest = std::min(1.0, 0.5 * weights.radius);
     algo::PixelPoint here = at;
-    for (int k = 0; k < kMostSteps; ++k) {
+    for (int k = 0; k < kMaxSteps; ++k) {
         if (!complete(here)) return std::nullopt;
         const Moments m = moments(here);
         if (!(m.amplitude > 0)) return std::nullopt;
@@ -315,12 +315,12 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
         const bool settled = std::max(std::abs(dx), std::abs(dy)) < 0.6 / phases;
         // Between two cells that each point into the other, the centre is half way.
         const double step = std::hypot(next.x_px - here.x_px, next.y_px - here.y_px);
-        here = k + 1 == kMostSteps && step < 2.0 / phases
+        here = k + 1 == kMaxSteps && step < 2.0 / phases
             ? algo::PixelPoint{0.5 * (here.x_px + next.x_px), 0.5 * (here.y_px + next.y_px)}
             : next;
         const double away = std::hypot(here.x_px - at.x_px, here.y_px - at.y_px);
         if (away > most_px) return std::nullopt;
-        if (settled || (k + 1 == kMostSteps && step < 2.0 / phases)) return Spot{here, m.amplitude, m.match, away};
+        if (settled || (k + 1 == kMaxSteps && step < 2.0 / phases)) return Spot{here, m.amplitude, m.match, away};
     }
     return std::nullopt;
 }
@@ -475,7 +475,7 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
                                          double pitch_px) {
     auto kernels = std::make_unique<Kernels>(image);
     std::vector<algo::PixelPoint> starts(seeds.begin(), seeds.end());
-    if (starts.size() > kMostSeeds) starts.resize(kMostSeeds);
+    if (starts.size() > kMaxSeeds) starts.resize(kMaxSeeds);
 
     // A first weight that knows nothing: a raised cosine as wide as the lenslet.
     const double widest = 0.5 * pitch_px;

@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kLargestSide = 640;  // of the analysed part
 constexpr double kHalfSqrt3 = 0.86602540378443864676;
-constexpr double kLeastStrength = 0.08;  // of the autocorrelation at a lattice vector, against 1 at lag 0
+constexpr double kMinStrength = 0.08;  // of the autocorrelation at a lattice vector, against 1 at lag 0
 
 struct Vec {
     double x = 0, y = 0;
@@ -322,10 +322,10 @@ Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
     const auto peaks = peaks_of(correlation, shortest, longest);
     double highest = 0;
     for (const auto& peak : peaks) highest = std::max(highest, peak.height);
-    if (highest < kLeastStrength) {
+    if (highest < kMinStrength) {
         return refuse(
             fmt::format("the white frame shows no lattice: its autocorrelation reaches {:.3f} of {:.2f} needed",
-                        highest, kLeastStrength),
+                        highest, kMinStrength),
             "light the lenslets evenly, below saturation, and focus the sensor on them");
     }
     std::optional<Basis> found;

@@ -37,9 +37,9 @@ struct Places {
 
 }  // namespace
 
-std::vector<std::uint8_t> whole_lenslets(const algo::LensletGrid& grid, std::span<const Observation> observations,
-                                         const std::function<bool(PixelPoint)>& complete, const LensletLight& light,
-                                         double typical_dn) {
+std::vector<std::uint8_t> lenslet_coverage(const algo::LensletGrid& grid, std::span<const Observation> observations,
+                                           const std::function<bool(PixelPoint)>& complete, const LensletLight& light,
+                                           double typical_dn) {
     Places places(grid);
     std::vector<std::uint8_t> found(places.inside.size()), whole(found);
     for (const Observation& seen : observations) {

@@ -17,7 +17,7 @@
 
 namespace hord::calib {
 
-struct WholeLenslets {
+struct LensletCoverage {
     int lenslets = 0;  // complete, and light reaches them whole
     int found = 0;     // of these, measured
     int used = 0;      // of these, measured and fitting the grid
@@ -30,8 +30,8 @@ using LensletLight = std::function<double(algo::PixelPoint)>;
 // place) and light reaches it whole, 0 elsewhere. A lenslet without an observation is dark where it has less than a
 // quarter of the light that is `typical_dn`; a dark region is where it and all its neighbours in rows and columns are
 // dark, and what touches them.
-std::vector<std::uint8_t> whole_lenslets(const algo::LensletGrid& grid, std::span<const Observation> observations,
-                                         const std::function<bool(algo::PixelPoint)>& complete,
-                                         const LensletLight& light, double typical_dn);
+std::vector<std::uint8_t> lenslet_coverage(const algo::LensletGrid& grid, std::span<const Observation> observations,
+                                           const std::function<bool(algo::PixelPoint)>& complete,
+                                           const LensletLight& light, double typical_dn);
 
 }  // namespace hord::calib

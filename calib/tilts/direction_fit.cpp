@@ -12,15 +12,15 @@
 namespace hord::calib {
 namespace {
 
-using algo::GridRung;
+using algo::GridModelKind;
 
-constexpr std::array kRungs{GridRung::similarity, GridRung::affine, GridRung::homography, GridRung::radial1,
-                            GridRung::cubic};
-constexpr std::size_t kLeastTilts = 3;  // besides the empty field
-constexpr std::size_t kLeastForCubic = 10;
+constexpr std::array kRungs{GridModelKind::similarity, GridModelKind::affine, GridModelKind::homography,
+                            GridModelKind::radial1, GridModelKind::cubic};
+constexpr std::size_t kMinTilts = 3;  // besides the empty field
+constexpr std::size_t kMinForCubic = 10;
 constexpr double kCaptureError = 0.02;  // px: what a capture is trusted to
-constexpr double kEdgeError = 0.1;   // px: what the map must be good to at the lenslet's edge, as is noticed as drift
-constexpr double kLeastTilt = 1e-9;  // rad
+constexpr double kEdgeError = 0.1;  // px: what the map must be good to at the lenslet's edge, as is noticed as drift
+constexpr double kMinTilt = 1e-9;   // rad
 
 struct Plane {
     Eigen::Matrix2d map;  // px a rad
@@ -63,14 +63,14 @@ Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt
     const auto refuse = [](std::string what, std::string cure) {
         return fail(ErrorCode::refused, std::move(what), std::move(cure));
     };
-    if (tilts.size() < kLeastTilts) {
+    if (tilts.size() < kMinTilts) {
         return refuse(
-            fmt::format("{} tilts: fewer than {} do not determine a direction map", tilts.size(), kLeastTilts),
+            fmt::format("{} tilts: fewer than {} do not determine a direction map", tilts.size(), kMinTilts),
             "capture at least three directions that do not lie on one line; ten, all over the lenslet, for its "
             "distortion");
     }
     std::vector<Point> points{{{0, 0}, empty.offset_px}};
-    double span = kLeastTilt;
+    double span = kMinTilt;
     for (const Tilt& tilt : tilts) {
         points.push_back({{tilt.direction.x_rad, tilt.direction.y_rad}, tilt.spot.offset_px});
         span = std::max({span, std::abs(tilt.direction.x_rad), std::abs(tilt.direction.y_rad)});
@@ -103,7 +103,7 @@ Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt
     frame.middle_x_px = empty.offset_px.x_px;  // distortion is about undeflected light
     frame.middle_y_px = empty.offset_px.y_px;
     frame.radius_px = 0.5 * pitch_px;
-    const auto rungs = std::span(kRungs).first(tilts.size() >= kLeastForCubic ? kRungs.size() : kRungs.size() - 1);
+    const auto rungs = std::span(kRungs).first(tilts.size() >= kMinForCubic ? kRungs.size() : kRungs.size() - 1);
     Climbed climbed = climb(frame, points, {}, rungs);
     if (!climbed.choice) return refuse("no direction map fits the tilts", "check the angles in tilts.toml");
     fit.ladder = std::move(climbed.ladder);

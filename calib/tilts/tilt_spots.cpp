@@ -12,8 +12,8 @@ namespace {
 using algo::PixelPoint;
 
 constexpr std::size_t kFoldLenslets = 3000;
-constexpr double kLeastMatch = 0.5;  // as of the white frame's lenslets
-constexpr double kLeastAmplitude = 0.08;
+constexpr double kMinMatch = 0.5;  // as of the white frame's lenslets
+constexpr double kMinAmplitude = 0.08;
 
 // The light of many lenslets laid over one another, one pixel a cell: the place of the spot to a pixel or so.
 std::optional<PixelPoint> coarse_place(const WhiteImage& image, const std::vector<PixelPoint>& centres, double pitch) {
@@ -103,7 +103,7 @@ Result<SpotPlace> measure_spots(const FrameView& frame, const std::optional<Fram
     for (const PixelPoint& centre : centres) {
         const auto spot =
             finder->measure({centre.x_px + coarse->x_px, centre.y_px + coarse->y_px}, 0.3 * grid.pitch_px);
-        if (!spot || spot->match < kLeastMatch || spot->amplitude_dn < kLeastAmplitude * finder->typical_amplitude_dn())
+        if (!spot || spot->match < kMinMatch || spot->amplitude_dn < kMinAmplitude * finder->typical_amplitude_dn())
             continue;
         x.push_back(spot->centre_px.x_px - centre.x_px);
         y.push_back(spot->centre_px.y_px - centre.y_px);

@@ -5,7 +5,7 @@
 namespace hord::drivers {
 
 void EdgeFilter::feed(const GpioEdge& raw, std::vector<Edge>& edges) {
-    if (unrest_ && raw.at - unrest_->last >= debounce_) end_unrest(unrest_->active, edges);
+    if (unrest_ && raw.at - unrest_->last >= debounce_) end_bounce_burst(unrest_->active, edges);
     if (!unrest_) {
         unrest_.emplace();
         unrest_->first = raw.at;
@@ -32,7 +32,7 @@ void EdgeFilter::settle(hal::TimePoint now, bool active, std::vector<Edge>& edge
             unrest_->due = now + kDoubt;
             return;
         }
-        end_unrest(active, edges);
+        end_bounce_burst(active, edges);
     } else if (active == active_) {
         doubted_since_.reset();
     } else if (!doubted_since_) {
@@ -43,16 +43,16 @@ void EdgeFilter::settle(hal::TimePoint now, bool active, std::vector<Edge>& edge
     }
 }
 
-void EdgeFilter::end_unrest(bool active, std::vector<Edge>& edges) {
-    const Unrest unrest = *std::exchange(unrest_, std::nullopt);
+void EdgeFilter::end_bounce_burst(bool active, std::vector<Edge>& edges) {
+    const BounceBurst bounce_burst = *std::exchange(unrest_, std::nullopt);
     if (active != active_) {
-        bounces_ += unrest.edges - 1;
-        tell(active, unrest.first, unrest.lost, edges);
+        bounces_ += bounce_burst.edges - 1;
+        tell(active, bounce_burst.first, bounce_burst.lost, edges);
         return;
     }
-    const bool never_seen = unrest.edges == 1;
-    bounces_ += never_seen ? 0 : unrest.edges;
-    const std::uint32_t lost = unrest.lost + (never_seen ? 2 : 0);
+    const bool never_seen = bounce_burst.edges == 1;
+    bounces_ += never_seen ? 0 : bounce_burst.edges;
+    const std::uint32_t lost = bounce_burst.lost + (never_seen ? 2 : 0);
     untold_ += lost;
     lost_ += lost;
 }

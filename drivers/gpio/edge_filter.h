@@ -1,7 +1,7 @@
 // From a light barrier's raw edges to the edges of parts: bounces are taken out, and what was lost leaves a gap.
 //
 // An edge counts once the line has kept still for `debounce` after it, and has the time of the first raw edge of that
-// unrest: waiting costs delay, not accuracy. Pure: no device, no clock.
+// bounce_burst: waiting costs delay, not accuracy. Pure: no device, no clock.
 //
 // The kernel reads the level a little after the interrupt. So one that is answered too late shows a level that never
 // was, and an edge that reads as the level before it, all alone, means that the line was somewhere else and nobody saw
@@ -26,7 +26,7 @@ class EdgeFilter {
         std::uint32_t sequence = 0;  // from 1; a gap where edges were lost
     };
 
-    // The line is at `active` now. An unrest longer than `patience` makes it restless().
+    // The line is at `active` now. An bounce_burst longer than `patience` makes it restless().
     EdgeFilter(hal::Duration debounce, hal::Duration patience, bool active)
         : debounce_(debounce), patience_(patience), active_(active) {}
 
@@ -36,9 +36,9 @@ class EdgeFilter {
     // When settle() is due; none: the line is still.
     [[nodiscard]] std::optional<hal::TimePoint> due() const;
 
-    // At `now`, `active` is the line's level, read after the last raw edge was fed. Ends an unrest that is due. A level
-    // that no edge has told of may be that of an edge that is still on its way: it is believed the second time, kDoubt
-    // later. On a line that is still it is an edge that was lost.
+    // At `now`, `active` is the line's level, read after the last raw edge was fed. Ends an bounce_burst that is due. A
+    // level that no edge has told of may be that of an edge that is still on its way: it is believed the second time,
+    // kDoubt later. On a line that is still it is an edge that was lost.
     static constexpr hal::Duration kDoubt = std::chrono::milliseconds(20);
     void settle(hal::TimePoint now, bool active, std::vector<Edge>& edges);
 
@@ -47,7 +47,7 @@ class EdgeFilter {
     [[nodiscard]] std::uint64_t lost() const { return lost_; }        // edges counted as lost
 
   private:
-    struct Unrest {
+    struct BounceBurst {
         hal::TimePoint first, last;
         hal::TimePoint due;
         bool doubted = false;
@@ -55,12 +55,12 @@ class EdgeFilter {
         std::uint32_t lost = 0;
         bool active = false;  // after the last one
     };
-    void end_unrest(bool active, std::vector<Edge>& edges);
+    void end_bounce_burst(bool active, std::vector<Edge>& edges);
     void tell(bool active, hal::TimePoint at, std::uint32_t lost, std::vector<Edge>& edges);
 
     hal::Duration debounce_, patience_;
     bool active_;
-    std::optional<Unrest> unrest_;
+    std::optional<BounceBurst> unrest_;
     std::optional<hal::TimePoint> doubted_since_;  // a still line's level
     std::uint32_t sequence_ = 0;
     std::uint32_t untold_ = 0;  // lost, not yet shown as a gap

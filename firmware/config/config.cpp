@@ -334,7 +334,7 @@ std::vector<modbus::AccessRule> access(TomlTable& table) {
     return rules;
 }
 
-void read_modbus(TomlTable table, ModbusServer& value) {
+void read_modbus(TomlTable table, TcpServer& value) {
     host(table, "host", value.host);
     table.integer("port", value.port, 0, 65535);
     table.integer("read_only_port", value.read_only_port, 0, 65535);
@@ -433,7 +433,7 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
 
 }  // namespace
 
-std::vector<modbus::AccessRule> ModbusServer::default_access() {
+std::vector<modbus::AccessRule> TcpServer::default_access() {
     TomlProblems none;
     TomlTable empty = TomlTable::parse_text("", "defaults", none);
     return hord::firmware::access(empty);

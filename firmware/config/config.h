@@ -112,7 +112,7 @@ struct GpioPartSensorLine {
 using PartSensorConfig = std::variant<SimulatedPartSensor, GpioPartSensorLine>;
 
 // [modbus]: the register server that the PLC reads and writes.
-struct ModbusServer {
+struct TcpServer {
     std::string host = "127.0.0.1";
     std::uint16_t port = 1502;         // 0: any free port
     std::uint16_t read_only_port = 0;  // a second one, where nobody may write; 0: none
@@ -171,7 +171,7 @@ struct Config {
     StrobeConfig strobe;
     PartSensorConfig part_sensor;
     RejectorConfig rejector;
-    ModbusServer modbus;
+    TcpServer modbus;
     SerialLine serial;
     PlcConfig plc;
     std::filesystem::path

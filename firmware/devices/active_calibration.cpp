@@ -19,7 +19,7 @@ Result<void> may_follow(const calib::GridFile& fresh, const std::filesystem::pat
     if (!held || held->stamp.camera != fresh.stamp.camera || held->grid.width_px != fresh.grid.width_px ||
         held->grid.height_px != fresh.grid.height_px)
         return {};
-    const auto fine = calib::not_worse(fresh, *held);
+    const auto fine = calib::accept_calibration(fresh, *held);
     if (!fine)
         return fail(fine.error().code, "not used: " + fine.error().what,
                     "name a better one; or, if this one is meant, remove " + kept.string());
@@ -28,7 +28,7 @@ Result<void> may_follow(const calib::GridFile& fresh, const std::filesystem::pat
 
 }  // namespace
 
-std::optional<std::uint32_t> CalibrationInUse::age_s() const {
+std::optional<std::uint32_t> ActiveCalibration::age_s() const {
     std::tm made{};
     if (::strptime(file.stamp.date.c_str(), "%Y-%m-%dT%H:%M:%SZ", &made) == nullptr) return std::nullopt;
     const std::int64_t seconds =
@@ -36,14 +36,14 @@ std::optional<std::uint32_t> CalibrationInUse::age_s() const {
     return static_cast<std::uint32_t>(std::clamp<std::int64_t>(seconds, 0, 0xFFFFFFFE));
 }
 
-Result<CalibrationInUse> use_calibration(const std::filesystem::path& file, const std::filesystem::path& kept,
-                                         const hal::SensorFormat& format, int bins_i, int bins_j) {
+Result<ActiveCalibration> use_calibration(const std::filesystem::path& file, const std::filesystem::path& kept,
+                                          const hal::SensorFormat& format, int bins_i, int bins_j) {
     const auto named = [&file](const Error& error) {
         return fail(error.code, file.string() + ": " + error.what, error.cure);
     };
     auto read = calib::read_grid(file);
     if (!read) return tl::unexpected(read.error());
-    CalibrationInUse out{std::move(*read), 0, nullptr};
+    ActiveCalibration out{std::move(*read), 0, nullptr};
     const algo::LensletGrid& grid = out.file.grid;
     if (grid.width_px != format.width_px || grid.height_px != format.height_px) {
         return fail(ErrorCode::invalid_argument,

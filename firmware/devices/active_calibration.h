@@ -14,7 +14,7 @@
 
 namespace hord::firmware {
 
-struct CalibrationInUse {
+struct ActiveCalibration {
     calib::GridFile file;
     std::uint32_t crc32 = 0;                           // of the file's text: its identity in the registers
     std::shared_ptr<const algo::GridDecoder> decoder;  // to be copied, one a thread
@@ -27,7 +27,7 @@ struct CalibrationInUse {
 // (empty: nowhere): a worse one of the same camera does not take its place (calib/files/accept_calibration.h). Fails,
 // naming the file and the cure, as calib::read_grid does; with invalid_argument when its frames are not of the sensor's
 // size; with `refused` when it is worse; with io when it cannot be kept.
-Result<CalibrationInUse> use_calibration(const std::filesystem::path& file, const std::filesystem::path& kept,
-                                         const hal::SensorFormat& format, int bins_i, int bins_j);
+Result<ActiveCalibration> use_calibration(const std::filesystem::path& file, const std::filesystem::path& kept,
+                                          const hal::SensorFormat& format, int bins_i, int bins_j);
 
 }  // namespace hord::firmware

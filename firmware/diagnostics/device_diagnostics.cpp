@@ -51,7 +51,7 @@ double ms(Duration d) { return static_cast<double>(d.count()) / 1e6; }
 
 class Check {
   public:
-    Check(hal::EventLoop& loop, CellUnderTest& cell, const CellCheckOptions& options)
+    Check(hal::EventLoop& loop, CellUnderTest& cell, const DeviceDiagnosticsOptions& options)
         : loop_(loop), cell_(cell), options_(options) {}
 
     std::vector<CheckRow> go() {
@@ -286,7 +286,7 @@ class Check {
 
     hal::EventLoop& loop_;
     CellUnderTest& cell_;
-    const CellCheckOptions& options_;
+    const DeviceDiagnosticsOptions& options_;
     SeesLight light_;
     std::uint32_t exposure_ = 0;
     std::vector<CheckRow> rows_;
@@ -294,7 +294,7 @@ class Check {
 
 }  // namespace
 
-std::vector<CheckRow> check_cell(hal::EventLoop& loop, CellUnderTest& cell, const CellCheckOptions& options) {
+std::vector<CheckRow> check_cell(hal::EventLoop& loop, CellUnderTest& cell, const DeviceDiagnosticsOptions& options) {
     return Check(loop, cell, options).go();
 }
 

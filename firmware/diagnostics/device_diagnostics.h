@@ -48,7 +48,7 @@ struct CheckRow {
     std::string found, cure;
 };
 
-struct CellCheckOptions {
+struct DeviceDiagnosticsOptions {
     bool actuate = false;  // the ejector is pulsed once
     // Lets the loop run until `done` says so, and for `patience` at most; whether it did.
     std::function<bool(const std::function<bool()>& done, hal::Duration patience)> wait;
@@ -57,7 +57,7 @@ struct CellCheckOptions {
 
 // Loop thread, outside of its callbacks. Pulses each light once, takes one frame with light and one without, and asks
 // the rejector's module; nothing else moves unless `actuate`. All devices are stopped again when it returns.
-std::vector<CheckRow> check_cell(hal::EventLoop& loop, CellUnderTest& cell, const CellCheckOptions& options);
+std::vector<CheckRow> check_cell(hal::EventLoop& loop, CellUnderTest& cell, const DeviceDiagnosticsOptions& options);
 
 // The rows as a table, each bad one with its cure.
 std::string table_of(const std::vector<CheckRow>& rows);

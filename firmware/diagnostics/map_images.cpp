@@ -63,8 +63,8 @@ void draw_scale(cv::Mat& sheet, const MapPicture& what, int top, int height) {
 }
 
 void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, std::span<const std::string> labels, int zoom) {
-    constexpr std::size_t kMost = 20;
-    for (std::size_t k = 0; k < std::min(defects.size(), kMost); ++k) {
+    constexpr std::size_t kMax = 20;
+    for (std::size_t k = 0; k < std::min(defects.size(), kMax); ++k) {
         const algo::Defect& defect = defects[k];
         const cv::Point centre(static_cast<int>((defect.m + 0.5F) * static_cast<float>(zoom)),
                                static_cast<int>((defect.n + 0.5F) * static_cast<float>(zoom)));

@@ -91,7 +91,7 @@ Result<int> open_line(const SerialOptions& options) {
 
 }  // namespace
 
-struct ServerRtu::Impl {
+struct RtuServer::Impl {
     hal::EventLoop& loop;
     RegisterModel& model;
     const SerialOptions options;
@@ -189,10 +189,10 @@ struct ServerRtu::Impl {
     }
 };
 
-ServerRtu::ServerRtu(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-ServerRtu::~ServerRtu() = default;
+RtuServer::RtuServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+RtuServer::~RtuServer() = default;
 
-Result<std::unique_ptr<ServerRtu>> ServerRtu::open(hal::EventLoop& loop, RegisterModel& model, SerialOptions options) {
+Result<std::unique_ptr<RtuServer>> RtuServer::open(hal::EventLoop& loop, RegisterModel& model, SerialOptions options) {
     if (options.unit < 1 || options.unit > 247) {
         return fail(ErrorCode::invalid_argument, fmt::format("{} is not a unit of a serial line", options.unit),
                     "use 1 to 247");
@@ -201,17 +201,17 @@ Result<std::unique_ptr<ServerRtu>> ServerRtu::open(hal::EventLoop& loop, Registe
     if (!line) return tl::unexpected(line.error());
     auto impl = std::make_unique<Impl>(loop, model, std::move(options), true);
     if (auto begun = impl->begin(*line); !begun) return tl::unexpected(begun.error());
-    return std::unique_ptr<ServerRtu>(new ServerRtu(std::move(impl)));
+    return std::unique_ptr<RtuServer>(new RtuServer(std::move(impl)));
 }
 
-Result<std::unique_ptr<ServerRtu>> ServerRtu::adopt(hal::EventLoop& loop, RegisterModel& model, int fd,
+Result<std::unique_ptr<RtuServer>> RtuServer::adopt(hal::EventLoop& loop, RegisterModel& model, int fd,
                                                     SerialOptions options) {
     auto impl = std::make_unique<Impl>(loop, model, std::move(options), false);
     if (auto begun = impl->begin(fd); !begun) return tl::unexpected(begun.error());
-    return std::unique_ptr<ServerRtu>(new ServerRtu(std::move(impl)));
+    return std::unique_ptr<RtuServer>(new RtuServer(std::move(impl)));
 }
 
-SerialStatistics ServerRtu::statistics() const {
+SerialStatistics RtuServer::statistics() const {
     SerialStatistics now = impl_->statistics;
     now.damaged = impl_->framer.damaged();
     return now;

@@ -30,25 +30,25 @@ struct SerialStatistics {
     std::uint64_t requests = 0, exceptions = 0, broadcasts = 0, damaged = 0;
 };
 
-class ServerRtu {
+class RtuServer {
   public:
     // Loop thread. Fails with not_found or refused (the device), busy (another program has it), unsupported
     // (the baud rate, or a driver without RS-485), invalid_argument (the unit), io.
-    [[nodiscard]] static Result<std::unique_ptr<ServerRtu>> open(hal::EventLoop& loop, RegisterModel& model,
+    [[nodiscard]] static Result<std::unique_ptr<RtuServer>> open(hal::EventLoop& loop, RegisterModel& model,
                                                                  SerialOptions options);
 
     // The same on a line that somebody else has opened and set up; not opened again when it goes.
-    [[nodiscard]] static Result<std::unique_ptr<ServerRtu>> adopt(hal::EventLoop& loop, RegisterModel& model, int fd,
+    [[nodiscard]] static Result<std::unique_ptr<RtuServer>> adopt(hal::EventLoop& loop, RegisterModel& model, int fd,
                                                                   SerialOptions options);
-    ~ServerRtu();
-    ServerRtu(const ServerRtu&) = delete;
-    ServerRtu& operator=(const ServerRtu&) = delete;
+    ~RtuServer();
+    RtuServer(const RtuServer&) = delete;
+    RtuServer& operator=(const RtuServer&) = delete;
 
     [[nodiscard]] SerialStatistics statistics() const;  // loop thread
 
   private:
     struct Impl;
-    explicit ServerRtu(std::unique_ptr<Impl> impl);
+    explicit RtuServer(std::unique_ptr<Impl> impl);
     std::unique_ptr<Impl> impl_;
 };
 

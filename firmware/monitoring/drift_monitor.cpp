@@ -2,14 +2,15 @@
 
 namespace hord::firmware {
 
-Result<std::unique_ptr<DriftWatch>> DriftWatch::create(const algo::Extents& extents, const algo::LightLevels& levels,
-                                                       algo::DriftZero zero, double px_a_bin) {
+Result<std::unique_ptr<DriftMonitor>> DriftMonitor::create(const algo::Extents& extents,
+                                                           const algo::LightLevels& levels, algo::DriftZero zero,
+                                                           double px_a_bin) {
     auto estimator = algo::DriftEstimator::create(extents, levels, zero);
     if (!estimator) return tl::unexpected(estimator.error());
-    return std::unique_ptr<DriftWatch>(new DriftWatch(std::move(*estimator), px_a_bin));
+    return std::unique_ptr<DriftMonitor>(new DriftMonitor(std::move(*estimator), px_a_bin));
 }
 
-bool DriftWatch::add(const FrameView& frame) {
+bool DriftMonitor::add(const FrameView& frame) {
     const std::lock_guard lock(mutex_);
     if (!estimator_.add(frame)) return false;
     const bool before = noticed_;
@@ -21,7 +22,7 @@ bool DriftWatch::add(const FrameView& frame) {
     return noticed_ != before;
 }
 
-DriftWatch::View DriftWatch::view() const {
+DriftMonitor::View DriftMonitor::view() const {
     const std::lock_guard lock(mutex_);
     const auto& latest = estimator_.latest();
     if (!latest) return {};

@@ -16,11 +16,11 @@ inline constexpr double kDriftNoticedPx = 0.08;
 // What was reported is over below this; in between nothing changes.
 inline constexpr double kDriftGonePx = 0.06;
 
-class DriftWatch {
+class DriftMonitor {
   public:
     // Of macro-pixel frames. `px_a_bin`: of the sensor; 1 where its own frames are macro-pixels.
-    static Result<std::unique_ptr<DriftWatch>> create(const algo::Extents& extents, const algo::LightLevels& levels,
-                                                      algo::DriftZero zero, double px_a_bin);
+    static Result<std::unique_ptr<DriftMonitor>> create(const algo::Extents& extents, const algo::LightLevels& levels,
+                                                        algo::DriftZero zero, double px_a_bin);
 
     // Any thread. True when this frame made the watch change its mind.
     bool add(const FrameView& frame);
@@ -33,7 +33,7 @@ class DriftWatch {
     [[nodiscard]] View view() const;  // any thread
 
   private:
-    DriftWatch(algo::DriftEstimator estimator, double px_a_bin)
+    DriftMonitor(algo::DriftEstimator estimator, double px_a_bin)
         : estimator_(std::move(estimator)), px_a_bin_(px_a_bin) {}
     mutable std::mutex mutex_;
     algo::DriftEstimator estimator_;

@@ -15,7 +15,7 @@ constexpr float kSamePlace = 2;    // lenslets: a largest speck that is further 
 
 bool beyond(bool before, double value, double limit) { return value > (before ? (1 - kWayBack) * limit : limit); }
 
-std::string place_of(const OpticsWatch::View& view, const algo::Speck& speck) {
+std::string place_of(const OpticsMonitor::View& view, const algo::Speck& speck) {
     std::string text = fmt::format("lenslet ({:.0f}, {:.0f})", speck.m, speck.n);
     if (view.lenslet_mm > 0) {
         const float x = (speck.m - 0.5F * static_cast<float>(view.extents.m - 1)) * view.lenslet_mm,
@@ -25,7 +25,7 @@ std::string place_of(const OpticsWatch::View& view, const algo::Speck& speck) {
     return text;
 }
 
-std::string describe_dust(const OpticsWatch::View& view) {
+std::string describe_dust(const OpticsMonitor::View& view) {
     if (!view.dust || view.dust->specks == 0) return "no dust is on the optics";
     const algo::Speck& largest = view.dust->largest[0];
     std::string text =
@@ -36,7 +36,7 @@ std::string describe_dust(const OpticsWatch::View& view) {
     return text + "; dust on the optics, or the same flaw in every part";
 }
 
-std::string describe_light(FaultBit fault, const OpticsWatch::View& view) {
+std::string describe_light(FaultBit fault, const OpticsMonitor::View& view) {
     if (!view.light) return "nothing is known of the light yet";
     const algo::LightAge& age = *view.light;
     if (fault == kFaultLightFading)
@@ -51,22 +51,22 @@ std::string describe_light(FaultBit fault, const OpticsWatch::View& view) {
 
 }  // namespace
 
-OpticsWatch::OpticsWatch(algo::LightTrend light, algo::DustEstimator dust, const algo::Extents& extents,
-                         const OpticsLimits& limits)
+OpticsMonitor::OpticsMonitor(algo::LightTrend light, algo::DustEstimator dust, const algo::Extents& extents,
+                             const OpticsLimits& limits)
     : limits_(limits), light_(std::move(light)), dust_(std::move(dust)) {
     view_.extents = extents;
     view_.window_parts = limits.window_parts;
 }
 
-Result<std::unique_ptr<OpticsWatch>> OpticsWatch::create(const algo::Extents& extents, const OpticsLimits& limits) {
+Result<std::unique_ptr<OpticsMonitor>> OpticsMonitor::create(const algo::Extents& extents, const OpticsLimits& limits) {
     auto light = algo::LightTrend::create(extents, limits.window_parts);
     if (!light) return tl::unexpected(light.error());
     auto dust = algo::DustEstimator::create(extents, limits.window_parts);
     if (!dust) return tl::unexpected(dust.error());
-    return std::unique_ptr<OpticsWatch>(new OpticsWatch(std::move(*light), std::move(*dust), extents, limits));
+    return std::unique_ptr<OpticsMonitor>(new OpticsMonitor(std::move(*light), std::move(*dust), extents, limits));
 }
 
-void OpticsWatch::judge_light() {
+void OpticsMonitor::judge_light() {
     const algo::LightAge& age = *view_.light;
     const auto is = [&](FaultBit fault, double value, double limit) {
         const bool now = beyond((view_.faults & fault) != 0, value, limit);
@@ -77,7 +77,7 @@ void OpticsWatch::judge_light() {
     is(kFaultLightUneven, std::abs(age.uneven), limits_.most_uneven);
 }
 
-bool OpticsWatch::add(const FrameView& frame, const algo::Inspection& inspection) {
+bool OpticsMonitor::add(const FrameView& frame, const algo::Inspection& inspection) {
     const std::lock_guard lock(mutex_);
     const std::uint32_t before = view_.faults;
     bool moved = false;
@@ -97,7 +97,7 @@ bool OpticsWatch::add(const FrameView& frame, const algo::Inspection& inspection
     return moved || view_.faults != before;
 }
 
-void OpticsWatch::restart(float lenslet_mm) {
+void OpticsMonitor::restart(float lenslet_mm) {
     const std::lock_guard lock(mutex_);
     light_.restart();
     dust_.restart();
@@ -107,17 +107,17 @@ void OpticsWatch::restart(float lenslet_mm) {
     view_.lenslet_mm = lenslet_mm;
 }
 
-std::uint32_t OpticsWatch::news() {
+std::uint32_t OpticsMonitor::news() {
     const std::lock_guard lock(mutex_);
     return std::exchange(news_, 0) & view_.faults;
 }
 
-OpticsWatch::View OpticsWatch::view() const {
+OpticsMonitor::View OpticsMonitor::view() const {
     const std::lock_guard lock(mutex_);
     return view_;
 }
 
-Error describe(FaultBit fault, const OpticsWatch::View& view) {
+Error describe(FaultBit fault, const OpticsMonitor::View& view) {
     std::string_view cure;
     for (const FaultText& text : fault_texts()) {
         if (text.bit == fault) cure = text.cure;

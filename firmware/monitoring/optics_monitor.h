@@ -23,7 +23,7 @@ struct OpticsLimits {
     double most_uneven = 0.2;
 };
 
-class OpticsWatch {
+class OpticsMonitor {
   public:
     struct View {
         std::optional<algo::LightAge> light;  // none: too few parts yet
@@ -35,7 +35,7 @@ class OpticsWatch {
     };
 
     // Of macro-pixel frames. Fails with invalid_argument as algo/ageing/light_trend.h and algo/ageing/dust.h do.
-    static Result<std::unique_ptr<OpticsWatch>> create(const algo::Extents& extents, const OpticsLimits& limits);
+    static Result<std::unique_ptr<OpticsMonitor>> create(const algo::Extents& extents, const OpticsLimits& limits);
 
     // Any thread. True when this part changed what is a fault, or where the largest speck is.
     bool add(const FrameView& frame, const algo::Inspection& inspection);
@@ -50,8 +50,8 @@ class OpticsWatch {
     std::uint32_t news();
 
   private:
-    OpticsWatch(algo::LightTrend light, algo::DustEstimator dust, const algo::Extents& extents,
-                const OpticsLimits& limits);
+    OpticsMonitor(algo::LightTrend light, algo::DustEstimator dust, const algo::Extents& extents,
+                  const OpticsLimits& limits);
     void judge_light();
 
     const OpticsLimits limits_;
@@ -63,6 +63,6 @@ class OpticsWatch {
 };
 
 // One of kOpticsFaults as it is now, with figures and places, and its cure.
-Error describe(FaultBit fault, const OpticsWatch::View& view);
+Error describe(FaultBit fault, const OpticsMonitor::View& view);
 
 }  // namespace hord::firmware

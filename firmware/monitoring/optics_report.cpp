@@ -11,7 +11,7 @@ OpticsLimits limits_of(const OpticsConfig& config, int bits) {
             config.most_uneven};
 }
 
-OpticsReport report_of(const OpticsWatch::View& view) {
+OpticsReport report_of(const OpticsMonitor::View& view) {
     const auto lenslet = [](float place) {
         return static_cast<std::uint16_t>(std::clamp(std::lround(place), 0L, 0xFFFEL));
     };

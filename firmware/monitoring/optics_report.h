@@ -10,6 +10,6 @@ namespace hord::firmware {
 // Of frames of so many bits a sample.
 OpticsLimits limits_of(const OpticsConfig& config, int bits);
 
-OpticsReport report_of(const OpticsWatch::View& view);
+OpticsReport report_of(const OpticsMonitor::View& view);
 
 }  // namespace hord::firmware

@@ -17,7 +17,7 @@ constexpr milliseconds kWriteEvery(500);  // the cursor: what is not written dow
 constexpr milliseconds kGoodbye(2000);
 constexpr std::chrono::minutes kSayAgain(10);
 constexpr std::size_t kRemembered = 16;
-constexpr double kMostLines = 10;  // at once; then one a second
+constexpr double kMaxLines = 10;  // at once; then one a second
 
 UtcMs utc_now() {
     return std::chrono::duration_cast<milliseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
@@ -41,7 +41,7 @@ void Agent::say(const std::string& line) {
     if (line.empty()) return;
     const auto now = Clock::now();
     lines_left_ =
-        std::min(lines_left_ + std::chrono::duration<double>(now - std::exchange(lines_at_, now)).count(), kMostLines);
+        std::min(lines_left_ + std::chrono::duration<double>(now - std::exchange(lines_at_, now)).count(), kMaxLines);
     const auto known = std::find_if(said_.begin(), said_.end(), [&](const auto& said) { return said.first == line; });
     if (known != said_.end() && now - known->second < kSayAgain) return;
     if (lines_left_ < 1) return;

@@ -16,7 +16,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::uint32_t kLargestPacket = 16'384;
-constexpr std::size_t kMostUnanswered = 1100;             // more than results may be in flight
+constexpr std::size_t kMaxUnanswered = 1100;              // more than results may be in flight
 constexpr auto kAnswerWithin = std::chrono::seconds(15);  // from the connection to the last subscription
 
 // libmosquitto wants to be told once a process.
@@ -283,7 +283,7 @@ Result<void> BrokerLink::publish(const Outgoing& message) {
 }
 
 bool BrokerLink::congested() const {
-    return mosquitto_want_write(parts_->client.get()) || parts_->tokens.size() > kMostUnanswered;
+    return mosquitto_want_write(parts_->client.get()) || parts_->tokens.size() > kMaxUnanswered;
 }
 
 void BrokerLink::leave(std::chrono::milliseconds patience) {

@@ -12,7 +12,7 @@ namespace {
 constexpr std::string_view kRebirth = "Node Control/Rebirth";
 constexpr UtcMs kBirthEvery = 1000;     // requests for a birth that come faster share one
 constexpr UtcMs kAskAgainAfter = 2000;  // nobody listens: one result is tried so often
-constexpr std::size_t kMostStateBytes = 1024;
+constexpr std::size_t kMaxStateBytes = 1024;
 
 Metric named(std::string name, DataType type, MetricValue value) {
     Metric metric;
@@ -169,7 +169,7 @@ void EdgeNode::command(std::string_view bytes) {
 }
 
 void EdgeNode::host_state(std::string_view text, UtcMs now) {
-    const auto json = text.size() <= kMostStateBytes ? nlohmann::json::parse(text, nullptr, false) : nlohmann::json();
+    const auto json = text.size() <= kMaxStateBytes ? nlohmann::json::parse(text, nullptr, false) : nlohmann::json();
     const bool understood = json.is_object() && json.contains("online") && json["online"].is_boolean() &&
         json.contains("timestamp") && json["timestamp"].is_number_integer();
     if (!understood) return refuse("a state of the primary host that is no {\"online\":...,\"timestamp\":...}");

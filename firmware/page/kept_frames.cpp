@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
-constexpr int kMostTried = 8;  // frames of parts with the same number, of other starts
+constexpr int kMaxTried = 8;  // frames of parts with the same number, of other starts
 
 // "000000000123-20261121T071500Z-p42-reject.png"
 std::optional<std::pair<std::uint64_t, std::uint32_t>> number_and_part_of(const std::string& name) {
@@ -54,14 +54,14 @@ void KeptFrames::look() {
          entry.increment(error)) {
         std::string name = entry->path().filename().string();
         if (const auto is = number_and_part_of(name)) found.push_back({is->first, is->second, std::move(name)});
-        if (found.size() >= 2 * kMostFiles) {  // the oldest half goes
-            std::nth_element(found.begin(), found.begin() + kMostFiles, found.end(),
+        if (found.size() >= 2 * kMaxFiles) {  // the oldest half goes
+            std::nth_element(found.begin(), found.begin() + kMaxFiles, found.end(),
                              [](const Known& a, const Known& b) { return a.number > b.number; });
-            found.resize(kMostFiles);
+            found.resize(kMaxFiles);
         }
     }
     std::sort(found.begin(), found.end(), [](const Known& a, const Known& b) { return a.number < b.number; });
-    if (found.size() > kMostFiles) found.erase(found.begin(), found.end() - kMostFiles);
+    if (found.size() > kMaxFiles) found.erase(found.begin(), found.end() - kMaxFiles);
     known_ = std::move(found);
     changed_ = changed;
     const auto took = std::chrono::steady_clock::now() - now;
@@ -95,7 +95,7 @@ Result<KeptFrame> KeptFrames::find(std::uint32_t boot, std::uint32_t part) {
     {
         const std::lock_guard lock(mutex_);
         look();
-        for (auto at = known_.rbegin(); at != known_.rend() && names.size() < kMostTried; ++at) {
+        for (auto at = known_.rbegin(); at != known_.rend() && names.size() < kMaxTried; ++at) {
             if (at->part == part) names.push_back(at->name);
         }
     }

@@ -23,7 +23,7 @@ struct KeptFrame {
 
 class KeptFrames {
   public:
-    static constexpr std::size_t kMostFiles = 200'000;  // the newest ones are known
+    static constexpr std::size_t kMaxFiles = 200'000;  // the newest ones are known
     static constexpr std::uintmax_t kLargestFile = 64 * 1024 * 1024;
 
     explicit KeptFrames(std::filesystem::path folder) : folder_(std::move(folder)) {}

@@ -32,14 +32,15 @@ Json faults_of(std::uint32_t bits) {
 }
 
 // Every row of every block that was read: numbers where there are any, names of values as text beside them.
-Json rows_of(const Moment& moment) {
+Json rows_of(const RegisterSnapshot& moment) {
     Json json = Json::object();
     for (const auto& [id, readings] : moment.blocks()) {
         Json block = Json::object();
         for (const Reading& r : readings) {
             const std::string name(r.what->name);
             const bool named = r.what->type == RegisterType::u16 && !r.what->values.empty();
-            if (r.what->type == RegisterType::text || (named && r.number)) block[name] = Moment::plain_text(r);
+            if (r.what->type == RegisterType::text || (named && r.number))
+                block[name] = RegisterSnapshot::plain_text(r);
             else if (r.number && r.what->scale == 1) block[name] = static_cast<std::int64_t>(*r.number);
             else if (r.number) block[name] = *r.number;
             else block[name] = nullptr;
@@ -75,7 +76,7 @@ std::string SeenResult::json() const {
     return dumped(json);
 }
 
-void Live::saw(const Moment& moment) {
+void Live::saw(const RegisterSnapshot& moment) {
     const std::lock_guard lock(mutex_);
     up_ = true;
     moment_ = moment;

@@ -45,7 +45,7 @@ class Live {
     explicit Live(Viewers& viewers) : viewers_(viewers) {}
 
     // The station's answers, from the thread that asks.
-    void saw(const Moment& moment);
+    void saw(const RegisterSnapshot& moment);
     void saw(const SeenResult& result);
     void missed(std::uint32_t results);  // the ring had gone round
     void lost(const Error& error);       // nobody answers
@@ -63,7 +63,7 @@ class Live {
 
     struct Figures {
         bool up = false;
-        Moment moment;
+        RegisterSnapshot moment;
         LatencyHistogram verdict, reject;
         std::map<std::string, std::uint64_t> by_reason;
         std::uint64_t missed = 0;
@@ -78,7 +78,7 @@ class Live {
     mutable std::mutex mutex_;
     bool up_ = false;
     Error trouble_{ErrorCode::disconnected, "the station was not asked yet", ""};
-    Moment moment_;
+    RegisterSnapshot moment_;
     std::deque<SeenResult> strip_;
     LatencyHistogram verdict_, reject_;
     std::map<std::string, std::uint64_t> by_reason_;

@@ -148,7 +148,7 @@ void add_station(Families& f, const Live::Figures& s) {
     f.one("hord_light_peak_ratio", "Brightest samples of the frame that was kept last, of full scale.", kGauge,
           s.light);
     if (!s.up) return;  // what the station said before is not what it is
-    const Moment& m = s.moment;
+    const RegisterSnapshot& m = s.moment;
     f.begin("hord_station_info", "Who the station is.", kGauge);
     f.add(1,
           {{"vendor", m.text(BlockId::ident, "vendor")},

@@ -55,7 +55,7 @@ class Pages {
   public:
     using Command = std::function<Result<modbus::Client::Reply>(CommandCode code, std::uint32_t argument,
                                                                 std::uint32_t argument2, const std::string& who)>;
-    struct Works {
+    struct Dependencies {
         const PageConfig& config;
         const Tokens& tokens;
         Viewers& viewers;
@@ -67,7 +67,7 @@ class Pages {
         std::function<void(const std::string&)> log;  // one line: a command, a wrong token
         std::string version;
     };
-    explicit Pages(Works works) : works_(std::move(works)) {}
+    explicit Pages(Dependencies works) : works_(std::move(works)) {}
 
     // What must be known before a body is read: the reply, or nothing when the body decides. A body is read for
     // /api/command alone.
@@ -86,7 +86,7 @@ class Pages {
     [[nodiscard]] Reply refuse_command(int status, const char* what, const char* cure, const Request& request);
     Reply counted(Reply reply);
 
-    const Works works_;
+    const Dependencies works_;
     std::timed_mutex frame_turn_;  // frames are large: one is in memory at a time
     std::mutex mutex_;
     std::map<int, std::uint64_t> replies_;

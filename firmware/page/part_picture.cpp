@@ -49,9 +49,9 @@ std::vector<Shown> views_of(const algo::Inspection& found, const algo::Recipe& r
         views.push_back({"transmission", "light that comes through", "of a typical lenslet", found.transmission,
                          recipe.transmission_limit});
     if (recipe.reference && !found.compares) {
-        if (found.surprise.empty()) nothing.assign(found.mask.size(), 0.0F);
+        if (found.z_score.empty()) nothing.assign(found.mask.size(), 0.0F);
         views.push_back({"surprise", "differs from good parts", "noises",
-                         found.surprise.empty() ? algo::Map(nothing) : found.surprise, recipe.reject_score});
+                         found.z_score.empty() ? algo::Map(nothing) : found.z_score, recipe.reject_score});
     }
     return views;
 }

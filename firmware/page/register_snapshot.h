@@ -11,7 +11,7 @@
 
 namespace hord::firmware::page {
 
-class Moment {
+class RegisterSnapshot {
   public:
     void set(BlockId block, std::vector<Reading> readings) { blocks_.insert_or_assign(block, std::move(readings)); }
     [[nodiscard]] const std::map<BlockId, std::vector<Reading>>& blocks() const { return blocks_; }

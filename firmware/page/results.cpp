@@ -67,7 +67,7 @@ Result<store::ResultFilter> filter_of(const Fields& fields) {
             if (!filter.before) return wrong("write a result's number");
         } else if (name == "limit") {
             const auto limit = whole<std::int64_t>(value);
-            if (!limit || *limit < 1 || *limit > Results::kMostRows) return wrong("write 1 to 200");
+            if (!limit || *limit < 1 || *limit > Results::kMaxRows) return wrong("write 1 to 200");
             filter.newest = *limit;
         } else if (name == "since" || name == "until") {
             const auto time = store::parse_utc(value, now_us());
@@ -152,7 +152,7 @@ Result<std::string> Results::changes(std::int64_t most) {
     auto reader = open();
     if (!reader) return tl::unexpected(reader.error());
     store::ResultFilter filter;
-    filter.newest = std::clamp<std::int64_t>(most, 1, kMostRows);
+    filter.newest = std::clamp<std::int64_t>(most, 1, kMaxRows);
     Json rows = Json::array();
     const auto done = (*reader)->each_change(filter, [&](const StoredChange& c) {
         Json row{{"time", store::format_utc(c.time_us)},

@@ -29,7 +29,7 @@ using Fields = std::multimap<std::string, std::string>;  // of an address, decod
 
 class Results {
   public:
-    static constexpr std::int64_t kMostRows = 200;
+    static constexpr std::int64_t kMaxRows = 200;
 
     explicit Results(std::filesystem::path folder) : folder_(std::move(folder)) {}
 

@@ -28,7 +28,7 @@ constexpr auto kPressedPatience = std::chrono::milliseconds(400);  // with who i
 constexpr auto kSlice = std::chrono::milliseconds(200);            // a page that ends is not kept waiting longer
 constexpr auto kStillHere = std::chrono::milliseconds(3000);
 constexpr int kRequestsOfOneConnection = 100, kBacklog = 128;
-constexpr std::size_t kThreadsBesideViewers = 12, kMostWaiting = 32;
+constexpr std::size_t kThreadsBesideViewers = 12, kMaxWaiting = 32;
 
 // Where bytes come from and go to.
 class Wire {
@@ -244,7 +244,7 @@ class Threads final : public httplib::TaskQueue {
     Taken enqueue(std::function<void()> task) override {
         {
             const std::lock_guard lock(mutex_);
-            if (!ended_ && waiting_.size() < kMostWaiting) {
+            if (!ended_ && waiting_.size() < kMaxWaiting) {
                 waiting_.push_back(std::move(task));
                 ++count_;
                 wake_.notify_one();

@@ -23,7 +23,7 @@ std::int64_t nanoseconds_of(clockid_t clock) {
 }
 
 SeenResult seen_from(const std::vector<Reading>& readings, std::uint32_t boot) {
-    Moment m;
+    RegisterSnapshot m;
     m.set(BlockId::ring, readings);
     const auto number = [&](std::string_view row) { return m.number(BlockId::ring, row); };
     SeenResult result;

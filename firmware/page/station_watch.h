@@ -37,7 +37,7 @@ class StationWatch {
 
     std::optional<modbus::Client> client_;
     std::vector<modbus::Client::Place> places_;
-    Moment moment_;
+    RegisterSnapshot moment_;
     std::string last_status_;
     std::chrono::steady_clock::time_point slow_blocks_at_{}, sample_at_{};
     std::uint32_t boot_ = 0, seen_ = 0;

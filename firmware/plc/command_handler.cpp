@@ -104,9 +104,9 @@ NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged) {
     return base;
 }
 
-Operations::~Operations() = default;
+CommandHandler::~CommandHandler() = default;
 
-void Operations::begin(Works works, NumberedRecipe recipe) {
+void CommandHandler::begin(Dependencies works, NumberedRecipe recipe) {
     works_.emplace(std::move(works));
     recipe_ = std::move(recipe);
     works_->desk.stage(staged_from(recipe_));
@@ -115,7 +115,7 @@ void Operations::begin(Works works, NumberedRecipe recipe) {
 
 // -- commands
 
-CommandOutcome Operations::on_command(const modbus::Origin& origin, const CommandRequest& request) {
+CommandOutcome CommandHandler::on_command(const modbus::Origin& origin, const CommandRequest& request) {
     const Who who = who_is(origin, request);
     const State before = works_->station.core().state();
     const CommandOutcome outcome = carry_out(who, request);
@@ -124,7 +124,7 @@ CommandOutcome Operations::on_command(const modbus::Origin& origin, const Comman
     return outcome;
 }
 
-CommandOutcome Operations::carry_out(const Who& who, const CommandRequest& request) {
+CommandOutcome CommandHandler::carry_out(const Who& who, const CommandRequest& request) {
     if (const auto command = command_of(request.code)) {
         const bool ends_teach = *command == Command::abort || *command == Command::halt;
         const bool cancelled = ends_teach && cancel_teach(name_in_map("code", request.code) + " was commanded");
@@ -141,7 +141,8 @@ CommandOutcome Operations::carry_out(const Who& who, const CommandRequest& reque
     }
 }
 
-void Operations::record(const Who& who, const CommandRequest& request, State before, const CommandOutcome& outcome) {
+void CommandHandler::record(const Who& who, const CommandRequest& request, State before,
+                            const CommandOutcome& outcome) {
     if (works_->recorder == nullptr) return;
     std::string came_to = name_in_map("state", static_cast<std::uint32_t>(outcome.state));
     if (outcome.error != CommandError::none)
@@ -150,13 +151,13 @@ void Operations::record(const Who& who, const CommandRequest& request, State bef
         {Change::What::command, who, name_in_map("code", request.code), std::string(name_of(before)), came_to});
 }
 
-void Operations::report(const Error& error) const {
+void CommandHandler::report(const Error& error) const {
     if (works_->trouble) works_->trouble(error);
 }
 
 // -- recipes
 
-Result<void> Operations::use(const Who& who, NumberedRecipe recipe) {
+Result<void> CommandHandler::use(const Who& who, NumberedRecipe recipe) {
     const State state = works_->station.core().state();
     if (executing(state)) {
         return fail(ErrorCode::refused,
@@ -179,7 +180,7 @@ Result<void> Operations::use(const Who& who, NumberedRecipe recipe) {
 }
 
 // With the inspector's consent it is in use, remembered and recorded.
-Result<void> Operations::take(const Who& who, NumberedRecipe recipe) {
+Result<void> CommandHandler::take(const Who& who, NumberedRecipe recipe) {
     if (auto taken = works_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
     const NumberedRecipe before = std::exchange(recipe_, std::move(recipe));
     works_->desk.stage(staged_from(recipe_));
@@ -191,14 +192,14 @@ Result<void> Operations::take(const Who& who, NumberedRecipe recipe) {
     return {};
 }
 
-CommandOutcome Operations::used(const Result<void>& result) {
+CommandOutcome CommandHandler::used(const Result<void>& result) {
     if (result) return done(crc32_of(recipe_));
     report(result.error());
     return failed(result.error().code == ErrorCode::refused ? CommandError::not_in_this_state
                                                             : CommandError::bad_argument);
 }
 
-CommandOutcome Operations::use_recipe(const Who& who, const CommandRequest& request) {
+CommandOutcome CommandHandler::use_recipe(const Who& who, const CommandRequest& request) {
     if (executing(works_->station.core().state())) return failed(CommandError::not_in_this_state);
     if (request.argument > 0xFFFE) return failed(CommandError::bad_argument);
     if (!works_->recipe) return failed(CommandError::no_such_recipe);
@@ -212,8 +213,8 @@ CommandOutcome Operations::use_recipe(const Who& who, const CommandRequest& requ
     return used(use(who, std::move(*recipe)));
 }
 
-CommandOutcome Operations::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
-                                     const StagedRecipe& staged) {
+CommandOutcome CommandHandler::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
+                                         const StagedRecipe& staged) {
     const Who who = who_is(origin, request);
     const State before = works_->station.core().state();
     const CommandOutcome outcome = used(use(who, with_staged(recipe_, staged)));
@@ -225,7 +226,7 @@ CommandOutcome Operations::on_recipe(const modbus::Origin& origin, const Command
 // -- self-test
 
 // The judgement on drawn parts at once; then one flash and one frame of the empty line, which answer later.
-CommandOutcome Operations::self_test(const Who& who, const CommandRequest& request) {
+CommandOutcome CommandHandler::self_test(const Who& who, const CommandRequest& request) {
     Station& station = works_->station;
     const State state = station.core().state();
     if (state != State::initialized && state != State::ready) return failed(CommandError::not_in_this_state);
@@ -257,15 +258,15 @@ CommandOutcome Operations::self_test(const Who& who, const CommandRequest& reque
 
 // -- teaching
 
-CommandOutcome Operations::teach(const Who& who, const CommandRequest& request) {
+CommandOutcome CommandHandler::teach(const Who& who, const CommandRequest& request) {
     if (works_->teacher == nullptr) return failed(CommandError::not_supported);
     const State state = works_->station.core().state();
     if (state != State::initialized && state != State::ready && !executing(state))
         return failed(CommandError::not_in_this_state);
-    const std::uint32_t parts = request.argument == 0 ? Teacher::kUsualParts : request.argument;
-    if (parts < Teacher::kLeastParts || parts > Teacher::kMostParts) return failed(CommandError::bad_argument);
+    const std::uint32_t parts = request.argument == 0 ? TeachIn::kUsualParts : request.argument;
+    if (parts < TeachIn::kMinParts || parts > TeachIn::kMaxParts) return failed(CommandError::bad_argument);
     if (teach_ || waiting_) return failed(CommandError::not_yet);
-    Teacher::Listener listener;
+    TeachIn::Listener listener;
     listener.taken = [this, token = request.token](std::uint32_t taken) {
         works_->desk.finish(token, {CommandState::executing, CommandError::none, taken});
     };
@@ -279,7 +280,7 @@ CommandOutcome Operations::teach(const Who& who, const CommandRequest& request) 
     return {CommandState::executing, CommandError::none, 0};
 }
 
-void Operations::taught(Result<Taught> result) {
+void CommandHandler::taught(Result<Taught> result) {
     if (!result) {
         report(result.error());
         return end_teach(failed(CommandError::failed));
@@ -290,11 +291,11 @@ void Operations::taught(Result<Taught> result) {
     }
     const std::uint32_t crc = crc32_of(result->recipe);
     waiting_ = Waiting{teach_->who, std::move(result->recipe)};
-    const auto used = use_what_was_taught();  // at once, or later
+    const auto used = use_learned_reference();  // at once, or later
     end_teach(used ? done(crc) : failed(CommandError::failed));
 }
 
-void Operations::end_teach(const CommandOutcome& outcome) {
+void CommandHandler::end_teach(const CommandOutcome& outcome) {
     const Teach ended = std::move(*teach_);
     teach_.reset();
     record(ended.who, ended.request, ended.before, outcome);
@@ -302,7 +303,7 @@ void Operations::end_teach(const CommandOutcome& outcome) {
     if (works_->publish) works_->publish();
 }
 
-bool Operations::cancel_teach(const std::string& why) {
+bool CommandHandler::cancel_teach(const std::string& why) {
     if (!teach_) return false;
     works_->teacher->cancel();
     report({ErrorCode::refused, "the teach is cancelled: " + why, "teach again"});
@@ -310,7 +311,7 @@ bool Operations::cancel_teach(const std::string& why) {
     return true;
 }
 
-Result<void> Operations::use_what_was_taught() {
+Result<void> CommandHandler::use_learned_reference() {
     if (!waiting_ || executing(works_->station.core().state()) || works_->station.core().line().size() != 0) return {};
     Waiting now = std::move(*waiting_);
     waiting_.reset();
@@ -326,7 +327,7 @@ Result<void> Operations::use_what_was_taught() {
 
 // -- the PLC itself
 
-modbus::Exception Operations::on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) {
+modbus::Exception CommandHandler::on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) {
     const Taken taken =
         works_->recorder != nullptr ? works_->recorder->on_acknowledged(who_is(origin), sequence) : Taken::yes;
     switch (taken) {
@@ -337,7 +338,7 @@ modbus::Exception Operations::on_acknowledged(const modbus::Origin& origin, std:
     return modbus::Exception::device_failure;
 }
 
-void Operations::on_plc_lost(PlcPolicy policy) {
+void CommandHandler::on_plc_lost(PlcPolicy policy) {
     report({ErrorCode::timeout, "the PLC's heartbeat has stopped",
             policy == PlcPolicy::none ? "check the PLC and its network; the station goes on (plc.policy)"
                 : policy == PlcPolicy::stop
@@ -347,7 +348,7 @@ void Operations::on_plc_lost(PlcPolicy policy) {
     if (works_->publish) works_->publish();
 }
 
-void Operations::on_plc_back() {
+void CommandHandler::on_plc_back() {
     works_->station.plc_back();
     if (works_->publish) works_->publish();
 }

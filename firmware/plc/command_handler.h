@@ -22,20 +22,20 @@ namespace hord::firmware {
 StagedRecipe staged_from(const NumberedRecipe& recipe);
 NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged);
 
-class Operations final : public PlcHandler {
+class CommandHandler final : public PlcHandler {
   public:
-    explicit Operations(hal::EventLoop& loop) : loop_(loop) {}
-    ~Operations() override;
-    Operations(const Operations&) = delete;
-    Operations& operator=(const Operations&) = delete;
+    explicit CommandHandler(hal::EventLoop& loop) : loop_(loop) {}
+    ~CommandHandler() override;
+    CommandHandler(const CommandHandler&) = delete;
+    CommandHandler& operator=(const CommandHandler&) = delete;
 
     // What it works on. All outlive it; what is empty is left out.
-    struct Works {
+    struct Dependencies {
         Station& station;
         Inspector& inspector;
-        PlcDesk& desk;
-        Recorder* recorder = nullptr;
-        Teacher* teacher = nullptr;                          // none: teach is not supported
+        PlcInterface& desk;
+        ResultSink* recorder = nullptr;
+        TeachIn* teacher = nullptr;                          // none: teach is not supported
         std::function<Result<void>()> check_judgement = {};  // part of the self-test
         std::function<Result<NumberedRecipe>(std::uint16_t number)> recipe =
             {};  // the recipe of this number; not_found: there is none
@@ -44,7 +44,7 @@ class Operations final : public PlcHandler {
         std::function<void(const Error&)> trouble = {};  // to be logged, once
     };
     // `recipe` is what the inspector judges with. Before the loop runs.
-    void begin(Works works, NumberedRecipe recipe);
+    void begin(Dependencies works, NumberedRecipe recipe);
 
     [[nodiscard]] const NumberedRecipe& recipe() const { return recipe_; }
 
@@ -55,7 +55,7 @@ class Operations final : public PlcHandler {
 
     // Judges with what was taught, once the station does not execute and the line is empty. To be called whenever that
     // may have come about. Fails with what the inspector says; then the old recipe stays.
-    Result<void> use_what_was_taught();
+    Result<void> use_learned_reference();
 
     CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
     CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request,
@@ -78,7 +78,7 @@ class Operations final : public PlcHandler {
     void report(const Error& error) const;
 
     hal::EventLoop& loop_;
-    std::optional<Works> works_;
+    std::optional<Dependencies> works_;
     NumberedRecipe recipe_;
     struct Teach {
         Who who;

@@ -72,13 +72,13 @@ bool goes_on_beside_others(std::uint16_t code) { return static_cast<CommandCode>
 
 }  // namespace
 
-PlcDesk::PlcDesk(const hal::Clock& clock, PlcHandler& handler, PlcOptions options)
+PlcInterface::PlcInterface(const hal::Clock& clock, PlcHandler& handler, PlcOptions options)
     : clock_(clock), handler_(handler), options_(options) {
     stage(StagedRecipe{});
 }
 
-Exception PlcDesk::write(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
-                         std::span<const std::uint16_t> values) {
+Exception PlcInterface::write(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
+                              std::span<const std::uint16_t> values) {
     for (const BlockId id : {BlockId::command, BlockId::plc, BlockId::recipe}) {
         const Block& block = *find_block(id);
         if (address < block.base || address >= block.base + block.size()) continue;
@@ -99,14 +99,14 @@ Exception PlcDesk::write(const modbus::Origin& origin, const StationNow& now, st
 
 // -- commands
 
-PlcDesk::Remembered* PlcDesk::find(std::uint32_t token) {
+PlcInterface::Remembered* PlcInterface::find(std::uint32_t token) {
     const auto found =
         std::find_if(memory_.begin(), memory_.end(), [&](const Remembered& r) { return r.request.token == token; });
     return found == memory_.end() ? nullptr : &*found;
 }
 
-Exception PlcDesk::take_command(const modbus::Origin& origin, const StationNow& now,
-                                std::span<const std::uint16_t> values) {
+Exception PlcInterface::take_command(const modbus::Origin& origin, const StationNow& now,
+                                     std::span<const std::uint16_t> values) {
     if (values.size() < 4) return Exception::illegal_value;  // token, boot, code; the arguments may be left out
     CommandRequest request{.token = double_word(values), .boot = values[2], .code = values[3]};
     if (values.size() >= 6) request.argument = double_word(values.subspan(4));
@@ -150,7 +150,8 @@ Exception PlcDesk::take_command(const modbus::Origin& origin, const StationNow& 
     return Exception::none;
 }
 
-CommandOutcome PlcDesk::execute(const modbus::Origin& origin, const StationNow& now, const CommandRequest& request) {
+CommandOutcome PlcInterface::execute(const modbus::Origin& origin, const StationNow& now,
+                                     const CommandRequest& request) {
     const auto refuse = [](CommandError error) { return CommandOutcome{CommandState::failed, error, 0}; };
     if (request.boot != 0 && request.boot != (options_.boot_id & 0xFFFFU)) return refuse(CommandError::other_boot);
     if (static_cast<CommandCode>(request.code) == CommandCode::commit_recipe) {
@@ -165,7 +166,7 @@ CommandOutcome PlcDesk::execute(const modbus::Origin& origin, const StationNow& 
     return handler_.on_command(origin, request);
 }
 
-void PlcDesk::finish(std::uint32_t token, const CommandOutcome& outcome) {
+void PlcInterface::finish(std::uint32_t token, const CommandOutcome& outcome) {
     Remembered* mine = token == 0 ? nullptr : find(token);
     if (mine == nullptr || mine->reply.state != CommandState::executing) return;
     mine->reply.state = outcome.state;
@@ -176,8 +177,8 @@ void PlcDesk::finish(std::uint32_t token, const CommandOutcome& outcome) {
 
 // -- heartbeat and results
 
-Exception PlcDesk::take_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
-                            std::span<const std::uint16_t> values) {
+Exception PlcInterface::take_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
+                                 std::span<const std::uint16_t> values) {
     const std::uint16_t beat_at = address_of(BlockId::plc, "heartbeat"),
                         taken_at = address_of(BlockId::plc, "acknowledged");
     const bool beats = address == beat_at;
@@ -201,7 +202,7 @@ Exception PlcDesk::take_plc(const modbus::Origin& origin, const StationNow& now,
     return Exception::none;
 }
 
-void PlcDesk::note_results(std::uint32_t newest_sequence) {
+void PlcInterface::note_results(std::uint32_t newest_sequence) {
     if (!acknowledges_ || newest_sequence <= kRingSlots) return;
     const std::uint32_t gone = newest_sequence - kRingSlots;
     const std::uint32_t known = std::max(acknowledged_, counted_until_);
@@ -210,7 +211,7 @@ void PlcDesk::note_results(std::uint32_t newest_sequence) {
     counted_until_ = gone;
 }
 
-void PlcDesk::check_heartbeat() {
+void PlcInterface::check_heartbeat() {
     if (!heartbeat_at_ || lost_ || clock_.now() - *heartbeat_at_ <= options_.timeout) return;
     lost_ = true;
     handler_.on_plc_lost(options_.policy);
@@ -218,7 +219,7 @@ void PlcDesk::check_heartbeat() {
 
 // -- recipe and view
 
-void PlcDesk::stage(const StagedRecipe& r) {
+void PlcInterface::stage(const StagedRecipe& r) {
     staged_words_ = {r.number,
                      r.emd_limit_mbins,
                      r.frobenius_limit_mbins,
@@ -229,7 +230,7 @@ void PlcDesk::stage(const StagedRecipe& r) {
                      r.min_lit_permyriad};
 }
 
-StagedRecipe PlcDesk::staged() const {
+StagedRecipe PlcInterface::staged() const {
     const auto& w = staged_words_;
     return {.number = w[0],
             .emd_limit_mbins = w[1],
@@ -241,7 +242,7 @@ StagedRecipe PlcDesk::staged() const {
             .min_lit_permyriad = w[7]};
 }
 
-PlcView PlcDesk::view() const {
+PlcView PlcInterface::view() const {
     const auto ms = [](hal::Duration d) { return std::chrono::duration_cast<std::chrono::milliseconds>(d).count(); };
     PlcView view{.command = shown_.request,
                  .reply = shown_.reply,

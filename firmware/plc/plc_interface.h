@@ -21,7 +21,7 @@
 
 namespace hord::firmware {
 
-// What a command came to: completed, failed with an error, or executing, and then PlcDesk::finish() follows.
+// What a command came to: completed, failed with an error, or executing, and then PlcInterface::finish() follows.
 struct CommandOutcome {
     CommandState state = CommandState::completed;
     CommandError error = CommandError::none;
@@ -57,9 +57,9 @@ struct StationNow {
     std::uint32_t newest_sequence = 0;
 };
 
-class PlcDesk {
+class PlcInterface {
   public:
-    PlcDesk(const hal::Clock& clock, PlcHandler& handler, PlcOptions options);
+    PlcInterface(const hal::Clock& clock, PlcHandler& handler, PlcOptions options);
 
     // Writes whole rows that the map calls writable, or nothing: 02 for any other register, 03 for half a
     // value, a value that means "not available", or one that cannot be; 06 while a command is executing. An

@@ -11,7 +11,7 @@ namespace {
 using modbus::Exception;
 
 constexpr std::size_t kBits = 81, kHeartbeatBit = 80;
-constexpr std::size_t kMostSlots = kMaxRead / kResultWords + 2;  // that one request can touch
+constexpr std::size_t kMaxSlots = kMaxRead / kResultWords + 2;  // that one request can touch
 
 // [begin, end) of what a request and some registers have in common, as addresses.
 struct Overlap {
@@ -31,11 +31,11 @@ std::optional<std::uint32_t> percentile(std::span<std::uint32_t> values, std::si
 
 }  // namespace
 
-RegisterImage::RegisterImage(StationIdentity identity, PlcDesk* desk)
+RegisterServerModel::RegisterServerModel(StationIdentity identity, PlcInterface* desk)
     : identity_(std::move(identity)), boot_text_(fmt::format("{:08X}", identity_.boot_id)),
       map_text_(fmt::format("{} {:08X}", kMapVersion, map_crc32())), desk_(desk) {}
 
-void RegisterImage::publish(const Snapshot& snapshot, std::span<const PartResult> results) {
+void RegisterServerModel::publish(const Snapshot& snapshot, std::span<const PartResult> results) {
     const std::lock_guard lock(mutex_);
     const auto add = [&](const PartResult& result) {
         if (result.sequence <= state_.newest.sequence) return;
@@ -47,27 +47,27 @@ void RegisterImage::publish(const Snapshot& snapshot, std::span<const PartResult
     state_.snapshot = snapshot;
 }
 
-void RegisterImage::publish(const RecipeInUse& recipe) {
+void RegisterServerModel::publish(const RecipeInUse& recipe) {
     const std::lock_guard lock(mutex_);
     state_.recipe = recipe;
 }
 
-void RegisterImage::publish(const HealthReport& health) {
+void RegisterServerModel::publish(const HealthReport& health) {
     const std::lock_guard lock(mutex_);
     state_.health = health;
 }
 
-void RegisterImage::publish(const CalibrationReport& calibration) {
+void RegisterServerModel::publish(const CalibrationReport& calibration) {
     const std::lock_guard lock(mutex_);
     state_.calibration = calibration;
 }
 
-StationNow RegisterImage::now() {
+StationNow RegisterServerModel::now() {
     const std::lock_guard lock(mutex_);
     return {.state = state_.snapshot.state, .newest_sequence = state_.newest.sequence};
 }
 
-ResultStatistics RegisterImage::statistics() {
+ResultStatistics RegisterServerModel::statistics() {
     std::array<std::uint32_t, kRingSlots> latency, reject;
     std::size_t latencies = 0, rejects = 0;
     std::int64_t first_ns = 0, last_ns = 0;
@@ -94,7 +94,7 @@ ResultStatistics RegisterImage::statistics() {
     return now;
 }
 
-Exception RegisterImage::read_registers(std::uint16_t address, std::span<std::uint16_t> out) {
+Exception RegisterServerModel::read_registers(std::uint16_t address, std::span<std::uint16_t> out) {
     // Gaps have nothing but their headers; beyond the end there is nothing.
     const Block& end = register_blocks().back();
     if (address + out.size() > std::size_t{end.base} + end.size()) return Exception::illegal_address;
@@ -118,7 +118,7 @@ Exception RegisterImage::read_registers(std::uint16_t address, std::span<std::ui
     const Overlap in_ring(address, out.size(), kRingBase, std::size_t{kRingSlots} * kResultWords);
     const std::size_t first_slot = in_ring.empty() ? 0 : (in_ring.begin - kRingBase) / kResultWords;
     const std::size_t last_slot = in_ring.empty() ? 0 : (in_ring.end - 1 - kRingBase) / kResultWords + 1;
-    std::array<PartResult, kMostSlots> slots{};
+    std::array<PartResult, kMaxSlots> slots{};
     State state;
     {
         const std::lock_guard lock(mutex_);
@@ -139,7 +139,7 @@ Exception RegisterImage::read_registers(std::uint16_t address, std::span<std::ui
     };
     for (const Block& block : register_blocks()) {
         if (Overlap(address, out.size(), block.base, block.size()).empty()) continue;
-        const RegisterSource source{
+        const RegisterValues source{
             .identity = identity_, .snapshot = state.snapshot, .result = state.newest, .extras = extras};
         if (block.registers.empty() || block.slots > 0) {
             image[0] = static_cast<std::uint16_t>(block.id);
@@ -162,7 +162,7 @@ Exception RegisterImage::read_registers(std::uint16_t address, std::span<std::ui
     return Exception::none;
 }
 
-Exception RegisterImage::read_bits(std::uint16_t address, std::span<bool> out) {
+Exception RegisterServerModel::read_bits(std::uint16_t address, std::span<bool> out) {
     if (address + out.size() > kBits) return Exception::illegal_address;
     const std::uint16_t bits_at = find_register(BlockId::status, "bits")->address;
     const std::uint16_t active_at = find_register(BlockId::status, "faults_active")->address;
@@ -183,18 +183,19 @@ Exception RegisterImage::read_bits(std::uint16_t address, std::span<bool> out) {
     return Exception::none;
 }
 
-Exception RegisterImage::write_registers(const modbus::Origin& origin, std::uint16_t address,
-                                         std::span<const std::uint16_t> values) {
+Exception RegisterServerModel::write_registers(const modbus::Origin& origin, std::uint16_t address,
+                                               std::span<const std::uint16_t> values) {
     return desk_ == nullptr ? Exception::illegal_address : desk_->write(origin, now(), address, values);
 }
 
-Exception RegisterImage::write_bits(const modbus::Origin& origin, std::uint16_t address, std::span<const bool> values) {
+Exception RegisterServerModel::write_bits(const modbus::Origin& origin, std::uint16_t address,
+                                          std::span<const bool> values) {
     if (address != kHeartbeatBit || values.size() != 1) return Exception::illegal_address;
     const std::uint16_t beat = values[0] ? 1 : 0;
     return write_registers(origin, find_register(BlockId::plc, "heartbeat")->address, std::span(&beat, 1));
 }
 
-std::string_view RegisterImage::identification(std::uint8_t object) const {
+std::string_view RegisterServerModel::identification(std::uint8_t object) const {
     switch (object) {
         case 0x00: return identity_.vendor;
         case 0x01:

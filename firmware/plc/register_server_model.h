@@ -17,11 +17,11 @@
 
 namespace hord::firmware {
 
-class RegisterImage : public modbus::RegisterModel {
+class RegisterServerModel : public modbus::RegisterModel {
   public:
     // `desk` takes what is written and outlives the image; without it every write is refused with exception
     // 02.
-    explicit RegisterImage(StationIdentity identity, PlcDesk* desk = nullptr);
+    explicit RegisterServerModel(StationIdentity identity, PlcInterface* desk = nullptr);
 
     // Any thread, allocates nothing. The state, and the results that are complete since the last call, lowest
     // sequence first, appear together; snapshot.last counts as one of them. Results must be published once
@@ -54,7 +54,7 @@ class RegisterImage : public modbus::RegisterModel {
 
     const StationIdentity identity_;
     const std::string boot_text_, map_text_;
-    PlcDesk* const desk_;
+    PlcInterface* const desk_;
     std::mutex mutex_;  // guards the rest
     State state_;
     std::array<PartResult, kRingSlots> ring_{};

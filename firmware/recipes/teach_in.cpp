@@ -44,7 +44,7 @@ void remove_quietly(const fs::path& path) {
     fs::remove_all(path, ignored);
 }
 
-std::string taught_prefix(std::uint16_t number) { return fmt::format("taught-{}-", number); }
+std::string learned_prefix(std::uint16_t number) { return fmt::format("taught-{}-", number); }
 
 // n of "taught-7-n.hordref"; none: another file.
 std::optional<std::uint64_t> nth_of(const fs::path& file, const std::string& prefix) {
@@ -61,7 +61,7 @@ void for_each_reference(const fs::path& folder, std::uint16_t number, Do&& what)
     std::error_code error;
     for (auto entry = fs::directory_iterator(folder / kReferences, error); !error && entry != fs::directory_iterator();
          entry.increment(error)) {
-        if (const auto n = nth_of(entry->path(), taught_prefix(number))) what(entry->path(), *n);
+        if (const auto n = nth_of(entry->path(), learned_prefix(number))) what(entry->path(), *n);
     }
 }
 
@@ -75,18 +75,18 @@ std::uint64_t reference_bytes(const algo::Extents& e) {
 }  // namespace
 
 // One teach. `recipe` and `parts` never change.
-struct LineTeacher::Lesson {
+struct LineTeachIn::TeachSession {
     std::uint32_t parts = 0;
     NumberedRecipe recipe;
     Listener listener;                   // the loop's thread
     std::vector<std::uint32_t> numbers;  // of the parts whose frames are there
 };
 
-LineTeacher::LineTeacher(hal::EventLoop& loop, TeacherOptions options) : loop_(loop), options_(std::move(options)) {
+LineTeachIn::LineTeachIn(hal::EventLoop& loop, TeachInOptions options) : loop_(loop), options_(std::move(options)) {
     remove_quietly(options_.folder / kSpool);
 }
 
-LineTeacher::~LineTeacher() {
+LineTeachIn::~LineTeachIn() {
     life_.reset();
     do_cancel();
     if (thread_.joinable()) thread_.join();
@@ -95,7 +95,7 @@ LineTeacher::~LineTeacher() {
 
 // -- the loop's thread
 
-Result<void> LineTeacher::do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) {
+Result<void> LineTeachIn::do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) {
     if (lesson_ != nullptr) return fail(ErrorCode::busy, "a teach is under way", "wait for its end");
     if (recipe.recipe.gradient && *recipe.recipe.gradient != algo::Feature::emd) {
         return fail(ErrorCode::refused,
@@ -105,7 +105,7 @@ Result<void> LineTeacher::do_begin(std::uint32_t parts, const NumberedRecipe& re
     }
     if (thread_.joinable()) thread_.join();  // it has told its end long ago
     cancelled_ = ended_ = false;
-    lesson_ = std::make_unique<Lesson>(Lesson{parts, recipe, std::move(listener), {}});
+    lesson_ = std::make_unique<TeachSession>(TeachSession{parts, recipe, std::move(listener), {}});
     if (!options_.thread) {
         if (auto ready = prepare(); !ready) finish(tl::unexpected(ready.error()));
         return {};
@@ -120,7 +120,7 @@ Result<void> LineTeacher::do_begin(std::uint32_t parts, const NumberedRecipe& re
     return {};
 }
 
-void LineTeacher::do_cancel() {
+void LineTeachIn::do_cancel() {
     if (lesson_ == nullptr || cancelled_) return;
     lesson_->listener = {};
     cancelled_ = true;
@@ -131,12 +131,12 @@ void LineTeacher::do_cancel() {
     if (!options_.thread && !ended_) finish(tl::unexpected(cancelled_error()));
 }
 
-void LineTeacher::do_discard(const NumberedRecipe& taught) {
+void LineTeachIn::do_discard(const NumberedRecipe& taught) {
     remove_quietly(options_.folder / kWaiting);
     remove_quietly(taught.reference_file);
 }
 
-void LineTeacher::do_in_use(const NumberedRecipe& recipe) {
+void LineTeachIn::do_in_use(const NumberedRecipe& recipe) {
     remove_quietly(options_.folder / kWaiting);
     if (recipe.reference_file.parent_path() != options_.folder / kReferences) return;  // it was not taught
     std::vector<fs::path> old;
@@ -146,12 +146,12 @@ void LineTeacher::do_in_use(const NumberedRecipe& recipe) {
     for (const fs::path& file : old) remove_quietly(file);
 }
 
-Result<std::optional<NumberedRecipe>> LineTeacher::left_waiting(const fs::path& folder, const NumberedRecipe& recipe) {
+Result<std::optional<NumberedRecipe>> LineTeachIn::left_waiting(const fs::path& folder, const NumberedRecipe& recipe) {
     return remembered_recipe(folder / kWaiting, crc32_of(recipe));
 }
 
 // The last that the teacher's thread does.
-void LineTeacher::finish(Result<Taught> outcome) {
+void LineTeachIn::finish(Result<Taught> outcome) {
     ended_ = true;
     remove_quietly(options_.folder / kSpool);
     auto shared = std::make_shared<Result<Taught>>(std::move(outcome));
@@ -160,7 +160,7 @@ void LineTeacher::finish(Result<Taught> outcome) {
     });
 }
 
-void LineTeacher::finished(Result<Taught>& outcome) {
+void LineTeachIn::finished(Result<Taught>& outcome) {
     const auto lesson = std::move(lesson_);
     frame_ = {};
     if (cancelled_) {
@@ -172,7 +172,7 @@ void LineTeacher::finished(Result<Taught>& outcome) {
 
 // -- an inspecting thread
 
-void LineTeacher::on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) {
+void LineTeachIn::on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) {
     if (slot_.load(std::memory_order_relaxed) != Slot::empty) return;
     if (part == options_.ignored_part || !shows_a_part(inspection.reason)) return;
     if (frame.width_px != options_.extents.width_px() || frame.height_px != options_.extents.height_px() ||
@@ -197,7 +197,7 @@ void LineTeacher::on_inspection(std::uint32_t part, const FrameView& frame, cons
 
 // -- the teacher's thread
 
-void LineTeacher::work() {
+void LineTeachIn::work() {
     // Whoever began it may be under a real-time policy, which is inherited. Nice 10 has a tenth of the share of a
     // thread that inspects: enough to come to an end on a busy machine.
     const sched_param ordinary{};
@@ -206,7 +206,7 @@ void LineTeacher::work() {
     finish(teach());
 }
 
-Result<Taught> LineTeacher::teach() {
+Result<Taught> LineTeachIn::teach() {
     if (auto ready = prepare(); !ready) return tl::unexpected(ready.error());
     while (lesson_->numbers.size() < lesson_->parts) {
         Slot now = slot_.load();
@@ -218,13 +218,13 @@ Result<Taught> LineTeacher::teach() {
 }
 
 // In place of teach(), on the loop's thread.
-void LineTeacher::step() {
+void LineTeachIn::step() {
     if (lesson_ == nullptr || ended_ || slot_ != Slot::full) return;
     if (auto done = spool(); !done) return finish(tl::unexpected(done.error()));
     if (lesson_->numbers.size() == lesson_->parts) finish(learn());
 }
 
-Result<void> LineTeacher::prepare() {
+Result<void> LineTeachIn::prepare() {
     frame_ = Frame(options_.extents.width_px(), options_.extents.height_px(),
                    options_.bits);  // zeroed: its pages are there
     std::error_code error;
@@ -254,12 +254,12 @@ Result<void> LineTeacher::prepare() {
     return {};
 }
 
-fs::path LineTeacher::spool_file(std::size_t k) const {
+fs::path LineTeachIn::spool_file(std::size_t k) const {
     return options_.folder / kSpool / fmt::format("part-{:02}.raw", k + 1);
 }
 
 // The frame in the slot goes to the disk; the slot is open again, or closed after the last one.
-Result<void> LineTeacher::spool() {
+Result<void> LineTeachIn::spool() {
     const fs::path file = spool_file(lesson_->numbers.size());
     const auto refuse = [&] {
         const int why = errno;
@@ -291,14 +291,14 @@ Result<void> LineTeacher::spool() {
     return {};
 }
 
-void LineTeacher::tell(std::size_t taken) {
+void LineTeachIn::tell(std::size_t taken) {
     loop_.post([this, taken, alive = alive_] {
         if (!alive.expired() && lesson_ != nullptr && lesson_->listener.taken)
             lesson_->listener.taken(static_cast<std::uint32_t>(taken));
     });
 }
 
-Result<Frame> LineTeacher::spooled(std::size_t k) const {
+Result<Frame> LineTeachIn::spooled(std::size_t k) const {
     if (cancelled_) return tl::unexpected(cancelled_error());
     Frame frame(options_.extents.width_px(), options_.extents.height_px(), options_.bits);
     std::ifstream in(spool_file(k), std::ios::binary);
@@ -308,14 +308,14 @@ Result<Frame> LineTeacher::spooled(std::size_t k) const {
     return frame;
 }
 
-fs::path LineTeacher::next_reference(std::uint16_t number) const {
+fs::path LineTeachIn::next_reference(std::uint16_t number) const {
     std::uint64_t highest = 0;
     for_each_reference(options_.folder, number,
                        [&](const fs::path&, std::uint64_t n) { highest = std::max(highest, n); });
-    return options_.folder / kReferences / fmt::format("{}{}.hordref", taught_prefix(number), highest + 1);
+    return options_.folder / kReferences / fmt::format("{}{}.hordref", learned_prefix(number), highest + 1);
 }
 
-Result<Taught> LineTeacher::learn() {
+Result<Taught> LineTeachIn::learn() {
     const std::uint32_t before = crc32_of(lesson_->recipe);
     Taught taught{lesson_->recipe, {}};
     algo::LearnOptions options;
@@ -355,7 +355,7 @@ Result<Taught> LineTeacher::learn() {
 
 // A recipe that would not pass what it was learned from is of no use. Says which parts it would not pass; fails when
 // they are most.
-Result<std::string> LineTeacher::judge_them_again(const algo::Recipe& recipe, const std::vector<bool>& left_out) {
+Result<std::string> LineTeachIn::judge_them_again(const algo::Recipe& recipe, const std::vector<bool>& left_out) {
     auto pipeline = algo::Pipeline::create(options_.extents, options_.bits, recipe);
     if (!pipeline) return tl::unexpected(pipeline.error());
     std::string said;

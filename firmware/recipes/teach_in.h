@@ -36,9 +36,9 @@ struct Taught {
     std::string remarks;  // which parts were left out or would not pass, and why; empty: none
 };
 
-class Teacher {
+class TeachIn {
   public:
-    static constexpr std::uint32_t kLeastParts = algo::Reference::kMinParts, kMostParts = 64, kUsualParts = 16;
+    static constexpr std::uint32_t kMinParts = algo::Reference::kMinParts, kMaxParts = 64, kUsualParts = 16;
 
     // Told on the loop's thread.
     struct Listener {
@@ -47,9 +47,9 @@ class Teacher {
         std::function<void(Result<Taught>)> done;  // once; not after cancel()
     };
 
-    virtual ~Teacher() = default;
+    virtual ~TeachIn() = default;
 
-    // Loop thread, does not block. From the next part on. `parts` is from kLeastParts to kMostParts. Fails with busy (a
+    // Loop thread, does not block. From the next part on. `parts` is from kMinParts to kMaxParts. Fails with busy (a
     // teach, or the end of one that was cancelled, is under way), and when the system gives no thread; later with io
     // (the disk), and with invalid_argument (no reference comes of these parts). Then nothing is left behind.
     Result<void> begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) {
@@ -72,7 +72,7 @@ class Teacher {
     virtual void do_in_use(const NumberedRecipe& recipe) = 0;
 };
 
-struct TeacherOptions {
+struct TeachInOptions {
     algo::Extents extents = {};
     int bits = 8;
     std::filesystem::path folder = {};        // exists
@@ -81,12 +81,12 @@ struct TeacherOptions {
     bool thread = true;                       // false: the loop's thread does the work, for virtual time
 };
 
-class LineTeacher final : public Teacher {
+class LineTeachIn final : public TeachIn {
   public:
-    LineTeacher(hal::EventLoop& loop, TeacherOptions options);
-    ~LineTeacher() override;  // cancels, and waits; no on_inspection() comes any more
-    LineTeacher(const LineTeacher&) = delete;
-    LineTeacher& operator=(const LineTeacher&) = delete;
+    LineTeachIn(hal::EventLoop& loop, TeachInOptions options);
+    ~LineTeachIn() override;  // cancels, and waits; no on_inspection() comes any more
+    LineTeachIn(const LineTeachIn&) = delete;
+    LineTeachIn& operator=(const LineTeachIn&) = delete;
 
     // Any thread, several at the same time; what is borrowed is copied.
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection);
@@ -98,7 +98,7 @@ class LineTeacher final : public Teacher {
 
   private:
     enum class Slot : std::uint32_t { closed, empty, filling, full };
-    struct Lesson;
+    struct TeachSession;
     Result<void> do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) override;
     void do_cancel() override;
     void do_discard(const NumberedRecipe& taught) override;
@@ -119,12 +119,12 @@ class LineTeacher final : public Teacher {
     void finished(Result<Taught>& outcome);
 
     hal::EventLoop& loop_;
-    const TeacherOptions options_;
+    const TeachInOptions options_;
     std::shared_ptr<char> life_ = std::make_shared<char>();
     const std::weak_ptr<char> alive_ = life_;  // what was posted asks it
 
     // Handed from the loop's thread to the teacher's and back.
-    std::unique_ptr<Lesson> lesson_;
+    std::unique_ptr<TeachSession> lesson_;
     std::thread thread_;
 
     // The hand-over: who finds it empty fills it; who made it full is heard by the teacher's thread.

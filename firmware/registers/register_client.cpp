@@ -22,7 +22,7 @@ struct FreeContext {
 };
 
 constexpr auto kAskAgainAfter = std::chrono::milliseconds(20);
-constexpr std::size_t kMostBlocks = 64;  // a chain that is longer goes in circles
+constexpr std::size_t kMaxBlocks = 64;  // a chain that is longer goes in circles
 
 }  // namespace
 
@@ -167,7 +167,7 @@ Result<std::vector<Client::Place>> Client::walk() {
         return not_ours("does not speak this register map");
 
     std::vector<Place> places;
-    for (std::uint32_t base = 0; base < 0xFFFF && places.size() < kMostBlocks;) {
+    for (std::uint32_t base = 0; base < 0xFFFF && places.size() < kMaxBlocks;) {
         const auto header = read(static_cast<std::uint16_t>(base), kBlockHeader);
         if (!header) return tl::unexpected(header.error());
         if ((*header)[0] == static_cast<std::uint16_t>(BlockId::end)) return places;

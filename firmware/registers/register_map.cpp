@@ -40,7 +40,7 @@ std::int64_t whole_number(const Register& row, std::optional<double> value) {
     return static_cast<std::int64_t>(std::clamp(wide, low, high));
 }
 
-void put(const Register& row, std::span<std::uint16_t> words, const RegisterSource& source) {
+void put(const Register& row, std::span<std::uint16_t> words, const RegisterValues& source) {
     if (row.type == RegisterType::text) {
         const std::string_view text = row.text(source);
         for (std::size_t k = 0; k < words.size(); ++k) {
@@ -99,7 +99,7 @@ Reading take(const Register& row, std::span<const std::uint16_t> words) {
     return reading;
 }
 
-void encode_rows(std::span<const Register> rows, std::size_t base, const RegisterSource& source,
+void encode_rows(std::span<const Register> rows, std::size_t base, const RegisterValues& source,
                  std::span<std::uint16_t> image) {
     for (const Register& row : rows) put(row, image.subspan(row.address - base, row.words), source);
 }
@@ -167,14 +167,14 @@ std::uint32_t crc32_of(std::span<const std::uint16_t> words) {
     return crc.value();
 }
 
-void encode(const Block& block, const RegisterSource& source, std::span<std::uint16_t> image) {
+void encode(const Block& block, const RegisterValues& source, std::span<std::uint16_t> image) {
     std::fill(image.begin(), image.end(), std::uint16_t{0xFFFF});
     image[0] = static_cast<std::uint16_t>(block.id);
     image[1] = block.length;
     encode_rows(block.registers, block.base, source, image);
 }
 
-void encode_slot(const Block& ring, const RegisterSource& source, std::span<std::uint16_t> slot) {
+void encode_slot(const Block& ring, const RegisterValues& source, std::span<std::uint16_t> slot) {
     std::fill(slot.begin(), slot.end(), std::uint16_t{0xFFFF});
     encode_rows(ring.registers, ring.base + std::size_t{kBlockHeader}, source, slot);
 }

@@ -48,8 +48,8 @@ struct Register {
     std::string_view meaning = {};
     std::span<const NamedValue> values = {};  // names of values, or of bits
     // Exactly one of the two, by type. Empty: not available.
-    std::optional<double> (*number)(const RegisterSource&) = nullptr;
-    std::string_view (*text)(const RegisterSource&) = nullptr;
+    std::optional<double> (*number)(const RegisterValues&) = nullptr;
+    std::string_view (*text)(const RegisterValues&) = nullptr;
 };
 
 enum class BlockId : std::uint16_t {
@@ -88,8 +88,8 @@ struct Block {
 [[nodiscard]] std::uint32_t map_crc32();
 
 // The whole block with its header, of block.size() registers; of a ring, one slot, of block.slot_words.
-void encode(const Block& block, const RegisterSource& source, std::span<std::uint16_t> image);
-void encode_slot(const Block& ring, const RegisterSource& source, std::span<std::uint16_t> slot);
+void encode(const Block& block, const RegisterValues& source, std::span<std::uint16_t> image);
+void encode_slot(const Block& ring, const RegisterValues& source, std::span<std::uint16_t> slot);
 
 // Results 1, 2, ... stand at slot (sequence mod kRingSlots).
 inline constexpr std::uint16_t kRingSlots = 256;

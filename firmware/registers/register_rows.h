@@ -5,7 +5,7 @@
 
 namespace hord::firmware::rows {
 
-using Source = RegisterSource;
+using Source = RegisterValues;
 using Type = RegisterType;
 using Number = std::optional<double>;
 

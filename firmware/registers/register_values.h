@@ -167,7 +167,7 @@ struct RegisterExtras {
 };
 
 // What the encoder reads. `result` is the one that a slot or LAST shows.
-struct RegisterSource {
+struct RegisterValues {
     const StationIdentity& identity;
     const Snapshot& snapshot;
     const PartResult& result;

@@ -42,15 +42,15 @@ Result<Config> read_config(const Options& options) {
     return config;
 }
 
-int complain(Happening what, const Error& error, int status) {
+int complain(JournalEvent what, const Error& error, int status) {
     tell(entry_of(what), error.message());
     sd_notifyf(0, "STATUS=%s", error.message().c_str());
     return status;
 }
 
 // Sockets of hordd.socket, by their names.
-Doors doors_from_systemd() {
-    Doors doors;
+ListenSockets doors_from_systemd() {
+    ListenSockets doors;
     char** names = nullptr;
     const int count = sd_listen_fds_with_names(1, &names);
     for (int k = 0; k < count; ++k) {
@@ -68,24 +68,24 @@ class Daemon {
 
     int run() {
         auto config = read_config(options_);
-        if (!config) return complain(Happening::configuration_refused, config.error(), kBadConfiguration);
+        if (!config) return complain(JournalEvent::configuration_refused, config.error(), kBadConfiguration);
         sd_notify(0, "STATUS=opening devices");
         SimulationOptions simulation;
         simulation.variety = 2;
         simulation.cache = environment("CACHE_DIRECTORY");
         auto opened = Service::open(*config, simulation, watchers(), doors_from_systemd());
-        if (!opened) return complain(Happening::trouble, opened.error(), kCannotRun);
+        if (!opened) return complain(JournalEvent::trouble, opened.error(), kCannotRun);
         service_ = std::move(*opened);
         if (options_.realtime > 0) {
             for (const Error& refused : take_realtime_policy(options_.realtime))
-                tell(entry_of(Happening::trouble), refused.message());
+                tell(entry_of(JournalEvent::trouble), refused.message());
         }
         service_->loop().post([this] { begin(); });
         const auto ran = service_->run();
         sd_notify(0, "STOPPING=1\nSTATUS=halting");
         service_.reset();  // lights off, permit down
-        if (!ran) return complain(Happening::trouble, ran.error(), kCannotRun);
-        tell(entry_of(Happening::stopped), "stopped as asked");
+        if (!ran) return complain(JournalEvent::trouble, ran.error(), kCannotRun);
+        tell(entry_of(JournalEvent::stopped), "stopped as asked");
         return 0;
     }
 
@@ -98,18 +98,18 @@ class Daemon {
         };
         all.recipe = [](const NumberedRecipe& recipe) {
             const std::string crc = fmt::format("{:08X}", crc32_of(recipe));
-            tell(entry_of(Happening::recipe),
+            tell(entry_of(JournalEvent::recipe),
                  fmt::format("recipe {} \"{}\", CRC-32 {}, is in use", recipe.number, recipe.recipe.name, crc),
                  std::array{Field{"HORD_RECIPE", std::to_string(recipe.number)}, Field{"HORD_RECIPE_CRC", crc}});
         };
         all.reload = [this] { reload(); };
-        all.trouble = [](const Error& error) { tell(entry_of(Happening::trouble), error.message()); };
+        all.trouble = [](const Error& error) { tell(entry_of(JournalEvent::trouble), error.message()); };
         return all;
     }
 
     void begin() {
         const std::string address = service_->registers_address();
-        tell(entry_of(Happening::ready), "registers at " + address, std::array{Field{"HORD_REGISTERS", address}});
+        tell(entry_of(JournalEvent::ready), "registers at " + address, std::array{Field{"HORD_REGISTERS", address}});
         sd_notify(0, "READY=1");
         say_status_again();
         std::uint64_t watchdog_us = 0;
@@ -120,7 +120,7 @@ class Daemon {
 
     // The timer only asks. Who feeds the watchdog is the last of the inspecting threads to answer, through the loop.
     void ask_for_progress_every(Duration pace) {
-        service_->roll_call([] { sd_notify(0, "WATCHDOG=1"); });
+        service_->liveness_check([] { sd_notify(0, "WATCHDOG=1"); });
         service_->loop().call_after(pace, [this, pace] { ask_for_progress_every(pace); });
     }
 
@@ -145,12 +145,12 @@ class Daemon {
         const auto config = read_config(options_);
         const auto waiting = config ? service_->reload(*config) : tl::unexpected(config.error());
         if (!waiting) {
-            tell(entry_of(Happening::reload_refused),
+            tell(entry_of(JournalEvent::reload_refused),
                  "reload refused, the old configuration stays: " + waiting.error().message());
         } else if (waiting->empty()) {
-            tell(entry_of(Happening::reloaded), "configuration read again");
+            tell(entry_of(JournalEvent::reloaded), "configuration read again");
         } else {
-            tell(entry_of(Happening::reloaded),
+            tell(entry_of(JournalEvent::reloaded),
                  fmt::format("configuration read again; not changed until a restart: {}", fmt::join(*waiting, ", ")));
         }
         sd_notify(0, "READY=1");
@@ -198,14 +198,14 @@ int main(int argc, char** argv) {
     }
     if (options.check) {
         const auto config = read_config(options);
-        if (!config) return complain(Happening::configuration_refused, config.error(), kBadConfiguration);
+        if (!config) return complain(JournalEvent::configuration_refused, config.error(), kBadConfiguration);
         if (!config->inspection.recipe.empty()) {
             const auto recipe = load_numbered_recipe(config->inspection.recipe);
-            if (!recipe) return complain(Happening::configuration_refused, recipe.error(), kBadConfiguration);
+            if (!recipe) return complain(JournalEvent::configuration_refused, recipe.error(), kBadConfiguration);
         }
         if (!config->inspection.grid.empty()) {
             const auto grid = calib::read_grid(config->inspection.grid);
-            if (!grid) return complain(Happening::configuration_refused, grid.error(), kBadConfiguration);
+            if (!grid) return complain(JournalEvent::configuration_refused, grid.error(), kBadConfiguration);
         }
         fmt::print("{} can be used\n", options.config);
         return 0;

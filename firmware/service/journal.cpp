@@ -19,8 +19,8 @@ namespace {
 
 constexpr std::size_t kHappenings = 9, kFaults = 17;
 
-// An id, once released, keeps its meaning for ever. In the order of Happening, then of FaultBit; the faults' texts are
-// faults.h's.
+// An id, once released, keeps its meaning for ever. In the order of JournalEvent, then of FaultBit; the faults' texts
+// are faults.h's.
 constexpr std::array<Entry, kHappenings> kHappeningEntries{{
     {"47eaa0992cb6416d86dc283cf0480ff9", 5, "The HORD station answers",
      "Devices are open and the registers can be read at @HORD_REGISTERS@.", ""},
@@ -107,7 +107,7 @@ bool stderr_is_the_journal() {
 
 }  // namespace
 
-const Entry& entry_of(Happening what) { return all_entries()[static_cast<std::size_t>(what)]; }
+const Entry& entry_of(JournalEvent what) { return all_entries()[static_cast<std::size_t>(what)]; }
 const Entry& entry_of(FaultBit fault) {
     return all_entries()[kHappenings + static_cast<std::size_t>(std::countr_zero(static_cast<std::uint32_t>(fault)))];
 }
@@ -145,7 +145,7 @@ void tell(const Entry& entry, std::string_view message, std::span<const Field> f
 
 void JournalStory::state(State from, State to, std::uint32_t active) {
     faults(active);
-    tell_(entry_of(Happening::state), fmt::format("{} to {}", name_of(from), name_of(to)),
+    tell_(entry_of(JournalEvent::state), fmt::format("{} to {}", name_of(from), name_of(to)),
           std::array{Field{"HORD_STATE", std::string(name_of(to))}, Field{"HORD_FROM", std::string(name_of(from))}});
 }
 
@@ -159,7 +159,7 @@ void JournalStory::faults(std::uint32_t active) {
         if (is) {
             tell_(entry_of(fault.bit), fmt::format("fault {}: {}: {}", fault.name, fault.meaning, fault.cure), field);
         } else {
-            tell_(entry_of(Happening::fault_cleared), fmt::format("fault {} is over", fault.name), field);
+            tell_(entry_of(JournalEvent::fault_cleared), fmt::format("fault {} is over", fault.name), field);
         }
     }
 }

@@ -12,7 +12,7 @@
 
 namespace hord::firmware {
 
-enum class Happening {
+enum class JournalEvent {
     ready,                  // the service answers
     state,                  // the state machine went somewhere
     trouble,                // a device, a file or a request failed; the message has the cure
@@ -33,7 +33,7 @@ struct Entry {
 };
 
 // Every happening, and every fault of firmware/core/faults.h, has one of its own.
-const Entry& entry_of(Happening what);
+const Entry& entry_of(JournalEvent what);
 const Entry& entry_of(FaultBit fault);
 std::span<const Entry> journal_entries();
 

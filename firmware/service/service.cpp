@@ -63,28 +63,28 @@ std::optional<double> disk_free_percent(const std::filesystem::path& folder) {
 
 // Members are destroyed in reverse order: the station halts before its devices go, the devices before the loop; who
 // asks over the network goes first.
-struct Service::Parts final : StationObserver, InspectionObserver {
+struct Service::Components final : StationObserver, InspectionObserver {
     Config config;
-    Doors doors;
+    ListenSockets doors;
     ServiceWatchers watchers;
     std::unique_ptr<SdEventLoop> loop;
     std::unique_ptr<store::StationRecorder> recorder;
     std::unique_ptr<Backends> backends;
-    std::unique_ptr<DriftWatch> drift;     // fed by the inspector's threads
-    std::unique_ptr<OpticsWatch> optics;   // the same
-    std::unique_ptr<LineTeacher> teacher;  // fed by them, too; none: there is no state folder
+    std::unique_ptr<DriftMonitor> drift;    // fed by the inspector's threads
+    std::unique_ptr<OpticsMonitor> optics;  // the same
+    std::unique_ptr<LineTeachIn> teacher;   // fed by them, too; none: there is no state folder
     CalibrationReport calibration;
-    std::optional<CalibrationInUse> grid;  // none: frames are macro-pixels
+    std::optional<ActiveCalibration> grid;  // none: frames are macro-pixels
     std::uint32_t store_faults = 0, drift_fault = 0, optics_faults = 0;
     std::unique_ptr<Inspector> inspector;
     std::unique_ptr<Station> station;
-    std::optional<Operations> operations;
-    std::optional<PlcDesk> desk;
-    std::optional<RegisterImage> registers;
+    std::optional<CommandHandler> operations;
+    std::optional<PlcInterface> desk;
+    std::optional<RegisterServerModel> registers;
     std::unique_ptr<modbus::Server> server, read_only_server;
-    std::unique_ptr<modbus::ServerRtu> serial_server;
+    std::unique_ptr<modbus::RtuServer> serial_server;
 
-    LineMark line_mark{{}};
+    OccupancyMarker line_mark{{}};
     std::vector<PartResult> unpublished;
     HealthReport health;
     hal::TimePoint opened_at{};
@@ -99,7 +99,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     void publish_again() {
         desk->check_heartbeat();
         publish();
-        (void)operations->use_what_was_taught();
+        (void)operations->use_learned_reference();
         loop->call_after(kPublishEvery, [this] { publish_again(); });
     }
     void publish_health_again();
@@ -118,7 +118,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     void on_state(State from, State to) override {
         loop->post([this] {
             publish();
-            (void)operations->use_what_was_taught();
+            (void)operations->use_learned_reference();
         });
         if (to == State::continuous_execution || to == State::single_execution) {
             if (!line_mark.left_behind()) line_mark.raise();
@@ -141,7 +141,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     }
     // Noticed, or gone again.
     void on_drift() {
-        const DriftWatch::View view = drift->view();
+        const DriftMonitor::View view = drift->view();
         if (view.noticed && watchers.trouble) {
             watchers.trouble({ErrorCode::invalid_argument,
                               fmt::format("the lenslet grid has moved by {:.2f} px since {}", *view.largest_px,
@@ -155,7 +155,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
     }
     // Something of light or optics became a fault, or is none any more; or dust lies somewhere else.
     void on_optics() {
-        const OpticsWatch::View view = optics->view();
+        const OpticsMonitor::View view = optics->view();
         const std::uint32_t news = optics->news();
         for (const FaultText& fault : fault_texts()) {
             if ((news & fault.bit) != 0 && watchers.trouble) watchers.trouble(describe(fault.bit, view));
@@ -191,7 +191,7 @@ struct Service::Parts final : StationObserver, InspectionObserver {
 };
 
 // The ports: the cheapest thing that can be wrong. Nobody is answered before the loop runs.
-Result<void> Service::Parts::open_doors() {
+Result<void> Service::Components::open_doors() {
     const StationIdentity identity = identity_of(config);
     boot_id = identity.boot_id;
     operations.emplace(*loop);
@@ -216,7 +216,7 @@ Result<void> Service::Parts::open_doors() {
         read_only_server = std::move(*reading);
     }
     if (config.serial) {
-        auto line = modbus::ServerRtu::open(*loop, *registers, *config.serial);
+        auto line = modbus::RtuServer::open(*loop, *registers, *config.serial);
         if (!line) return tl::unexpected(line.error());
         serial_server = std::move(*line);
     }
@@ -224,7 +224,7 @@ Result<void> Service::Parts::open_doors() {
 }
 
 // The configured one, or what was committed since it was configured.
-Result<NumberedRecipe> Service::Parts::first_recipe() {
+Result<NumberedRecipe> Service::Components::first_recipe() {
     NumberedRecipe recipe;
     if (!config.inspection.recipe.empty()) {
         auto loaded = load_numbered_recipe(config.inspection.recipe);
@@ -243,13 +243,13 @@ Result<NumberedRecipe> Service::Parts::first_recipe() {
             }
         };
         take(remembered_recipe(config.state_folder / kRecipeInUse, configured_recipe));
-        take(LineTeacher::left_waiting(config.state_folder, recipe));
+        take(LineTeachIn::left_waiting(config.state_folder, recipe));
     }
     return recipe;
 }
 
 // The light field's size: that of macro-pixel frames, or what the calibration makes of raw ones.
-Result<algo::Extents> Service::Parts::open_grid(const hal::SensorFormat& format) {
+Result<algo::Extents> Service::Components::open_grid(const hal::SensorFormat& format) {
     const InspectionConfig& wanted = config.inspection;
     if (wanted.grid.empty())
         return algo::extents_of_frame(format.width_px, format.height_px, wanted.bins_i, wanted.bins_j);
@@ -263,7 +263,7 @@ Result<algo::Extents> Service::Parts::open_grid(const hal::SensorFormat& format)
     return grid->decoder->extents();
 }
 
-Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
+Result<void> Service::Components::open_inspector(const NumberedRecipe& recipe) {
     const hal::SensorFormat format = backends->sensor().format();
     auto extents = open_grid(format);
     if (!extents) return tl::unexpected(extents.error());
@@ -279,25 +279,25 @@ Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
     auto made = make_threaded_inspector(*loop, settings);
     if (!made) return tl::unexpected(made.error());
     inspector = std::move(*made);
-    auto watch = DriftWatch::create(*extents, algo::light_levels(recipe.recipe, format.bits),
-                                    grid ? algo::DriftZero::calibration : algo::DriftZero::first_parts,
-                                    grid ? grid->decoder->bin_px() : 1);
+    auto watch = DriftMonitor::create(*extents, algo::light_levels(recipe.recipe, format.bits),
+                                      grid ? algo::DriftZero::calibration : algo::DriftZero::first_parts,
+                                      grid ? grid->decoder->bin_px() : 1);
     if (!watch) return tl::unexpected(watch.error());
     drift = std::move(*watch);
-    auto watched = OpticsWatch::create(*extents, limits_of(config.optics, format.bits));
+    auto watched = OpticsMonitor::create(*extents, limits_of(config.optics, format.bits));
     if (!watched) return tl::unexpected(watched.error());
     optics = std::move(*watched);
     calibration.lenslets_m = static_cast<std::uint16_t>(extents->m);
     calibration.lenslets_n = static_cast<std::uint16_t>(extents->n);
     publish_calibration();
     if (!config.state_folder.empty()) {
-        TeacherOptions teaching;
+        TeachInOptions teaching;
         teaching.extents = *extents;
         teaching.bits = format.bits;
         teaching.folder = std::filesystem::absolute(config.state_folder);
         teaching.leave_free_bytes = static_cast<std::uint64_t>(config.store.free_mb) * 1'000'000 / 2;
         teaching.ignored_part = Station::kTestPart;
-        teacher = std::make_unique<LineTeacher>(*loop, std::move(teaching));
+        teacher = std::make_unique<LineTeachIn>(*loop, std::move(teaching));
     }
 
     RecordingWatchers recording;
@@ -312,8 +312,9 @@ Result<void> Service::Parts::open_inspector(const NumberedRecipe& recipe) {
     return {};
 }
 
-void Service::Parts::connect(NumberedRecipe recipe) {
-    Operations::Works works{.station = *station, .inspector = *inspector, .desk = *desk, .recorder = recorder.get()};
+void Service::Components::connect(NumberedRecipe recipe) {
+    CommandHandler::Dependencies works{
+        .station = *station, .inspector = *inspector, .desk = *desk, .recorder = recorder.get()};
     works.teacher = teacher.get();
     works.check_judgement = [this, bits = backends->sensor().format().bits] {
         return check_judgement(config.inspection.bins_i, config.inspection.bins_j, bits);
@@ -337,7 +338,7 @@ void Service::Parts::connect(NumberedRecipe recipe) {
     operations->begin(std::move(works), std::move(recipe));
 }
 
-Result<void> Service::Parts::open(const SimulationOptions& simulation) {
+Result<void> Service::Components::open(const SimulationOptions& simulation) {
     auto opened = SdEventLoop::open();
     if (!opened) return tl::unexpected(opened.error());
     loop = std::move(*opened);
@@ -366,7 +367,7 @@ Result<void> Service::Parts::open(const SimulationOptions& simulation) {
     return {};
 }
 
-void Service::Parts::publish_health_again() {
+void Service::Components::publish_health_again() {
     health.uptime_s =
         static_cast<std::uint32_t>(std::chrono::duration_cast<std::chrono::seconds>(loop->now() - opened_at).count());
     health.frames_lost = health.frames_lost.value_or(0);
@@ -401,14 +402,14 @@ void Service::Parts::publish_health_again() {
 
 namespace {
 
-bool same_doors(const ModbusServer& a, const ModbusServer& b) {
+bool same_doors(const TcpServer& a, const TcpServer& b) {
     return a.host == b.host && a.port == b.port && a.read_only_port == b.read_only_port &&
         a.max_connections == b.max_connections;
 }
 
 }  // namespace
 
-Result<std::vector<std::string>> Service::Parts::reload(const Config& next) {
+Result<std::vector<std::string>> Service::Components::reload(const Config& next) {
     // The recipe first: it alone can be refused.
     std::vector<std::string> waiting;
     NumberedRecipe recipe;
@@ -461,12 +462,12 @@ Result<std::vector<std::string>> Service::Parts::reload(const Config& next) {
     return waiting;
 }
 
-Service::Service(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+Service::Service(std::unique_ptr<Components> parts) : parts_(std::move(parts)) {}
 Service::~Service() = default;
 
 Result<std::unique_ptr<Service>> Service::open(const Config& config, const SimulationOptions& simulation,
-                                               ServiceWatchers watchers, const Doors& doors) {
-    auto parts = std::make_unique<Parts>();
+                                               ServiceWatchers watchers, const ListenSockets& doors) {
+    auto parts = std::make_unique<Components>();
     parts->config = config;
     parts->doors = doors;
     parts->watchers = std::move(watchers);
@@ -476,7 +477,7 @@ Result<std::unique_ptr<Service>> Service::open(const Config& config, const Simul
 
 Result<void> Service::run() {
     parts_->loop->call_after(kLineWaits, [this] { parts_->backends->start_line(); });
-    parts_->line_mark = LineMark(parts_->config.state_folder);
+    parts_->line_mark = OccupancyMarker(parts_->config.state_folder);
     if (parts_->line_mark.left_behind()) parts_->station->line_unknown();
     if (parts_->config.autostart) {
         parts_->station->run();
@@ -495,7 +496,7 @@ void Service::look_after_line() {
     parts_->backends->clear_line();
     parts_->station->request(Command::reset);
 }
-void Service::roll_call(std::function<void()> all_here) { parts_->inspector->roll_call(std::move(all_here)); }
+void Service::liveness_check(std::function<void()> all_here) { parts_->inspector->liveness_check(std::move(all_here)); }
 SdEventLoop& Service::loop() { return *parts_->loop; }
 Backends& Service::backends() { return *parts_->backends; }
 Snapshot Service::snapshot() const { return parts_->station->snapshot(); }

@@ -31,7 +31,7 @@ struct ServiceWatchers {
 
 // Listening sockets that somebody else has opened, as systemd does for port 502; -1: the service opens its own. Taken
 // over.
-struct Doors {
+struct ListenSockets {
     int modbus = -1, modbus_read_only = -1;
 };
 
@@ -39,7 +39,7 @@ class Service {
   public:
     // Opens everything and takes the register port; nothing runs yet. Fails with every device's and port's own error.
     static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation,
-                                                 ServiceWatchers watchers, const Doors& doors = {});
+                                                 ServiceWatchers watchers, const ListenSockets& doors = {});
     ~Service();  // halts: lights off, outputs safe
 
     // Runs until stop(), or SIGINT or SIGTERM. The simulated line starts when the station executes, or after
@@ -59,7 +59,7 @@ class Service {
     void look_after_line();
 
     // Loop thread. Calls `all_here` on it once every inspecting thread has taken a turn; never when one hangs.
-    void roll_call(std::function<void()> all_here);
+    void liveness_check(std::function<void()> all_here);
 
     [[nodiscard]] SdEventLoop& loop();
     [[nodiscard]] Backends& backends();
@@ -67,9 +67,9 @@ class Service {
     [[nodiscard]] std::string registers_address() const;  // "127.0.0.1:1502"
 
   private:
-    struct Parts;
-    explicit Service(std::unique_ptr<Parts> parts);
-    std::unique_ptr<Parts> parts_;
+    struct Components;
+    explicit Service(std::unique_ptr<Components> parts);
+    std::unique_ptr<Components> parts_;
 };
 
 }  // namespace hord::firmware

@@ -61,11 +61,11 @@ class Inspector {
 
     // Loop thread. `all_here` runs on the loop's thread once every thread has taken a turn: at once when none is
     // started, after its frame when one is busy, never when one hangs. A later call replaces an earlier one that waits.
-    void roll_call(std::function<void()> all_here) { do_roll_call(std::move(all_here)); }
+    void liveness_check(std::function<void()> all_here) { do_liveness_check(std::move(all_here)); }
 
   private:
     virtual void do_start(Listener& listener) = 0;
-    virtual void do_roll_call(std::function<void()> all_here) { all_here(); }
+    virtual void do_liveness_check(std::function<void()> all_here) { all_here(); }
     virtual Result<void> do_use(const algo::Recipe& recipe, std::uint16_t number);
     [[nodiscard]] virtual std::size_t do_waiting() const { return 0; }
     virtual Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) = 0;
@@ -89,12 +89,12 @@ struct InspectorSettings {
 Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop, const InspectorSettings& settings);
 
 // The same with any way of judging, one a thread.
-using Judge = std::function<Judged(std::uint32_t part, const hal::FrameLease& frame)>;
-using Judges = std::function<Result<std::vector<Judge>>(const algo::Recipe& recipe, std::uint16_t number)>;
+using InspectFunction = std::function<Judged(std::uint32_t part, const hal::FrameLease& frame)>;
+using Judges = std::function<Result<std::vector<InspectFunction>>(const algo::Recipe& recipe, std::uint16_t number)>;
 // The pipeline as one. Fails with what Pipeline::create says.
-Result<Judge> make_pipeline_judge(const InspectorSettings& settings);
+Result<InspectFunction> make_pipeline_judge(const InspectorSettings& settings);
 // `remake` makes them for another recipe; without it use() is unsupported.
-std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges,
+std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<InspectFunction> judges,
                                                    Judges remake = nullptr);
 
 // Inspects inside submit(), answers `modelled` later by a timer. `threads` bounds how many parts are in the modelled

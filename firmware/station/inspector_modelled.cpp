@@ -7,11 +7,11 @@
 namespace hord::firmware {
 namespace {
 
-class DelayedInspector final : public Inspector {
+class ModelledInspector final : public Inspector {
   public:
-    DelayedInspector(hal::EventLoop& loop, int under_way, StandIn judge)
+    ModelledInspector(hal::EventLoop& loop, int under_way, StandIn judge)
         : loop_(loop), slots_(static_cast<std::size_t>(under_way)), judge_(std::move(judge)) {}
-    ~DelayedInspector() override { do_stop(); }
+    ~ModelledInspector() override { do_stop(); }
 
   private:
     struct Slot {
@@ -67,7 +67,7 @@ class DelayedInspector final : public Inspector {
 }  // namespace
 
 std::unique_ptr<Inspector> make_stand_in_inspector(hal::EventLoop& loop, int queue, StandIn judge) {
-    return std::make_unique<DelayedInspector>(loop, queue, std::move(judge));
+    return std::make_unique<ModelledInspector>(loop, queue, std::move(judge));
 }
 
 }  // namespace hord::firmware

@@ -14,13 +14,14 @@ std::uint16_t to_register(float lenslets) {
 }
 
 // What one thread judges with; nothing is allocated a frame.
-struct Bench {
+struct InspectionWorker {
     algo::Pipeline pipeline;
     std::optional<algo::GridDecoder> decoder;  // of raw frames
     Frame decoded;
 };
 
-Judged judge_with(Bench& bench, std::uint32_t part, const hal::FrameLease& frame, const InspectorSettings& settings) {
+Judged judge_with(InspectionWorker& bench, std::uint32_t part, const hal::FrameLease& frame,
+                  const InspectorSettings& settings) {
     Judged judged;
     judged.part = part;
     judged.failed = true;
@@ -46,10 +47,10 @@ Judged judge_with(Bench& bench, std::uint32_t part, const hal::FrameLease& frame
 }
 
 // std::function wants what can be copied; a Pipeline cannot.
-Result<std::shared_ptr<Bench>> make_bench(const InspectorSettings& settings) {
+Result<std::shared_ptr<InspectionWorker>> make_bench(const InspectorSettings& settings) {
     auto pipeline = algo::Pipeline::create(settings.extents, settings.bits, settings.recipe);
     if (!pipeline) return tl::unexpected(pipeline.error());
-    auto bench = std::make_shared<Bench>(Bench{std::move(*pipeline), std::nullopt, {}});
+    auto bench = std::make_shared<InspectionWorker>(InspectionWorker{std::move(*pipeline), std::nullopt, {}});
     if (settings.decoder) {
         bench->decoder = *settings.decoder;
         bench->decoded = bench->decoder->frame(settings.bits);
@@ -57,8 +58,8 @@ Result<std::shared_ptr<Bench>> make_bench(const InspectorSettings& settings) {
     return bench;
 }
 
-Result<std::vector<Judge>> make_judges(const InspectorSettings& settings) {
-    std::vector<Judge> judges;
+Result<std::vector<InspectFunction>> make_judges(const InspectorSettings& settings) {
+    std::vector<InspectFunction> judges;
     for (int k = 0; k < std::max(settings.threads, 1); ++k) {
         auto judge = make_pipeline_judge(settings);
         if (!judge) return tl::unexpected(judge.error());
@@ -69,7 +70,7 @@ Result<std::vector<Judge>> make_judges(const InspectorSettings& settings) {
 
 }  // namespace
 
-Result<Judge> make_pipeline_judge(const InspectorSettings& settings) {
+Result<InspectFunction> make_pipeline_judge(const InspectorSettings& settings) {
     auto bench = make_bench(settings);
     if (!bench) return tl::unexpected(bench.error());
     return [bench = *bench, settings](std::uint32_t part, const hal::FrameLease& frame) {

@@ -37,7 +37,7 @@ struct Mailbox {
 
 class ThreadedInspector final : public Inspector {
   public:
-    ThreadedInspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges, Judges remake)
+    ThreadedInspector(hal::EventLoop& loop, int queue, std::vector<InspectFunction> judges, Judges remake)
         : loop_(loop), queue_(static_cast<std::size_t>(queue)), judges_(std::move(judges)), remake_(std::move(remake)),
           mailbox_(std::make_shared<Mailbox>()) {}
     ~ThreadedInspector() override { do_stop(); }
@@ -47,7 +47,7 @@ class ThreadedInspector final : public Inspector {
         mailbox_->listener = &listener;
         if (!threads_.empty()) return;
         ending_ = false;
-        for (Judge& judge : judges_) threads_.emplace_back([this, &judge] { work(judge); });
+        for (InspectFunction& judge : judges_) threads_.emplace_back([this, &judge] { work(judge); });
     }
 
     Result<void> do_use(const algo::Recipe& recipe, std::uint16_t number) override {
@@ -61,7 +61,7 @@ class ThreadedInspector final : public Inspector {
         return {};
     }
 
-    void do_roll_call(std::function<void()> all_here) override {
+    void do_liveness_check(std::function<void()> all_here) override {
         if (threads_.empty()) return all_here();
         {
             const std::lock_guard lock(mutex_);
@@ -107,7 +107,7 @@ class ThreadedInspector final : public Inspector {
         mailbox_->answers.clear();
     }
 
-    void work(Judge& judge) {
+    void work(InspectFunction& judge) {
         // Inspecting is work, not timing: it must not keep the loop from meeting the line's times.
         const sched_param ordinary{};
         ::sched_setscheduler(0, SCHED_OTHER, &ordinary);
@@ -147,13 +147,13 @@ class ThreadedInspector final : public Inspector {
 
     hal::EventLoop& loop_;
     const std::size_t queue_;
-    std::vector<Judge> judges_;
+    std::vector<InspectFunction> judges_;
     Judges remake_;
     std::vector<std::thread> threads_;
     mutable std::mutex mutex_;
     std::condition_variable wake_;
     std::deque<Job> jobs_;
-    std::uint64_t call_ = 0;   // of roll_call()
+    std::uint64_t call_ = 0;   // of liveness_check()
     std::size_t missing_ = 0;  // threads that have not answered it
     std::function<void()> all_here_;
     bool ending_ = false;
@@ -162,7 +162,7 @@ class ThreadedInspector final : public Inspector {
 
 }  // namespace
 
-std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<Judge> judges,
+std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<InspectFunction> judges,
                                                    Judges remake) {
     return std::make_unique<ThreadedInspector>(loop, queue, std::move(judges), std::move(remake));
 }

@@ -9,10 +9,11 @@
 
 namespace hord::firmware {
 
-class LineMark {
+class OccupancyMarker {
   public:
     // No folder: nothing is remembered, and nothing is ever left behind.
-    explicit LineMark(const std::filesystem::path& folder) : file_(folder.empty() ? folder : folder / "line-in-use") {}
+    explicit OccupancyMarker(const std::filesystem::path& folder)
+        : file_(folder.empty() ? folder : folder / "line-in-use") {}
 
     [[nodiscard]] bool left_behind() const {
         std::error_code error;

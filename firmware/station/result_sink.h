@@ -34,9 +34,9 @@ enum class Taken : std::uint8_t {
     cannot,   // they cannot be stored now
 };
 
-class Recorder {
+class ResultSink {
   public:
-    virtual ~Recorder() = default;
+    virtual ~ResultSink() = default;
 
     // Every result once, in order, before a PLC can read it.
     virtual void on_result(const PartResult& result) = 0;

@@ -38,12 +38,12 @@ CoreConfig with_frame_size(CoreConfig config, const hal::SensorFormat& format) {
 }  // namespace
 
 // What the devices say becomes an event.
-struct Station::Ears final : hal::PartSensor::Listener,
-                             hal::Strobe::Listener,
-                             hal::Sensor::Listener,
-                             hal::Rejector::Listener,
-                             Inspector::Listener {
-    explicit Ears(Station& owner) : station(owner) {}
+struct Station::DeviceListener final : hal::PartSensor::Listener,
+                                       hal::Strobe::Listener,
+                                       hal::Sensor::Listener,
+                                       hal::Rejector::Listener,
+                                       Inspector::Listener {
+    explicit DeviceListener(Station& owner) : station(owner) {}
 
     void on_edge(const hal::PartEdge& edge) override { station.take(edge); }
     void on_encoder(const hal::EncoderReading& reading) override { station.take(reading); }
@@ -79,7 +79,7 @@ struct Station::Ears final : hal::PartSensor::Listener,
 
 Station::Station(const CoreConfig& config, const Cell& cell, StationObserver* observer)
     : cell_(cell), observer_(observer), core_(with_frame_size(config, cell.sensor.format())),
-      ears_(std::make_unique<Ears>(*this)) {
+      ears_(std::make_unique<DeviceListener>(*this)) {
     waiting_.reserve(64);
     loans_.reserve(static_cast<std::size_t>(std::max(cell.sensor.format().buffers, 1)) + 1);
 }

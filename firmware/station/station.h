@@ -86,7 +86,7 @@ class Station {
     [[nodiscard]] const Core& core() const { return core_; }
 
   private:
-    struct Ears;  // the listeners of the seam
+    struct DeviceListener;  // the listeners of the seam
 
     Answer take(const Event& event);
     Answer step(const Event& event);
@@ -116,7 +116,7 @@ class Station {
     StationObserver* observer_;
     Core core_;
     Actions actions_;
-    std::unique_ptr<Ears> ears_;
+    std::unique_ptr<DeviceListener> ears_;
     std::vector<Event> waiting_;  // what came while a step was carried out
     bool stepping_ = false;
     bool autostart_ = false;  // run() was called

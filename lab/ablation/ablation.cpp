@@ -109,13 +109,13 @@ Result<Lights> lights_of(const sim::Scene& scene, int threads) {
 }
 
 struct Judged {
-    Sight sight;
+    InspectedMaps sight;
     algo::Verdict verdict;
     double score;
 };
 Result<Judged> judge(const sim::LightField& light, const sim::Scene& scene) {
     const Frame frame = sim::expose(light, scene, scene.seed);
-    auto sight = look_at(frame, scene.camera.extents, 1);
+    auto sight = inspect_frame(frame, scene.camera.extents, 1);
     if (!sight) return tl::unexpected(sight.error());
     auto pipeline = algo::Pipeline::create(scene.camera.extents, frame.bits(), {}, 1);
     if (!pipeline) return tl::unexpected(pipeline.error());
@@ -130,7 +130,7 @@ Result<Json> measure(const Lights& lights, const sim::Scene& scene, const sim::T
     const auto clean = judge(lights.clean, scene), defect = judge(lights.defect, scene);
     if (!clean) return tl::unexpected(clean.error());
     if (!defect) return tl::unexpected(defect.error());
-    const auto missing = [](const Sight& sight) {
+    const auto missing = [](const InspectedMaps& sight) {
         std::vector<float> out;
         for (const float t : sight.transmission) out.push_back(std::abs(1 - t));
         return out;
@@ -181,7 +181,7 @@ struct Ablated {
     }
 };
 
-Result<Ablated> ablate(const sim::Scene& scene, const ExperimentOptions& options, Cells& cells,
+Result<Ablated> ablate(const sim::Scene& scene, const ExperimentOptions& options, ResultCache& cells,
                        const std::function<void(const std::string&)>& starting) {
     const auto truth = sim::truth_of(scene);
     if (truth.defects.empty())
@@ -324,8 +324,8 @@ std::vector<Claim> claims_of(const std::vector<Ablated>& scenes, const std::vect
 
 Result<ExperimentReport> run_ablation(const ExperimentOptions& options) {
     auto cells =
-        Cells::open(options.out / "cells.jsonl",
-                    {{"experiment", "ablation"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
+        ResultCache::open(options.out / "cells.jsonl",
+                          {{"experiment", "ablation"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
     if (!cells) return tl::unexpected(cells.error());
     const auto scenes = scenes_of(options.quick, options.seed);
     std::vector<Ablated> ablated;

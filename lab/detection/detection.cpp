@@ -162,7 +162,7 @@ double factor_for(const std::vector<JudgedPart>& tuning) {
 
 class Run {
   public:
-    Run(const ExperimentOptions& options, Cells& cells, bool only_finished)
+    Run(const ExperimentOptions& options, ResultCache& cells, bool only_finished)
         : options_(options), cells_(cells), sizes_(options.quick ? kQuick : kFull), only_finished_(only_finished) {}
     Result<DetectionResults> run();
 
@@ -174,7 +174,7 @@ class Run {
     void note(const std::string& what) { options_.progress(std::min(0.99, done_ / total_), what); }
 
     const ExperimentOptions& options_;
-    Cells& cells_;
+    ResultCache& cells_;
     Sizes sizes_;
     bool only_finished_;  // nothing is computed: what no cell has is missing in the results
     DetectionResults results_;
@@ -342,8 +342,8 @@ namespace {
 
 Result<ExperimentReport> run_or_report(const ExperimentOptions& options, bool only_finished) {
     auto cells =
-        Cells::open(options.out / "cells.jsonl",
-                    {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 5}});
+        ResultCache::open(options.out / "cells.jsonl",
+                          {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 5}});
     if (!cells) return tl::unexpected(cells.error());
     auto results = Run(options, *cells, only_finished).run();
     if (!results) return tl::unexpected(results.error());

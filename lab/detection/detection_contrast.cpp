@@ -59,8 +59,8 @@ Result<sim::LightField> light_of(const sim::Scene& scene, const ExperimentOption
 // A frame's maps, and where each has a value: a dark lenslet has no gradient, unless it is taken as evenly lit, but its
 // missing light is judged.
 struct Seen {
-    std::vector<float> emd, even, surprise;
-    std::vector<float> deviance;  // deviance_of(), where surprise has a value
+    std::vector<float> emd, even, z_score;
+    std::vector<float> deviance;  // deviance_of(), where z_score has a value
     std::vector<std::uint8_t> emd_mask, even_mask, surprise_mask;
 };
 struct MapOfSeen {
@@ -70,7 +70,7 @@ struct MapOfSeen {
 };
 constexpr MapOfSeen kMaps[] = {{"emd", &Seen::emd, &Seen::emd_mask},
                                {"even", &Seen::even, &Seen::even_mask},
-                               {"surprise", &Seen::surprise, &Seen::surprise_mask}};
+                               {"surprise", &Seen::z_score, &Seen::surprise_mask}};
 
 // What nobody can be surer than. Of every lenslet twice the logarithm of how much likelier its bins are if exactly they
 // were expected than if the good part was, with the good part known exactly (what the reference expects there) and no
@@ -79,7 +79,7 @@ constexpr MapOfSeen kMaps[] = {{"emd", &Seen::emd, &Seen::emd_mask},
 // at most once in R times: a score that good parts exceed as rarely as a normal number is at most about the root of
 // this, less what noise alone has.
 std::vector<float> deviance_of(const Frame& frame, const algo::Extents& e, const algo::Reference& reference,
-                               const algo::GoldenReader& golden, const algo::Registered& at,
+                               const algo::ReferenceSampler& reference_hord, const algo::Registered& at,
                                std::span<const std::uint8_t> mask) {
     std::vector<float> deviance(e.lenslets());
     std::vector<float> bins(reference.stride());
@@ -91,7 +91,7 @@ std::vector<float> deviance_of(const Frame& frame, const algo::Extents& e, const
             if ((mask[k] & (algo::kOutside | algo::kSaturated)) != 0) continue;
             std::ranges::fill(bins, 0.0F);
             const auto place = pose.to_reference(m, n);
-            const auto wanted = golden.read(place.m, place.n, at.light, bins.data());
+            const auto wanted = reference_hord.read(place.m, place.n, at.light, bins.data());
             if (!wanted.has_hord) continue;
             double sum = 0;
             for (int b = 0; b < e.bins(); ++b) {
@@ -117,18 +117,19 @@ std::vector<float> roots_of(const std::vector<float>& deviance, double by_noise)
 }
 
 Result<std::optional<Seen>> look(algo::Pipeline& against, algo::Pipeline& alone, const algo::Reference& reference,
-                                 const algo::GoldenReader& golden, const Frame& frame, const algo::Extents& e) {
+                                 const algo::ReferenceSampler& reference_hord, const Frame& frame,
+                                 const algo::Extents& e) {
     const auto found = against.inspect(frame.view());
     if (!found) return tl::unexpected(found.error());
-    if (found->surprise.empty()) return std::optional<Seen>();
+    if (found->z_score.empty()) return std::optional<Seen>();
     Seen seen;
     seen.emd.assign(found->emd.begin(), found->emd.end());
-    seen.surprise.assign(found->surprise.begin(), found->surprise.end());
+    seen.z_score.assign(found->z_score.begin(), found->z_score.end());
     seen.emd_mask.assign(found->mask.begin(), found->mask.end());
     seen.surprise_mask = seen.emd_mask;
     for (std::uint8_t& bits : seen.surprise_mask) bits &= static_cast<std::uint8_t>(~(algo::kDark | algo::kBorder));
-    seen.deviance = deviance_of(frame, e, reference, golden, found->registered, seen.surprise_mask);
-    const Frame filled = with_dark_as_uniform(frame, Sight{e, seen.emd, {}, {}, seen.emd_mask});
+    seen.deviance = deviance_of(frame, e, reference, reference_hord, found->registered, seen.surprise_mask);
+    const Frame filled = with_dark_as_uniform(frame, InspectedMaps{e, seen.emd, {}, {}, seen.emd_mask});
     const auto even = alone.inspect(filled.view());
     if (!even) return tl::unexpected(even.error());
     seen.even.assign(even->emd.begin(), even->emd.end());
@@ -202,10 +203,10 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
     auto against = algo::Pipeline::create(e, nominal.camera.bits, recipe);
     if (!alone || !against) return tl::unexpected(alone ? against.error() : alone.error());
 
-    const algo::GoldenReader golden(**reference, algo::best_isa());
+    const algo::ReferenceSampler reference_hord(**reference, algo::best_isa());
 
-    // The cut and the bubble, and hollows where the cut is and as wide, but shallower: they bend the light at their rim
-    // by so many bins, and none leaves the bins.
+    // The cut and the bubble, and hollows where the cut is and as wide, but shallower: they deflection_shift the light
+    // at their rim by so many bins, and none leaves the bins.
     struct Flawed {
         std::string name;
         sim::SceneDefect defect;
@@ -229,10 +230,10 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
         std::map<std::string, std::vector<double>> each, averaged;
         int refused = 0;
         for (int k = 0; k < times; ++k) {
-            const auto good = look(*against, *alone, **reference, golden,
+            const auto good = look(*against, *alone, **reference, reference_hord,
                                    expose_part(clean_light, clean, options.seed, exposure++), e);
-            const auto bad =
-                look(*against, *alone, **reference, golden, expose_part(*light, scene, options.seed, exposure++), e);
+            const auto bad = look(*against, *alone, **reference, reference_hord,
+                                  expose_part(*light, scene, options.seed, exposure++), e);
             if (!good || !bad) return tl::unexpected(good ? bad.error() : good.error());
             if (!*good || !*bad) {
                 ++refused;
@@ -240,7 +241,7 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
             }
             // In the unit of the scores here: their clean standard deviation. Nothing is taken off for what the clean
             // part shows.
-            const Interior scores = interior_of((**good).surprise, (**good).emd_mask);
+            const Interior scores = interior_of((**good).z_score, (**good).emd_mask);
             const std::vector<float> surest =
                 roots_of((**bad).deviance, interior_of((**good).deviance, (**good).emd_mask).mean);
             each["surest"].push_back(

@@ -212,15 +212,15 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
             return here / std::max(emd, 1.0);
         };  // what shows less than one sigma counts as one
         const auto name = scene["scene"].get<std::string>();
-        const double emd = median("each", "emd"), surprise = median("each", "surprise"), ratio = over(surprise, emd);
+        const double emd = median("each", "emd"), z_score = median("each", "surprise"), ratio = over(z_score, emd);
         const double surest = median("each", "surest"), surest_ratio = over(surest, emd);
         if (name == "cut beside") {
             places.rows.push_back(
                 {fmt::format("{:.2f}, {:.2f}", scene["beside"][0].get<double>(), scene["beside"][1].get<double>()),
-                 fmt::format("{:.1f}", emd), fmt::format("{:.1f}", surprise), fmt::format("{:.1f}x", ratio),
+                 fmt::format("{:.1f}", emd), fmt::format("{:.1f}", z_score), fmt::format("{:.1f}x", ratio),
                  fmt::format("{:.1f}", surest), fmt::format("{:.1f}x", surest_ratio)});
             place_ratios.push_back(ratio), surest_ratios.push_back(surest_ratio);
-            above_surest += surprise > surest ? 1 : 0;
+            above_surest += z_score > surest ? 1 : 0;
             continue;
         }
         if (name == "cut") cut_emd = emd, cut_surest = surest;
@@ -228,12 +228,12 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
             least_ratio = std::min(least_ratio, ratio);
             contrasts +=
                 fmt::format("{}{}: {:.1f}x (EMD gradient {:.1f}, here {:.1f} clean sigmas, median of {} exposures)",
-                            contrasts.empty() ? "" : "; ", name, ratio, emd, surprise, scene["each"]["emd"].size());
+                            contrasts.empty() ? "" : "; ", name, ratio, emd, z_score, scene["each"]["emd"].size());
         }
         const double emd_averaged = median("averaged", "emd"), surprise_averaged = median("averaged", "surprise");
         contrast_table.rows.push_back(
             {name, fmt::format("{:.1f}", scene["radius"].get<double>()), fmt::format("{:.1f}", emd),
-             fmt::format("{:.1f}", median("each", "even")), fmt::format("{:.1f}", surprise),
+             fmt::format("{:.1f}", median("each", "even")), fmt::format("{:.1f}", z_score),
              fmt::format("{:.1f}x", ratio), fmt::format("{:.1f}", surest), fmt::format("{:.1f}x", surest_ratio),
              fmt::format("{:.0f}", emd_averaged), fmt::format("{:.0f}", median("averaged", "even")),
              fmt::format("{:.0f}", surprise_averaged), fmt::format("{:.1f}x", over(surprise_averaged, emd_averaged))});

@@ -50,19 +50,19 @@ std::size_t filled_area(std::vector<std::uint8_t> in, int width, int height) {
 
 }  // namespace
 
-Result<Sight> look_at(const Frame& frame, const algo::Extents& extents, int threads) {
+Result<InspectedMaps> inspect_frame(const Frame& frame, const algo::Extents& extents, int threads) {
     auto pipeline = algo::Pipeline::create(extents, frame.bits(), {}, threads);
     if (!pipeline) return tl::unexpected(pipeline.error());
     const auto found = pipeline->inspect(frame.view());
     if (!found) return tl::unexpected(found.error());
-    return Sight{extents,
-                 {found->emd.begin(), found->emd.end()},
-                 {found->frobenius.begin(), found->frobenius.end()},
-                 {found->transmission.begin(), found->transmission.end()},
-                 {found->mask.begin(), found->mask.end()}};
+    return InspectedMaps{extents,
+                         {found->emd.begin(), found->emd.end()},
+                         {found->frobenius.begin(), found->frobenius.end()},
+                         {found->transmission.begin(), found->transmission.end()},
+                         {found->mask.begin(), found->mask.end()}};
 }
 
-Frame with_dark_as_uniform(const Frame& frame, const Sight& sight) {
+Frame with_dark_as_uniform(const Frame& frame, const InspectedMaps& sight) {
     Frame filled = frame;
     const algo::Extents& e = sight.extents;
     const std::uint32_t even = frame.view().full_scale() / 8;

@@ -15,16 +15,16 @@
 namespace hord::lab {
 
 // The station's maps of one frame (algo/inspection/pipeline.h), kept.
-struct Sight {
+struct InspectedMaps {
     algo::Extents extents;
     std::vector<float> emd, frobenius, transmission;
     std::vector<std::uint8_t> mask;  // algo::MaskBit
 };
-Result<Sight> look_at(const Frame& frame, const algo::Extents& extents, int threads);
+Result<InspectedMaps> inspect_frame(const Frame& frame, const algo::Extents& extents, int threads);
 
 // The frame with every lenslet that `sight` found dark filled evenly: what a dark lenslet's HORD would be if it had to
 // have one.
-Frame with_dark_as_uniform(const Frame& frame, const Sight& sight);
+Frame with_dark_as_uniform(const Frame& frame, const InspectedMaps& sight);
 
 // What the interior of a clean part shows: the lenslets that are judged (mask kValid).
 struct Interior {

@@ -20,8 +20,8 @@ Json parse(const std::string& line) { return Json::parse(line, nullptr, false); 
 
 }  // namespace
 
-Result<Cells> Cells::open(const std::filesystem::path& file, const Json& parameters) {
-    Cells cells;
+Result<ResultCache> ResultCache::open(const std::filesystem::path& file, const Json& parameters) {
+    ResultCache cells;
     cells.file_ = file;
     std::string text;
     if (std::filesystem::exists(file)) {
@@ -61,12 +61,12 @@ Result<Cells> Cells::open(const std::filesystem::path& file, const Json& paramet
     return cells;
 }
 
-const Json* Cells::find(const std::string& key) const {
+const Json* ResultCache::find(const std::string& key) const {
     const auto found = cells_.find(key);
     return found == cells_.end() ? nullptr : &found->second;
 }
 
-Result<void> Cells::add(const std::string& key, Json values) {
+Result<void> ResultCache::add(const std::string& key, Json values) {
     std::ofstream stream(file_, std::ios::binary | std::ios::app);
     stream << Json{{"cell", key}, {"values", values}}.dump() << '\n';
     if (!stream.flush()) return tl::unexpected(cannot_write(file_));

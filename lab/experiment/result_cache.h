@@ -17,11 +17,11 @@ namespace hord::lab {
 
 using Json = nlohmann::ordered_json;
 
-class Cells {
+class ResultCache {
   public:
     // Takes up `file`, or begins it. Fails with invalid_argument when it was made with other parameters or is not such
     // a file, with io when it cannot be read or written.
-    static Result<Cells> open(const std::filesystem::path& file, const Json& parameters);
+    static Result<ResultCache> open(const std::filesystem::path& file, const Json& parameters);
 
     // The cell's values; null while it is not finished.
     [[nodiscard]] const Json* find(const std::string& key) const;

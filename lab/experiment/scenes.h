@@ -16,6 +16,6 @@ sim::AirBubble bubble_of_lens(double radius_mm);
 sim::AbsorbingSpeck absorber_of_lens(double transmission);
 
 // The same part seen by a `lenslets` wide square about the point (x, y) of it, at the same pitch, by both cameras.
-sim::Scene close_up(const sim::Scene& scene, double x_mm, double y_mm, int lenslets);
+sim::Scene compact(const sim::Scene& scene, double x_mm, double y_mm, int lenslets);
 
 }  // namespace hord::lab

@@ -68,7 +68,7 @@ struct Figure {
     }
 };
 
-Result<Figure> see_figure(const ExperimentOptions& options, int lenslets, Cells& cells, double share_of_work) {
+Result<Figure> see_figure(const ExperimentOptions& options, int lenslets, ResultCache& cells, double share_of_work) {
     Figure figure;
     const auto scenes = scenes_of_figure(lenslets, options.seed);
     for (std::size_t s = 0; s < kScenes; ++s) {
@@ -217,8 +217,9 @@ std::string hashes_of(const Figure& figure) {
 
 Result<ExperimentReport> run_paper(const ExperimentOptions& options) {
     const int lenslets = options.quick ? 231 : 555;
-    auto cells = Cells::open(options.out / "cells.jsonl",
-                             {{"experiment", "paper"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
+    auto cells =
+        ResultCache::open(options.out / "cells.jsonl",
+                          {{"experiment", "paper"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
     if (!cells) return tl::unexpected(cells.error());
     constexpr double kShareOfFigure = 0.6;
     const auto figure = see_figure(options, lenslets, *cells, kShareOfFigure);

@@ -27,7 +27,7 @@ std::vector<Defect> defects_of(const sim::Scene& lens, bool quick) {
     const double pitch = lens.camera.field_mm / lens.camera.extents.m;
     const auto add = [&](Defect::Kind kind, const std::string& name, const sim::SceneDefect& defect, double at,
                          double reach) {
-        sim::Scene scene = close_up(lens, at, at, 2 * static_cast<int>(std::ceil(reach / pitch)) + 31);
+        sim::Scene scene = compact(lens, at, at, 2 * static_cast<int>(std::ceil(reach / pitch)) + 31);
         scene.name = name;
         scene.defects = {defect};
         scene.telecentric.rays_per_side =
@@ -90,9 +90,9 @@ Result<Json> look_closely(const Defect& defect, const std::vector<double>& panel
     const auto light = sim::render(defect.scene, {threads, {}});
     if (!light) return tl::unexpected(light.error());
     const Frame frame = sim::expose(*light, defect.scene, defect.scene.seed);
-    const auto sight = look_at(frame, e, 1);
+    const auto sight = inspect_frame(frame, e, 1);
     if (!sight) return tl::unexpected(sight.error());
-    const auto even = look_at(with_dark_as_uniform(frame, *sight), e, 1);
+    const auto even = inspect_frame(with_dark_as_uniform(frame, *sight), e, 1);
     if (!even) return tl::unexpected(even.error());
     const std::vector<std::uint8_t> all_valid(e.lenslets(), algo::kValid);
     const Interior flat{};  // the light of a clean part is flat: only the floor counts
@@ -122,7 +122,7 @@ std::string cell_text(const Json& contrast) {
 }  // namespace
 
 Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim::Scene& lens, const Interior& emd,
-                                    const Interior& frobenius, Cells& cells) {
+                                    const Interior& frobenius, ResultCache& cells) {
     const auto defects = defects_of(lens, options.quick);
     const auto panel_halves = panels(options.quick);
     std::vector<Json> found;

@@ -10,6 +10,6 @@ namespace hord::lab {
 
 // `lens`: the clean scene at the figure's pitch; `emd`, `frobenius`: what its interior shows.
 Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim::Scene& lens, const Interior& emd,
-                                    const Interior& frobenius, Cells& cells);
+                                    const Interior& frobenius, ResultCache& cells);
 
 }  // namespace hord::lab

@@ -10,7 +10,7 @@ namespace hord::lab {
 namespace {
 
 // A frame of the scene, from the folder if the cells vouch for it.
-Result<Frame> frame_of(const sim::Scene& scene, const std::filesystem::path& folder, int threads, Cells& cells,
+Result<Frame> frame_of(const sim::Scene& scene, const std::filesystem::path& folder, int threads, ResultCache& cells,
                        const std::function<void(double)>& progress, std::string& hash) {
     const auto file = folder / ("frame_" + scene.name + ".png");
     const std::string key = "frame " + scene.name;
@@ -76,7 +76,7 @@ std::vector<float> SceneViews::signal(View view) const {
     return out;
 }
 
-Result<SceneViews> see(const sim::Scene& scene, const std::filesystem::path& folder, int threads, Cells& cells,
+Result<SceneViews> see(const sim::Scene& scene, const std::filesystem::path& folder, int threads, ResultCache& cells,
                        const std::function<void(double)>& progress) {
     SceneViews views;
     views.scene = scene;
@@ -84,9 +84,9 @@ Result<SceneViews> see(const sim::Scene& scene, const std::filesystem::path& fol
     const algo::Extents& e = scene.camera.extents;
     const auto frame = frame_of(scene, folder, threads, cells, progress, views.frame_hash);
     if (!frame) return tl::unexpected(frame.error());
-    auto sight = look_at(*frame, e, 1);
+    auto sight = inspect_frame(*frame, e, 1);
     if (!sight) return tl::unexpected(sight.error());
-    auto even = look_at(with_dark_as_uniform(*frame, *sight), e, 1);
+    auto even = inspect_frame(with_dark_as_uniform(*frame, *sight), e, 1);
     if (!even) return tl::unexpected(even.error());
     auto picture = sim::render_telecentric(scene, {threads, {}});
     if (!picture) return tl::unexpected(picture.error());

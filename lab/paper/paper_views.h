@@ -25,7 +25,7 @@ struct SceneViews {
     sim::Scene scene;
     sim::Truth truth;
     std::string frame_hash;
-    Sight sight, even;
+    InspectedMaps sight, even;
     std::vector<float> telecentric;  // one value a lenslet: as many pixels, over the same field
     std::vector<std::uint8_t>
         everywhere_valid;  // the telecentric picture's mask, and the transmission's: kValid inside the rim
@@ -42,7 +42,7 @@ double floor_of(View view);
 
 // Renders and looks. A frame kept in `folder` by an earlier run is taken up if it has the bits that run noted in
 // `cells`.
-Result<SceneViews> see(const sim::Scene& scene, const std::filesystem::path& folder, int threads, Cells& cells,
+Result<SceneViews> see(const sim::Scene& scene, const std::filesystem::path& folder, int threads, ResultCache& cells,
                        const std::function<void(double)>& progress);
 
 // The map in the figure's colours: the same scale for a view of all scenes. `around` > 0: only so many lenslets about

@@ -82,9 +82,9 @@ FeatureChange change(const Features& with, const Features& without, const std::v
 }
 
 // A scene's frames and features, in its light or on its sensor.
-class Bench {
+class SceneComparison {
   public:
-    Bench(const sim::Scene& scene, int threads) : scene_(scene), threads_(threads) {
+    SceneComparison(const sim::Scene& scene, int threads) : scene_(scene), threads_(threads) {
         const auto labels = sim::truth_of(scene).labels;
         for (const std::uint8_t label : labels) judged_.push_back(label == 0 || label == 1 || label == 3);
     }
@@ -153,7 +153,7 @@ Result<SceneNeeds> needs_of(const sim::Scene& scene, const NeedsOptions& options
     // A first frame is rendered for nothing: the next one's time is then that of warm caches, like all others'.
     if (auto first = sim::render(scene, {options.threads, {}}); !first) return tl::unexpected(first.error());
     step();
-    const Bench bench(scene, options.threads);
+    const SceneComparison bench(scene, options.threads);
     needs.lenslets = static_cast<int>(std::count(bench.judged().begin(), bench.judged().end(), 1));
     const auto whole_light = bench.light(scene, needs.render_ms, &field);
     if (!whole_light) return tl::unexpected(whole_light.error());

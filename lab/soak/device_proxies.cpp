@@ -7,79 +7,79 @@ tl::unexpected<Error> gone() { return fail(ErrorCode::disconnected, "the process
 
 }  // namespace
 
-Gates::Gates(sim::SimulatedCell& cell, Invariants& invariants) : cell_(cell), invariants_(invariants) {}
+DeviceProxies::DeviceProxies(sim::SimulatedCell& cell, Invariants& invariants) : cell_(cell), invariants_(invariants) {}
 
-void Gates::cut() {
+void DeviceProxies::cut() {
     cut_ = true;
     cell_.strobe().stop();
     cell_.part_sensor().stop();
     cell_.sensor().stop();
 }
 
-void Gates::after_calls(int n, std::function<void()> what) {
+void DeviceProxies::after_calls(int n, std::function<void()> what) {
     calls_left_ = n;
     then_ = std::move(what);
 }
 
-void Gates::count_call() {
+void DeviceProxies::count_call() {
     if (!then_ || calls_left_-- > 0) return;
     std::exchange(then_, nullptr)();
 }
 
-Result<void> Gates::PartSensorGate::do_start(hal::PartSensor::Listener& to) {
+Result<void> DeviceProxies::PartSensorProxy::do_start(hal::PartSensor::Listener& to) {
     listener = &to;
     auto done = gates.cell_.part_sensor().start(*this);
     gates.invariants_.part_sensor_up(done.has_value());
     return done;
 }
-void Gates::PartSensorGate::do_stop() {
+void DeviceProxies::PartSensorProxy::do_stop() {
     if (gates.cut_) return;
     gates.invariants_.part_sensor_up(false);
     gates.cell_.part_sensor().stop();
 }
-void Gates::PartSensorGate::on_edge(const hal::PartEdge& edge) {
+void DeviceProxies::PartSensorProxy::on_edge(const hal::PartEdge& edge) {
     listener->on_edge(edge);
     if (edge.kind == hal::PartEdge::Kind::arrives) gates.invariants_.edge_delivered(edge);
 }
 
-Result<void> Gates::StrobeGate::do_start(hal::Strobe::Listener& to) {
+Result<void> DeviceProxies::StrobeProxy::do_start(hal::Strobe::Listener& to) {
     listener = &to;
     return gates.cell_.strobe().start(*this);
 }
-Result<void> Gates::StrobeGate::do_fire(const hal::StrobePulse& pulse) {
+Result<void> DeviceProxies::StrobeProxy::do_fire(const hal::StrobePulse& pulse) {
     gates.count_call();
     if (gates.cut_) return gone();
     auto done = gates.cell_.strobe().fire(pulse);
     if (done) gates.invariants_.lit(pulse);
     return done;
 }
-void Gates::StrobeGate::do_stop() {
+void DeviceProxies::StrobeProxy::do_stop() {
     if (!gates.cut_) gates.cell_.strobe().stop();
 }
-void Gates::StrobeGate::on_strobe(const hal::StrobeReport& report) {
+void DeviceProxies::StrobeProxy::on_strobe(const hal::StrobeReport& report) {
     if (gates.cut_) return;
     gates.invariants_.strobe_reported(report);
     listener->on_strobe(report);
 }
 
-Result<void> Gates::SensorGate::do_start(hal::Sensor::Listener& to) {
+Result<void> DeviceProxies::SensorProxy::do_start(hal::Sensor::Listener& to) {
     listener = &to;
     return gates.cell_.sensor().start(*this);
 }
-Result<void> Gates::SensorGate::do_trigger(const hal::ExposureRequest& request) {
+Result<void> DeviceProxies::SensorProxy::do_trigger(const hal::ExposureRequest& request) {
     gates.count_call();
     if (gates.cut_) return gone();
     return gates.cell_.sensor().trigger(request);
 }
-void Gates::SensorGate::do_stop() {
+void DeviceProxies::SensorProxy::do_stop() {
     if (!gates.cut_) gates.cell_.sensor().stop();
 }
 
-Result<void> Gates::RejectorGate::do_start(hal::Rejector::Listener& to) {
+Result<void> DeviceProxies::RejectorProxy::do_start(hal::Rejector::Listener& to) {
     listener = &to;
     return gates.cell_.rejector().start(*this);
 }
-Result<void> Gates::RejectorGate::do_reject(const hal::RejectCommand& command) {
+Result<void> DeviceProxies::RejectorProxy::do_reject(const hal::RejectCommand& command) {
     gates.count_call();
     if (gates.cut_) return gone();
     gates.invariants_.rejecting(command);
@@ -87,11 +87,11 @@ Result<void> Gates::RejectorGate::do_reject(const hal::RejectCommand& command) {
     gates.invariants_.rejecting_done(done.has_value());
     return done;
 }
-void Gates::RejectorGate::do_set_run_permit(bool permit) {
+void DeviceProxies::RejectorProxy::do_set_run_permit(bool permit) {
     gates.count_call();
     if (!gates.cut_) gates.cell_.rejector().set_run_permit(permit);
 }
-void Gates::RejectorGate::do_stop() {
+void DeviceProxies::RejectorProxy::do_stop() {
     if (!gates.cut_) gates.cell_.rejector().stop();
 }
 

@@ -15,10 +15,10 @@ namespace hord::lab {
 
 using namespace firmware;
 
-class Gates {
+class DeviceProxies {
   public:
     // All outlive the gates.
-    Gates(sim::SimulatedCell& cell, Invariants& invariants);
+    DeviceProxies(sim::SimulatedCell& cell, Invariants& invariants);
 
     // The process is gone. The rejector's module notices by itself, later: close_rejector().
     void cut();
@@ -32,18 +32,18 @@ class Gates {
     [[nodiscard]] hal::Rejector& rejector() { return rejector_; }
 
   private:
-    struct PartSensorGate final : hal::PartSensor, hal::PartSensor::Listener {
-        explicit PartSensorGate(Gates& g) : gates(g) {}
+    struct PartSensorProxy final : hal::PartSensor, hal::PartSensor::Listener {
+        explicit PartSensorProxy(DeviceProxies& g) : gates(g) {}
         Result<void> do_start(hal::PartSensor::Listener& to) override;
         void do_stop() override;
         void on_edge(const hal::PartEdge& edge) override;
         void on_encoder(const hal::EncoderReading& reading) override { listener->on_encoder(reading); }
         void on_part_sensor_lost(const Error& error) override { listener->on_part_sensor_lost(error); }
-        Gates& gates;
+        DeviceProxies& gates;
         hal::PartSensor::Listener* listener = nullptr;
     };
-    struct StrobeGate final : hal::Strobe, hal::Strobe::Listener {
-        explicit StrobeGate(Gates& g) : gates(g) {}
+    struct StrobeProxy final : hal::Strobe, hal::Strobe::Listener {
+        explicit StrobeProxy(DeviceProxies& g) : gates(g) {}
         Result<void> do_start(hal::Strobe::Listener& to) override;
         Result<void> do_fire(const hal::StrobePulse& pulse) override;
         void do_stop() override;
@@ -52,12 +52,12 @@ class Gates {
         void on_strobe_lost(const Error& error) override {
             if (!gates.cut_) listener->on_strobe_lost(error);
         }
-        Gates& gates;
+        DeviceProxies& gates;
         hal::Strobe::Listener* listener = nullptr;
     };
     // Frames are lent by the sensor itself: the gate only passes them on.
-    struct SensorGate final : hal::Sensor, hal::Sensor::Listener {
-        explicit SensorGate(Gates& g) : gates(g) {}
+    struct SensorProxy final : hal::Sensor, hal::Sensor::Listener {
+        explicit SensorProxy(DeviceProxies& g) : gates(g) {}
         [[nodiscard]] hal::SensorFormat do_format() const override { return gates.cell_.sensor().format(); }
         Result<void> do_start(hal::Sensor::Listener& to) override;
         Result<void> do_trigger(const hal::ExposureRequest& request) override;
@@ -65,11 +65,11 @@ class Gates {
         void do_give_back(std::uint32_t) noexcept override {}
         void on_frame(hal::FrameLease frame) override { listener->on_frame(std::move(frame)); }
         void on_sensor_lost(const Error& error) override { listener->on_sensor_lost(error); }
-        Gates& gates;
+        DeviceProxies& gates;
         hal::Sensor::Listener* listener = nullptr;
     };
-    struct RejectorGate final : hal::Rejector, hal::Rejector::Listener {
-        explicit RejectorGate(Gates& g) : gates(g) {}
+    struct RejectorProxy final : hal::Rejector, hal::Rejector::Listener {
+        explicit RejectorProxy(DeviceProxies& g) : gates(g) {}
         Result<void> do_start(hal::Rejector::Listener& to) override;
         Result<void> do_reject(const hal::RejectCommand& command) override;
         void do_set_run_permit(bool permit) override;
@@ -80,10 +80,10 @@ class Gates {
         void on_rejector_link(bool up, const Error& why_down) override {
             if (!gates.cut_) listener->on_rejector_link(up, why_down);
         }
-        Gates& gates;
+        DeviceProxies& gates;
         hal::Rejector::Listener* listener = nullptr;
     };
-    friend struct PartSensorGate;
+    friend struct PartSensorProxy;
 
     sim::SimulatedCell& cell_;
     Invariants& invariants_;
@@ -91,10 +91,10 @@ class Gates {
     bool cut_ = false;
     int calls_left_ = 0;
     std::function<void()> then_;
-    PartSensorGate part_sensor_{*this};
-    StrobeGate strobe_{*this};
-    SensorGate sensor_{*this};
-    RejectorGate rejector_{*this};
+    PartSensorProxy part_sensor_{*this};
+    StrobeProxy strobe_{*this};
+    SensorProxy sensor_{*this};
+    RejectorProxy rejector_{*this};
 };
 
 }  // namespace hord::lab

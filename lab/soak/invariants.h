@@ -44,8 +44,8 @@ class Invariants {
     static constexpr Duration kReadyWithin = milliseconds(5000);
 
     // The station takes fewer steps than this at one moment.
-    static constexpr int kMostStepsAtOnce = 5000;
-    [[nodiscard]] bool time_stands_still() const { return steps_at_once_ > kMostStepsAtOnce; }
+    static constexpr int kMaxStepsAtOnce = 5000;
+    [[nodiscard]] bool time_stands_still() const { return steps_at_once_ > kMaxStepsAtOnce; }
 
     struct Rules {
         bool perfect_detection = true;  // a passed bad part is the control's fault, not the inspection's

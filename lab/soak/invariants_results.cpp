@@ -94,7 +94,7 @@ void Invariants::stepped(State before) {
     const TimePoint time = clock_.now();
     steps_at_once_ = time == stepped_at_ ? steps_at_once_ + 1 : 0;
     stepped_at_ = time;
-    if (steps_at_once_ == kMostStepsAtOnce)
+    if (steps_at_once_ == kMaxStepsAtOnce)
         broken(Promise::bounded, "the station steps and steps, and time stands still");
     if (now.line_stop) {
         last_line_stop_ = time;

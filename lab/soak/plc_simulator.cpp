@@ -58,11 +58,11 @@ std::optional<CommandCode> first_command(State from, State to) {
 
 // -- the station's half
 
-PlcDoors::PlcDoors(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id)
-    : handler_(loop), desk_(loop, handler_, PlcOptions{config.plc_policy, PlcSide::kTimeout, boot_id}),
+PlcEndpoint::PlcEndpoint(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id)
+    : handler_(loop), desk_(loop, handler_, PlcOptions{config.plc_policy, PlcSimulator::kTimeout, boot_id}),
       registers_(StationIdentity{.boot_id = boot_id}, &desk_) {}
 
-void PlcDoors::open(Station& station, Inspector& inspector, Recorder& recorder) {
+void PlcEndpoint::open(Station& station, Inspector& inspector, ResultSink& recorder) {
     station_ = &station;
     handler_.operations.begin({.station = station,
                                .inspector = inspector,
@@ -72,38 +72,38 @@ void PlcDoors::open(Station& station, Inspector& inspector, Recorder& recorder) 
                               {});
 }
 
-void PlcDoors::publish() {
+void PlcEndpoint::publish() {
     registers_.publish(station_->snapshot(), unpublished_);
     unpublished_.clear();
 }
 
-CommandOutcome PlcDoors::Counting::on_command(const modbus::Origin& origin, const CommandRequest& request) {
+CommandOutcome PlcEndpoint::Counting::on_command(const modbus::Origin& origin, const CommandRequest& request) {
     count(request.token);
     return operations.on_command(origin, request);
 }
-CommandOutcome PlcDoors::Counting::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
-                                             const StagedRecipe& staged) {
+CommandOutcome PlcEndpoint::Counting::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
+                                                const StagedRecipe& staged) {
     count(request.token);
     return operations.on_recipe(origin, request, staged);
 }
-int PlcDoors::Counting::executed(std::uint32_t token) const {
+int PlcEndpoint::Counting::executed(std::uint32_t token) const {
     return static_cast<int>(std::count(tokens_.begin(), tokens_.end(), token));
 }
 
 // -- the PLC's
 
-PlcSide::Words PlcSide::read(std::uint16_t address, std::uint16_t count) {
+PlcSimulator::Words PlcSimulator::read(std::uint16_t address, std::uint16_t count) {
     Words words(count);
     if (doors_ == nullptr || doors_->registers().read_registers(address, words) != modbus::Exception::none)
         words.clear();
     return words;
 }
 
-modbus::Exception PlcSide::write(std::uint16_t address, const Words& words) {
+modbus::Exception PlcSimulator::write(std::uint16_t address, const Words& words) {
     return doors_ == nullptr ? modbus::Exception::busy : doors_->registers().write_registers(kPlc, address, words);
 }
 
-void PlcSide::cycle() {
+void PlcSimulator::cycle() {
     if (doors_ == nullptr) return;
     doors_->check_heartbeat();
     doors_->publish();
@@ -122,7 +122,7 @@ void PlcSide::cycle() {
     if (loop_.now() >= leave_alone_until_) bring_back();
 }
 
-void PlcSide::check_status() {
+void PlcSimulator::check_status() {
     const Snapshot now = doors_->station().snapshot();
     const Words status = read(places().state, 2), counters = read(places().seen, 20);
     const bool executes = executing(now.state);
@@ -140,7 +140,7 @@ void PlcSide::check_status() {
     }
 }
 
-void PlcSide::check_results() {
+void PlcSimulator::check_results() {
     const std::uint32_t newest = double_word(read(places().newest, 2), 0);
     if (newest > read_ + kRingSlots) read_ = newest - kRingSlots;
     for (std::uint32_t sequence = read_ + 1; sequence <= newest; ++sequence) {
@@ -168,7 +168,7 @@ void PlcSide::check_results() {
 }
 
 // What a PLC does with a station that somebody has stopped.
-void PlcSide::bring_back() {
+void PlcSimulator::bring_back() {
     const Snapshot now = doors_->station().snapshot();
     switch (now.state) {
         case State::preoperational: return command(CommandCode::initialise);
@@ -184,7 +184,7 @@ void PlcSide::bring_back() {
     }
 }
 
-void PlcSide::command(CommandCode code, bool meant_for_this_boot) {
+void PlcSimulator::command(CommandCode code, bool meant_for_this_boot) {
     if (doors_ == nullptr || boot_id_ == 0) return;  // it has not asked yet whom it speaks to
     const bool to_this_boot = meant_for_this_boot && double_word(read(places().boot_id, 2), 0) == boot_id_;
     const std::uint32_t token = ++token_;
@@ -192,7 +192,7 @@ void PlcSide::command(CommandCode code, bool meant_for_this_boot) {
     const std::uint16_t boot = low(meant_for_this_boot ? boot_id_ : other_boot);
     const Words words{high(token), low(token), boot, static_cast<std::uint16_t>(code)};
     for (int copies = 1 + std::exchange(repeats_, 0); copies > 0; --copies) {
-        PlcDoors* before = doors_;
+        PlcEndpoint* before = doors_;
         if (before == nullptr) return;
         books_.command_comes();
         const auto answer = write(places().token, words);
@@ -210,7 +210,7 @@ void PlcSide::command(CommandCode code, bool meant_for_this_boot) {
 // -- misbehaviour
 
 // Any registers but a whole command and the PLC's own; half a command, too.
-void PlcSide::write_nonsense() {
+void PlcSimulator::write_nonsense() {
     for (int k = 0; k < 5; ++k) {
         Words words(1 + draw() % 20);
         for (auto& word : words) word = static_cast<std::uint16_t>(draw());
@@ -224,34 +224,34 @@ void PlcSide::write_nonsense() {
     command(static_cast<CommandCode>(100 + draw() % 1000));
 }
 
-void PlcSide::read_everything() {
+void PlcSimulator::read_everything() {
     for (int k = 0; k < 20; ++k)
         (void)read(static_cast<std::uint16_t>(draw() % 9000), static_cast<std::uint16_t>(1 + draw() % kMaxRead));
 }
 
 // The answer is lost, and lost again: the same command comes four times.
-void PlcSide::repeat_a_command() {
+void PlcSimulator::repeat_a_command() {
     repeats_ = 3;
     command(CommandCode::start_continuous);
 }
 
 // Any command, in any state; half a second later it sees what it has done.
-void PlcSide::command_something() {
+void PlcSimulator::command_something() {
     leave_alone_until_ = loop_.now() + milliseconds(500);
     try_anything();
 }
 
-void PlcSide::try_anything() { command_with_care(static_cast<CommandCode>(1 + draw() % 9)); }
+void PlcSimulator::try_anything() { command_with_care(static_cast<CommandCode>(1 + draw() % 9)); }
 
 // Who resets after line stop takes the parts off first.
-void PlcSide::command_with_care(CommandCode code) {
+void PlcSimulator::command_with_care(CommandCode code) {
     if (code == CommandCode::reset && doors_ != nullptr && doors_->station().snapshot().line_stop) take_parts_off_();
     command(code);
 }
 
 // To any state that commands lead to. There it waits, or is silent for longer than the station bears, or cannot keep
 // its fingers still.
-void PlcSide::walk(Duration amount) {
+void PlcSimulator::walk(Duration amount) {
     constexpr std::array kTargets{State::preoperational, State::halted, State::initialized, State::ready,
                                   State::single_execution};
     const State target = kTargets[draw() % kTargets.size()];

@@ -1,8 +1,9 @@
 // The PLC and SCADA at the line: what they read must be what the station reported, what they command is done once.
 //
-// PlcDoors is the station's half: registers and desk, put up as the service does it, one set a process. PlcSide is the
-// other half: a PLC that beats, acknowledges, brings a station that was stopped back to work, and sometimes misbehaves.
-// It speaks in whole register requests; a request may be lost, and so may its answer, and then it is sent again.
+// PlcEndpoint is the station's half: registers and desk, put up as the service does it, one set a process. PlcSimulator
+// is the other half: a PLC that beats, acknowledges, brings a station that was stopped back to work, and sometimes
+// misbehaves. It speaks in whole register requests; a request may be lost, and so may its answer, and then it is sent
+// again.
 #pragma once
 
 #include <array>
@@ -20,16 +21,16 @@ namespace hord::lab {
 
 using namespace firmware;
 
-class PlcDoors {
+class PlcEndpoint {
   public:
-    PlcDoors(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id);
-    void open(Station& station, Inspector& inspector, Recorder& recorder);  // all outlive the doors
+    PlcEndpoint(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id);
+    void open(Station& station, Inspector& inspector, ResultSink& recorder);  // all outlive the doors
 
     void take(const PartResult& result) { unpublished_.push_back(result); }
     void publish();
     void check_heartbeat() { desk_.check_heartbeat(); }
 
-    [[nodiscard]] RegisterImage& registers() { return registers_; }
+    [[nodiscard]] RegisterServerModel& registers() { return registers_; }
     [[nodiscard]] const Station& station() const { return *station_; }
     // How often the command with this token was carried out, of the last ones.
     [[nodiscard]] int executed(std::uint32_t token) const { return handler_.executed(token); }
@@ -48,7 +49,7 @@ class PlcDoors {
         void on_plc_lost(PlcPolicy policy) override { operations.on_plc_lost(policy); }
         void on_plc_back() override { operations.on_plc_back(); }
         [[nodiscard]] int executed(std::uint32_t token) const;
-        Operations operations;
+        CommandHandler operations;
 
       private:
         void count(std::uint32_t token) { tokens_[next_++ % tokens_.size()] = token; }
@@ -56,22 +57,22 @@ class PlcDoors {
         std::size_t next_ = 0;
     };
     Counting handler_;
-    PlcDesk desk_;
-    RegisterImage registers_;
+    PlcInterface desk_;
+    RegisterServerModel registers_;
     Station* station_ = nullptr;
     std::vector<PartResult> unpublished_;
 };
 
-class PlcSide {
+class PlcSimulator {
   public:
     static constexpr Duration kEvery = milliseconds(250);     // the PLC's cycle
     static constexpr Duration kTimeout = milliseconds(1000);  // without a beat for so long it counts as lost
 
-    PlcSide(hal::EventLoop& loop, Invariants& invariants, Books& books, std::uint64_t seed)
+    PlcSimulator(hal::EventLoop& loop, Invariants& invariants, StoreObserver& books, std::uint64_t seed)
         : loop_(loop), invariants_(invariants), books_(books), seed_(seed) {}
 
     // Null while no process answers.
-    void connect(PlcDoors* doors) { doors_ = doors; }
+    void connect(PlcEndpoint* doors) { doors_ = doors; }
     // A person who resets takes the parts off the belt first: so does who resets by the PLC.
     void clear_with(std::function<void()> take_parts_off) { take_parts_off_ = std::move(take_parts_off); }
 
@@ -100,9 +101,9 @@ class PlcSide {
 
     hal::EventLoop& loop_;
     Invariants& invariants_;
-    Books& books_;
+    StoreObserver& books_;
     std::uint64_t seed_, drawn_ = 0;
-    PlcDoors* doors_ = nullptr;
+    PlcEndpoint* doors_ = nullptr;
     std::function<void()> take_parts_off_;
     hal::TimePoint silent_until_{}, leave_alone_until_{}, restless_until_{};
     int repeats_ = 0;

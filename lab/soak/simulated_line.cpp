@@ -115,12 +115,12 @@ Result<void> SimulatedLine::assemble() {
                   .ejector = {}});
     plc_.emplace(loop_, *invariants_, *books_, options_.cell.seed);
     plc_->clear_with([this] { take_parts_off(); });
-    loop_.call_after(PlcSide::kEvery, [this] { plc_cycle(); });
+    loop_.call_after(PlcSimulator::kEvery, [this] { plc_cycle(); });
     return start_process(false);
 }
 
 void SimulatedLine::plc_cycle() {
-    loop_.call_after(PlcSide::kEvery, [this] { plc_cycle(); });
+    loop_.call_after(PlcSimulator::kEvery, [this] { plc_cycle(); });
     plc_->cycle();
 }
 
@@ -135,9 +135,9 @@ Result<void> SimulatedLine::start_process(bool line_unknown) {
         loop_, options_.queue, [this](std::uint32_t part, const hal::FrameLease& frame) { return judge(part, frame); });
     ++processes_;
     Process& process = process_.emplace();  // the one before is buried
-    process.gates = std::make_unique<Gates>(*cell_, *invariants_);
+    process.gates = std::make_unique<DeviceProxies>(*cell_, *invariants_);
     process.inspector = std::make_unique<Witness>(std::move(judging), *this);
-    Gates& gates = *process.gates;
+    DeviceProxies& gates = *process.gates;
     process.station = std::make_unique<Station>(
         options_.core,
         Cell{loop_, gates.part_sensor(), gates.strobe(), gates.sensor(), gates.rejector(), *process.inspector}, this);
@@ -146,7 +146,7 @@ Result<void> SimulatedLine::start_process(bool line_unknown) {
         process_->station->outside_faults(faults);
         process_->doors->publish();
     });
-    process.doors = std::make_unique<PlcDoors>(loop_, options_.core, boot);
+    process.doors = std::make_unique<PlcEndpoint>(loop_, options_.core, boot);
     process.doors->open(*process.station, *process.inspector, *books_);
     plc_->connect(process.doors.get());
     invariants_->process_starts(process.station->core(), options_.core);

@@ -36,7 +36,7 @@ struct LineOptions {
 
     // In place of tokens: a frame source, which outlives the line, and what judges its frames. Its misses are its own.
     sim::FrameSource* frames = nullptr;
-    Judge judge;
+    InspectFunction judge;
 };
 
 // A line of 10 parts a second on a belt of 500 mm/s, camera 100 mm and ejector 400 mm behind the part sensor. The belt
@@ -58,7 +58,7 @@ class SimulatedLine final : public StationObserver {
     [[nodiscard]] sim::SimulatedCell& cell() { return *cell_; }
     [[nodiscard]] sim::VirtualTime& loop() { return loop_; }
     [[nodiscard]] Station& station() { return *process_->station; }  // while a process runs
-    [[nodiscard]] const Books& books() const { return *books_; }
+    [[nodiscard]] const StoreObserver& books() const { return *books_; }
     [[nodiscard]] std::uint64_t resets() const { return resets_; }
     [[nodiscard]] std::uint64_t line_stops() const { return line_stops_; }
     [[nodiscard]] std::uint64_t processes() const { return processes_; }
@@ -68,10 +68,10 @@ class SimulatedLine final : public StationObserver {
   private:
     class Witness;
     struct Process {  // what dies together; destroyed in reverse order
-        std::unique_ptr<Gates> gates;
+        std::unique_ptr<DeviceProxies> gates;
         std::unique_ptr<Inspector> inspector;
         std::unique_ptr<Station> station;
-        std::unique_ptr<PlcDoors> doors;
+        std::unique_ptr<PlcEndpoint> doors;
         bool alive = true;  // false: cut off, to be buried
     };
     explicit SimulatedLine(const LineOptions& options) : options_(options) {}
@@ -100,8 +100,8 @@ class SimulatedLine final : public StationObserver {
     Coverage coverage_;
     std::unique_ptr<sim::SimulatedCell> cell_;
     std::unique_ptr<Invariants> invariants_;
-    std::optional<Books> books_;
-    std::optional<PlcSide> plc_;
+    std::optional<StoreObserver> books_;
+    std::optional<PlcSimulator> plc_;
     std::optional<Process> process_;
     bool line_started_ = false;
     bool person_is_coming_ = false;

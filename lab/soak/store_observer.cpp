@@ -31,7 +31,7 @@ bool same(const PartResult& a, const PartResult& b) {
 
 // -- a process's life
 
-void Books::open(std::uint32_t boot, const Station& station, std::function<void(std::uint32_t)> faults) {
+void StoreObserver::open(std::uint32_t boot, const Station& station, std::function<void(std::uint32_t)> faults) {
     die();
     bury();
     begin_run();
@@ -58,7 +58,7 @@ void Books::open(std::uint32_t boot, const Station& station, std::function<void(
     write_soon(kFirstBatch);
 }
 
-void Books::begin_run() {
+void StoreObserver::begin_run() {
     ++run_;
     disk_ = std::make_unique<store::MemoryDisk>();
     untold_ = 0;
@@ -73,20 +73,20 @@ void Books::begin_run() {
     journal_faults_ = 0;
 }
 
-void Books::close() {
+void StoreObserver::close() {
     if (station_ == nullptr) return;
     write();
     die();
 }
 
-void Books::die() {
+void StoreObserver::die() {
     station_ = nullptr;
     loop_.cancel(timer_);
     loop_.cancel(look_);
 }
 
 // The disk's thread tells, the loop's thread hears.
-void Books::tell_fault(std::uint32_t faults) {
+void StoreObserver::tell_fault(std::uint32_t faults) {
     ++untold_;
     loop_.post([this, faults, run = run_] {
         if (run != run_ || station_ == nullptr) return;
@@ -97,7 +97,7 @@ void Books::tell_fault(std::uint32_t faults) {
 
 // -- the disk and the clock
 
-void Books::strike(Fault fault, Duration amount) {
+void StoreObserver::strike(Fault fault, Duration amount) {
     const hal::TimePoint until = loop_.now() + amount;
     const auto lasts = [&](hal::TimePoint& what) {
         what = std::max(what, until);
@@ -115,15 +115,15 @@ void Books::strike(Fault fault, Duration amount) {
     }
 }
 
-store::UtcMicros Books::wall() const { return (loop_.now().time_since_epoch() + wall_offset_).count() / 1000; }
+store::UtcMicros StoreObserver::wall() const { return (loop_.now().time_since_epoch() + wall_offset_).count() / 1000; }
 
-std::optional<Error> Books::trouble() const {
+std::optional<Error> StoreObserver::trouble() const {
     if (loop_.now() < full_until_) return Error{ErrorCode::io, "no space left on the disk", "make room"};
     if (loop_.now() < broken_until_) return Error{ErrorCode::io, "the disk answers with an error", "replace it"};
     return std::nullopt;
 }
 
-void Books::write_soon(Duration after) {
+void StoreObserver::write_soon(Duration after) {
     loop_.cancel(timer_);
     timer_ = loop_.call_after(after, [this] {
         if (loop_.now() < slow_until_) return write_soon(slow_until_ - loop_.now());
@@ -132,7 +132,7 @@ void Books::write_soon(Duration after) {
     });
 }
 
-void Books::write() {
+void StoreObserver::write() {
     (void)recorder_->step();
     read_new_entries();
     if (recorder_->state().waiting > kCapacity + 1024)
@@ -141,13 +141,13 @@ void Books::write() {
 
 // -- what is told
 
-void Books::on_result(const PartResult& result) {
+void StoreObserver::on_result(const PartResult& result) {
     told_to_ = result.sequence;
     told_.push_back({result, (result.arrived_ns + wall_offset_.count()) / 1000});
     recorder_->on_result(result);
 }
 
-Taken Books::on_acknowledged(const Who& who, std::uint32_t sequence) {
+Taken StoreObserver::on_acknowledged(const Who& who, std::uint32_t sequence) {
     const Taken taken = recorder_->on_acknowledged(who, sequence);
     switch (taken) {
         case Taken::yes:
@@ -163,7 +163,7 @@ Taken Books::on_acknowledged(const Who& who, std::uint32_t sequence) {
     return taken;
 }
 
-void Books::on_change(const Change& change) {
+void StoreObserver::on_change(const Change& change) {
     if (change.what == Change::What::command) {
         commands_.push_back(change);
         if (change.before != state_at_command_)
@@ -174,7 +174,7 @@ void Books::on_change(const Change& change) {
 
 // -- what is on the disk
 
-void Books::read_new_entries() {
+void StoreObserver::read_new_entries() {
     auto& entries = disk_->entries;
     for (const store::Entry& entry : entries) {
         if (entry.number != 0 && entry.number <= read_to_) continue;  // left from the last time
@@ -186,11 +186,11 @@ void Books::read_new_entries() {
     if (entries.size() > 1) entries.erase(entries.begin(), entries.end() - 1);
 }
 
-void Books::read(const store::StartRecord& record) {
+void StoreObserver::read(const store::StartRecord& record) {
     if (read_to_ != 0) wrong("the store has a second start of one run, at " + std::to_string(record.time_us));
 }
 
-void Books::read(const store::ResultRecord& record) {
+void StoreObserver::read(const store::ResultRecord& record) {
     const PartResult& r = record.result;
     if (r.sequence <= stored_to_ || r.sequence > told_to_) return wrong("is stored out of order", r.part);
     if (r.sequence != stored_to_ + 1) {
@@ -216,11 +216,11 @@ void Books::read(const store::ResultRecord& record) {
     stored_counts_.reject_late += r.reject == RejectState::late ? 1U : 0U;
 }
 
-void Books::stored_up_to(std::uint32_t sequence) {
+void StoreObserver::stored_up_to(std::uint32_t sequence) {
     for (; stored_to_ < sequence; ++stored_to_) told_.pop_front();
 }
 
-void Books::read(const store::ChangeRecord& record) {
+void StoreObserver::read(const store::ChangeRecord& record) {
     if (record.what != store::ChangeRecord::What::lost) return;
     const auto said = nlohmann::json::parse(record.after);
     const auto from = said["from_sequence"].get<std::uint32_t>(), to = said["to_sequence"].get<std::uint32_t>();
@@ -235,7 +235,7 @@ void Books::read(const store::ChangeRecord& record) {
     lost_ += to - from + 1;
 }
 
-void Books::read(const store::CommandRecord& record) {
+void StoreObserver::read(const store::CommandRecord& record) {
     if (commands_.empty()) return wrong("the store has a command that nobody gave");
     const Change& told = commands_.front();
     if (record.token != told.who.token || record.name != told.name || record.before != told.before ||
@@ -245,22 +245,22 @@ void Books::read(const store::CommandRecord& record) {
     commands_.pop_front();
 }
 
-void Books::read(const store::AcknowledgeRecord& record) {
+void StoreObserver::read(const store::AcknowledgeRecord& record) {
     if (record.sequence > stored_to_) wrong("the store says that a PLC has taken what was not stored before");
 }
 
 // -- the journal
 
-void Books::state(State from, State to, std::uint32_t active) { story_.state(from, to, active); }
+void StoreObserver::state(State from, State to, std::uint32_t active) { story_.state(from, to, active); }
 
-void Books::look_at_faults() {
+void StoreObserver::look_at_faults() {
     look_ = loop_.call_after(milliseconds(1000), [this] { look_at_faults(); });
     const std::uint32_t active = station_->snapshot().faults_active;
     story_.faults(active);
     if (journal_faults_ != active) wrong("the journal's faults are not the station's");
 }
 
-void Books::journal(const Entry& entry, std::span<const Field> fields) {
+void StoreObserver::journal(const Entry& entry, std::span<const Field> fields) {
     ++journal_entries_;
     for (const Field& field : fields) {
         if (field.name == "HORD_FROM" && field.value != journal_state_)
@@ -269,7 +269,7 @@ void Books::journal(const Entry& entry, std::span<const Field> fields) {
         const auto texts = fault_texts();
         const auto fault =
             std::find_if(texts.begin(), texts.end(), [&](const FaultText& text) { return text.name == field.value; });
-        const bool over = entry.id == entry_of(Happening::fault_cleared).id;
+        const bool over = entry.id == entry_of(JournalEvent::fault_cleared).id;
         if (fault == texts.end() || ((journal_faults_ & fault->bit) != 0) != over)
             return wrong("the journal tells of fault " + field.value + " twice");
         journal_faults_ ^= fault->bit;
@@ -284,7 +284,7 @@ void Books::journal(const Entry& entry, std::span<const Field> fields) {
 
 // -- one story
 
-void Books::check(const Snapshot& now) {
+void StoreObserver::check(const Snapshot& now) {
     if (station_ == nullptr) return;
     if (journal_state_ != name_of(now.state))
         wrong("the journal is at " + journal_state_ + ", the station in " + std::string(name_of(now.state)));
@@ -295,7 +295,7 @@ void Books::check(const Snapshot& now) {
         invariants_.broken(Promise::ready_again, "the disk works, and nothing is stored");
 }
 
-void Books::end(const Snapshot& last) {
+void StoreObserver::end(const Snapshot& last) {
     if (station_ == nullptr) return;
     write();
     look_at_faults();

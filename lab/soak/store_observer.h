@@ -27,14 +27,14 @@ namespace hord::lab {
 
 using namespace firmware;
 
-class Books final : public Recorder {
+class StoreObserver final : public ResultSink {
   public:
     static constexpr std::size_t kCapacity = 24;  // results that may wait: few, so that some outages lose some
     static constexpr Duration kBatchEvery = milliseconds(100);
     static constexpr Duration kRetryEvery = milliseconds(1000);
     static constexpr Duration kWorksAgainWithin = milliseconds(2500);  // after the disk's last trouble
 
-    Books(hal::EventLoop& loop, Invariants& invariants) : loop_(loop), invariants_(invariants) {}
+    StoreObserver(hal::EventLoop& loop, Invariants& invariants) : loop_(loop), invariants_(invariants) {}
 
     // A process begins to write, stops in order (what waits is written, if the disk lets it), or is gone.
     // `faults`: FaultBits of the store, as they are from now on.

@@ -19,7 +19,7 @@ using algo::Distance;
 using algo::Feature;
 using Random = std::mt19937_64;
 
-constexpr int kMost = algo::kMaxBins;  // bins a side
+constexpr int kMax = algo::kMaxBins;  // bins a side
 constexpr std::uint16_t kFull = 65535;
 constexpr double kExact =
     1e-9;  // the contract of every distance (algo/features/distance.h, algo/emd/emd_solver.h), per bin pitch of scale
@@ -133,10 +133,10 @@ void single_bins(StabilityTable& table) {
 
 void saturated_hords(StabilityTable& table) {
     table.begin("all saturated");
-    const Masses full(kMost * kMost, kFull), photon = spot(kMost, kMost, 7, 7, 1);
-    const double shared = 1.0 / (kMost * kMost);
+    const Masses full(kMax * kMax, kFull), photon = spot(kMax, kMax, 7, 7, 1);
+    const double shared = 1.0 / (kMax * kMax);
     for (const Feature f : distances()) {
-        Measure measure(f, kMost, kMost);
+        Measure measure(f, kMax, kMax);
         table.near(name(f) + " of two full HORDs, 15x15 bins at 16 bit", 0, measure(full, full), kExact);
         const double one_against_all = measure(full, photon);
         if (f == Feature::centroid)
@@ -156,13 +156,13 @@ void saturated_hords(StabilityTable& table) {
 
 void disjoint_and_equal(const StabilityOptions& options, StabilityTable& table) {
     table.begin("disjoint supports");
-    Masses left(kMost * kMost), right(kMost * kMost);  // 7 full columns each, 8 apart
+    Masses left(kMax * kMax), right(kMax * kMax);  // 7 full columns each, 8 apart
     for (std::size_t k = 0; k < left.size(); ++k) {
-        left[k] = k % kMost < 7 ? kFull : std::uint16_t{0};
-        right[k] = k % kMost >= 8 ? kFull : std::uint16_t{0};
+        left[k] = k % kMax < 7 ? kFull : std::uint16_t{0};
+        right[k] = k % kMax >= 8 ? kFull : std::uint16_t{0};
     }
     for (const Feature f : distances()) {
-        Measure measure(f, kMost, kMost);
+        Measure measure(f, kMax, kMax);
         const double expected = of_moved_spot(f, 8, 0);
         // The sliced distance of two blocks moved along x: every projection moves by its part of 8.
         table.near(name(f) + ": seven full columns moved by 8 bins", expected, measure(left, right),
@@ -221,39 +221,39 @@ void smallest_differences(StabilityTable& table) {
     };
 
     table.begin("1 DN differences at 16 bit");
-    Masses one_less(kMost * kMost, kFull), another(kMost * kMost, kFull);
+    Masses one_less(kMax * kMax, kFull), another(kMax * kMax, kFull);
     one_less.front() = another.back() = kFull - 1;
     const double sum = 225.0 * kFull - 1, far = 14 * std::sqrt(2.0);
     table.near("emd: full HORDs, 1 DN less in opposite corners", far / sum,
-               Measure(Feature::emd, kMost, kMost)(one_less, another), kExact * far / sum);
-    table.near("emd-l1: the same", 28 / sum, Measure(Feature::emd_l1, kMost, kMost)(one_less, another),
+               Measure(Feature::emd, kMax, kMax)(one_less, another), kExact * far / sum);
+    table.near("emd-l1: the same", 28 / sum, Measure(Feature::emd_l1, kMax, kMax)(one_less, another),
                kExact * 28 / sum);
     // Squared costs: 1 DN goes from corner to corner in 14 diagonal steps of one unit each, 2 a step.
     table.near("emd-sq: the same, moved step by step", 28 / sum,
-               Measure(Feature::emd_sq, kMost, kMost)(one_less, another), 1e-9);
-    table.near("marginal: the same", far / sum, Measure(Feature::marginal, kMost, kMost)(one_less, another),
+               Measure(Feature::emd_sq, kMax, kMax)(one_less, another), 1e-9);
+    table.near("marginal: the same", far / sum, Measure(Feature::marginal, kMax, kMax)(one_less, another),
                kExact * far / sum);
-    by_definition("the same", one_less, another, kMost, 1e-9);
+    by_definition("the same", one_less, another, kMax, 1e-9);
 
     table.begin("sums at the type's limit");
-    Masses half(kMost * kMost),
-        other(kMost * kMost);  // every other bin full, with 15x14 bins: as many of either colour
+    Masses half(kMax * kMax),
+        other(kMax * kMax);  // every other bin full, with 15x14 bins: as many of either colour
     half.resize(15 * 14);
     other.resize(15 * 14);
     for (std::size_t k = 0; k < half.size(); ++k) (((k % 15) + (k / 15)) % 2 == 0 ? half : other)[k] = kFull;
-    table.same("sum of 15x15 bins at 65535", 14745375, hord(Masses(kMost * kMost, kFull)).sum);
+    table.same("sum of 15x15 bins at 65535", 14745375, hord(Masses(kMax * kMax, kFull)).sum);
     table.near("emd of a full chequerboard and its negative, 15x14 bins", 1, Measure(Feature::emd, 15, 14)(half, other),
                kExact);
     table.near("emd-l1 of the same", 1, Measure(Feature::emd_l1, 15, 14)(half, other), kExact);
     table.near("emd-sq of the same", 1, Measure(Feature::emd_sq, 15, 14)(half, other), kExact);
     by_definition(
-        "full against full but one dark bin", Masses(kMost * kMost, kFull),
+        "full against full but one dark bin", Masses(kMax * kMax, kFull),
         [] {
-            Masses h(kMost * kMost, kFull);
+            Masses h(kMax * kMax, kFull);
             h[0] = 0;
             return h;
         }(),
-        kMost, 1e-9);
+        kMax, 1e-9);
 
     table.begin("masses differing by 1");
     for (const int k : {1, 255, 4095, 65534}) {

@@ -26,7 +26,7 @@ algo::Hord hord(const Masses& h) { return {h.data(), std::accumulate(h.begin(), 
 
 double tolerance(const GroundDistance& ground) { return kExact * std::max(1.0, ground.largest() / 20); }
 
-Masses few_masses(Random& random, int bins, int lit, int most) {
+Masses knapsack_masses(Random& random, int bins, int lit, int most) {
     Masses h(static_cast<std::size_t>(bins));
     for (int k = 0; k < lit; ++k)
         h[random() % h.size()] = static_cast<std::uint16_t>(1 + random() % static_cast<unsigned>(most));
@@ -53,8 +53,8 @@ void ties(const StabilityOptions& options, StabilityTable& table) {
         double worst = 0;
         std::uint64_t most_pivots = 0;
         for (int n = 0; n < pairs; ++n) {
-            Masses a = few_masses(random, bins, 3 + static_cast<int>(random() % static_cast<unsigned>(bins)),
-                                  1 + n % 3),
+            Masses a = knapsack_masses(random, bins, 3 + static_cast<int>(random() % static_cast<unsigned>(bins)),
+                                       1 + n % 3),
                    b = a;
             std::shuffle(b.begin(), b.end(), random);
             const std::uint64_t before = solver.work().pivots;
@@ -120,7 +120,8 @@ void direction_maps(const StabilityOptions& options, StabilityTable& table) {
             double worst = 0;
             std::int64_t unreal = 0;
             for (int n = 0; n < options.random_pairs / 4; ++n) {
-                const Masses a = few_masses(random, 25, 1 + n % 25, 255), b = few_masses(random, 25, 1 + n % 13, 255);
+                const Masses a = knapsack_masses(random, 25, 1 + n % 25, 255),
+                             b = knapsack_masses(random, 25, 1 + n % 13, 255);
                 const double distance = solver.distance(hord(a), hord(b));
                 unreal += std::isfinite(distance) ? 0 : 1;
                 worst = std::max(worst, std::abs(distance - distance_by_shortest_paths(a, b, ground)));
@@ -157,7 +158,8 @@ void entropic(const StabilityOptions& options, StabilityTable& table) {
         double bias = 0;
         const int pairs = std::max(8, options.random_pairs / 100);
         for (int n = 0; n < pairs; ++n) {
-            const Masses a = few_masses(random, 81, 3 + n % 20, 255), b = few_masses(random, 81, 3 + n % 17, 255);
+            const Masses a = knapsack_masses(random, 81, 3 + n % 20, 255),
+                         b = knapsack_masses(random, 81, 3 + n % 17, 255);
             const Sinkhorn s = sinkhorn(a, b, ground, epsilon, kResidual, 1000);
             if (!(s.residual <= kResidual)) continue;
             ++counted;

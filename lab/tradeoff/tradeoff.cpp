@@ -58,8 +58,8 @@ const Json* TradeoffResults::times_at(TradeoffPoint point) const {
 
 Result<ExperimentReport> run_tradeoff(const ExperimentOptions& options) {
     auto cells =
-        Cells::open(options.out / "cells.jsonl",
-                    {{"experiment", "tradeoff"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
+        ResultCache::open(options.out / "cells.jsonl",
+                          {{"experiment", "tradeoff"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
     if (!cells) return tl::unexpected(cells.error());
     TradeoffResults results;
     results.counts = options.quick ? PartCounts{6, 6} : PartCounts{};

@@ -122,7 +122,7 @@ class LightMeter {
 
 // Entropic transport beside the exact distance, on the horizontal pairs of every 11th lenslet of every 11th row.
 Result<Json> sinkhorn_beside_emd(const Timed& timed, const algo::LightLevels& levels) {
-    constexpr int kEvery = 11, kMostRounds = 2000;
+    constexpr int kEvery = 11, kMaxRounds = 2000;
     constexpr double kEpsilon = 0.05, kResidual = 1e-4;  // bin pitches; L1 of what the plan lacks
     const algo::Extents& e = timed.extents;
     const auto ground = algo::GroundDistance::between_bins(e.i, e.j);
@@ -139,7 +139,7 @@ Result<Json> sinkhorn_beside_emd(const Timed& timed, const algo::LightLevels& le
             const auto masses = [&](int at) { return Masses(row.hord(at).mass, row.hord(at).mass + e.bins()); };
             const Masses a = masses(m - 1), b = masses(m + 1);
             const double begin = processor_ms();
-            const Sinkhorn found = sinkhorn(a, b, *ground, kEpsilon, kResidual, kMostRounds);
+            const Sinkhorn found = sinkhorn(a, b, *ground, kEpsilon, kResidual, kMaxRounds);
             const double middle = processor_ms();
             const double exact = solver->distance(row.hord(m - 1), row.hord(m + 1));
             exact_ms += processor_ms() - middle, ms += middle - begin, rounds += found.rounds;

@@ -264,7 +264,7 @@ void Tuner::set_limits(RungMeasured& measured, const Values& limits, std::size_t
         for (const Part& part : parts_) {
             if (!part.bad && part.registered[of_reference]) good.push_back(part.scores[of_reference]);
         }
-        if (good.size() < kLeastGood) {
+        if (good.size() < kMinGood) {
             measured.no_limit = fmt::format("the reference finds only {} of the good parts", good.size());
         } else {
             factor = rounded_up(std::max(
@@ -401,8 +401,7 @@ Result<Tuned> Tuner::run(const std::vector<std::string>& good, const std::vector
                     fmt::format("give at least {}, of as many parts", least));
     };
     for (const bool of_bad : {false, true}) {
-        if (auto fine =
-                enough(of_bad ? bad.size() : good.size(), of_bad ? kLeastBad : kLeastGood, of_bad ? "bad" : "good");
+        if (auto fine = enough(of_bad ? bad.size() : good.size(), of_bad ? kMinBad : kMinGood, of_bad ? "bad" : "good");
             !fine)
             return tl::unexpected(fine.error());
     }
@@ -416,8 +415,7 @@ Result<Tuned> Tuner::run(const std::vector<std::string>& good, const std::vector
         }
     }
     for (const bool of_bad : {false, true}) {
-        if (auto fine =
-                enough(of_bad ? tuned_.bad : tuned_.good, of_bad ? kLeastBad : kLeastGood, of_bad ? "bad" : "good");
+        if (auto fine = enough(of_bad ? tuned_.bad : tuned_.good, of_bad ? kMinBad : kMinGood, of_bad ? "bad" : "good");
             !fine) {
             const LeftOut& one = tuned_.left_out.front();
             return fail(ErrorCode::invalid_argument,

@@ -39,7 +39,7 @@ using namespace firmware;
 constexpr double kAsGood = 0.005;  // of the area under the curve
 constexpr double kAsFast = 0.05;   // of the time: more than medians of the same work differ
 constexpr double kMargin = 0.01;   // of a limit over the highest good value
-constexpr std::size_t kLeastGood = 8, kLeastBad = 4;
+constexpr std::size_t kMinGood = 8, kMinBad = 4;
 
 struct Rung {
     std::optional<algo::Feature> gradient;

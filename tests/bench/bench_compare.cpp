@@ -99,7 +99,7 @@ void find_pose(benchmark::State& state) {
     a_lenslet(state);
 }
 
-std::vector<algo::Difference> compare_all(algo::Comparer& comparer) {
+std::vector<algo::Difference> compare_all(algo::ReferenceComparer& comparer) {
     const Compared& c = compared();
     const algo::Extents& e = c.scene.camera.extents;
     const algo::PoseMap pose(c.registered.pose, e);
@@ -116,20 +116,20 @@ std::vector<algo::Difference> compare_all(algo::Comparer& comparer) {
 
 void compare(benchmark::State& state, algo::Isa isa) {
     if (!algo::has(isa)) return state.SkipWithError("not on this processor");
-    algo::Comparer comparer(*compared().recipe.reference, isa);
+    algo::ReferenceComparer comparer(*compared().recipe.reference, isa);
     for (auto _ : state) benchmark::DoNotOptimize(compare_all(comparer).data());
     a_lenslet(state);
 }
 
 void judge(benchmark::State& state) {
     const Compared& c = compared();
-    algo::Comparer comparer(*c.recipe.reference);
+    algo::ReferenceComparer comparer(*c.recipe.reference);
     const auto differences = compare_all(comparer);
-    algo::Judge judge(c.scene.camera.extents, c.recipe);
-    std::vector<float> surprise(differences.size());
+    algo::ReferenceDefects judge(c.scene.camera.extents, c.recipe);
+    std::vector<float> z_score(differences.size());
     for (auto _ : state)
         benchmark::DoNotOptimize(
-            judge.find({differences, c.emd, c.frobenius, c.mask}, c.registered.pose, surprise).score);
+            judge.find({differences, c.emd, c.frobenius, c.mask}, c.registered.pose, z_score).score);
     a_lenslet(state);
 }
 

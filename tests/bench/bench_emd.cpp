@@ -220,13 +220,13 @@ void ours_frame(benchmark::State& state, const Work& work, algo::Isa isa) {
     const auto m = static_cast<std::size_t>(work.columns), n = work.field.sum.size() / m;
     auto solver = *algo::EmdSolver::create(ground(), isa);
     std::vector<double> out(2 * m * n);
-    algo::AlignedVector<algo::ClosedHord> here(m), above(m);
+    algo::AlignedVector<algo::SparseHord> here(m), above(m);
     for (auto _ : state) {
         double* to = out.data();
         for (std::size_t y = 0; y < n; ++y) {
             std::swap(here, above);
-            solver.close_up()(work.field.at(y * m).mass, std::span(work.field.sum).subspan(y * m, m), kBins * kBins,
-                              here.data());
+            solver.compact()(work.field.at(y * m).mass, std::span(work.field.sum).subspan(y * m, m), kBins * kBins,
+                             here.data());
             for (std::size_t x = 0; x < m; ++x) {
                 if (y + 1 < n) fetch(work.field.at((y + 1) * m + x));
                 if (x > 0) solver.submit(here[x - 1], here[x], to++);

@@ -66,7 +66,7 @@ Frame drawn(const Scene& s) {
     return frame;
 }
 
-double lit_bins(const Frame& frame, const Extents& e) {
+double occupied_bins(const Frame& frame, const Extents& e) {
     std::size_t lit = 0;
     for (const std::byte b : frame.bytes()) lit += static_cast<int>(b) > 3 ? 1U : 0U;
     return static_cast<double>(lit) / static_cast<double>(e.lenslets());
@@ -92,7 +92,7 @@ bool measure_once(Point& point) {
     const Extents e{scene.lenslets, scene.lenslets, scene.bins, scene.bins};
     constexpr LightLevels kLevels{3, 16, 255};
     const Frame frame = drawn(scene);
-    point.lit = lit_bins(frame, e);
+    point.lit = occupied_bins(frame, e);
     // What is first touched is paid for by the first run; it counts only where it hardly matters.
     const auto measure = [&](std::size_t column, auto once) {
         if (scene.lenslets <= 512 && !once()) return false;

@@ -105,7 +105,7 @@ class Ours {
 
   private:
     std::unique_ptr<SdEventLoop> loop_;
-    RegisterImage image_{StationIdentity{.firmware = "bench", .serial = "bench", .boot_id = 1}};
+    RegisterServerModel image_{StationIdentity{.firmware = "bench", .serial = "bench", .boot_id = 1}};
     std::unique_ptr<modbus::Server> server_;
     std::thread thread_;
 };

@@ -85,12 +85,12 @@ int main(int argc, char** argv) {
 
     std::string outcome;
     {
-        firmware::TeacherOptions options;
+        firmware::TeachInOptions options;
         options.extents = extents;
         options.bits = bits;
         options.folder = name;
         options.thread = false;
-        firmware::LineTeacher teacher(loop, options);
+        firmware::LineTeachIn teacher(loop, options);
         const auto begun = teacher.begin(static_cast<std::uint32_t>(parts), recipe,
                                          {{}, [&](Result<firmware::Taught> taught) {
                                               outcome = taught

@@ -36,8 +36,8 @@ class Handler : public PlcHandler {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     Still clock;
     Handler handler;
-    PlcDesk desk(clock, handler, {});
-    RegisterImage image(StationIdentity{}, &desk);
+    PlcInterface desk(clock, handler, {});
+    RegisterServerModel image(StationIdentity{}, &desk);
     Snapshot snapshot;
     snapshot.last.sequence = 300;
     image.publish(snapshot);

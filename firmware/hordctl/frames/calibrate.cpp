@@ -145,7 +145,7 @@ Result<void> may_replace(const std::string& out, const calib::GridFile& fresh) {
     const auto held = calib::read_grid(out);
     if (!held)
         return fail(held.error().code, held.error().what + ": it is not overwritten", "give another --out, or --force");
-    const auto fine = calib::not_worse(fresh, *held);
+    const auto fine = calib::accept_calibration(fresh, *held);
     if (!fine) return fail(fine.error().code, out + ": not overwritten: " + fine.error().what, fine.error().cure);
     return {};
 }

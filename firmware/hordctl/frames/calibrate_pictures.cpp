@@ -15,7 +15,7 @@ namespace {
 constexpr int kSide = 1200;  // of a map's longer side, px
 constexpr int kTitle = 64;
 constexpr int kMargin = 24;
-constexpr int kMostMarks = 3600;  // lenslets of a picture: with more, a regular part is drawn
+constexpr int kMaxMarks = 3600;  // lenslets of a picture: with more, a regular part is drawn
 const cv::Scalar kPaper(255, 255, 255), kInk(40, 40, 40), kFaint(205, 205, 205);
 const cv::Scalar kGood(60, 160, 30), kMissing(30, 30, 220), kRejected(0, 150, 255);  // BGR
 
@@ -51,7 +51,7 @@ cv::Mat canvas_of(const algo::LensletGrid& grid, const Stage& stage) {
 
 // Every how many columns and rows a lenslet is drawn.
 int every_of(std::size_t lenslets) {
-    return std::max(1, static_cast<int>(std::ceil(std::sqrt(static_cast<double>(lenslets) / kMostMarks))));
+    return std::max(1, static_cast<int>(std::ceil(std::sqrt(static_cast<double>(lenslets) / kMaxMarks))));
 }
 
 cv::Mat draw_residuals(const calib::GridCalibration& found) {

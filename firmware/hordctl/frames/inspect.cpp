@@ -334,8 +334,8 @@ class Inspector {
     // The map of the feature asked for; its time counts as the feature's.
     Result<FeatureView> view(const FrameView& frame, algo::Inspection& found) {
         if (surprise_) {
-            FeatureView seen{kSurprise, "noises", found.surprise, found.mask, recipe_.reject_score};
-            if (found.surprise.empty()) {  // unfit: nothing was compared
+            FeatureView seen{kSurprise, "noises", found.z_score, found.mask, recipe_.reject_score};
+            if (found.z_score.empty()) {  // unfit: nothing was compared
                 nothing_.assign(found.mask.size(), 0.0F);
                 seen.map = nothing_;
             }

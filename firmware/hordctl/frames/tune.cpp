@@ -218,11 +218,11 @@ void add_tune(CLI::App& program, Exit& status) {
     auto arguments = std::make_shared<TuneArguments>();
     command
         ->add_option("--good", arguments->good,
-                     fmt::format("Folder (or files) with frames of at least {} good parts, a frame a part", kLeastGood))
+                     fmt::format("Folder (or files) with frames of at least {} good parts, a frame a part", kMinGood))
         ->required();
     command
         ->add_option("--bad", arguments->bad,
-                     fmt::format("The same of at least {} bad parts, such as must be found", kLeastBad))
+                     fmt::format("The same of at least {} bad parts, such as must be found", kMinBad))
         ->required();
     command
         ->add_option("--budget", arguments->budget_ms, "Longest time that judging a frame may take on this machine, ms")

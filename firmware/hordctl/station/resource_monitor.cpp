@@ -37,7 +37,7 @@ double processor_seconds() {
 
 // The middle value of some samples, and so of what a single busy moment does not move.
 template <class Get>
-double middle(const Vitals::Sample* from, const Vitals::Sample* to, Get get) {
+double middle(const ResourceMonitor::Sample* from, const ResourceMonitor::Sample* to, Get get) {
     std::vector<double> values;
     for (const auto* s = from; s != to; ++s) values.push_back(static_cast<double>(get(*s)));
     std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
@@ -70,14 +70,14 @@ double LatencyCounts::percentile_ms(double share) const {
     return max_ms();
 }
 
-void Vitals::add(const PartResult& result) {
+void ResourceMonitor::add(const PartResult& result) {
     ++now_.parts;
     now_.late += result.reason == PartReason::verdict_late ? 1U : 0U;
     now_.unfit += result.verdict == PartVerdict::unfit ? 1U : 0U;
     latencies_.add(result.latency_us);
 }
 
-void Vitals::sample(double at_s) {
+void ResourceMonitor::sample(double at_s) {
     const double used_s = processor_seconds(), before_s = samples_.empty() ? 0 : samples_.back().at_s;
     now_.at_s = at_s;
     now_.p50_ms = latencies_.percentile_ms(0.5);
@@ -93,7 +93,7 @@ void Vitals::sample(double at_s) {
     latencies_.clear();
 }
 
-std::string Vitals::text() const {
+std::string ResourceMonitor::text() const {
     if (samples_.empty()) return {};
     std::string out =
         fmt::format("\n{:>8} {:>8} {:>6} {:>6} {:>9} {:>9} {:>9} {:>10} {:>12} {:>8} {:>10}\n", "until s", "parts",
@@ -131,7 +131,7 @@ std::string Vitals::text() const {
     return out;
 }
 
-Result<void> Vitals::write(const std::string& file) const {
+Result<void> ResourceMonitor::write(const std::string& file) const {
     std::ofstream out(file, std::ios::trunc);
     out << "until_s,parts,late,unfit,p50_ms,p99_ms,max_ms,memory_kb,descriptors,threads,processor\n";
     for (const Sample& s : samples_) {

@@ -30,7 +30,7 @@ class LatencyCounts {
     std::uint32_t max_us_ = 0;
 };
 
-class Vitals {
+class ResourceMonitor {
   public:
     struct Sample {
         double at_s = 0;                               // since the first part

@@ -53,11 +53,11 @@ Json to_json(const PartResult& result, const Backends::Fate* fate) {
 }
 
 // As a client's endpoint, but for port 0: any free one.
-Result<ModbusServer> parse_listen(const std::string& text) {
+Result<TcpServer> parse_listen(const std::string& text) {
     const bool any_port = text.size() > 2 && text.ends_with(":0");
     const auto endpoint = modbus::parse_endpoint(any_port ? text.substr(0, text.size() - 2) : text);
     if (!endpoint) return tl::unexpected(endpoint.error());
-    return ModbusServer{endpoint->host, any_port ? std::uint16_t{0} : endpoint->port};
+    return TcpServer{endpoint->host, any_port ? std::uint16_t{0} : endpoint->port};
 }
 
 // Without a configuration: as much time for everything as parts that come so often leave, since the machine may have
@@ -272,7 +272,7 @@ class Run {
     std::unique_ptr<Service> service_;
     std::unique_ptr<Progress> progress_;
     RunReport report_;
-    Vitals vitals_;
+    ResourceMonitor vitals_;
     Gallery gallery_;
     std::map<std::int64_t, PartResult> results_;  // by arrival, until their fate is known
     std::map<std::int64_t, Backends::Fate> fates_;

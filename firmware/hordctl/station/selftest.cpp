@@ -74,7 +74,7 @@ Exit test_devices(const SelftestOptions& options) {
         rows.push_back(
             {"judgement", CheckRow::Result::good, "a drawn good part passes, a drawn bad one is rejected", {}});
     else rows.push_back({"judgement", CheckRow::Result::bad, judgement.error().what, judgement.error().cure});
-    CellCheckOptions check;
+    DeviceDiagnosticsOptions check;
     check.actuate = options.actuate;
     check.wait = [&](const std::function<bool()>& done, hal::Duration patience) {
         return wait(**loop, done, patience);

@@ -37,7 +37,7 @@ std::vector<std::uint8_t> bytes_of_maps(const algo::Inspection& inspection) {
     bytes.reserve(inspection.mask.size() * (3 * sizeof(float) + 1));
     for (const algo::Map map : {inspection.gradient, inspection.frobenius, inspection.transmission}) append(bytes, map);
     // Where neighbours are not compared, the reference's scores may be all there is.
-    if (!inspection.compares) append(bytes, inspection.surprise);
+    if (!inspection.compares) append(bytes, inspection.z_score);
     bytes.insert(bytes.end(), inspection.mask.begin(), inspection.mask.end());
     return bytes;
 }
@@ -47,7 +47,7 @@ std::vector<std::uint8_t> bytes_of_maps(const algo::Inspection& inspection) {
 std::string digest_of_maps(const algo::Inspection& inspection) { return to_hex(sha256(bytes_of_maps(inspection))); }
 
 // One frame and what was found in it. Its memory is taken when it is first used and then kept.
-struct FrameKeeper::Buffer {
+struct FrameRetention::Buffer {
     std::uint32_t part = 0, trigger = 0;
     const char* role = "";
     UtcMicros time_us = 0;
@@ -82,14 +82,15 @@ struct FrameKeeper::Buffer {
     }
 };
 
-FrameKeeper::FrameKeeper(Open open, FrameKeeperOptions options, std::function<UtcMicros()> utc_now, Listener listener)
+FrameRetention::FrameRetention(Open open, FrameRetentionOptions options, std::function<UtcMicros()> utc_now,
+                               Listener listener)
     : open_(std::move(open)), options_(std::move(options)), utc_now_(std::move(utc_now)),
       listener_(std::move(listener)) {
     for (std::size_t k = 0; k < options_.buffers; ++k) free_.push_back(std::make_unique<Buffer>());
     if (options_.thread) thread_ = std::thread([this] { work(); });
 }
 
-FrameKeeper::~FrameKeeper() {
+FrameRetention::~FrameRetention() {
     {
         const std::lock_guard lock(mutex_);
         ending_ = true;
@@ -98,20 +99,20 @@ FrameKeeper::~FrameKeeper() {
     if (thread_.joinable()) thread_.join();
 }
 
-void FrameKeeper::set_recipe(const std::string& text) {
+void FrameRetention::set_recipe(const std::string& text) {
     auto shared = std::make_shared<const std::string>(text);
     const std::lock_guard lock(mutex_);
     recipe_ = std::move(shared);
 }
 
-FrameKeeper::Counts FrameKeeper::counts() const {
+FrameRetention::Counts FrameRetention::counts() const {
     const std::lock_guard lock(mutex_);
     return counts_;
 }
 
 // -- choosing
 
-void FrameKeeper::on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) {
+void FrameRetention::on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) {
     Handle buffer;
     {
         std::unique_lock lock(mutex_);
@@ -151,7 +152,7 @@ void FrameKeeper::on_inspection(std::uint32_t part, const FrameView& frame, cons
     }
 }
 
-void FrameKeeper::on_result(const PartResult& result) {
+void FrameRetention::on_result(const PartResult& result) {
     // What the inspection rejected is kept already; what was never inspected has no frame.
     if (result.verdict == PartVerdict::pass || result.reason < PartReason::verdict_late) return;
     const std::lock_guard lock(mutex_);
@@ -172,7 +173,7 @@ void FrameKeeper::on_result(const PartResult& result) {
 }
 
 // With the lock. What is in recent_ came before.
-void FrameKeeper::trigger(std::uint32_t part, Handle buffer) {
+void FrameRetention::trigger(std::uint32_t part, Handle buffer) {
     while (recent_.size() > static_cast<std::size_t>(options_.before)) {
         free_.push_back(std::move(recent_.front()));
         recent_.pop_front();
@@ -185,7 +186,7 @@ void FrameKeeper::trigger(std::uint32_t part, Handle buffer) {
 }
 
 // With the lock.
-void FrameKeeper::enqueue(Handle buffer, const char* role, std::uint32_t trigger) {
+void FrameRetention::enqueue(Handle buffer, const char* role, std::uint32_t trigger) {
     buffer->role = role;
     buffer->trigger = trigger;
     waiting_.push_back(std::move(buffer));
@@ -193,7 +194,7 @@ void FrameKeeper::enqueue(Handle buffer, const char* role, std::uint32_t trigger
 }
 
 // With the lock, which is open while somebody is told.
-void FrameKeeper::drop(std::unique_lock<std::mutex>& lock, const Error& error) {
+void FrameRetention::drop(std::unique_lock<std::mutex>& lock, const Error& error) {
     ++counts_.dropped;
     if (std::exchange(counts_.failing, true) || !listener_.failed) return;
     lock.unlock();
@@ -203,7 +204,7 @@ void FrameKeeper::drop(std::unique_lock<std::mutex>& lock, const Error& error) {
 
 // -- writing
 
-void FrameKeeper::work() {
+void FrameRetention::work() {
     std::unique_lock lock(mutex_);
     while (true) {
         if (!wake_.wait_for(lock, kTrimEvery, [this] { return ending_ || !waiting_.empty(); })) {
@@ -220,7 +221,7 @@ void FrameKeeper::work() {
     }
 }
 
-bool FrameKeeper::step() {
+bool FrameRetention::step() {
     Handle buffer;
     {
         const std::lock_guard lock(mutex_);
@@ -234,7 +235,7 @@ bool FrameKeeper::step() {
     return true;
 }
 
-void FrameKeeper::write(Buffer& buffer) {
+void FrameRetention::write(Buffer& buffer) {
     const auto done = [&]() -> Result<void> {
         if (archive_ == nullptr) {
             auto opened = open_();
@@ -253,7 +254,7 @@ void FrameKeeper::write(Buffer& buffer) {
     if (listener_.works_again) listener_.works_again();
 }
 
-std::string FrameKeeper::metadata_of(const Buffer& buffer) const {
+std::string FrameRetention::metadata_of(const Buffer& buffer) const {
     std::string trigger = buffer.trigger != 0 ? fmt::format("\"trigger\":{},", buffer.trigger) : std::string();
     const algo::Extents& e = options_.extents;
     std::string defects = "[";

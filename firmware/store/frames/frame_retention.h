@@ -33,7 +33,7 @@ namespace hord::firmware::store {
 // SHA-256 over the maps that a verdict rests on, lenslet by lenslet, to the bit.
 std::string digest_of_maps(const algo::Inspection& inspection);
 
-struct FrameKeeperOptions {
+struct FrameRetentionOptions {
     algo::Extents extents = {};
     std::string station = {}, software = {};
     std::uint32_t boot = 0;
@@ -43,7 +43,7 @@ struct FrameKeeperOptions {
     bool thread = true;              // false: nothing is written but in step()
 };
 
-class FrameKeeper {
+class FrameRetention {
   public:
     using Open = std::function<Result<std::unique_ptr<FrameArchive>>()>;
     // Told on the keeper's thread or an inspecting one.
@@ -52,10 +52,11 @@ class FrameKeeper {
         std::function<void()> works_again;
     };
 
-    FrameKeeper(Open open, FrameKeeperOptions options, std::function<UtcMicros()> utc_now, Listener listener = {});
-    ~FrameKeeper();  // writes what waits, if the disk works
-    FrameKeeper(const FrameKeeper&) = delete;
-    FrameKeeper& operator=(const FrameKeeper&) = delete;
+    FrameRetention(Open open, FrameRetentionOptions options, std::function<UtcMicros()> utc_now,
+                   Listener listener = {});
+    ~FrameRetention();  // writes what waits, if the disk works
+    FrameRetention(const FrameRetention&) = delete;
+    FrameRetention& operator=(const FrameRetention&) = delete;
 
     // Any thread. The text of the recipe that judges from now on.
     void set_recipe(const std::string& text);
@@ -86,7 +87,7 @@ class FrameKeeper {
     [[nodiscard]] std::string metadata_of(const Buffer& buffer) const;
 
     const Open open_;
-    const FrameKeeperOptions options_;
+    const FrameRetentionOptions options_;
     const std::function<UtcMicros()> utc_now_;
     const Listener listener_;
     std::unique_ptr<FrameArchive> archive_;  // the keeper's thread

@@ -19,7 +19,7 @@ StartRecord begun_now(StartRecord start, UtcMicros now) {
 
 StationRecorder::StationRecorder(const hal::Clock& clock, std::function<UtcMicros()> utc_now, StoreQueue::Open open,
                                  StationRecorderOptions options, StoreQueue::Listener queue_listener,
-                                 std::unique_ptr<FrameKeeper> frames)
+                                 std::unique_ptr<FrameRetention> frames)
     : clock_(clock), utc_now_(utc_now), ignored_part_(options.ignored_part), frames_(std::move(frames)),
       queue_(std::move(open), options.queue, begun_now(std::move(options.start), utc_now()), utc_now,
              std::move(queue_listener)) {}

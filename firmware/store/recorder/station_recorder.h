@@ -1,6 +1,6 @@
 // The station's recorder over the store: turns what the service tells into records, and frames into pictures.
 //
-// Results go to a StoreQueue, frames to a FrameKeeper (frame_retention.h). What an inspection found is put together
+// Results go to a StoreQueue, frames to a FrameRetention (frame_retention.h). What an inspection found is put together
 // with the part's result here. Nothing waits for a disk.
 #pragma once
 
@@ -25,13 +25,13 @@ struct StationRecorderOptions {
     std::uint32_t ignored_part = 0xFFFFFFFF;  // of the station's own tests: nothing of it is kept
 };
 
-class StationRecorder final : public Recorder {
+class StationRecorder final : public ResultSink {
   public:
     // `clock` is the one of PartResult::arrived_ns; `utc_now` the machine's. `queue_listener` as StoreQueue's. `frames`
     // may be null: no frame is kept.
     StationRecorder(const hal::Clock& clock, std::function<UtcMicros()> utc_now, StoreQueue::Open open,
                     StationRecorderOptions options, StoreQueue::Listener queue_listener,
-                    std::unique_ptr<FrameKeeper> frames);
+                    std::unique_ptr<FrameRetention> frames);
 
     // Before the station runs: what is in use then. Written where the store does not know it already.
     void in_use(ChangeRecord::What what, const std::string& name, const std::string& text);
@@ -42,7 +42,7 @@ class StationRecorder final : public Recorder {
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) override;
 
     [[nodiscard]] StoreQueueState state() const { return queue_.state(); }
-    [[nodiscard]] const FrameKeeper* frames() const { return frames_.get(); }
+    [[nodiscard]] const FrameRetention* frames() const { return frames_.get(); }
     // Tests without a thread.
     bool step() { return queue_.step(); }
 
@@ -57,7 +57,7 @@ class StationRecorder final : public Recorder {
     const hal::Clock& clock_;
     const std::function<UtcMicros()> utc_now_;
     const std::uint32_t ignored_part_;
-    std::unique_ptr<FrameKeeper> frames_;
+    std::unique_ptr<FrameRetention> frames_;
     std::mutex mutex_;
     std::deque<Found> found_;  // the newest last; those without defects are not in it
     StoreQueue queue_;

@@ -72,9 +72,9 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
     const auto faults = std::make_shared<Faults>(Faults{loop, watchers});
     const StoreConfig& wanted = config.store;
 
-    std::unique_ptr<store::FrameKeeper> frames;
+    std::unique_ptr<store::FrameRetention> frames;
     if (wanted.frames_mb > 0) {
-        store::FrameKeeperOptions options;
+        store::FrameRetentionOptions options;
         options.extents = recorded.extents;
         options.station = config.name;
         options.software = recorded.software;
@@ -90,9 +90,9 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
             std::filesystem::create_directory(folder, ignored);
             return store::FrameArchive::open(folder / store::kFramesFolder, limits);
         };
-        frames = std::make_unique<store::FrameKeeper>(
+        frames = std::make_unique<store::FrameRetention>(
             open, options, utc_now,
-            store::FrameKeeper::Listener{raise(faults, kFaultPictures), clear(faults, kFaultPictures)});
+            store::FrameRetention::Listener{raise(faults, kFaultPictures), clear(faults, kFaultPictures)});
     }
 
     store::StationRecorderOptions options;

@@ -64,15 +64,15 @@ void add_source(const SlopeGrid& grid, const SlopeMap& map, double r, const Slop
                        std::min(box.v1, v + half_v)};
     if (lit.is_empty()) return;
 
-    constexpr int kMost = SlopeGrid::kMostCells + 2;
-    double cut_u[kMost], cut_v[kMost];
+    constexpr int kMax = SlopeGrid::kMaxCells + 2;
+    double cut_u[kMax], cut_v[kMax];
     int first_i = 0, first_j = 0;
     const int nu = cuts(lit.u0, lit.u1, grid.left, grid.step, grid.i, cut_u, first_i);
     const int nv = cuts(lit.v0, lit.v1, grid.top, grid.step, grid.j, cut_v, first_j);
 
     const double scale = weight * r * r / det;  // signed: a mirrored lattice has mirrored cells
     double* const corner = cells + first_j * grid.i + first_i;
-    double x[2][kMost], y[2][kMost], along[2][kMost];
+    double x[2][kMax], y[2][kMax], along[2][kMax];
     for (int b = 0; b < nv; ++b) {
         double* const xs = x[b & 1];
         double* const ys = y[b & 1];

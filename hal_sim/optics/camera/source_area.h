@@ -27,8 +27,8 @@ struct SlopeMap {
 // What one lenslet's light falls on: cells of slope, cell (k,l) from left + k step to left + (k + 1) step, and likewise
 // down.
 struct SlopeGrid {
-    static constexpr int kMostCells = 400;  // a side
-    double left = 0, top = 0, step = 1;     // bin pitches
+    static constexpr int kMaxCells = 400;  // a side
+    double left = 0, top = 0, step = 1;    // bin pitches
     int i = 0, j = 0;
     [[nodiscard]] int cells() const { return i * j; }
     [[nodiscard]] SlopeBox box() const { return {left, left + i * step, top, top + j * step}; }

@@ -141,9 +141,9 @@ void check_part(Checker& c, const SolidPart& part) {
     check_shape(c, part.shape);
     if (c.found.size() > before) return;
     const int surfaces = surfaces_of(part.shape);
-    constexpr int kMost = 32;
-    c.require(surfaces <= kMost, "kind", "has " + std::to_string(surfaces) + " faces",
-              "use at most " + std::to_string(kMost));
+    constexpr int kMax = 32;
+    c.require(surfaces <= kMax, "kind", "has " + std::to_string(surfaces) + " faces",
+              "use at most " + std::to_string(kMax));
     const Bounds bounds = bounds_of(part.shape);
     const Vec3 size = bounds.high - bounds.low;
     c.require(size.x < kNever && size.y < kNever && size.z < kNever, "kind", "reaches to infinity",
@@ -221,9 +221,9 @@ void check_light(Checker& c, const Scene& scene) {
         colour(source.wavelength_nm, source.bandwidth_nm);
         power += source.power;
     }
-    constexpr std::size_t kMostCollimators = 16;
-    c.require(scene.light.collimators.size() <= kMostCollimators, "power", "is of one collimator too many",
-              "use at most " + std::to_string(kMostCollimators));
+    constexpr std::size_t kMaxCollimators = 16;
+    c.require(scene.light.collimators.size() <= kMaxCollimators, "power", "is of one collimator too many",
+              "use at most " + std::to_string(kMaxCollimators));
     c.require(scene.light.collimators.empty() || power > 0, "power", "no collimator gives light",
               "give one of them some power");
 }
@@ -443,12 +443,12 @@ std::vector<SceneProblem> problems(const Scene& scene) {
 
     // A vial and 16 scratches take 4 + 16 * 3 of Body::kMaxSurfaces; a solid leaves as much room.
     const auto* solid = std::get_if<SolidPart>(&scene.part);
-    const std::size_t kMostDefects = solid != nullptr && surfaces_of(solid->shape) > 16 ? 10 : 16;
+    const std::size_t kMaxDefects = solid != nullptr && surfaces_of(solid->shape) > 16 ? 10 : 16;
     for (std::size_t k = 0; k < scene.defects.size(); ++k) {
         c.in("defect", k);
         std::visit([&](const auto& defect) { check_defect(c, defect); }, scene.defects[k]);
-        if (k == kMostDefects)
-            c.require(false, "kind", "is one defect too many", "use at most " + std::to_string(kMostDefects));
+        if (k == kMaxDefects)
+            c.require(false, "kind", "is one defect too many", "use at most " + std::to_string(kMaxDefects));
         if (std::holds_alternative<NoPart>(scene.part)) {
             c.require(std::holds_alternative<AbsorbingSpeck>(scene.defects[k]), "kind", "needs a part to be in",
                       "name a part, or use a speck");

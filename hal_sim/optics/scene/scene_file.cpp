@@ -184,14 +184,14 @@ void read_light(TomlTable& table, std::vector<TomlTable>& collimators, Light& li
 }
 
 void read_camera(TomlTable& table, TomlTable& relay, TomlTable& array, Camera& camera) {
-    constexpr std::int64_t kMost = 1'000'000;
-    table.integer("m", camera.extents.m, -kMost, kMost);
-    table.integer("n", camera.extents.n, -kMost, kMost);
-    table.integer("i", camera.extents.i, -kMost, kMost);
-    table.integer("j", camera.extents.j, -kMost, kMost);
+    constexpr std::int64_t kMax = 1'000'000;
+    table.integer("m", camera.extents.m, -kMax, kMax);
+    table.integer("n", camera.extents.n, -kMax, kMax);
+    table.integer("i", camera.extents.i, -kMax, kMax);
+    table.integer("j", camera.extents.j, -kMax, kMax);
     number(table, "field_mm", camera.field_mm);
     number(table, "bin_pitch_rad", camera.bin_pitch_rad);
-    table.integer("bits", camera.bits, -kMost, kMost);
+    table.integer("bits", camera.bits, -kMax, kMax);
     number(table, "full_bin_dn", camera.full_bin_dn);
 
     number(relay, "f1_mm", camera.relay.f1_mm);
@@ -222,17 +222,17 @@ void read_array(TomlTable& table, std::vector<TomlTable>& dead, LensletArray& ar
     pair(table, "offset_px", array.offset_x_px, array.offset_y_px);
     pair(table, "tilt_rad", array.tilt_x_rad, array.tilt_y_rad);
     number(table, "distortion", array.distortion);
-    constexpr std::int64_t kMost = 1'000'000;
-    table.integer("width_px", array.width_px, -kMost, kMost);
-    table.integer("height_px", array.height_px, -kMost, kMost);
+    constexpr std::int64_t kMax = 1'000'000;
+    table.integer("width_px", array.width_px, -kMax, kMax);
+    table.integer("height_px", array.height_px, -kMax, kMax);
     number(table, "dead_share", array.dead_share);
     for (TomlTable& lenslet : dead) {
         LensletArray::Lenslet& at = array.dead.emplace_back();
         for (const char* key : {"m", "n"}) {
             if (!lenslet.has(key)) lenslet.problem(key, "is missing", "name m and n of the dead lenslet");
         }
-        lenslet.integer("m", at.m, -kMost, kMost);
-        lenslet.integer("n", at.n, -kMost, kMost);
+        lenslet.integer("m", at.m, -kMax, kMax);
+        lenslet.integer("n", at.n, -kMax, kMax);
     }
 }
 
@@ -314,14 +314,14 @@ Result<Scene> load_scene(const std::filesystem::path& file) {
     table("effects").boolean("diffraction", scene.effects.diffraction);
     table("effects").boolean("crosstalk", scene.effects.crosstalk);
 
-    constexpr std::int64_t kMost = 1'000'000;
+    constexpr std::int64_t kMax = 1'000'000;
     TomlTable& telecentric = table("telecentric");
-    telecentric.integer("width_px", scene.telecentric.width_px, -kMost, kMost);
-    telecentric.integer("height_px", scene.telecentric.height_px, -kMost, kMost);
+    telecentric.integer("width_px", scene.telecentric.width_px, -kMax, kMax);
+    telecentric.integer("height_px", scene.telecentric.height_px, -kMax, kMax);
     number(telecentric, "field_mm", scene.telecentric.field_mm);
     number(telecentric, "panel_half_mm", scene.telecentric.panel_half_mm);
     number(telecentric, "panel_distance_mm", scene.telecentric.panel_distance_mm);
-    telecentric.integer("rays_per_side", scene.telecentric.rays_per_side, -kMost, kMost);
+    telecentric.integer("rays_per_side", scene.telecentric.rays_per_side, -kMax, kMax);
     root.refuse_unknown_keys();
 
     for (const SceneProblem& problem : problems(scene)) {

@@ -87,7 +87,7 @@ bool follow(const Body& body, Walk& walk, Way* way, [[maybe_unused]] Ghost ghost
         if constexpr (kLosses) {
             if (body.absorbs && body.absorption(walk.medium) > 0)
                 walk.weight *= exact::exp(-body.absorption(walk.medium) * t);
-            if (walk.weight < kLeast) return false;
+            if (walk.weight < kMin) return false;
         }
         if (index_before != index_after) {
             Refraction bent = refract(ray.direction, foot.normal, index_before, index_after);

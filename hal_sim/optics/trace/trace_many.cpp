@@ -237,7 +237,7 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
                 for (double& way : passed) way = exact::exp(-absorption * way);
                 weight = weight * algo::load<D>(passed);
             }
-            const unsigned dark = bits(weight < kLeast) & lanes;
+            const unsigned dark = bits(weight < kMin) & lanes;
             lose(dark);
             lanes &= ~dark;
             if (lanes == 0) return;

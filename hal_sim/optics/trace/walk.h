@@ -6,8 +6,8 @@
 namespace hord::sim {
 
 constexpr int kMaxCrossings = 16;
-constexpr double kLeast = 1e-12;  // of the light: what is left of less is lost
-constexpr double kClose = 1e-6;   // of the body's size: larger than any crossing_error() here
+constexpr double kMin = 1e-12;   // of the light: what is left of less is lost
+constexpr double kClose = 1e-6;  // of the body's size: larger than any crossing_error() here
 
 // A path by what it meets, one after the other; of numbers or of lanes of them. Once set, kMirrored stays.
 constexpr std::uint64_t met_disc(std::size_t disc) { return 1000 + disc; }

@@ -78,7 +78,7 @@ class Line {
         inspection.mask = mask_;
         inspection.defects = defects_;
         if (reference) {
-            inspection.surprise = surprise_;
+            inspection.z_score = surprise_;
             inspection.registered.outcome = Registered::Outcome::found;
             inspection.registered.pose = {x, y, 0};
         }
@@ -115,7 +115,7 @@ int parts_until(DustEstimator& estimator, Line& line, bool specks, int most) {
 TEST(Dust, ten_thousand_parts_with_flaws_of_their_own_raise_no_alarm) {
     Line line({32, 32, 5, 5});
     line.flawed = 0.5;
-    DustEstimator hundred = dust_of(line), shortest = dust_of(line, DustEstimator::kLeastWindow);
+    DustEstimator hundred = dust_of(line), shortest = dust_of(line, DustEstimator::kMinWindow);
     int windows = 0, alarms = 0;
     for (int k = 0; k < 10'000; ++k) {
         const Inspection part = line.part();

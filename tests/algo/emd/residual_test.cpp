@@ -55,7 +55,7 @@ template <class Mass>
 void expect_definition(FindResidual<Mass> find, std::uint32_t full_scale) {
     std::mt19937 random(20261121);
     Residual<Mass> residual;
-    for (int bins = 9; bins <= kMostBins; ++bins) {
+    for (int bins = 9; bins <= kMaxBinCount; ++bins) {
         for (const std::uint32_t one_in : {1U, 3U, 20U}) {
             const auto a = random_masses(bins, one_in, full_scale, random),
                        b = random_masses(bins, one_in, full_scale, random);

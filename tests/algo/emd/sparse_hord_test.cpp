@@ -21,7 +21,7 @@ struct Row {
     int bins = 0;
     std::vector<std::uint16_t> masses;
     std::vector<std::uint32_t> sums;
-    std::vector<ClosedHord> closed;
+    std::vector<SparseHord> closed;
 
     void add(const Histogram& h) {
         bins = static_cast<int>(h.size());
@@ -29,7 +29,7 @@ struct Row {
         sums.push_back(hord_of(h).sum);
     }
     // Where others were closed up before, as in a window of rows.
-    void close_up(CloseUp by) {
+    void compact(CloseUp by) {
         closed.resize(sums.size());
         std::ranges::reverse(closed);
         by(masses.data(), sums, bins, closed.data());
@@ -51,14 +51,14 @@ Histogram near_each_other(Random& random, int bins, int most, int apart, int ful
 }
 
 // The definition: lit bins and their masses in order; closed up where they are at most eight within 48 bins.
-void expect_definition(const ClosedHord& closed, const Hord& h, int bins) {
+void expect_definition(const SparseHord& closed, const Hord& h, int bins) {
     std::vector<int> lit;
     for (int k = 0; k < bins; ++k) {
         if (h.mass[k] != 0) lit.push_back(k);
     }
     EXPECT_EQ(closed.hord().mass, h.mass);
     EXPECT_EQ(closed.hord().sum, h.sum);
-    const bool few = !lit.empty() && lit.size() <= kMostClosed && lit.back() - lit.front() < kClosedSpan;
+    const bool few = !lit.empty() && lit.size() <= kMaxSparseBins && lit.back() - lit.front() < kClosedSpan;
     ASSERT_EQ(closed.is_closed(), few);
     if (!few) return;
     EXPECT_EQ(closed.closed_sum, h.sum);
@@ -71,32 +71,32 @@ void expect_definition(const ClosedHord& closed, const Hord& h, int bins) {
     EXPECT_EQ(closed.lit, set);
 }
 
-TEST(ClosedHord, has_the_lit_bins_of_every_number_of_bins) {
+TEST(SparseHord, has_the_lit_bins_of_every_number_of_bins) {
     if (!has(Isa::avx2)) GTEST_SKIP() << kOnlyPortable;
     for (const Isa isa : kIsas) {
         if (isa == Isa::portable || !has(isa)) continue;
         Random random(3);
-        for (int bins = 9; bins <= kMostBins; ++bins) {
+        for (int bins = 9; bins <= kMaxBinCount; ++bins) {
             Row row;
             for (int n = 0; n < 40; ++n)
                 row.add(near_each_other(random, bins, n % 2 == 0 ? 4 : 10, n % 3 == 0 ? 60 : 20, 65535));
             row.add(Histogram(static_cast<std::size_t>(bins)));
-            row.close_up(closed_kernels(isa).close_up);
-            row.close_up(closed_kernels(isa).close_up);
+            row.compact(sparse_kernels(isa).compact);
+            row.compact(sparse_kernels(isa).compact);
             SCOPED_TRACE(std::to_string(bins) + " bins");
             for (std::size_t k = 0; k < row.sums.size(); ++k) expect_definition(row.closed[k], row.hord(k), bins);
         }
     }
 }
 
-TEST(ClosedHord, is_left_as_it_is_where_there_is_no_instruction_for_it) {
+TEST(SparseHord, is_left_as_it_is_where_there_is_no_instruction_for_it) {
     Row row;
     row.add(Histogram{0, 7, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
-    row.close_up(closed_kernels(Isa::portable).close_up);
+    row.compact(sparse_kernels(Isa::portable).compact);
     EXPECT_FALSE(row.closed[0].is_closed());
     EXPECT_EQ(row.closed[0].hord().sum, 8U);
     ClosedDifference difference;
-    EXPECT_EQ(closed_kernels(Isa::portable).subtract(row.closed[0], row.closed[0], difference), 0);
+    EXPECT_EQ(sparse_kernels(Isa::portable).subtract(row.closed[0], row.closed[0], difference), 0);
 }
 
 // S_a * S_b of 2^31 is too much, one less mass is not; lit bins may begin 16 apart and reach 48 far, not more.
@@ -111,8 +111,8 @@ TEST(ClosedDifference, is_found_up_to_its_limits) {
         Row row;
         row.add(a);
         row.add(b);
-        const ClosedKernels kernels = closed_kernels(best_isa());
-        row.close_up(kernels.close_up);
+        const SparseKernels kernels = sparse_kernels(best_isa());
+        row.compact(kernels.compact);
         ClosedDifference difference{};
         EXPECT_EQ(kernels.subtract(row.closed[1], row.closed[0], difference) > 0,
                   kernels.subtract(row.closed[0], row.closed[1], difference) > 0);
@@ -133,11 +133,11 @@ TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
     if (!has(Isa::avx2)) GTEST_SKIP() << kOnlyPortable;
     for (const Isa isa : kIsas) {
         if (isa == Isa::portable || !has(isa)) continue;
-        const ClosedKernels kernels = closed_kernels(isa);
+        const SparseKernels kernels = sparse_kernels(isa);
         Random random(4);
         int found = 0;
         for (int round = 0; round < 4000; ++round) {
-            const int bins = pick(random, 16, kMostBins), full_scale = round % 2 == 0 ? 255 : 9000;
+            const int bins = pick(random, 16, kMaxBinCount), full_scale = round % 2 == 0 ? 255 : 9000;
             Row row;
             row.add(near_each_other(random, bins, 5, 30, full_scale));
             const std::size_t first = static_cast<std::size_t>(
@@ -150,7 +150,7 @@ TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
                         static_cast<std::uint16_t>(pick(random, 1, full_scale));
             }
             row.add(other);
-            row.close_up(kernels.close_up);
+            row.compact(kernels.compact);
             const Hord a = row.hord(0), b = row.hord(1);
             ClosedDifference difference;
             const int count = kernels.subtract(row.closed[0], row.closed[1], difference);
@@ -161,7 +161,7 @@ TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
             const bool light = std::uint64_t{a.sum} * b.sum < (std::uint64_t{1} << 31);
             if (count == 0) {
                 const bool both = row.closed[0].is_closed() && row.closed[1].is_closed();
-                EXPECT_TRUE(!both || !light || either.size() > kMostClosed ||
+                EXPECT_TRUE(!both || !light || either.size() > kMaxSparseBins ||
                             std::abs(row.closed[0].bin[0] - row.closed[1].bin[0]) > kClosedApart);
                 continue;
             }
@@ -169,7 +169,7 @@ TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
             ASSERT_EQ(count, static_cast<int>(either.size()));
             EXPECT_TRUE(light);
             EXPECT_EQ(static_cast<std::uint64_t>(difference.denominator), std::uint64_t{a.sum} * b.sum);
-            for (std::size_t k = 0; k < kMostClosed; ++k) {
+            for (std::size_t k = 0; k < kMaxSparseBins; ++k) {
                 if (k >= either.size()) {
                     EXPECT_EQ(difference.more[k], 0);
                     continue;
@@ -185,7 +185,7 @@ TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
 
 // Whatever way a pair goes, its distance has the same bits as alone: few bins, more, many, none, as many as equal
 // masses, too heavy, dark.
-TEST(ClosedHord, gives_the_distance_of_the_hord_to_the_last_bit) {
+TEST(SparseHord, gives_the_distance_of_the_hord_to_the_last_bit) {
     const GroundDistance grounds[] = {*GroundDistance::between_bins(9, 9),
                                       *GroundDistance::between_bins(9, 9, GroundNorm::manhattan),
                                       *GroundDistance::between_bins(9, 9, GroundNorm::squared_euclidean),
@@ -218,9 +218,9 @@ TEST(ClosedHord, gives_the_distance_of_the_hord_to_the_last_bit) {
             if (!has(isa)) continue;
             auto solver = EmdSolver::create(ground, isa);
             // As this solver would, and as one for another ground and another instruction set did.
-            for (const CloseUp close_up :
-                 {solver->close_up(), closed_kernels(isa == Isa::portable ? best_isa() : isa).close_up}) {
-                row.close_up(close_up);
+            for (const CloseUp compact :
+                 {solver->compact(), sparse_kernels(isa == Isa::portable ? best_isa() : isa).compact}) {
+                row.compact(compact);
                 std::vector<double> out(expected.size(), -1);
                 for (std::size_t k = 1; k < row.sums.size(); ++k) {
                     solver->submit(row.closed[k - 1], row.closed[k], &out[k - 1]);
@@ -237,7 +237,7 @@ TEST(ClosedHord, gives_the_distance_of_the_hord_to_the_last_bit) {
 }
 
 // Costs that no float tells apart: what few bins do not prove goes the way of the others.
-TEST(ClosedHord, gives_the_same_where_few_bins_prove_nothing) {
+TEST(SparseHord, gives_the_same_where_few_bins_prove_nothing) {
     Random random(6);
     std::uniform_real_distribution<double> unit(-1.0, 1.0);
     std::vector<Direction> directions;
@@ -252,7 +252,7 @@ TEST(ClosedHord, gives_the_same_where_few_bins_prove_nothing) {
         row.add(h);
     }
     auto alone = EmdSolver::create(ground, Isa::portable), solver = EmdSolver::create(ground);
-    row.close_up(solver->close_up());
+    row.compact(solver->compact());
     std::vector<double> out(row.sums.size());
     for (std::size_t k = 1; k < row.sums.size(); ++k) solver->submit(row.closed[k - 1], row.closed[k], &out[k]);
     solver->finish();

@@ -35,9 +35,9 @@ EmdGradient emd_gradient(EmdSolver& solver, const Stencil& across, const Masses&
                          const Stencil& down, const Masses& above, const Masses& below) {
     EmdGradient gradient;
     const auto closed = [&](const Masses& m) {
-        ClosedHord hord;
+        SparseHord hord;
         const std::array sum{m.hord().sum};
-        solver.close_up()(m.mass.data(), std::span(sum), static_cast<int>(m.mass.size()), &hord);
+        solver.compact()(m.mass.data(), std::span(sum), static_cast<int>(m.mass.size()), &hord);
         return hord;
     };
     submit_emd_gradient(solver, across, closed(left), closed(right), down, closed(above), closed(below), gradient);

@@ -29,7 +29,7 @@ Frame eventful(const Extents& e, int bits, std::uint64_t seed) {
 
 // How far a map may be from the float of what algo/features/distance.h defines: not at all, but where
 // algo/soa/soa_distances.h says so.
-float tolerance(Feature feature) { return PlaneFeature::covers(feature) ? 6e-5F : 0.0F; }
+float tolerance(Feature feature) { return SoaDistances::covers(feature) ? 6e-5F : 0.0F; }
 
 LightLevels levels(int bits) { return light_levels({}, bits); }
 

@@ -11,9 +11,9 @@
 namespace hord::algo {
 namespace {
 
-TEST(BandCrew, works_on_every_band_once_whatever_the_number_of_threads) {
+TEST(RowThreadPool, works_on_every_band_once_whatever_the_number_of_threads) {
     for (const int threads : {1, 2, 3, 8}) {
-        auto crew = BandCrew::create(threads);
+        auto crew = RowThreadPool::create(threads);
         ASSERT_TRUE(crew);
         EXPECT_EQ((*crew)->threads(), threads);
         for (const int bands : {0, 1, 2, 7, 100}) {
@@ -30,9 +30,9 @@ TEST(BandCrew, works_on_every_band_once_whatever_the_number_of_threads) {
 }
 
 // Whoever works on bands one after the other need not read again what lies between them.
-TEST(BandCrew, gives_a_thread_bands_that_follow_one_another) {
+TEST(RowThreadPool, gives_a_thread_bands_that_follow_one_another) {
     for (const int threads : {1, 2, 3}) {
-        auto crew = BandCrew::create(threads);
+        auto crew = RowThreadPool::create(threads);
         ASSERT_TRUE(crew);
         constexpr int kBands = 24;
         std::vector<std::vector<int>> bands(static_cast<std::size_t>(threads));
@@ -54,21 +54,21 @@ TEST(BandCrew, gives_a_thread_bands_that_follow_one_another) {
     }
 }
 
-TEST(BandCrew, gives_one_thread_one_band_and_many_a_few_each) {
+TEST(RowThreadPool, gives_one_thread_one_band_and_many_a_few_each) {
     for (const int rows : {3, 16, 17, 100, 555, 2048}) {
-        EXPECT_EQ((*BandCrew::create(1))->rows_a_band(rows), rows);
+        EXPECT_EQ((*RowThreadPool::create(1))->rows_a_band(rows), rows);
         for (const int threads : {2, 3, 8}) {
-            const int of_band = (*BandCrew::create(threads))->rows_a_band(rows);
+            const int of_band = (*RowThreadPool::create(threads))->rows_a_band(rows);
             EXPECT_GE(of_band, std::min(rows, 16));
             EXPECT_LE(of_band, rows);
             EXPECT_LE((rows + of_band - 1) / of_band, 4 * threads);
         }
     }
-    EXPECT_EQ((*BandCrew::create(2))->rows_a_band(555), 70);
+    EXPECT_EQ((*RowThreadPool::create(2))->rows_a_band(555), 70);
 }
 
-TEST(BandCrew, shows_the_caller_what_the_others_wrote) {
-    auto crew = BandCrew::create(4);
+TEST(RowThreadPool, shows_the_caller_what_the_others_wrote) {
+    auto crew = RowThreadPool::create(4);
     ASSERT_TRUE(crew);
     std::vector<int> written(64);
     for (int round = 1; round <= 300; ++round) {
@@ -77,10 +77,10 @@ TEST(BandCrew, shows_the_caller_what_the_others_wrote) {
     }
 }
 
-TEST(BandCrew, refuses_an_impossible_number_of_threads) {
-    EXPECT_FALSE(BandCrew::create(0));
-    EXPECT_FALSE(BandCrew::create(-1));
-    EXPECT_FALSE(BandCrew::create(BandCrew::kMaxThreads + 1));
+TEST(RowThreadPool, refuses_an_impossible_number_of_threads) {
+    EXPECT_FALSE(RowThreadPool::create(0));
+    EXPECT_FALSE(RowThreadPool::create(-1));
+    EXPECT_FALSE(RowThreadPool::create(RowThreadPool::kMaxThreads + 1));
 }
 
 }  // namespace

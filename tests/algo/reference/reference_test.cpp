@@ -31,7 +31,8 @@ constexpr float kReadDn = 2;
 const LightLevels kLevels{6, 60, 4095};
 constexpr double kHalfM = 15, kHalfN = 12;  // of the elliptic part, lenslets
 
-// A part that bends light more along x than along y, in free light: nothing about it is round. One electron a DN.
+// A part that deflection_shifts light more along x than along y, in free light: nothing about it is round. One electron
+// a DN.
 Frame part(
     const Pose& pose, const std::function<void(int, int, Spot&)>& defect = [](int, int, Spot&) {}) {
     const PoseMap map(pose, kField);
@@ -48,8 +49,9 @@ Frame part(
     };
     Frame frame = drawn(kField, kBits, full_bin, [&](int m, int n) {
         const auto q = map.to_reference(m, n);
-        const auto bend = map.turned(0.15 * (q.m - 0.5 * (kField.m - 1)), 0.08 * (q.n - 0.5 * (kField.n - 1)));
-        Spot spot{bend.m, bend.n, 0.9};
+        const auto deflection_shift =
+            map.turned(0.15 * (q.m - 0.5 * (kField.m - 1)), 0.08 * (q.n - 0.5 * (kField.n - 1)));
+        Spot spot{deflection_shift.m, deflection_shift.n, 0.9};
         defect(m, n, spot);
         spot.light *= inside(m, n);
         return spot;
@@ -102,7 +104,7 @@ struct Judged {
     Verdict verdict;
     Reason reason;
     std::vector<Defect> defects;
-    std::vector<float> surprise;
+    std::vector<float> z_score;
     Registered registered;
 };
 Judged judge(const Frame& frame, const Recipe& with = recipe(), int threads = 1) {
@@ -113,7 +115,7 @@ Judged judge(const Frame& frame, const Recipe& with = recipe(), int threads = 1)
     return {found->verdict,
             found->reason,
             {found->defects.begin(), found->defects.end()},
-            {found->surprise.begin(), found->surprise.end()},
+            {found->z_score.begin(), found->z_score.end()},
             found->registered};
 }
 
@@ -134,7 +136,7 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
         std::array<double, kDeviations> squares{};
         double count = 0;
         const Reference& r = learned().reference;
-        Comparer comparer(r);
+        ReferenceComparer comparer(r);
         Registrar registrar(kField);
         HordRow row(kField);
         std::vector<Difference> differences(static_cast<std::size_t>(kField.m));
@@ -167,7 +169,7 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
                 }
             }
         }
-        // Light and the rest: variance 1; bend: of two, 2.
+        // Light and the rest: variance 1; deflection_shift: of two, 2.
         for (std::size_t w = 0; w < kDeviations; ++w) {
             const double variance = squares[w] / count / (w == 1 ? 2 : 1);
             // The spread counts dark bins with more noise than they have (algo/reference/reference_comparison.h).
@@ -187,8 +189,8 @@ TEST(Reference, a_good_part_passes_however_it_lies) {
     }
 }
 
-// What gradients and transmission limits do not see: a tenth less light, a spread a third wider in two lenslets, a bend
-// of a tenth of a bin.
+// What gradients and transmission limits do not see: a tenth less light, a spread a third wider in two lenslets, a
+// deflection_shift of a tenth of a bin.
 TEST(Reference, weak_defects_are_found_where_they_are_and_named) {
     struct Case {
         const char* name;
@@ -230,7 +232,8 @@ Frame mean_of(const std::vector<Frame>& frames) {
     return mean;
 }
 
-// Both make the spread of deflections wider: a dimple because it bends the light of one lenslet to several places.
+// Both make the spread of deflections wider: a dimple because it deflection_shifts the light of one lenslet to several
+// places.
 TEST(Reference, a_dimple_is_a_surface_and_haze_scatters) {
     for (const double radius : {1.5, 2.5}) {
         std::vector<Frame> dimple, haze;
@@ -278,7 +281,7 @@ TEST(Reference, a_part_that_does_not_lie_where_it_should_is_unfit) {
     const Judged other = judge(seen(drawn(kField, kBits, 1300, testing::lens(kField, 8, 3.5)), 1));
     EXPECT_EQ(other.verdict, Verdict::unfit);
     EXPECT_EQ(other.reason, Reason::not_registered);
-    EXPECT_TRUE(other.surprise.empty());
+    EXPECT_TRUE(other.z_score.empty());
 }
 
 TEST(Reference, small_defects_are_tolerated_as_the_recipe_says) {
@@ -325,7 +328,7 @@ TEST(Reference, judges_the_same_without_any_gradient) {
         const Judged found = judge(bad, without, threads);
         EXPECT_EQ(found.verdict, Verdict::reject);
         EXPECT_EQ(found.reason, Reason::absorption);
-        EXPECT_EQ(found.surprise, usual.surprise);
+        EXPECT_EQ(found.z_score, usual.z_score);
         EXPECT_EQ(found.registered.pose.x, usual.registered.pose.x);
         EXPECT_EQ(found.registered.light, usual.registered.light);
     }
@@ -340,10 +343,10 @@ TEST(Reference, judges_the_same_without_any_gradient) {
 TEST(Reference, the_judgement_does_not_depend_on_the_number_of_threads) {
     const Frame frame = seen(part(wobble(11)), 11);
     const Judged alone = judge(frame);
-    for (const int threads : {2, 5}) EXPECT_EQ(judge(frame, recipe(), threads).surprise, alone.surprise);
+    for (const int threads : {2, 5}) EXPECT_EQ(judge(frame, recipe(), threads).z_score, alone.z_score);
 }
 
-// Dark bins count with little noise. One that reads ten standard deviations of that looks like a bend.
+// Dark bins count with little noise. One that reads ten standard deviations of that looks like a deflection_shift.
 TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
     const Reference& r = learned().reference;
     const Pose pose{0.2, -0.1, 0};
@@ -363,7 +366,7 @@ TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
             read_there[static_cast<std::size_t>(n * kField.m + m)] = 1;
         }
     }
-    Comparer comparer(r);
+    ReferenceComparer comparer(r);
     HordRow row(kField);
     std::vector<Difference> differences(static_cast<std::size_t>(kField.m));
     int looked_at = 0;
@@ -375,7 +378,8 @@ TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
                 !differences[static_cast<std::size_t>(m)].has_hord)
                 continue;
             ++looked_at;
-            EXPECT_LT(scores_of(differences[static_cast<std::size_t>(m)], r)[static_cast<std::size_t>(Deviation::bend)],
+            EXPECT_LT(scores_of(differences[static_cast<std::size_t>(m)],
+                                r)[static_cast<std::size_t>(Deviation::deflection_shift)],
                       4)
                 << m << ", " << n;
         }
@@ -383,15 +387,15 @@ TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
     EXPECT_GT(looked_at, 80);
 }
 
-// Along a part's row golden HORDs are interpolated column by column: the same as from all sixteen lenslets around at
+// Along a part's row reference HORDs are interpolated column by column: the same as from all sixteen lenslets around at
 // once, where the row is level.
 TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
     const Reference& r = learned().reference;
-    const GoldenReader reader(r, best_isa());
-    const GoldenPlanes planes(r);
+    const ReferenceSampler reader(r, best_isa());
+    const ReferenceSoa planes(r);
     const int at_once = lanes_at_once(best_isa());
     for (const double sine : {0.0, 0.0175, -0.0175, 0.06}) {
-        GoldenRow row(r, planes, best_isa());
+        ReferenceRowSampler row(r, planes, best_isa());
         const PoseMap map(Pose{0.37, -0.23, sine}, kField);
         int compared = 0, with_hord = 0, wide = 0;
         for (int n = 0; n < kField.n; ++n) {
@@ -401,11 +405,11 @@ TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
                 const int column = static_cast<int>(std::floor(at.m)), block = (column - 1) >> 4,
                           lane = (column - 1) & 15, first = lane / at_once * at_once;
                 std::vector<float> alone(r.stride() + 16);
-                const GoldenReader::Golden a = reader.read(at.m, at.n, 0.8, alone.data());
+                const ReferenceSampler::ReferenceHord a = reader.read(at.m, at.n, 0.8, alone.data());
                 with_hord += a.has_hord ? 1 : 0;
                 row.move_to(block);
                 if ((row.plain() >> lane & 1U) == 0) continue;
-                GoldenRow::Lanes lanes{};
+                ReferenceRowSampler::Lanes lanes{};
                 for (std::size_t c = 0; c < 4; ++c)
                     lanes.weights[c][lane] = static_cast<float>(cubic_at(at.m - column).of[c]);
                 const BinRect& lit = row.lit();
@@ -471,7 +475,7 @@ TEST(Reference, light_moves_as_far_along_rows_of_bins_as_along_columns) {
                                   2000 * ((5 - kFifths) * weight(i) * weight(j) + kFifths * before) / (5 * 16)));
             }
         }
-        Comparer comparer(r);
+        ReferenceComparer comparer(r);
         HordRow row(e);
         std::vector<Difference> out(static_cast<std::size_t>(e.m));
         decode_row(frame.view(), e, kLevels, 4, row);
@@ -484,7 +488,7 @@ TEST(Reference, light_moves_as_far_along_rows_of_bins_as_along_columns) {
     EXPECT_NEAR(down.y, across.x, 1e-4);
     EXPECT_NEAR(down.x, across.y, 1e-4);
     EXPECT_NEAR(down.y_variance / across.x_variance, 1, 1e-3);
-    EXPECT_NEAR(down.blur, across.blur, 1e-4);
+    EXPECT_NEAR(down.scattering, across.scattering, 1e-4);
     EXPECT_NEAR(down.chi2 / across.chi2, 1, 1e-3);
 }
 
@@ -494,7 +498,7 @@ TEST(Reference, the_comparison_has_the_same_bits_on_every_instruction_set) {
     std::vector<std::vector<Difference>> all;
     for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
         if (!has(isa)) continue;
-        Comparer comparer(learned().reference, isa);
+        ReferenceComparer comparer(learned().reference, isa);
         std::vector<Difference> differences(kField.lenslets());
         for (int n = 0; n < kField.n; ++n) {
             decode_row(frame.view(), kField, kLevels, n, row);
@@ -509,8 +513,8 @@ TEST(Reference, the_comparison_has_the_same_bits_on_every_instruction_set) {
         for (const auto& other : all) {
             const Difference &a = all[0][k], &b = other[k];
             const bool same = a.has_hord == b.has_hord && a.light == b.light && a.x == b.x && a.y == b.y &&
-                a.blur == b.blur && a.chi2 == b.chi2 && a.degrees == b.degrees && a.x_variance == b.x_variance &&
-                a.blur_variance == b.blur_variance;
+                a.scattering == b.scattering && a.chi2 == b.chi2 && a.degrees == b.degrees &&
+                a.x_variance == b.x_variance && a.blur_variance == b.blur_variance;
             ASSERT_TRUE(same) << k;
         }
     }

@@ -85,7 +85,7 @@ std::uint64_t of_frames(const Extents& e, const FrameView& frame, const FrameVie
     return sum.value;
 }
 
-// Golden HORDs of even spots, narrow ones at the left and wide ones at the right, that move from lenslet to lenslet;
+// Reference HORDs of even spots, narrow ones at the left and wide ones at the right, that move from lenslet to lenslet;
 // some are dark, some not known.
 Reference reference_of(const Extents& e, int bits, Random& random) {
     Reference r;
@@ -126,7 +126,7 @@ Reference reference_of(const Extents& e, int bits, Random& random) {
 // How a frame differs from it, as a part that is turned a little.
 std::uint64_t of_comparison(const Reference& r, const FrameView& frame, Isa isa) {
     Checksum sum;
-    Comparer comparer(r, isa);
+    ReferenceComparer comparer(r, isa);
     HordRow row(r.extents);
     std::vector<Difference> differences(static_cast<std::size_t>(r.extents.m));
     const PoseMap pose({0.4, -0.3, 1.0 / 128}, r.extents);
@@ -137,8 +137,8 @@ std::uint64_t of_comparison(const Reference& r, const FrameView& frame, Isa isa)
             sum.add(std::uint64_t{d.has_light} + 2 * std::uint64_t{d.has_hord});
             const Scores scores = scores_of(d, r);
             sum.add(std::span<const float>(scores));
-            const float all[] = {d.light, d.light_variance, d.x,    d.y,       d.x_variance, d.y_variance,
-                                 d.blur,  d.blur_variance,  d.chi2, d.degrees, d.sum};
+            const float all[] = {d.light,      d.light_variance, d.x,    d.y,       d.x_variance, d.y_variance,
+                                 d.scattering, d.blur_variance,  d.chi2, d.degrees, d.sum};
             sum.add(std::span<const float>(all));
         }
     }
@@ -156,7 +156,7 @@ Checksum of_everything(const std::vector<Frame>& given, Isa isa) {
     for (const auto& [e, bits] : {std::pair(Extents{40, 23, 9, 9}, 12), std::pair(Extents{24, 12, 15, 6}, 16),
                                   std::pair(Extents{16, 10, 5, 5}, 8)}) {
         const Reference reference = reference_of(e, bits, random);
-        // Golden light, noise, and lenslets of every other kind.
+        // Reference light, noise, and lenslets of every other kind.
         Frame frame = random_frame(e, bits, random);
         for (int n = 0; n < e.n; ++n) {
             for (int m = 0; m < e.m; ++m) {
@@ -164,11 +164,11 @@ Checksum of_everything(const std::vector<Frame>& given, Isa isa) {
                 if (random.below(8) == 0) continue;
                 const auto light = static_cast<std::uint32_t>(bits == 8 ? 700 : 1000);
                 for (int b = 0; b < e.bins(); ++b) {
-                    const std::uint32_t golden =
+                    const std::uint32_t reference_hord =
                         reference.shares[k * reference.stride() + reference.place(b % e.i, b / e.i)];
-                    frame.set(
-                        m * e.i + b % e.i, n * e.j + b / e.i,
-                        std::min((1U << bits) - 2, golden * light / 32768 + random.below(6) + reference.levels.dark));
+                    frame.set(m * e.i + b % e.i, n * e.j + b / e.i,
+                              std::min((1U << bits) - 2,
+                                       reference_hord * light / 32768 + random.below(6) + reference.levels.dark));
                 }
             }
         }

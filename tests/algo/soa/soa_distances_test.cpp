@@ -53,24 +53,24 @@ std::vector<Isa> isas() {
     return all;
 }
 
-TEST(PlaneRow, holds_what_decode_row_gives) {
+TEST(SoaRow, holds_what_decode_row_gives) {
     for (const Extents& e : kGeometries) {
         for (const int bits : {8, 10, 16}) {
             const Frame frame = hostile(e, bits, 3);
             const LightLevels levels{1, 4, (1U << bits) - 1};
             HordRow right(e);
             for (const Isa isa : isas()) {
-                PlaneRow shares(e, PlaneUse::shares, isa), roots(e, PlaneUse::roots, isa),
-                    marginals(e, PlaneUse::marginals, isa), taken(e, PlaneUse::shares, isa);
+                SoaRow shares(e, SoaUse::shares, isa), roots(e, SoaUse::roots, isa),
+                    marginals(e, SoaUse::marginals, isa), taken(e, SoaUse::shares, isa);
                 for (int n = 0; n < e.n; ++n) {  // one after the other: what is left of a row must not show in the next
                     decode_row(frame.view(), e, levels, n, right);
-                    for (PlaneRow* row : {&shares, &roots, &marginals}) row->decode(frame.view(), levels, n);
+                    for (SoaRow* row : {&shares, &roots, &marginals}) row->decode(frame.view(), levels, n);
                     std::vector<Hord> hords;
                     for (int m = 0; m < e.m; ++m) hords.push_back(right.has_hord(m) ? right.hord(m) : Hord{});
                     taken.take(hords);
                     for (int m = 0; m < e.m; ++m) {
                         const auto at = static_cast<std::size_t>(m);
-                        for (const PlaneRow* row : {&shares, &roots, &marginals}) {
+                        for (const SoaRow* row : {&shares, &roots, &marginals}) {
                             ASSERT_EQ(row->sums()[at], right.sums()[at]);
                             ASSERT_EQ(row->moments_x()[at], right.moments_x()[at]);
                             ASSERT_EQ(row->moments_y()[at], right.moments_y()[at]);
@@ -104,7 +104,7 @@ TEST(PlaneRow, holds_what_decode_row_gives) {
 
 // Windows of bins begin and end differently for every number of bins; half a lenslet at full scale has the largest
 // moments there are.
-TEST(PlaneRow, holds_for_every_number_of_bins_however_the_light_lies) {
+TEST(SoaRow, holds_for_every_number_of_bins_however_the_light_lies) {
     std::mt19937 random(6);
     for (int i = kMinBins; i <= kMaxBins; ++i) {
         for (const int bits : {8, 16}) {
@@ -128,14 +128,14 @@ TEST(PlaneRow, holds_for_every_number_of_bins_however_the_light_lies) {
             }
             HordRow right(e);
             for (const Isa isa : isas()) {
-                PlaneRow shares(e, PlaneUse::shares, isa), sums(e, PlaneUse::sums, isa),
-                    marginals(e, PlaneUse::marginals, isa, false);
+                SoaRow shares(e, SoaUse::shares, isa), sums(e, SoaUse::sums, isa),
+                    marginals(e, SoaUse::marginals, isa, false);
                 for (int n = 0; n < e.n; ++n) {
                     decode_row(frame.view(), e, levels, n, right);
-                    for (PlaneRow* row : {&shares, &sums, &marginals}) row->decode(frame.view(), levels, n);
+                    for (SoaRow* row : {&shares, &sums, &marginals}) row->decode(frame.view(), levels, n);
                     for (int m = 0; m < e.m; ++m) {
                         const auto at = static_cast<std::size_t>(m);
-                        for (const PlaneRow* row : {&shares, &sums, &marginals}) {
+                        for (const SoaRow* row : {&shares, &sums, &marginals}) {
                             ASSERT_EQ(row->sums()[at], right.sums()[at]) << i << " bins, row " << n;
                             ASSERT_EQ(row->mask()[at], right.mask()[at]);
                             ASSERT_EQ(row->moments_x()[at], row == &marginals ? 0 : right.moments_x()[at])
@@ -163,13 +163,13 @@ TEST(PlaneRow, holds_for_every_number_of_bins_however_the_light_lies) {
     }
 }
 
-TEST(PlaneRow, a_dark_level_above_the_full_scale_leaves_no_light) {
+TEST(SoaRow, a_dark_level_above_the_full_scale_leaves_no_light) {
     const Extents e{20, 3, 9, 9};
     for (const int bits : {8, 16}) {
         const Frame frame = hostile(e, bits, 8);
         const LightLevels levels{(1U << bits) + 40, 1, 1U << 17};
         HordRow right(e);
-        PlaneRow planes(e, PlaneUse::shares, best_isa());
+        SoaRow planes(e, SoaUse::shares, best_isa());
         decode_row(frame.view(), e, levels, 1, right);
         planes.decode(frame.view(), levels, 1);
         for (std::size_t m = 0; m < static_cast<std::size_t>(e.m); ++m) {
@@ -185,7 +185,7 @@ double bound(Feature feature, double right, double of_others) {
     return feature == Feature::centroid ? kSlopeError + 0x1p-24 * right : of_others;
 }
 
-TEST(PlaneFeature, keeps_its_error_bounds_on_hostile_frames) {
+TEST(SoaDistances, keeps_its_error_bounds_on_hostile_frames) {
     for (const Extents& e : kGeometries) {
         for (const int bits : {8, 12, 16}) {
             const Frame frame = hostile(e, bits, 4), reference = hostile(e, bits, 5);
@@ -199,7 +199,7 @@ TEST(PlaneFeature, keeps_its_error_bounds_on_hostile_frames) {
             const auto hord = [&](int m, int n) { return rows[static_cast<std::size_t>(n)].hord(m); };
             for (const Feature feature : {Feature::chi2, Feature::hellinger, Feature::marginal, Feature::centroid}) {
                 auto distance = Distance::create(feature, e.i, e.j);
-                PlaneFeature planes(e, feature, best_isa());
+                SoaDistances planes(e, feature, best_isa());
                 std::vector<float> values(e.lenslets());
                 std::vector<std::uint8_t> mask(e.lenslets());
                 planes.over_neighbours(frame.view(), levels, 0, e.n, values.data(), mask.data());
@@ -238,7 +238,7 @@ TEST(PlaneFeature, keeps_its_error_bounds_on_hostile_frames) {
 }
 
 // Lenslets beside a hole are computed one by one, the others sixteen at a time: one result, wherever the blocks begin.
-TEST(PlaneFeature, does_not_depend_on_where_the_blocks_begin) {
+TEST(SoaDistances, does_not_depend_on_where_the_blocks_begin) {
     const Extents wide{40, 7, 9, 9}, moved{35, 7, 9, 9};
     const Frame frame = hostile(wide, 8, 6);
     Frame cut(moved.width_px(), moved.height_px(), 8);
@@ -247,11 +247,11 @@ TEST(PlaneFeature, does_not_depend_on_where_the_blocks_begin) {
     }
     for (std::size_t f = 0; f <= static_cast<std::size_t>(Feature::anisotropy); ++f) {
         const auto feature = static_cast<Feature>(f);
-        if (!PlaneFeature::covers(feature)) continue;
+        if (!SoaDistances::covers(feature)) continue;
         std::vector<float> a(wide.lenslets()), b(moved.lenslets());
         std::vector<std::uint8_t> mask(wide.lenslets());
-        PlaneFeature(wide, feature, best_isa()).over_neighbours(frame.view(), {1, 4, 255}, 0, 7, a.data(), mask.data());
-        PlaneFeature(moved, feature, best_isa()).over_neighbours(cut.view(), {1, 4, 255}, 0, 7, b.data(), mask.data());
+        SoaDistances(wide, feature, best_isa()).over_neighbours(frame.view(), {1, 4, 255}, 0, 7, a.data(), mask.data());
+        SoaDistances(moved, feature, best_isa()).over_neighbours(cut.view(), {1, 4, 255}, 0, 7, b.data(), mask.data());
         for (int n = 1; n < 6; ++n) {
             for (int m = 1; m < moved.m - 1; ++m)
                 ASSERT_EQ(a[static_cast<std::size_t>(n * 40 + m + 5)], b[static_cast<std::size_t>(n * 35 + m)])

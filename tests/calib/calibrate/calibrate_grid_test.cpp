@@ -190,7 +190,7 @@ TEST(CalibrateGrid, centres_that_are_not_to_be_believed_get_no_place) {
     fit.grid.columns = 6;
     fit.grid.rows = 3;
     fit.grid.span = 1;
-    fit.grid.rung = algo::GridRung::affine;
+    fit.grid.rung = algo::GridModelKind::affine;
     fit.grid.parameters = {10, 10, 20, 0, 0, 20};
     fit.rejected = 6;
     const auto off_by = [](int m, int n, double dx, double split) {

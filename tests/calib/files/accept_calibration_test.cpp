@@ -19,27 +19,27 @@ GridFile good() {
 
 TEST(Better, an_equal_or_better_one_may_take_the_place) {
     GridFile fresh = good();
-    EXPECT_TRUE(not_worse(fresh, good()));
+    EXPECT_TRUE(accept_calibration(fresh, good()));
     fresh.statistics.cv_x_rms_px = 0.0112;  // 6 % in the length: chance, with 64 blocks
-    EXPECT_TRUE(not_worse(fresh, good()));
+    EXPECT_TRUE(accept_calibration(fresh, good()));
     fresh.statistics.cv_x_rms_px = fresh.statistics.cv_y_rms_px = 0.002;
-    EXPECT_TRUE(not_worse(fresh, good()));
+    EXPECT_TRUE(accept_calibration(fresh, good()));
 }
 
 TEST(Better, a_worse_one_may_not_and_says_why) {
     GridFile fresh = good();
     fresh.statistics.cv_x_rms_px = fresh.statistics.cv_y_rms_px = 0.013;
-    const auto worse = not_worse(fresh, good());
+    const auto worse = accept_calibration(fresh, good());
     ASSERT_FALSE(worse);
     EXPECT_EQ(worse.error().code, ErrorCode::refused);
     EXPECT_THAT(worse.error().message(), HasSubstr("0.0141"));
     EXPECT_THAT(worse.error().message(), HasSubstr("0.0184"));
     fresh = good();
     fresh.statistics.found = 980;
-    EXPECT_THAT(not_worse(fresh, good()).error().message(), HasSubstr("98.0 %"));
+    EXPECT_THAT(accept_calibration(fresh, good()).error().message(), HasSubstr("98.0 %"));
     fresh = good();
     fresh.grid.width_px = 501;
-    EXPECT_THAT(not_worse(fresh, good()).error().message(), HasSubstr("501x400"));
+    EXPECT_THAT(accept_calibration(fresh, good()).error().message(), HasSubstr("501x400"));
 }
 
 TEST(Better, shifts_of_single_lenslets_are_not_lost) {
@@ -47,8 +47,8 @@ TEST(Better, shifts_of_single_lenslets_are_not_lost) {
     held.grid.columns = held.grid.rows = 1;
     held.grid.shifts_px = {{0.01, 0}};
     held.statistics.shifts = {.rms_px = 0.01, .share = 0.99, .left_x_px = 0.001, .left_y_px = 0.001};
-    EXPECT_FALSE(not_worse(good(), held));
-    EXPECT_TRUE(not_worse(held, good()));
+    EXPECT_FALSE(accept_calibration(good(), held));
+    EXPECT_TRUE(accept_calibration(held, good()));
 }
 
 TEST(Better, a_direction_map_is_not_lost) {
@@ -56,12 +56,12 @@ TEST(Better, a_direction_map_is_not_lost) {
     held.directions.emplace();
     held.direction_statistics.captures = 12;
     held.direction_statistics.left_out_x_px = held.direction_statistics.left_out_y_px = 0.01;
-    EXPECT_THAT(not_worse(good(), held).error().message(), HasSubstr("--tilts"));
+    EXPECT_THAT(accept_calibration(good(), held).error().message(), HasSubstr("--tilts"));
     GridFile fresh = held;
-    EXPECT_TRUE(not_worse(fresh, held));
+    EXPECT_TRUE(accept_calibration(fresh, held));
     fresh.direction_statistics.left_out_x_px = 0.05;
-    EXPECT_THAT(not_worse(fresh, held).error().message(), HasSubstr("captures"));
-    EXPECT_TRUE(not_worse(fresh, good()));
+    EXPECT_THAT(accept_calibration(fresh, held).error().message(), HasSubstr("captures"));
+    EXPECT_TRUE(accept_calibration(fresh, good()));
 }
 
 }  // namespace

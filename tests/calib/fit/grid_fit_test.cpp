@@ -9,7 +9,7 @@
 namespace hord::calib {
 namespace {
 
-using algo::GridRung;
+using algo::GridModelKind;
 using algo::LensletGrid;
 using test::Random;
 
@@ -30,13 +30,13 @@ LensletGrid frame_of(int columns, int rows) {
 }
 
 // A true grid of each rung, with every one of its terms in use.
-LensletGrid true_grid(GridRung rung, int columns = 24, int rows = 20) {
+LensletGrid true_grid(GridModelKind rung, int columns = 24, int rows = 20) {
     LensletGrid grid = frame_of(columns, rows);
     const double s = 20 * grid.span;
     grid.rung = rung;
     grid.parameters.assign(static_cast<std::size_t>(parameter_count(rung)), 0.0);
     std::vector<double>& p = grid.parameters;
-    if (rung == GridRung::cubic || rung == GridRung::quintic) {
+    if (rung == GridModelKind::cubic || rung == GridModelKind::quintic) {
         const std::size_t half = p.size() / 2;
         Random random(7);
         for (double& value : p) value = random.uniform() - 0.5;
@@ -87,7 +87,7 @@ double worst(const LensletGrid& a, const LensletGrid& b) {
 }
 
 TEST(GridFit, analytic_derivatives_agree_with_numeric_ones) {
-    for (const GridRung rung : algo::kGridRungs) {
+    for (const GridModelKind rung : algo::kGridRungs) {
         SCOPED_TRACE(name_of(rung));
         LensletGrid grid = true_grid(rung);
         const auto count = static_cast<std::size_t>(parameter_count(rung));
@@ -114,7 +114,7 @@ TEST(GridFit, analytic_derivatives_agree_with_numeric_ones) {
 }
 
 TEST(GridFit, every_rung_finds_its_own_grid_again) {
-    for (const GridRung rung : algo::kGridRungs) {
+    for (const GridModelKind rung : algo::kGridRungs) {
         SCOPED_TRACE(name_of(rung));
         const LensletGrid truth = true_grid(rung);
         auto seen = observe(truth, 0, 1);
@@ -125,11 +125,11 @@ TEST(GridFit, every_rung_finds_its_own_grid_again) {
 }
 
 TEST(GridFit, the_image_gets_the_model_that_it_requires_and_no_more) {
-    for (const GridRung rung :
-         {GridRung::similarity, GridRung::affine, GridRung::homography, GridRung::radial1, GridRung::cubic}) {
+    for (const GridModelKind rung : {GridModelKind::similarity, GridModelKind::affine, GridModelKind::homography,
+                                     GridModelKind::radial1, GridModelKind::cubic}) {
         SCOPED_TRACE(name_of(rung));
         auto truth = true_grid(rung);
-        if (rung == GridRung::similarity) truth.parameters[3] = 3;
+        if (rung == GridModelKind::similarity) truth.parameters[3] = 3;
         auto seen = observe(truth, 0.01, 3);
         const auto fit = fit_grid(frame_of(24, 20), seen);
         ASSERT_TRUE(fit) << fit.error().message();
@@ -142,17 +142,17 @@ TEST(GridFit, the_image_gets_the_model_that_it_requires_and_no_more) {
 
 TEST(GridFit, block_cross_validation_agrees_with_refitting_without_each_block) {
     // Linear models: one step is exact. Each lenslet is its own block here, so refitting is easy to do by hand.
-    const LensletGrid truth = true_grid(GridRung::affine, 6, 5);
+    const LensletGrid truth = true_grid(GridModelKind::affine, 6, 5);
     const auto seen = observe(truth, 0.02, 9);
     auto all = seen;
-    const auto fit = fit_grid(frame_of(6, 5), all, {.only = GridRung::affine});
+    const auto fit = fit_grid(frame_of(6, 5), all, {.only = GridModelKind::affine});
     ASSERT_TRUE(fit);
     ASSERT_EQ(fit->blocks, 30);
     double x = 0;
     for (std::size_t left = 0; left < seen.size(); ++left) {
         auto others = seen;
         others.erase(others.begin() + static_cast<std::ptrdiff_t>(left));
-        const auto without = fit_grid(frame_of(6, 5), others, {.only = GridRung::affine});
+        const auto without = fit_grid(frame_of(6, 5), others, {.only = GridModelKind::affine});
         const double off = without->grid.centre_px(seen[left].m, seen[left].n).x_px - seen[left].centre_px.x_px;
         x += off * off;
     }
@@ -160,7 +160,7 @@ TEST(GridFit, block_cross_validation_agrees_with_refitting_without_each_block) {
 }
 
 TEST(GridFit, thirty_percent_wrong_centres_are_let_go) {
-    const LensletGrid truth = true_grid(GridRung::radial1);
+    const LensletGrid truth = true_grid(GridModelKind::radial1);
     auto seen = observe(truth, 0.005, 5);
     Random random(11);
     int wrong = 0;
@@ -177,9 +177,9 @@ TEST(GridFit, thirty_percent_wrong_centres_are_let_go) {
 }
 
 TEST(GridFit, one_row_leaves_the_other_direction_unobservable_and_says_so) {
-    const LensletGrid truth = true_grid(GridRung::similarity, 24, 1);
+    const LensletGrid truth = true_grid(GridModelKind::similarity, 24, 1);
     auto seen = observe(truth, 0.005, 5);
-    const auto fit = fit_grid(frame_of(24, 1), seen, {.only = GridRung::affine});
+    const auto fit = fit_grid(frame_of(24, 1), seen, {.only = GridModelKind::affine});
     ASSERT_TRUE(fit) << fit.error().message();
     std::vector<std::string> names;
     for (const Unobservable& u : fit->unobservable) names.push_back(u.name);
@@ -190,8 +190,8 @@ TEST(GridFit, one_row_leaves_the_other_direction_unobservable_and_says_so) {
 }
 
 TEST(GridFit, an_insignificant_k1_keeps_the_centre_of_distortion_fixed_and_named) {
-    auto seen = observe(true_grid(GridRung::homography), 0.01, 2);
-    const auto fit = fit_grid(frame_of(24, 20), seen, {.only = GridRung::radial2});
+    auto seen = observe(true_grid(GridModelKind::homography), 0.01, 2);
+    const auto fit = fit_grid(frame_of(24, 20), seen, {.only = GridModelKind::radial2});
     ASSERT_TRUE(fit) << fit.error().message();
     std::vector<std::string> names;
     for (const Unobservable& u : fit->unobservable) names.push_back(u.name);
@@ -217,7 +217,7 @@ TEST(GridFit, degenerate_centres_are_answered_and_never_abort) {
 }
 
 TEST(GridFit, the_optimum_does_not_depend_on_where_the_search_starts) {
-    const LensletGrid truth = true_grid(GridRung::radial2);
+    const LensletGrid truth = true_grid(GridModelKind::radial2);
     const auto seen = observe(truth, 0.01, 8);
     std::optional<LensletGrid> first;
     for (const auto& [origin, span] : {std::pair{11.5, 12.0}, {0.0, 12.0}, {11.5, 40.0}, {23.0, 7.0}}) {
@@ -225,7 +225,7 @@ TEST(GridFit, the_optimum_does_not_depend_on_where_the_search_starts) {
         frame.origin_u = origin;
         frame.span = span;
         auto copy = seen;
-        const auto fit = fit_grid(frame, copy, {.only = GridRung::radial2});
+        const auto fit = fit_grid(frame, copy, {.only = GridModelKind::radial2});
         ASSERT_TRUE(fit) << fit.error().message();
         if (!first) first = fit->grid;
         EXPECT_LT(worst(fit->grid, *first), 1e-5);
@@ -235,12 +235,12 @@ TEST(GridFit, the_optimum_does_not_depend_on_where_the_search_starts) {
 TEST(GridFit, ninety_five_percent_intervals_cover_the_truth) {
     // 240 frames of 480 centres. 8 parameters each: 1920 intervals; the standard error of their coverage is 0.5 %
     // (parameters of one frame are hardly correlated), so that 93..97 % is four of them.
-    const LensletGrid truth = true_grid(GridRung::homography);
+    const LensletGrid truth = true_grid(GridModelKind::homography);
     int inside = 0;
     int all = 0;
     for (std::uint64_t run = 0; run < 240; ++run) {
         auto seen = observe(truth, 0.02, 1000 + run);
-        const auto fit = fit_grid(frame_of(24, 20), seen, {.only = GridRung::homography});
+        const auto fit = fit_grid(frame_of(24, 20), seen, {.only = GridModelKind::homography});
         ASSERT_TRUE(fit);
         for (std::size_t k = 0; k < truth.parameters.size(); ++k) {
             ++all;
@@ -254,14 +254,14 @@ TEST(GridFit, ninety_five_percent_intervals_cover_the_truth) {
 }
 
 TEST(GridFit, residuals_that_are_alike_among_neighbours_widen_the_intervals) {
-    LensletGrid truth = true_grid(GridRung::affine);
+    LensletGrid truth = true_grid(GridModelKind::affine);
     auto seen = observe(truth, 0.002, 4);
     for (Observation& o : seen) o.centre_px.x_px += 0.02 * std::sin(0.4 * o.m) * std::cos(0.5 * o.n);
-    const auto fit = fit_grid(frame_of(24, 20), seen, {.only = GridRung::affine});
+    const auto fit = fit_grid(frame_of(24, 20), seen, {.only = GridModelKind::affine});
     ASSERT_TRUE(fit);
     EXPECT_GT(fit->correlation_inflation, 1.5);
     auto plain = observe(truth, 0.02, 4);
-    EXPECT_EQ(fit_grid(frame_of(24, 20), plain, {.only = GridRung::affine})->correlation_inflation, 1);
+    EXPECT_EQ(fit_grid(frame_of(24, 20), plain, {.only = GridModelKind::affine})->correlation_inflation, 1);
 }
 
 }  // namespace

@@ -39,7 +39,7 @@ class CalibrationFile : public ::testing::Test {
         EXPECT_TRUE(calib::write_grid(folder / name, file));
         return folder / name;
     }
-    [[nodiscard]] Result<CalibrationInUse> use(const std::filesystem::path& file) const {
+    [[nodiscard]] Result<ActiveCalibration> use(const std::filesystem::path& file) const {
         return use_calibration(file, folder / "kept.toml", {320, 288, 8, 4}, 8, 8);
     }
 
@@ -108,9 +108,9 @@ Frame free_light(const algo::Extents& e, double x_bins) {
     return frame;
 }
 
-TEST(DriftWatch, notices_a_tenth_of_a_pixel_within_fifty_parts_and_when_it_is_over) {
+TEST(DriftMonitor, notices_a_tenth_of_a_pixel_within_fifty_parts_and_when_it_is_over) {
     const algo::Extents extents{30, 30, 5, 5};
-    auto watch = DriftWatch::create(extents, {0, 16, 255}, algo::DriftZero::calibration, 2);  // a bin is two pixels
+    auto watch = DriftMonitor::create(extents, {0, 16, 255}, algo::DriftZero::calibration, 2);  // a bin is two pixels
     ASSERT_TRUE(watch);
     const auto parts_until_changed = [&](double x_bins) {
         const Frame frame = free_light(extents, x_bins);

@@ -37,7 +37,7 @@ class DrawnSpots final : public sim::FrameSource {
     }
 };
 
-class CellCheckTest : public testing::Test {
+class DeviceDiagnosticsTest : public testing::Test {
   protected:
     // Opens the cell with the frames as they are now.
     void open(std::vector<sim::FaultRule> faults = {}) {
@@ -60,7 +60,7 @@ class CellCheckTest : public testing::Test {
         under_test_.ask_module = [] { return std::string("a module"); };
     }
     std::vector<CheckRow> check(bool actuate = false) {
-        CellCheckOptions options;
+        DeviceDiagnosticsOptions options;
         options.actuate = actuate;
         options.wait = [&](const std::function<bool()>& done, hal::Duration patience) {
             const hal::TimePoint end = loop_.now() + patience;
@@ -93,7 +93,7 @@ class CellCheckTest : public testing::Test {
     int pulses_ = 0;
 };
 
-TEST_F(CellCheckTest, a_good_cell_has_good_rows_and_its_ejector_rests) {
+TEST_F(DeviceDiagnosticsTest, a_good_cell_has_good_rows_and_its_ejector_rests) {
     open();
     const auto rows = check();
     EXPECT_EQ(bad(rows), 0) << table_of(rows);
@@ -105,14 +105,14 @@ TEST_F(CellCheckTest, a_good_cell_has_good_rows_and_its_ejector_rests) {
     EXPECT_EQ(pulses_, 0);
 }
 
-TEST_F(CellCheckTest, the_ejector_is_pulsed_once_when_asked_to) {
+TEST_F(DeviceDiagnosticsTest, the_ejector_is_pulsed_once_when_asked_to) {
     open();
     const auto rows = check(true);
     EXPECT_EQ(row(rows, "ejector").result, CheckRow::Result::good) << table_of(rows);
     EXPECT_EQ(pulses_, 1);
 }
 
-TEST_F(CellCheckTest, what_could_not_be_opened_is_a_row_with_its_cure_and_the_rest_is_tested) {
+TEST_F(DeviceDiagnosticsTest, what_could_not_be_opened_is_a_row_with_its_cure_and_the_rest_is_tested) {
     open();
     under_test_.part_sensor.device = fail(ErrorCode::busy, "chip line 6 is held by \"gpiomon\"", "end that program");
     under_test_.sensor.device = fail(ErrorCode::not_found, "/dev/video0: cannot be opened", "check the cable");
@@ -130,7 +130,7 @@ TEST_F(CellCheckTest, what_could_not_be_opened_is_a_row_with_its_cure_and_the_re
     EXPECT_EQ(pulses_, 0) << "a module that refuses is not moved";
 }
 
-TEST_F(CellCheckTest, devices_that_are_simulated_are_said_not_to_be_tested) {
+TEST_F(DeviceDiagnosticsTest, devices_that_are_simulated_are_said_not_to_be_tested) {
     open();
     under_test_.sensor.device = nullptr;
     under_test_.strobe.device = nullptr;
@@ -140,7 +140,7 @@ TEST_F(CellCheckTest, devices_that_are_simulated_are_said_not_to_be_tested) {
     EXPECT_EQ(bad(rows), 0);
 }
 
-TEST_F(CellCheckTest, light_that_does_not_come_is_told) {
+TEST_F(DeviceDiagnosticsTest, light_that_does_not_come_is_told) {
     open({{.fault = sim::Fault::strobe_refused}});
     EXPECT_EQ(row(check(), "light 0").result, CheckRow::Result::bad);
     open({{.fault = sim::Fault::strobe_dead}});  // says lit, is not
@@ -150,7 +150,7 @@ TEST_F(CellCheckTest, light_that_does_not_come_is_told) {
     EXPECT_EQ(row(rows, "focus").result, CheckRow::Result::bad);
 }
 
-TEST_F(CellCheckTest, frames_that_do_not_come_or_are_damaged_are_told) {
+TEST_F(DeviceDiagnosticsTest, frames_that_do_not_come_or_are_damaged_are_told) {
     open({{.fault = sim::Fault::frame_drop}});
     EXPECT_THAT(row(check(), "frame").found, HasSubstr("none within"));
     open({{.fault = sim::Fault::frame_short}});
@@ -163,7 +163,7 @@ TEST_F(CellCheckTest, frames_that_do_not_come_or_are_damaged_are_told) {
     EXPECT_EQ(row(check(), "exposure").result, CheckRow::Result::bad) << "no macro-pixels of 10 bins";
 }
 
-TEST_F(CellCheckTest, exposure_saturation_focus_and_stray_light_are_judged_apart) {
+TEST_F(DeviceDiagnosticsTest, exposure_saturation_focus_and_stray_light_are_judged_apart) {
     const auto rows_with = [&](double radius, double brightest, double leak) {
         frames_.radius_bins = radius;
         frames_.brightest = brightest;
@@ -185,7 +185,7 @@ TEST_F(CellCheckTest, exposure_saturation_focus_and_stray_light_are_judged_apart
     EXPECT_EQ(row(rows, "without light").result, CheckRow::Result::bad);
 }
 
-TEST_F(CellCheckTest, a_rejector_that_does_not_act_is_told) {
+TEST_F(DeviceDiagnosticsTest, a_rejector_that_does_not_act_is_told) {
     open({{.fault = sim::Fault::reject_lost}});
     EXPECT_EQ(row(check(true), "ejector").result, CheckRow::Result::bad);
     open({{.fault = sim::Fault::rejector_down, .amount = 3600s}});

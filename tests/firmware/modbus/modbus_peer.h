@@ -80,7 +80,7 @@ class Peer {
 class ServedStation : public ::testing::Test {
   protected:
     PollLoop loop;
-    RegisterImage image{StationIdentity{.firmware = "0.1.0", .serial = "H-0042", .boot_id = 0xB007}};
+    RegisterServerModel image{StationIdentity{.firmware = "0.1.0", .serial = "H-0042", .boot_id = 0xB007}};
     std::unique_ptr<Server> server;
     std::uint16_t port = 0;
 

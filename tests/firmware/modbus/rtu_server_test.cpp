@@ -23,10 +23,10 @@ using ::testing::HasSubstr;
 class Serial : public ::testing::Test {
   protected:
     PollLoop loop;
-    RegisterImage image{StationIdentity{.firmware = "0.1.0"}};
+    RegisterServerModel image{StationIdentity{.firmware = "0.1.0"}};
     int other_end = ::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK);
     std::string device;
-    std::unique_ptr<ServerRtu> server;
+    std::unique_ptr<RtuServer> server;
 
     void SetUp() override {
         ASSERT_GE(other_end, 0);
@@ -54,7 +54,7 @@ class Serial : public ::testing::Test {
 };
 
 TEST_F(Serial, libmodbus_reads_and_is_refused_over_the_line) {
-    auto made = loop.on_loop([&] { return ServerRtu::adopt(loop, image, other_end, {.unit = 17}); });
+    auto made = loop.on_loop([&] { return RtuServer::adopt(loop, image, other_end, {.unit = 17}); });
     ASSERT_TRUE(made) << made.error().message();
     server = std::move(*made);
     modbus_t* master = modbus_new_rtu(device.c_str(), 115200, 'N', 8, 1);
@@ -77,7 +77,7 @@ TEST_F(Serial, libmodbus_reads_and_is_refused_over_the_line) {
 
 TEST_F(Serial, a_device_is_opened_set_up_and_answered_on) {
     auto made =
-        loop.on_loop([&] { return ServerRtu::open(loop, image, {.device = device, .unit = 17, .rs485 = false}); });
+        loop.on_loop([&] { return RtuServer::open(loop, image, {.device = device, .unit = 17, .rs485 = false}); });
     ASSERT_TRUE(made) << made.error().message();
     server = std::move(*made);
     Bytes request{17, 3, 0, 2, 0, 2, 0, 0};
@@ -95,7 +95,7 @@ TEST_F(Serial, a_device_is_opened_set_up_and_answered_on) {
 
 TEST_F(Serial, what_cannot_be_opened_is_an_error_with_a_cure) {
     const auto open = [&](const SerialOptions& options) {
-        return loop.on_loop([&] { return ServerRtu::open(loop, image, options); });
+        return loop.on_loop([&] { return RtuServer::open(loop, image, options); });
     };
     const auto absent = open({.device = "/dev/no-such-line"});
     ASSERT_FALSE(absent);
@@ -113,7 +113,7 @@ TEST_F(Serial, what_cannot_be_opened_is_an_error_with_a_cure) {
 TEST(ServerOnTheServicesLoop, serves_evicts_and_closes) {
     auto loop = SdEventLoop::open();
     ASSERT_TRUE(loop) << loop.error().message();
-    RegisterImage image(StationIdentity{});
+    RegisterServerModel image(StationIdentity{});
     auto server = Server::open(**loop, image, {.host = "127.0.0.1", .port = 0, .max_connections = 2});
     ASSERT_TRUE(server) << server.error().message();
     std::thread clients([&, port = (*server)->port()] {

@@ -234,8 +234,8 @@ TEST_F(ServedStation, pymodbus_reads_writes_and_commands) {
         GTEST_SKIP() << "pymodbus is not installed (Debian packages python3-pymodbus python3-serial-asyncio)";
     }
     Obedient station;
-    PlcDesk desk(loop, station, {});
-    RegisterImage full(StationIdentity{.firmware = "0.1.0"}, &desk);
+    PlcInterface desk(loop, station, {});
+    RegisterServerModel full(StationIdentity{.firmware = "0.1.0"}, &desk);
     Snapshot now;
     now.state = State::ready;
     now.run_permit = true;
@@ -245,7 +245,7 @@ TEST_F(ServedStation, pymodbus_reads_writes_and_commands) {
         server = std::move(*Server::open(loop, full, {.host = "127.0.0.1", .port = 0}));
     });
     const std::string said =
-        output_of("/usr/bin/python3 " HORD_SOURCE_DIR "/tests/firmware/pymodbus_reads_the_station.py " +
+        output_of("/usr/bin/python3 " HORD_SOURCE_DIR "/tests/firmware/modbus/pymodbus_reads_the_station.py " +
                   std::to_string(server->port()));
     EXPECT_EQ(said,
               "block 1 at 0\nblock 2 at 100\nblock 3 at 140\nblock 4 at 200\nblock 0 at 300\nblock 5 at "

@@ -25,7 +25,7 @@ class Line {
                                                 .least_light = 0.8,
                                                 .most_dark_drift_dn = 1,
                                                 .most_uneven = 0.2})
-        : watch(std::move(*OpticsWatch::create(kField, limits))), shares_(kField.lenslets(), 1.0F),
+        : watch(std::move(*OpticsMonitor::create(kField, limits))), shares_(kField.lenslets(), 1.0F),
           mask_(kField.lenslets(), algo::kValid), frame_(kField.width_px(), kField.height_px(), 8) {}
 
     // So many windows; whether the watch changed its mind in any of their parts.
@@ -56,7 +56,7 @@ class Line {
 
     double light = 1;
     int dark = 2;
-    std::unique_ptr<OpticsWatch> watch;
+    std::unique_ptr<OpticsMonitor> watch;
 
   private:
     std::vector<float> shares_;  // of the light that pass a lenslet
@@ -64,7 +64,7 @@ class Line {
     Frame frame_;
 };
 
-TEST(OpticsWatch, a_fading_light_is_a_fault_below_its_share_and_over_a_quarter_of_the_way_back) {
+TEST(OpticsMonitor, a_fading_light_is_a_fault_below_its_share_and_over_a_quarter_of_the_way_back) {
     Line line;
     line.windows(1);
     EXPECT_EQ(line.faults(), 0U);
@@ -86,7 +86,7 @@ TEST(OpticsWatch, a_fading_light_is_a_fault_below_its_share_and_over_a_quarter_o
     EXPECT_EQ(line.watch->news(), 0U) << "nothing came";
 }
 
-TEST(OpticsWatch, the_dark_level_may_neither_rise_nor_fall) {
+TEST(OpticsMonitor, the_dark_level_may_neither_rise_nor_fall) {
     Line line;
     line.windows(1);
     line.dark = 4;
@@ -101,7 +101,7 @@ TEST(OpticsWatch, the_dark_level_may_neither_rise_nor_fall) {
     EXPECT_EQ(line.faults(), kFaultDarkDrift);
 }
 
-TEST(OpticsWatch, a_region_that_darkens_is_told_with_its_place) {
+TEST(OpticsMonitor, a_region_that_darkens_is_told_with_its_place) {
     Line line;
     line.windows(1);
     line.tile(0.7F);
@@ -111,7 +111,7 @@ TEST(OpticsWatch, a_region_that_darkens_is_told_with_its_place) {
                 HasSubstr("around lenslet (2, 2) has changed by -30 %"));
 }
 
-TEST(OpticsWatch, dust_is_told_with_lenslet_and_mm_and_again_when_it_lies_elsewhere) {
+TEST(OpticsMonitor, dust_is_told_with_lenslet_and_mm_and_again_when_it_lies_elsewhere) {
     Line line;
     line.watch->restart(0.2F);
     line.windows(1);
@@ -137,7 +137,7 @@ TEST(OpticsWatch, dust_is_told_with_lenslet_and_mm_and_again_when_it_lies_elsewh
     EXPECT_THAT(describe(kFaultDust, line.watch->view()).what, HasSubstr("no dust"));
 }
 
-TEST(OpticsWatch, another_recipe_begins_anew) {
+TEST(OpticsMonitor, another_recipe_begins_anew) {
     Line line;
     line.windows(1);
     line.light = 0.5;
@@ -152,7 +152,7 @@ TEST(OpticsWatch, another_recipe_begins_anew) {
     EXPECT_THAT(describe(kFaultDust, line.watch->view()).what, Not(HasSubstr("mm")));
 }
 
-TEST(OpticsWatch, the_journal_tells_each_fault_with_an_id_of_its_own_and_its_end) {
+TEST(OpticsMonitor, the_journal_tells_each_fault_with_an_id_of_its_own_and_its_end) {
     std::vector<std::pair<std::string, std::string>> told;
     JournalStory story([&](const Entry& entry, std::string_view message, std::span<const Field>) {
         told.emplace_back(entry.id, message);
@@ -167,9 +167,9 @@ TEST(OpticsWatch, the_journal_tells_each_fault_with_an_id_of_its_own_and_its_end
     EXPECT_THAT(told[3].second, HasSubstr("fault dust is over"));
 }
 
-TEST(OpticsWatch, the_registers_show_it) {
+TEST(OpticsMonitor, the_registers_show_it) {
     Line line;
-    RegisterImage image({});
+    RegisterServerModel image({});
     HealthReport health;
     const auto show = [&] {
         health.optics = report_of(line.watch->view());
@@ -197,7 +197,7 @@ TEST(OpticsWatch, the_registers_show_it) {
                 ElementsAre(0, 1, 30, 10, 0, 1, 1000, 0, 2100, 0xFFFF, 0xFBB4));
 }
 
-TEST(OpticsWatch, limits_follow_the_configuration_and_the_bit_depth) {
+TEST(OpticsMonitor, limits_follow_the_configuration_and_the_bit_depth) {
     OpticsConfig config;
     EXPECT_EQ(limits_of(config, 8).most_dark_drift_dn, 1);
     EXPECT_EQ(limits_of(config, 12).most_dark_drift_dn, 16);

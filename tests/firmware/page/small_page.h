@@ -39,11 +39,11 @@ inline Frame part_frame(const algo::Extents& e, bool bad) {
 // Frames as a station keeps them.
 inline void keep_frame(const std::filesystem::path& store, std::uint32_t part, bool bad) {
     const algo::Extents extents{24, 24, 5, 5};
-    store::FrameKeeperOptions options;
+    store::FrameRetentionOptions options;
     options.extents = extents;
     options.boot = kBoot;
     options.thread = false;
-    store::FrameKeeper keeper(
+    store::FrameRetention keeper(
         [&] {
             return store::FrameArchive::open(store / store::kFramesFolder, {1'000'000'000, 0});
         },
@@ -114,7 +114,7 @@ class SmallPage {
 };
 
 // A station's answers at one moment.
-inline Moment example_moment() {
+inline RegisterSnapshot example_moment() {
     StationIdentity identity;
     identity.firmware = "0.1.0";
     identity.boot_id = kBoot;
@@ -136,7 +136,7 @@ inline Moment example_moment() {
     extras.statistics = {1, 2, 3, 4, 5, 6, 90.5};
     extras.plc.emplace();
     extras.plc->heartbeat_age_ms = 20;
-    Moment moment;
+    RegisterSnapshot moment;
     for (const BlockId id : {BlockId::ident, BlockId::status, BlockId::counters, BlockId::plc, BlockId::recipe,
                              BlockId::health, BlockId::calibration}) {
         const Block& block = *find_block(id);

@@ -16,7 +16,7 @@ namespace hord::firmware {
 
 using Words = std::vector<std::uint16_t>;
 
-struct Notes final : Recorder {
+struct Notes final : ResultSink {
     std::vector<Change> changes;
     std::vector<std::uint32_t> acknowledged;
     void on_result(const PartResult&) override {}
@@ -66,7 +66,7 @@ class PlcCommands : public ::testing::Test, public StationObserver {
         station.emplace(config, Cell{loop, part_sensor, strobe, sensor, rejector, inspector}, this);
         desk.emplace(loop, operations, PlcOptions{policy, milliseconds(500), 0xB007});
         image.emplace(StationIdentity{.boot_id = 0xB007}, &*desk);
-        Operations::Works works{
+        CommandHandler::Dependencies works{
             .station = *station, .inspector = inspector, .desk = *desk, .recorder = &notes, .teacher = teacher};
         works.publish = [this] { publish(); };
         works.recipe = [](std::uint16_t number) -> Result<NumberedRecipe> {
@@ -142,7 +142,7 @@ class PlcCommands : public ::testing::Test, public StationObserver {
         for (Duration done{}; done < time; done += milliseconds(50)) {
             loop.run_for(milliseconds(50));
             desk->check_heartbeat();
-            (void)operations.use_what_was_taught();
+            (void)operations.use_learned_reference();
             publish();
         }
     }
@@ -165,14 +165,14 @@ class PlcCommands : public ::testing::Test, public StationObserver {
     FakeRejector rejector;
     ToldInspector inspector{loop};
     Notes notes;
-    Teacher* teacher = nullptr;
-    Operations operations{loop};
+    TeachIn* teacher = nullptr;
+    CommandHandler operations{loop};
     Result<void> judgement;
     std::vector<std::string> troubles;
     std::vector<PartResult> results;
     std::optional<Station> station;
-    std::optional<PlcDesk> desk;
-    std::optional<RegisterImage> image;
+    std::optional<PlcInterface> desk;
+    std::optional<RegisterServerModel> image;
     std::uint32_t token = 70, edges = 0;
     std::uint16_t beats = 0;
 };

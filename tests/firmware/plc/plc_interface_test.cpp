@@ -54,12 +54,12 @@ class Station : public PlcHandler {
     void on_plc_back() override { ++back; }
 };
 
-class PlcSide : public ::testing::Test {
+class PlcSimulator : public ::testing::Test {
   protected:
     HandClock clock;
     Station station;
-    PlcDesk desk{clock, station, {.policy = PlcPolicy::stop, .timeout = 500ms, .boot_id = 0x1234B007}};
-    RegisterImage image{StationIdentity{.boot_id = 0x1234B007}, &desk};
+    PlcInterface desk{clock, station, {.policy = PlcPolicy::stop, .timeout = 500ms, .boot_id = 0x1234B007}};
+    RegisterServerModel image{StationIdentity{.boot_id = 0x1234B007}, &desk};
 
     Exception write(std::uint16_t address, const Words& words) {
         return image.write_registers({.peer = "192.0.2.7:50123"}, address, words);
@@ -93,7 +93,7 @@ class PlcSide : public ::testing::Test {
 // token, code, state, error
 Words reply_of(const Words& block) { return {block[2], block[3], block[4], block[5], block[6]}; }
 
-TEST_F(PlcSide, a_command_is_executed_and_replied_to) {
+TEST_F(PlcSimulator, a_command_is_executed_and_replied_to) {
     ASSERT_EQ(command(0x00010002, CommandCode::arm), Exception::none);
     ASSERT_EQ(station.commands.size(), 1U);
     EXPECT_EQ(station.commands[0].code, 2);
@@ -102,7 +102,7 @@ TEST_F(PlcSide, a_command_is_executed_and_replied_to) {
     EXPECT_EQ(read32(8029), 1U);
 }
 
-TEST_F(PlcSide, a_repeated_token_does_nothing_and_shows_its_reply_again) {
+TEST_F(PlcSimulator, a_repeated_token_does_nothing_and_shows_its_reply_again) {
     station.answer = {CommandState::failed, CommandError::device_down, 7};
     ASSERT_EQ(command(5, CommandCode::arm), Exception::none);
     station.answer = {};
@@ -114,7 +114,7 @@ TEST_F(PlcSide, a_repeated_token_does_nothing_and_shows_its_reply_again) {
     EXPECT_EQ(read32(8029), 2U);
 }
 
-TEST_F(PlcSide, a_command_says_for_whom_it_is_sent) {
+TEST_F(PlcSimulator, a_command_says_for_whom_it_is_sent) {
     const Words anna{0, 5, 0, 2, 0, 0, 0, 0, 'a' << 8 | 'n', 'n' << 8 | 'a', 0, 0, 0, 0, 0, 0, 0, 0};
     ASSERT_EQ(write(8002, anna), Exception::none);
     ASSERT_EQ(station.commands.size(), 1U);
@@ -125,7 +125,7 @@ TEST_F(PlcSide, a_command_says_for_whom_it_is_sent) {
     EXPECT_EQ(read(8000, 20)[10], 0);
 }
 
-TEST_F(PlcSide, a_name_that_is_not_printable_or_not_whole_is_refused) {
+TEST_F(PlcSimulator, a_name_that_is_not_printable_or_not_whole_is_refused) {
     Words words{0, 5, 0, 2, 0, 0, 0, 0, 'a' << 8 | 'n', 'n' << 8 | '\n', 0, 0, 0, 0, 0, 0, 0, 0};
     EXPECT_EQ(write(8002, words), Exception::illegal_value);
     words[9] = 'n';  // nothing, then an n
@@ -137,7 +137,7 @@ TEST_F(PlcSide, a_name_that_is_not_printable_or_not_whole_is_refused) {
     EXPECT_THAT(station.commands, IsEmpty());
 }
 
-TEST_F(PlcSide, a_token_used_for_another_command_is_refused) {
+TEST_F(PlcSimulator, a_token_used_for_another_command_is_refused) {
     ASSERT_EQ(command(5, CommandCode::arm), Exception::none);
     ASSERT_EQ(command(5, CommandCode::stop), Exception::none);
     EXPECT_EQ(station.commands.size(), 1U);
@@ -146,7 +146,7 @@ TEST_F(PlcSide, a_token_used_for_another_command_is_refused) {
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 2, 2, 0)) << "the first one keeps its reply";
 }
 
-TEST_F(PlcSide, a_command_meant_for_another_boot_is_refused) {
+TEST_F(PlcSimulator, a_command_meant_for_another_boot_is_refused) {
     ASSERT_EQ(command(5, CommandCode::arm, 0, 0xB008), Exception::none);
     EXPECT_THAT(station.commands, IsEmpty());
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 2, 3, 7));
@@ -154,7 +154,7 @@ TEST_F(PlcSide, a_command_meant_for_another_boot_is_refused) {
     EXPECT_EQ(station.commands.size(), 1U);
 }
 
-TEST_F(PlcSide, only_a_whole_command_is_a_command) {
+TEST_F(PlcSimulator, only_a_whole_command_is_a_command) {
     EXPECT_EQ(write(8002, {0, 1}), Exception::illegal_value);
     EXPECT_EQ(write(8003, {1, 0, 2}), Exception::illegal_value) << "half a token";
     EXPECT_EQ(write(8004, {0, 2}), Exception::illegal_value) << "no token";
@@ -168,7 +168,7 @@ TEST_F(PlcSide, only_a_whole_command_is_a_command) {
     EXPECT_EQ(station.commands.size(), 1U);
 }
 
-TEST_F(PlcSide, while_a_command_is_executing_only_stopping_is_accepted) {
+TEST_F(PlcSimulator, while_a_command_is_executing_only_stopping_is_accepted) {
     station.answer = {CommandState::executing, CommandError::none, 0};
     ASSERT_EQ(command(5, CommandCode::self_test), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 22, 1, 0));
@@ -186,7 +186,7 @@ TEST_F(PlcSide, while_a_command_is_executing_only_stopping_is_accepted) {
 }
 
 // A sender that repeats until it sees its reply, over a network that loses, repeats and reorders.
-TEST_F(PlcSide, ten_thousand_commands_over_a_bad_network_are_executed_exactly_once) {
+TEST_F(PlcSimulator, ten_thousand_commands_over_a_bad_network_are_executed_exactly_once) {
     std::mt19937 random(8);
     std::deque<std::uint32_t> under_way;
     std::uint32_t disturbed = 0;
@@ -210,7 +210,7 @@ TEST_F(PlcSide, ten_thousand_commands_over_a_bad_network_are_executed_exactly_on
     EXPECT_GT(disturbed, 1000U);
 }
 
-TEST_F(PlcSide, the_heartbeat_is_missed_after_the_timeout_and_reported_once) {
+TEST_F(PlcSimulator, the_heartbeat_is_missed_after_the_timeout_and_reported_once) {
     clock.at += 10s;
     desk.check_heartbeat();
     EXPECT_EQ(station.lost, 0) << "a PLC that was never there cannot be lost";
@@ -231,14 +231,14 @@ TEST_F(PlcSide, the_heartbeat_is_missed_after_the_timeout_and_reported_once) {
     EXPECT_THAT(read(8105, 2), ElementsAre(1, 500));
 }
 
-TEST_F(PlcSide, a_coil_can_carry_the_heartbeat) {
+TEST_F(PlcSimulator, a_coil_can_carry_the_heartbeat) {
     const bool on = true;
     ASSERT_EQ(image.write_bits({}, 80, std::span(&on, 1)), Exception::none);
     EXPECT_EQ(read(8102, 1)[0], 1);
     EXPECT_EQ(image.write_bits({}, 79, std::span(&on, 1)), Exception::illegal_address);
 }
 
-TEST_F(PlcSide, results_are_acknowledged_forwards_and_only_when_they_exist) {
+TEST_F(PlcSimulator, results_are_acknowledged_forwards_and_only_when_they_exist) {
     publish_results(1, 10);
     ASSERT_EQ(write(8103, {0, 4}), Exception::none);
     ASSERT_EQ(write(8103, {0, 4}), Exception::none) << "repeating it is harmless";
@@ -250,7 +250,7 @@ TEST_F(PlcSide, results_are_acknowledged_forwards_and_only_when_they_exist) {
     EXPECT_EQ(read32(8109), 0U);
 }
 
-TEST_F(PlcSide, results_that_are_not_stored_yet_are_not_taken_and_the_heartbeat_counts_all_the_same) {
+TEST_F(PlcSimulator, results_that_are_not_stored_yet_are_not_taken_and_the_heartbeat_counts_all_the_same) {
     publish_results(1, 10);
     ASSERT_EQ(write(8102, {8, 0, 4}), Exception::none);
     for (const Exception refusal : {Exception::busy, Exception::device_failure}) {
@@ -265,7 +265,7 @@ TEST_F(PlcSide, results_that_are_not_stored_yet_are_not_taken_and_the_heartbeat_
     EXPECT_THAT(station.acknowledged, ElementsAre(4, 10));
 }
 
-TEST_F(PlcSide, results_lost_before_they_were_acknowledged_are_counted_and_shown) {
+TEST_F(PlcSimulator, results_lost_before_they_were_acknowledged_are_counted_and_shown) {
     publish_results(1, 300);
     EXPECT_EQ(read32(8107), 0U) << "nobody acknowledges: nobody is overrun";
     ASSERT_EQ(write(8103, {0, 300}), Exception::none);
@@ -280,7 +280,7 @@ TEST_F(PlcSide, results_lost_before_they_were_acknowledged_are_counted_and_shown
     EXPECT_EQ(read32(8107), 4U);
 }
 
-TEST_F(PlcSide, a_recipe_is_staged_and_committed_by_its_checksum) {
+TEST_F(PlcSimulator, a_recipe_is_staged_and_committed_by_its_checksum) {
     ASSERT_EQ(write(8202, {7, 1500, 800, 600, 3, 0xFFFE, 100, 700}), Exception::none);
     const std::uint32_t crc = read32(8210);
     ASSERT_EQ(command(1, CommandCode::commit_recipe, crc ^ 1), Exception::none);
@@ -292,13 +292,13 @@ TEST_F(PlcSide, a_recipe_is_staged_and_committed_by_its_checksum) {
     EXPECT_THAT(read(8202, 8), ElementsAre(7, 1500, 800, 600, 3, 0xFFFE, 100, 700)) << "reads back as written";
 }
 
-TEST_F(PlcSide, the_checksum_is_the_ordinary_crc32_of_the_bytes_as_they_travel) {
+TEST_F(PlcSimulator, the_checksum_is_the_ordinary_crc32_of_the_bytes_as_they_travel) {
     // zlib.crc32(bytes.fromhex("000105dc0320025800030001006402bc"))
     ASSERT_EQ(write(8202, {1, 1500, 800, 600, 3, 1, 100, 700}), Exception::none);
     EXPECT_EQ(read32(8210), 0x6D73F6CDU);
 }
 
-TEST_F(PlcSide, no_recipe_is_committed_while_the_station_executes) {
+TEST_F(PlcSimulator, no_recipe_is_committed_while_the_station_executes) {
     Snapshot snapshot;
     snapshot.state = State::continuous_execution;
     image.publish(snapshot);
@@ -307,7 +307,7 @@ TEST_F(PlcSide, no_recipe_is_committed_while_the_station_executes) {
     EXPECT_THAT(station.recipes, IsEmpty());
 }
 
-TEST_F(PlcSide, nothing_but_the_rows_marked_writable_can_be_written) {
+TEST_F(PlcSimulator, nothing_but_the_rows_marked_writable_can_be_written) {
     int writable = 0;
     for (int address = 0; address < 0x10000; ++address) {
         const Register* row = nullptr;
@@ -328,14 +328,14 @@ TEST_F(PlcSide, nothing_but_the_rows_marked_writable_can_be_written) {
     EXPECT_THAT(station.commands, IsEmpty());
 }
 
-TEST_F(PlcSide, a_value_that_means_not_available_cannot_be_written) {
+TEST_F(PlcSimulator, a_value_that_means_not_available_cannot_be_written) {
     EXPECT_EQ(write(8202, {0xFFFF}), Exception::illegal_value);
     EXPECT_EQ(write(8207, {0x8000}), Exception::illegal_value);
     EXPECT_EQ(write(8102, {0xFFFF}), Exception::none) << "a heartbeat is any number";
 }
 
 TEST(RegisterImageWithoutDesk, takes_no_writes_and_shows_no_plc) {
-    RegisterImage image(StationIdentity{});
+    RegisterServerModel image(StationIdentity{});
     const std::uint16_t one = 1;
     EXPECT_EQ(image.write_registers({}, 8102, std::span(&one, 1)), Exception::illegal_address);
     std::array<std::uint16_t, 12> plc{};

@@ -38,7 +38,7 @@ Snapshot snapshot_of(State state, std::uint32_t seen, const PartResult& last) {
 
 class Image : public ::testing::Test {
   protected:
-    RegisterImage image{StationIdentity{.vendor = "V", .firmware = "0.1.0", .serial = "S", .boot_id = 0xB007}};
+    RegisterServerModel image{StationIdentity{.vendor = "V", .firmware = "0.1.0", .serial = "S", .boot_id = 0xB007}};
     Words read(std::uint16_t address, std::size_t count) {
         Words words(count);
         EXPECT_EQ(image.read_registers(address, words), Exception::none) << address;

@@ -13,7 +13,7 @@ using ::testing::HasSubstr;
 using State = firmware::State;
 
 // Teaches when the test says so.
-class ToldTeacher final : public Teacher {
+class RecordingTeachIn final : public TeachIn {
   public:
     Result<void> answer;
     std::vector<std::uint32_t> begun;
@@ -62,7 +62,7 @@ class Teach : public PlcCommands {
             std::find_if(notes.changes.rbegin(), notes.changes.rend(), [&](const Change& c) { return c.what == what; });
         return found == notes.changes.rend() ? nullptr : &*found;
     }
-    ToldTeacher told;
+    RecordingTeachIn told;
 };
 
 TEST_F(Teach, is_not_supported_where_nothing_can_be_learned) {

@@ -35,9 +35,9 @@ algo::Inspection seen(algo::Reason reason = algo::Reason::none) {
     return inspection;
 }
 
-class TeacherTest : public ::testing::Test {
+class TeachInTest : public ::testing::Test {
   protected:
-    TeacherTest() {
+    TeachInTest() {
         std::string name = fs::temp_directory_path() / "hord-teacher-XXXXXX";
         folder = ::mkdtemp(name.data());
         recipe.number = 7;
@@ -47,17 +47,17 @@ class TeacherTest : public ::testing::Test {
         recipe.recipe.frobenius_limit_bins = 3;
         recipe.recipe.transmission_limit = 0.5F;
     }
-    ~TeacherTest() override {
+    ~TeachInTest() override {
         teacher.reset();
         fs::remove_all(folder);
     }
     void open(hal::EventLoop& on, bool thread = false) {
-        TeacherOptions options;
+        TeachInOptions options;
         options.extents = kDrawnExtents;
         options.bits = kDrawnBits;
         options.folder = folder;
         options.thread = thread;
-        teacher = std::make_unique<LineTeacher>(on, options);
+        teacher = std::make_unique<LineTeachIn>(on, options);
     }
     Result<void> begin(std::uint32_t parts) {
         return teacher->begin(
@@ -87,12 +87,12 @@ class TeacherTest : public ::testing::Test {
     fs::path folder;
     sim::VirtualTime loop;
     NumberedRecipe recipe;
-    std::unique_ptr<LineTeacher> teacher;
+    std::unique_ptr<LineTeachIn> teacher;
     std::uint32_t taken = 0;
     std::vector<Result<Taught>> outcomes;
 };
 
-TEST_F(TeacherTest, refuses_at_once_what_a_reference_does_not_go_with) {
+TEST_F(TeachInTest, refuses_at_once_what_a_reference_does_not_go_with) {
     open(loop);
     recipe.recipe.gradient = algo::Feature::chi2;
     recipe.recipe.gradient_limit = 1;
@@ -105,7 +105,7 @@ TEST_F(TeacherTest, refuses_at_once_what_a_reference_does_not_go_with) {
     EXPECT_TRUE(begin(9));
 }
 
-TEST_F(TeacherTest, learns_from_the_next_parts_what_tells_good_from_bad) {
+TEST_F(TeachInTest, learns_from_the_next_parts_what_tells_good_from_bad) {
     open(loop);
     ASSERT_TRUE(begin(9));
     good_parts(1, 8);
@@ -128,7 +128,7 @@ TEST_F(TeacherTest, learns_from_the_next_parts_what_tells_good_from_bad) {
     EXPECT_EQ(taken, 9U);
 }
 
-TEST_F(TeacherTest, takes_what_shows_a_part_whatever_the_verdict_and_nothing_else) {
+TEST_F(TeachInTest, takes_what_shows_a_part_whatever_the_verdict_and_nothing_else) {
     open(loop);
     inspected(1, drawn_lens(1));  // before it was asked for
     ASSERT_TRUE(begin(8));
@@ -145,7 +145,7 @@ TEST_F(TeacherTest, takes_what_shows_a_part_whatever_the_verdict_and_nothing_els
     EXPECT_EQ(taken, 5U);
 }
 
-TEST_F(TeacherTest, a_part_that_comes_while_the_one_before_is_written_is_passed_over) {
+TEST_F(TeachInTest, a_part_that_comes_while_the_one_before_is_written_is_passed_over) {
     open(loop);
     ASSERT_TRUE(begin(8));
     const Frame frame = drawn_lens(1);
@@ -159,7 +159,7 @@ TEST_F(TeacherTest, a_part_that_comes_while_the_one_before_is_written_is_passed_
     EXPECT_EQ(taken, 2U);
 }
 
-TEST_F(TeacherTest, rows_with_padding_are_kept_without_it) {
+TEST_F(TeachInTest, rows_with_padding_are_kept_without_it) {
     open(loop);
     ASSERT_TRUE(begin(8));
     const Frame frame = drawn_lens(1);
@@ -178,7 +178,7 @@ TEST_F(TeacherTest, rows_with_padding_are_kept_without_it) {
     EXPECT_TRUE(kept == std::string(reinterpret_cast<const char*>(frame.bytes().data()), frame.bytes().size()));
 }
 
-TEST_F(TeacherTest, a_part_unlike_the_others_is_left_out_by_its_number) {
+TEST_F(TeachInTest, a_part_unlike_the_others_is_left_out_by_its_number) {
     open(loop);
     ASSERT_TRUE(begin(10));
     good_parts(41, 9);
@@ -190,7 +190,7 @@ TEST_F(TeacherTest, a_part_unlike_the_others_is_left_out_by_its_number) {
     EXPECT_THAT(outcomes[0]->remarks, HasSubstr("part 50 was left out"));
 }
 
-TEST_F(TeacherTest, parts_of_which_too_few_are_alike_teach_nothing_and_leave_nothing) {
+TEST_F(TeachInTest, parts_of_which_too_few_are_alike_teach_nothing_and_leave_nothing) {
     open(loop);
     ASSERT_TRUE(begin(8));
     good_parts(1, 7);
@@ -206,7 +206,7 @@ TEST_F(TeacherTest, parts_of_which_too_few_are_alike_teach_nothing_and_leave_not
     EXPECT_TRUE(outcomes[1]) << outcomes[1].error().message();
 }
 
-TEST_F(TeacherTest, a_recipe_that_passes_nothing_with_its_reference_is_not_taught) {
+TEST_F(TeachInTest, a_recipe_that_passes_nothing_with_its_reference_is_not_taught) {
     open(loop);
     recipe.recipe.reject_score = recipe.recipe.cluster_score = 1;  // noise alone has more
     recipe.recipe.grow_score = 0.5F;
@@ -242,7 +242,7 @@ class SmallFiles {
     void (*before_handler_)(int) = nullptr;
 };
 
-TEST_F(TeacherTest, a_disk_that_takes_no_more_frames_ends_it_and_nothing_is_left) {
+TEST_F(TeachInTest, a_disk_that_takes_no_more_frames_ends_it_and_nothing_is_left) {
     open(loop);
     ASSERT_TRUE(begin(8));
     good_parts(1, 3);
@@ -259,7 +259,7 @@ TEST_F(TeacherTest, a_disk_that_takes_no_more_frames_ends_it_and_nothing_is_left
     EXPECT_EQ(taken, 3U);
 }
 
-TEST_F(TeacherTest, a_disk_without_room_for_the_reference_ends_it_and_nothing_is_left) {
+TEST_F(TeachInTest, a_disk_without_room_for_the_reference_ends_it_and_nothing_is_left) {
     open(loop);
     ASSERT_TRUE(begin(8));
     good_parts(1, 7);
@@ -274,14 +274,14 @@ TEST_F(TeacherTest, a_disk_without_room_for_the_reference_ends_it_and_nothing_is
     EXPECT_THAT(files(), IsEmpty());
 }
 
-TEST_F(TeacherTest, is_not_begun_where_the_disk_has_no_room) {
-    TeacherOptions options;
+TEST_F(TeachInTest, is_not_begun_where_the_disk_has_no_room) {
+    TeachInOptions options;
     options.extents = kDrawnExtents;
     options.bits = kDrawnBits;
     options.folder = folder;
     options.thread = false;
     options.leave_free_bytes = std::uint64_t{1} << 60U;
-    teacher = std::make_unique<LineTeacher>(loop, options);
+    teacher = std::make_unique<LineTeachIn>(loop, options);
     ASSERT_TRUE(begin(8));
     good_parts(1, 1);
     ASSERT_EQ(outcomes.size(), 1U);
@@ -291,7 +291,7 @@ TEST_F(TeacherTest, is_not_begun_where_the_disk_has_no_room) {
 
 // -- the end
 
-TEST_F(TeacherTest, cancelled_at_any_moment_it_leaves_nothing_and_tells_nobody) {
+TEST_F(TeachInTest, cancelled_at_any_moment_it_leaves_nothing_and_tells_nobody) {
     open(loop);
     teacher->cancel();  // nothing to cancel
     for (const std::uint32_t parts : {0U, 5U, 8U}) {
@@ -307,7 +307,7 @@ TEST_F(TeacherTest, cancelled_at_any_moment_it_leaves_nothing_and_tells_nobody) 
     EXPECT_THAT(outcomes, IsEmpty());
 }
 
-TEST_F(TeacherTest, what_a_killed_process_spooled_is_removed_at_the_next_start) {
+TEST_F(TeachInTest, what_a_killed_process_spooled_is_removed_at_the_next_start) {
     fs::create_directories(folder / "teach");
     std::ofstream(folder / "teach/part-01.raw") << "half a frame";
     std::ofstream(folder / "recipe-in-use.toml") << "number = 7\n";
@@ -315,28 +315,28 @@ TEST_F(TeacherTest, what_a_killed_process_spooled_is_removed_at_the_next_start) 
     EXPECT_THAT(files(), ElementsAre("recipe-in-use.toml"));
 }
 
-TEST_F(TeacherTest, what_waits_for_the_line_to_stop_is_found_by_the_next_process) {
+TEST_F(TeachInTest, what_waits_for_the_line_to_stop_is_found_by_the_next_process) {
     open(loop);
     ASSERT_TRUE(begin(8));
     good_parts(1, 8);
     ASSERT_TRUE(outcomes.at(0)) << outcomes[0].error().message();
     const std::uint32_t taught = crc32_of(outcomes[0]->recipe);
     open(loop);
-    const auto waiting = LineTeacher::left_waiting(folder, recipe);
+    const auto waiting = LineTeachIn::left_waiting(folder, recipe);
     ASSERT_TRUE(waiting && *waiting);
     const NumberedRecipe& found = **waiting;
     EXPECT_EQ(crc32_of(found), taught);
     EXPECT_NE(found.recipe.reference, nullptr);
     NumberedRecipe other = recipe;
     other.recipe.min_area = 3;
-    EXPECT_FALSE(LineTeacher::left_waiting(folder, other)->has_value());  // it was not about this one
+    EXPECT_FALSE(LineTeachIn::left_waiting(folder, other)->has_value());  // it was not about this one
 
     teacher->in_use(found);
-    EXPECT_FALSE(LineTeacher::left_waiting(folder, recipe)->has_value());
+    EXPECT_FALSE(LineTeachIn::left_waiting(folder, recipe)->has_value());
     EXPECT_THAT(files(), ElementsAre("references/taught-7-1.hordref"));
 }
 
-TEST_F(TeacherTest, the_newest_of_a_recipe_is_kept_and_that_of_others) {
+TEST_F(TeachInTest, the_newest_of_a_recipe_is_kept_and_that_of_others) {
     open(loop);
     fs::create_directories(folder / "references");
     for (const char* name :
@@ -354,7 +354,7 @@ TEST_F(TeacherTest, the_newest_of_a_recipe_is_kept_and_that_of_others) {
 
 // -- threads
 
-TEST_F(TeacherTest, learns_on_a_thread_of_its_own_while_several_inspect) {
+TEST_F(TeachInTest, learns_on_a_thread_of_its_own_while_several_inspect) {
     auto real = SdEventLoop::open();
     ASSERT_TRUE(real) << real.error().message();
     open(**real, true);
@@ -373,7 +373,7 @@ TEST_F(TeacherTest, learns_on_a_thread_of_its_own_while_several_inspect) {
             }
         });
     }
-    Teacher::Listener listener;
+    TeachIn::Listener listener;
     listener.taken = [&](std::uint32_t k) {
         taken = k;
         parts.release(kThreads);  // both bring one at the same time
@@ -394,12 +394,12 @@ TEST_F(TeacherTest, learns_on_a_thread_of_its_own_while_several_inspect) {
     teacher.reset();
 }
 
-TEST_F(TeacherTest, that_goes_while_it_waits_for_parts_or_learns_leaves_nothing) {
+TEST_F(TeachInTest, that_goes_while_it_waits_for_parts_or_learns_leaves_nothing) {
     auto real = SdEventLoop::open();
     ASSERT_TRUE(real) << real.error().message();
     for (const std::uint32_t parts : {0U, 3U, 8U}) {
         open(**real, true);
-        Teacher::Listener listener;
+        TeachIn::Listener listener;
         listener.taken = [&](std::uint32_t k) {
             if (k == parts) return (*real)->request_stop();
             const Frame frame = drawn_lens(k + 1);

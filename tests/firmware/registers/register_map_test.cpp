@@ -163,7 +163,7 @@ TEST(Registers, the_documentation_in_the_tree_is_what_the_code_prints) {
 }
 
 TEST(Registers, rows_that_were_released_stay_where_they_are) {
-    std::ifstream in(HORD_SOURCE_DIR "/tests/firmware/registers_v1.csv");
+    std::ifstream in(HORD_SOURCE_DIR "/tests/firmware/registers/registers_v1.csv");
     const std::string now = format_registers(MapFormat::csv);
     std::string line;
     int lines = 0;

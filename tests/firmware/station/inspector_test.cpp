@@ -180,7 +180,7 @@ TEST(ThreadedInspector, a_full_queue_refuses_and_stop_gives_every_frame_back) {
     FlatFrames frames;
     Ear ear;
     std::promise<void> begun, may_end;
-    std::vector<Judge> judges;
+    std::vector<InspectFunction> judges;
     judges.emplace_back([&, ending = may_end.get_future().share()](std::uint32_t part, const hal::FrameLease&) {
         if (part == 1) begun.set_value();
         ending.wait();
@@ -229,7 +229,7 @@ TEST(ThreadedInspector, a_roll_call_is_answered_when_every_thread_has_taken_a_tu
     Ear ear;
     std::promise<void> begun, may_end;
     const auto ending = may_end.get_future().share();
-    std::vector<Judge> judges(2, [&](std::uint32_t part, const hal::FrameLease&) {
+    std::vector<InspectFunction> judges(2, [&](std::uint32_t part, const hal::FrameLease&) {
         if (part == 1) {
             begun.set_value();
             ending.wait();
@@ -239,7 +239,7 @@ TEST(ThreadedInspector, a_roll_call_is_answered_when_every_thread_has_taken_a_tu
     auto inspector = make_threaded_inspector(**loop, 2, std::move(judges));
     int answered = 0;
     const auto call = [&] {
-        inspector->roll_call([&] {
+        inspector->liveness_check([&] {
             ++answered;
             (*loop)->request_stop();
         });

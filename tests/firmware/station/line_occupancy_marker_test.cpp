@@ -6,24 +6,24 @@
 namespace hord::firmware {
 namespace {
 
-TEST(LineMark, stays_until_a_process_ends_in_order) {
+TEST(OccupancyMarker, stays_until_a_process_ends_in_order) {
     const auto folder = std::filesystem::temp_directory_path() / ("hord-line-mark-" + std::to_string(getpid()));
     std::filesystem::create_directories(folder);
     {
-        const LineMark first(folder);
+        const OccupancyMarker first(folder);
         EXPECT_FALSE(first.left_behind());
         first.raise();
     }
-    const LineMark next(folder);  // the first has died
+    const OccupancyMarker next(folder);  // the first has died
     EXPECT_TRUE(next.left_behind());
     next.raise();
     next.clear();
-    EXPECT_FALSE(LineMark(folder).left_behind());
+    EXPECT_FALSE(OccupancyMarker(folder).left_behind());
     std::filesystem::remove_all(folder);
 }
 
-TEST(LineMark, without_a_folder_nothing_is_left_behind) {
-    const LineMark mark{{}};
+TEST(OccupancyMarker, without_a_folder_nothing_is_left_behind) {
+    const OccupancyMarker mark{{}};
     mark.raise();
     EXPECT_FALSE(mark.left_behind());
     mark.clear();

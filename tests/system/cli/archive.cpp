@@ -42,14 +42,14 @@ Result<void> fill(const std::filesystem::path& store, std::uint32_t count, const
     if (!pipeline) return tl::unexpected(pipeline.error());
     std::error_code error;
     std::filesystem::create_directories(store, error);
-    store::FrameKeeperOptions options;
+    store::FrameRetentionOptions options;
     options.extents = extents;
     options.station = "test";
     options.software = "test";
     options.sample_every = 1;
     options.before = options.after = 0;
     options.thread = false;
-    store::FrameKeeper keeper(
+    store::FrameRetention keeper(
         [&] {
             return store::FrameArchive::open(store / store::kFramesFolder,
                                              {.max_bytes = 100'000'000'000, .min_free_bytes = 0});

@@ -18,14 +18,14 @@ if [ ! -s "$out/mutants.txt" ]; then
     for patch in tests/system/mutants/*.patch; do
         case $patch in *.2.patch) continue ;; esac
         name=$(basename "$patch" .patch)
-        said=$({ "$bin/tests/mutants/mutant-$name" || true; } | head -1)  # status 1: caught
+        said=$({ "$bin/tests/system/mutants/mutant-$name" || true; } | head -1)  # status 1: caught
         caught=${said#*parts: }
         case $said in
             *"no promise broken"*) echo "| $name | $(head -1 "$patch") | not caught | |" ;;
             *) echo "| $name | $(head -1 "$patch") | ${said%% parts*} | ${caught%%:*} |" ;;
         esac
     done >"$out/mutants.new"
-    echo "The same program without a bug: $("$bin/tests/mutants/mutant-none" || true)." >>"$out/mutants.new"
+    echo "The same program without a bug: $("$bin/tests/system/mutants/mutant-none" || true)." >>"$out/mutants.new"
     mv "$out/mutants.new" "$out/mutants.txt"
 fi
 if [ ! -s "$out/soak.txt" ]; then

@@ -8,14 +8,14 @@ cd "$(dirname "$(readlink -f "$0")")/../../.."
 parts=${1:-100000}
 objects=build/unoptimised
 mkdir -p "$objects"
-for file in firmware/core/*.cpp firmware/station/station.cpp firmware/station/inspector_modelled.cpp hal_sim/cell/{cell,world,conveyor,faults,frame_source}.cpp \
-            hal_sim/cell/{sim_part_sensor,sim_strobe,sim_sensor,sim_rejector,virtual_time}.cpp \
-            lab/soak/{invariants,invariants_results,gates,simulated_line,plan,plc_side,books,soak}.cpp; do
+for file in firmware/core/*.cpp firmware/station/station.cpp firmware/station/inspector_modelled.cpp hal_sim/cell/cell.cpp \
+            hal_sim/world/{world,conveyor,faults,frame_source,virtual_time}.cpp hal_sim/devices/*.cpp \
+            lab/soak/{invariants,invariants_results,device_proxies,simulated_line,plan,plc_simulator,store_observer,soak}.cpp; do
     echo "$file"
 done | xargs -P "$(nproc)" -I FILE sh -c 'g++ -std=gnu++20 -O0 -ffp-contract=off -I. -c FILE -o '"$objects"'/$(echo FILE | tr / _).o'
 libraries=$(grep -A14 '^build tests/system/mutants/mutant-none:' build/release/build.ninja | sed -n 's/.*LINK_LIBRARIES = //p')
 (cd build/release && eval g++ ../unoptimised/*.o tests/system/mutants/CMakeFiles/hord_probe.dir/probe.cpp.o -o ../unoptimised/mutant-none "$libraries")
-one=$(build/release/tests/mutants/mutant-none --parts "$parts")
+one=$(build/release/tests/system/mutants/mutant-none --parts "$parts")
 other=$("$objects/mutant-none" --parts "$parts")
 echo "-O2: $one"
 echo "-O0: $other"

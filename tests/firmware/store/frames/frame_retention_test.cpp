@@ -166,7 +166,7 @@ TEST(FrameArchive, names_the_file_that_a_disk_refuses) {
 
 // A keeper without a thread over a folder, and a pipeline that judges.
 struct Cell {
-    explicit Cell(FrameKeeperOptions options = {}, ArchiveDisk disk = real_disk(), const algo::Recipe& recipe = {})
+    explicit Cell(FrameRetentionOptions options = {}, ArchiveDisk disk = real_disk(), const algo::Recipe& recipe = {})
         : pipeline(algo::Pipeline::create(kExtents, 8, recipe).value()),
           keeper(
               [this, disk] {
@@ -177,7 +177,7 @@ struct Cell {
               {[this](const Error& e) { said.push_back(e.message()); }, [this] { said.emplace_back("works again"); }}) {
         keeper.set_recipe(format_recipe({.number = 3, .version = 1, .recipe = recipe}));
     }
-    static FrameKeeperOptions complete(FrameKeeperOptions options) {
+    static FrameRetentionOptions complete(FrameRetentionOptions options) {
         options.extents = kExtents;
         options.station = "cell 3";
         options.software = "0.1.0";
@@ -209,10 +209,10 @@ struct Cell {
     TempFolder folder;
     std::vector<std::string> said;
     algo::Pipeline pipeline;
-    FrameKeeper keeper;
+    FrameRetention keeper;
 };
 
-TEST(FrameKeeper, keeps_rejects_and_the_parts_around_them) {
+TEST(FrameRetention, keeps_rejects_and_the_parts_around_them) {
     Cell cell({.before = 2, .after = 1});
     for (std::uint32_t part = 1; part <= 12; ++part) cell.inspect(part, part == 5 || part == 10);
     EXPECT_THAT(cell.kept(),
@@ -222,20 +222,20 @@ TEST(FrameKeeper, keeps_rejects_and_the_parts_around_them) {
     EXPECT_EQ(cell.keeper.counts().dropped, 0U);
 }
 
-TEST(FrameKeeper, keeps_a_part_around_two_rejects_once) {
+TEST(FrameRetention, keeps_a_part_around_two_rejects_once) {
     Cell cell({.before = 2, .after = 2});
     for (std::uint32_t part = 1; part <= 8; ++part) cell.inspect(part, part == 3 || part == 5);
     EXPECT_THAT(cell.kept(),
                 ElementsAre("p1-before", "p2-before", "p3-reject", "p4-after", "p5-reject", "p6-after", "p7-after"));
 }
 
-TEST(FrameKeeper, keeps_every_so_many_as_a_sample) {
+TEST(FrameRetention, keeps_every_so_many_as_a_sample) {
     Cell cell({.before = 0, .after = 0, .sample_every = 4});
     for (std::uint32_t part = 1; part <= 9; ++part) cell.inspect(part, part == 6);
     EXPECT_THAT(cell.kept(), ElementsAre("p4-sample", "p6-reject", "p8-sample"));
 }
 
-TEST(FrameKeeper, keeps_a_good_part_that_was_rejected_because_its_verdict_came_late) {
+TEST(FrameRetention, keeps_a_good_part_that_was_rejected_because_its_verdict_came_late) {
     for (const bool result_first : {false, true}) {
         Cell cell({.before = 1, .after = 0});
         PartResult late;
@@ -252,7 +252,7 @@ TEST(FrameKeeper, keeps_a_good_part_that_was_rejected_because_its_verdict_came_l
     }
 }
 
-TEST(FrameKeeper, drops_counts_and_says_so_when_the_disk_is_too_slow_and_recovers) {
+TEST(FrameRetention, drops_counts_and_says_so_when_the_disk_is_too_slow_and_recovers) {
     Cell cell({.before = 0, .after = 0, .buffers = 3});
     for (std::uint32_t part = 1; part <= 5; ++part) cell.inspect(part, true);  // nothing is written meanwhile
     EXPECT_EQ(cell.keeper.counts().dropped, 2U);
@@ -264,7 +264,7 @@ TEST(FrameKeeper, drops_counts_and_says_so_when_the_disk_is_too_slow_and_recover
     EXPECT_EQ(cell.said.back(), "works again");
 }
 
-TEST(FrameKeeper, goes_on_when_a_full_disk_has_room_again) {
+TEST(FrameRetention, goes_on_when_a_full_disk_has_room_again) {
     ArchiveDisk disk = real_disk();
     bool is_full = true;
     disk.write = [&, real = disk.write](const std::filesystem::path& file,
@@ -285,7 +285,7 @@ TEST(FrameKeeper, goes_on_when_a_full_disk_has_room_again) {
     EXPECT_EQ(cell.said.back(), "works again");
 }
 
-TEST(FrameKeeper, writes_everything_that_replay_and_people_need) {
+TEST(FrameRetention, writes_everything_that_replay_and_people_need) {
     Cell cell({.before = 1, .after = 0});
     cell.inspect(1, false);
     cell.inspect(2, true);

@@ -6,7 +6,8 @@
 namespace hord::firmware::store::test {
 namespace {
 
-const std::filesystem::path kGolden = std::filesystem::path(HORD_SOURCE_DIR) / "tests/firmware/store/results/golden";
+const std::filesystem::path kExpected =
+    std::filesystem::path(HORD_SOURCE_DIR) / "tests/firmware/store/results/expected";
 
 void fill(const TempFolder& folder) {
     ChangeRecord change = recipe("lens, \"clear\"", "name = \"lens\"\nlimit = 2\n");
@@ -35,10 +36,10 @@ std::string all_of(const std::vector<Row>& rows, std::string text, std::string (
 TEST(Export, gives_the_same_bytes_as_ever) {
     const TempFolder folder;
     fill(folder);
-    EXPECT_EQ(all_of(results(folder), csv_head_of_results() + "\n", to_csv), read_text(kGolden / "results.csv"));
-    EXPECT_EQ(all_of(results(folder), "", to_json_line), read_text(kGolden / "results.jsonl"));
-    EXPECT_EQ(all_of(changes(folder), csv_head_of_changes() + "\n", to_csv), read_text(kGolden / "changes.csv"));
-    EXPECT_EQ(all_of(changes(folder), "", to_json_line), read_text(kGolden / "changes.jsonl"));
+    EXPECT_EQ(all_of(results(folder), csv_head_of_results() + "\n", to_csv), read_text(kExpected / "results.csv"));
+    EXPECT_EQ(all_of(results(folder), "", to_json_line), read_text(kExpected / "results.jsonl"));
+    EXPECT_EQ(all_of(changes(folder), csv_head_of_changes() + "\n", to_csv), read_text(kExpected / "changes.csv"));
+    EXPECT_EQ(all_of(changes(folder), "", to_json_line), read_text(kExpected / "changes.jsonl"));
 }
 
 TEST(Export, times_are_read_as_people_write_them) {

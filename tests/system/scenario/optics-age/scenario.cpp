@@ -18,15 +18,15 @@ class Watcher final : public InspectionObserver {
   public:
     struct News {
         std::uint64_t inspection;
-        OpticsWatch::View view;
+        OpticsMonitor::View view;
     };
     explicit Watcher(int window = kWindow)
-        : watch_(std::move(*OpticsWatch::create(kField, {.window_parts = window}))) {}
+        : watch_(std::move(*OpticsMonitor::create(kField, {.window_parts = window}))) {}
     void on_inspection(std::uint32_t, const FrameView& frame, const algo::Inspection& inspection) override {
         ++inspections;
         if (watch_->add(frame, inspection)) news.push_back({inspections, watch_->view()});
     }
-    [[nodiscard]] OpticsWatch::View view() const { return watch_->view(); }
+    [[nodiscard]] OpticsMonitor::View view() const { return watch_->view(); }
     // The first news from `from` on where the fault is (or is not) present; none: nullptr.
     [[nodiscard]] const News* first(std::uint64_t from, FaultBit fault, bool present) const {
         for (const News& n : news) {
@@ -39,7 +39,7 @@ class Watcher final : public InspectionObserver {
     std::vector<News> news;
 
   private:
-    std::unique_ptr<OpticsWatch> watch_;
+    std::unique_ptr<OpticsMonitor> watch_;
 };
 
 // Runs real parts through optics that age as `of_exposure` says.
