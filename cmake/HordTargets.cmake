@@ -5,8 +5,10 @@ set(CMAKE_C_FLAGS_RELWITHDEBINFO "-O2 -g1 -DNDEBUG")
 
 find_program(CCACHE ccache)
 if(CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
-  set(CMAKE_C_COMPILER_LAUNCHER ${CCACHE})
-  set(CMAKE_CXX_COMPILER_LAUNCHER ${CCACHE})
+  # The sloppiness is what ccache asks for with precompiled headers.
+  set(launcher ${CMAKE_COMMAND} -E env CCACHE_SLOPPINESS=pch_defines,time_macros ${CCACHE})
+  set(CMAKE_C_COMPILER_LAUNCHER ${launcher})
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${launcher})
 endif()
 set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/bin)
 find_package(Threads REQUIRED)
@@ -38,11 +40,14 @@ function(hord_targets out)
   set(${out} ${targets} PARENT_SCOPE)
 endfunction()
 
-# hord_room(SOURCES a.cpp ... USES folder-or-target ... PRIVATELY folder-or-target ...): the library of this folder; sets
-# `room` to its target.
+# hord_room([UNITY] SOURCES a.cpp ... USES folder-or-target ... PRIVATELY folder-or-target ...): the library of this
+# folder; sets `room` to its target.
 #   USES      appears in the room's own headers; PRIVATELY stays inside its .cpp files.
+#   UNITY     compiles up to eight files as one: for folders whose files all include a heavy library (CLI11, nlohmann-json,
+#             OpenCV), where that takes a third of the time. Anonymous namespaces must not define the same name twice.
+option(HORD_UNITY "Compile the files of folders marked UNITY together" ON)
 function(hord_room)
-  cmake_parse_arguments(ROOM "" "" "SOURCES;USES;PRIVATELY" ${ARGN})
+  cmake_parse_arguments(ROOM "UNITY" "" "SOURCES;USES;PRIVATELY" ${ARGN})
   file(RELATIVE_PATH folder ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR})
   string(REPLACE "/" "_" name "hord_${folder}")
   hord_targets(uses ${ROOM_USES})
@@ -50,6 +55,9 @@ function(hord_room)
   if(ROOM_SOURCES)
     add_library(${name} STATIC ${ROOM_SOURCES})
     target_link_libraries(${name} PUBLIC hord_flags ${uses} PRIVATE ${privately})
+    if(ROOM_UNITY AND HORD_UNITY)
+      set_target_properties(${name} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 8)
+    endif()
   else()  # headers alone
     add_library(${name} INTERFACE)
     target_link_libraries(${name} INTERFACE hord_flags ${uses} ${privately})
