@@ -30,12 +30,12 @@ if [ ! -s "$out/mutants.txt" ]; then
 fi
 if [ ! -s "$out/soak.txt" ]; then
     TIMEFORMAT='%U s of processor time, %R s by the clock'
-    { time "$bin/bin/hordctl" soak --parts "$parts" --seed 1 >"$out/soak.new" 2>/dev/null; } 2>"$out/soak.time" || true
+    { time "$bin/bin/hord-lab" soak --parts "$parts" --seed 1 >"$out/soak.new" 2>/dev/null; } 2>"$out/soak.time" || true
     mv "$out/soak.new" "$out/soak.txt"
     git describe --always --dirty >"$out/soak.commit"
 fi
 if [ ! -s "$out/nightly.txt" ]; then
-    "$bin/bin/hordctl" soak --profile nightly --parts 1500000 --seed 2 --coverage >"$out/nightly.new" 2>/dev/null || true
+    "$bin/bin/hord-lab" soak --profile nightly --parts 1500000 --seed 2 --coverage >"$out/nightly.new" 2>/dev/null || true
     mv "$out/nightly.new" "$out/nightly.txt"
 fi
 
