@@ -16,9 +16,9 @@ constexpr std::int32_t kColumnBits = 0xFF;
 // Always inlined, so that it is compiled for the instruction set of its caller.
 template <int Bytes>
 struct Few {
-    using Floats = Lanes<float, kWide, Bytes>;
-    using Ints = Lanes<std::int32_t, kWide, Bytes>;
-    using Doubles = Lanes<double, kWide, Bytes>;
+    using Floats = Vec<float, kWide, Bytes>;
+    using Ints = Vec<std::int32_t, kWide, Bytes>;
+    using Doubles = Vec<double, kWide, Bytes>;
 
     const TransportBatchCosts& costs;
     std::int32_t denominator[kWide];
@@ -44,58 +44,58 @@ struct Few {
         }
 #pragma GCC unroll 5
         for (int k = 0; k < kMaxKnapsackBins; ++k) {
-            more[k] = Ints::at(masses[k]);
-            bin[k] = (Ints::at(bytes[k / 4]) >> k % 4 * 8) & Ints::all(0xFF);
+            more[k] = Ints::load(masses[k]);
+            bin[k] = (Ints::load(bytes[k / 4]) >> k % 4 * 8) & Ints::broadcast(0xFF);
         }
     }
 
     // All bits where rows are what has too little, as Residual::rows() says: where that has fewer bins; of equals the
     // one that comes first.
     HORD_ALWAYS_INLINE Ints less_are_rows() const {
-        const Ints none = Ints::all(0);
+        const Ints none = Ints::broadcast(0);
         Ints bins_more = none, first = none;
 #pragma GCC unroll 5
         for (int k = kMaxKnapsackBins - 1; k >= 0; --k) {
-            const Ints is_more = more[k].above(none), is_less = none.above(more[k]);
+            const Ints is_more = more[k].greater_than(none), is_less = none.greater_than(more[k]);
             bins_more = bins_more - is_more + is_less;
-            first = choose(is_more | is_less, more[k], first);
+            first = select(is_more | is_less, more[k], first);
         }
-        return bins_more.above(none) | (bins_more.equals(none) & none.above(first));
+        return bins_more.greater_than(none) | (bins_more.equal_to(none) & none.greater_than(first));
     }
 
     // Takes the rows out; what is behind one moves up.
     HORD_ALWAYS_INLINE void find_rows() {
-        const Ints none = Ints::all(0), turned = less_are_rows();
+        const Ints none = Ints::broadcast(0), turned = less_are_rows();
         row_mass[0] = row_mass[1] = row_bin[0] = row_bin[1] = none;
 #pragma GCC unroll 5
         for (int k = kMaxKnapsackBins - 1; k >= 0; --k) {
             more[k] = (more[k] ^ turned) - turned;
-            const Ints is_row = more[k].above(none);
-            row_mass[1] = choose(is_row, row_mass[0], row_mass[1]);
-            row_bin[1] = choose(is_row, row_bin[0], row_bin[1]);
-            row_mass[0] = choose(is_row, more[k], row_mass[0]);
-            row_bin[0] = choose(is_row, bin[k], row_bin[0]);
+            const Ints is_row = more[k].greater_than(none);
+            row_mass[1] = select(is_row, row_mass[0], row_mass[1]);
+            row_bin[1] = select(is_row, row_bin[0], row_bin[1]);
+            row_mass[0] = select(is_row, more[k], row_mass[0]);
+            row_bin[0] = select(is_row, bin[k], row_bin[0]);
 #pragma GCC unroll 5
             for (int j = k; j + 1 < kMaxKnapsackBins; ++j) {
-                more[j] = choose(is_row, more[j + 1], more[j]);
-                bin[j] = choose(is_row, bin[j + 1], bin[j]);
+                more[j] = select(is_row, more[j + 1], more[j]);
+                bin[j] = select(is_row, bin[j + 1], bin[j]);
             }
-            more[kCols] = choose(is_row, none, more[kCols]);
+            more[kCols] = select(is_row, none, more[kCols]);
         }
 #pragma GCC unroll 4
         for (int j = 0; j < kCols; ++j) column[j] = none - more[j];
     }
 
     HORD_ALWAYS_INLINE void look_up_costs() {
-        const Ints begin[2] = {row_bin[0] * Ints::all(costs.bins), row_bin[1] * Ints::all(costs.bins)};
+        const Ints begin[2] = {row_bin[0] * Ints::broadcast(costs.bins), row_bin[1] * Ints::broadcast(costs.bins)};
 #pragma GCC unroll 4
         for (int j = 0; j < kCols; ++j) {
             for (int row = 0; row < 2; ++row) {
                 std::uint32_t place[kWide];
                 double c[kWide];
-                (begin[row] + bin[j]).template bits_as<std::uint32_t>().to(place);
+                (begin[row] + bin[j]).template bit_cast<std::uint32_t>().store(place);
                 for (int l = 0; l < kWide; ++l) c[l] = costs.table[place[l]];
-                cost[row][j] = Doubles::at(c);
+                cost[row][j] = Doubles::load(c);
             }
             gain[j] = cost[0][j] - cost[1][j];
         }
@@ -107,19 +107,20 @@ struct Few {
         for (int j = 0; j < kCols; ++j) {
             double exact[kWide];
             float rough[kWide];
-            gain[j].to(exact);
+            gain[j].store(exact);
             for (int l = 0; l < kWide; ++l) rough[l] = static_cast<float>(exact[l]);
-            key[j] = ((Floats::at(rough).template bits_as<std::int32_t>() & Ints::all(~kColumnBits)) | Ints::all(j))
-                         .template bits_as<float>();
-            before[j] = Ints::all(0);
+            key[j] = ((Floats::load(rough).template bit_cast<std::int32_t>() & Ints::broadcast(~kColumnBits)) |
+                      Ints::broadcast(j))
+                         .template bit_cast<float>();
+            before[j] = Ints::broadcast(0);
         }
 #pragma GCC unroll 4
         for (int j = 0; j < kCols; ++j) {
 #pragma GCC unroll 4
             for (int k = 0; k < j; ++k) {
-                const Ints j_first = key[j].below(key[k]);
+                const Ints j_first = key[j].less_than(key[k]);
                 before[k] = before[k] + (j_first & column[j]);
-                before[j] = before[j] + choose(j_first, Ints::all(0), column[k]);
+                before[j] = before[j] + select(j_first, Ints::broadcast(0), column[k]);
             }
         }
     }
@@ -133,12 +134,12 @@ struct Few {
         for (int j = 0; j < kCols; ++j) {
             std::int32_t taken[kWide], left[kWide];
             double by[kWide], first[kWide], second[kWide];
-            const Ints by_first = lower(higher(row_mass[0] - before[j], Ints::all(0)), column[j]);
-            by_first.to(taken);
-            (column[j] - by_first).to(left);
-            gain[j].to(by);
-            cost[0][j].to(first);
-            cost[1][j].to(second);
+            const Ints by_first = min(max(row_mass[0] - before[j], Ints::broadcast(0)), column[j]);
+            by_first.store(taken);
+            (column[j] - by_first).store(left);
+            gain[j].store(by);
+            cost[0][j].store(first);
+            cost[1][j].store(second);
             for (int l = 0; l < kWide; ++l) {
                 const auto of_first = static_cast<double>(taken[l]), of_second = static_cast<double>(left[l]);
                 const double served = of_first > 0 ? by[l] : -kInfinity, not_served = of_second > 0 ? by[l] : kInfinity;

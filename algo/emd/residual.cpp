@@ -99,7 +99,7 @@ struct Side {
 };
 
 [[gnu::target(HORD_AVX2)]] inline void add(Side& side, std::size_t set, __m256i mass, __m128i first) {
-    const __m128i which = members(set);
+    const __m128i which = compaction_indices(set);
     const __m256i closed_up = _mm256_permutevar8x32_epi32(mass, _mm256_cvtepu8_epi32(which));
     _mm256_storeu_si256(reinterpret_cast<__m256i*>(side.mass + side.count), closed_up);
     _mm_storel_epi64(reinterpret_cast<__m128i*>(side.bin + side.count), _mm_add_epi8(which, first));

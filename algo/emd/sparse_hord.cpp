@@ -219,7 +219,7 @@ struct Opened {
     const std::size_t shape = to.shape(counts[less_are_rows], counts[1 - less_are_rows]);
     SmallProblem<std::int32_t>& problem = to.add(shape);
     for (std::size_t side = 0; side < 2; ++side) {
-        const __m128i which = members(set[side]);
+        const __m128i which = compaction_indices(set[side]);
         const std::size_t as = side ^ less_are_rows;
         _mm256_storeu_si256(reinterpret_cast<__m256i*>(problem.mass[as]),
                             _mm256_permutevar8x32_epi32(mass[side], _mm256_cvtepu8_epi32(which)));

@@ -16,9 +16,9 @@ constexpr float kClosed = std::numeric_limits<float>::infinity();
 // Always inlined, so that it is compiled for the instruction set of its caller.
 template <int Bytes, class Mass>
 struct Batch {
-    using Floats = Lanes<float, kWide, Bytes>;
-    using Ints = Lanes<std::int32_t, kWide, Bytes>;
-    using Doubles = Lanes<double, kWide, Bytes>;
+    using Floats = Vec<float, kWide, Bytes>;
+    using Ints = Vec<std::int32_t, kWide, Bytes>;
+    using Doubles = Vec<double, kWide, Bytes>;
 
     const TransportBatch<Mass>& b;
     const TransportBatchCosts& costs;
@@ -45,10 +45,10 @@ struct Batch {
         for (int i = 0; i < rows; ++i) transpose(i, 0, i, costs.bins);
         for (int j = 0; j < cols; ++j) transpose(column(j), 1, j, 1);
         for (int i = 0; i < rows; ++i) {
-            const Ints begin = Ints::at(bin[i]);
+            const Ints begin = Ints::load(bin[i]);
             for (int j = 0; j < cols; ++j) {
                 std::uint32_t place[kWide];
-                (begin + Ints::at(bin[column(j)])).template bits_as<std::uint32_t>().to(place);
+                (begin + Ints::load(bin[column(j)])).template bit_cast<std::uint32_t>().store(place);
                 double* const c = cost[cell(i, j)];
                 for (int l = 0; l < kWide; ++l) c[l] = costs.table[place[l]];
             }
@@ -58,12 +58,13 @@ struct Batch {
     HORD_ALWAYS_INLINE Doubles masses(int node) const {
         double exact[kWide];
         for (int l = 0; l < kWide; ++l) exact[l] = static_cast<double>(mass[node][l]);
-        return Doubles::at(exact);
+        return Doubles::load(exact);
     }
 
     HORD_ALWAYS_INLINE void set_key(int cell, Floats order) {
-        const Ints bits = (order.template bits_as<std::int32_t>() & Ints::all(~kCellBits)) | Ints::all(cell);
-        bits.template bits_as<float>().to(key[cell]);
+        const Ints bits =
+            (order.template bit_cast<std::int32_t>() & Ints::broadcast(~kCellBits)) | Ints::broadcast(cell);
+        bits.template bit_cast<float>().store(key[cell]);
     }
 
     HORD_ALWAYS_INLINE void from_one() {
@@ -79,11 +80,11 @@ struct Batch {
     HORD_ALWAYS_INLINE static void add_before(const float* key_a, const float* key_b, const Mass* mass_a,
                                               const Mass* mass_b, Mass* before_a, Mass* before_b) {
         std::int32_t a_first[kWide];
-        Floats::at(key_a).below(Floats::at(key_b)).to(a_first);
+        Floats::load(key_a).less_than(Floats::load(key_b)).store(a_first);
         if constexpr (sizeof(Mass) == sizeof(std::int32_t)) {
-            const Ints first = Ints::at(a_first);
-            (Ints::at(before_b) + (first & Ints::at(mass_a))).to(before_b);
-            (Ints::at(before_a) + choose(first, Ints::all(0), Ints::at(mass_b))).to(before_a);
+            const Ints first = Ints::load(a_first);
+            (Ints::load(before_b) + (first & Ints::load(mass_a))).store(before_b);
+            (Ints::load(before_a) + select(first, Ints::broadcast(0), Ints::load(mass_b))).store(before_a);
         } else {
             for (int l = 0; l < kWide; ++l) before_b[l] += a_first[l] != 0 ? mass_a[l] : Mass{0};
             for (int l = 0; l < kWide; ++l) before_a[l] += a_first[l] != 0 ? Mass{0} : mass_b[l];
@@ -96,7 +97,7 @@ struct Batch {
         for (int j = 0; j < cols; ++j) {
             float gain[kWide];
             for (int l = 0; l < kWide; ++l) gain[l] = static_cast<float>(cost[cell(0, j)][l] - cost[cell(1, j)][l]);
-            set_key(j, Floats::at(gain));
+            set_key(j, Floats::load(gain));
         }
         // Of each column, what those before it want; of two keys, which no two columns share, one is the lower.
         Mass before[kMaxBatchSide][kWide] = {}, taken[kMaxBatchSide][kWide];
@@ -106,7 +107,7 @@ struct Batch {
         }
         for (int j = 0; j < cols; ++j) {
             for (int l = 0; l < kWide; ++l)
-                taken[j][l] = lower(higher(mass[0][l] - before[j][l], Mass{0}), mass[column(j)][l]);
+                taken[j][l] = min(max(mass[0][l] - before[j][l], Mass{0}), mass[column(j)][l]);
         }
         double sum[kWide] = {};
         double most_served[kWide], least_left[kWide];  // cost by the first row, less that by the second
@@ -139,42 +140,42 @@ struct Batch {
         for (int l = 0; l < kWide; ++l) total[l] = 1 / total[l];
         const auto prepare = [&](int node) __attribute__((always_inline)) {
             double exact[kWide];
-            (masses(node) * Doubles::at(total)).to(exact);
+            (masses(node) * Doubles::load(total)).store(exact);
             for (int l = 0; l < kWide; ++l) share[node][l] = static_cast<float>(exact[l]);
-            Floats::all(0).to(mean[node]);
+            Floats::broadcast(0).store(mean[node]);
         };
         for (int i = 0; i < rows; ++i) prepare(i);
         for (int j = 0; j < cols; ++j) prepare(column(j));
         for (int i = 0; i < rows; ++i) {
-            Floats mean_row = Floats::all(0);
-            const Floats share_row = Floats::at(share[i]);
+            Floats mean_row = Floats::broadcast(0);
+            const Floats share_row = Floats::load(share[i]);
             for (int j = 0; j < cols; ++j) {
                 float rough[kWide];
                 for (int l = 0; l < kWide; ++l) rough[l] = static_cast<float>(cost[cell(i, j)][l]);
-                const Floats c = Floats::at(rough);
-                c.to(key[cell(i, j)]);
-                mean_row = mean_row + c * Floats::at(share[column(j)]);
-                (Floats::at(mean[column(j)]) + c * share_row).to(mean[column(j)]);
+                const Floats c = Floats::load(rough);
+                c.store(key[cell(i, j)]);
+                mean_row = mean_row + c * Floats::load(share[column(j)]);
+                (Floats::load(mean[column(j)]) + c * share_row).store(mean[column(j)]);
             }
-            mean_row.to(mean[i]);
+            mean_row.store(mean[i]);
         }
         for (int i = 0; i < rows; ++i) {
-            const Floats mean_row = Floats::at(mean[i]);
+            const Floats mean_row = Floats::load(mean[i]);
             for (int j = 0; j < cols; ++j)
-                set_key(cell(i, j), Floats::at(key[cell(i, j)]) - mean_row - Floats::at(mean[column(j)]));
+                set_key(cell(i, j), Floats::load(key[cell(i, j)]) - mean_row - Floats::load(mean[column(j)]));
         }
     }
 
     // The cell of least key whose row and column are open, of every lane.
     HORD_ALWAYS_INLINE Ints best_cells(const float (*closed)[kWide]) const {
-        Floats in_all = Floats::all(kClosed);
+        Floats in_all = Floats::broadcast(kClosed);
         for (int i = 0; i < rows; ++i) {
-            Floats in_row = Floats::all(kClosed);
+            Floats in_row = Floats::broadcast(kClosed);
             for (int j = 0; j < cols; ++j)
-                in_row = lower(in_row, Floats::at(key[cell(i, j)]) + Floats::at(closed[column(j)]));
-            in_all = lower(in_all, in_row + Floats::at(closed[i]));
+                in_row = min(in_row, Floats::load(key[cell(i, j)]) + Floats::load(closed[column(j)]));
+            in_all = min(in_all, in_row + Floats::load(closed[i]));
         }
-        return in_all.template bits_as<std::int32_t>() & Ints::all(kCellBits);
+        return in_all.template bit_cast<std::int32_t>() & Ints::broadcast(kCellBits);
     }
 
     // The plan: every step uses up one row or one column (of a tie the column, unless it is the last), which then hangs
@@ -183,25 +184,25 @@ struct Batch {
         float closed[kSmallNodes][kWide];  // 0, or kClosed once it is used up
         Mass left[kSmallNodes][kWide];
         const auto open = [&](int node) __attribute__((always_inline)) {
-            Floats::all(0).to(closed[node]);
+            Floats::broadcast(0).store(closed[node]);
             for (int l = 0; l < kWide; ++l) left[node][l] = mass[node][l];
         };
         for (int i = 0; i < rows; ++i) open(i);
         for (int j = 0; j < cols; ++j) open(column(j));
         std::int32_t open_cols[kWide];
-        Ints::all(cols).to(open_cols);
+        Ints::broadcast(cols).store(open_cols);
         const int steps = rows + cols - 1;
         for (int step = 0; step < steps; ++step) {
-            best_cells(closed).to(served[step]);
+            best_cells(closed).store(served[step]);
             if constexpr (sizeof(Mass) == sizeof(std::int32_t)) {
-                serve_lanes(step, Ints::at(served[step]), left, closed, open_cols);
+                serve_lanes(step, Ints::load(served[step]), left, closed, open_cols);
             } else {
                 for (int l = 0; l < kWide; ++l) {
                     // No branches: they would be guesses.
                     const std::int32_t row = served[step][l] / kFirstSmallColumn;
                     const std::int32_t col = column(served[step][l] % kFirstSmallColumn);
                     const Mass in_row = left[row][l], in_col = left[col][l];
-                    const Mass moved = lower(in_row, in_col);
+                    const Mass moved = min(in_row, in_col);
                     const std::int32_t row_closes = -((in_row < in_col ? 1 : 0) | (open_cols[l] == 1 ? 1 : 0));
                     const std::int32_t swap = (row ^ col) & row_closes;
                     open_cols[l] -= 1 + row_closes;
@@ -219,22 +220,23 @@ struct Batch {
     HORD_ALWAYS_INLINE void serve_lanes(int step, Ints cells, std::int32_t (*left)[kWide], float (*closed)[kWide],
                                         std::int32_t* open_cols) {
         const Ints row = cells >> 4;
-        const Ints col = (cells & Ints::all(kFirstSmallColumn - 1)) + Ints::all(kFirstSmallColumn);
-        Ints in_row = Ints::all(0), in_col = Ints::all(0);
-        for (int i = 0; i < rows; ++i) in_row = in_row | (row.equals(Ints::all(i)) & Ints::at(left[i]));
-        for (int j = 0; j < cols; ++j) in_col = in_col | (col.equals(Ints::all(column(j))) & Ints::at(left[column(j)]));
-        const Ints moved = lower(in_row, in_col);
-        const Ints closes_row = in_col.above(in_row) | Ints::at(open_cols).equals(Ints::all(1));
-        const Ints child = choose(closes_row, row, col);
-        (Ints::at(open_cols) - Ints::all(1) - closes_row).to(open_cols);
-        child.to(answer.child[step]);
-        choose(closes_row, col, row).to(answer.parent[step]);
-        moved.to(answer.flow[step]);
-        const Ints shut = Floats::all(kClosed).template bits_as<std::int32_t>();
+        const Ints col = (cells & Ints::broadcast(kFirstSmallColumn - 1)) + Ints::broadcast(kFirstSmallColumn);
+        Ints in_row = Ints::broadcast(0), in_col = Ints::broadcast(0);
+        for (int i = 0; i < rows; ++i) in_row = in_row | (row.equal_to(Ints::broadcast(i)) & Ints::load(left[i]));
+        for (int j = 0; j < cols; ++j)
+            in_col = in_col | (col.equal_to(Ints::broadcast(column(j))) & Ints::load(left[column(j)]));
+        const Ints moved = min(in_row, in_col);
+        const Ints closes_row = in_col.greater_than(in_row) | Ints::load(open_cols).equal_to(Ints::broadcast(1));
+        const Ints child = select(closes_row, row, col);
+        (Ints::load(open_cols) - Ints::broadcast(1) - closes_row).store(open_cols);
+        child.store(answer.child[step]);
+        select(closes_row, col, row).store(answer.parent[step]);
+        moved.store(answer.flow[step]);
+        const Ints shut = Floats::broadcast(kClosed).template bit_cast<std::int32_t>();
         const auto use_up = [&](int node, const Ints& its_side) __attribute__((always_inline)) {
-            (Ints::at(left[node]) - (its_side.equals(Ints::all(node)) & moved)).to(left[node]);
-            const Ints was = Floats::at(closed[node]).template bits_as<std::int32_t>();
-            (was | (child.equals(Ints::all(node)) & shut)).template bits_as<float>().to(closed[node]);
+            (Ints::load(left[node]) - (its_side.equal_to(Ints::broadcast(node)) & moved)).store(left[node]);
+            const Ints was = Floats::load(closed[node]).template bit_cast<std::int32_t>();
+            (was | (child.equal_to(Ints::broadcast(node)) & shut)).template bit_cast<float>().store(closed[node]);
         };
         for (int i = 0; i < rows; ++i) use_up(i, row);
         for (int j = 0; j < cols; ++j) use_up(column(j), col);
@@ -250,25 +252,25 @@ struct Batch {
         for (int step = steps - 1; step >= 0; --step) {
             std::uint32_t child[kWide], parent[kWide], by[kWide];  // where a lane's are, from the first on
             const auto place = [](const std::int32_t* of) __attribute__((always_inline)) {
-                return ((Ints::at(of) << 4) + Ints::numbers()).template bits_as<std::uint32_t>();
+                return ((Ints::load(of) << 4) + Ints::iota()).template bit_cast<std::uint32_t>();
             };
             static_assert(kWide == 1 << 4);
-            place(answer.child[step]).to(child);
-            place(answer.parent[step]).to(parent);
-            place(served[step]).to(by);
+            place(answer.child[step]).store(child);
+            place(answer.parent[step]).store(parent);
+            place(served[step]).store(by);
             for (int l = 0; l < kWide; ++l) duals[child[l]] = cell_costs[by[l]] - duals[parent[l]];
         }
-        Doubles least = Doubles::all(0), sum = Doubles::all(0);
+        Doubles least = Doubles::broadcast(0), sum = Doubles::broadcast(0);
         for (int i = 0; i < rows; ++i) {
-            const Doubles of_row = Doubles::at(dual[i]);
+            const Doubles of_row = Doubles::load(dual[i]);
             for (int j = 0; j < cols; ++j)
-                least = lower(least, Doubles::at(cost[cell(i, j)]) - of_row - Doubles::at(dual[column(j)]));
+                least = min(least, Doubles::load(cost[cell(i, j)]) - of_row - Doubles::load(dual[column(j)]));
             sum = sum + masses(i) * of_row;
         }
-        for (int j = 0; j < cols; ++j) sum = sum + masses(column(j)) * Doubles::at(dual[column(j)]);
-        sum.to(answer.cost);
+        for (int j = 0; j < cols; ++j) sum = sum + masses(column(j)) * Doubles::load(dual[column(j)]);
+        sum.store(answer.cost);
         double worst[kWide];
-        least.to(worst);
+        least.store(worst);
         for (int l = 0; l < kWide; ++l) answer.proven[l] = worst[l] >= -costs.tolerance;
     }
 

@@ -26,7 +26,7 @@ struct TransportCosts {
 
 template <int Bytes>
 struct TransportCells : TransportCosts {
-    using Ints = Lanes<std::int32_t, kLanes, Bytes>;
+    using Ints = Vec<std::int32_t, kLanes, Bytes>;
 
     int rows, cols;
     int stride;          // of a row: columns, padded to whole vectors
@@ -46,11 +46,11 @@ struct TransportCells : TransportCosts {
     template <int Vectors, class At>
     HORD_ALWAYS_INLINE static void least_of_columns(int row_count, At at, const std::int32_t* of_rows,
                                                     Ints (&best)[Vectors]) {
-        for (Ints& b : best) b = Ints::all(kPadding);
+        for (Ints& b : best) b = Ints::broadcast(kPadding);
         for (int i = 0; i < row_count; ++i) {
             const std::int32_t* const cells = at(i);
-            const Ints of_row = Ints::all_of(of_rows + i);
-            for (int k = 0; k < Vectors; ++k) best[k] = lower(best[k], Ints::at(cells + k * kLanes) + of_row);
+            const Ints of_row = Ints::broadcast_first(of_rows + i);
+            for (int k = 0; k < Vectors; ++k) best[k] = min(best[k], Ints::load(cells + k * kLanes) + of_row);
         }
     }
 

@@ -130,12 +130,13 @@ struct Problem {
             for (int j = 0; j < p.cols; ++j) cells.row(i)[j] >>= coarser;
         }
         // In a loop of its own, when what was written is no longer on its way.
-        const Ints half = Ints::all(cells.tags / 2 + 1), no_tag = Ints::all(~cells.tags), next = Ints::all(kLanes);
+        const Ints half = Ints::broadcast(cells.tags / 2 + 1), no_tag = Ints::broadcast(~cells.tags),
+                   next = Ints::broadcast(kLanes);
         for (int i = 0; i < p.rows; ++i) {
             std::int32_t* here = cells.row(i);
-            Ints tag = Ints::numbers() + Ints::all(i << cells.col_bits);
+            Ints tag = Ints::iota() + Ints::broadcast(i << cells.col_bits);
             for (int j = 0; j < cells.stride; j += kLanes) {
-                (((Ints::at(here + j) + half) & no_tag) + tag).to(here + j);
+                (((Ints::load(here + j) + half) & no_tag) + tag).store(here + j);
                 tag = tag + next;
             }
         }
@@ -161,7 +162,7 @@ struct Problem {
 
     // The least reduced cost of some rows, with the tag of its cell.
     HORD_ALWAYS_INLINE std::int32_t price(const std::int32_t* dual, int first_row, int last_row) const {
-        Ints least = Ints::all(kNoCell);
+        Ints least = Ints::broadcast(kNoCell);
         cells.for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
             Ints best[vectors];
             const std::int32_t* const top = cells.row(first_row) + first;
@@ -169,18 +170,18 @@ struct Problem {
                 last_row - first_row, [&](int i) __attribute__((always_inline)) { return top + i * cells.stride; },
                 dual + first_row, best);
             for (int k = 0; k < vectors; ++k)
-                least = lower(least, best[k] + Ints::at(dual + first_column + first + k * kLanes));
+                least = min(least, best[k] + Ints::load(dual + first_column + first + k * kLanes));
         });
-        return least.least();
+        return least.reduce_min();
     }
 
     HORD_ALWAYS_INLINE static std::int64_t largest_of(const std::int32_t* dual, int nodes) {
-        Ints largest = Ints::all(0);
+        Ints largest = Ints::broadcast(0);
         for (int x = 0; x < nodes; x += kLanes) {
-            const Ints d = Ints::at(dual + x);
-            largest = higher(largest, higher(d, Ints::all(0) - d));
+            const Ints d = Ints::load(dual + x);
+            largest = max(largest, max(d, Ints::broadcast(0) - d));
         }
-        return -std::int64_t{(Ints::all(0) - largest).least()};
+        return -std::int64_t{(Ints::broadcast(0) - largest).reduce_min()};
     }
 
     // The cell enters the tree; what is in it is set aside.
@@ -201,11 +202,11 @@ struct Problem {
                 bound = largest_of(tree.dual, tree.nodes);
                 if (bound > kLargestDual) return false;
             }
-            const int last = lower(first + at_once, p.rows);
+            const int last = min(first + at_once, p.rows);
             const std::int32_t best = price(tree.dual, first, last);
             without += last - first;
             first = last == p.rows ? 0 : last;
-            least = lower(least, best);
+            least = min(least, best);
             if (best >= 0) continue;
             without = 0;
             least = kNoCell;
@@ -236,7 +237,7 @@ struct Problem {
     // Arcs that a cycle has at most.
     template <int Words>
     HORD_ALWAYS_INLINE int longest_cycle(const Tree<Words>& tree) const {
-        if (Words <= 2) return 2 * lower(p.rows, p.cols);
+        if (Words <= 2) return 2 * min(p.rows, p.cols);
         int row = 0, col = 0;  // the deepest
         for (int i = 0; i < p.rows; ++i) row = std::max(row, tree.path_of(i).count());
         for (int j = 0; j < p.cols; ++j) col = std::max(col, tree.path_of(first_column + j).count());
@@ -258,14 +259,14 @@ struct Problem {
             Ints best[vectors];
             Cells::template least_of_columns<vectors>(
                 p.rows, [&](int i) __attribute__((always_inline)) { return cells.row(i) + first; }, tree.dual, best);
-            Ints bits = Ints::all(0), bit = Ints::powers_of_two();
+            Ints bits = Ints::broadcast(0), bit = Ints::powers_of_two();
             for (int k = 0; k < vectors; ++k) {
-                const Ints clear =
-                    (best[k] + Ints::at(tree.dual + first_column + first + k * kLanes)).above(Ints::all(clear_from));
-                bits = bits | choose(clear, Ints::all(0), bit);
+                const Ints clear = (best[k] + Ints::load(tree.dual + first_column + first + k * kLanes))
+                                       .greater_than(Ints::broadcast(clear_from));
+                bits = bits | select(clear, Ints::broadcast(0), bit);
                 bit = bit << kLanes;
             }
-            for (auto doubted = static_cast<std::uint32_t>(bits.all_bits()); doubted != 0 && !found;
+            for (auto doubted = static_cast<std::uint32_t>(bits.reduce_or()); doubted != 0 && !found;
                  doubted &= doubted - 1) {
                 enters.column = first_column + first + std::countr_zero(doubted);
                 for (enters.row = 0; enters.row < p.rows && !found; enters.row += found ? 0 : 1) {

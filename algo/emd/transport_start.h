@@ -43,18 +43,18 @@ struct BestOfColumns {
     HORD_ALWAYS_INLINE BestOfColumns(std::int32_t*, int) {}
     HORD_ALWAYS_INLINE std::int32_t least() const {
         Ints least = of[0];
-        for (int k = 1; k < Vectors; ++k) least = lower(least, of[k]);
-        return least.least();
+        for (int k = 1; k < Vectors; ++k) least = min(least, of[k]);
+        return least.reduce_min();
     }
     HORD_ALWAYS_INLINE void close(int column) {
-        const Ints it = Ints::all(column);
+        const Ints it = Ints::broadcast(column);
         for (int k = 0; k < Vectors; ++k)
-            of[k] =
-                choose((Ints::numbers() + Ints::all(k * Cells::kLanes)).equals(it), Ints::all(Cells::kNoCell), of[k]);
+            of[k] = select((Ints::iota() + Ints::broadcast(k * Cells::kLanes)).equal_to(it),
+                           Ints::broadcast(Cells::kNoCell), of[k]);
     }
     HORD_ALWAYS_INLINE void put(int vector, const Ints& now) {
-        const Ints it = Ints::all(vector);
-        for (int k = 0; k < Vectors; ++k) of[k] = choose(Ints::all(k).equals(it), now, of[k]);
+        const Ints it = Ints::broadcast(vector);
+        for (int k = 0; k < Vectors; ++k) of[k] = select(Ints::broadcast(k).equal_to(it), now, of[k]);
     }
 };
 
@@ -68,17 +68,17 @@ struct BestOfColumns<0, Bytes> {
 
     HORD_ALWAYS_INLINE BestOfColumns(std::int32_t* best, int columns) : of(best), stride(columns) {}
     HORD_ALWAYS_INLINE std::int32_t least() const {
-        Ints least = Ints::at(of);
-        for (int j = Cells::kLanes; j < stride; j += Cells::kLanes) least = lower(least, Ints::at(of + j));
-        return least.least();
+        Ints least = Ints::load(of);
+        for (int j = Cells::kLanes; j < stride; j += Cells::kLanes) least = min(least, Ints::load(of + j));
+        return least.reduce_min();
     }
     HORD_ALWAYS_INLINE void close(int column) {
         // As a vector, for it is read as one.
         const int vector = column / Cells::kLanes;
-        const Ints it = Ints::numbers().equals(Ints::all(column % Cells::kLanes));
-        put(vector, choose(it, Ints::all(Cells::kNoCell), Ints::at(of + vector * Cells::kLanes)));
+        const Ints it = Ints::iota().equal_to(Ints::broadcast(column % Cells::kLanes));
+        put(vector, select(it, Ints::broadcast(Cells::kNoCell), Ints::load(of + vector * Cells::kLanes)));
     }
-    HORD_ALWAYS_INLINE void put(int vector, const Ints& now) { now.to(of + vector * Cells::kLanes); }
+    HORD_ALWAYS_INLINE void put(int vector, const Ints& now) { now.store(of + vector * Cells::kLanes); }
 };
 
 // Always inlined, so that it is compiled for the instruction set of its caller.
@@ -86,7 +86,7 @@ template <int Bytes>
 struct TransportStart {
     using Cells = TransportCells<Bytes>;
     using Ints = typename Cells::Ints;
-    using Floats = Lanes<float, Cells::kLanes, Bytes>;
+    using Floats = Vec<float, Cells::kLanes, Bytes>;
     static constexpr int kLanes = Cells::kLanes;
 
     const Cells cells;
@@ -102,22 +102,23 @@ struct TransportStart {
         float* const mean_col = space.rough_mean_col.data();
         for (int j = 0; j < cells.cols; ++j) share_col[j] = static_cast<float>(demand[j] * share);
         for (int j = cells.cols; j < cells.stride; ++j) share_col[j] = 0;
-        for (int j = 0; j < cells.stride; j += kLanes) Floats::all(0).to(mean_col + j);
+        for (int j = 0; j < cells.stride; j += kLanes) Floats::broadcast(0).store(mean_col + j);
         for (int i = 0; i < cells.rows; ++i) {
-            const Floats weight = Floats::all(static_cast<float>(supply[i] * share));
+            const Floats weight = Floats::broadcast(static_cast<float>(supply[i] * share));
             const std::int32_t* of_row = cells.row(i);
-            Floats sum = Floats::all(0);
+            Floats sum = Floats::broadcast(0);
             for (int j = 0; j < cells.stride; j += kLanes) {
-                const Floats c = Ints::at(of_row + j).template converted<float>();
-                sum = sum + c * Floats::at(share_col + j);
-                (Floats::at(mean_col + j) + c * weight).to(mean_col + j);
+                const Floats c = Ints::load(of_row + j).template convert<float>();
+                sum = sum + c * Floats::load(share_col + j);
+                (Floats::load(mean_col + j) + c * weight).store(mean_col + j);
             }
-            space.mean_row.data()[i] = -(static_cast<std::int32_t>(sum.sum()) & ~cells.tags);
+            space.mean_row.data()[i] = -(static_cast<std::int32_t>(sum.reduce_sum()) & ~cells.tags);
         }
         std::int32_t* const negative = space.mean_col.data();
         for (int j = 0; j < cells.stride; j += kLanes) {
-            (Ints::all(0) - (Floats::at(mean_col + j).template converted<std::int32_t>() & Ints::all(~cells.tags)))
-                .to(negative + j);
+            (Ints::broadcast(0) -
+             (Floats::load(mean_col + j).template convert<std::int32_t>() & Ints::broadcast(~cells.tags)))
+                .store(negative + j);
         }
         for (int j = cells.cols; j < cells.stride; ++j) negative[j] = 0;
     }
@@ -129,7 +130,7 @@ struct TransportStart {
         Cells::template least_of_columns<Vectors>(
             open_rows, [&](int k) __attribute__((always_inline)) { return cells.cell + row[k] + first; },
             space.mean_row.data(), best);
-        for (int k = 0; k < Vectors; ++k) best[k] = best[k] + Ints::at(space.mean_col.data() + first + k * kLanes);
+        for (int k = 0; k < Vectors; ++k) best[k] = best[k] + Ints::load(space.mean_col.data() + first + k * kLanes);
     }
     template <class Best>
     HORD_ALWAYS_INLINE void renew(Best& best, int column) const {
@@ -174,7 +175,7 @@ struct TransportStart {
                 continue;
             }
             const double in_row = left_row[i], in_col = left_col[j];
-            const double flow = lower(in_row, in_col);  // the last column has what all rows have left
+            const double flow = min(in_row, in_col);  // the last column has what all rows have left
             left_row[i] = in_row - flow;
             left_col[j] = in_col - flow;
             const bool row_used_up = in_row < in_col || open_cols == 1;

@@ -62,7 +62,7 @@ struct ArcSet {
 template <int Words, int Bytes>
 struct TransportTree {
     static constexpr int kLanes = 8;
-    using Ints = Lanes<std::int32_t, kLanes, Bytes>;
+    using Ints = Vec<std::int32_t, kLanes, Bytes>;
     using Set = ArcSet<Words>;
 
     int first_column;    // rows are nodes from 0, columns from here; both are padded to whole vectors
@@ -76,8 +76,8 @@ struct TransportTree {
     // The root alone. Nodes that hang() gives a path, which are all others but padding, need none before.
     HORD_ALWAYS_INLINE void plant(int root) {
         const auto clear = [&](int last) __attribute__((always_inline)) {
-            for (int w = 0; w < Words; ++w) Ints::all(0).to(path + w * nodes + last - kLanes);
-            Ints::all(0).to(dual + last - kLanes);
+            for (int w = 0; w < Words; ++w) Ints::broadcast(0).store(path + w * nodes + last - kLanes);
+            Ints::broadcast(0).store(dual + last - kLanes);
         };
         clear(first_column);
         clear(nodes);
@@ -91,7 +91,7 @@ struct TransportTree {
             const auto word = [&](int w) __attribute__((always_inline)) {
                 return std::uint64_t{static_cast<std::uint32_t>(path[w * nodes + node])};
             };
-            return 2 * k + 1 < Words ? word(2 * k) | word(lower(2 * k + 1, Words - 1)) << 32 : word(2 * k);
+            return 2 * k + 1 < Words ? word(2 * k) | word(min(2 * k + 1, Words - 1)) << 32 : word(2 * k);
         });
     }
 
@@ -107,7 +107,7 @@ struct TransportTree {
         }
         row_is_below.pair[a / 64] |= std::uint64_t{row_below} << (a % 64);
         // Of at most 30 arcs, a path has 15 of either sign: below 2^31, for a cost is at most 2^27 and half a tag.
-        dual[child] = Words == 1 ? -(cost + dual[parent]) : lower(largest, -lower(largest, cost + dual[parent]));
+        dual[child] = Words == 1 ? -(cost + dual[parent]) : min(largest, -min(largest, cost + dual[parent]));
         flow[a] = carries;
         arc[a] = {row, column};
     }
@@ -143,7 +143,7 @@ struct TransportTree {
             const double f = flow[a];
             tie = tie | (f == least);
             leaves ^= (leaves ^ a) & -(f < least ? 1 : 0);  // no branch: it would be a guess
-            least = lower(least, f);
+            least = min(least, f);
         });
         if (tie) [[unlikely]]
             leaves = last_blocking(*this, c, least);
@@ -167,17 +167,17 @@ struct TransportTree {
   private:
     // Nodes whose path has the arc: it is another arc from now on, and `change` the rest of what changes.
     HORD_ALWAYS_INLINE void move(int first, int last, int a, const Set& change, std::int32_t step) const {
-        const Ints bit = Ints::all(static_cast<std::int32_t>(1U << (a % 32)));
-        const Ints steps = Ints::all(step);
+        const Ints bit = Ints::broadcast(static_cast<std::int32_t>(1U << (a % 32)));
+        const Ints steps = Ints::broadcast(step);
         Ints changes[Words];
-        for (int w = 0; w < Words; ++w) changes[w] = Ints::all(change.word(w));
+        for (int w = 0; w < Words; ++w) changes[w] = Ints::broadcast(change.word(w));
         const std::int32_t* const plane = path + a / 32 * nodes;
         for (int x = first; x < last; x += kLanes) {
-            const Ints moves = (Ints::at(plane + x) & bit).equals(bit);
-            if (Words > 3 && moves.all_bits() == 0) continue;  // where there are few words, asking takes longer
-            (Ints::at(dual + x) + (moves & steps)).to(dual + x);
+            const Ints moves = (Ints::load(plane + x) & bit).equal_to(bit);
+            if (Words > 3 && moves.reduce_or() == 0) continue;  // where there are few words, asking takes longer
+            (Ints::load(dual + x) + (moves & steps)).store(dual + x);
             for (int w = 0; w < Words; ++w)
-                (Ints::at(path + w * nodes + x) ^ (moves & changes[w])).to(path + w * nodes + x);
+                (Ints::load(path + w * nodes + x) ^ (moves & changes[w])).store(path + w * nodes + x);
         }
     }
 

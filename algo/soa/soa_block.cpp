@@ -60,11 +60,11 @@ HORD_ALWAYS_INLINE bool any_above(const Sample* samples, int count, Sample dark,
     Wide most{};
     for (const Sample* end = samples + count; samples < end; samples += kOfLine) {
         __builtin_prefetch(samples + next);
-        for (int at = 0; at < kOfLine; at += kOfOne) most = higher(most, load<Wide>(samples + at));
+        for (int at = 0; at < kOfLine; at += kOfOne) most = max(most, load<Wide>(samples + at));
     }
     Narrow parts[Bytes / 16];
     std::memcpy(parts, &most, sizeof parts);
-    for (int p = 1; p < Bytes / 16; ++p) parts[0] = higher(parts[0], parts[p]);
+    for (int p = 1; p < Bytes / 16; ++p) parts[0] = max(parts[0], parts[p]);
     return bits_of(reinterpret_cast<Bytes16>(parts[0] > Narrow{} + dark)) != 0;
 }
 
@@ -111,7 +111,7 @@ struct Transposition {
             std::memcpy(&halves[0], samples + 2 * p * apart, 8);
             std::memcpy(&halves[1], samples + (2 * p + 1) * apart, 8);
             std::memcpy(&two[p], halves, sizeof halves);
-            two[p] = higher(two[p], dark) - dark;
+            two[p] = max(two[p], dark) - dark;
         }
         for (int k = 0; k < 4; ++k) {
             once[2 * k] = interleaved_low(two[k], two[k + 4]);
@@ -139,10 +139,10 @@ template <class Samples, class Sample>
 HORD_ALWAYS_INLINE Samples brightest_of(const Sample* line, int apart) {
     Samples most[2] = {load<Samples>(line), load<Samples>(line + apart)};
     for (int l = 2; l < kLanes; l += 2) {
-        most[0] = higher(most[0], load<Samples>(line + l * apart));
-        most[1] = higher(most[1], load<Samples>(line + (l + 1) * apart));
+        most[0] = max(most[0], load<Samples>(line + l * apart));
+        most[1] = max(most[1], load<Samples>(line + (l + 1) * apart));
     }
-    return higher(most[0], most[1]);
+    return max(most[0], most[1]);
 }
 
 // Sixteen sums, in as few vectors as there can be.
@@ -227,7 +227,7 @@ HORD_ALWAYS_INLINE void gather_line(const std::uint16_t* line, int j, std::uint3
         const int i = __builtin_ctz(lit);
         std::uint16_t* const words = block.mass[count];
         for (int l = 0; l < kLanes; ++l) words[l] = line[l * extents.i + i];
-        store(higher(load<Words16>(words), dark) - dark, words);
+        store(max(load<Words16>(words), dark) - dark, words);
         const auto masses = Ints<Bytes>::of(words);
         sums.mass.add(masses);
         if (wanted.moments) sums.moment.add(masses, 2 * i - (extents.i - 1));
