@@ -110,7 +110,7 @@ TEST(Trace, a_prism_bends_by_its_closed_form) {
 
 TEST(Trace, a_plate_shifts_and_does_not_bend) {
     const double thickness = 4, index = 1.5, angle = 0.4;
-    Way way;
+    RayPolyline way;
     const Arrival out = trace(clean(plate(thickness, index)), {0, 0, std::tan(angle), 0}, &way);
     EXPECT_NEAR(out.u, std::tan(angle), kClosedForm);
     ASSERT_EQ(way.count, 4);
