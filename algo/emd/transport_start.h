@@ -1,8 +1,8 @@
-// The start of a transportation simplex: a plan of little cost. For transport_simplex.cpp only.
+// The initial plan of the transportation simplex. For transport_simplex.cpp only.
 //
-// The open cell of least reduced cost c_ij - R_i - K_j is served until its row or column is used up, which closes; R_i
-// and K_j are the mass-weighted mean costs of a row and a column. Means are floats, added up in a fixed order, of which
-// the bits above the tags are kept.
+// Repeatedly serves the open cell with the least c_ij - R_i - K_j until its row or column is used up, which closes it.
+// R_i and K_j are the mass-weighted mean costs of a row and a column: floats, summed in a fixed order, rounded to the
+// bits above the tags.
 #pragma once
 
 #include <cstddef>
@@ -14,7 +14,7 @@
 
 namespace hord::algo {
 
-// What a start is found in, of problems of at most `side` rows and columns, padding included.
+// Memory for problems of at most `side` rows and columns, padding included.
 struct TransportStartSpace {
     explicit TransportStartSpace(std::size_t side) {
         for (auto* values : {&mean_row, &mean_col, &best_of_col, &open_rows, &place_of_row})
@@ -24,16 +24,15 @@ struct TransportStartSpace {
         steps.resize(2 * side);
     }
     AlignedVector<TransportStep> steps;
-    AlignedVector<std::int32_t> mean_row, mean_col;  // negative, without tags
+    AlignedVector<std::int32_t> mean_row, mean_col;  // negated, without tags
     AlignedVector<std::int32_t> best_of_col;
-    AlignedVector<std::int32_t>
-        open_rows;  // in any order: where their cells are; their means are beside them in mean_row
-    AlignedVector<std::int32_t> place_of_row;  // among open rows; -1: it has closed
+    AlignedVector<std::int32_t> open_rows;     // offsets of their cells, in any order; their means in mean_row
+    AlignedVector<std::int32_t> place_of_row;  // index in open_rows; -1: the row is closed
     AlignedVector<float> share_col, rough_mean_col;
     AlignedVector<double> left_row, left_col;  // masses
 };
 
-// The best cell of each column, in registers: every step waits for the one before it.
+// The best cell of each column, in registers for low latency: every step depends on the one before.
 template <int Vectors, int Bytes>
 struct BestOfColumns {
     using Cells = TransportCells<Bytes>;
@@ -41,7 +40,7 @@ struct BestOfColumns {
     Ints of[Vectors];
 
     HORD_ALWAYS_INLINE BestOfColumns(std::int32_t*, int) {}
-    HORD_ALWAYS_INLINE std::int32_t least() const {
+    HORD_ALWAYS_INLINE std::int32_t least_cell() const {
         Ints least = of[0];
         for (int k = 1; k < Vectors; ++k) least = min(least, of[k]);
         return least.reduce_min();
@@ -58,7 +57,7 @@ struct BestOfColumns {
     }
 };
 
-// In memory, where they are too many.
+// The same in memory, for more columns than registers hold.
 template <int Bytes>
 struct BestOfColumns<0, Bytes> {
     using Cells = TransportCells<Bytes>;
@@ -67,13 +66,13 @@ struct BestOfColumns<0, Bytes> {
     int stride;
 
     HORD_ALWAYS_INLINE BestOfColumns(std::int32_t* best, int columns) : of(best), stride(columns) {}
-    HORD_ALWAYS_INLINE std::int32_t least() const {
+    HORD_ALWAYS_INLINE std::int32_t least_cell() const {
         Ints least = Ints::load(of);
         for (int j = Cells::kLanes; j < stride; j += Cells::kLanes) least = min(least, Ints::load(of + j));
         return least.reduce_min();
     }
     HORD_ALWAYS_INLINE void close(int column) {
-        // As a vector, for it is read as one.
+        // A vector store, because the value is loaded as a vector next (store forwarding).
         const int vector = column / Cells::kLanes;
         const Ints it = Ints::iota().equal_to(Ints::broadcast(column % Cells::kLanes));
         put(vector, select(it, Ints::broadcast(Cells::kNoCell), Ints::load(of + vector * Cells::kLanes)));
@@ -81,7 +80,6 @@ struct BestOfColumns<0, Bytes> {
     HORD_ALWAYS_INLINE void put(int vector, const Ints& now) { now.store(of + vector * Cells::kLanes); }
 };
 
-// Always inlined, so that it is compiled for the instruction set of its caller.
 template <int Bytes>
 struct TransportStart {
     using Cells = TransportCells<Bytes>;
@@ -123,7 +121,7 @@ struct TransportStart {
         for (int j = cells.cols; j < cells.stride; ++j) negative[j] = 0;
     }
 
-    // Of some columns, among the open rows.
+    // The best cells of some columns among the open rows.
     template <int Vectors>
     HORD_ALWAYS_INLINE void best_of_columns(int first, Ints (&best)[Vectors]) const {
         const std::int32_t* const row = space.open_rows.data();
@@ -139,8 +137,8 @@ struct TransportStart {
         best.put(column / kLanes, now[0]);
     }
 
-    // The last open row takes its place.
-    HORD_ALWAYS_INLINE void compact_row(int row, int place) {
+    // Removes a row from open_rows; the last one takes its place.
+    HORD_ALWAYS_INLINE void close_row(int row, int place) {
         std::int32_t* const at = space.open_rows.data();
         std::int32_t* const mean = space.mean_row.data();
         --open_rows;
@@ -167,22 +165,22 @@ struct TransportStart {
         }
         const int last = cells.rows + cells.cols - 2;
         for (int step = 0;;) {
-            const std::int32_t least = best.least();
+            const std::int32_t least = best.least_cell();
             const int i = cells.row_of(least), j = cells.col_of(least);
             const int place = space.place_of_row.data()[i];
-            if (place < 0) {  // its row has closed: what is best now is not below it
+            if (place < 0) {  // its row is closed: the current best of the column is not lower
                 renew(best, j);
                 continue;
             }
             const double in_row = left_row[i], in_col = left_col[j];
-            const double flow = min(in_row, in_col);  // the last column has what all rows have left
+            const double flow = min(in_row, in_col);  // the last column takes the rest of all rows
             left_row[i] = in_row - flow;
             left_col[j] = in_col - flow;
             const bool row_used_up = in_row < in_col || open_cols == 1;
             steps[step] = {flow, static_cast<std::int16_t>(i), static_cast<std::int16_t>(j), row_used_up};
             if (step++ == last) return;
             if (row_used_up) {
-                compact_row(i, place);
+                close_row(i, place);
                 renew(best, j);
             } else {
                 --open_cols;
@@ -192,16 +190,15 @@ struct TransportStart {
         }
     }
 
-    // rows + cols - 1 steps, the last of them the last row. Masses are positive integers below 2^53; both sides add up
-    // to the same.
+    // Returns rows + cols - 1 steps; the last one uses up the last row. Masses are positive integers < 2^53; both sides
+    // have the same sum.
     HORD_ALWAYS_INLINE const TransportStep* find(const double* supply, const double* demand) {
         find_means(supply, demand);
         for (int i = 0; i < cells.rows; ++i) space.open_rows.data()[i] = i * cells.stride;
         for (int i = 0; i < cells.rows; ++i) space.place_of_row.data()[i] = i;
         for (int i = 0; i < cells.rows; ++i) space.left_row.data()[i] = supply[i];
         for (int j = 0; j < cells.cols; ++j) space.left_col.data()[j] = demand[j];
-        // One vector is not worth code of its own: problems of up to eight columns come with their start
-        // (algo/emd/transport_batch.h).
+        // No case for one vector: problems of up to eight columns come with a plan (algo/emd/transport_batch.h).
         switch (cells.stride / kLanes) {
             case 2: serve<2>(); break;
             case 3: serve<3>(); break;
