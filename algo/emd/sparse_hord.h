@@ -25,7 +25,7 @@ constexpr int kMaxSparseShift = 16;  // bins between the first lit ones of a pai
 
 // One cache line. A HORD that is dark or exceeds the limits above is not compacted: only hord() is valid then.
 struct alignas(kAlignment) SparseHord {
-    static constexpr std::uint32_t kNotCompacted = 1U << 31;  // times any sum >= kInt32MassLimit: find_residual()
+    static constexpr std::uint32_t kNotCompacted = 1U << 31;  // times any other sum: not below kInt32MassLimit
 
     const std::uint16_t* masses = nullptr;
     std::uint32_t sum = 0;

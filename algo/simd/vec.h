@@ -52,11 +52,17 @@ struct Vec<T, Count, Bytes, std::index_sequence<I...>> {
         return load(kPowers.data());
     }
     HORD_ALWAYS_INLINE static Vec load(const T* from) { return {{algo::load<V>(from + I * kEach)...}}; }
+    // Loads narrower numbers and converts them.
+    template <class From>
+    HORD_ALWAYS_INLINE static Vec load_converted(const From* from) {
+        return {{__builtin_convertvector((algo::load<Vector<From, kEach * sizeof(From)>>(from + I * kEach)), V)...}};
+    }
     HORD_ALWAYS_INLINE void store(T* to) const { (algo::store(part[I], to + I * kEach), ...); }
 
     HORD_ALWAYS_INLINE Vec operator+(const Vec& b) const { return {{(part[I] + b.part[I])...}}; }
     HORD_ALWAYS_INLINE Vec operator-(const Vec& b) const { return {{(part[I] - b.part[I])...}}; }
     HORD_ALWAYS_INLINE Vec operator*(const Vec& b) const { return {{(part[I] * b.part[I])...}}; }
+    HORD_ALWAYS_INLINE Vec operator*(T b) const { return {{(part[I] * b)...}}; }
     HORD_ALWAYS_INLINE Vec operator&(const Vec& b) const { return {{(part[I] & b.part[I])...}}; }
     HORD_ALWAYS_INLINE Vec operator|(const Vec& b) const { return {{(part[I] | b.part[I])...}}; }
     HORD_ALWAYS_INLINE Vec operator^(const Vec& b) const { return {{(part[I] ^ b.part[I])...}}; }

@@ -10,7 +10,7 @@
 #include <emmintrin.h>
 #endif
 
-#include "algo/simd/multiversion.h"
+#include "algo/simd/vec.h"
 
 namespace hord::algo {
 
@@ -76,17 +76,13 @@ struct EvenOdd {
         const auto words = reinterpret_cast<Words>(bytes);
         return {words & 0xFFU, words >> 8U};
     }
-    HORD_ALWAYS_INLINE void add(const EvenOdd& more) {
-        even += more.even;
-        odd += more.odd;
+    HORD_ALWAYS_INLINE EvenOdd operator+(const EvenOdd& b) const { return {even + b.even, odd + b.odd}; }
+    HORD_ALWAYS_INLINE EvenOdd operator*(int factor) const {
+        return {even * static_cast<std::uint16_t>(factor), odd * static_cast<std::uint16_t>(factor)};
     }
-    HORD_ALWAYS_INLINE void add(const EvenOdd& more, int factor) {
-        even += more.even * static_cast<std::uint16_t>(factor);
-        odd += more.odd * static_cast<std::uint16_t>(factor);
-    }
-    HORD_ALWAYS_INLINE void write(std::uint16_t* to) const {
-        store(Words(__builtin_shufflevector(even, odd, 0, 8, 1, 9, 2, 10, 3, 11)), to);
-        store(Words(__builtin_shufflevector(even, odd, 4, 12, 5, 13, 6, 14, 7, 15)), to + 8);
+    HORD_ALWAYS_INLINE void store(std::uint16_t* to) const {
+        algo::store(Words(__builtin_shufflevector(even, odd, 0, 8, 1, 9, 2, 10, 3, 11)), to);
+        algo::store(Words(__builtin_shufflevector(even, odd, 4, 12, 5, 13, 6, 14, 7, 15)), to + 8);
     }
 };
 
@@ -144,31 +140,11 @@ HORD_ALWAYS_INLINE Samples brightest_of(const Sample* line, int apart) {
     return max(most[0], most[1]);
 }
 
-// Sixteen sums. Not a Vec: sums are updated in place, from narrower numbers and with scalar factors.
+// Vectors of at most 32 bytes.
 template <int Bytes>
-struct Ints {
-    static constexpr int kBytes = std::min(Bytes, 32), kOfOne = kBytes / 4, kParts = kLanes / kOfOne;
-    using Part = Vector<std::int32_t, kBytes>;
-    Part part[kParts];
-
-    HORD_ALWAYS_INLINE void add(const Ints& more) {
-        for (int p = 0; p < kParts; ++p) part[p] += more.part[p];
-    }
-    HORD_ALWAYS_INLINE void add(const Ints& more, std::int32_t factor) {
-        for (int p = 0; p < kParts; ++p) part[p] += more.part[p] * factor;
-    }
-    HORD_ALWAYS_INLINE void write(std::int32_t* to) const {
-        for (int p = 0; p < kParts; ++p) store(part[p], to + p * kOfOne);
-    }
-    template <class Number>
-    HORD_ALWAYS_INLINE static Ints of(const Number* from) {
-        Ints all;
-        for (int p = 0; p < kParts; ++p)
-            all.part[p] =
-                __builtin_convertvector(load<Vector<Number, kOfOne * sizeof(Number)>>(from + p * kOfOne), Part);
-        return all;
-    }
-};
+using Ints = Vec<std::int32_t, kLanes, std::min(Bytes, 32)>;
+template <int Bytes>
+using Floats = Vec<float, kLanes, std::min(Bytes, 32)>;
 
 HORD_ALWAYS_INLINE void add_lit(SoaBlock::Lit& all, int first, std::uint32_t bins) {
     all[static_cast<std::size_t>(first / 64)] |= std::uint64_t{bins} << (first % 64);
@@ -189,11 +165,11 @@ HORD_ALWAYS_INLINE void gather_line(const std::uint8_t* line, int j, std::uint32
     const auto add_four = [&](const Bytes16(&four)[4], int first) __attribute__((always_inline)) {
         for (int k = 0; k < 4; ++k) {
             const auto masses = EvenOdd::of(four[k]);
-            sums.mass.add(masses);
-            if (outputs.moments) sums.moment.add(masses, 2 * (first + k) - (extents.i - 1));
-            if (outputs.margins) columns[first + k].add(masses);
+            sums.mass = sums.mass + masses;
+            if (outputs.moments) sums.moment = sums.moment + masses * (2 * (first + k) - (extents.i - 1));
+            if (outputs.margins) columns[first + k] = columns[first + k] + masses;
             if (outputs.masses) {
-                masses.write(block.mass[count]);
+                masses.store(block.mass[count]);
                 block.bin[count] = static_cast<std::uint8_t>(j * extents.i + first + k);
                 count += static_cast<int>((lit >> (first + k)) & 1U);
             }
@@ -226,10 +202,10 @@ HORD_ALWAYS_INLINE void gather_line(const std::uint16_t* line, int j, std::uint3
         std::uint16_t* const words = block.mass[count];
         for (int l = 0; l < kLanes; ++l) words[l] = line[l * extents.i + i];
         store(max(load<Words16>(words), dark) - dark, words);
-        const auto masses = Ints<Bytes>::of(words);
-        sums.mass.add(masses);
-        if (outputs.moments) sums.moment.add(masses, 2 * i - (extents.i - 1));
-        if (outputs.margins) columns[i].add(masses);
+        const auto masses = Ints<Bytes>::load_converted(words);
+        sums.mass = sums.mass + masses;
+        if (outputs.moments) sums.moment = sums.moment + masses * (2 * i - (extents.i - 1));
+        if (outputs.margins) columns[i] = columns[i] + masses;
         if (outputs.masses) block.bin[count++] = static_cast<std::uint8_t>(j * extents.i + i);
     }
 }
@@ -238,8 +214,8 @@ HORD_ALWAYS_INLINE void gather_line(const std::uint16_t* line, int j, std::uint3
 template <int Bytes, class Word>
 HORD_ALWAYS_INLINE Ints<Bytes> ints(const EvenOdd& sums) {
     std::uint16_t words[kLanes];
-    sums.write(words);
-    return Ints<Bytes>::of(reinterpret_cast<const Word*>(words));
+    sums.store(words);
+    return Ints<Bytes>::load_converted(reinterpret_cast<const Word*>(words));
 }
 template <int Bytes, class Word>
 HORD_ALWAYS_INLINE const Ints<Bytes>& ints(const Ints<Bytes>& sums) {
@@ -263,10 +239,10 @@ HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, con
     for (int i = 0; i < kMaxBins + kWindow; ++i) darkness[i] = i < bins_i ? dark : std::numeric_limits<Sample>::max();
     Sums sum{}, columns[kColumns];
     Ints<Bytes> moment_x{}, moment_y{};
-    Ints<Bytes>{}.write(block.saturated);
+    Ints<Bytes>{}.store(block.saturated);
     if (outputs.margins) {
         for (Sums& column : columns) column = Sums{};
-        for (int j = 0; j < bins_j; ++j) Ints<Bytes>{}.write(block.line[j]);
+        for (int j = 0; j < bins_j; ++j) Ints<Bytes>{}.store(block.line[j]);
     }
     block.lit = {};
     int count = 0;
@@ -284,20 +260,20 @@ HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, con
         add_lit(block.lit, j * bins_i, lit);
         LineSums<Sums> of_line{};
         gather_line<Bytes>(line, j, lit, extents, darkness, outputs, count, columns, of_line, block);
-        sum.add(of_line.mass);
-        if (outputs.margins) ints<Bytes, std::uint16_t>(of_line.mass).write(block.line[j]);
+        sum = sum + of_line.mass;
+        if (outputs.margins) ints<Bytes, std::uint16_t>(of_line.mass).store(block.line[j]);
         if (outputs.moments) {
-            moment_x.add(ints<Bytes, std::int16_t>(of_line.moment));
-            moment_y.add(ints<Bytes, std::uint16_t>(of_line.mass), 2 * j - (bins_j - 1));
+            moment_x = moment_x + ints<Bytes, std::int16_t>(of_line.moment);
+            moment_y = moment_y + ints<Bytes, std::uint16_t>(of_line.mass) * (2 * j - (bins_j - 1));
         }
     }
     block.count = count;
     if (outputs.margins) {
-        for (int i = 0; i < bins_i; ++i) ints<Bytes, std::uint16_t>(columns[i]).write(block.column[i]);
+        for (int i = 0; i < bins_i; ++i) ints<Bytes, std::uint16_t>(columns[i]).store(block.column[i]);
     }
-    ints<Bytes, std::uint16_t>(sum).write(block.sum);
-    moment_x.write(block.moment_x);
-    moment_y.write(block.moment_y);
+    ints<Bytes, std::uint16_t>(sum).store(block.sum);
+    moment_x.store(block.moment_x);
+    moment_y.store(block.moment_y);
     const auto min_sum = static_cast<std::int32_t>(std::min(levels.min_sum, 1U << 30));  // above every sum
     std::int32_t masks[kLanes];
     for (int l = 0; l < kLanes; ++l) masks[l] = (block.sum[l] < min_sum ? kDark : kValid) | block.saturated[l];
@@ -308,23 +284,18 @@ HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, con
 
 template <int Bytes>
 HORD_ALWAYS_INLINE void compute_shares(const SoaBlock& block, std::size_t stride, bool roots, float* first) {
-    constexpr int kOfOne = Ints<Bytes>::kOfOne, kParts = Ints<Bytes>::kParts;
-    using Floats = Vector<float, Ints<Bytes>::kBytes>;
-    Floats inverse[kParts];
-    for (int p = 0; p < kParts; ++p) inverse[p] = load<Floats>(block.inverse + p * kOfOne);
+    const auto inverse = Floats<Bytes>::load(block.inverse);
     const int count = block.count;
     for (int c = 0; c < count; ++c) {
-        const auto mass = Ints<Bytes>::of(block.mass[c]);
         float* const to = first + block.bin[c] * stride;
-        Floats share[kParts];
-        for (int p = 0; p < kParts; ++p) share[p] = __builtin_convertvector(mass.part[p], Floats) * inverse[p];
+        auto share = Ints<Bytes>::load_converted(block.mass[c]).template convert<float>() * inverse;
         if (roots) {
             float of_lanes[kLanes];
-            std::memcpy(of_lanes, share, sizeof share);
+            share.store(of_lanes);
             for (int l = 0; l < kLanes; ++l) of_lanes[l] = std::sqrt(of_lanes[l]);
-            std::memcpy(share, of_lanes, sizeof share);
+            share = Floats<Bytes>::load(of_lanes);
         }
-        for (int p = 0; p < kParts; ++p) store(share[p], to + p * kOfOne);
+        share.store(to);
     }
 }
 
@@ -335,12 +306,8 @@ HORD_ALWAYS_INLINE void compute_marginals(const SoaBlock& block, const Extents& 
     const auto along = [&](const std::int32_t(*sums)[kLanes], int count) __attribute__((always_inline)) {
         Ints<Bytes> passed{};
         for (int k = 0; k < count; ++k, first += stride) {
-            passed.add(Ints<Bytes>::of(sums[k]));
-            for (int p = 0; p < Ints<Bytes>::kParts; ++p) {
-                using Floats = Vector<float, Ints<Bytes>::kBytes>;
-                const int l = p * Ints<Bytes>::kOfOne;
-                store(__builtin_convertvector(passed.part[p], Floats) * load<Floats>(block.inverse + l), first + l);
-            }
+            passed = passed + Ints<Bytes>::load_converted(sums[k]);
+            (passed.template convert<float>() * Floats<Bytes>::load(block.inverse)).store(first);
         }
     };
     along(block.column, extents.i - 1);

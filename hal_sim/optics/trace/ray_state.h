@@ -9,7 +9,7 @@ constexpr int kMaxCrossings = 16;
 constexpr double kMinWeight = 1e-12;  // share of the light; a ray with less is lost
 constexpr double kCoincident = 1e-6;  // of the body's size; above every crossing_error() here
 
-// A path is a hash of what the ray meets, in order. Path: a number, or a vector of them. Once set, kMirrored stays set.
+// A path is a hash of what the ray meets, in order; kMirrored, once set, stays set. Path: a number or a vector.
 constexpr std::uint64_t disc_step(std::size_t disc) { return 1000 + disc; }
 constexpr std::uint64_t surface_step(std::size_t surface, bool reflected) {
     return 2 * surface + (reflected ? kMirrored | 1 : 0);

@@ -94,7 +94,7 @@ bool follow(const Body& body, RayState& state, RayPolyline* polyline, [[maybe_un
                 const double passes = body.fresnel ? fresnel_transmission(bent, index_before, index_after) : 1;
                 const int face = state.faces++;
                 if (face == ghost.first || face == ghost.second) {
-                    if (bent.reflected) return false;  // nothing is split here
+                    if (bent.reflected) return false;  // total reflection splits no light
                     state.weight *= 1 - passes;
                     bent.direction = mirrored(ray.direction, foot.normal);
                     bent.reflected = true;
