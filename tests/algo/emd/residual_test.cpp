@@ -75,14 +75,14 @@ TEST(Residual, holds_the_bins_that_differ_in_order_as_doubles) {
     expect_definition<double>(find_residual<double>, 65535);
 }
 
-TEST(Residual, holds_light_masses_as_integers_on_every_instruction_set) {
+TEST(Residual, holds_int32_masses_on_every_instruction_set) {
     for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
         if (has(isa)) expect_definition<std::int32_t>(find_residual_for(isa), kLightScale);
     }
 }
 
 // Sums around 2^15, the limit of the int16 products.
-TEST(Residual, holds_light_masses_of_any_sum) {
+TEST(Residual, holds_int32_masses_of_any_sum) {
     std::mt19937 random(8);
     for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
         if (!has(isa)) continue;
