@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
 
 #include "common/fixed.h"
@@ -21,7 +20,7 @@ EmdBounds::EmdBounds(const GroundDistance& ground)
       margin_(ground.largest() * kMargin) {
     const auto bins = static_cast<std::size_t>(ground.bins());
     for (const Order order : {Order::by_lines, Order::by_columns}) {
-        auto& [bin_at, place_of, as_numbered] = orders_[static_cast<std::size_t>(order)];
+        auto& [bin_at, place_of, is_identity] = orders_[static_cast<std::size_t>(order)];
         bin_at.resize(bins);
         std::iota(bin_at.begin(), bin_at.end(), std::uint8_t{0});
         std::stable_sort(bin_at.begin(), bin_at.end(), [&](std::uint8_t p, std::uint8_t q) {
@@ -31,11 +30,11 @@ EmdBounds::EmdBounds(const GroundDistance& ground)
         });
         place_of.resize(bins);
         for (std::size_t at = 0; at < bins; ++at) place_of[bin_at[at]] = static_cast<std::uint8_t>(at);
-        as_numbered = std::is_sorted(bin_at.begin(), bin_at.end());
+        is_identity = std::is_sorted(bin_at.begin(), bin_at.end());
     }
 }
 
-void EmdBounds::take(const Hord& a, const Hord& b) {
+void EmdBounds::set_pair(const Hord& a, const Hord& b) {
     difference_.count = 0;
     not_shared_ = 0;
     if (a.sum == 0 || b.sum == 0) return;
@@ -73,13 +72,13 @@ double EmdBounds::upper(Order order) const {
 }
 
 Bracket EmdBounds::operator()(const Hord& a, const Hord& b) {
-    take(a, b);
+    set_pair(a, b);
     return {lower(), std::min(upper(Order::by_lines), upper(Order::by_columns))};
 }
 
-// The first that has too much gives to the first that has too little, until both are even; and so on.
-double EmdBounds::plan_in_order(const Places& places) const {
-    // What has been passed and is not yet even: all of it too much, or all of it too little.
+// Visits the bins in order; the first surplus moves to the first deficit until one is used up, and so on.
+double EmdBounds::plan_in_order(const BinOrder& order) const {
+    // Bins visited and not yet balanced: all with surplus (> 0), or all with deficit.
     std::array<std::uint8_t, kMaxBinCount> waiting_bin;
     std::array<double, kMaxBinCount> waiting_mass;
     std::size_t first = 0, last = 0;
@@ -99,106 +98,24 @@ double EmdBounds::plan_in_order(const Places& places) const {
         }
     };
     const auto count = static_cast<std::size_t>(difference_.count);
-    if (places.as_numbered) {
+    if (order.is_identity) {
         for (std::size_t k = 0; k < count; ++k) pass(difference_.bin[k], difference_.mass[k]);
         return work;
     }
     std::uint64_t differs[(kMaxBinCount + 63) / 64] = {};
     std::array<double, kMaxBinCount> mass;
     for (std::size_t k = 0; k < count; ++k) {
-        const auto place = places.place_of[difference_.bin[k]];
+        const auto place = order.place_of[difference_.bin[k]];
         mass[place] = difference_.mass[k];
         differs[place / 64] |= std::uint64_t{1} << (place % 64);
     }
     for (std::size_t w = 0; w < std::size(differs); ++w) {
         for (std::uint64_t rest = differs[w]; rest != 0; rest &= rest - 1) {
             const auto place = w * 64 + static_cast<std::size_t>(__builtin_ctzll(rest));
-            pass(places.bin_at[place], mass[place]);
+            pass(order.bin_at[place], mass[place]);
         }
     }
     return work;
-}
-
-Result<EmdDecider> EmdDecider::create(const GroundDistance& ground) {
-    auto solver = EmdSolver::create(ground);
-    if (!solver) return tl::unexpected(solver.error());
-    return EmdDecider(ground, std::move(*solver));
-}
-
-bool EmdDecider::exceeds(const Hord& a, const Hord& b, double limit) {
-    const Bracket bracket = bounds_(a, b);
-    if (bracket.lower > limit) return true;
-    if (bracket.upper <= limit) return false;
-    return solver_.distance(a, b) > limit;
-}
-
-bool EmdDecider::gradient_exceeds(const Hord& left, const Hord& right, const Hord& above, const Hord& below,
-                                  double limit) {
-    Bracket x = bounds_(left, right);
-    Bracket y = bounds_(above, below);
-    for (int solved = 0;; ++solved) {
-        if (norm(x.lower, y.lower) > limit) return true;
-        if (norm(x.upper, y.upper) <= limit) return false;
-        if (solved == 2) return false;  // both exact: not above
-        if (x.width() >= y.width()) {
-            x.lower = x.upper = solver_.distance(left, right);
-        } else {
-            y.lower = y.upper = solver_.distance(above, below);
-        }
-    }
-}
-
-AnytimeEmd::AnytimeEmd(const GroundDistance& ground, EmdSolver solver, std::size_t most_pairs)
-    : bounds_(ground), solver_(std::move(solver)), most_pairs_(most_pairs) {
-    pairs_.reserve(most_pairs);
-    brackets_.reserve(most_pairs);
-    open_.reserve(most_pairs);
-}
-
-Result<AnytimeEmd> AnytimeEmd::create(const GroundDistance& ground, std::size_t most_pairs) {
-    if (most_pairs > std::numeric_limits<std::uint32_t>::max()) {
-        return fail(ErrorCode::invalid_argument, "room for " + std::to_string(most_pairs) + " pairs",
-                    "use less than 2^32");
-    }
-    auto solver = EmdSolver::create(ground);
-    if (!solver) return tl::unexpected(solver.error());
-    return AnytimeEmd(ground, std::move(*solver), most_pairs);
-}
-
-void AnytimeEmd::clear() {
-    pairs_.clear();
-    brackets_.clear();
-    open_.clear();
-    is_heap_ = false;
-}
-
-bool AnytimeEmd::add(const Hord& a, const Hord& b) {
-    if (pairs_.size() == most_pairs_) return false;
-    if (const Bracket bracket = bounds_(a, b); bracket.width() > 0) {
-        open_.push_back(static_cast<std::uint32_t>(pairs_.size()));
-        brackets_.push_back(bracket);
-    } else {
-        brackets_.push_back(bracket);
-    }
-    pairs_.push_back({a, b});
-    is_heap_ = false;
-    return true;
-}
-
-std::size_t AnytimeEmd::refine(const std::function<std::int64_t()>& now, std::int64_t deadline_ns) {
-    const auto narrower = [&](std::uint32_t p, std::uint32_t q) {
-        return brackets_[p].width() != brackets_[q].width() ? brackets_[p].width() < brackets_[q].width() : p > q;
-    };
-    if (!is_heap_) std::make_heap(open_.begin(), open_.end(), narrower);
-    is_heap_ = true;
-    while (!open_.empty() && now() < deadline_ns) {
-        std::pop_heap(open_.begin(), open_.end(), narrower);
-        const std::uint32_t widest = open_.back();
-        open_.pop_back();
-        const double exact = solver_.distance(pairs_[widest][0], pairs_[widest][1]);
-        brackets_[widest] = {exact, exact};
-    }
-    return open_.size();
 }
 
 }  // namespace hord::algo

@@ -23,26 +23,28 @@ double total(const ResidualSide<Mass>& side) {
     return sum;
 }
 
-// Problems whose masses have one format: what is found of a pair, and the small ones.
+// The residual and the batches of problems with one type of masses.
 template <class Mass>
-struct Format {
-    Format(FindResidual<Mass> find_it, Isa isa) : find(find_it), solve(transport_kernel<Mass>(isa)) {}
+struct MassSolver {
+    MassSolver(FindResidual<Mass> find_it, Isa isa) : find(find_it), solve(transport_kernel<Mass>(isa)) {}
 
     FindResidual<Mass> find;
     Residual<Mass> residual;
-    SolveSmall<Mass> solve;
+    SolveTransportBatch<Mass> solve;
     TransportAnswer<Mass> answer;
-    TransportBatches<Mass> small;
+    TransportBatches<Mass> batches;
 };
+using Int32Masses = MassSolver<std::int32_t>;  // S_a * S_b < kInt32MassLimit
+using DoubleMasses = MassSolver<double>;
 
-// What one has too much is what the other has too little, and no more than there is.
-bool adds_up(const ClosedDifference& difference) {
-    std::int64_t more = 0, less = 0;
-    for (const std::int32_t d : difference.more) (d > 0 ? more : less) += d;
-    return more == -less && more <= difference.denominator;
+// Surplus and deficit have the same mass, at most the denominator.
+bool adds_up(const SparseDifference& difference) {
+    std::int64_t surplus = 0, deficit = 0;
+    for (const std::int32_t d : difference.excess) (d > 0 ? surplus : deficit) += d;
+    return surplus == -deficit && surplus <= difference.denominator;
 }
 
-// As many as there may be: a count that is known is faster than the right one.
+// Copies the full capacity: a constant size compiles to vector moves.
 template <class Mass>
 void put(const ResidualSide<Mass>& side, Mass* to_mass, std::uint8_t* to_bin) {
     std::memcpy(to_mass, side.mass.data(), kMaxBatchSide * sizeof(Mass));
@@ -57,24 +59,24 @@ struct EmdSolver::State {
           simplex(ground.row(0), ground.bins(), ground.largest(), isa), costs{ground.row(0), ground.bins(),
                                                                               ground.largest() *
                                                                                   TransportSimplex::kTolerance},
-          closed(sparse_kernels(ground.is_metric() ? widest(isa) : Isa::portable)),
-          light(find_residual_for(widest(isa)), isa), heavy(find_residual<double>, isa),
-          solve_knapsack_of(knapsack_kernel(isa)) {}
+          sparse(sparse_kernels(ground.is_metric() ? widest(isa) : Isa::portable)),
+          int32_masses(find_residual_for(widest(isa)), isa), double_masses(find_residual<double>, isa),
+          solve_knapsack(knapsack_kernel(isa)) {}
 
-    // For what a wider instruction set has an instruction for.
+    // For kernels with an instruction of the widest set.
     static Isa widest(Isa isa) { return isa == Isa::portable ? isa : widest_isa(); }
 
     void submit(const Hord& a, const Hord& b, double* out, bool at_once);
     void submit(const SparseHord& a, const SparseHord& b, double* out);
     void finish();
     template <class Mass>
-    void submit_as(Format<Mass>& format, const Hord& a, const Hord& b, double mass, double* out, bool at_once);
-    void submit_difference(const ClosedDifference& difference);
+    void submit_as(MassSolver<Mass>& masses, const Hord& a, const Hord& b, double mass, double* out, bool at_once);
+    void submit_difference(const SparseDifference& difference);
     void solve_knapsack_batch();
     template <class Mass>
     double from_one(const ResidualSide<Mass>& one, const ResidualSide<Mass>& others) const;
     template <class Mass>
-    void solve_batch(Format<Mass>& format, std::size_t shape);
+    void solve_batch(MassSolver<Mass>& masses, std::size_t shape);
     template <class Mass>
     double improve(const TransportBatch<Mass>& batch, const TransportAnswer<Mass>& answer, int lane);
     template <class Mass>
@@ -84,36 +86,36 @@ struct EmdSolver::State {
     GroundDistance ground;
     TransportSimplex simplex;
     TransportBatchCosts costs;
-    SparseKernels closed;  // of a metric: what both share must not be cancelled where it may have to move
-    Format<std::int32_t> light;
-    Format<double> heavy;
-    SolveFew solve_knapsack_of;
-    KnapsackBatch few;
-    Work work;
+    SparseKernels sparse;  // portable (none) if the ground is no metric: they cancel shared mass
+    Int32Masses int32_masses;
+    DoubleMasses double_masses;
+    SolveKnapsackBatch solve_knapsack;
+    KnapsackBatch knapsacks;
+    Counters counters;
 };
 
 void EmdSolver::State::submit(const Hord& a, const Hord& b, double* out, bool at_once) {
-    ++work.pairs;
+    ++counters.pairs;
     expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
     *out = 0;
     if (a.sum == 0 || b.sum == 0) return;
     const double mass = static_cast<double>(a.sum) * static_cast<double>(b.sum);
-    if (mass < kLightMass) {
-        submit_as(light, a, b, mass, out, at_once);
+    if (mass < kInt32MassLimit) {
+        submit_as(int32_masses, a, b, mass, out, at_once);
     } else {
-        submit_as(heavy, a, b, mass, out, at_once);
+        submit_as(double_masses, a, b, mass, out, at_once);
     }
 }
 
-// `mass`: what either side has in all, the shared mass included.
+// `mass`: S_a * S_b, the mass of a side before cancelling.
 template <class Mass>
-void EmdSolver::State::submit_as(Format<Mass>& format, const Hord& a, const Hord& b, double mass, double* out,
+void EmdSolver::State::submit_as(MassSolver<Mass>& masses, const Hord& a, const Hord& b, double mass, double* out,
                                  bool at_once) {
-    Residual<Mass>& residual = format.residual;
+    Residual<Mass>& residual = masses.residual;
     if (ground.is_metric()) {
-        format.find(a, b, ground.bins(), residual);
+        masses.find(a, b, ground.bins(), residual);
     } else {
-        keep_all(a, b, ground.bins(), residual);
+        keep_shared(a, b, ground.bins(), residual);
     }
     expect_no_overflow(total(residual.side[0]) == total(residual.side[1]) && total(residual.side[0]) <= mass);
     if (residual.side[0].count == 0) return;  // nothing has to move
@@ -124,46 +126,46 @@ void EmdSolver::State::submit_as(Format<Mass>& format, const Hord& a, const Hord
     } else if (cols.count > kMaxBatchSide) {
         *out = by_simplex(rows, cols) / mass;
     } else {
-        const std::size_t shape = format.small.shape(rows.count, cols.count);
-        SmallProblem<Mass>& problem = format.small.add(shape);
+        const std::size_t shape = masses.batches.shape(rows.count, cols.count);
+        BatchedProblem<Mass>& problem = masses.batches.add(shape);
         put(rows, problem.mass[0], problem.bin[0]);
         put(cols, problem.mass[1], problem.bin[1]);
         problem.out = out;
-        *out = mass;  // until it is solved
-        if (at_once || format.small.filled[shape] == kWide) solve_batch(format, shape);
+        *out = mass;  // the divisor, until solve_batch() replaces it by the distance: the problem has no room for it
+        if (at_once || masses.batches.filled[shape] == kBatchLanes) solve_batch(masses, shape);
     }
 }
 
 void EmdSolver::State::submit(const SparseHord& a, const SparseHord& b, double* out) {
-    ClosedDifference& next = few.difference[few.filled];
-    const int bins = closed.subtract(a, b, next);
+    SparseDifference& next = knapsacks.difference[knapsacks.filled];
+    const int bins = sparse.subtract(a, b, next);
     if (bins == 0) return submit(a.hord(), b.hord(), out, false);
     expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit && adds_up(next));
-    ++work.pairs;
+    ++counters.pairs;
     next.out = out;
     if (bins > kMaxKnapsackBins) return submit_difference(next);
-    if (++few.filled == kWide) solve_knapsack_batch();
+    if (++knapsacks.filled == kBatchLanes) solve_knapsack_batch();
 }
 
-// As one of the small problems.
-void EmdSolver::State::submit_difference(const ClosedDifference& difference) {
-    const std::size_t shape = closed.put(difference, light.small);
-    if (shape != 0 && light.small.filled[shape] == kWide) solve_batch(light, shape);
+// Adds the difference to a transport batch.
+void EmdSolver::State::submit_difference(const SparseDifference& difference) {
+    const std::size_t shape = sparse.put(difference, int32_masses.batches);
+    if (shape != 0 && int32_masses.batches.filled[shape] == kBatchLanes) solve_batch(int32_masses, shape);
 }
 
 void EmdSolver::State::solve_knapsack_batch() {
     KnapsackAnswer answer;
-    solve_knapsack_of(few, costs, answer);
-    for (int lane = 0; lane < few.filled; ++lane) *few.difference[lane].out = answer.distance[lane];
-    work.few += static_cast<std::uint64_t>(few.filled);
-    for (std::uint32_t rest = ~answer.proven & ((1U << few.filled) - 1); rest != 0; rest &= rest - 1) {
-        --work.few;
-        submit_difference(few.difference[__builtin_ctz(rest)]);
+    solve_knapsack(knapsacks, costs, answer);
+    for (int lane = 0; lane < knapsacks.filled; ++lane) *knapsacks.difference[lane].out = answer.distance[lane];
+    counters.knapsack += static_cast<std::uint64_t>(knapsacks.filled);
+    for (std::uint32_t rest = ~answer.proven & ((1U << knapsacks.filled) - 1); rest != 0; rest &= rest - 1) {
+        --counters.knapsack;
+        submit_difference(knapsacks.difference[__builtin_ctz(rest)]);
     }
-    few.filled = 0;
+    knapsacks.filled = 0;
 }
 
-// All that the one bin has goes to, or comes from, the others.
+// The cost of a problem with one row: all its mass moves between that bin and the columns.
 template <class Mass>
 double EmdSolver::State::from_one(const ResidualSide<Mass>& one, const ResidualSide<Mass>& others) const {
     const double* cost = ground.row(one.bin[0]);
@@ -174,18 +176,18 @@ double EmdSolver::State::from_one(const ResidualSide<Mass>& one, const ResidualS
 }
 
 template <class Mass>
-void EmdSolver::State::solve_batch(Format<Mass>& format, std::size_t shape) {
-    const TransportBatch<Mass>& batch = format.small.take(shape);
-    TransportAnswer<Mass>& answer = format.answer;
-    work.small += static_cast<std::uint64_t>(batch.filled);
-    format.solve(batch, costs, answer);
+void EmdSolver::State::solve_batch(MassSolver<Mass>& masses, std::size_t shape) {
+    const TransportBatch<Mass>& batch = masses.batches.padded(shape);
+    TransportAnswer<Mass>& answer = masses.answer;
+    counters.transport += static_cast<std::uint64_t>(batch.filled);
+    masses.solve(batch, costs, answer);
     for (int lane = 0; lane < batch.filled; ++lane) {
-        double& out = *batch.problem[lane].out;
+        double& out = *batch.problem[lane].out;  // still the divisor S_a * S_b
         out = (answer.proven[lane] ? answer.cost[lane] : improve(batch, answer, lane)) / out;
     }
 }
 
-// From the plan of a lane on.
+// Continues with the simplex from the plan of one lane.
 template <class Mass>
 double EmdSolver::State::improve(const TransportBatch<Mass>& batch, const TransportAnswer<Mass>& answer, int lane) {
     std::array<TransportStep, kMaxBatchSteps> steps;
@@ -193,7 +195,7 @@ double EmdSolver::State::improve(const TransportBatch<Mass>& batch, const Transp
         const std::int32_t child = answer.child[step][lane], parent = answer.parent[step][lane];
         steps[index(step)] = {static_cast<double>(answer.flow[step][lane]),
                               static_cast<std::int16_t>(std::min(child, parent)),
-                              static_cast<std::int16_t>(std::max(child, parent) - kFirstSmallColumn), child < parent};
+                              static_cast<std::int16_t>(std::max(child, parent) - kFirstColumnNode), child < parent};
     }
     const auto& [row_bin, col_bin] = batch.problem[lane].bin;
     return by_simplex({batch.rows, batch.cols, nullptr, nullptr, row_bin, col_bin}, steps.data());
@@ -210,21 +212,21 @@ double EmdSolver::State::by_simplex(const ResidualSide<Mass>& rows, const Residu
 
 double EmdSolver::State::by_simplex(const Transport& problem, const TransportStep* start) {
     const auto outcome = simplex.solve(problem, start);
-    ++work.simplex;
-    work.pivots += static_cast<std::uint64_t>(outcome.pivots);
-    work.unproven += outcome.proven ? 0U : 1U;
+    ++counters.simplex;
+    counters.pivots += static_cast<std::uint64_t>(outcome.pivots);
+    counters.unproven += outcome.proven ? 0U : 1U;
     return outcome.cost;
 }
 
 void EmdSolver::State::finish() {
-    const auto solve_rest = [this](auto& format) {
-        for (std::size_t shape = 0; shape < format.small.kShapes; ++shape) {
-            if (format.small.filled[shape] > 0) solve_batch(format, shape);
+    const auto solve_rest = [this](auto& masses) {
+        for (std::size_t shape = 0; shape < masses.batches.kShapes; ++shape) {
+            if (masses.batches.filled[shape] > 0) solve_batch(masses, shape);
         }
     };
-    if (few.filled > 0) solve_knapsack_batch();
-    solve_rest(light);
-    solve_rest(heavy);
+    if (knapsacks.filled > 0) solve_knapsack_batch();
+    solve_rest(int32_masses);
+    solve_rest(double_masses);
 }
 
 Result<EmdSolver> EmdSolver::create(const GroundDistance& ground, Isa isa) {
@@ -241,10 +243,10 @@ double EmdSolver::distance(const Hord& a, const Hord& b) {
 
 void EmdSolver::submit(const Hord& a, const Hord& b, double* out) { state_->submit(a, b, out, false); }
 void EmdSolver::submit(const SparseHord& a, const SparseHord& b, double* out) { state_->submit(a, b, out); }
-CloseUp EmdSolver::compact() const { return state_->closed.compact; }
+CompactFunction EmdSolver::compact() const { return state_->sparse.compact; }
 void EmdSolver::finish() { state_->finish(); }
 
-const EmdSolver::Work& EmdSolver::work() const { return state_->work; }
+const EmdSolver::Counters& EmdSolver::counters() const { return state_->counters; }
 
 EmdSolver::EmdSolver(std::unique_ptr<State> state) : state_(std::move(state)) {}
 EmdSolver::EmdSolver(EmdSolver&&) noexcept = default;

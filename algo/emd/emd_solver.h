@@ -1,18 +1,26 @@
-// Earth mover's distance between two HORDs (Eqs. 9-11), exact.
+// The exact earth mover's distance (EMD) between two HORDs (Eqs. 9-11).
 //
-// Masses. h = a / S_a and g = b / S_b are never divided out. Over the common denominator S_a * S_b their
-// difference is d = a * S_b - b * S_a, an integer: nothing is rounded before the cost is evaluated.
-//   range    a mass < 2^16 and a sum < 2^24, so |d| < 2^40 and the mass on either side is at most
-//            S_a * S_b < 2^48. Masses are std::int32_t where that is below 2^31, else doubles, which hold every integer
-//            up to 2^53: no overflow, no rounding in any sum, difference or minimum of them.
-//   error    costs and dual variables are doubles. A plan is accepted only when every reduced cost, computed in
-//            double precision, is at least -2^-36 of the largest cost; the result is that plan's cost. So it is above
-//            the exact distance by less than 1e-9 bin pitches (see transport_simplex.h), and never NaN or infinite.
-//   bits     the same on every instruction set and compiler: only +, -, *, /, sqrt, in a fixed order, not contracted.
-// Where the ground distance is a metric the mass both share bin by bin is cancelled; otherwise it is kept.
+// A pair goes down this ladder until a solver covers it and proves its plan optimal:
 //
-// Tests: tests/algo/emd/sparse_hord_test.cpp, emd_solver_test.cpp (literals, LEMON as oracle, degenerate ties,
-// properties).
+//   solver               covers                                                      solved together
+//   knapsack_batch.h     sparse pairs with <= kMaxKnapsackBins lit bins              kBatchLanes
+//   transport_batch.h    other sparse pairs (<= kMaxSparseBins lit bins), and        kBatchLanes of one shape
+//                        residuals with <= kMaxBatchSide bins on either side
+//   transport_simplex.h  everything; starts from transport_batch.h's plan, if any    1
+//
+// A sparse pair comes from submit(SparseHord) with a metric ground, S_a * S_b < kInt32MassLimit, both HORDs compacted
+// and their first lit bins <= kMaxSparseShift apart (sparse_hord.h, AVX2 only). All others get a residual (residual.h).
+// A residual without mass, or with one bin on one side, needs no solver: its cost is a sum.
+//
+// Masses. Over the common denominator S_a * S_b the difference of h = a / S_a and g = b / S_b is d = a * S_b - b * S_a,
+// an integer. Nothing is rounded before the cost is computed.
+//   range  a mass < 2^16 and a sum < 2^24: |d| < 2^40, and the mass of a side is at most S_a * S_b < 2^48. Masses are
+//          std::int32_t below kInt32MassLimit, else doubles: every sum, difference and minimum is exact.
+//   error  a plan is accepted if no reduced cost, in double precision, is below -2^-36 of the largest cost. Its cost is
+//          less than 1e-9 bin pitches above the exact distance (transport_simplex.h); never NaN or infinite.
+//   bits   the same on every instruction set and compiler: only +, -, *, /, sqrt, in fixed order, without contraction.
+// Mass that both HORDs share in a bin is cancelled if the ground distance is a metric, and kept otherwise.
+// Tests: tests/algo/emd/emd_solver_test.cpp (LEMON as oracle), sparse_hord_test.cpp.
 #pragma once
 
 #include <cstdint>
@@ -25,41 +33,39 @@
 
 namespace hord::algo {
 
-// Not thread-safe: give each thread its own. Allocates only in create().
+// Not thread-safe. Allocates only in create().
 class EmdSolver {
   public:
-    // Cannot fail for a GroundDistance that was made; a Result so that it reads like its siblings.
-    // `isa`: what its vectors are made for; the results are the same to the last bit. Not `portable`, it takes the
-    // instructions of AVX-512 that find and close up what has to move, where there are any, too.
+    // Fails with unsupported if the processor lacks `isa`. The results are the same bits for every isa; for any but
+    // `portable`, AVX-512 instructions are also used where they exist.
     static Result<EmdSolver> create(const GroundDistance& ground, Isa isa = best_isa());
 
     // The distance between two HORDs with the ground distance's number of bins, in its unit; exactly symmetric.
-    // 0 when either is dark (sum 0): a caller masks those, there is no distance to a HORD that does not exist.
+    // 0 if either is dark (sum 0): callers mask those.
     [[nodiscard]] double distance(const Hord& a, const Hord& b);
 
-    // The same for many pairs, several times faster: small problems of one shape are collected and solved side by side.
-    // *out is written by submit() or a later call, at the latest by finish(); it must stay valid until then, belongs to
-    // this pair alone, and is no distance before. The HORDs need not outlive submit(). Same bits as distance(). Call
-    // finish() as rarely as the memory for `out` allows.
+    // The same bits for many pairs, several times faster: small problems of one shape are solved as a batch.
+    // *out is written at the latest by finish(). Until then it must stay valid, belong to this pair alone and not be
+    // read. The masses are not read after submit(). Call finish() as rarely as the memory for `out` allows.
     void submit(const Hord& a, const Hord& b, double* out);
     void finish();
 
-    // The same of HORDs that a compact() has closed up: faster where few bins are lit and each HORD belongs to several
-    // pairs (docs/results/features.md).
+    // The same for HORDs from compact(): faster if few bins are lit and each HORD belongs to several pairs
+    // (docs/results/features.md).
     void submit(const SparseHord& a, const SparseHord& b, double* out);
-    [[nodiscard]] CloseUp compact() const;
+    [[nodiscard]] CompactFunction compact() const;
 
-    // What was done since create(). `unproven` counts plans returned at the pivot limit without a proof that they
-    // are optimal; the tree is kept strongly feasible, so that it stays 0 (tested).
-    struct Work {
+    // Counts since create(). `unproven`: plans returned at the pivot limit without proof that they are optimal; stays 0
+    // because the tree is kept strongly feasible (tested).
+    struct Counters {
         std::uint64_t pairs = 0;
-        std::uint64_t few = 0;      // of them, solved by knapsack_batch.h
-        std::uint64_t small = 0;    // by transport_batch.h
-        std::uint64_t simplex = 0;  // or by transport_simplex.h, from their plan on or alone; the rest need none
+        std::uint64_t knapsack = 0;   // pairs solved by knapsack_batch.h
+        std::uint64_t transport = 0;  // pairs given to transport_batch.h
+        std::uint64_t simplex = 0;    // pairs solved by transport_simplex.h, with or without a plan to start from
         std::uint64_t pivots = 0;
         std::uint64_t unproven = 0;
     };
-    [[nodiscard]] const Work& work() const;
+    [[nodiscard]] const Counters& counters() const;
 
     EmdSolver(EmdSolver&&) noexcept;
     EmdSolver& operator=(EmdSolver&&) noexcept;

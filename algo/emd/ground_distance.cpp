@@ -8,7 +8,7 @@
 namespace hord::algo {
 namespace {
 
-// sqrt of a sum of squares, not std::hypot: sqrt is rounded correctly everywhere, hypot is not.
+// sqrt, not std::hypot: sqrt is correctly rounded on every platform.
 double cost_between(const Direction& a, const Direction& b, GroundNorm norm, double threshold) {
     const double dx = a.x - b.x;
     const double dy = a.y - b.y;
@@ -43,8 +43,7 @@ Result<GroundDistance> GroundDistance::between_directions(int bins_i, int bins_j
                     "give one direction a bin");
     }
     for (std::size_t k = 0; k < bins; ++k) {
-        const bool good =
-            std::abs(directions[k].x) <= kLargestDirection && std::abs(directions[k].y) <= kLargestDirection;
+        const bool good = std::abs(directions[k].x) <= kMaxDirection && std::abs(directions[k].y) <= kMaxDirection;
         if (!good) {
             return fail(ErrorCode::invalid_argument,
                         "the direction of bin " + std::to_string(k) + " is not finite or beyond 1e6 bin pitches",

@@ -1,12 +1,11 @@
-// Ground distance: what it costs to move light from one angular bin to another (c(k,l) of Eqs. 9-11).
+// Ground distance: the cost c(k,l) of moving light from one angular bin to another (Eqs. 9-11).
 //
-// The paper leaves c and the direction r(i,j) of a bin open. Here a bin's direction is either its index (one
-// bin pitch apart) or comes from a calibrated direction map, in bin pitches; c is a norm of the difference of
-// directions, if wanted cut off at a threshold. Costs are doubles in bin pitches (squared pitches for
-// squared_euclidean), exactly symmetric, zero on the diagonal.
+// The paper leaves open c and the direction r(i,j) of a bin. Here r is the bin's index (one bin pitch apart), or comes
+// from a calibrated direction map in bin pitches. c is a norm of the difference of directions, optionally limited to a
+// threshold. Costs are doubles in bin pitches (squared_euclidean: squared), exactly symmetric, zero on the diagonal.
 //
-// euclidean and manhattan, cut off or not, are metrics: mass that two histograms share never needs to move.
-// squared_euclidean is not one: there, shared mass may move in an optimal plan and must be kept.
+// euclidean and manhattan, limited or not, are metrics: mass that two HORDs share never needs to move.
+// squared_euclidean is none: shared mass may move in an optimal plan and must be kept.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +19,7 @@ namespace hord::algo {
 
 enum class GroundNorm : std::uint8_t { euclidean, manhattan, squared_euclidean };
 
-// Where the light of a bin goes, in bin pitches.
+// Direction of the light of a bin, in bin pitches.
 struct Direction {
     double x = 0;
     double y = 0;
@@ -29,16 +28,16 @@ struct Direction {
 class GroundDistance {
   public:
     static constexpr double kNoThreshold = std::numeric_limits<double>::infinity();
-    static constexpr double kLargestDirection = 1e6;  // bin pitches; beyond it a direction map is refused
+    static constexpr double kMaxDirection = 1e6;  // bin pitches
 
     // Bins one pitch apart: r(i,j) = (i, j). Fails with invalid_argument when bins_i or bins_j is not 3..15, or
     // the threshold is not positive.
     static Result<GroundDistance> between_bins(int bins_i, int bins_j, GroundNorm norm = GroundNorm::euclidean,
                                                double threshold = kNoThreshold);
 
-    // One direction a bin, j outer, i inner. Coincident directions are allowed (moving between them is free).
-    // Fails as above, and when the number of directions is not bins_i * bins_j, or one is not finite or
-    // larger than kLargestDirection.
+    // One direction per bin, j outer, i inner. Coincident directions are allowed (moving between them is free).
+    // Fails as above, and when there are not bins_i * bins_j directions, or one is not finite or larger than
+    // kMaxDirection.
     static Result<GroundDistance> between_directions(int bins_i, int bins_j, std::span<const Direction> directions,
                                                      GroundNorm norm = GroundNorm::euclidean,
                                                      double threshold = kNoThreshold);
@@ -51,7 +50,7 @@ class GroundDistance {
     [[nodiscard]] bool is_metric() const { return norm_ != GroundNorm::squared_euclidean; }
     [[nodiscard]] std::span<const Direction> directions() const { return directions_; }
 
-    // The cost between bins p and q (j*I + i), and all costs from bin p.
+    // The cost between bins p and q (numbered j*I + i), and all costs from bin p.
     [[nodiscard]] double operator()(int p, int q) const { return row(p)[q]; }
     [[nodiscard]] const double* row(int p) const { return cost_.data() + p * bins(); }
     [[nodiscard]] double largest() const { return largest_; }
@@ -68,7 +67,7 @@ class GroundDistance {
 };
 
 struct Extents;
-// Fails with invalid_argument when the ground distance is not between these extents' bins.
+// Fails with invalid_argument when the ground distance has other numbers of bins than the extents.
 Result<void> check_bins(const GroundDistance& ground, const Extents& extents);
 
 }  // namespace hord::algo

@@ -1,9 +1,8 @@
-// HORDs seen along a line: the W1 distance of two projections, from which bounds of the earth mover's distance are
-// made.
+// The W1 distance of two HORDs projected onto a line. It bounds the earth mover's distance from below.
 //
-// In one dimension the distance is the integral of |F_a - F_b| (cumulative sums). Over the common denominator the
-// difference is an exact integer: |sum of d| < 2^49, held in a double. Rounding is that of at most 224 products and
-// sums: relative error below 2^-44.
+// In one dimension the distance is the integral of |F_a - F_b| (cumulative sums). Over the common denominator F_a - F_b
+// is an exact integer below 2^49, held in a double. Only the at most 224 products and their sum round: relative error
+// below 2^-44.
 #pragma once
 
 #include <array>
@@ -16,7 +15,7 @@
 
 namespace hord::algo {
 
-// Bins in which two HORDs differ: d = a * S_b - b * S_a.
+// The bins in which two HORDs differ: mass[k] = d = a * S_b - b * S_a of bin[k].
 struct Difference {
     int count = 0;
     std::array<std::uint8_t, kMaxBinCount> bin;
@@ -25,15 +24,15 @@ struct Difference {
 
 class Projection {
   public:
-    // Onto the line of direction (x, y).
+    // (x, y): direction of the line, a unit vector.
     Projection(std::span<const Direction> directions, double x, double y);
 
     // W1 of the projections, times the common denominator.
     [[nodiscard]] double distance(const Difference& d) const;
 
   private:
-    std::vector<std::uint8_t> place_of_bin_;  // its place in the order along the line; bins at the same spot share one
-    std::vector<double> gap_;                 // from a place to the next
+    std::vector<std::uint8_t> place_of_bin_;  // rank along the line; bins at the same point share one
+    std::vector<double> gap_;                 // distance from a rank to the next, bin pitches
 };
 
 }  // namespace hord::algo

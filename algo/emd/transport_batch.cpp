@@ -8,200 +8,202 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kCells = kMaxBatchSide * kFirstSmallColumn;
+constexpr int kCells = kMaxBatchSide * kFirstColumnNode;
 constexpr std::int32_t kCellBits = 0xFF;
 static_assert(kCells <= kCellBits + 1);
 constexpr float kClosed = std::numeric_limits<float>::infinity();
 
-// Always inlined, so that it is compiled for the instruction set of its caller.
+// One batch while it is solved. Always inlined: compiled for the instruction set of the caller.
 template <int Bytes, class Mass>
 struct Batch {
-    using Floats = Lanes<float, kWide, Bytes>;
-    using Ints = Lanes<std::int32_t, kWide, Bytes>;
-    using Doubles = Lanes<double, kWide, Bytes>;
+    using Floats = Vec<float, kBatchLanes, Bytes>;
+    using Ints = Vec<std::int32_t, kBatchLanes, Bytes>;
+    using Doubles = Vec<double, kBatchLanes, Bytes>;
 
     const TransportBatch<Mass>& b;
     const TransportBatchCosts& costs;
     TransportAnswer<Mass>& answer;
     const int rows;
     const int cols;
-    Mass mass[kSmallNodes][kWide];
-    double cost[kCells][kWide];
-    float key[kCells][kWide];
+    Mass mass[kBatchNodes][kBatchLanes];
+    double cost[kCells][kBatchLanes];
+    float key[kCells][kBatchLanes];
 
     HORD_ALWAYS_INLINE Batch(const TransportBatch<Mass>& batch, const TransportBatchCosts& c,
                              TransportAnswer<Mass>& out)
         : b(batch), costs(c), answer(out), rows(batch.rows), cols(batch.cols) {}
 
-    HORD_ALWAYS_INLINE static int cell(int row, int col) { return row * kFirstSmallColumn + col; }
-    HORD_ALWAYS_INLINE static int column(int j) { return kFirstSmallColumn + j; }
+    HORD_ALWAYS_INLINE static int cell(int row, int col) { return row * kFirstColumnNode + col; }
+    HORD_ALWAYS_INLINE static int column(int j) { return kFirstColumnNode + j; }
 
     HORD_ALWAYS_INLINE void gather() {
-        std::int32_t bin[kSmallNodes][kWide];  // of rows: where their costs begin
+        std::int32_t bin[kBatchNodes][kBatchLanes];  // for rows: the offset of their costs
         const auto transpose = [&](int node, int side, int k, std::int32_t times) __attribute__((always_inline)) {
-            for (int l = 0; l < kWide; ++l) mass[node][l] = b.problem[l].mass[side][k];
-            for (int l = 0; l < kWide; ++l) bin[node][l] = b.problem[l].bin[side][k] * times;
+            for (int l = 0; l < kBatchLanes; ++l) mass[node][l] = b.problem[l].mass[side][k];
+            for (int l = 0; l < kBatchLanes; ++l) bin[node][l] = b.problem[l].bin[side][k] * times;
         };
         for (int i = 0; i < rows; ++i) transpose(i, 0, i, costs.bins);
         for (int j = 0; j < cols; ++j) transpose(column(j), 1, j, 1);
         for (int i = 0; i < rows; ++i) {
-            const Ints begin = Ints::at(bin[i]);
+            const Ints begin = Ints::load(bin[i]);
             for (int j = 0; j < cols; ++j) {
-                std::uint32_t place[kWide];
-                (begin + Ints::at(bin[column(j)])).template bits_as<std::uint32_t>().to(place);
+                std::uint32_t place[kBatchLanes];
+                (begin + Ints::load(bin[column(j)])).template bit_cast<std::uint32_t>().store(place);
                 double* const c = cost[cell(i, j)];
-                for (int l = 0; l < kWide; ++l) c[l] = costs.table[place[l]];
+                for (int l = 0; l < kBatchLanes; ++l) c[l] = costs.table[place[l]];
             }
         }
     }
 
     HORD_ALWAYS_INLINE Doubles masses(int node) const {
-        double exact[kWide];
-        for (int l = 0; l < kWide; ++l) exact[l] = static_cast<double>(mass[node][l]);
-        return Doubles::at(exact);
+        double exact[kBatchLanes];
+        for (int l = 0; l < kBatchLanes; ++l) exact[l] = static_cast<double>(mass[node][l]);
+        return Doubles::load(exact);
     }
 
     HORD_ALWAYS_INLINE void set_key(int cell, Floats order) {
-        const Ints bits = (order.template bits_as<std::int32_t>() & Ints::all(~kCellBits)) | Ints::all(cell);
-        bits.template bits_as<float>().to(key[cell]);
+        const Ints bits =
+            (order.template bit_cast<std::int32_t>() & Ints::broadcast(~kCellBits)) | Ints::broadcast(cell);
+        bits.template bit_cast<float>().store(key[cell]);
     }
 
     HORD_ALWAYS_INLINE void from_one() {
-        double sum[kWide] = {};
+        double sum[kBatchLanes] = {};
         for (int j = 0; j < cols; ++j) {
-            for (int l = 0; l < kWide; ++l) sum[l] += static_cast<double>(mass[column(j)][l]) * cost[cell(0, j)][l];
+            for (int l = 0; l < kBatchLanes; ++l)
+                sum[l] += static_cast<double>(mass[column(j)][l]) * cost[cell(0, j)][l];
         }
-        for (int l = 0; l < kWide; ++l) answer.cost[l] = sum[l];
-        for (int l = 0; l < kWide; ++l) answer.proven[l] = true;
+        for (int l = 0; l < kBatchLanes; ++l) answer.cost[l] = sum[l];
+        for (int l = 0; l < kBatchLanes; ++l) answer.proven[l] = true;
     }
 
-    // Of two columns the one of lower key comes first; its mass is added to what is before the other.
+    // Of two columns the one with the lower key comes first: its mass is added to `before` of the other.
     HORD_ALWAYS_INLINE static void add_before(const float* key_a, const float* key_b, const Mass* mass_a,
                                               const Mass* mass_b, Mass* before_a, Mass* before_b) {
-        std::int32_t a_first[kWide];
-        Floats::at(key_a).below(Floats::at(key_b)).to(a_first);
+        std::int32_t a_first[kBatchLanes];
+        Floats::load(key_a).less_than(Floats::load(key_b)).store(a_first);
         if constexpr (sizeof(Mass) == sizeof(std::int32_t)) {
-            const Ints first = Ints::at(a_first);
-            (Ints::at(before_b) + (first & Ints::at(mass_a))).to(before_b);
-            (Ints::at(before_a) + choose(first, Ints::all(0), Ints::at(mass_b))).to(before_a);
+            const Ints first = Ints::load(a_first);
+            (Ints::load(before_b) + (first & Ints::load(mass_a))).store(before_b);
+            (Ints::load(before_a) + select(first, Ints::broadcast(0), Ints::load(mass_b))).store(before_a);
         } else {
-            for (int l = 0; l < kWide; ++l) before_b[l] += a_first[l] != 0 ? mass_a[l] : Mass{0};
-            for (int l = 0; l < kWide; ++l) before_a[l] += a_first[l] != 0 ? Mass{0} : mass_b[l];
+            for (int l = 0; l < kBatchLanes; ++l) before_b[l] += a_first[l] != 0 ? mass_a[l] : Mass{0};
+            for (int l = 0; l < kBatchLanes; ++l) before_a[l] += a_first[l] != 0 ? Mass{0} : mass_b[l];
         }
     }
 
-    // Two rows: how much of each column comes from the first. Keys order columns roughly: the plan is proven where no
-    // column that the first row serves gains less by it than one that the second serves.
+    // Two rows. Float keys order the columns. The plan is proven if no column served by the first row gains less from
+    // it than one served by the second row.
     HORD_ALWAYS_INLINE void knapsack() {
         for (int j = 0; j < cols; ++j) {
-            float gain[kWide];
-            for (int l = 0; l < kWide; ++l) gain[l] = static_cast<float>(cost[cell(0, j)][l] - cost[cell(1, j)][l]);
-            set_key(j, Floats::at(gain));
+            float gain[kBatchLanes];
+            for (int l = 0; l < kBatchLanes; ++l)
+                gain[l] = static_cast<float>(cost[cell(0, j)][l] - cost[cell(1, j)][l]);
+            set_key(j, Floats::load(gain));
         }
-        // Of each column, what those before it want; of two keys, which no two columns share, one is the lower.
-        Mass before[kMaxBatchSide][kWide] = {}, taken[kMaxBatchSide][kWide];
+        // `before`: mass of the columns with lower keys. Keys are unique.
+        Mass before[kMaxBatchSide][kBatchLanes] = {}, taken[kMaxBatchSide][kBatchLanes];
         for (int j = 0; j < cols; ++j) {
             for (int k = 0; k < j; ++k)
                 add_before(key[j], key[k], mass[column(j)], mass[column(k)], before[j], before[k]);
         }
         for (int j = 0; j < cols; ++j) {
-            for (int l = 0; l < kWide; ++l)
-                taken[j][l] = lower(higher(mass[0][l] - before[j][l], Mass{0}), mass[column(j)][l]);
+            for (int l = 0; l < kBatchLanes; ++l)
+                taken[j][l] = min(max(mass[0][l] - before[j][l], Mass{0}), mass[column(j)][l]);
         }
-        double sum[kWide] = {};
-        double most_served[kWide], least_left[kWide];  // cost by the first row, less that by the second
-        for (int l = 0; l < kWide; ++l) most_served[l] = -std::numeric_limits<double>::infinity();
-        for (int l = 0; l < kWide; ++l) least_left[l] = std::numeric_limits<double>::infinity();
+        double sum[kBatchLanes] = {};
+        double most_served[kBatchLanes], least_left[kBatchLanes];  // cost from the first row minus cost from the second
+        for (int l = 0; l < kBatchLanes; ++l) most_served[l] = -std::numeric_limits<double>::infinity();
+        for (int l = 0; l < kBatchLanes; ++l) least_left[l] = std::numeric_limits<double>::infinity();
         for (int j = 0; j < cols; ++j) {
-            for (int l = 0; l < kWide; ++l) {
+            for (int l = 0; l < kBatchLanes; ++l) {
                 const double by_first = cost[cell(0, j)][l] - cost[cell(1, j)][l];
                 const bool serves = taken[j][l] > 0, leaves = taken[j][l] < mass[column(j)][l];
                 most_served[l] = serves && most_served[l] < by_first ? by_first : most_served[l];
                 least_left[l] = leaves && by_first < least_left[l] ? by_first : least_left[l];
             }
-            for (int l = 0; l < kWide; ++l) {
+            for (int l = 0; l < kBatchLanes; ++l) {
                 sum[l] += static_cast<double>(taken[j][l]) * cost[cell(0, j)][l] +
                     static_cast<double>(mass[column(j)][l] - taken[j][l]) * cost[cell(1, j)][l];
             }
         }
-        for (int l = 0; l < kWide; ++l) answer.cost[l] = sum[l];
-        for (int l = 0; l < kWide; ++l) answer.proven[l] = most_served[l] - least_left[l] <= costs.tolerance;
+        for (int l = 0; l < kBatchLanes; ++l) answer.cost[l] = sum[l];
+        for (int l = 0; l < kBatchLanes; ++l) answer.proven[l] = most_served[l] - least_left[l] <= costs.tolerance;
     }
 
-    // The order in which cells are served: c_ij - R_i - K_j.
+    // Keys: c_ij - R_i - K_j, with the mass-weighted mean costs R_i of rows and K_j of columns (transport_start.h).
     HORD_ALWAYS_INLINE void order_cells() {
-        float share[kSmallNodes][kWide];
-        float mean[kSmallNodes][kWide];
-        double total[kWide] = {};
+        float share[kBatchNodes][kBatchLanes];
+        float mean[kBatchNodes][kBatchLanes];
+        double total[kBatchLanes] = {};
         for (int i = 0; i < rows; ++i) {
-            for (int l = 0; l < kWide; ++l) total[l] += static_cast<double>(mass[i][l]);
+            for (int l = 0; l < kBatchLanes; ++l) total[l] += static_cast<double>(mass[i][l]);
         }
-        for (int l = 0; l < kWide; ++l) total[l] = 1 / total[l];
+        for (int l = 0; l < kBatchLanes; ++l) total[l] = 1 / total[l];
         const auto prepare = [&](int node) __attribute__((always_inline)) {
-            double exact[kWide];
-            (masses(node) * Doubles::at(total)).to(exact);
-            for (int l = 0; l < kWide; ++l) share[node][l] = static_cast<float>(exact[l]);
-            Floats::all(0).to(mean[node]);
+            double exact[kBatchLanes];
+            (masses(node) * Doubles::load(total)).store(exact);
+            for (int l = 0; l < kBatchLanes; ++l) share[node][l] = static_cast<float>(exact[l]);
+            Floats::broadcast(0).store(mean[node]);
         };
         for (int i = 0; i < rows; ++i) prepare(i);
         for (int j = 0; j < cols; ++j) prepare(column(j));
         for (int i = 0; i < rows; ++i) {
-            Floats mean_row = Floats::all(0);
-            const Floats share_row = Floats::at(share[i]);
+            Floats mean_row = Floats::broadcast(0);
+            const Floats share_row = Floats::load(share[i]);
             for (int j = 0; j < cols; ++j) {
-                float rough[kWide];
-                for (int l = 0; l < kWide; ++l) rough[l] = static_cast<float>(cost[cell(i, j)][l]);
-                const Floats c = Floats::at(rough);
-                c.to(key[cell(i, j)]);
-                mean_row = mean_row + c * Floats::at(share[column(j)]);
-                (Floats::at(mean[column(j)]) + c * share_row).to(mean[column(j)]);
+                float rough[kBatchLanes];
+                for (int l = 0; l < kBatchLanes; ++l) rough[l] = static_cast<float>(cost[cell(i, j)][l]);
+                const Floats c = Floats::load(rough);
+                c.store(key[cell(i, j)]);
+                mean_row = mean_row + c * Floats::load(share[column(j)]);
+                (Floats::load(mean[column(j)]) + c * share_row).store(mean[column(j)]);
             }
-            mean_row.to(mean[i]);
+            mean_row.store(mean[i]);
         }
         for (int i = 0; i < rows; ++i) {
-            const Floats mean_row = Floats::at(mean[i]);
+            const Floats mean_row = Floats::load(mean[i]);
             for (int j = 0; j < cols; ++j)
-                set_key(cell(i, j), Floats::at(key[cell(i, j)]) - mean_row - Floats::at(mean[column(j)]));
+                set_key(cell(i, j), Floats::load(key[cell(i, j)]) - mean_row - Floats::load(mean[column(j)]));
         }
     }
 
-    // The cell of least key whose row and column are open, of every lane.
-    HORD_ALWAYS_INLINE Ints best_cells(const float (*closed)[kWide]) const {
-        Floats in_all = Floats::all(kClosed);
+    // Per lane the cell with the least key whose row and column are open.
+    HORD_ALWAYS_INLINE Ints best_cells(const float (*closed)[kBatchLanes]) const {
+        Floats in_all = Floats::broadcast(kClosed);
         for (int i = 0; i < rows; ++i) {
-            Floats in_row = Floats::all(kClosed);
+            Floats in_row = Floats::broadcast(kClosed);
             for (int j = 0; j < cols; ++j)
-                in_row = lower(in_row, Floats::at(key[cell(i, j)]) + Floats::at(closed[column(j)]));
-            in_all = lower(in_all, in_row + Floats::at(closed[i]));
+                in_row = min(in_row, Floats::load(key[cell(i, j)]) + Floats::load(closed[column(j)]));
+            in_all = min(in_all, in_row + Floats::load(closed[i]));
         }
-        return in_all.template bits_as<std::int32_t>() & Ints::all(kCellBits);
+        return in_all.template bit_cast<std::int32_t>() & Ints::broadcast(kCellBits);
     }
 
-    // The plan: every step uses up one row or one column (of a tie the column, unless it is the last), which then hangs
-    // from the other.
-    HORD_ALWAYS_INLINE void serve(std::int32_t (*served)[kWide]) {
-        float closed[kSmallNodes][kWide];  // 0, or kClosed once it is used up
-        Mass left[kSmallNodes][kWide];
+    // The plan: every step uses up one row or one column (if tied, the column, unless it is the last).
+    HORD_ALWAYS_INLINE void serve(std::int32_t (*served)[kBatchLanes]) {
+        float closed[kBatchNodes][kBatchLanes];  // 0, or kClosed once it is used up
+        Mass left[kBatchNodes][kBatchLanes];
         const auto open = [&](int node) __attribute__((always_inline)) {
-            Floats::all(0).to(closed[node]);
-            for (int l = 0; l < kWide; ++l) left[node][l] = mass[node][l];
+            Floats::broadcast(0).store(closed[node]);
+            for (int l = 0; l < kBatchLanes; ++l) left[node][l] = mass[node][l];
         };
         for (int i = 0; i < rows; ++i) open(i);
         for (int j = 0; j < cols; ++j) open(column(j));
-        std::int32_t open_cols[kWide];
-        Ints::all(cols).to(open_cols);
+        std::int32_t open_cols[kBatchLanes];
+        Ints::broadcast(cols).store(open_cols);
         const int steps = rows + cols - 1;
         for (int step = 0; step < steps; ++step) {
-            best_cells(closed).to(served[step]);
+            best_cells(closed).store(served[step]);
             if constexpr (sizeof(Mass) == sizeof(std::int32_t)) {
-                serve_lanes(step, Ints::at(served[step]), left, closed, open_cols);
+                serve_lanes(step, Ints::load(served[step]), left, closed, open_cols);
             } else {
-                for (int l = 0; l < kWide; ++l) {
-                    // No branches: they would be guesses.
-                    const std::int32_t row = served[step][l] / kFirstSmallColumn;
-                    const std::int32_t col = column(served[step][l] % kFirstSmallColumn);
+                for (int l = 0; l < kBatchLanes; ++l) {
+                    // Branch-free: branches would be unpredictable.
+                    const std::int32_t row = served[step][l] / kFirstColumnNode;
+                    const std::int32_t col = column(served[step][l] % kFirstColumnNode);
                     const Mass in_row = left[row][l], in_col = left[col][l];
-                    const Mass moved = lower(in_row, in_col);
+                    const Mass moved = min(in_row, in_col);
                     const std::int32_t row_closes = -((in_row < in_col ? 1 : 0) | (open_cols[l] == 1 ? 1 : 0));
                     const std::int32_t swap = (row ^ col) & row_closes;
                     open_cols[l] -= 1 + row_closes;
@@ -216,60 +218,63 @@ struct Batch {
         }
     }
 
-    HORD_ALWAYS_INLINE void serve_lanes(int step, Ints cells, std::int32_t (*left)[kWide], float (*closed)[kWide],
-                                        std::int32_t* open_cols) {
+    HORD_ALWAYS_INLINE void serve_lanes(int step, Ints cells, std::int32_t (*left)[kBatchLanes],
+                                        float (*closed)[kBatchLanes], std::int32_t* open_cols) {
         const Ints row = cells >> 4;
-        const Ints col = (cells & Ints::all(kFirstSmallColumn - 1)) + Ints::all(kFirstSmallColumn);
-        Ints in_row = Ints::all(0), in_col = Ints::all(0);
-        for (int i = 0; i < rows; ++i) in_row = in_row | (row.equals(Ints::all(i)) & Ints::at(left[i]));
-        for (int j = 0; j < cols; ++j) in_col = in_col | (col.equals(Ints::all(column(j))) & Ints::at(left[column(j)]));
-        const Ints moved = lower(in_row, in_col);
-        const Ints closes_row = in_col.above(in_row) | Ints::at(open_cols).equals(Ints::all(1));
-        const Ints child = choose(closes_row, row, col);
-        (Ints::at(open_cols) - Ints::all(1) - closes_row).to(open_cols);
-        child.to(answer.child[step]);
-        choose(closes_row, col, row).to(answer.parent[step]);
-        moved.to(answer.flow[step]);
-        const Ints shut = Floats::all(kClosed).template bits_as<std::int32_t>();
+        const Ints col = (cells & Ints::broadcast(kFirstColumnNode - 1)) + Ints::broadcast(kFirstColumnNode);
+        Ints in_row = Ints::broadcast(0), in_col = Ints::broadcast(0);
+        for (int i = 0; i < rows; ++i) in_row = in_row | (row.equal_to(Ints::broadcast(i)) & Ints::load(left[i]));
+        for (int j = 0; j < cols; ++j)
+            in_col = in_col | (col.equal_to(Ints::broadcast(column(j))) & Ints::load(left[column(j)]));
+        const Ints moved = min(in_row, in_col);
+        const Ints closes_row = in_col.greater_than(in_row) | Ints::load(open_cols).equal_to(Ints::broadcast(1));
+        const Ints child = select(closes_row, row, col);
+        (Ints::load(open_cols) - Ints::broadcast(1) - closes_row).store(open_cols);
+        child.store(answer.child[step]);
+        select(closes_row, col, row).store(answer.parent[step]);
+        moved.store(answer.flow[step]);
+        const Ints shut = Floats::broadcast(kClosed).template bit_cast<std::int32_t>();
         const auto use_up = [&](int node, const Ints& its_side) __attribute__((always_inline)) {
-            (Ints::at(left[node]) - (its_side.equals(Ints::all(node)) & moved)).to(left[node]);
-            const Ints was = Floats::at(closed[node]).template bits_as<std::int32_t>();
-            (was | (child.equals(Ints::all(node)) & shut)).template bits_as<float>().to(closed[node]);
+            (Ints::load(left[node]) - (its_side.equal_to(Ints::broadcast(node)) & moved)).store(left[node]);
+            const Ints was = Floats::load(closed[node]).template bit_cast<std::int32_t>();
+            (was | (child.equal_to(Ints::broadcast(node)) & shut)).template bit_cast<float>().store(closed[node]);
         };
         for (int i = 0; i < rows; ++i) use_up(i, row);
         for (int j = 0; j < cols; ++j) use_up(column(j), col);
     }
 
-    // The proof: duals from the last node to close backwards, and no cell below zero. The cost is that of the duals.
-    HORD_ALWAYS_INLINE void prove(const std::int32_t (*served)[kWide]) {
-        double dual[kSmallNodes][kWide];
+    // The proof: duals from the last step backwards, and no reduced cost below zero. The cost is computed from the
+    // duals.
+    HORD_ALWAYS_INLINE void prove(const std::int32_t (*served)[kBatchLanes]) {
+        double dual[kBatchNodes][kBatchLanes];
         double* const duals = dual[0];
         const double* const cell_costs = cost[0];
         const int steps = rows + cols - 1;
-        for (int l = 0; l < kWide; ++l) dual[answer.parent[steps - 1][l]][l] = 0;
+        for (int l = 0; l < kBatchLanes; ++l) dual[answer.parent[steps - 1][l]][l] = 0;
         for (int step = steps - 1; step >= 0; --step) {
-            std::uint32_t child[kWide], parent[kWide], by[kWide];  // where a lane's are, from the first on
+            std::uint32_t child[kBatchLanes], parent[kBatchLanes],
+                by[kBatchLanes];  // offsets from the first lane
             const auto place = [](const std::int32_t* of) __attribute__((always_inline)) {
-                return ((Ints::at(of) << 4) + Ints::numbers()).template bits_as<std::uint32_t>();
+                return ((Ints::load(of) << 4) + Ints::iota()).template bit_cast<std::uint32_t>();
             };
-            static_assert(kWide == 1 << 4);
-            place(answer.child[step]).to(child);
-            place(answer.parent[step]).to(parent);
-            place(served[step]).to(by);
-            for (int l = 0; l < kWide; ++l) duals[child[l]] = cell_costs[by[l]] - duals[parent[l]];
+            static_assert(kBatchLanes == 1 << 4);
+            place(answer.child[step]).store(child);
+            place(answer.parent[step]).store(parent);
+            place(served[step]).store(by);
+            for (int l = 0; l < kBatchLanes; ++l) duals[child[l]] = cell_costs[by[l]] - duals[parent[l]];
         }
-        Doubles least = Doubles::all(0), sum = Doubles::all(0);
+        Doubles least = Doubles::broadcast(0), sum = Doubles::broadcast(0);
         for (int i = 0; i < rows; ++i) {
-            const Doubles of_row = Doubles::at(dual[i]);
+            const Doubles of_row = Doubles::load(dual[i]);
             for (int j = 0; j < cols; ++j)
-                least = lower(least, Doubles::at(cost[cell(i, j)]) - of_row - Doubles::at(dual[column(j)]));
+                least = min(least, Doubles::load(cost[cell(i, j)]) - of_row - Doubles::load(dual[column(j)]));
             sum = sum + masses(i) * of_row;
         }
-        for (int j = 0; j < cols; ++j) sum = sum + masses(column(j)) * Doubles::at(dual[column(j)]);
-        sum.to(answer.cost);
-        double worst[kWide];
-        least.to(worst);
-        for (int l = 0; l < kWide; ++l) answer.proven[l] = worst[l] >= -costs.tolerance;
+        for (int j = 0; j < cols; ++j) sum = sum + masses(column(j)) * Doubles::load(dual[column(j)]);
+        sum.store(answer.cost);
+        double worst[kBatchLanes];
+        least.store(worst);
+        for (int l = 0; l < kBatchLanes; ++l) answer.proven[l] = worst[l] >= -costs.tolerance;
     }
 
     HORD_ALWAYS_INLINE void solve() {
@@ -277,48 +282,40 @@ struct Batch {
         if (rows == 1) return from_one();
         if (rows > 2) return by_least_cost();
         knapsack();
-        // What it did not prove is planned like the others, so that the simplex has steps to go on from; what it proved
-        // stays.
-        double proven_cost[kWide];
-        bool proven[kWide], all = true;
-        for (int l = 0; l < kWide; ++l) proven_cost[l] = answer.cost[l];
-        for (int l = 0; l < kWide; ++l) proven[l] = answer.proven[l];
+        // Unproven lanes are planned as with more rows, so that the simplex has a plan to start from; others stay.
+        double proven_cost[kBatchLanes];
+        bool proven[kBatchLanes], all = true;
+        for (int l = 0; l < kBatchLanes; ++l) proven_cost[l] = answer.cost[l];
+        for (int l = 0; l < kBatchLanes; ++l) proven[l] = answer.proven[l];
         for (int l = 0; l < b.filled; ++l) all = all && proven[l];
         if (all) return;
         by_least_cost();
-        for (int l = 0; l < kWide; ++l) answer.cost[l] = proven[l] ? proven_cost[l] : answer.cost[l];
-        for (int l = 0; l < kWide; ++l) answer.proven[l] = proven[l] || answer.proven[l];
+        for (int l = 0; l < kBatchLanes; ++l) answer.cost[l] = proven[l] ? proven_cost[l] : answer.cost[l];
+        for (int l = 0; l < kBatchLanes; ++l) answer.proven[l] = proven[l] || answer.proven[l];
     }
 
     HORD_ALWAYS_INLINE void by_least_cost() {
-        std::int32_t served[kMaxBatchSteps][kWide];
+        std::int32_t served[kMaxBatchSteps][kBatchLanes];
         order_cells();
         serve(served);
         prove(served);
     }
 };
 
-template <int Bytes, class Mass>
-HORD_ALWAYS_INLINE void solve_batch(const TransportBatch<Mass>& batch, const TransportBatchCosts& costs,
-                                    TransportAnswer<Mass>& answer) {
-    Batch<Bytes, Mass>(batch, costs, answer).solve();
-}
-template <int Bytes>
-HORD_ALWAYS_INLINE void solve_ints(const TransportBatch<std::int32_t>& batch, const TransportBatchCosts& costs,
-                                   TransportAnswer<std::int32_t>& answer) {
-    solve_batch<Bytes>(batch, costs, answer);
-}
-template <int Bytes>
-HORD_ALWAYS_INLINE void solve_doubles(const TransportBatch<double>& batch, const TransportBatchCosts& costs,
-                                      TransportAnswer<double>& answer) {
-    solve_batch<Bytes>(batch, costs, answer);
-}
+template <class Mass>
+struct Kernel {
+    template <int Bytes>
+    HORD_ALWAYS_INLINE static void solve(const TransportBatch<Mass>& batch, const TransportBatchCosts& costs,
+                                         TransportAnswer<Mass>& answer) {
+        Batch<Bytes, Mass>(batch, costs, answer).solve();
+    }
+};
 
-HORD_FOR_EACH_ISA(ints_for, void, solve_ints,
+HORD_FOR_EACH_ISA(int32_kernel, void, Kernel<std::int32_t>::template solve,
                   (const TransportBatch<std::int32_t>& batch, const TransportBatchCosts& costs,
                    TransportAnswer<std::int32_t>& answer),
                   (batch, costs, answer))
-HORD_FOR_EACH_ISA(doubles_for, void, solve_doubles,
+HORD_FOR_EACH_ISA(double_kernel, void, Kernel<double>::template solve,
                   (const TransportBatch<double>& batch, const TransportBatchCosts& costs,
                    TransportAnswer<double>& answer),
                   (batch, costs, answer))
@@ -326,12 +323,12 @@ HORD_FOR_EACH_ISA(doubles_for, void, solve_doubles,
 }  // namespace
 
 template <>
-SolveSmall<std::int32_t> transport_kernel(Isa isa) {
-    return ints_for(isa);
+SolveTransportBatch<std::int32_t> transport_kernel(Isa isa) {
+    return int32_kernel(isa);
 }
 template <>
-SolveSmall<double> transport_kernel(Isa isa) {
-    return doubles_for(isa);
+SolveTransportBatch<double> transport_kernel(Isa isa) {
+    return double_kernel(isa);
 }
 
 }  // namespace hord::algo

@@ -1,20 +1,15 @@
-// Small transport problems, side by side: what most pairs of neighbouring lenslets come down to.
+// Batches of small transport problems, one per lane. All problems of a batch have the same numbers of rows and columns
+// and so take the same steps.
 //
-// All problems of a batch have the same number of rows and columns, so that they take the same steps, a lane each.
+//   one row    all its mass goes to the columns.
+//   two rows   a fractional knapsack: columns take from the first row in order of gain until it is used up, then from
+//              the second. Float keys give the order; where they cannot prove the plan: as with more rows.
+//   more rows  a plan by least reduced cost (transport_simplex.h) and its duals. Where a cell could still lower the
+//              cost, `proven` is false, and the simplex continues from this plan.
 //
-//   one row     all it has goes to, or comes from, the columns.
-//   two rows    a fractional knapsack: the columns that gain most from the first row take from it until it is used up:
-//   each what those before
-//               it leave. Keys order columns roughly; where that is not enough to prove the plan, as with more rows.
-//   more rows   the plan that least reduced costs give (as in transport_simplex.h), and its duals; where a cell could
-//   still
-//               lower the cost, `proven` is false: the simplex goes on from the steps of this plan.
-//
-// Formats, ranges and error bound are those of emd_solver.h. Masses are std::int32_t where those on either side add up
-// to less than 2^31 (8-bit frames of 9x9 bins do), else doubles: the same integers, and the same results. Keys that
-// only choose an order are floats, whose 8 low bits are replaced by the cell's number. Every instruction set does the
-// same operations in the same order for each problem: one result, to the last bit, whichever problems are its
-// neighbours.
+// Formats, ranges and error bound are those of emd_solver.h: std::int32_t and doubles give the same results. The 8 low
+// bits of a float key are replaced by the number of the cell. The operations on a problem and their order do not depend
+// on the instruction set or on the other lanes: same bits.
 #pragma once
 
 #include <algorithm>
@@ -28,33 +23,32 @@
 
 namespace hord::algo {
 
-constexpr int kMaxBatchSide = 12;  // most rows and columns
-constexpr int kWide = 16;          // problems side by side
+constexpr int kMaxBatchSide = 12;  // rows, and columns
+constexpr int kBatchLanes = 16;    // problems of a batch
 
-// Nodes: rows from 0, columns from kFirstSmallColumn. A cell's number is row * kFirstSmallColumn + column.
-constexpr int kFirstSmallColumn = 16;
-constexpr int kSmallNodes = kFirstSmallColumn + kMaxBatchSide;
+// Nodes are numbered: rows from 0, columns from kFirstColumnNode; cells: row * kFirstColumnNode + column.
+constexpr int kFirstColumnNode = 16;
+constexpr int kBatchNodes = kFirstColumnNode + kMaxBatchSide;
 constexpr int kMaxBatchSteps = 2 * kMaxBatchSide - 1;
 
-// Rows, then columns; masses are positive, and those of either add up to the same. Light ones take two cache lines, of
-// which nothing is left over.
+// [0] rows, [1] columns. Masses are positive; rows and columns have the same sum. Two full cache lines for
+// std::int32_t.
 template <class Mass>
-struct alignas(kAlignment) SmallProblem {
+struct alignas(kAlignment) BatchedProblem {
     Mass mass[2][kMaxBatchSide];
     std::uint8_t bin[2][kMaxBatchSide];
-    double* out;  // where its answer goes; not read here
+    double* out;  // for the caller; not used here
 };
-static_assert(sizeof(SmallProblem<std::int32_t>) == 2 * kAlignment);
+static_assert(sizeof(BatchedProblem<std::int32_t>) == 2 * kAlignment);
 
-// Problems of one shape.
 template <class Mass>
 struct TransportBatch {
     int rows = 0, cols = 0;  // 1 <= rows <= cols <= kMaxBatchSide
-    int filled = 0;  // problems; those after them must be problems, too: what is computed of them is not looked at
-    SmallProblem<Mass> problem[kWide];
+    int filled = 0;          // problems in use; unused lanes hold a copy of problem 0, and their results are ignored
+    BatchedProblem<Mass> problem[kBatchLanes];
 };
 
-// Problems that wait until there are enough of their shape.
+// One batch per shape, filled problem by problem.
 template <class Mass>
 struct TransportBatches {
     TransportBatches() : batch(kShapes) {
@@ -68,40 +62,39 @@ struct TransportBatches {
     static constexpr std::size_t kShapes = (kMaxBatchSide + 1) * (kMaxBatchSide + 1);
     static std::size_t shape(int rows, int cols) { return static_cast<std::size_t>(rows * (kMaxBatchSide + 1) + cols); }
 
-    // One more of a shape; a batch that is full is taken before the next.
-    SmallProblem<Mass>& add(std::size_t shape) { return batch[shape].problem[filled[shape]++]; }
-    // That of a shape, as it is solved: once more the first problem, where there is no other.
-    TransportBatch<Mass>& take(std::size_t shape) {
+    // The next free problem of a shape. A full batch must be taken before.
+    BatchedProblem<Mass>& add(std::size_t shape) { return batch[shape].problem[filled[shape]++]; }
+    // Empties the batch of a shape: the result is valid until the next add(); its unused lanes are padded.
+    TransportBatch<Mass>& padded(std::size_t shape) {
         TransportBatch<Mass>& taken = batch[shape];
         taken.filled = std::exchange(filled[shape], std::uint8_t{0});
-        std::fill(taken.problem + taken.filled, taken.problem + kWide, taken.problem[0]);
+        std::fill(taken.problem + taken.filled, taken.problem + kBatchLanes, taken.problem[0]);
         return taken;
     }
 
-    alignas(kAlignment)
-        std::array<std::uint8_t, kShapes> filled{};  // of each batch: three cache lines, which every pair needs
+    alignas(kAlignment) std::array<std::uint8_t, kShapes> filled{};  // per batch; compact, since every pair reads it
     AlignedVector<TransportBatch<Mass>> batch;
 };
 
 template <class Mass>
 struct TransportAnswer {
-    double cost[kWide];  // mass times cost of the plan
-    bool proven[kWide];  // it is optimal
-    // Where it is not: the plan, a step a row or column that is used up, the child (TransportStep).
-    std::int32_t child[kMaxBatchSteps][kWide], parent[kMaxBatchSteps][kWide];
-    Mass flow[kMaxBatchSteps][kWide];
+    double cost[kBatchLanes];  // mass times cost of the plan
+    bool proven[kBatchLanes];  // the plan is optimal
+    // Where it is not, the plan (TransportStep): each step uses up `child`, which exchanges `flow` with `parent`.
+    std::int32_t child[kMaxBatchSteps][kBatchLanes], parent[kMaxBatchSteps][kBatchLanes];
+    Mass flow[kMaxBatchSteps][kBatchLanes];
 };
 
 struct TransportBatchCosts {
     const double* table = nullptr;  // bins x bins
     int bins = 0;
-    double tolerance = 0;  // a reduced cost below -tolerance disproves a plan
+    double tolerance = 0;  // a plan is optimal if no reduced cost is below -tolerance
 };
 
 template <class Mass>
-using SolveSmall = void (*)(const TransportBatch<Mass>& batch, const TransportBatchCosts& costs,
-                            TransportAnswer<Mass>& answer);
+using SolveTransportBatch = void (*)(const TransportBatch<Mass>& batch, const TransportBatchCosts& costs,
+                                     TransportAnswer<Mass>& answer);
 template <class Mass>
-SolveSmall<Mass> transport_kernel(Isa isa);
+SolveTransportBatch<Mass> transport_kernel(Isa isa);
 
 }  // namespace hord::algo

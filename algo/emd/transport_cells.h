@@ -1,8 +1,7 @@
-// The cells of a transport problem. For transport_simplex.cpp and its parts only.
+// The cost matrix (cells) of a transport problem. For transport_simplex.cpp and its parts only.
 //
-// Costs are integers: the largest is kLargest, and the low bits of each, as many as are needed, are its row and column
-// (its tag: 10 bits of 19 x 22 cells, at most 16). So the least of some cells says which one it is, and no two are
-// equal.
+// Costs are integers up to kMaxCost. Their low bits are a tag: row and column of the cell (10 bits for 19 x 22 cells,
+// at most 16). So no two cells are equal, and the least value says which cell it is.
 #pragma once
 
 #include <bit>
@@ -17,21 +16,21 @@ namespace hord::algo {
 
 struct TransportCosts {
     static constexpr int kLanes = 8;
-    static constexpr std::int32_t kLargest = 1 << 27;
-    static constexpr std::int32_t kPadding = 1 << 30;                                  // of what is no column
-    static constexpr std::int32_t kNoCell = std::numeric_limits<std::int32_t>::max();  // above all
+    static constexpr std::int32_t kMaxCost = 1 << 27;
+    static constexpr std::int32_t kPadding = 1 << 30;                                  // cost of padding columns
+    static constexpr std::int32_t kNoCell = std::numeric_limits<std::int32_t>::max();  // above all cells
 
     static constexpr int padded(int count) { return (count + kLanes - 1) / kLanes * kLanes; }
 };
 
 template <int Bytes>
 struct TransportCells : TransportCosts {
-    using Ints = Lanes<std::int32_t, kLanes, Bytes>;
+    using Ints = Vec<std::int32_t, kLanes, Bytes>;
 
     int rows, cols;
-    int stride;          // of a row: columns, padded to whole vectors
-    int col_bits;        // of a tag
-    std::int32_t tags;   // all bits of one
+    int stride;          // columns, padded to whole vectors
+    int col_bits;        // column bits of a tag
+    std::int32_t tags;   // mask of a tag
     std::int32_t* cell;  // row by row
 
     HORD_ALWAYS_INLINE TransportCells(int row_count, int col_count, std::int32_t* at)
@@ -42,23 +41,24 @@ struct TransportCells : TransportCosts {
     HORD_ALWAYS_INLINE int row_of(std::int32_t tagged) const { return (tagged & tags) >> col_bits; }
     HORD_ALWAYS_INLINE int col_of(std::int32_t tagged) const { return tagged & ((1 << col_bits) - 1); }
 
-    // For each column the least of its cells, each with what its row adds. `at(i)`: where those of the i-th row begin.
+    // best[j] = min over rows i of (cell(i, j) + of_rows[i]). at(i): the cells of the i-th row.
     template <int Vectors, class At>
     HORD_ALWAYS_INLINE static void least_of_columns(int row_count, At at, const std::int32_t* of_rows,
                                                     Ints (&best)[Vectors]) {
-        for (Ints& b : best) b = Ints::all(kPadding);
+        for (Ints& b : best) b = Ints::broadcast(kPadding);
         for (int i = 0; i < row_count; ++i) {
             const std::int32_t* const cells = at(i);
-            const Ints of_row = Ints::all_of(of_rows + i);
-            for (int k = 0; k < Vectors; ++k) best[k] = lower(best[k], Ints::at(cells + k * kLanes) + of_row);
+            const Ints of_row = Ints::broadcast_first(of_rows + i);
+            for (int k = 0; k < Vectors; ++k) best[k] = min(best[k], Ints::load(cells + k * kLanes) + of_row);
         }
     }
 
-    // do_it(first column, number of vectors) for all columns, as many vectors at once as registers hold.
+    // Calls do_it(first column, number of vectors) until all columns are covered, with as many vectors as fit
+    // registers.
     template <class Do>
     HORD_ALWAYS_INLINE void for_columns(Do do_it) const {
         if constexpr (Bytes >= 32) {
-            if (stride == 4 * kLanes) return do_it(0, std::integral_constant<int, 4>{});  // rather than three and one
+            if (stride == 4 * kLanes) return do_it(0, std::integral_constant<int, 4>{});  // instead of three and one
         }
         int j = 0;
         for (; j + 3 * kLanes <= stride; j += 3 * kLanes) do_it(j, std::integral_constant<int, 3>{});

@@ -15,29 +15,29 @@ namespace {
 using Outcome = TransportSimplex::Outcome;
 
 constexpr int kLanes = TransportCosts::kLanes;
-constexpr int kPivotsANode = 200;
-constexpr int kRowsToPrice = 48;  // all of them before the best of their cells enters; where there are more
-constexpr int kRowsAtOnce = 20;   // so many
+constexpr int kPivotsPerNode = 200;
+constexpr int kRowsToPrice = 48;  // problems with more rows price
+constexpr int kRowsAtOnce = 20;   // this many at a time
 constexpr std::int32_t kPadding = TransportCosts::kPadding;
-constexpr std::int32_t kLargestDual = 1 << 29;  // so that a reduced cost is below 2^31, and that of padding above 0
-// Costs are made so many bits coarser where dual variables leave that range, at most three times: no tree's leave it
-// then, for on a path of 449 arcs they are at most 225 of the largest cost, 2^21.
-constexpr int kCoarser = 2;
-constexpr std::int32_t kSetAside = 1 << 28;  // is added to what is to be the least no longer
+constexpr std::int32_t kMaxDual = 1 << 29;  // keeps reduced costs < 2^31, and those of padding > 0
+// Bits that costs lose each time duals leave that range. At most three times: a path of 449 arcs sums at most 225 costs
+// of up to 2^21, which is within the range.
+constexpr int kCoarserBits = 2;
+constexpr std::int32_t kExcluded = 1 << 28;  // added to cells in the tree, so that they are never the least
 constexpr std::int32_t kNoCell = TransportCosts::kNoCell;
-constexpr double kNoCost = 1e30;  // of padding, in double precision
+constexpr double kNoCost = 1e30;  // double cost of padding
 
 constexpr int padded(int count) { return TransportCosts::padded(count); }
 std::size_t size(int count) { return static_cast<std::size_t>(count); }
 
-constexpr int kMaxWords = 15;  // 32 arcs each: rows and columns of 15 x 15 bins
+constexpr int kMaxWords = 15;  // of 32 arcs: two sides of 15 x 15 bins
 
 }  // namespace
 
 struct TransportWorkspace {
-    TransportWorkspace(const double* costs, int most_bins, double largest_cost)
-        : bins(most_bins), tolerance(largest_cost * TransportSimplex::kTolerance),
-          scale(largest_cost > 0 ? TransportCosts::kLargest / largest_cost : 0), start(size(padded(most_bins))) {
+    TransportWorkspace(const double* costs, int max_bins, double largest_cost)
+        : bins(max_bins), tolerance(largest_cost * TransportSimplex::kTolerance),
+          scale(largest_cost > 0 ? TransportCosts::kMaxCost / largest_cost : 0), start(size(padded(max_bins))) {
         const int side = padded(bins);
         cost.resize(size(bins * (bins + 1)), kNoCost);
         rough_cost.resize(cost.size(), kPadding);
@@ -58,13 +58,13 @@ struct TransportWorkspace {
 
     int bins;
     double tolerance;
-    double scale;                            // from a cost to a rough one
-    AlignedVector<double> cost;              // bins x (bins + 1): padding is bin number `bins`
-    AlignedVector<std::int32_t> rough_cost;  // the same, of TransportCosts::kLargest
+    double scale;                            // from a double cost to an integer one
+    AlignedVector<double> cost;              // bins x (bins + 1); bin number `bins` is padding
+    AlignedVector<std::int32_t> rough_cost;  // the same as integers
 
-    AlignedVector<std::int32_t> cell;  // costs, rows x stride
-    AlignedVector<std::int32_t> row_begin,
-        col_bin;  // of a row: where its costs begin, in either table; of a column, padding included: its bin
+    AlignedVector<std::int32_t> cell;       // integer costs, rows x stride
+    AlignedVector<std::int32_t> row_begin;  // offset of a row in the cost tables
+    AlignedVector<std::int32_t> col_bin;    // bin of a column, padding included
 
     // The tree.
     AlignedVector<std::int32_t> path, dual;
@@ -76,9 +76,9 @@ struct TransportWorkspace {
 
 namespace {
 
-// Loops of single numbers, in functions of their own: inside the one below they would not have the registers they need.
+// gather() and attach_steps() are scalar loops, not inlined: inside Problem::solve() they would lack registers.
 
-// Costs of a problem's cells, row by row.
+// Copies the costs of a problem's cells, row by row.
 [[gnu::noinline]] void gather(const std::int32_t* table, int rows, int stride, const std::int32_t* row_begin,
                               const std::int32_t* col_bin, std::int32_t* cells) {
     for (int i = 0; i < rows; ++i, cells += stride) {
@@ -89,21 +89,21 @@ namespace {
     }
 }
 
-// The tree from its root on: what a step used up hangs from the other. Its cells are set aside.
+// Builds the tree from its root: what a step used up becomes the child of the other. Excludes its cells.
 template <class Tree>
-[[gnu::noinline]] void hang_steps(Tree& planted, const TransportStep* steps, int last, std::int32_t* cells, int stride,
-                                  std::int32_t tags) {
-    Tree tree = planted;
+[[gnu::noinline]] void attach_steps(Tree& target, const TransportStep* steps, int last, std::int32_t* cells, int stride,
+                                    std::int32_t tags) {
+    Tree tree = target;  // a copy stays in registers
     for (int step = last; step >= 0; --step) {
         const TransportStep s = steps[step];
         std::int32_t& cell = cells[s.row * stride + s.column];
-        tree.hang(step, s.row, tree.first_column + s.column, s.row_used_up, s.flow, cell & ~tags, 2 * kLargestDual);
-        cell += kSetAside;
+        tree.attach(step, s.row, tree.first_column + s.column, s.row_used_up, s.flow, cell & ~tags, 2 * kMaxDual);
+        cell += kExcluded;
     }
-    planted.row_is_below = tree.row_is_below;
+    target.row_is_below = tree.row_is_below;
 }
 
-// One problem, for one instruction set. All inlined into the function that is compiled for it.
+// One problem while it is solved. Always inlined: compiled for the instruction set of the caller.
 template <int Bytes>
 struct Problem {
     using Cells = TransportCells<Bytes>;
@@ -118,7 +118,7 @@ struct Problem {
         : w(workspace), p(problem), cells(problem.rows, problem.cols, workspace.cell.data()),
           first_column(padded(problem.rows)) {}
 
-    // `coarser`: by so many bits.
+    // `coarser`: number of low bits that costs lose.
     HORD_ALWAYS_INLINE void gather_costs(int coarser) {
         std::int32_t* const bin = w.col_bin.data();
         std::int32_t* const begin = w.row_begin.data();
@@ -129,13 +129,14 @@ struct Problem {
         for (int i = 0; coarser != 0 && i < p.rows; ++i) {
             for (int j = 0; j < p.cols; ++j) cells.row(i)[j] >>= coarser;
         }
-        // In a loop of its own, when what was written is no longer on its way.
-        const Ints half = Ints::all(cells.tags / 2 + 1), no_tag = Ints::all(~cells.tags), next = Ints::all(kLanes);
+        // A separate loop: by now the stores above have completed.
+        const Ints half = Ints::broadcast(cells.tags / 2 + 1), no_tag = Ints::broadcast(~cells.tags),
+                   next = Ints::broadcast(kLanes);
         for (int i = 0; i < p.rows; ++i) {
             std::int32_t* here = cells.row(i);
-            Ints tag = Ints::numbers() + Ints::all(i << cells.col_bits);
+            Ints tag = Ints::iota() + Ints::broadcast(i << cells.col_bits);
             for (int j = 0; j < cells.stride; j += kLanes) {
-                (((Ints::at(here + j) + half) & no_tag) + tag).to(here + j);
+                (((Ints::load(here + j) + half) & no_tag) + tag).store(here + j);
                 tag = tag + next;
             }
         }
@@ -151,17 +152,16 @@ struct Problem {
         return w.cost.data()[w.row_begin.data()[arc.row] + w.col_bin.data()[arc.column - first_column]];
     }
 
-    // What is used up hangs from the other.
     template <int Words>
-    HORD_ALWAYS_INLINE void plant(Tree<Words>& tree, const TransportStep* steps) {
+    HORD_ALWAYS_INLINE void build_tree(Tree<Words>& tree, const TransportStep* steps) {
         const int last = p.rows + p.cols - 2;
-        tree.plant(steps[last].row_used_up ? first_column + steps[last].column : steps[last].row);
-        hang_steps(tree, steps, last, cells.cell, cells.stride, cells.tags);
+        tree.set_root(steps[last].row_used_up ? first_column + steps[last].column : steps[last].row);
+        attach_steps(tree, steps, last, cells.cell, cells.stride, cells.tags);
     }
 
-    // The least reduced cost of some rows, with the tag of its cell.
+    // The least integer reduced cost of some rows, with the tag of its cell.
     HORD_ALWAYS_INLINE std::int32_t price(const std::int32_t* dual, int first_row, int last_row) const {
-        Ints least = Ints::all(kNoCell);
+        Ints least = Ints::broadcast(kNoCell);
         cells.for_columns([&](int first, auto vectors) __attribute__((always_inline)) {
             Ints best[vectors];
             const std::int32_t* const top = cells.row(first_row) + first;
@@ -169,43 +169,43 @@ struct Problem {
                 last_row - first_row, [&](int i) __attribute__((always_inline)) { return top + i * cells.stride; },
                 dual + first_row, best);
             for (int k = 0; k < vectors; ++k)
-                least = lower(least, best[k] + Ints::at(dual + first_column + first + k * kLanes));
+                least = min(least, best[k] + Ints::load(dual + first_column + first + k * kLanes));
         });
-        return least.least();
+        return least.reduce_min();
     }
 
     HORD_ALWAYS_INLINE static std::int64_t largest_of(const std::int32_t* dual, int nodes) {
-        Ints largest = Ints::all(0);
+        Ints largest = Ints::broadcast(0);
         for (int x = 0; x < nodes; x += kLanes) {
-            const Ints d = Ints::at(dual + x);
-            largest = higher(largest, higher(d, Ints::all(0) - d));
+            const Ints d = Ints::load(dual + x);
+            largest = max(largest, max(d, Ints::broadcast(0) - d));
         }
-        return -std::int64_t{(Ints::all(0) - largest).least()};
+        return -std::int64_t{(Ints::broadcast(0) - largest).reduce_min()};
     }
 
-    // The cell enters the tree; what is in it is set aside.
+    // The cell enters the tree and is excluded; the one that leaves is included again.
     template <int Words>
     HORD_ALWAYS_INLINE void pivot(Tree<Words>& tree, const TransportArc& enters, std::int32_t reduced) {
-        cell(enters) += kSetAside;
-        cell(tree.pivot(enters.row, enters.column, reduced)) -= kSetAside;
+        cell(enters) += kExcluded;
+        cell(tree.pivot(enters.row, enters.column, reduced)) -= kExcluded;
     }
 
-    // Pivots until no cell is below zero; `least` is that of all cells then. False: dual variables have left their
+    // Pivots until no integer reduced cost is negative; `least` is then the least of all cells. False: duals left their
     // range.
     template <int Words>
-    HORD_ALWAYS_INLINE bool improve(Tree<Words>& tree, int most_pivots, int& pivots, std::int32_t& least) {
+    HORD_ALWAYS_INLINE bool improve(Tree<Words>& tree, int max_pivots, int& pivots, std::int32_t& least) {
         const int at_once = p.rows <= kRowsToPrice ? p.rows : kRowsAtOnce;
         std::int64_t bound = largest_of(tree.dual, tree.nodes);
-        for (int first = 0, without = 0; without < p.rows && pivots < most_pivots;) {
-            if (bound > kLargestDual) {
+        for (int first = 0, without = 0; without < p.rows && pivots < max_pivots;) {
+            if (bound > kMaxDual) {
                 bound = largest_of(tree.dual, tree.nodes);
-                if (bound > kLargestDual) return false;
+                if (bound > kMaxDual) return false;
             }
-            const int last = lower(first + at_once, p.rows);
+            const int last = min(first + at_once, p.rows);
             const std::int32_t best = price(tree.dual, first, last);
             without += last - first;
             first = last == p.rows ? 0 : last;
-            least = lower(least, best);
+            least = min(least, best);
             if (best >= 0) continue;
             without = 0;
             least = kNoCell;
@@ -217,27 +217,27 @@ struct Problem {
         return true;
     }
 
-    // How far above zero a cell may be that is below it but for rounding: each cost of its cycle by half a unit and
-    // one.
+    // Integer reduced costs up to this may be negative in double precision: each cost of the cycle is rounded by half a
+    // tag and one.
     HORD_ALWAYS_INLINE std::int32_t doubtful(int arcs) const { return arcs * (cells.tags / 2 + 2) | cells.tags; }
 
-    // Whether the reduced cost of a cell, a rough one above its tag, is below zero in double precision.
+    // Whether the reduced cost is below -tolerance in double precision. `rough`: the integer one, with tag.
     template <int Words>
     HORD_ALWAYS_INLINE bool is_negative(const Tree<Words>& tree, const TransportArc& enters, std::int32_t rough) const {
         const auto cycle = tree.cycle(enters.row, enters.column);
         if (rough > doubtful(1 + cycle.arcs.count())) return false;
         double sum = exact_cost(enters);
         cycle.arcs.for_each([&](int a) __attribute__((always_inline)) {
-            sum += negated_if(exact_cost(tree.arc[a]), cycle.gives.has(a));
+            sum += negated_if(exact_cost(tree.arc[a]), cycle.decreasing.has(a));
         });
         return sum < -w.tolerance;
     }
 
-    // Arcs that a cycle has at most.
+    // Upper bound of the arcs of a cycle.
     template <int Words>
     HORD_ALWAYS_INLINE int longest_cycle(const Tree<Words>& tree) const {
-        if (Words <= 2) return 2 * lower(p.rows, p.cols);
-        int row = 0, col = 0;  // the deepest
+        if (Words <= 2) return 2 * min(p.rows, p.cols);
+        int row = 0, col = 0;  // greatest depths
         for (int i = 0; i < p.rows; ++i) row = std::max(row, tree.path_of(i).count());
         for (int j = 0; j < p.cols; ++j) col = std::max(col, tree.path_of(first_column + j).count());
         return 1 + row + col;
@@ -247,10 +247,10 @@ struct Problem {
         return cell(arc) + dual[arc.row] + dual[arc.column];
     }
 
-    // A cell that is below zero in double precision. The tree's are set aside. Few columns have any that may be, and
-    // none where `least`, below which no cell is, is clear of zero.
+    // Finds a cell outside the tree with a negative reduced cost in double precision. `least`: a lower bound of all
+    // integer ones. Only columns with a doubtful cell are computed.
     template <int Words>
-    HORD_ALWAYS_INLINE bool price_exactly(const Tree<Words>& tree, std::int32_t least, TransportArc& enters) const {
+    HORD_ALWAYS_INLINE bool price_in_double(const Tree<Words>& tree, std::int32_t least, TransportArc& enters) const {
         const std::int32_t clear_from = doubtful(longest_cycle(tree));
         if (least > clear_from) return false;
         bool found = false;
@@ -258,14 +258,14 @@ struct Problem {
             Ints best[vectors];
             Cells::template least_of_columns<vectors>(
                 p.rows, [&](int i) __attribute__((always_inline)) { return cells.row(i) + first; }, tree.dual, best);
-            Ints bits = Ints::all(0), bit = Ints::powers_of_two();
+            Ints bits = Ints::broadcast(0), bit = Ints::powers_of_two();
             for (int k = 0; k < vectors; ++k) {
-                const Ints clear =
-                    (best[k] + Ints::at(tree.dual + first_column + first + k * kLanes)).above(Ints::all(clear_from));
-                bits = bits | choose(clear, Ints::all(0), bit);
+                const Ints clear = (best[k] + Ints::load(tree.dual + first_column + first + k * kLanes))
+                                       .greater_than(Ints::broadcast(clear_from));
+                bits = bits | select(clear, Ints::broadcast(0), bit);
                 bit = bit << kLanes;
             }
-            for (auto doubted = static_cast<std::uint32_t>(bits.all_bits()); doubted != 0 && !found;
+            for (auto doubted = static_cast<std::uint32_t>(bits.reduce_or()); doubted != 0 && !found;
                  doubted &= doubted - 1) {
                 enters.column = first_column + first + std::countr_zero(doubted);
                 for (enters.row = 0; enters.row < p.rows && !found; enters.row += found ? 0 : 1) {
@@ -284,19 +284,19 @@ struct Problem {
         return sum;
     }
 
-    // First by rough costs, then by exact ones. False: dual variables have left their range.
+    // Pivots by integer costs, then by double costs. False: duals left their range.
     template <int Words>
     HORD_ALWAYS_INLINE bool optimize(Tree<Words>& tree, Outcome& outcome) {
-        const int most_pivots = outcome.pivots + kPivotsANode * (p.rows + p.cols);
+        const int max_pivots = outcome.pivots + kPivotsPerNode * (p.rows + p.cols);
         std::int32_t least = kNoCell;
-        if (!improve(tree, most_pivots, outcome.pivots, least)) return false;
-        outcome.proven = outcome.pivots < most_pivots;
-        for (TransportArc enters; outcome.proven && price_exactly(tree, least, enters);) {
+        if (!improve(tree, max_pivots, outcome.pivots, least)) return false;
+        outcome.proven = outcome.pivots < max_pivots;
+        for (TransportArc enters; outcome.proven && price_in_double(tree, least, enters);) {
             const std::int32_t reduced = rough_reduced(tree.dual, enters);
             pivot(tree, enters, reduced & ~cells.tags);
-            least = 0;  // not known any more: any cell may be in doubt
-            outcome.proven = ++outcome.pivots < most_pivots;
-            if (largest_of(tree.dual, tree.nodes) > kLargestDual) return false;
+            least = 0;  // unknown now: any cell may be doubtful
+            outcome.proven = ++outcome.pivots < max_pivots;
+            if (largest_of(tree.dual, tree.nodes) > kMaxDual) return false;
         }
         outcome.cost = plan_cost(tree);
         return true;
@@ -305,7 +305,7 @@ struct Problem {
     template <int Words>
     HORD_ALWAYS_INLINE Outcome solve_with(const TransportStep* start) {
         Outcome outcome;
-        for (int coarser = 0;; coarser += kCoarser) {
+        for (int coarser = 0;; coarser += kCoarserBits) {
             if (coarser != 0) gather_costs(coarser);
             Tree<Words> tree{first_column,
                              first_column + cells.stride,
@@ -314,7 +314,7 @@ struct Problem {
                              w.flow.data(),
                              w.arcs.data(),
                              {}};
-            plant(tree, start);
+            build_tree(tree, start);
             if (optimize(tree, outcome)) return outcome;
         }
     }

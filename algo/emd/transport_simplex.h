@@ -1,18 +1,17 @@
 // The transportation simplex: least-cost transport of integer masses from rows (sources) to columns (sinks).
 //
-// Start: transport_start.h. Then the cell of least reduced cost (of more than 48 rows, in some of them) enters a
-// strongly feasible spanning tree (transport_tree.h), which ends: no tree ever comes twice. Pivots are bounded besides
-// (kPivotsANode).
+// Starts from a plan (transport_start.h). Then the cell with the least reduced cost enters a strongly feasible spanning
+// tree (transport_tree.h); with more than kRowsToPrice rows, the least of some of them. No tree repeats, so it ends;
+// kPivotsPerNode limits the pivots in addition.
 //
-// Numbers. Masses are integers below 2^53 held in doubles, exact. To choose pivots, costs are integers: the largest is
-// 2^27, and the low bits of each, as many as are needed, are its row and column (its tag: 10 bits of 19 x 22 cells, at
-// most 16). So dual variables, sums and differences of costs along the tree, are exact; they are kept within 2^29, so
-// that no reduced cost leaves 31 bits. When no cell is below zero so, every cell that the rounding of costs around its
-// cycle could hide is computed from the costs in double precision, and enters if it is below -tolerance, tolerance =
-// 2^-36 * largest cost. A sum of at most 450 costs, it is wrong by less than 2^-43 of the largest: rounding alone never
-// makes a pivot. The accepted plan costs at most tolerance + rounding more a unit of mass than the optimum: < 1e-9 for
-// costs up to 20. Where dual variables leave their range (four times the largest cost), all begins again with costs of
-// 2, then 4, then 6 bits fewer, which no tree can take out of it.
+// Numbers. Masses are integers < 2^53 held in doubles, exact. Pivots are chosen with integer costs up to 2^27 whose low
+// bits are tags (transport_cells.h). Duals, sums and differences of costs along the tree, are exact and limited to
+// 2^29: reduced costs fit 31 bits. When no reduced cost is negative, every cell whose sign may be wrong by the rounding
+// of integer costs around its cycle is computed again from double costs. It enters if it is below -tolerance = -2^-36
+// of the largest cost; a sum of at most 450 costs is wrong by less than 2^-43 of it, so rounding alone never pivots.
+// The accepted plan costs at most tolerance + rounding per unit of mass more than the optimum: < 1e-9 for costs up
+// to 20. If duals leave their range, the solve starts again with costs of 2, 4, then 6 bits fewer, which no tree can
+// exceed.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +21,8 @@
 
 namespace hord::algo {
 
-// A row and a column exchange `flow`, which uses up one of them: of a tie the column, unless it is the last.
+// One step of a plan: `flow` moves from row to column and uses up one of them (if tied, the column, unless it is the
+// last).
 struct TransportStep {
     double flow = 0;
     std::int16_t row = 0;
@@ -30,7 +30,7 @@ struct TransportStep {
     bool row_used_up = false;  // else the column
 };
 
-// A problem: masses of rows and columns, all positive integers with equal sums, and the bin each belongs to.
+// Masses of rows and columns, positive integers with equal sums, and the bin of each.
 struct Transport {
     int rows = 0;
     int cols = 0;
@@ -44,9 +44,9 @@ struct TransportWorkspace;
 
 class TransportSimplex {
   public:
-    static constexpr double kTolerance = 0x1p-36;  // of the largest cost: below it, a reduced cost is negative
+    static constexpr double kTolerance = 0x1p-36;  // of the largest cost
 
-    // `cost` is a table of bins x bins costs that outlives this object; a problem has at most `bins` rows and columns.
+    // `cost`: bins x bins costs, copied. A problem has at most `bins` rows and columns.
     TransportSimplex(const double* cost, int bins, double largest_cost, Isa isa);
     ~TransportSimplex();
     TransportSimplex(TransportSimplex&&) noexcept;
@@ -57,8 +57,8 @@ class TransportSimplex {
         int pivots = 0;
         bool proven = true;
     };
-    // `start`: rows + cols - 1 steps that use up one row or column each (of a tie the column, unless it is the last),
-    // the last of them the last row; supply and demand are not read then. nullptr: it is found here.
+    // `start`: rows + cols - 1 steps, the last of which uses up the last row; supply and demand are not read then.
+    // nullptr: transport_start.h finds a plan. `proven` is false only at the pivot limit.
     Outcome solve(const Transport& problem, const TransportStep* start = nullptr);
 
   private:

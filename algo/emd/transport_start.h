@@ -1,8 +1,8 @@
-// The start of a transportation simplex: a plan of little cost. For transport_simplex.cpp only.
+// The initial plan of the transportation simplex. For transport_simplex.cpp only.
 //
-// The open cell of least reduced cost c_ij - R_i - K_j is served until its row or column is used up, which closes; R_i
-// and K_j are the mass-weighted mean costs of a row and a column. Means are floats, added up in a fixed order, of which
-// the bits above the tags are kept.
+// Repeatedly serves the open cell with the least c_ij - R_i - K_j until its row or column is used up, which closes it.
+// R_i and K_j are the mass-weighted mean costs of a row and a column: floats, summed in a fixed order, rounded to the
+// bits above the tags.
 #pragma once
 
 #include <cstddef>
@@ -14,7 +14,7 @@
 
 namespace hord::algo {
 
-// What a start is found in, of problems of at most `side` rows and columns, padding included.
+// Memory for problems of at most `side` rows and columns, padding included.
 struct TransportStartSpace {
     explicit TransportStartSpace(std::size_t side) {
         for (auto* values : {&mean_row, &mean_col, &best_of_col, &open_rows, &place_of_row})
@@ -24,16 +24,15 @@ struct TransportStartSpace {
         steps.resize(2 * side);
     }
     AlignedVector<TransportStep> steps;
-    AlignedVector<std::int32_t> mean_row, mean_col;  // negative, without tags
+    AlignedVector<std::int32_t> mean_row, mean_col;  // negated, without tags
     AlignedVector<std::int32_t> best_of_col;
-    AlignedVector<std::int32_t>
-        open_rows;  // in any order: where their cells are; their means are beside them in mean_row
-    AlignedVector<std::int32_t> place_of_row;  // among open rows; -1: it has closed
+    AlignedVector<std::int32_t> open_rows;     // offsets of their cells, in any order; their means in mean_row
+    AlignedVector<std::int32_t> place_of_row;  // index in open_rows; -1: the row is closed
     AlignedVector<float> share_col, rough_mean_col;
     AlignedVector<double> left_row, left_col;  // masses
 };
 
-// The best cell of each column, in registers: every step waits for the one before it.
+// The best cell of each column, in registers for low latency: every step depends on the one before.
 template <int Vectors, int Bytes>
 struct BestOfColumns {
     using Cells = TransportCells<Bytes>;
@@ -41,24 +40,24 @@ struct BestOfColumns {
     Ints of[Vectors];
 
     HORD_ALWAYS_INLINE BestOfColumns(std::int32_t*, int) {}
-    HORD_ALWAYS_INLINE std::int32_t least() const {
+    HORD_ALWAYS_INLINE std::int32_t least_cell() const {
         Ints least = of[0];
-        for (int k = 1; k < Vectors; ++k) least = lower(least, of[k]);
-        return least.least();
+        for (int k = 1; k < Vectors; ++k) least = min(least, of[k]);
+        return least.reduce_min();
     }
     HORD_ALWAYS_INLINE void close(int column) {
-        const Ints it = Ints::all(column);
+        const Ints it = Ints::broadcast(column);
         for (int k = 0; k < Vectors; ++k)
-            of[k] =
-                choose((Ints::numbers() + Ints::all(k * Cells::kLanes)).equals(it), Ints::all(Cells::kNoCell), of[k]);
+            of[k] = select((Ints::iota() + Ints::broadcast(k * Cells::kLanes)).equal_to(it),
+                           Ints::broadcast(Cells::kNoCell), of[k]);
     }
     HORD_ALWAYS_INLINE void put(int vector, const Ints& now) {
-        const Ints it = Ints::all(vector);
-        for (int k = 0; k < Vectors; ++k) of[k] = choose(Ints::all(k).equals(it), now, of[k]);
+        const Ints it = Ints::broadcast(vector);
+        for (int k = 0; k < Vectors; ++k) of[k] = select(Ints::broadcast(k).equal_to(it), now, of[k]);
     }
 };
 
-// In memory, where they are too many.
+// The same in memory, for more columns than registers hold.
 template <int Bytes>
 struct BestOfColumns<0, Bytes> {
     using Cells = TransportCells<Bytes>;
@@ -67,26 +66,25 @@ struct BestOfColumns<0, Bytes> {
     int stride;
 
     HORD_ALWAYS_INLINE BestOfColumns(std::int32_t* best, int columns) : of(best), stride(columns) {}
-    HORD_ALWAYS_INLINE std::int32_t least() const {
-        Ints least = Ints::at(of);
-        for (int j = Cells::kLanes; j < stride; j += Cells::kLanes) least = lower(least, Ints::at(of + j));
-        return least.least();
+    HORD_ALWAYS_INLINE std::int32_t least_cell() const {
+        Ints least = Ints::load(of);
+        for (int j = Cells::kLanes; j < stride; j += Cells::kLanes) least = min(least, Ints::load(of + j));
+        return least.reduce_min();
     }
     HORD_ALWAYS_INLINE void close(int column) {
-        // As a vector, for it is read as one.
+        // A vector store, because the value is loaded as a vector next (store forwarding).
         const int vector = column / Cells::kLanes;
-        const Ints it = Ints::numbers().equals(Ints::all(column % Cells::kLanes));
-        put(vector, choose(it, Ints::all(Cells::kNoCell), Ints::at(of + vector * Cells::kLanes)));
+        const Ints it = Ints::iota().equal_to(Ints::broadcast(column % Cells::kLanes));
+        put(vector, select(it, Ints::broadcast(Cells::kNoCell), Ints::load(of + vector * Cells::kLanes)));
     }
-    HORD_ALWAYS_INLINE void put(int vector, const Ints& now) { now.to(of + vector * Cells::kLanes); }
+    HORD_ALWAYS_INLINE void put(int vector, const Ints& now) { now.store(of + vector * Cells::kLanes); }
 };
 
-// Always inlined, so that it is compiled for the instruction set of its caller.
 template <int Bytes>
 struct TransportStart {
     using Cells = TransportCells<Bytes>;
     using Ints = typename Cells::Ints;
-    using Floats = Lanes<float, Cells::kLanes, Bytes>;
+    using Floats = Vec<float, Cells::kLanes, Bytes>;
     static constexpr int kLanes = Cells::kLanes;
 
     const Cells cells;
@@ -102,34 +100,35 @@ struct TransportStart {
         float* const mean_col = space.rough_mean_col.data();
         for (int j = 0; j < cells.cols; ++j) share_col[j] = static_cast<float>(demand[j] * share);
         for (int j = cells.cols; j < cells.stride; ++j) share_col[j] = 0;
-        for (int j = 0; j < cells.stride; j += kLanes) Floats::all(0).to(mean_col + j);
+        for (int j = 0; j < cells.stride; j += kLanes) Floats::broadcast(0).store(mean_col + j);
         for (int i = 0; i < cells.rows; ++i) {
-            const Floats weight = Floats::all(static_cast<float>(supply[i] * share));
+            const Floats weight = Floats::broadcast(static_cast<float>(supply[i] * share));
             const std::int32_t* of_row = cells.row(i);
-            Floats sum = Floats::all(0);
+            Floats sum = Floats::broadcast(0);
             for (int j = 0; j < cells.stride; j += kLanes) {
-                const Floats c = Ints::at(of_row + j).template converted<float>();
-                sum = sum + c * Floats::at(share_col + j);
-                (Floats::at(mean_col + j) + c * weight).to(mean_col + j);
+                const Floats c = Ints::load(of_row + j).template convert<float>();
+                sum = sum + c * Floats::load(share_col + j);
+                (Floats::load(mean_col + j) + c * weight).store(mean_col + j);
             }
-            space.mean_row.data()[i] = -(static_cast<std::int32_t>(sum.sum()) & ~cells.tags);
+            space.mean_row.data()[i] = -(static_cast<std::int32_t>(sum.reduce_sum()) & ~cells.tags);
         }
         std::int32_t* const negative = space.mean_col.data();
         for (int j = 0; j < cells.stride; j += kLanes) {
-            (Ints::all(0) - (Floats::at(mean_col + j).template converted<std::int32_t>() & Ints::all(~cells.tags)))
-                .to(negative + j);
+            (Ints::broadcast(0) -
+             (Floats::load(mean_col + j).template convert<std::int32_t>() & Ints::broadcast(~cells.tags)))
+                .store(negative + j);
         }
         for (int j = cells.cols; j < cells.stride; ++j) negative[j] = 0;
     }
 
-    // Of some columns, among the open rows.
+    // The best cells of some columns among the open rows.
     template <int Vectors>
     HORD_ALWAYS_INLINE void best_of_columns(int first, Ints (&best)[Vectors]) const {
         const std::int32_t* const row = space.open_rows.data();
         Cells::template least_of_columns<Vectors>(
             open_rows, [&](int k) __attribute__((always_inline)) { return cells.cell + row[k] + first; },
             space.mean_row.data(), best);
-        for (int k = 0; k < Vectors; ++k) best[k] = best[k] + Ints::at(space.mean_col.data() + first + k * kLanes);
+        for (int k = 0; k < Vectors; ++k) best[k] = best[k] + Ints::load(space.mean_col.data() + first + k * kLanes);
     }
     template <class Best>
     HORD_ALWAYS_INLINE void renew(Best& best, int column) const {
@@ -138,8 +137,8 @@ struct TransportStart {
         best.put(column / kLanes, now[0]);
     }
 
-    // The last open row takes its place.
-    HORD_ALWAYS_INLINE void compact_row(int row, int place) {
+    // Removes a row from open_rows; the last one takes its place.
+    HORD_ALWAYS_INLINE void close_row(int row, int place) {
         std::int32_t* const at = space.open_rows.data();
         std::int32_t* const mean = space.mean_row.data();
         --open_rows;
@@ -166,22 +165,22 @@ struct TransportStart {
         }
         const int last = cells.rows + cells.cols - 2;
         for (int step = 0;;) {
-            const std::int32_t least = best.least();
+            const std::int32_t least = best.least_cell();
             const int i = cells.row_of(least), j = cells.col_of(least);
             const int place = space.place_of_row.data()[i];
-            if (place < 0) {  // its row has closed: what is best now is not below it
+            if (place < 0) {  // its row is closed: the current best of the column is not lower
                 renew(best, j);
                 continue;
             }
             const double in_row = left_row[i], in_col = left_col[j];
-            const double flow = lower(in_row, in_col);  // the last column has what all rows have left
+            const double flow = min(in_row, in_col);  // the last column takes the rest of all rows
             left_row[i] = in_row - flow;
             left_col[j] = in_col - flow;
             const bool row_used_up = in_row < in_col || open_cols == 1;
             steps[step] = {flow, static_cast<std::int16_t>(i), static_cast<std::int16_t>(j), row_used_up};
             if (step++ == last) return;
             if (row_used_up) {
-                compact_row(i, place);
+                close_row(i, place);
                 renew(best, j);
             } else {
                 --open_cols;
@@ -191,16 +190,15 @@ struct TransportStart {
         }
     }
 
-    // rows + cols - 1 steps, the last of them the last row. Masses are positive integers below 2^53; both sides add up
-    // to the same.
+    // Returns rows + cols - 1 steps; the last one uses up the last row. Masses are positive integers < 2^53; both sides
+    // have the same sum.
     HORD_ALWAYS_INLINE const TransportStep* find(const double* supply, const double* demand) {
         find_means(supply, demand);
         for (int i = 0; i < cells.rows; ++i) space.open_rows.data()[i] = i * cells.stride;
         for (int i = 0; i < cells.rows; ++i) space.place_of_row.data()[i] = i;
         for (int i = 0; i < cells.rows; ++i) space.left_row.data()[i] = supply[i];
         for (int j = 0; j < cells.cols; ++j) space.left_col.data()[j] = demand[j];
-        // One vector is not worth code of its own: problems of up to eight columns come with their start
-        // (algo/emd/transport_batch.h).
+        // No case for one vector: problems of up to eight columns come with a plan (algo/emd/transport_batch.h).
         switch (cells.stride / kLanes) {
             case 2: serve<2>(); break;
             case 3: serve<3>(); break;

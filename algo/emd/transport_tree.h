@@ -1,15 +1,14 @@
-// The spanning tree of a transportation simplex, and its pivot. For transport_simplex.cpp only.
+// The spanning tree of the transportation simplex, and its pivot. For transport_simplex.cpp only.
 //
-// Nodes are rows and columns of the transport problem; its arcs, one fewer, are numbered. Of every node the tree keeps
-// its path: the set of arcs on the way to the root, as bits. So nothing has to be walked: the cycle that an arc closes
-// is the difference of its ends' paths, and after a pivot the nodes behind the arc that left, those whose path has it,
-// differ from before by that cycle. Dual variables move in the same pass.
+// Nodes are the rows and columns of the transport problem; its arcs, one fewer, are numbered. For every node the tree
+// stores its path: the set of arcs to the root, as bits. The cycle that an arc closes is the symmetric difference of
+// the paths of its ends. After a pivot the paths that contained the leaving arc change by that cycle. Duals are updated
+// in the same pass.
 //
-// The tree is strongly feasible (Cunningham 1976): an arc that carries nothing always has its row below its column, and
-// so points to the root; the leaving arc is the last blocking one along the cycle from its apex. So no tree ever comes
-// twice.
+// The tree is strongly feasible (Cunningham 1976): an arc without flow has its row below its column, and the leaving
+// arc is the last blocking one along the cycle from its apex. So no tree repeats.
 //
-// Flows are integers below 2^53 held in doubles: exact. Dual variables are integers, too: see transport_simplex.cpp.
+// Flows are integers < 2^53 held in doubles, exact. Duals are integers (transport_simplex.cpp).
 #pragma once
 
 #include <bit>
@@ -21,16 +20,16 @@
 namespace hord::algo {
 
 struct TransportArc {
-    std::int32_t row = 0;  // its ends, as nodes
+    std::int32_t row = 0;  // nodes
     std::int32_t column = 0;
 };
 
-// No branch: it would be a guess.
+// Branch-free: the branch would be unpredictable.
 HORD_ALWAYS_INLINE double negated_if(double value, bool negate) {
     return std::bit_cast<double>(std::bit_cast<std::uint64_t>(value) ^ static_cast<std::uint64_t>(negate) << 63);
 }
 
-// A set of arcs: 32 in each of Words words, held by twos.
+// A set of arcs: Words words of 32 bits, stored in pairs.
 template <int Words>
 struct ArcSet {
     std::uint64_t pair[(Words + 1) / 2];
@@ -43,7 +42,7 @@ struct ArcSet {
         for (const std::uint64_t p : pair) arcs += std::popcount(p);
         return arcs;
     }
-    // do_it(arc) for each, in order.
+    // Calls do_it(arc) for each arc, in ascending order.
     template <class Do>
     HORD_ALWAYS_INLINE void for_each(Do do_it) const {
         for (int k = 0; k < (Words + 1) / 2; ++k) {
@@ -51,33 +50,33 @@ struct ArcSet {
         }
     }
     template <class Of>
-    HORD_ALWAYS_INLINE static ArcSet made(Of of_pair) {
+    HORD_ALWAYS_INLINE static ArcSet from(Of of_pair) {
         ArcSet set;
         for (int k = 0; k < (Words + 1) / 2; ++k) set.pair[k] = of_pair(k);
         return set;
     }
 };
 
-// Words: 32 arcs each.
+// Words: of 32 arcs each.
 template <int Words, int Bytes>
 struct TransportTree {
     static constexpr int kLanes = 8;
-    using Ints = Lanes<std::int32_t, kLanes, Bytes>;
+    using Ints = Vec<std::int32_t, kLanes, Bytes>;
     using Set = ArcSet<Words>;
 
-    int first_column;    // rows are nodes from 0, columns from here; both are padded to whole vectors
-    int nodes;           // padding included: nodes without a path
+    int first_column;    // rows are nodes from 0, columns from here; both padded to whole vectors
+    int nodes;           // padding included, which has no path
     std::int32_t* path;  // Words x nodes
-    std::int32_t* dual;  // of nodes: on the tree, the cost of an arc and the dual variables of its ends add up to 0
+    std::int32_t* dual;  // of nodes: the cost of a tree arc plus the duals of its ends is 0
     double* flow;        // of arcs
     TransportArc* arc;
-    Set row_is_below;  // arcs: else the column is
+    Set row_is_below;  // arcs whose child is the row; else the column
 
-    // The root alone. Nodes that hang() gives a path, which are all others but padding, need none before.
-    HORD_ALWAYS_INLINE void plant(int root) {
+    // Starts a tree with the root alone. attach() gives all other nodes but padding their path.
+    HORD_ALWAYS_INLINE void set_root(int root) {
         const auto clear = [&](int last) __attribute__((always_inline)) {
-            for (int w = 0; w < Words; ++w) Ints::all(0).to(path + w * nodes + last - kLanes);
-            Ints::all(0).to(dual + last - kLanes);
+            for (int w = 0; w < Words; ++w) Ints::broadcast(0).store(path + w * nodes + last - kLanes);
+            Ints::broadcast(0).store(dual + last - kLanes);
         };
         clear(first_column);
         clear(nodes);
@@ -87,18 +86,18 @@ struct TransportTree {
     }
 
     HORD_ALWAYS_INLINE Set path_of(int node) const {
-        return Set::made([&](int k) __attribute__((always_inline)) {
+        return Set::from([&](int k) __attribute__((always_inline)) {
             const auto word = [&](int w) __attribute__((always_inline)) {
                 return std::uint64_t{static_cast<std::uint32_t>(path[w * nodes + node])};
             };
-            return 2 * k + 1 < Words ? word(2 * k) | word(lower(2 * k + 1, Words - 1)) << 32 : word(2 * k);
+            return 2 * k + 1 < Words ? word(2 * k) | word(min(2 * k + 1, Words - 1)) << 32 : word(2 * k);
         });
     }
 
-    // Arc number `a` is between `row` and `column`. One of them is in the tree, the other now hangs from it; its dual
-    // variable is `largest` or -`largest` where it would be beyond.
-    HORD_ALWAYS_INLINE void hang(int a, int row, int column, bool row_below, double carries, std::int32_t cost,
-                                 std::int32_t largest) {
+    // Adds arc number `a` between `row` and `column`, one of which is in the tree; the other becomes its child. The
+    // dual of the child is limited to +-`largest`.
+    HORD_ALWAYS_INLINE void attach(int a, int row, int column, bool row_below, double mass, std::int32_t cost,
+                                   std::int32_t largest) {
         const int swap = (row ^ column) & -static_cast<int>(row_below);
         const int child = column ^ swap, parent = row ^ swap;
         for (int w = 0; w < Words; ++w) {
@@ -106,51 +105,53 @@ struct TransportTree {
                 path[w * nodes + parent] | static_cast<std::int32_t>(Words == 1 || a / 32 == w ? 1U << (a % 32) : 0U);
         }
         row_is_below.pair[a / 64] |= std::uint64_t{row_below} << (a % 64);
-        // Of at most 30 arcs, a path has 15 of either sign: below 2^31, for a cost is at most 2^27 and half a tag.
-        dual[child] = Words == 1 ? -(cost + dual[parent]) : lower(largest, -lower(largest, cost + dual[parent]));
-        flow[a] = carries;
+        // No overflow for Words == 1: of at most 30 arcs a path has 15 of either sign, a cost is at most 2^27 + half a
+        // tag.
+        dual[child] = Words == 1 ? -(cost + dual[parent]) : min(largest, -min(largest, cost + dual[parent]));
+        flow[a] = mass;
         arc[a] = {row, column};
     }
 
-    // What the entry of the arc between `row` and `column` would change: mass circulates apex -> ... -> row -> column
-    // -> ... -> apex.
+    // The cycle closed by an arc between `row` and `column`: flow circulates apex -> ... -> row -> column -> ... ->
+    // apex.
     struct Cycle {
-        Set arcs, of_row, of_column;  // all, and those on either side of the apex
-        Set gives;                    // those that it runs against
+        Set arcs, row_part, column_part;  // all; those from the row, from the column, to the apex
+        Set decreasing;                   // arcs whose flow decreases
     };
     HORD_ALWAYS_INLINE Cycle cycle(int row, int column) const {
         const Set above_row = path_of(row), above_column = path_of(column);
         Cycle c;
         c.arcs =
-            Set::made([&](int k) __attribute__((always_inline)) { return above_row.pair[k] ^ above_column.pair[k]; });
-        c.of_row = Set::made([&](int k) __attribute__((always_inline)) { return above_row.pair[k] & c.arcs.pair[k]; });
-        c.of_column =
-            Set::made([&](int k) __attribute__((always_inline)) { return above_column.pair[k] & c.arcs.pair[k]; });
-        c.gives = Set::made([&](int k) __attribute__((always_inline)) {
-            return (c.of_row.pair[k] & row_is_below.pair[k]) | (c.of_column.pair[k] & ~row_is_below.pair[k]);
+            Set::from([&](int k) __attribute__((always_inline)) { return above_row.pair[k] ^ above_column.pair[k]; });
+        c.row_part =
+            Set::from([&](int k) __attribute__((always_inline)) { return above_row.pair[k] & c.arcs.pair[k]; });
+        c.column_part =
+            Set::from([&](int k) __attribute__((always_inline)) { return above_column.pair[k] & c.arcs.pair[k]; });
+        c.decreasing = Set::from([&](int k) __attribute__((always_inline)) {
+            return (c.row_part.pair[k] & row_is_below.pair[k]) | (c.column_part.pair[k] & ~row_is_below.pair[k]);
         });
         return c;
     }
 
-    // The arc between `row` and `column` enters; `reduced` is its cost and its ends' dual variables. Returns the arc
-    // that leaves.
+    // The arc between `row` and `column` enters; `reduced` is its reduced cost. Returns the arc that leaves.
     HORD_ALWAYS_INLINE TransportArc pivot(int row, int column, std::int32_t reduced) {
         Cycle c = cycle(row, column);
         double least = std::numeric_limits<double>::infinity();
         int leaves = 0;
         bool tie = false;
-        c.gives.for_each([&](int a) __attribute__((always_inline)) {
+        c.decreasing.for_each([&](int a) __attribute__((always_inline)) {
             const double f = flow[a];
             tie = tie | (f == least);
-            leaves ^= (leaves ^ a) & -(f < least ? 1 : 0);  // no branch: it would be a guess
-            least = lower(least, f);
+            leaves ^= (leaves ^ a) & -(f < least ? 1 : 0);  // branch-free
+            least = min(least, f);
         });
         if (tie) [[unlikely]]
             leaves = last_blocking(*this, c, least);
-        c.arcs.for_each([&](int a) __attribute__((always_inline)) { flow[a] += negated_if(least, c.gives.has(a)); });
-        const bool with_column = c.of_column.has(leaves);
+        c.arcs.for_each([&](int a)
+                            __attribute__((always_inline)) { flow[a] += negated_if(least, c.decreasing.has(a)); });
+        const bool with_column = c.column_part.has(leaves);
         const TransportArc left = arc[leaves];
-        // From the entering arc up to the leaving one, arcs turn around.
+        // Arcs between the entering and the leaving one change direction.
         const Set top = path_of(row_is_below.has(leaves) ? left.row : left.column);
         const Set bottom = path_of(with_column ? column : row);
         for (int k = 0; k < (Words + 1) / 2; ++k) row_is_below.pair[k] ^= bottom.pair[k] ^ top.pair[k];
@@ -165,30 +166,30 @@ struct TransportTree {
     }
 
   private:
-    // Nodes whose path has the arc: it is another arc from now on, and `change` the rest of what changes.
+    // Updates the nodes whose path has arc `a`: their path changes by `change`, their dual by `step`.
     HORD_ALWAYS_INLINE void move(int first, int last, int a, const Set& change, std::int32_t step) const {
-        const Ints bit = Ints::all(static_cast<std::int32_t>(1U << (a % 32)));
-        const Ints steps = Ints::all(step);
+        const Ints bit = Ints::broadcast(static_cast<std::int32_t>(1U << (a % 32)));
+        const Ints steps = Ints::broadcast(step);
         Ints changes[Words];
-        for (int w = 0; w < Words; ++w) changes[w] = Ints::all(change.word(w));
+        for (int w = 0; w < Words; ++w) changes[w] = Ints::broadcast(change.word(w));
         const std::int32_t* const plane = path + a / 32 * nodes;
         for (int x = first; x < last; x += kLanes) {
-            const Ints moves = (Ints::at(plane + x) & bit).equals(bit);
-            if (Words > 3 && moves.all_bits() == 0) continue;  // where there are few words, asking takes longer
-            (Ints::at(dual + x) + (moves & steps)).to(dual + x);
+            const Ints on_arc = (Ints::load(plane + x) & bit).equal_to(bit);
+            if (Words > 3 && on_arc.reduce_or() == 0) continue;  // for few words the test costs more than it saves
+            (Ints::load(dual + x) + (on_arc & steps)).store(dual + x);
             for (int w = 0; w < Words; ++w)
-                (Ints::at(path + w * nodes + x) ^ (moves & changes[w])).to(path + w * nodes + x);
+                (Ints::load(path + w * nodes + x) ^ (on_arc & changes[w])).store(path + w * nodes + x);
         }
     }
 
-    // Of arcs that give way at once: on the column's side the one nearest to the apex, else on the row's side the one
-    // farthest from it.
+    // Of the arcs that block at once: on the side of the column the one nearest to the apex, else on the side of the
+    // row the one farthest from it.
     [[gnu::noinline]] static int last_blocking(TransportTree tree, Cycle c, double least) {
         int last = 0, best = std::numeric_limits<int>::min();
         for (int a = 0; a < Words * 32; ++a) {
-            if (!c.gives.has(a) || tree.flow[a] != least) continue;
+            if (!c.decreasing.has(a) || tree.flow[a] != least) continue;
             const int depth = tree.path_of(tree.row_is_below.has(a) ? tree.arc[a].row : tree.arc[a].column).count();
-            const int rank = c.of_column.has(a) ? tree.nodes - depth : depth - tree.nodes;
+            const int rank = c.column_part.has(a) ? tree.nodes - depth : depth - tree.nodes;
             if (rank <= best) continue;
             best = rank;
             last = a;

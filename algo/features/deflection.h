@@ -1,12 +1,12 @@
-// The mean deflection of a HORD, in fixed point: where, relative to zero deflection, its light goes on average.
+// The mean deflection of a HORD in fixed point: the mean direction of its light relative to zero deflection.
 //
 //     mean = sum over bins of r(i,j) * mass(i,j) / sum,    r(i,j) = (i - (I-1)/2, j - (J-1)/2)   (Eq. 12)
 //
-// Unit: bin pitches, positive to the right and downwards. The moments in half bins are exact integers of at most 14 *
-// sum (algo/frame/decode.h), below 2^28; doubles hold them and the sum exactly. Their quotient is at most 14 and
-// rounded once, by at most 2^-50; then it is rounded to Q7.24, halves away from zero: |mean| <= 7, error below 2^-25 +
-// 2^-49 < 2^-24 bin (contract: 2^-12), proven against double in tests/algo/features/deflection_test.cpp. A mirrored
-// HORD has exactly the negated deflection. Division and rounding are those of IEEE 754: the same bits everywhere.
+// Unit: bin pitches, positive to the right and downwards. Moments in half bins are exact integers of at most 14 * sum
+// (algo/frame/decode.h) < 2^28; doubles hold them and the sum exactly. The quotient is at most 14, rounded once by at
+// most 2^-50, then rounded to Q7.24, halves away from zero: |mean| <= 7, error < 2^-25 + 2^-49 < 2^-24 bin (contract:
+// 2^-12; test: tests/algo/features/deflection_test.cpp). A mirrored HORD has exactly the negated deflection. IEEE 754
+// division and rounding: the same bits on every platform.
 #pragma once
 
 #include <span>
@@ -24,8 +24,7 @@ struct Deflection {
     friend bool operator==(const Deflection&, const Deflection&) = default;
 };
 
-// moment / sum in half bins, as the raw value of a Q7.24 in bins; sum > 0. Written so that a compiler can do many at
-// once.
+// moment / sum in half bins, as the raw value of a Q7.24 in bins; sum > 0. A compiler can vectorise loops over it.
 constexpr std::int32_t quotient_q24(std::int32_t moment, std::uint32_t sum) {
     const double scaled = static_cast<double>(moment) * 0x1p23 / static_cast<double>(static_cast<std::int32_t>(sum));
     return static_cast<std::int32_t>(scaled + (moment < 0 ? -0.5 : 0.5));
@@ -34,8 +33,8 @@ constexpr std::int32_t quotient_q24(std::int32_t moment, std::uint32_t sum) {
 // sum > 0, below 2^24; |moments| <= 14 * sum, in half bins.
 Deflection mean_deflection(std::uint32_t sum, std::int32_t moment_x, std::int32_t moment_y);
 
-// One value a lenslet; zero where it is dark. A saturated lenslet's is a rough one: good enough to tell whether it
-// shows free light (algo/inspection/rim.h), not to be compared with a neighbour's.
+// One value per lenslet; zero where it is dark. Saturated lenslets get an approximate value: it tells whether they show
+// free light (algo/inspection/rim.h), but must not be compared with neighbours.
 void mean_deflections(const HordRow& row, std::span<Deflection> out);
 
 }  // namespace hord::algo

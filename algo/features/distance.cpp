@@ -14,13 +14,13 @@ namespace hord::algo {
 namespace {
 
 constexpr int kSlices = 8;
-// cos and sin of k * 22.5 degrees and sin(pi/16), as literals: library functions do not round alike everywhere.
+// cos and sin of k * 22.5 degrees and sin(pi/16), as literals: library functions round differently per platform.
 constexpr double kC1 = 0.92387953251128674, kS1 = 0.38268343236508977, kC2 = 0.70710678118654752;
 constexpr double kSliceDirections[kSlices][2] = {{1, 0}, {kC1, kS1},  {kC2, kC2},  {kS1, kC1},
                                                  {0, 1}, {-kS1, kC1}, {-kC2, kC2}, {-kC1, kS1}};
 constexpr double kSliceScale = 0.19509032201612825;
 
-// Products of a mass (below 2^16) and a sum (below 2^24), exact.
+// Calls visit(bin, a * S_b, b * S_a) for every bin lit in either; a mass < 2^16 and a sum < 2^24: exact.
 template <class Visit>
 void for_each_lit(const Hord& a, const Hord& b, int bins, Visit visit) {
     expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
@@ -177,7 +177,7 @@ void Distance::submit(const SparseHord& a, const SparseHord& b, double* out) {
     }
 }
 
-CloseUp Distance::compact() const {
+CompactFunction Distance::compact() const {
     return state_->emd ? state_->emd->compact() : sparse_kernels(Isa::portable).compact;
 }
 
@@ -185,7 +185,6 @@ void Distance::finish() {
     if (state_->emd) state_->emd->finish();
 }
 
-Feature Distance::feature() const { return state_->feature; }
 std::uint64_t Distance::saturated() const { return state_->saturated; }
 
 Distance::Distance(std::unique_ptr<State> state) : state_(std::move(state)) {}

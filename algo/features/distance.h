@@ -1,19 +1,17 @@
-// The distances between two HORDs, under one roof: chosen by name (algo/features/feature.h), called the same way.
+// The distances between two HORDs, chosen by name (algo/features/feature.h), with one interface.
 //
-// Numbers, for all of them. Everything is built from d = a * S_b - b * S_a and s = a * S_b + b * S_a (emd_solver.h):
-// integers below 2^41, exact in int64 and in a double; no product of them is formed in integers. From there on only +,
-// -, *, / and sqrt of doubles, in the order of the bins: the same bits everywhere. Results are finite.
+// Numbers. All are built from d = a * S_b - b * S_a and s = a * S_b + b * S_a (emd_solver.h): integers < 2^41, exact in
+// int64 and in a double; no product of them is formed in integers. Then only +, -, *, / and sqrt of doubles, in the
+// order of the bins: the same bits on every platform. Results are finite; errors are absolute.
 //
-//   centroid       |mean(a) - mean(b)|, means over the directions. Absolute error < 1e-9 for directions up to 1e3.
-//   marginal       sqrt(W1x^2 + W1y^2), W1 the distance of the marginals: between centroid and emd (Jensen). Error <
-//   1e-9. sliced         sin(pi/2K) * sum of W1 over K = 8 projections of equally spaced angles: at most emd, for every
-//   K
-//                  (a vector's mean projection is at least 2/pi of its length times (pi/2K)/sin(pi/2K)). Error < 1e-9.
+//   centroid       |mean(a) - mean(b)| of the directions. Error < 1e-9 for directions up to 1e3.
+//   marginal       sqrt(W1x^2 + W1y^2), W1 of the marginals: between centroid and emd (Jensen). Error < 1e-9.
+//   sliced         sin(pi/2K) * sum of W1 over K = 8 projections at equal angles: at most emd for every K, because a
+//                  vector's mean projection is at least 2/pi of its length times (pi/2K)/sin(pi/2K). Error < 1e-9.
 //   hellinger      sqrt(sum (sqrt(h) - sqrt(g))^2 / 2), 0 equal .. 1 disjoint. Error < 1e-9 (contract: 1e-4).
 //   chi2           sum (h - g)^2 / (h + g) / 2, 0 equal .. 1 disjoint. Error < 1e-9 (contract: 1e-4).
-//   bhattacharyya  -ln sum sqrt(h g). Overlapping HORDs have at most 24 ln 2 (one unit in 2^24 shared); disjoint ones
-//   have
-//                  an infinite distance: they get kBhattacharyyaLimit, and saturated() counts them. Error < 1e-9.
+//   bhattacharyya  -ln sum sqrt(h g): at most 24 ln 2 if HORDs overlap (one unit in 2^24 shared). Disjoint ones get
+//                  kBhattacharyyaLimit instead of infinity, counted by saturated(). Error < 1e-9.
 //   emd, -l1, -sq  emd_solver.h.
 //
 // Test: tests/algo/features/distance_test.cpp, against the definitions in long double.
@@ -38,8 +36,8 @@ inline constexpr double kBhattacharyyaLimit = 0x1.0a2b23f3bab73p+4;  // 24 ln 2
 class Distance {
   public:
     struct Options {
-        std::span<const Direction> directions = {};       // one a bin, in bin pitches; none: bins one pitch apart
-        double threshold = GroundDistance::kNoThreshold;  // of the ground distance, for emd and emd_l1
+        std::span<const Direction> directions = {};       // one per bin, in bin pitches; empty: bins one pitch apart
+        double threshold = GroundDistance::kNoThreshold;  // of the ground distance, for the emd features
     };
 
     // Fails with invalid_argument when the feature is not a distance, or as GroundDistance does.
@@ -53,14 +51,13 @@ class Distance {
     // 0 when either HORD is dark (sum 0); callers mask those.
     [[nodiscard]] double operator()(const Hord& a, const Hord& b);
 
-    // The same, where that is faster for many: *out is written at the latest by finish() (see EmdSolver::submit).
+    // The same, faster for many pairs: *out is written at the latest by finish() (see EmdSolver::submit).
     void submit(const Hord& a, const Hord& b, double* out);
     void submit(const SparseHord& a, const SparseHord& b, double* out);
-    [[nodiscard]] CloseUp compact() const;
+    [[nodiscard]] CompactFunction compact() const;
     void finish();
 
-    [[nodiscard]] Feature feature() const;
-    // Results since create() that are a limit instead of a distance.
+    // Results since create() that are kBhattacharyyaLimit instead of a distance.
     [[nodiscard]] std::uint64_t saturated() const;
 
     Distance(Distance&&) noexcept;

@@ -1,8 +1,7 @@
-// What can be computed for every lenslet, and the names people use for it.
+// The features that can be computed for every lenslet, with their names and units.
 //
-// A distance says how much two HORDs disagree: over neighbours it is a gradient, and against a reference HORD of the
-// same place it is that distance itself (`reference-` before its name). The others are features of one lenslet's
-// surroundings.
+// A distance compares two HORDs: of neighbours (a gradient), or of a lenslet and the reference HORD of the same place
+// (prefix `reference-` before the name). The others are features of the surroundings of one lenslet.
 #pragma once
 
 #include <array>
@@ -49,7 +48,7 @@ inline std::string name_of(FeatureChoice choice) {
     return (choice.against_reference ? "reference-" : "") + std::string(name_of(choice.feature));
 }
 
-// The feature of that name; nothing when there is none, or it has no reference form.
+// The feature of that name; nullopt if there is none, or if it has no reference form.
 constexpr std::optional<FeatureChoice> feature_named(std::string_view name) {
     constexpr std::string_view kReference = "reference-";
     const bool against_reference = name.substr(0, kReference.size()) == kReference;
@@ -62,7 +61,7 @@ constexpr std::optional<FeatureChoice> feature_named(std::string_view name) {
     return std::nullopt;
 }
 
-// The unit of its values, for people; empty: a pure number.
+// The unit of its values as text; empty for pure numbers.
 constexpr std::string_view unit_of(Feature feature) {
     switch (feature) {
         case Feature::emd:

@@ -1,13 +1,12 @@
-// How much neighbouring HORDs disagree: the EMD gradient (Eqs. 9-11).
+// The EMD gradient (Eqs. 9-11): how much neighbouring HORDs differ.
 //
 //     x = EMD(left, right)      y = EMD(above, below)      norm = sqrt(x^2 + y^2)
 //
-// Unit: bin pitches, over the two lenslets from neighbour to neighbour (not divided by two). EMD is exact, with
-// Euclidean ground distance. Norm: the paper leaves it open; here Euclidean, of the two components. It does not change
-// when the field is transposed or mirrored, and because EMD >= distance of the means it is at least twice the
-// Jacobian's Frobenius norm (algo/features/jacobian.h). Borders, dark and saturated lenslets: algo/features/stencil.h.
-// A distance to an invented histogram is never computed; missing light is judged by itself
-// (algo/features/transmission.h).
+// Unit: bin pitches over the two lenslets from neighbour to neighbour (not divided by two). EMD is exact, with
+// Euclidean ground distance. The paper leaves the norm open; here it is Euclidean. It does not change when the field is
+// transposed or mirrored, and because EMD >= distance of the means it is at least twice the Jacobian's Frobenius norm
+// (algo/features/jacobian.h). Borders, dark and saturated lenslets: algo/features/stencil.h. No distance to an invented
+// HORD is computed; missing light is a feature of its own (algo/features/transmission.h).
 #pragma once
 
 #include "algo/emd/emd_solver.h"
@@ -17,15 +16,15 @@
 namespace hord::algo {
 
 struct EmdGradient {
-    double x = 0;  // EMD of the pair that the stencil names, across and down
+    double x = 0;  // EMD of the pair of the stencil, across and down
     double y = 0;
     int weight_x = 0;
     int weight_y = 0;
     [[nodiscard]] double norm() const;  // of the weighted components
 };
 
-// Asks for the gradient between the HORDs that the stencils name; all have light. `out` is complete after
-// solver.finish() and must stay in place until then; the HORDs need not.
+// Submits the two pairs of the stencils; no HORD is dark. `out` is complete after solver.finish() and must stay in
+// place until then; the HORDs need not.
 void submit_emd_gradient(EmdSolver& solver, const Stencil& across, const SparseHord& left, const SparseHord& right,
                          const Stencil& down, const SparseHord& above, const SparseHord& below, EmdGradient& out);
 

@@ -2,10 +2,10 @@
 
 namespace hord::algo {
 
-RowWindow::RowWindow(const Extents& extents, CloseUp compact, Isa isa)
+RowWindow::RowWindow(const Extents& extents, CompactFunction compact, Isa isa)
     : extents_(extents), compact_(compact), isa_(isa), rows_{HordRow(extents), HordRow(extents), HordRow(extents)} {
     if (compact == nullptr) return;
-    for (auto& row : closed_) row.resize(static_cast<std::size_t>(extents.m));
+    for (auto& row : sparse_) row.resize(static_cast<std::size_t>(extents.m));
 }
 
 void RowWindow::load(const FrameView& frame, const LightLevels& levels, int n) {

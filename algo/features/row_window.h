@@ -1,5 +1,5 @@
-// Three rows of HORDs that move down a frame: all that a gradient over neighbours looks at, and small enough to stay in
-// cache (270 KB at 555 lenslets of 9x9 bins, 380 KB closed up, too).
+// Three rows of HORDs that move down a frame: all that a gradient over neighbours needs, and small enough for the cache
+// (270 KB at 555 lenslets of 9x9 bins, 380 KB with compacted HORDs).
 #pragma once
 
 #include <algorithm>
@@ -14,37 +14,37 @@ namespace hord::algo {
 
 class RowWindow {
   public:
-    // `compact`: rows that are streamed are closed up, too.
-    explicit RowWindow(const Extents& extents, CloseUp compact = nullptr, Isa isa = best_isa());
+    // `compact`: stream() also compacts the rows; nullptr: it does not.
+    explicit RowWindow(const Extents& extents, CompactFunction compact = nullptr, Isa isa = best_isa());
 
     // Decodes rows first-1 .. last of the frame, those that exist, and calls visit(n) for n = first .. last-1, each as
-    // soon as rows n-1, n and n+1 are here. The frame fits the extents (check_frame). `goes_on`: the call before was of
-    // the rows before, of this frame.
+    // soon as rows n-1, n and n+1 are loaded. The frame fits the extents (check_frame). `goes_on`: the previous call
+    // streamed the previous rows of the same frame.
     template <class Visit>
     void stream(const FrameView& frame, const LightLevels& levels, int first, int last, bool goes_on, Visit&& visit) {
         for (int n = goes_on ? first + 1 : std::max(first - 1, 0); n < std::min(last + 1, extents_.n); ++n) {
             load(frame, levels, n);
             if (compact_ != nullptr)
                 compact_(row(n).hord(0).mass, row(n).sums(), extents_.bins(),
-                         closed_[static_cast<std::size_t>(n % 3)].data());
+                         sparse_[static_cast<std::size_t>(n % 3)].data());
             if (n > first) visit(n - 1);
         }
         if (last == extents_.n) visit(last - 1);
     }
 
-    // One row alone.
+    // Decodes one row.
     const HordRow& decode(const FrameView& frame, const LightLevels& levels, int n) {
         load(frame, levels, n);
         return row(n);
     }
 
     [[nodiscard]] const HordRow& row(int n) const { return rows_[static_cast<std::size_t>(n % 3)]; }
-    // Of a window that closes up.
-    [[nodiscard]] const SparseHord& closed(int m, int n) const {
-        return closed_[static_cast<std::size_t>(n % 3)][static_cast<std::size_t>(m)];
+    // Only with `compact`.
+    [[nodiscard]] const SparseHord& sparse(int m, int n) const {
+        return sparse_[static_cast<std::size_t>(n % 3)][static_cast<std::size_t>(m)];
     }
 
-    // What a gradient at (m, n) compares, by the rules of algo/features/stencil.h. `mask` says why there is none.
+    // The lenslets that a gradient at (m, n) compares (algo/features/stencil.h). `mask`: MaskBits, why there is none.
     struct Neighbours {
         std::uint8_t mask = 0;
         Stencil across, down;
@@ -56,10 +56,10 @@ class RowWindow {
     void load(const FrameView& frame, const LightLevels& levels, int n);
 
     Extents extents_;
-    CloseUp compact_;
+    CompactFunction compact_;
     Isa isa_;
     std::array<HordRow, 3> rows_;  // row n in place n % 3
-    std::array<AlignedVector<SparseHord>, 3> closed_;
+    std::array<AlignedVector<SparseHord>, 3> sparse_;
 };
 
 }  // namespace hord::algo

@@ -1,12 +1,11 @@
-// Which two lenslets a gradient compares along an axis.
+// The two lenslets that a gradient compares along an axis.
 //
-// Central: the ones before and after (offsets -1 and +1). If one of them has no HORD (dark, saturated) the middle one
-// takes its place: the difference over one lenslet, counted twice, so that every gradient is per two lenslets and a
-// smooth field keeps its value beside a hole. With neither there is no gradient, and at the field's edge none is
-// attempted: nothing is invented where there was no light. The caller has checked that the middle one has a HORD.
+// Central: the lenslets before and after (offsets -1 and +1). If one has no HORD (dark, saturated), the middle lenslet
+// replaces it: the difference over one lenslet has weight 2, so that all gradients are per two lenslets. If both have
+// none, there is no gradient; nor at the edge of the field. The caller has checked that the middle lenslet has a HORD.
 //
-// The central form does not look at the middle lenslet: a defect of one lenslet shows as its four neighbours, which
-// touch at their corners and so are one region around the true place.
+// The central form does not use the middle lenslet: a defect of one lenslet shows in its four neighbours, which touch
+// at their corners and so form one region around it.
 #pragma once
 
 namespace hord::algo {
@@ -16,7 +15,7 @@ struct Stencil {
     int after = 1;
 
     [[nodiscard]] constexpr bool valid() const { return before != after; }
-    // What a difference is multiplied by to be per two lenslets.
+    // Factor that makes a difference per two lenslets.
     [[nodiscard]] constexpr int weight() const { return 2 / (after - before); }
 };
 

@@ -1,10 +1,9 @@
-// Light that a HORD no longer shows: the sum of a lenslet relative to the part's typical lenslet.
+// Transmission: the sum of a lenslet relative to the part's typical lenslet.
 //
-// Dividing by the sum (Eq. 8) erases absorption and hides a lenslet that is only partly covered, so the sums are kept
-// beside the HORDs. Typical is the median sum over the part's lenslets that have a HORD and are judged: defects and
-// rim do not move it as long as they are less than half. Unit: 1 is typical; 0 is no light. Never negative; a sum of at
-// most 2^24 over a typical of at least 1 stays finite. A lenslet without a HORD because it is dark does have
-// a transmission (that is how it is found); a saturated one has none: 0.
+// Dividing by the sum (Eq. 8) removes absorption and partial cover from a HORD, so sums are kept beside the HORDs.
+// Typical is the median sum of the part's lenslets that have a HORD and are judged: defects and rim do not move it
+// while they are less than half. Unit: 1 is typical, 0 is no light. Never negative; finite: sums are at most 2^24,
+// typical at least 1. Dark lenslets have a transmission although they have no HORD; saturated ones get 0.
 #pragma once
 
 #include <cstdint>
@@ -12,12 +11,11 @@
 
 namespace hord::algo {
 
-// Median (the lower one of an even number) of the sums whose mask is kValid or kBorder; 0 when there is none.
-// `scratch` is as long as `sums`.
+// Lower median of the sums whose mask is kValid or kBorder; 0 if there is none. `scratch`: as long as `sums`.
 std::uint32_t typical_light(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
                             std::span<std::uint32_t> scratch);
 
-// typical 0: all 0.
+// If `typical` is 0, all are 0.
 void transmissions(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, std::uint32_t typical,
                    std::span<float> out);
 

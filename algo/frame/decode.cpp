@@ -42,7 +42,7 @@ template <int Bytes, class Number>
 HORD_ALWAYS_INLINE std::int32_t sum_of(const Sixteen<Number>& numbers) {
     std::int32_t wide[kLanes];
     store(__builtin_convertvector(numbers, Sixteen<std::int32_t>), wide);
-    return Lanes<std::int32_t, kLanes, Bytes>::at(wide).sum();
+    return Vec<std::int32_t, kLanes, Bytes>::load(wide).reduce_sum();
 }
 template <int Bytes, class Number>
 HORD_ALWAYS_INLINE std::int32_t sum_of_products(const Sixteen<Number>& a, const Sixteen<std::int32_t>& b) {
@@ -73,14 +73,14 @@ HORD_ALWAYS_INLINE void lenslets(const Sample* samples, std::ptrdiff_t line_stri
         Sums column{}, weighted{};  // sums of the columns; of the masses times (J - j)
         for (int j = 0; j < bins_j; ++j, to.mass += bins_i) {
             auto line = load<Sixteen<Sample>>(samples + j * line_stride);
-            peak = higher(peak, line);
-            line = higher(line, dark) - dark;
+            peak = max(peak, line);
+            line = max(line, dark) - dark;
             store(__builtin_convertvector(line, Sixteen<std::uint16_t>), to.mass);
             column += __builtin_convertvector(line, Sums);
             weighted += column;
         }
         Sample peaks[kLanes];
-        store(Sixteen<Sample>((higher(peak, saturated) == peak) & inside), peaks);
+        store(Sixteen<Sample>((max(peak, saturated) == peak) & inside), peaks);
         std::array<std::uint64_t, kLanes * sizeof(Sample) / 8> hot;
         std::memcpy(hot.data(), peaks, sizeof peaks);
         std::uint64_t any = 0;

@@ -48,13 +48,13 @@ HORD_ALWAYS_INLINE void mixed(const Regridder::Four& f, int bins, std::uint16_t*
 // room.
 template <int>
 HORD_ALWAYS_INLINE void mixed_8bit(const Regridder::Four& f, int bins, std::uint16_t* to) {
-    typedef std::uint16_t Lanes __attribute__((vector_size(32)));
-    const auto w = [&f](int k) { return Lanes{} + static_cast<std::uint16_t>(f.weight[k]); };
-    const Lanes w0 = w(0), w1 = w(1), w2 = w(2), w3 = w(3);
+    using Words = Vector<std::uint16_t, 32>;
+    const auto w = [&f](int k) { return Words{} + static_cast<std::uint16_t>(f.weight[k]); };
+    const Words w0 = w(0), w1 = w(1), w2 = w(2), w3 = w(3);
     for (int k = 0; k < bins; k += 16) {
-        const Lanes sum = w0 * load<Lanes>(f.from[0] + k) + w1 * load<Lanes>(f.from[1] + k) +
-            w2 * load<Lanes>(f.from[2] + k) + w3 * load<Lanes>(f.from[3] + k);
-        store<Lanes>((sum + std::uint16_t{128}) >> 8, to + k);
+        const Words sum = w0 * load<Words>(f.from[0] + k) + w1 * load<Words>(f.from[1] + k) +
+            w2 * load<Words>(f.from[2] + k) + w3 * load<Words>(f.from[3] + k);
+        store<Words>((sum + std::uint16_t{128}) >> 8, to + k);
     }
 }
 HORD_FOR_EACH_ISA(mixed_for, void, mixed, (const Regridder::Four& f, int bins, std::uint16_t* to), (f, bins, to))

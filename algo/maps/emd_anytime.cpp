@@ -14,10 +14,10 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kBandRows = 8;                   // of bounds, shared out
-constexpr int kShare = 32;                     // lenslets of a piece of exact solves, shared out
-constexpr double kSqrt8 = 2.8284271247461907;  // two components, each counted twice: the most a gradient can be of the
-                                               // largest cost, rounded up
+constexpr int kBandRows = 8;        // rows of a band of bounds
+constexpr int kShareLenslets = 32;  // lenslets of a band of exact solves
+constexpr double kSqrt8 =
+    2.8284271247461907;  // largest norm over largest cost (two components of weight 2), rounded up
 
 float rounded_down(double value) {
     const auto f = static_cast<float>(value);
@@ -34,7 +34,7 @@ struct Worker {
     RowWindow window;
     EmdBounds bounds;
     EmdSolver solver;
-    std::array<EmdGradient, kShare> asked;
+    std::array<EmdGradient, kShareLenslets> gradients;
     std::array<std::array<std::uint16_t, kMaxBinCount>, 2> masses;
 };
 
@@ -45,12 +45,12 @@ struct AnytimeEmdMap::State {
     int bits = 8;
     LightLevels levels;
     float largest = 0;
-    std::unique_ptr<RowThreadPool> crew;
+    std::unique_ptr<RowThreadPool> pool;
     std::vector<Worker> workers;
     FrameView frame;
     std::vector<float> lower, upper;
     std::vector<std::uint8_t> mask;
-    std::vector<std::uint32_t> open;  // a heap once all rows are bounded, the widest first
+    std::vector<std::uint32_t> open;  // a heap once all rows are bounded, widest first
     int rows_bounded = 0;
 
     [[nodiscard]] std::size_t at(int m, int n) const {
@@ -83,7 +83,7 @@ void AnytimeEmdMap::State::begin() {
 
 void AnytimeEmdMap::State::bound_round() {
     const int first = rows_bounded, last = std::min(first + kRoundRows, extents.n);
-    crew->share_out((last - first + kBandRows - 1) / kBandRows, [&](int worker, int band) {
+    pool->share_out((last - first + kBandRows - 1) / kBandRows, [&](int worker, int band) {
         const int from = first + band * kBandRows;
         bound_band(workers[static_cast<std::size_t>(worker)], from, std::min(from + kBandRows, last));
     });
@@ -112,22 +112,22 @@ void AnytimeEmdMap::State::bound_band(Worker& worker, int first, int last) {
 }
 
 void AnytimeEmdMap::State::solve_piece() {
-    std::array<std::uint32_t, kLensletsAPiece> widest;
+    std::array<std::uint32_t, kLensletsPerPiece> widest;
     int count = 0;
-    for (; count < kLensletsAPiece && !open.empty(); ++count) {
+    for (; count < kLensletsPerPiece && !open.empty(); ++count) {
         std::pop_heap(open.begin(), open.end(), [this](auto a, auto b) { return narrower(a, b); });
         widest[static_cast<std::size_t>(count)] = open.back();
         open.pop_back();
     }
-    crew->share_out((count + kShare - 1) / kShare, [&](int worker, int share) {
-        const int from = share * kShare;
+    pool->share_out((count + kShareLenslets - 1) / kShareLenslets, [&](int worker, int share) {
+        const int from = share * kShareLenslets;
         solve_share(workers[static_cast<std::size_t>(worker)],
                     std::span(widest).subspan(static_cast<std::size_t>(from),
-                                              static_cast<std::size_t>(std::min(kShare, count - from))));
+                                              static_cast<std::size_t>(std::min(kShareLenslets, count - from))));
     });
 }
 
-// The HORDs around each lenslet are decoded once more: keeping them all would take twice the frame's memory.
+// Decodes the HORDs around each lenslet again: keeping all would take twice the memory of the frame.
 void AnytimeEmdMap::State::solve_share(Worker& worker, std::span<const std::uint32_t> lenslets) {
     for (std::size_t l = 0; l < lenslets.size(); ++l) {
         const std::size_t k = lenslets[l], columns = static_cast<std::size_t>(extents.m);
@@ -137,29 +137,29 @@ void AnytimeEmdMap::State::solve_share(Worker& worker, std::span<const std::uint
         const auto hord = [&](std::size_t place, int column, int row) {
             return decode_hord(frame, extents, levels, column, row, worker.masses[place]);
         };
-        EmdGradient& gradient = worker.asked[l];
+        EmdGradient& gradient = worker.gradients[l];
         gradient = {0, 0, across.weight(), down.weight()};
         worker.solver.submit(hord(0, m + across.before, n), hord(1, m + across.after, n), &gradient.x);
         worker.solver.submit(hord(0, m, n + down.before), hord(1, m, n + down.after), &gradient.y);
     }
     worker.solver.finish();
     for (std::size_t l = 0; l < lenslets.size(); ++l)
-        lower[lenslets[l]] = upper[lenslets[l]] = static_cast<float>(worker.asked[l].norm());
+        lower[lenslets[l]] = upper[lenslets[l]] = static_cast<float>(worker.gradients[l].norm());
 }
 
 Result<AnytimeEmdMap> AnytimeEmdMap::create(const Extents& extents, int bits, const LightLevels& levels,
                                             const GroundDistance& ground, int threads) {
-    if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
-    if (auto fine = check_bins(ground, extents); !fine) return tl::unexpected(fine.error());
-    auto crew = RowThreadPool::create(threads);
-    if (!crew) return tl::unexpected(crew.error());
+    if (auto valid = check(extents); !valid) return tl::unexpected(valid.error());
+    if (auto valid = check_bits(bits); !valid) return tl::unexpected(valid.error());
+    if (auto valid = check_bins(ground, extents); !valid) return tl::unexpected(valid.error());
+    auto pool = RowThreadPool::create(threads);
+    if (!pool) return tl::unexpected(pool.error());
     auto state = std::make_unique<State>();
     state->extents = extents;
     state->bits = bits;
     state->levels = levels;
     state->largest = rounded_up(ground.largest() * kSqrt8);
-    state->crew = std::move(*crew);
+    state->pool = std::move(*pool);
     for (int worker = 0; worker < threads; ++worker) {
         auto solver = EmdSolver::create(ground);
         if (!solver) return tl::unexpected(solver.error());
@@ -173,7 +173,7 @@ Result<AnytimeEmdMap> AnytimeEmdMap::create(const Extents& extents, int bits, co
 }
 
 Result<BracketMap> AnytimeEmdMap::start(const FrameView& frame, const std::function<bool()>& may_go_on) {
-    if (auto fine = check_frame(frame, state_->extents, state_->bits); !fine) return tl::unexpected(fine.error());
+    if (auto valid = check_frame(frame, state_->extents, state_->bits); !valid) return tl::unexpected(valid.error());
     state_->frame = frame;
     state_->begin();
     return refine(may_go_on);

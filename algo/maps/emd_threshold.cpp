@@ -13,31 +13,31 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kBandRows = 16;  // decided together; as many rows of undecided pairs are solved side by side
+constexpr int kBandRows = 16;  // the undecided pairs of a band are solved in batches
 
 struct Worker {
     Worker(const Extents& e, const GroundDistance& ground, EmdSolver s)
         : window(e), reference(e), across(ground), down(ground), solver(std::move(s)),
-          asked(static_cast<std::size_t>(kBandRows * e.m)), open(asked.size()) {}
+          gradients(static_cast<std::size_t>(kBandRows * e.m)), open(gradients.size()) {}
     RowWindow window;
     HordRow reference;
-    EmdBounds across, down;  // of a lenslet; against a reference the first alone
+    EmdBounds across, down;  // of a lenslet; against a reference only the first
     EmdSolver solver;
-    std::vector<EmdGradient> asked;  // of the undecided lenslets
-    std::vector<std::size_t> open;   // which those are
+    std::vector<EmdGradient> gradients;  // of the undecided lenslets
+    std::vector<std::size_t> open;       // indices of the undecided lenslets
     std::size_t undecided = 0;
     std::uint64_t pairs = 0, solved = 0;
 };
 
 }  // namespace
 
-struct EmdDecisions::State {
+struct EmdThresholdMap::State {
     Extents extents;
     int bits = 8;
     LightLevels levels;
-    std::unique_ptr<RowThreadPool> crew;
+    std::unique_ptr<RowThreadPool> pool;
     std::vector<Worker> workers;
-    std::vector<std::uint8_t> reached, mask;
+    std::vector<std::uint8_t> at_or_above, mask;
     float limit = 0;
 
     [[nodiscard]] std::size_t at(int m, int n) const {
@@ -53,15 +53,15 @@ struct EmdDecisions::State {
 };
 
 template <class Band>
-DecisionMap EmdDecisions::State::in_bands(float the_limit, Band compute) {
+DecisionMap EmdThresholdMap::State::in_bands(float the_limit, Band compute) {
     limit = the_limit;
     for (Worker& worker : workers) worker.pairs = worker.solved = 0;
-    crew->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
+    pool->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
         Worker& w = workers[static_cast<std::size_t>(worker)];
         compute(w, band * kBandRows, std::min((band + 1) * kBandRows, extents.n));
         decide_open(w);
     });
-    DecisionMap map{reached, mask, 0, 0};
+    DecisionMap map{at_or_above, mask, 0, 0};
     for (const Worker& worker : workers) {
         map.pairs += worker.pairs;
         map.solved += worker.solved;
@@ -69,48 +69,48 @@ DecisionMap EmdDecisions::State::in_bands(float the_limit, Band compute) {
     return map;
 }
 
-// What the bounds were given, cheapest first. Null when they decided; else where the exact distances belong.
-EmdGradient* EmdDecisions::State::decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y) {
+// Decides by the bounds, cheapest first. Returns null if they decide; else where to write the exact distances.
+EmdGradient* EmdThresholdMap::State::decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y) {
     using Order = EmdBounds::Order;
     const EmdBounds &across = worker.across, &down = worker.down;
     const auto is_below = [&](double x, double y) {
         return static_cast<float>(EmdGradient{x, y, weight_x, weight_y}.norm()) < limit;
     };
-    reached[k] = 0;
+    at_or_above[k] = 0;
     if (is_below(across.upper_by_mass(), down.upper_by_mass())) return nullptr;
     const double most_x = across.upper(Order::by_lines), most_y = down.upper(Order::by_lines);
     if (is_below(most_x, most_y)) return nullptr;
-    reached[k] = is_below(across.lower(), down.lower()) ? 0 : 1;
-    if (reached[k] != 0) return nullptr;
+    at_or_above[k] = is_below(across.lower(), down.lower()) ? 0 : 1;
+    if (at_or_above[k] != 0) return nullptr;
     if (is_below(std::min(most_x, across.upper(Order::by_columns)), std::min(most_y, down.upper(Order::by_columns))))
         return nullptr;
     worker.open[worker.undecided] = k;
-    EmdGradient& asked = worker.asked[worker.undecided++];
-    asked = {0, 0, weight_x, weight_y};
-    return &asked;
+    EmdGradient& gradients = worker.gradients[worker.undecided++];
+    gradients = {0, 0, weight_x, weight_y};
+    return &gradients;
 }
 
-void EmdDecisions::State::decide_open(Worker& worker) {
+void EmdThresholdMap::State::decide_open(Worker& worker) {
     worker.solver.finish();
     for (std::size_t u = 0; u < worker.undecided; ++u)
-        reached[worker.open[u]] = static_cast<float>(worker.asked[u].norm()) >= limit ? 1 : 0;
+        at_or_above[worker.open[u]] = static_cast<float>(worker.gradients[u].norm()) >= limit ? 1 : 0;
     worker.undecided = 0;
 }
 
-void EmdDecisions::State::decide_band(Worker& worker, const FrameView& frame, int first, int last) {
+void EmdThresholdMap::State::decide_band(Worker& worker, const FrameView& frame, int first, int last) {
     RowWindow& window = worker.window;
     window.stream(frame, levels, first, last, false, [&](int n) {
         for (int m = 0; m < extents.m; ++m) {
             const auto near = window.neighbours(m, n);
             const std::size_t k = at(m, n);
             mask[k] = near.mask;
-            reached[k] = 0;
+            at_or_above[k] = 0;
             if ((near.mask & kNoGradient) != 0) continue;
             const Hord left = window.row(n).hord(near.left), right = window.row(n).hord(near.right);
             const Hord above = window.row(near.above).hord(m), below = window.row(near.below).hord(m);
             worker.pairs += 2;
-            worker.across.take(left, right);
-            worker.down.take(above, below);
+            worker.across.set_pair(left, right);
+            worker.down.set_pair(above, below);
             EmdGradient* open = decide_by_bounds(worker, k, near.across.weight(), near.down.weight());
             if (open == nullptr) continue;
             worker.solver.submit(left, right, &open->x);
@@ -120,9 +120,9 @@ void EmdDecisions::State::decide_band(Worker& worker, const FrameView& frame, in
     });
 }
 
-void EmdDecisions::State::decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference,
-                                              int first, int last) {
-    worker.down.take({}, {});
+void EmdThresholdMap::State::decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference,
+                                                 int first, int last) {
+    worker.down.set_pair({}, {});
     for (int n = first; n < last; ++n) {
         const HordRow& row = worker.window.decode(frame, levels, n);
         decode_row(reference, extents, levels, n, worker.reference);
@@ -130,54 +130,54 @@ void EmdDecisions::State::decide_band_against(Worker& worker, const FrameView& f
             const std::size_t k = at(m, n);
             mask[k] = static_cast<std::uint8_t>(row.mask()[static_cast<std::size_t>(m)] |
                                                 (worker.reference.has_hord(m) ? kValid : kBorder));
-            reached[k] = 0;
+            at_or_above[k] = 0;
             if ((mask[k] & kNoGradient) != 0) continue;
-            const Hord here = row.hord(m), wanted = worker.reference.hord(m);
+            const Hord here = row.hord(m), expected = worker.reference.hord(m);
             ++worker.pairs;
-            worker.across.take(here, wanted);
+            worker.across.set_pair(here, expected);
             EmdGradient* open = decide_by_bounds(worker, k, 1, 0);
             if (open == nullptr) continue;
-            worker.solver.submit(here, wanted, &open->x);
+            worker.solver.submit(here, expected, &open->x);
             ++worker.solved;
         }
     }
 }
 
-Result<EmdDecisions> EmdDecisions::create(const Extents& extents, int bits, const LightLevels& levels,
-                                          const GroundDistance& ground, int threads) {
-    if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
-    if (auto fine = check_bins(ground, extents); !fine) return tl::unexpected(fine.error());
-    auto crew = RowThreadPool::create(threads);
-    if (!crew) return tl::unexpected(crew.error());
+Result<EmdThresholdMap> EmdThresholdMap::create(const Extents& extents, int bits, const LightLevels& levels,
+                                                const GroundDistance& ground, int threads) {
+    if (auto valid = check(extents); !valid) return tl::unexpected(valid.error());
+    if (auto valid = check_bits(bits); !valid) return tl::unexpected(valid.error());
+    if (auto valid = check_bins(ground, extents); !valid) return tl::unexpected(valid.error());
+    auto pool = RowThreadPool::create(threads);
+    if (!pool) return tl::unexpected(pool.error());
     auto state = std::make_unique<State>();
     state->extents = extents;
     state->bits = bits;
     state->levels = levels;
-    state->crew = std::move(*crew);
+    state->pool = std::move(*pool);
     for (int worker = 0; worker < threads; ++worker) {
         auto solver = EmdSolver::create(ground);
         if (!solver) return tl::unexpected(solver.error());
         state->workers.emplace_back(extents, ground, std::move(*solver));
     }
-    state->reached.resize(extents.lenslets());
+    state->at_or_above.resize(extents.lenslets());
     state->mask.resize(extents.lenslets());
-    return EmdDecisions(std::move(state));
+    return EmdThresholdMap(std::move(state));
 }
 
-Result<DecisionMap> EmdDecisions::decide(const FrameView& frame, float limit) {
+Result<DecisionMap> EmdThresholdMap::decide(const FrameView& frame, float limit) {
     State& s = *state_;
-    if (auto fine = check_frame(frame, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
+    if (auto valid = check_frame(frame, s.extents, s.bits); !valid) return tl::unexpected(valid.error());
     if (std::isnan(limit))
         return fail(ErrorCode::invalid_argument, "a limit that is not a number",
                     "give one in the ground distance's unit");
     return s.in_bands(limit, [&](Worker& worker, int first, int last) { s.decide_band(worker, frame, first, last); });
 }
 
-Result<DecisionMap> EmdDecisions::decide_against(const FrameView& frame, const FrameView& reference, float limit) {
+Result<DecisionMap> EmdThresholdMap::decide_against(const FrameView& frame, const FrameView& reference, float limit) {
     State& s = *state_;
     for (const FrameView& view : {frame, reference}) {
-        if (auto fine = check_frame(view, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
+        if (auto valid = check_frame(view, s.extents, s.bits); !valid) return tl::unexpected(valid.error());
     }
     if (std::isnan(limit))
         return fail(ErrorCode::invalid_argument, "a limit that is not a number",
@@ -187,9 +187,9 @@ Result<DecisionMap> EmdDecisions::decide_against(const FrameView& frame, const F
     });
 }
 
-EmdDecisions::EmdDecisions(std::unique_ptr<State> state) : state_(std::move(state)) {}
-EmdDecisions::EmdDecisions(EmdDecisions&&) noexcept = default;
-EmdDecisions& EmdDecisions::operator=(EmdDecisions&&) noexcept = default;
-EmdDecisions::~EmdDecisions() = default;
+EmdThresholdMap::EmdThresholdMap(std::unique_ptr<State> state) : state_(std::move(state)) {}
+EmdThresholdMap::EmdThresholdMap(EmdThresholdMap&&) noexcept = default;
+EmdThresholdMap& EmdThresholdMap::operator=(EmdThresholdMap&&) noexcept = default;
+EmdThresholdMap::~EmdThresholdMap() = default;
 
 }  // namespace hord::algo

@@ -14,24 +14,24 @@
 namespace hord::algo {
 namespace {
 
-// Rows a band has pair by pair; it decodes one row more at either end. The distances of a band are asked for before
-// they are finished, so that the solver finds many small problems alike.
+// Rows per band, pairwise; each band decodes one row more at either end. All distances of a band are submitted before
+// finish(), so that the solver can batch many problems of one shape.
 constexpr int kBandRows = 16;
 
-// A worker has one or the other: most of what is cheap goes by planes, the rest pair by pair.
+// A worker has one of the two: `soa` for the features it covers, else `pairwise`.
 struct Worker {
-    Worker(const Extents& e, Distance d, Isa isa) : by_pairs(std::make_unique<ByPairs>(e, std::move(d), isa)) {}
-    Worker(const Extents& e, Feature feature, Isa isa) : by_planes(std::make_unique<SoaDistances>(e, feature, isa)) {}
+    Worker(const Extents& e, Distance d, Isa isa) : pairwise(std::make_unique<Pairwise>(e, std::move(d), isa)) {}
+    Worker(const Extents& e, Feature feature, Isa isa) : soa(std::make_unique<SoaDistances>(e, feature, isa)) {}
 
-    struct ByPairs {
-        ByPairs(const Extents& e, Distance d, Isa an_isa)
+    struct Pairwise {
+        Pairwise(const Extents& e, Distance d, Isa an_isa)
             : isa(an_isa), distance(std::move(d)), window(e, distance.compact(), isa), reference(e),
-              asked(static_cast<std::size_t>(kBandRows * e.m)) {}
+              gradients(static_cast<std::size_t>(kBandRows * e.m)) {}
         Isa isa;
         Distance distance;
         RowWindow window;
         HordRow reference;
-        std::vector<EmdGradient> asked;  // of a band's lenslets; against a reference x alone is used
+        std::vector<EmdGradient> gradients;  // of the lenslets of a band; against a reference only x is used
         std::uint64_t at_limit = 0;
 
         template <class AnyHord>
@@ -41,9 +41,9 @@ struct Worker {
             if (distance.saturated() != before) flags |= kAtLimit;
         }
     };
-    std::unique_ptr<ByPairs> by_pairs;
-    std::unique_ptr<SoaDistances> by_planes;
-    int went_to = -1;  // the row after its last band of this frame
+    std::unique_ptr<Pairwise> pairwise;
+    std::unique_ptr<SoaDistances> soa;
+    int next_row = -1;  // the row after the last band it computed of this frame
 };
 
 }  // namespace
@@ -53,7 +53,7 @@ struct FeatureMapper::State {
     int bits = 8;
     LightLevels levels;
     Feature feature = Feature::emd;
-    std::unique_ptr<RowThreadPool> crew;
+    std::unique_ptr<RowThreadPool> pool;
     std::vector<Worker> workers;
     std::vector<float> values;
     std::vector<std::uint8_t> mask;
@@ -64,59 +64,58 @@ struct FeatureMapper::State {
 
     template <class Band>
     FeatureMap in_bands(Band compute);
-    void finish(Worker::ByPairs& worker, int first, int last);
-    void neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last, bool goes_on);
+    void finish(Worker::Pairwise& worker, int first, int last);
+    void neighbours_band(Worker::Pairwise& worker, const FrameView& frame, int first, int last, bool goes_on);
     template <class ReferenceRow>
-    void reference_band(Worker::ByPairs& worker, const FrameView& frame, ReferenceRow reference_row, int first,
+    void reference_band(Worker::Pairwise& worker, const FrameView& frame, ReferenceRow reference_row, int first,
                         int last);
     [[nodiscard]] Result<void> check_reference() const;
 };
 
-// Shares the rows out: compute(worker, first row, row after the last, whether they follow the worker's rows before).
-// The result does not depend on how.
+// Calls compute(worker, first row, row after the last, whether they follow the worker's previous rows) for all bands.
 template <class Band>
 FeatureMap FeatureMapper::State::in_bands(Band compute) {
     for (Worker& worker : workers) {
-        worker.went_to = -1;
-        if (worker.by_pairs) worker.by_pairs->at_limit = 0;
+        worker.next_row = -1;
+        if (worker.pairwise) worker.pairwise->at_limit = 0;
     }
-    const int rows = workers[0].by_planes ? crew->rows_a_band(extents.n) : kBandRows;
-    crew->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
+    const int rows = workers[0].soa ? pool->rows_a_band(extents.n) : kBandRows;
+    pool->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
         Worker& w = workers[static_cast<std::size_t>(worker)];
         const int first = band * rows, last = std::min((band + 1) * rows, extents.n);
-        const bool goes_on = std::exchange(w.went_to, last) == first;
+        const bool goes_on = std::exchange(w.next_row, last) == first;
         compute(w, first, last, goes_on);
     });
     FeatureMap map{values, mask, 0};
-    for (const Worker& worker : workers) map.at_limit += worker.by_pairs ? worker.by_pairs->at_limit : 0;
+    for (const Worker& worker : workers) map.at_limit += worker.pairwise ? worker.pairwise->at_limit : 0;
     return map;
 }
 
-// Writes the values of rows first .. last-1, which have been asked for.
-void FeatureMapper::State::finish(Worker::ByPairs& worker, int first, int last) {
+// Writes the values of rows first .. last-1, which have been submitted.
+void FeatureMapper::State::finish(Worker::Pairwise& worker, int first, int last) {
     worker.distance.finish();
     const std::size_t from = at(0, first), count = at(0, last) - from;
     for (std::size_t k = 0; k < count; ++k) {
-        values[from + k] = static_cast<float>(worker.asked[k].norm());
+        values[from + k] = static_cast<float>(worker.gradients[k].norm());
         worker.at_limit += (mask[from + k] & kAtLimit) != 0 ? 1U : 0U;
     }
 }
 
-void FeatureMapper::State::neighbours_band(Worker::ByPairs& worker, const FrameView& frame, int first, int last,
+void FeatureMapper::State::neighbours_band(Worker::Pairwise& worker, const FrameView& frame, int first, int last,
                                            bool goes_on) {
     RowWindow& window = worker.window;
     window.stream(frame, levels, first, last, goes_on, [&](int n) {
         for (int m = 0; m < extents.m; ++m) {
             const auto near = window.neighbours(m, n);
             const std::size_t k = at(m, n);
-            EmdGradient& gradient = worker.asked[k - at(0, first)];
+            EmdGradient& gradient = worker.gradients[k - at(0, first)];
             gradient = {};
             std::uint8_t flags = near.mask;
             if ((near.mask & kNoGradient) == 0) {
                 gradient.weight_x = near.across.weight();
                 gradient.weight_y = near.down.weight();
-                worker.submit(window.closed(near.left, n), window.closed(near.right, n), &gradient.x, flags);
-                worker.submit(window.closed(m, near.above), window.closed(m, near.below), &gradient.y, flags);
+                worker.submit(window.sparse(near.left, n), window.sparse(near.right, n), &gradient.x, flags);
+                worker.submit(window.sparse(m, near.above), window.sparse(m, near.below), &gradient.y, flags);
             }
             mask[k] = flags;
         }
@@ -124,21 +123,21 @@ void FeatureMapper::State::neighbours_band(Worker::ByPairs& worker, const FrameV
     finish(worker, first, last);
 }
 
-// reference_row(n) returns a function that gives the reference's HORD in column m.
+// reference_row(n)(m) is the reference HORD of lenslet (m, n).
 template <class ReferenceRow>
-void FeatureMapper::State::reference_band(Worker::ByPairs& worker, const FrameView& frame, ReferenceRow reference_row,
+void FeatureMapper::State::reference_band(Worker::Pairwise& worker, const FrameView& frame, ReferenceRow reference_row,
                                           int first, int last) {
     for (int n = first; n < last; ++n) {
         const HordRow& row = worker.window.decode(frame, levels, n);
         const auto reference = reference_row(n);
         for (int m = 0; m < extents.m; ++m) {
             const std::size_t k = at(m, n);
-            EmdGradient& difference = worker.asked[k - at(0, first)];
+            EmdGradient& difference = worker.gradients[k - at(0, first)];
             difference = {0, 0, 1, 0};
             std::uint8_t flags = row.mask()[static_cast<std::size_t>(m)];
-            const Hord wanted = reference(m);
-            if (wanted.sum == 0) flags |= kBorder;
-            if ((flags & kNoGradient) == 0) worker.submit(row.hord(m), wanted, &difference.x, flags);
+            const Hord expected = reference(m);
+            if (expected.sum == 0) flags |= kBorder;
+            if ((flags & kNoGradient) == 0) worker.submit(row.hord(m), expected, &difference.x, flags);
             mask[k] = flags;
         }
     }
@@ -153,26 +152,25 @@ Result<void> FeatureMapper::State::check_reference() const {
 
 Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, const LightLevels& levels,
                                             Feature feature, const Options& options) {
-    if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
+    if (auto valid = check(extents); !valid) return tl::unexpected(valid.error());
+    if (auto valid = check_bits(bits); !valid) return tl::unexpected(valid.error());
     if (feature == Feature::transmission) {
         return fail(ErrorCode::invalid_argument, "transmission compares a lenslet with the whole part",
                     "take it from an inspection");
     }
     if (!has(options.isa))
         return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
-    auto crew = RowThreadPool::create(options.threads);
-    if (!crew) return tl::unexpected(crew.error());
+    auto pool = RowThreadPool::create(options.threads);
+    if (!pool) return tl::unexpected(pool.error());
     auto state = std::make_unique<State>();
     state->extents = extents;
     state->bits = bits;
     state->levels = levels;
     state->feature = feature;
-    state->crew = std::move(*crew);
-    const bool by_planes =
-        SoaDistances::covers(feature) && (options.distance.directions.empty() || !is_distance(feature));
+    state->pool = std::move(*pool);
+    const bool soa = SoaDistances::covers(feature) && (options.distance.directions.empty() || !is_distance(feature));
     for (int worker = 0; worker < options.threads; ++worker) {
-        if (by_planes) {
+        if (soa) {
             state->workers.emplace_back(extents, feature, options.isa);
             continue;
         }
@@ -187,12 +185,12 @@ Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, co
 
 Result<FeatureMap> FeatureMapper::over_neighbours(const FrameView& frame) {
     State& s = *state_;
-    if (auto fine = check_frame(frame, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
+    if (auto valid = check_frame(frame, s.extents, s.bits); !valid) return tl::unexpected(valid.error());
     return s.in_bands([&](Worker& worker, int first, int last, bool goes_on) {
-        if (worker.by_planes) {
-            worker.by_planes->over_neighbours(frame, s.levels, first, last, s.values.data(), s.mask.data(), goes_on);
+        if (worker.soa) {
+            worker.soa->over_neighbours(frame, s.levels, first, last, s.values.data(), s.mask.data(), goes_on);
         } else {
-            s.neighbours_band(*worker.by_pairs, frame, first, last, goes_on);
+            s.neighbours_band(*worker.pairwise, frame, first, last, goes_on);
         }
     });
 }
@@ -200,36 +198,36 @@ Result<FeatureMap> FeatureMapper::over_neighbours(const FrameView& frame) {
 Result<FeatureMap> FeatureMapper::against(const FrameView& frame, const FrameView& reference) {
     State& s = *state_;
     for (const FrameView& view : {frame, reference}) {
-        if (auto fine = check_frame(view, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
+        if (auto valid = check_frame(view, s.extents, s.bits); !valid) return tl::unexpected(valid.error());
     }
-    if (auto fine = s.check_reference(); !fine) return tl::unexpected(fine.error());
+    if (auto valid = s.check_reference(); !valid) return tl::unexpected(valid.error());
     return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
-        if (worker.by_planes)
-            return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
+        if (worker.soa)
+            return worker.soa->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
         const auto decoded = [&](int n) {
-            HordRow& row = worker.by_pairs->reference;
-            decode_row(reference, s.extents, s.levels, n, row, worker.by_pairs->isa);
+            HordRow& row = worker.pairwise->reference;
+            decode_row(reference, s.extents, s.levels, n, row, worker.pairwise->isa);
             return [&row](int m) { return row.has_hord(m) ? row.hord(m) : Hord{}; };
         };
-        s.reference_band(*worker.by_pairs, frame, decoded, first, last);
+        s.reference_band(*worker.pairwise, frame, decoded, first, last);
     });
 }
 
 Result<FeatureMap> FeatureMapper::against(const FrameView& frame, std::span<const Hord> reference) {
     State& s = *state_;
-    if (auto fine = check_frame(frame, s.extents, s.bits); !fine) return tl::unexpected(fine.error());
-    if (auto fine = s.check_reference(); !fine) return tl::unexpected(fine.error());
+    if (auto valid = check_frame(frame, s.extents, s.bits); !valid) return tl::unexpected(valid.error());
+    if (auto valid = s.check_reference(); !valid) return tl::unexpected(valid.error());
     if (reference.size() != s.extents.lenslets()) {
         return fail(ErrorCode::invalid_argument, std::to_string(reference.size()) + " reference HORDs",
                     "give one a lenslet: " + std::to_string(s.extents.lenslets()));
     }
     return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
-        if (worker.by_planes)
-            return worker.by_planes->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
+        if (worker.soa)
+            return worker.soa->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
         const auto given = [&](int n) {
             return [row = reference.subspan(s.at(0, n))](int m) { return row[static_cast<std::size_t>(m)]; };
         };
-        s.reference_band(*worker.by_pairs, frame, given, first, last);
+        s.reference_band(*worker.pairwise, frame, given, first, last);
     });
 }
 

@@ -11,8 +11,8 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kBandsAThread = 4;
-constexpr int kFewestRows = 16;
+constexpr int kBandsPerThread = 4;
+constexpr int kMinRows = 16;
 
 }  // namespace
 
@@ -22,7 +22,7 @@ struct RowThreadPool::State {
     std::vector<std::thread> others;
     bool closing = false;
 
-    // The work at hand; `round` counts share_out calls, so that a thread knows new work from old.
+    // The current work. `round` counts share_out() calls: a new number wakes the threads.
     unsigned round = 0;
     Call call = nullptr;
     void* context = nullptr;
@@ -30,7 +30,7 @@ struct RowThreadPool::State {
         int next, end;  // bands
         [[nodiscard]] int left() const { return end - next; }
     };
-    std::vector<Share> shares;  // one a worker
+    std::vector<Share> shares;  // one per worker
     int busy = 0;               // others that have not finished this round
 
     void share(int bands) {
@@ -38,8 +38,8 @@ struct RowThreadPool::State {
         for (int k = 0; k < workers; ++k)
             shares[static_cast<std::size_t>(k)] = {bands * k / workers, bands * (k + 1) / workers};
     }
-    // The next band of a worker's own share, then the last of whoever has most left; -1: none is.
-    int take(int worker) {
+    // The next band of the worker's own share, then the last one of the worker with most left; -1: none is left.
+    int next_band(int worker) {
         Share& own = shares[static_cast<std::size_t>(worker)];
         if (own.left() > 0) return own.next++;
         Share& most = *std::ranges::max_element(shares, {}, &Share::left);
@@ -47,7 +47,7 @@ struct RowThreadPool::State {
     }
     // Takes bands until none is left.
     void work(int worker, std::unique_lock<std::mutex>& lock) {
-        for (int band = take(worker); band >= 0; band = take(worker)) {
+        for (int band = next_band(worker); band >= 0; band = next_band(worker)) {
             lock.unlock();
             call(context, worker, band);
             lock.lock();
@@ -56,10 +56,10 @@ struct RowThreadPool::State {
 
     void serve(int worker) {
         std::unique_lock lock(mutex);
-        for (unsigned seen = 0;;) {
-            wake.wait(lock, [&] { return closing || round != seen; });
+        for (unsigned last_round = 0;;) {
+            wake.wait(lock, [&] { return closing || round != last_round; });
             if (closing) return;
-            seen = round;
+            last_round = round;
             work(worker, lock);
             if (--busy == 0) done.notify_one();
         }
@@ -71,8 +71,8 @@ Result<std::unique_ptr<RowThreadPool>> RowThreadPool::create(int threads) {
         return fail(ErrorCode::invalid_argument, std::to_string(threads) + " threads",
                     "use 1 to " + std::to_string(kMaxThreads));
     }
-    std::unique_ptr<RowThreadPool> crew(new RowThreadPool(std::make_unique<State>()));
-    State& state = *crew->state_;
+    std::unique_ptr<RowThreadPool> pool(new RowThreadPool(std::make_unique<State>()));
+    State& state = *pool->state_;
     state.shares.resize(static_cast<std::size_t>(threads));
     try {
         for (int worker = 1; worker < threads; ++worker)
@@ -80,7 +80,7 @@ Result<std::unique_ptr<RowThreadPool>> RowThreadPool::create(int threads) {
     } catch (const std::system_error& e) {
         return fail(ErrorCode::busy, "no thread for a band of rows", e.what());
     }
-    return crew;
+    return pool;
 }
 
 RowThreadPool::RowThreadPool(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -97,8 +97,8 @@ RowThreadPool::~RowThreadPool() {
 int RowThreadPool::threads() const { return static_cast<int>(state_->others.size()) + 1; }
 
 int RowThreadPool::rows_a_band(int rows) const {
-    const int bands = threads() == 1 ? 1 : threads() * kBandsAThread;
-    return std::max((rows + bands - 1) / bands, std::min(rows, kFewestRows));
+    const int bands = threads() == 1 ? 1 : threads() * kBandsPerThread;
+    return std::max((rows + bands - 1) / bands, std::min(rows, kMinRows));
 }
 
 void RowThreadPool::share_out(int bands, Call call, void* context) {

@@ -1,8 +1,8 @@
-// A crew of threads that shares out bands of rows.
+// A pool of threads that share bands of rows.
 //
-// The threads live as long as the crew and sleep between calls; sharing out allocates nothing. Each thread has a run of
-// bands, one after the other; who is done with it takes from others' ends. So which thread works on which band is left
-// to chance, and a band's result must not depend on it.
+// The threads live as long as the pool and sleep between calls; share_out() allocates nothing. Each thread has a run of
+// consecutive bands; a thread that has finished its run takes bands from the end of another's. So a band's result must
+// not depend on the thread that computes it.
 #pragma once
 
 #include <memory>
@@ -23,13 +23,12 @@ class RowThreadPool {
 
     [[nodiscard]] int threads() const;
 
-    // Rows for a band to have where each band also reads the row before and the row after it: all of them for one
-    // thread, else few bands a thread, so that little is read twice, yet no thread waits long for another that was held
-    // up.
+    // Rows per band if every band also reads the rows before and after it. One thread: all rows. Else few bands per
+    // thread: little is read twice, and no thread waits long for a delayed one.
     [[nodiscard]] int rows_a_band(int rows) const;
 
-    // Calls work(worker, band) once for every band 0..bands-1, worker being 0 (the calling thread) to threads()-1, and
-    // returns when all are done. `work` must not throw. Not to be called by two threads at once.
+    // Calls work(worker, band) once for every band 0..bands-1 and returns when all are done. Workers are 0 (the calling
+    // thread) to threads()-1. `work` must not throw. Must not be called by two threads at once.
     template <class Work>
     void share_out(int bands, Work&& work) {
         share_out(

@@ -1,6 +1,5 @@
-// Memory for vectors: no vector of up to 64 bytes whose place is a multiple of its size lies across two cache lines, or
-// two pages. Where one does, it is read and written in two parts, on a page's edge many times slower; and malloc
-// promises 16 bytes, so that it would be chance, another in every run.
+// Containers aligned to a cache line: a vector load or store of up to 64 bytes then never crosses a cache line or a
+// page, which would cost many times a normal access. malloc only guarantees 16 bytes.
 #pragma once
 
 #include <cstddef>
@@ -9,7 +8,7 @@
 
 namespace hord::algo {
 
-inline constexpr std::size_t kAlignment = 64;
+inline constexpr std::size_t kAlignment = 64;  // bytes
 
 template <class T>
 struct AlignedAllocator {

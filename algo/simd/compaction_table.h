@@ -1,5 +1,5 @@
-// For each set of eight, a bit each, its members in order: what closes up vectors where there is no instruction for it.
-// For kernels' .cpp files only.
+// Lookup table: for each 8-bit mask, the indices of its set bits (left-packing without AVX-512). Include in kernels'
+// .cpp files only.
 #pragma once
 
 #include <array>
@@ -14,19 +14,19 @@
 namespace hord::algo {
 
 inline constexpr auto kCompactionTable = [] {
-    std::array<std::array<std::uint8_t, 8>, 256> members{};
-    for (std::size_t set = 0; set < 256; ++set) {
+    std::array<std::array<std::uint8_t, 8>, 256> indices{};
+    for (std::size_t mask = 0; mask < 256; ++mask) {
         std::size_t count = 0;
         for (std::size_t k = 0; k < 8; ++k) {
-            if ((set >> k & 1U) != 0) members[set][count++] = static_cast<std::uint8_t>(k);
+            if ((mask >> k & 1U) != 0) indices[mask][count++] = static_cast<std::uint8_t>(k);
         }
     }
-    return members;
+    return indices;
 }();
 
-// Eight bytes; those after the last member are 0.
-[[gnu::target(HORD_AVX2)]] inline __m128i members(std::size_t set) {
-    return _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kCompactionTable[set].data()));
+// Eight bytes: the indices of the set bits in ascending order, then zeros.
+[[gnu::target(HORD_AVX2)]] inline __m128i compaction_indices(std::size_t mask) {
+    return _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kCompactionTable[mask].data()));
 }
 
 }  // namespace hord::algo

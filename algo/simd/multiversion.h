@@ -1,6 +1,8 @@
+// The words for one machine vector, and the macro that compiles a kernel for every instruction set. Include in kernels'
+// .cpp files only. Names follow Google Highway. Fixed numbers of lanes: algo/simd/vec.h.
+//
 // HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS) compiles the always-inlined template BODY<vector bytes>
-// once for each instruction set, and defines NAME(Isa), which returns a pointer to the fitting one. For kernels' .cpp
-// files only.
+// for each instruction set and defines NAME(Isa), which returns a pointer to the matching function.
 #pragma once
 
 #include <cstring>
@@ -12,7 +14,7 @@
 
 namespace hord::algo {
 
-// As many T as fit into so many bytes; one T is just a T.
+// GCC's vector of T with Bytes bytes; T itself where Bytes is sizeof(T).
 template <class T, int Bytes>
 struct VectorOf {
     using type __attribute__((vector_size(Bytes))) = T;
@@ -35,11 +37,11 @@ HORD_ALWAYS_INLINE void store(const V& v, T* to) {
     std::memcpy(to, &v, sizeof(v));
 }
 template <class V>
-HORD_ALWAYS_INLINE V lower(const V& a, const V& b) {
+HORD_ALWAYS_INLINE V min(const V& a, const V& b) {
     return b < a ? b : a;
 }
 template <class V>
-HORD_ALWAYS_INLINE V higher(const V& a, const V& b) {
+HORD_ALWAYS_INLINE V max(const V& a, const V& b) {
     return a < b ? b : a;
 }
 
@@ -47,7 +49,7 @@ HORD_ALWAYS_INLINE V higher(const V& a, const V& b) {
 
 #if defined(__x86_64__)
 #define HORD_AVX2 "avx2,bmi,bmi2,popcnt"
-// Clang does not know the preference, and would ignore the instruction sets with it.
+// Clang does not know prefer-vector-width and would ignore the whole list.
 #if defined(__clang__)
 #define HORD_AVX512 HORD_AVX2 ",avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi2"
 #else

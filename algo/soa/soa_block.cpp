@@ -10,23 +10,22 @@
 #include <emmintrin.h>
 #endif
 
-#include "algo/simd/multiversion.h"
+#include "algo/simd/vec.h"
 
 namespace hord::algo {
 
 constexpr int kLanes = SoaBlock::kLanes;
-constexpr int kCacheLine =
-    64;                     // bytes; the same samples of the next lenslet row are fetched while this one is worked on
-constexpr int kWindow = 8;  // neighbouring bins that are transposed at once
-constexpr int kColumns = kMaxBins - 1 + kWindow / 2;  // half a window may begin at the last bin
+constexpr int kCacheLine = 64;                        // bytes
+constexpr int kWindow = 8;                            // neighbouring bins transposed at once
+constexpr int kColumns = kMaxBins - 1 + kWindow / 2;  // half a window may start at the last bin
 
 namespace {
 
-using Wanted = SoaBlock::Wanted;
+using Outputs = SoaBlock::Outputs;
 using Bytes16 = Vector<std::uint8_t, 16>;
 
-// One bit a byte, of bytes that are all ones or none.
-HORD_ALWAYS_INLINE std::uint32_t bits_of(const Bytes16& bytes) {
+// One bit per byte of a mask.
+HORD_ALWAYS_INLINE std::uint32_t mask_bits(const Bytes16& bytes) {
 #if defined(__SSE2__)
     return static_cast<std::uint32_t>(_mm_movemask_epi8(reinterpret_cast<__m128i>(bytes)));
 #else
@@ -39,9 +38,9 @@ HORD_ALWAYS_INLINE std::uint32_t bits_of(const Bytes16& bytes) {
 #endif
 }
 
-// Which of sixteen samples are above `dark`, as bits.
+// Bit k: sample k is above `dark`.
 HORD_ALWAYS_INLINE std::uint32_t lit_bits(const Bytes16& samples, std::uint8_t dark) {
-    return bits_of(reinterpret_cast<Bytes16>(samples > Bytes16{} + dark));
+    return mask_bits(reinterpret_cast<Bytes16>(samples > Bytes16{} + dark));
 }
 HORD_ALWAYS_INLINE std::uint32_t lit_bits(const Vector<std::uint16_t, 32>& samples, std::uint16_t dark) {
     std::uint32_t bits = 0;
@@ -49,8 +48,8 @@ HORD_ALWAYS_INLINE std::uint32_t lit_bits(const Vector<std::uint16_t, 32>& sampl
     return bits;
 }
 
-// Whether one of `count` samples, or of the up to 63 bytes that follow, is above `dark`. The same samples `next`
-// further on are fetched meanwhile.
+// Whether one of `count` samples, or of the up to 63 bytes that follow, is above `dark`. Prefetches the samples `next`
+// further on: the same ones of the next lenslet row.
 template <int Bytes, class Sample>
 HORD_ALWAYS_INLINE bool any_above(const Sample* samples, int count, Sample dark, std::ptrdiff_t next) {
     using Wide = Vector<Sample, Bytes>;
@@ -60,15 +59,15 @@ HORD_ALWAYS_INLINE bool any_above(const Sample* samples, int count, Sample dark,
     Wide most{};
     for (const Sample* end = samples + count; samples < end; samples += kOfLine) {
         __builtin_prefetch(samples + next);
-        for (int at = 0; at < kOfLine; at += kOfOne) most = higher(most, load<Wide>(samples + at));
+        for (int at = 0; at < kOfLine; at += kOfOne) most = max(most, load<Wide>(samples + at));
     }
     Narrow parts[Bytes / 16];
     std::memcpy(parts, &most, sizeof parts);
-    for (int p = 1; p < Bytes / 16; ++p) parts[0] = higher(parts[0], parts[p]);
-    return bits_of(reinterpret_cast<Bytes16>(parts[0] > Narrow{} + dark)) != 0;
+    for (int p = 1; p < Bytes / 16; ++p) parts[0] = max(parts[0], parts[p]);
+    return mask_bits(reinterpret_cast<Bytes16>(parts[0] > Narrow{} + dark)) != 0;
 }
 
-// The even and the odd ones of sixteen sums of bytes: at most 15 * 15 * 255 < 2^16.
+// Sixteen sums of bytes, even and odd lanes apart: at most 15 * 15 * 255 < 2^16.
 struct EvenOdd {
     using Words = Vector<std::uint16_t, 16>;
     Words even, odd;
@@ -77,17 +76,13 @@ struct EvenOdd {
         const auto words = reinterpret_cast<Words>(bytes);
         return {words & 0xFFU, words >> 8U};
     }
-    HORD_ALWAYS_INLINE void add(const EvenOdd& more) {
-        even += more.even;
-        odd += more.odd;
+    HORD_ALWAYS_INLINE EvenOdd operator+(const EvenOdd& b) const { return {even + b.even, odd + b.odd}; }
+    HORD_ALWAYS_INLINE EvenOdd operator*(int factor) const {
+        return {even * static_cast<std::uint16_t>(factor), odd * static_cast<std::uint16_t>(factor)};
     }
-    HORD_ALWAYS_INLINE void add(const EvenOdd& more, int factor) {
-        even += more.even * static_cast<std::uint16_t>(factor);
-        odd += more.odd * static_cast<std::uint16_t>(factor);
-    }
-    HORD_ALWAYS_INLINE void write(std::uint16_t* to) const {
-        store(Words(__builtin_shufflevector(even, odd, 0, 8, 1, 9, 2, 10, 3, 11)), to);
-        store(Words(__builtin_shufflevector(even, odd, 4, 12, 5, 13, 6, 14, 7, 15)), to + 8);
+    HORD_ALWAYS_INLINE void store(std::uint16_t* to) const {
+        algo::store(Words(__builtin_shufflevector(even, odd, 0, 8, 1, 9, 2, 10, 3, 11)), to);
+        algo::store(Words(__builtin_shufflevector(even, odd, 4, 12, 5, 13, 6, 14, 7, 15)), to + 8);
     }
 };
 
@@ -98,9 +93,9 @@ HORD_ALWAYS_INLINE Bytes16 interleaved_high(const Bytes16& a, const Bytes16& b) 
     return __builtin_shufflevector(a, b, 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31);
 }
 
-// Eight neighbouring samples of each of sixteen lenslets, `apart` samples from one to the next, become eight vectors of
-// sixteen lenslets, less what `dark` says of each of the eight (given twice). Four perfect shuffles of the 128 bytes;
-// the last three for either four bins alone.
+// Transposes eight neighbouring samples of sixteen lenslets, which are `apart` samples apart, into eight vectors of
+// sixteen lenslets, and subtracts `dark` (of the eight bins, given twice). Four perfect shuffles of the 128 bytes; the
+// last three separately for each half of the bins.
 struct Transposition {
     Bytes16 once[8];
 
@@ -111,7 +106,7 @@ struct Transposition {
             std::memcpy(&halves[0], samples + 2 * p * apart, 8);
             std::memcpy(&halves[1], samples + (2 * p + 1) * apart, 8);
             std::memcpy(&two[p], halves, sizeof halves);
-            two[p] = higher(two[p], dark) - dark;
+            two[p] = max(two[p], dark) - dark;
         }
         for (int k = 0; k < 4; ++k) {
             once[2 * k] = interleaved_low(two[k], two[k + 4]);
@@ -134,74 +129,53 @@ struct Transposition {
     }
 };
 
-// The brightest of sixteen lenslets, bin by bin; what lies beyond bin I is another lenslet's.
+// Per bin the maximum of sixteen lenslets. Lanes beyond bin I belong to other lenslets.
 template <class Samples, class Sample>
 HORD_ALWAYS_INLINE Samples brightest_of(const Sample* line, int apart) {
     Samples most[2] = {load<Samples>(line), load<Samples>(line + apart)};
     for (int l = 2; l < kLanes; l += 2) {
-        most[0] = higher(most[0], load<Samples>(line + l * apart));
-        most[1] = higher(most[1], load<Samples>(line + (l + 1) * apart));
+        most[0] = max(most[0], load<Samples>(line + l * apart));
+        most[1] = max(most[1], load<Samples>(line + (l + 1) * apart));
     }
-    return higher(most[0], most[1]);
+    return max(most[0], most[1]);
 }
 
-// Sixteen sums, in as few vectors as there can be.
+// Vectors of at most 32 bytes.
 template <int Bytes>
-struct Ints {
-    static constexpr int kBytes = std::min(Bytes, 32), kOfOne = kBytes / 4, kParts = kLanes / kOfOne;
-    using Part = Vector<std::int32_t, kBytes>;
-    Part part[kParts];
+using Ints = Vec<std::int32_t, kLanes, std::min(Bytes, 32)>;
+template <int Bytes>
+using Floats = Vec<float, kLanes, std::min(Bytes, 32)>;
 
-    HORD_ALWAYS_INLINE void add(const Ints& more) {
-        for (int p = 0; p < kParts; ++p) part[p] += more.part[p];
-    }
-    HORD_ALWAYS_INLINE void add(const Ints& more, std::int32_t factor) {
-        for (int p = 0; p < kParts; ++p) part[p] += more.part[p] * factor;
-    }
-    HORD_ALWAYS_INLINE void write(std::int32_t* to) const {
-        for (int p = 0; p < kParts; ++p) store(part[p], to + p * kOfOne);
-    }
-    template <class Number>
-    HORD_ALWAYS_INLINE static Ints of(const Number* from) {
-        Ints all;
-        for (int p = 0; p < kParts; ++p)
-            all.part[p] =
-                __builtin_convertvector(load<Vector<Number, kOfOne * sizeof(Number)>>(from + p * kOfOne), Part);
-        return all;
-    }
-};
-
-HORD_ALWAYS_INLINE void light(SoaBlock::Lit& all, int first, std::uint32_t bins) {
+HORD_ALWAYS_INLINE void add_lit(SoaBlock::Lit& all, int first, std::uint32_t bins) {
     all[static_cast<std::size_t>(first / 64)] |= std::uint64_t{bins} << (first % 64);
     if (first % 64 > 64 - kMaxBins) all[static_cast<std::size_t>(first / 64 + 1)] |= bins >> (64 - first % 64);
 }
 
-// Of one line; the moment along x.
+// Sums of one line; the moment is that along x.
 template <class Sums>
 struct LineSums {
-    Sums mass, moment;  // of bytes the moment's words have a sign
+    Sums mass, moment;  // for EvenOdd the moments are int16
 };
 
-// Of bytes: a line's lit bins are gathered by transposing the samples around them.
+// 8-bit: gathers the lit bins of a line by transposing the samples around them.
 template <int Bytes>
 HORD_ALWAYS_INLINE void gather_line(const std::uint8_t* line, int j, std::uint32_t lit, const Extents& extents,
-                                    const std::uint8_t* darkness, Wanted wanted, int& count, EvenOdd* columns,
+                                    const std::uint8_t* darkness, Outputs outputs, int& count, EvenOdd* columns,
                                     LineSums<EvenOdd>& sums, SoaBlock& block) {
-    const auto take = [&](const Bytes16(&four)[4], int first) __attribute__((always_inline)) {
+    const auto add_four = [&](const Bytes16(&four)[4], int first) __attribute__((always_inline)) {
         for (int k = 0; k < 4; ++k) {
             const auto masses = EvenOdd::of(four[k]);
-            sums.mass.add(masses);
-            if (wanted.moments) sums.moment.add(masses, 2 * (first + k) - (extents.i - 1));
-            if (wanted.margins) columns[first + k].add(masses);
-            if (wanted.masses) {
-                masses.write(block.mass[count]);
+            sums.mass = sums.mass + masses;
+            if (outputs.moments) sums.moment = sums.moment + masses * (2 * (first + k) - (extents.i - 1));
+            if (outputs.margins) columns[first + k] = columns[first + k] + masses;
+            if (outputs.masses) {
+                masses.store(block.mass[count]);
                 block.bin[count] = static_cast<std::uint8_t>(j * extents.i + first + k);
                 count += static_cast<int>((lit >> (first + k)) & 1U);
             }
         }
     };
-    // Lit bins lie close together: one window mostly has all of a line's, and its first half does. Bins beyond I become
-    // 0.
+    // Lit bins are close together: mostly the first half of one window holds them all. Bins beyond I become 0.
     for (int first = __builtin_ctz(lit); lit >> first != 0; first += kWindow) {
         std::uint64_t dark[2];
         std::memcpy(&dark[0], darkness + first, kWindow);
@@ -209,17 +183,17 @@ HORD_ALWAYS_INLINE void gather_line(const std::uint8_t* line, int j, std::uint32
         const Transposition bins(line + first, extents.i, load<Bytes16>(dark));
         Bytes16 four[4];
         bins.four<false>(four);
-        take(four, first);
+        add_four(four, first);
         if (lit >> (first + 4) == 0) break;
         bins.four<true>(four);
-        take(four, first + 4);
+        add_four(four, first + 4);
     }
 }
 
-// Of words: each lit bin for itself.
+// 16-bit: gathers each lit bin on its own.
 template <int Bytes>
 HORD_ALWAYS_INLINE void gather_line(const std::uint16_t* line, int j, std::uint32_t lit, const Extents& extents,
-                                    const std::uint16_t* darkness, Wanted wanted, int& count, Ints<Bytes>* columns,
+                                    const std::uint16_t* darkness, Outputs outputs, int& count, Ints<Bytes>* columns,
                                     LineSums<Ints<Bytes>>& sums, SoaBlock& block) {
     using Words16 = Vector<std::uint16_t, 32>;
     const Words16 dark = Words16{} + darkness[0];
@@ -227,31 +201,31 @@ HORD_ALWAYS_INLINE void gather_line(const std::uint16_t* line, int j, std::uint3
         const int i = __builtin_ctz(lit);
         std::uint16_t* const words = block.mass[count];
         for (int l = 0; l < kLanes; ++l) words[l] = line[l * extents.i + i];
-        store(higher(load<Words16>(words), dark) - dark, words);
-        const auto masses = Ints<Bytes>::of(words);
-        sums.mass.add(masses);
-        if (wanted.moments) sums.moment.add(masses, 2 * i - (extents.i - 1));
-        if (wanted.margins) columns[i].add(masses);
-        if (wanted.masses) block.bin[count++] = static_cast<std::uint8_t>(j * extents.i + i);
+        store(max(load<Words16>(words), dark) - dark, words);
+        const auto masses = Ints<Bytes>::load_converted(words);
+        sums.mass = sums.mass + masses;
+        if (outputs.moments) sums.moment = sums.moment + masses * (2 * i - (extents.i - 1));
+        if (outputs.margins) columns[i] = columns[i] + masses;
+        if (outputs.masses) block.bin[count++] = static_cast<std::uint8_t>(j * extents.i + i);
     }
 }
 
-// Words are taken for signed where `Word` is.
+// Word: std::uint16_t or std::int16_t, how the sums are to be read.
 template <int Bytes, class Word>
 HORD_ALWAYS_INLINE Ints<Bytes> ints(const EvenOdd& sums) {
     std::uint16_t words[kLanes];
-    sums.write(words);
-    return Ints<Bytes>::of(reinterpret_cast<const Word*>(words));
+    sums.store(words);
+    return Ints<Bytes>::load_converted(reinterpret_cast<const Word*>(words));
 }
 template <int Bytes, class Word>
 HORD_ALWAYS_INLINE const Ints<Bytes>& ints(const Ints<Bytes>& sums) {
     return sums;
 }
 
-// Finds the bins that are lit in any of the sixteen lenslets, gathers those, and adds them up.
+// Finds the bins that are lit in any of the sixteen lenslets, gathers them, and adds them up.
 template <int Bytes, class Sample>
 HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, const Extents& extents,
-                               const LightLevels& levels, Wanted wanted, SoaBlock& block) {
+                               const LightLevels& levels, Outputs outputs, SoaBlock& block) {
     using Samples = Vector<Sample, kLanes * sizeof(Sample)>;
     using Sums = std::conditional_t<sizeof(Sample) == 1, EvenOdd, Ints<Bytes>>;
     const int bins_i = extents.i, bins_j = extents.j;
@@ -265,10 +239,10 @@ HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, con
     for (int i = 0; i < kMaxBins + kWindow; ++i) darkness[i] = i < bins_i ? dark : std::numeric_limits<Sample>::max();
     Sums sum{}, columns[kColumns];
     Ints<Bytes> moment_x{}, moment_y{};
-    Ints<Bytes>{}.write(block.saturated);
-    if (wanted.margins) {
+    Ints<Bytes>{}.store(block.saturated);
+    if (outputs.margins) {
         for (Sums& column : columns) column = Sums{};
-        for (int j = 0; j < bins_j; ++j) Ints<Bytes>{}.write(block.line[j]);
+        for (int j = 0; j < bins_j; ++j) Ints<Bytes>{}.store(block.line[j]);
     }
     block.lit = {};
     int count = 0;
@@ -277,29 +251,29 @@ HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, con
         const Sample* const line = samples + j * stride;
         const auto brightest = brightest_of<Samples>(line, bins_i);
         const std::uint32_t of_bins = (1U << bins_i) - 1U, lit = lit_bits(brightest, dark) & of_bins;
-        if (lit == 0) continue;  // what was above it lies behind the sixteen
+        if (lit == 0) continue;  // the lit sample lies beyond the sixteen lenslets
         std::uint32_t hot = can_saturate ? lit_bits(brightest, static_cast<Sample>(levels.saturated - 1)) & of_bins : 0;
         for (; hot != 0; hot &= hot - 1) {
             for (int l = 0; l < kLanes; ++l)
                 block.saturated[l] |= line[l * bins_i + __builtin_ctz(hot)] >= levels.saturated ? kSaturated : kValid;
         }
-        light(block.lit, j * bins_i, lit);
+        add_lit(block.lit, j * bins_i, lit);
         LineSums<Sums> of_line{};
-        gather_line<Bytes>(line, j, lit, extents, darkness, wanted, count, columns, of_line, block);
-        sum.add(of_line.mass);
-        if (wanted.margins) ints<Bytes, std::uint16_t>(of_line.mass).write(block.line[j]);
-        if (wanted.moments) {
-            moment_x.add(ints<Bytes, std::int16_t>(of_line.moment));
-            moment_y.add(ints<Bytes, std::uint16_t>(of_line.mass), 2 * j - (bins_j - 1));
+        gather_line<Bytes>(line, j, lit, extents, darkness, outputs, count, columns, of_line, block);
+        sum = sum + of_line.mass;
+        if (outputs.margins) ints<Bytes, std::uint16_t>(of_line.mass).store(block.line[j]);
+        if (outputs.moments) {
+            moment_x = moment_x + ints<Bytes, std::int16_t>(of_line.moment);
+            moment_y = moment_y + ints<Bytes, std::uint16_t>(of_line.mass) * (2 * j - (bins_j - 1));
         }
     }
     block.count = count;
-    if (wanted.margins) {
-        for (int i = 0; i < bins_i; ++i) ints<Bytes, std::uint16_t>(columns[i]).write(block.column[i]);
+    if (outputs.margins) {
+        for (int i = 0; i < bins_i; ++i) ints<Bytes, std::uint16_t>(columns[i]).store(block.column[i]);
     }
-    ints<Bytes, std::uint16_t>(sum).write(block.sum);
-    moment_x.write(block.moment_x);
-    moment_y.write(block.moment_y);
+    ints<Bytes, std::uint16_t>(sum).store(block.sum);
+    moment_x.store(block.moment_x);
+    moment_y.store(block.moment_y);
     const auto min_sum = static_cast<std::int32_t>(std::min(levels.min_sum, 1U << 30));  // above every sum
     std::int32_t masks[kLanes];
     for (int l = 0; l < kLanes; ++l) masks[l] = (block.sum[l] < min_sum ? kDark : kValid) | block.saturated[l];
@@ -309,40 +283,31 @@ HORD_ALWAYS_INLINE void gather(const Sample* samples, std::ptrdiff_t stride, con
 }
 
 template <int Bytes>
-HORD_ALWAYS_INLINE void make_shares(const SoaBlock& block, std::size_t stride, bool roots, float* first) {
-    constexpr int kOfOne = Ints<Bytes>::kOfOne, kParts = Ints<Bytes>::kParts;
-    using Floats = Vector<float, Ints<Bytes>::kBytes>;
-    Floats inverse[kParts];
-    for (int p = 0; p < kParts; ++p) inverse[p] = load<Floats>(block.inverse + p * kOfOne);
+HORD_ALWAYS_INLINE void compute_shares(const SoaBlock& block, std::size_t stride, bool roots, float* first) {
+    const auto inverse = Floats<Bytes>::load(block.inverse);
     const int count = block.count;
     for (int c = 0; c < count; ++c) {
-        const auto mass = Ints<Bytes>::of(block.mass[c]);
         float* const to = first + block.bin[c] * stride;
-        Floats share[kParts];
-        for (int p = 0; p < kParts; ++p) share[p] = __builtin_convertvector(mass.part[p], Floats) * inverse[p];
+        auto share = Ints<Bytes>::load_converted(block.mass[c]).template convert<float>() * inverse;
         if (roots) {
             float of_lanes[kLanes];
-            std::memcpy(of_lanes, share, sizeof share);
+            share.store(of_lanes);
             for (int l = 0; l < kLanes; ++l) of_lanes[l] = std::sqrt(of_lanes[l]);
-            std::memcpy(share, of_lanes, sizeof share);
+            share = Floats<Bytes>::load(of_lanes);
         }
-        for (int p = 0; p < kParts; ++p) store(share[p], to + p * kOfOne);
+        share.store(to);
     }
 }
 
-// Cumulative sums are integers until they are scaled.
+// Cumulative sums, exact integers until they are scaled.
 template <int Bytes>
-HORD_ALWAYS_INLINE void make_marginals(const SoaBlock& block, const Extents& extents, std::size_t stride,
-                                       float* first) {
+HORD_ALWAYS_INLINE void compute_marginals(const SoaBlock& block, const Extents& extents, std::size_t stride,
+                                          float* first) {
     const auto along = [&](const std::int32_t(*sums)[kLanes], int count) __attribute__((always_inline)) {
         Ints<Bytes> passed{};
         for (int k = 0; k < count; ++k, first += stride) {
-            passed.add(Ints<Bytes>::of(sums[k]));
-            for (int p = 0; p < Ints<Bytes>::kParts; ++p) {
-                using Floats = Vector<float, Ints<Bytes>::kBytes>;
-                const int l = p * Ints<Bytes>::kOfOne;
-                store(__builtin_convertvector(passed.part[p], Floats) * load<Floats>(block.inverse + l), first + l);
-            }
+            passed = passed + Ints<Bytes>::load_converted(sums[k]);
+            (passed.template convert<float>() * Floats<Bytes>::load(block.inverse)).store(first);
         }
     };
     along(block.column, extents.i - 1);
@@ -351,15 +316,15 @@ HORD_ALWAYS_INLINE void make_marginals(const SoaBlock& block, const Extents& ext
 
 HORD_FOR_EACH_ISA(gather8_for, void, gather,
                   (const std::uint8_t* samples, std::ptrdiff_t stride, const Extents& extents,
-                   const LightLevels& levels, Wanted wanted, SoaBlock& block),
-                  (samples, stride, extents, levels, wanted, block))
+                   const LightLevels& levels, Outputs outputs, SoaBlock& block),
+                  (samples, stride, extents, levels, outputs, block))
 HORD_FOR_EACH_ISA(gather16_for, void, gather,
                   (const std::uint16_t* samples, std::ptrdiff_t stride, const Extents& extents,
-                   const LightLevels& levels, Wanted wanted, SoaBlock& block),
-                  (samples, stride, extents, levels, wanted, block))
-HORD_FOR_EACH_ISA(shares_for, void, make_shares, (const SoaBlock& block, std::size_t stride, bool roots, float* first),
-                  (block, stride, roots, first))
-HORD_FOR_EACH_ISA(marginals_for, void, make_marginals,
+                   const LightLevels& levels, Outputs outputs, SoaBlock& block),
+                  (samples, stride, extents, levels, outputs, block))
+HORD_FOR_EACH_ISA(shares_for, void, compute_shares,
+                  (const SoaBlock& block, std::size_t stride, bool roots, float* first), (block, stride, roots, first))
+HORD_FOR_EACH_ISA(marginals_for, void, compute_marginals,
                   (const SoaBlock& block, const Extents& extents, std::size_t stride, float* first),
                   (block, extents, stride, first))
 

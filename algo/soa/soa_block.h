@@ -1,16 +1,12 @@
-// Sixteen lenslets side by side, worked on at once: their lit bins are found and gathered, added up, and made into
-// shares or marginals. Most bins are dark in all of sixteen neighbouring lenslets: those cost a look at their line.
+// Sixteen lenslets in a structure-of-arrays (SoA) layout: finds and gathers their lit bins, adds them up, and computes
+// shares or marginals. Most bins are dark in all of sixteen neighbouring lenslets; only their line is scanned.
 //
-// Numbers, all exact integers until a share is made:
-//   samples of one byte   a mass < 2^8; sums over a line, a column or a lenslet <= 15 * 15 * 255 < 2^16: words without
-//   a sign. A line's moment along
-//                         x is at most 255 * (14 + 12 + ... + 2) = 14280 half bins times DN < 2^15, of either sign:
-//                         words with one
-//   of two bytes          a mass < 2^16; sums < 2^24, moments < 14 * 2^24 < 2^28: 32 bits
-// Sums and moments of a lenslet are 32 bits in either case (algo/frame/decode.h). Whatever the instruction set, the
-// same operations come in the same order.
-//
-// Test: tests/algo/soa/soa_distances_test.cpp.
+// Numbers, exact integers until a share is computed:
+//   8-bit samples   a mass < 2^8; sums over a line, a column or a lenslet <= 15 * 15 * 255 < 2^16: uint16. The moment
+//                   of a line along x is at most 255 * (14 + 12 + ... + 2) = 14280 half bins times DN < 2^15: int16.
+//   16-bit samples  a mass < 2^16; sums < 2^24, moments < 14 * 2^24 < 2^28: int32.
+// Sums and moments of a lenslet are int32 in both cases (algo/frame/decode.h). The order of operations does not depend
+// on the instruction set. Test: tests/algo/soa/soa_distances_test.cpp.
 #pragma once
 
 #include <array>
@@ -30,32 +26,33 @@ struct SoaBlock {
 
     using Lit = std::array<std::uint64_t, (kMaxBinCount + 63) / 64>;
 
-    // Beside the sums.
-    struct Wanted {
-        bool masses;   // the lit bins'
-        bool margins;  // sums by column and by line
+    // What is computed besides the sums.
+    struct Outputs {
+        bool masses;   // of the lit bins
+        bool margins;  // sums per column and per line
         bool moments;
     };
 
-    // Lanes of lenslets that are not there are 0. What is not wanted holds no meaning, moments apart: they are 0.
-    alignas(kAlignment) std::int32_t column[kMaxBins][kLanes];  // sums over the lines, of each bin column
-    std::int32_t line[kMaxBins][kLanes];                        // and over the columns, of each line
+    // Lanes beyond the last lenslet are 0. Outputs not requested are undefined, except moments: 0.
+    alignas(kAlignment) std::int32_t column[kMaxBins][kLanes];  // sum of each bin column
+    std::int32_t line[kMaxBins][kLanes];                        // sum of each line
     std::int32_t sum[kLanes], moment_x[kLanes], moment_y[kLanes];
     std::int32_t saturated[kLanes];
     std::uint8_t mask[kLanes];
     float inverse[kLanes];  // 1 / sum; 0 without a HORD
     Lit lit;                // bins lit in any of the lenslets
-    int count = 0;          // those bins, and their masses; one more is written than counts
+    int count = 0;          // elements of `bin` and `mass`; one more is written
     std::uint8_t bin[kMaxBinCount + 1];
     alignas(kAlignment) std::uint16_t mass[kMaxBinCount + 1][kLanes];
 
     template <class Sample>
     using Gather = void (*)(const Sample* samples, std::ptrdiff_t stride, const Extents& extents,
-                            const LightLevels& levels, Wanted wanted, SoaBlock& block);
+                            const LightLevels& levels, Outputs outputs, SoaBlock& block);
     static Gather<std::uint8_t> gather8(Isa isa);
     static Gather<std::uint16_t> gather16(Isa isa);
 
-    // Into planes `stride` apart: h of the lit bins or its roots; cumulative marginals, I-1 along x and J-1 along y.
+    // Write to arrays `stride` apart: h of the lit bins or its square roots; cumulative marginals, I-1 along x, J-1
+    // along y.
     using Shares = void (*)(const SoaBlock& block, std::size_t stride, bool roots, float* first);
     static Shares shares(Isa isa);
     using Marginals = void (*)(const SoaBlock& block, const Extents& extents, std::size_t stride, float* first);

@@ -12,7 +12,7 @@ namespace hord::algo {
 namespace {
 
 constexpr int kLanes = SoaRow::kLanes;
-// Far below any share of light (2^-24), and without effect on one; it keeps 0 / 0 away.
+// Avoids 0 / 0; too far below any share of light (2^-24) to change one.
 constexpr float kNothing = 1e-30F;
 
 using Lit = SoaRow::Lit;
@@ -25,7 +25,7 @@ HORD_ALWAYS_INLINE float term(float a, float b) {
     return std::abs(difference);
 }
 
-// The square of the distance that the sums of terms stand for.
+// The squared distance from the sums of terms.
 template <Feature kFeature>
 HORD_ALWAYS_INLINE float squared_distance(float x, float y) {
     if constexpr (kFeature == Feature::chi2) return x * x * 0.25F;
@@ -33,54 +33,43 @@ HORD_ALWAYS_INLINE float squared_distance(float x, float y) {
     return x * x + y * y;
 }
 
-template <int Bytes, Feature kFeature>
-HORD_ALWAYS_INLINE void add_up(const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
-                               float* __restrict squared) {
-    float x[kLanes] = {}, y[kLanes] = {};
-    if constexpr (kFeature == Feature::marginal) {
-        for (int k = 0; k < along_x; ++k, a += stride, b += stride) {
-            for (int l = 0; l < kLanes; ++l) x[l] += term<kFeature>(a[l], b[l]);
-        }
-        const int planes = __builtin_popcountll(lit[0]);
-        for (int k = along_x; k < planes; ++k, a += stride, b += stride) {
-            for (int l = 0; l < kLanes; ++l) y[l] += term<kFeature>(a[l], b[l]);
-        }
-    } else {
-        for (std::size_t w = 0; w < lit.size(); ++w) {
-            for (std::uint64_t rest = lit[w]; rest != 0; rest &= rest - 1) {
-                const std::size_t at = (w * 64 + static_cast<std::size_t>(__builtin_ctzll(rest))) * stride;
-                for (int l = 0; l < kLanes; ++l)
-                    x[l] += term<kFeature>(a[at + static_cast<std::size_t>(l)], b[at + static_cast<std::size_t>(l)]);
+template <Feature kFeature>
+struct Kernel {
+    template <int Bytes>
+    HORD_ALWAYS_INLINE static void add_up(const float* a, const float* b, std::size_t stride, const Lit& lit,
+                                          int along_x, float* __restrict squared) {
+        float x[kLanes] = {}, y[kLanes] = {};
+        if constexpr (kFeature == Feature::marginal) {
+            for (int k = 0; k < along_x; ++k, a += stride, b += stride) {
+                for (int l = 0; l < kLanes; ++l) x[l] += term<kFeature>(a[l], b[l]);
+            }
+            const int arrays = __builtin_popcountll(lit[0]);
+            for (int k = along_x; k < arrays; ++k, a += stride, b += stride) {
+                for (int l = 0; l < kLanes; ++l) y[l] += term<kFeature>(a[l], b[l]);
+            }
+        } else {
+            for (std::size_t w = 0; w < lit.size(); ++w) {
+                for (std::uint64_t rest = lit[w]; rest != 0; rest &= rest - 1) {
+                    const std::size_t at = (w * 64 + static_cast<std::size_t>(__builtin_ctzll(rest))) * stride;
+                    for (int l = 0; l < kLanes; ++l)
+                        x[l] +=
+                            term<kFeature>(a[at + static_cast<std::size_t>(l)], b[at + static_cast<std::size_t>(l)]);
+                }
             }
         }
+        for (int l = 0; l < kLanes; ++l) squared[l] = squared_distance<kFeature>(x[l], y[l]);
     }
-    for (int l = 0; l < kLanes; ++l) squared[l] = squared_distance<kFeature>(x[l], y[l]);
-}
+};
 
-template <int Bytes>
-HORD_ALWAYS_INLINE void chi2(const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
-                             float* __restrict squared) {
-    add_up<Bytes, Feature::chi2>(a, b, stride, lit, along_x, squared);
-}
-template <int Bytes>
-HORD_ALWAYS_INLINE void hellinger(const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
-                                  float* __restrict squared) {
-    add_up<Bytes, Feature::hellinger>(a, b, stride, lit, along_x, squared);
-}
-template <int Bytes>
-HORD_ALWAYS_INLINE void marginal(const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
-                                 float* __restrict squared) {
-    add_up<Bytes, Feature::marginal>(a, b, stride, lit, along_x, squared);
-}
-HORD_FOR_EACH_ISA(add_chi2, void, chi2,
+HORD_FOR_EACH_ISA(add_chi2, void, Kernel<Feature::chi2>::template add_up,
                   (const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
                    float* __restrict squared),
                   (a, b, stride, lit, along_x, squared))
-HORD_FOR_EACH_ISA(add_hellinger, void, hellinger,
+HORD_FOR_EACH_ISA(add_hellinger, void, Kernel<Feature::hellinger>::template add_up,
                   (const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
                    float* __restrict squared),
                   (a, b, stride, lit, along_x, squared))
-HORD_FOR_EACH_ISA(add_marginal, void, marginal,
+HORD_FOR_EACH_ISA(add_marginal, void, Kernel<Feature::marginal>::template add_up,
                   (const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
                    float* __restrict squared),
                   (a, b, stride, lit, along_x, squared))
@@ -129,7 +118,7 @@ void unite(Lit& all, const Lit& more) {
 }
 
 // Every lenslet of the block has a HORD.
-bool whole(const SoaRow& row, int block) {
+bool all_have_hords(const SoaRow& row, int block) {
     std::uint64_t masks[kLanes / 8];
     std::memcpy(masks, row.mask().data() + block * kLanes, sizeof masks);
     return (masks[0] | masks[1]) == 0;
@@ -156,7 +145,7 @@ SoaDistances::SoaDistances(const Extents& extents, Feature feature, Isa isa, boo
         }
     }
     if (!of_sums) {
-        stride_ = static_cast<std::size_t>(rows_[0].plane(1) - rows_[0].plane(0));
+        stride_ = static_cast<std::size_t>(rows_[0].array(1) - rows_[0].array(0));
     }
     add_up_ = feature == Feature::chi2  ? add_chi2(isa)
         : feature == Feature::hellinger ? add_hellinger(isa)
@@ -172,16 +161,16 @@ void SoaDistances::load(const FrameView& frame, const LightLevels& levels, int n
     divide_(r.moments_y().data(), r.sums().data(), count, means.y.data());
 }
 
-// Of two lenslets anywhere: the lane of a block that starts with them.
+// Of two single lenslets, in the order of a lane of add_up().
 float SoaDistances::squared_alone(const SoaRow& a, int m_a, const SoaRow& b, int m_b) const {
     Lit lit = a.lit(m_a / kLanes);
     unite(lit, b.lit(m_b / kLanes));
-    const float* p = a.plane(0) + m_a;
-    const float* q = b.plane(0) + m_b;
+    const float* p = a.array(0) + m_a;
+    const float* q = b.array(0) + m_b;
     float x = 0, y = 0;
     if (feature_ == Feature::marginal) {
-        const int planes = __builtin_popcountll(lit[0]);
-        for (int k = 0; k < planes; ++k, p += stride_, q += stride_)
+        const int arrays = __builtin_popcountll(lit[0]);
+        for (int k = 0; k < arrays; ++k, p += stride_, q += stride_)
             (k < along_x_ ? x : y) += term<Feature::marginal>(*p, *q);
         return squared_distance<Feature::marginal>(x, y);
     }
@@ -222,27 +211,28 @@ float SoaDistances::by_deflections(Feature which, int m, int n) const {
 }
 
 // Every lenslet of the block, and every neighbour of one, has a HORD.
-bool SoaDistances::surrounded(int n, int block) const {
+bool SoaDistances::all_neighbours_have_hords(int n, int block) const {
     const auto of = [&](int r) -> const SoaRow& { return rows_[static_cast<std::size_t>(r % 3)]; };
     const SoaRow& here = of(n);
-    return whole(here, block) && whole(of(n + 1), block) && whole(of(n + 2), block) &&
-        (block == 0 || whole(here, block - 1)) && (block + 1 == here.blocks() || whole(here, block + 1));
+    return all_have_hords(here, block) && all_have_hords(of(n + 1), block) && all_have_hords(of(n + 2), block) &&
+        (block == 0 || all_have_hords(here, block - 1)) &&
+        (block + 1 == here.blocks() || all_have_hords(here, block + 1));
 }
 
-// Sixteen lenslets, those with a gradient; first as if no neighbour were missing.
-void SoaDistances::compare_planes(int n, int block, float* values, const std::uint8_t* mask) {
+// One block: first as if every neighbour had a HORD, then lenslets beside a hole again.
+void SoaDistances::compare_block(int n, int block, float* values, const std::uint8_t* mask) {
     const SoaRow &above = row(n - 1), &here = row(n), &below = row(n + 1);
     const int first = block * kLanes, count = std::min(kLanes, extents_.m - first);
     Lit lit = here.lit(block);
     if (block > 0) unite(lit, here.lit(block - 1));
     if (block + 1 < here.blocks()) unite(lit, here.lit(block + 1));
     float across[kLanes], down[kLanes];
-    add_up_(here.plane(0) + first - 1, here.plane(0) + first + 1, stride_, lit, along_x_, across);
+    add_up_(here.array(0) + first - 1, here.array(0) + first + 1, stride_, lit, along_x_, across);
     lit = above.lit(block);
     unite(lit, below.lit(block));
-    add_up_(above.plane(0) + first, below.plane(0) + first, stride_, lit, along_x_, down);
+    add_up_(above.array(0) + first, below.array(0) + first, stride_, lit, along_x_, down);
     for (int l = 0; l < count; ++l) values[first + l] = std::sqrt(across[l] + down[l]);
-    if (surrounded(n, block)) return;
+    if (all_neighbours_have_hords(n, block)) return;
     for (int l = 0; l < count; ++l) {
         const int m = first + l;
         if ((mask[m] & kNoGradient) != 0) {
@@ -263,7 +253,8 @@ void SoaDistances::mark_row(int n, std::uint8_t* mask) const {
     const bool edge = n == 0 || n == extents_.n - 1;
     std::copy_n(here.mask().begin(), extents_.m, mask);
     for (int block = 0; block < here.blocks() && !edge; ++block) {
-        if (whole(here, block) && whole(above, block)) continue;  // everyone has a neighbour beside it, and one above
+        if (all_have_hords(here, block) && all_have_hords(above, block))
+            continue;  // each has a neighbour in either direction
         for (int m = std::max(block * kLanes, 1); m < std::min((block + 1) * kLanes, extents_.m - 1); ++m) {
             if (mask[m] != kValid) continue;
             const bool alone =
@@ -280,7 +271,7 @@ void SoaDistances::compare_row(int n, float* values, const std::uint8_t* mask) {
     } else if (n == 0 || n == extents_.n - 1) {
         std::fill_n(values, extents_.m, 0.0F);
     } else {
-        for (int block = 0; block < row(n).blocks(); ++block) compare_planes(n, block, values, mask);
+        for (int block = 0; block < row(n).blocks(); ++block) compare_block(n, block, values, mask);
         values[0] = values[extents_.m - 1] = 0;
     }
 }
@@ -289,7 +280,7 @@ void SoaDistances::slopes_row(int n, float* frobenius, const std::uint8_t* mask)
     slopes_row(Feature::jacobian_frobenius, n, frobenius, mask);
 }
 
-// As if no neighbour were missing, where that is quick; then one by one where one is.
+// The quick features first as if every neighbour had a HORD; then lenslets beside a hole one by one.
 void SoaDistances::slopes_row(Feature which, int n, float* values, const std::uint8_t* mask) {
     if (n == 0 || n == extents_.n - 1) {
         std::fill_n(values, extents_.m, 0.0F);
@@ -305,7 +296,7 @@ void SoaDistances::slopes_row(Feature which, int n, float* values, const std::ui
                 which == Feature::centroid, extents_.m - 2, values + 1);
     }
     for (int m = 0; m < extents_.m; ++m) {
-        if (quick && m % kLanes == 0 && surrounded(n, m / kLanes)) {
+        if (quick && m % kLanes == 0 && all_neighbours_have_hords(n, m / kLanes)) {
             m += kLanes - 1;
         } else if ((mask[m] & kNoGradient) != 0) {
             values[m] = 0;
@@ -345,17 +336,17 @@ void SoaDistances::against(const FrameView& frame, std::span<const Hord> referen
     const auto columns = static_cast<std::size_t>(extents_.m);
     for (int n = first; n < last; ++n) {
         rows_[0].decode(frame, levels, n);
-        rows_[1].take(reference.subspan(static_cast<std::size_t>(n) * columns, columns));
+        rows_[1].assign(reference.subspan(static_cast<std::size_t>(n) * columns, columns));
         compare_with_reference(values + std::ptrdiff_t{n} * extents_.m, mask + std::ptrdiff_t{n} * extents_.m);
     }
 }
 
 // The frame's row is in place 0, the reference's in place 1.
 void SoaDistances::compare_with_reference(float* values, std::uint8_t* mask) {
-    const SoaRow &here = rows_[0], &wanted = rows_[1];
+    const SoaRow &here = rows_[0], &reference = rows_[1];
     for (int m = 0; m < extents_.m; ++m) {
         mask[m] = static_cast<std::uint8_t>(here.mask()[static_cast<std::size_t>(m)] |
-                                            (wanted.has_hord(m) ? kValid : kBorder));
+                                            (reference.has_hord(m) ? kValid : kBorder));
     }
     if (feature_ == Feature::centroid) {
         const auto mean = [](const SoaRow& r, int m) {
@@ -365,7 +356,7 @@ void SoaDistances::compare_with_reference(float* values, std::uint8_t* mask) {
         for (int m = 0; m < extents_.m; ++m) {
             values[m] = 0;
             if ((mask[m] & kNoGradient) != 0) continue;
-            const Deflection a = mean(here, m), b = mean(wanted, m);
+            const Deflection a = mean(here, m), b = mean(reference, m);
             values[m] = static_cast<float>(std::sqrt(squared(a.x.raw() - b.x.raw()) + squared(a.y.raw() - b.y.raw())) *
                                            0x1p-24);
         }
@@ -374,9 +365,9 @@ void SoaDistances::compare_with_reference(float* values, std::uint8_t* mask) {
     for (int block = 0; block < here.blocks(); ++block) {
         const int from = block * kLanes;
         Lit lit = here.lit(block);
-        unite(lit, wanted.lit(block));
+        unite(lit, reference.lit(block));
         float squares[kLanes];
-        add_up_(here.plane(0) + from, wanted.plane(0) + from, stride_, lit, along_x_, squares);
+        add_up_(here.array(0) + from, reference.array(0) + from, stride_, lit, along_x_, squares);
         for (int l = 0; l < std::min(kLanes, extents_.m - from); ++l) {
             values[from + l] = (mask[from + l] & kNoGradient) == 0 ? std::sqrt(squares[l]) : 0.0F;
         }

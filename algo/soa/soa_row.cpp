@@ -7,7 +7,7 @@
 
 namespace hord::algo {
 
-// A block, and the end of the lines.
+// A block, and room for copied lines.
 struct SoaRow::Work {
     SoaBlock block;
     std::uint16_t copied[kMaxBins * (kMaxBins * kLanes + SoaBlock::kReadAhead)];
@@ -24,17 +24,17 @@ std::size_t lenslets_of(const Extents& extents) {
 
 SoaRow::SoaRow(const Extents& extents, SoaUse use, Isa isa, bool moments)
     : extents_(extents),
-      use_(use), wanted_{use == SoaUse::shares || use == SoaUse::roots, use == SoaUse::marginals, moments},
-      blocks_(blocks_of(extents)), planes_(use == SoaUse::sums            ? 0
+      use_(use), outputs_{use == SoaUse::shares || use == SoaUse::roots, use == SoaUse::marginals, moments},
+      blocks_(blocks_of(extents)), arrays_(use == SoaUse::sums            ? 0
                                                : use == SoaUse::marginals ? extents.i + extents.j - 2
                                                                           : extents.bins()),
-      stride_(lenslets_of(extents) + 2 * kPad), planes_of_(static_cast<std::size_t>(planes_) * stride_),
+      stride_(lenslets_of(extents) + 2 * kPad), values_(static_cast<std::size_t>(arrays_) * stride_),
       lit_(static_cast<std::size_t>(blocks_)), sums_(lenslets_of(extents)), moments_x_(sums_.size()),
       moments_y_(sums_.size()), mask_(sums_.size()), work_(std::make_unique<Work>()), gather8_(SoaBlock::gather8(isa)),
       gather16_(SoaBlock::gather16(isa)), shares_(SoaBlock::shares(isa)), marginals_(SoaBlock::marginals(isa)) {
     if (use != SoaUse::marginals) return;
     for (Lit& lit : lit_) {
-        for (int k = 0; k < planes_; ++k) lit[static_cast<std::size_t>(k / 64)] |= std::uint64_t{1} << (k % 64);
+        for (int k = 0; k < arrays_; ++k) lit[static_cast<std::size_t>(k / 64)] |= std::uint64_t{1} << (k % 64);
     }
 }
 
@@ -52,7 +52,7 @@ void SoaRow::decode_samples(const FrameView& frame, const LightLevels& levels, i
         const int at = block * of_a_block;
         const Sample* samples = first + at;
         std::ptrdiff_t line_stride = stride;
-        // Whole vectors are read: near the lines' end, from a copy with darkness behind it.
+        // Whole vectors are read: near the end of the lines, from a copy padded with zeros.
         if (at + of_a_block + kReadAhead > frame.width_px) {
             auto* copied = reinterpret_cast<Sample*>(work_->copied);
             line_stride = of_a_block + kReadAhead;
@@ -64,9 +64,9 @@ void SoaRow::decode_samples(const FrameView& frame, const LightLevels& levels, i
             samples = copied;
         }
         if constexpr (sizeof(Sample) == 1) {
-            gather8_(samples, line_stride, extents_, levels, wanted_, work);
+            gather8_(samples, line_stride, extents_, levels, outputs_, work);
         } else {
-            gather16_(samples, line_stride, extents_, levels, wanted_, work);
+            gather16_(samples, line_stride, extents_, levels, outputs_, work);
         }
         store_block(block);
     }
@@ -85,7 +85,7 @@ void SoaRow::store_block(int block) {
     std::copy_n(work.moment_x, kLanes, moments_x_.begin() + static_cast<std::ptrdiff_t>(m));
     std::copy_n(work.moment_y, kLanes, moments_y_.begin() + static_cast<std::ptrdiff_t>(m));
     if (use_ == SoaUse::sums) return;
-    float* const first = planes_of_.data() + kPad + m;
+    float* const first = values_.data() + kPad + m;
     if (use_ == SoaUse::marginals) return marginals_(work, extents_, stride_, first);
     Lit& before = lit_[static_cast<std::size_t>(block)];
     for (std::size_t w = 0; w < before.size(); ++w) {
@@ -105,8 +105,8 @@ void SoaRow::decode(const FrameView& frame, const LightLevels& levels, int n) {
     }
 }
 
-void SoaRow::take(std::span<const Hord> row) {
-    constexpr LightLevels kAsTheyAre{0, 1, 1U << 17};
+void SoaRow::assign(std::span<const Hord> row) {
+    constexpr LightLevels kNoThresholds{0, 1, 1U << 17};
     const int of_a_line = kLanes * extents_.i + SoaBlock::kReadAhead;
     std::uint16_t* const samples = work_->copied;
     for (int block = 0; block < blocks_; ++block) {
@@ -117,7 +117,7 @@ void SoaRow::take(std::span<const Hord> row) {
             for (int j = 0; j < extents_.j; ++j)
                 std::copy_n(hord.mass + j * extents_.i, extents_.i, samples + j * of_a_line + l * extents_.i);
         }
-        gather16_(samples, of_a_line, extents_, kAsTheyAre, wanted_, work_->block);
+        gather16_(samples, of_a_line, extents_, kNoThresholds, outputs_, work_->block);
         store_block(block);
     }
 }

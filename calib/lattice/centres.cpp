@@ -33,24 +33,24 @@ struct Answers {
 
 // Always sixteen lanes, in whatever registers there are, so that every machine adds up in the same order.
 constexpr int kLanes = 16;
-typedef float Lanes __attribute__((vector_size(kLanes * sizeof(float))));
+using Floats = algo::Vector<float, kLanes * sizeof(float)>;
 
 template <int>
 HORD_ALWAYS_INLINE Answers answers(const float* kernels, const float* light, std::ptrdiff_t size) {
     const float* of_window = kernels + 3 * size;
-    Lanes sum{};
+    Floats sum{};
     for (std::ptrdiff_t k = 0; k < size; k += kLanes)
-        sum += algo::load<Lanes>(of_window + k) * algo::load<Lanes>(light + k);
+        sum += algo::load<Floats>(of_window + k) * algo::load<Floats>(light + k);
     float mean = 0;
     for (int lane = 0; lane < kLanes; ++lane) mean += sum[lane];
     // Sums of differences to the mean: single precision then suffices.
-    Lanes x{}, y{}, amplitude{}, power{};
+    Floats x{}, y{}, amplitude{}, power{};
     for (std::ptrdiff_t k = 0; k < size; k += kLanes) {
-        const Lanes off = algo::load<Lanes>(light + k) - mean;
-        x += algo::load<Lanes>(kernels + k) * off;
-        y += algo::load<Lanes>(kernels + size + k) * off;
-        amplitude += algo::load<Lanes>(kernels + 2 * size + k) * off;
-        power += algo::load<Lanes>(of_window + k) * off * off;
+        const Floats off = algo::load<Floats>(light + k) - mean;
+        x += algo::load<Floats>(kernels + k) * off;
+        y += algo::load<Floats>(kernels + size + k) * off;
+        amplitude += algo::load<Floats>(kernels + 2 * size + k) * off;
+        power += algo::load<Floats>(of_window + k) * off * off;
     }
     Answers out;
     for (int lane = 0; lane < kLanes; ++lane) {

@@ -57,10 +57,10 @@ void ties(const StabilityOptions& options, StabilityTable& table) {
                                        1 + n % 3),
                    b = a;
             std::shuffle(b.begin(), b.end(), random);
-            const std::uint64_t before = solver.work().pivots;
+            const std::uint64_t before = solver.counters().pivots;
             worst = std::max(
                 worst, std::abs(solver.distance(hord(a), hord(b)) - distance_by_shortest_paths(a, b, kinds[k].ground)));
-            most_pivots = std::max(most_pivots, solver.work().pivots - before);
+            most_pivots = std::max(most_pivots, solver.counters().pivots - before);
             if (n % 4096 == 0)
                 options.progress(0.2 +
                                  0.7 * (static_cast<double>(k) + static_cast<double>(n) / pairs) /
@@ -71,7 +71,7 @@ void ties(const StabilityOptions& options, StabilityTable& table) {
         table.at_most(fmt::format("{}: pivots of the slowest pair", kinds[k].name), kPivotsANode * 2.0 * bins,
                       static_cast<double>(most_pivots));
         table.same(fmt::format("{}: plans given up without a proof", kinds[k].name), 0,
-                   static_cast<std::int64_t>(solver.work().unproven));
+                   static_cast<std::int64_t>(solver.counters().unproven));
     }
     // The largest problem with nothing but ties.
     Masses half(15 * 14), other(15 * 14);
@@ -81,7 +81,7 @@ void ties(const StabilityOptions& options, StabilityTable& table) {
         table.near(
             fmt::format("chequerboard of photons and its negative, 15x14 bins, ground {}", static_cast<int>(norm)), 1,
             solver.distance(hord(half), hord(other)), kExact);
-        table.same("its plans given up without a proof", 0, static_cast<std::int64_t>(solver.work().unproven));
+        table.same("its plans given up without a proof", 0, static_cast<std::int64_t>(solver.counters().unproven));
     }
 }
 
@@ -98,7 +98,7 @@ void direction_maps(const StabilityOptions& options, StabilityTable& table) {
     auto pairs_apart = drawn(4);
     for (std::size_t k = 1; k < pairs_apart.size(); k += 2) pairs_apart[k] = pairs_apart[k - 1];
     auto one_far = drawn(1);
-    one_far[12] = {GroundDistance::kLargestDirection, -GroundDistance::kLargestDirection};
+    one_far[12] = {GroundDistance::kMaxDirection, -GroundDistance::kMaxDirection};
     std::vector<Direction> nearly_regular(25);  // costs that differ by less than a float tells apart
     for (std::size_t k = 0; k < 25; ++k)
         nearly_regular[k] = {static_cast<double>(k % 5) + 1e-6 * unit(random),
@@ -111,7 +111,7 @@ void direction_maps(const StabilityOptions& options, StabilityTable& table) {
                           {"every direction twice", pairs_apart},
                           {"a millionth of a bin from regular", nearly_regular},
                           {"one direction 1e6 bins away", one_far},
-                          {"directions up to 1e6 bins", drawn(GroundDistance::kLargestDirection)},
+                          {"directions up to 1e6 bins", drawn(GroundDistance::kMaxDirection)},
                           {"directions within 1e-12 bins", drawn(1e-12)}};
     for (const Kind& kind : kinds) {
         for (const GroundNorm norm : {GroundNorm::euclidean, GroundNorm::manhattan, GroundNorm::squared_euclidean}) {
@@ -131,7 +131,7 @@ void direction_maps(const StabilityOptions& options, StabilityTable& table) {
                                                                         : "";
             table.at_most(kind.name + squared + ": worst difference from shortest paths", tolerance(ground), worst);
             table.same(kind.name + squared + ": NaN, infinite, or given up", 0,
-                       unreal + static_cast<std::int64_t>(solver.work().unproven));
+                       unreal + static_cast<std::int64_t>(solver.counters().unproven));
         }
     }
     const auto refused = [&](const char* what, Direction wrong) {

@@ -3,10 +3,9 @@
 // Work: every pair of neighbouring lit lenslets of two frames of 555x555 lenslets and 9x9 bins, dark threshold 3 DN:
 // frame_555_9x9.png (from $HORD_DATA/bench or ../shared/data/bench), and the lens with a bubble of
 // hal_sim/scenes/bubble.toml, rendered here, with 0.6 DN of read noise. And synthetic pairs of 9x9 bins: two lobes,
-// about 37 lit bins, and dense (81). Here whole frames are worked on, row by row, from decoded HORDs as a station does.
-// The peers are too slow for that: they get a random subset of the pairs, and all figures are CPU time a pair.
-// Repetitions of all benchmarks are interleaved and the table is made of medians, so that other load on the machine
-// meets all of them alike.
+// about 37 lit bins, and dense (81). Our solver gets whole frames, row by row, from decoded HORDs as in a station; the
+// peers are too slow for that and get a random subset of the pairs. All figures are CPU time per pair. Repetitions of
+// all benchmarks are interleaved and tables show medians, so that other load on the machine affects all alike.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -33,10 +32,9 @@ using Pair = std::pair<Hord, Hord>;
 constexpr int kBins = 9;
 constexpr int kPeerPairs = 3000;  // of the frame
 constexpr unsigned kSeed = 20261121;
-constexpr int kRepetitions =
-    31;  // many and short: what a shared machine takes away for a while, it takes from all of them
+constexpr int kRepetitions = 31;  // many and short: a load peak of the machine affects all benchmarks alike
 
-// Lenslets of 9x9 bins, one after the other.
+// Consecutive lenslets of 9x9 bins.
 struct Field {
     std::vector<std::uint16_t> mass;
     std::vector<std::uint32_t> sum;
@@ -55,7 +53,7 @@ struct Field {
 };
 
 struct Work {
-    int columns = 0;  // lenslets a row, if it is a frame
+    int columns = 0;  // lenslets per row of a frame; 0 for synthetic pairs
     Field field;
     std::vector<Pair> pairs;
     std::vector<Pair> for_peers;
@@ -104,7 +102,7 @@ Work frame_work(const FrameView& frame) {
     return work;
 }
 
-// No pairs where the frame is absent.
+// No pairs if the frame is missing.
 Work stored_frame() {
     const cv::Mat image = cv::imread((data_dir() / "bench/frame_555_9x9.png").string(), cv::IMREAD_UNCHANGED);
     if (image.empty()) return {};
@@ -155,7 +153,7 @@ Work two_lobes() {
         return [=](int i, int j) { return s * gauss(i - x0, j - y0, 0.5) + (1 - s) * gauss(i - x1, j - y1, 0.5); };
     });
 }
-// So many that each shape of a problem comes often, as in a frame.
+// Enough pairs that each shape of a problem is frequent, as in a frame.
 Work mid() {
     return synthetic(4000, 100, [](auto& random, std::size_t) {
         std::uniform_real_distribution<double> at(3.5, 4.5);
@@ -213,9 +211,8 @@ void fetch(const Hord& h) {
     for (int k = 0; k < kBins * kBins; k += kLine) __builtin_prefetch(h.mass + k);
 }
 
-// The whole frame as a station does it: each row of lenslets is closed up, and compared with itself and with the row
-// above. A station's rows are in cache, because it has just decoded them; here they come from memory, so that the next
-// one is fetched while this one is worked on.
+// The whole frame as in a station: each row of lenslets is compacted and compared with itself and with the row above. A
+// station has just decoded its rows into the cache; here the next row is prefetched from memory.
 void ours_frame(benchmark::State& state, const Work& work, algo::Isa isa) {
     const auto m = static_cast<std::size_t>(work.columns), n = work.field.sum.size() / m;
     auto solver = *algo::EmdSolver::create(ground(), isa);

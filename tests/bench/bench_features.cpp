@@ -3,9 +3,8 @@
 // Work: frame_555_9x9.png (from $HORD_DATA/bench or ../shared/data/bench; dark threshold 3 DN), from samples to one
 // value a lenslet: decoding is part of it. `bytes summed` is the fastest sum we know (SAD instructions on x86-64): it
 // is bound by memory. Repetitions of all benchmarks are interleaved; the tables are made of medians of CPU time, so
-// that other load on the machine meets all of them alike. Two threads against one is a ratio of elapsed times, and
-// needs a machine with two idle cores. Repetitions are many and short: what a shared machine takes away for a while, it
-// takes from all of them.
+// that other load on the machine affects all alike. Two threads against one is a ratio of elapsed times and needs two
+// idle cores. Repetitions are many and short: a load peak affects all benchmarks.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -86,8 +85,8 @@ struct Threads {
 };
 std::map<Feature, Threads> of_threads;
 
-// One map by one thread; one by two; and two maps at once, each by a mapper and a thread of its own that share nothing:
-// what two cores of this machine give. In turn, so that what others leave of the machine is the same for all three.
+// One map by one thread; one by two; and two independent maps at once by a thread each, which shows what two cores of
+// this machine can do. Measured in turn, so that other load affects all three alike.
 void threads(benchmark::State& state, Feature feature) {
     const auto mapper = [&](int count) {
         return *FeatureMapper::create(extents(), 8, kLevels, feature, {.threads = count});
@@ -113,7 +112,8 @@ void threads(benchmark::State& state, Feature feature) {
 }
 
 void decisions(benchmark::State& state, float limit) {
-    auto decide = algo::EmdDecisions::create(extents(), 8, kLevels, *algo::GroundDistance::between_bins(kBins, kBins));
+    auto decide =
+        algo::EmdThresholdMap::create(extents(), 8, kLevels, *algo::GroundDistance::between_bins(kBins, kBins));
     double solved = 0;
     for (auto _ : state) {
         const auto map = decide->decide(frame(), limit);

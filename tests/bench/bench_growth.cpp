@@ -4,8 +4,8 @@
 //
 // Frames: a spot of light in every lenslet that moves smoothly over the field, at 8 bits and up to 250 DN, dark
 // threshold 3 DN; 64x64 lenslets are drawn and repeated. `decided`: whether the EMD's gradient reaches 1 bin
-// (algo/maps/emd_threshold.h). CPU time of one thread, with decoding. Every frame is measured once a round, so that
-// what else the machine does for a while meets all rows of the table alike, and the median of the rounds counts.
+// (algo/maps/emd_threshold.h). CPU time of one thread, with decoding. Every frame is measured once per round, so that
+// other load affects all rows of the table alike; the median of the rounds counts.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -25,7 +25,7 @@ namespace {
 using namespace hord;
 using namespace hord::algo;
 
-constexpr int kTile = 64;  // lenslets a side that are drawn
+constexpr int kTile = 64;  // lenslets per side of the drawn tile
 constexpr int kRounds = 5;
 constexpr Feature kFeatures[] = {Feature::emd, Feature::chi2, Feature::jacobian_frobenius};
 constexpr std::size_t kDecided = std::size(kFeatures), kColumns = kDecided + 1;  // whether the EMD's gradient reaches
@@ -84,7 +84,7 @@ struct Point {
     std::string what;
     Scene scene;
     double lit = 0;
-    std::vector<double> ns[kColumns] = {};  // a lenslet, one a round
+    std::vector<double> ns[kColumns] = {};  // per lenslet, one per round
 };
 
 bool measure_once(Point& point) {
@@ -93,7 +93,7 @@ bool measure_once(Point& point) {
     constexpr LightLevels kLevels{3, 16, 255};
     const Frame frame = drawn(scene);
     point.lit = occupied_bins(frame, e);
-    // What is first touched is paid for by the first run; it counts only where it hardly matters.
+    // The first run pays for page faults; it counts only if they hardly matter.
     const auto measure = [&](std::size_t column, auto once) {
         if (scene.lenslets <= 512 && !once()) return false;
         const double start = cpu_ns();
@@ -107,7 +107,7 @@ bool measure_once(Point& point) {
     }
     const auto ground = GroundDistance::between_bins(scene.bins, scene.bins);
     if (!ground) return false;
-    auto decisions = EmdDecisions::create(e, 8, kLevels, *ground);
+    auto decisions = EmdThresholdMap::create(e, 8, kLevels, *ground);
     return decisions && measure(kDecided, [&] { return decisions->decide(frame.view(), kLimit).has_value(); });
 }
 

@@ -1,5 +1,5 @@
-// The stock solvers that the earth mover's distance is measured against, each used the way that suits it best:
-// buffers and tables are made once, and bins without mass are skipped.
+// The stock solvers that our EMD is compared with, each used in its fastest way: buffers and tables are made once, and
+// bins without mass are skipped.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace hord::bench {
 
-// OpenCV's EMD (float, simplex). With `cancel` the mass that both share bin by bin is taken away first.
+// OpenCV's EMD (float, simplex). `cancel`: subtracts the mass shared in each bin first.
 class CvPeer {
   public:
     CvPeer(const algo::GroundDistance& ground, bool cancel);
@@ -22,7 +22,7 @@ class CvPeer {
     std::vector<float> signature_[2];  // weight, x, y
 };
 
-// LEMON's NetworkSimplex. Costs are whole numbers (2^-32 of a bin pitch): on doubles it does not always end.
+// LEMON's NetworkSimplex. Costs are integers (2^-32 of a bin pitch): with doubles it does not always terminate.
 class LemonPeer {
   public:
     explicit LemonPeer(const algo::GroundDistance& ground);

@@ -290,7 +290,7 @@ Samples LensletLight::Gathering::sample(const Cell& cell) const {
 void LensletLight::Gathering::keep_near(const Cell& cell, const std::vector<const Feature*>& before,
                                         std::vector<const Feature*>& near) const {
     if (before.empty()) return;
-    Way way;
+    RayPolyline way;
     trace(clean_, ray_at(cell.x, cell.y, cell.u(), cell.v()), &way, pass_.ghost);
     const double across = std::hypot(cell.hx, cell.hy), aslant = std::hypot(cell.hu(), cell.hv()) * bin_rad_;
     // Glass moves a ray's foot on the measurement plane by its slope, too.

@@ -11,16 +11,16 @@ namespace {
 enum Seen : std::uint8_t { kFree = 1, kThroughPart = 2, kOddWay = 4 };
 
 // What the light does that a defect would meet.
-bool meets(const Way& way, const Vec3& centre, double radius, bool only_in_part) {
+bool meets(const RayPolyline& way, const Vec3& centre, double radius, bool only_in_part) {
     for (int k = 1; k < way.count; ++k) {
         if (only_in_part && !way.in_part[k]) continue;
         if (distance_to_segment(centre, way.points[k - 1], way.points[k]) < radius) return true;
     }
     return false;
 }
-bool meets(const Way& way, const AirBubble& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
-bool meets(const Way& way, const SphericalCut& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
-bool meets(const Way& way, const AbsorbingSpeck& d) {
+bool meets(const RayPolyline& way, const AirBubble& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
+bool meets(const RayPolyline& way, const SphericalCut& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
+bool meets(const RayPolyline& way, const AbsorbingSpeck& d) {
     for (int k = 1; k < way.count; ++k) {
         const Vec3& a = way.points[k - 1];
         const Vec3& b = way.points[k];
@@ -32,11 +32,11 @@ bool meets(const Way& way, const AbsorbingSpeck& d) {
     return false;
 }
 
-bool meets(const Way& way, const Inclusion& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
-bool meets(const Way& way, const Absorber& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
+bool meets(const RayPolyline& way, const Inclusion& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
+bool meets(const RayPolyline& way, const Absorber& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
 template <class Thread>
 requires requires(const Thread& d) { d.from_mm; }
-bool meets(const Way& way, const Thread& d) {
+bool meets(const RayPolyline& way, const Thread& d) {
     const double span = length(d.to_mm - d.from_mm);
     for (int k = 1; k < way.count; ++k) {
         if (!way.in_part[k]) continue;
@@ -124,7 +124,7 @@ class Labels {
         double sum_m = 0, sum_n = 0, count = 0;
         for (int b = -half; b <= half; ++b) {
             for (int a = -half; a <= half; ++a) {
-                Way way;
+                RayPolyline way;
                 const Landing landing = shine(clean_, aim.x + a * step, aim.y + b * step, &way);
                 if (landing.path == 0 || !meets(way, defect)) continue;
                 double m = 0, n = 0;
@@ -181,7 +181,7 @@ class Labels {
     [[nodiscard]] Vec3 aim_at(const Vec3& place) const {
         Vec3 aim = place;
         for (int step = 0; step < 3; ++step) {
-            Way way;
+            RayPolyline way;
             shine(clean_, aim.x, aim.y, &way);
             for (int k = 1; k < way.count; ++k) {
                 const Vec3& a = way.points[k - 1];

@@ -1,4 +1,4 @@
-// A ray at the boundary of two media: Snell's law, total reflection, Fresnel's share.
+// A ray at the boundary of two media: Snell's law, total reflection, Fresnel transmission.
 #pragma once
 
 #include <cmath>
@@ -9,13 +9,13 @@ namespace hord::sim {
 
 struct Refraction {
     Vec3 direction;          // unit
-    bool reflected = false;  // totally: the ray stays on its side
+    bool reflected = false;  // total reflection
     double cos_in = 1;       // cosines of the angles to the normal, before and after
     double cos_out = 1;
 };
 
-// `normal`: unit, either orientation. 1 - (n sin)^2 is taken from the tangential part of the direction and not from its
-// cosine, so that close to the critical angle nothing is lost but what the angle itself has lost.
+// `normal`: unit, either orientation. 1 - (n sin)^2 is computed from the tangential part of the direction, not from its
+// cosine: no cancellation near the critical angle.
 inline Refraction refract(const Vec3& direction, const Vec3& normal, double index_before, double index_after) {
     double cosine = dot(direction, normal);
     const Vec3 tangent = direction - cosine * normal;
@@ -33,7 +33,7 @@ inline Vec3 mirrored(const Vec3& direction, const Vec3& normal) {
     return unit(direction - (2 * dot(direction, normal)) * normal);
 }
 
-// Share of unpolarised light that passes; 1 minus this is reflected. (Born and Wolf, section 1.5.2.)
+// Transmitted share of unpolarised light; the rest is reflected (Born and Wolf, section 1.5.2).
 inline double fresnel_transmission(const Refraction& at, double index_before, double index_after) {
     if (at.reflected) return 0;
     const double s =

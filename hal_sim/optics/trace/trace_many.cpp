@@ -1,97 +1,96 @@
-// Rays side by side, a lane each, as long as they go the same way: they meet the same surfaces in the same order. A
-// lane that goes another way than the first one is followed alone from where they part. Every lane does what trace()
-// does, operation by operation, so that the result has the same bits, whatever the number of lanes and whoever is
-// beside it.
+// Traces one ray per lane, as long as all meet the same surfaces in the same order. A lane that departs from the first
+// one is followed alone from there on. Every lane performs the operations of trace() in the same order: same bits,
+// whatever the number of lanes and the other rays.
 #include <bit>
 
 #include "hal_sim/optics/scene/exact_math.h"
+#include "hal_sim/optics/trace/ray_state.h"
 #include "hal_sim/optics/trace/ray_vec.h"
-#include "hal_sim/optics/trace/walk.h"
 
 namespace hord::sim {
 namespace {
 
-using namespace lanes;
+using namespace ray_vec;
 
 template <class D>
 HORD_ALWAYS_INLINE void slab(const D& o, const D& d, double low, double high, D& in, D& out) {
     const D per = 1 / d, a = (low - o) * per, b = (high - o) * per;
-    const D near = pick(b < a, b, a), far = pick(a < b, b, a);
-    const D later = pick(in < near, near, in), sooner = pick(far < out, far, out);
+    const D near = select(b < a, b, a), far = select(a < b, b, a);
+    const D later = select(in < near, near, in), sooner = select(far < out, far, out);
     const auto still = d == 0;
-    const bool any = bits(still) != 0;
-    in = any ? pick(still, in, later) : later;
-    out = any ? pick(still, pick((o < low) | (o > high), all<D>(-1), out), sooner) : sooner;
+    const bool any = mask_bits(still) != 0;
+    in = any ? select(still, in, later) : later;
+    out = any ? select(still, select((o < low) | (o > high), broadcast<D>(-1), out), sooner) : sooner;
 }
 template <class D>
-HORD_ALWAYS_INLINE D leaves_box(const Body& body, const Rays<D>& ray) {
-    D in{}, out = all<D>(kNever);
+HORD_ALWAYS_INLINE D leaves_box(const Body& body, const RayLanes<D>& ray) {
+    D in{}, out = broadcast<D>(kNever);
     slab(ray.origin.x, ray.direction.x, body.low.x, body.high.x, in, out);
     slab(ray.origin.y, ray.direction.y, body.low.y, body.high.y, in, out);
     slab(ray.origin.z, ray.direction.z, body.low.z, body.high.z, in, out);
-    return pick(out >= in, out, all<D>(-1));
+    return select(out >= in, out, broadcast<D>(-1));
 }
 
-// The same from the box's upper side, most of whose rays go out through the lower one.
+// The same for rays that start on the upper side of the box; most leave through the lower one.
 template <class D>
-HORD_ALWAYS_INLINE D leaves_box_from_above(const Body& body, const Rays<D>& ray) {
+HORD_ALWAYS_INLINE D leaves_box_from_above(const Body& body, const RayLanes<D>& ray) {
     const D t = (body.low.z - body.high.z) / ray.direction.z;
     const D x = ray.origin.x + t * ray.direction.x, y = ray.origin.y + t * ray.direction.y;
     const auto within = [](const D& a, const D& b, double low, double high) __attribute__((always_inline)) {
         return (a > low) & (a < high) & (b > low) & (b < high);
     };
-    if (bits(~(within(ray.origin.x, x, body.low.x, body.high.x) & within(ray.origin.y, y, body.low.y, body.high.y))) ==
-        0)
+    if (mask_bits(~(within(ray.origin.x, x, body.low.x, body.high.x) &
+                    within(ray.origin.y, y, body.low.y, body.high.y))) == 0)
         return t;
     return leaves_box(body, ray);
 }
 
 template <class V>
-HORD_ALWAYS_INLINE Two<V> mixed(const Two<V>& path, std::uint64_t step) {
-    return {mix(path.a, step), mix(path.b, step)};
+HORD_ALWAYS_INLINE VecPair<V> extend_path(const VecPair<V>& path, std::uint64_t step) {
+    return {sim::extend_path(path.a, step), sim::extend_path(path.b, step)};
 }
 
 template <class D, class P>
-HORD_ALWAYS_INLINE void pass_discs(const Body& body, const Rays<D>& ray, const D& to, D& weight, P& path) {
+HORD_ALWAYS_INLINE void pass_discs(const Body& body, const RayLanes<D>& ray, const D& to, D& weight, P& path) {
     for (std::size_t k = 0; k < body.discs.size(); ++k) {
         const Disc& disc = body.discs[k];
         const D t = (disc.centre.z - ray.origin.z) / ray.direction.z;
         const D x = ray.origin.x + t * ray.direction.x - disc.centre.x,
                 y = ray.origin.y + t * ray.direction.y - disc.centre.y;
         const auto hit = (t >= 0) & (t < to) & (x * x + y * y < disc.radius * disc.radius);
-        weight = pick(hit, weight * disc.transmission, weight);
-        path = pick(hit, mixed(path, met_disc(k)), path);
+        weight = select(hit, weight * disc.transmission, weight);
+        path = select(hit, extend_path(path, disc_step(k)), path);
     }
 }
 
 template <class D>
-struct Bend {
-    Vec3s<D> direction;
-    unsigned reflected;  // totally: these lanes stay on their side
-    D passes;            // share of the light
+struct Refracted {
+    Vec3Lanes<D> direction;
+    unsigned reflected;  // bit k: total reflection in lane k
+    D passes;            // transmitted share
 };
 
-// refract() and fresnel_transmission(); of the lanes of `wanted` only.
+// refract() and fresnel_transmission() of refraction.h. `reflected` reports the lanes of `wanted` only.
 template <bool kFresnel, class D>
-HORD_ALWAYS_INLINE Bend<D> bend(const Vec3s<D>& direction, const Vec3s<D>& normal, double before, double after,
-                                unsigned wanted) {
+HORD_ALWAYS_INLINE Refracted<D> refract(const Vec3Lanes<D>& direction, const Vec3Lanes<D>& normal, double before,
+                                        double after, unsigned wanted) {
     D cosine = dot(direction, normal);
-    const Vec3s<D> tangent = direction - cosine * normal;
+    const Vec3Lanes<D> tangent = direction - cosine * normal;
     const auto backwards = cosine < 0;
-    const Vec3s<D> onwards = pick(backwards, -1.0 * normal, normal);
-    cosine = pick(backwards, -cosine, cosine);
+    const Vec3Lanes<D> onwards = select(backwards, -1.0 * normal, normal);
+    cosine = select(backwards, -cosine, cosine);
     const double ratio = before / after;
     const D square = 1 - ratio * ratio * dot(tangent, tangent);
     const auto stays = square <= 0;
-    const D cos_out = root(square);
-    const Vec3s<D> bent = ratio * tangent + cos_out * onwards;
-    Bend<D> out{(1.5 - 0.5 * dot(bent, bent)) * bent, bits(stays) & wanted, all<D>(1)};
+    const D cos_out = sqrt(square);
+    const Vec3Lanes<D> bent = ratio * tangent + cos_out * onwards;
+    Refracted<D> out{(1.5 - 0.5 * dot(bent, bent)) * bent, mask_bits(stays) & wanted, broadcast<D>(1)};
     if constexpr (kFresnel) {
         const D s = (before * cosine - after * cos_out) / (before * cosine + after * cos_out);
         const D p = (before * cos_out - after * cosine) / (before * cos_out + after * cosine);
-        out.passes = pick(stays, D{}, 1 - 0.5 * (s * s + p * p));
+        out.passes = select(stays, D{}, 1 - 0.5 * (s * s + p * p));
     }
-    if (out.reflected != 0) out.direction = pick(stays, unit(tangent - cosine * onwards), out.direction);
+    if (out.reflected != 0) out.direction = select(stays, unit(tangent - cosine * onwards), out.direction);
     return out;
 }
 
@@ -100,13 +99,13 @@ HORD_ALWAYS_INLINE void each(unsigned lanes, const Do& what) {
     for (; lanes != 0; lanes &= lanes - 1) what(static_cast<unsigned>(std::countr_zero(lanes)));
 }
 
-// Up to as many rays as there are lanes.
+// Traces 2 to kLanes rays. One long function: the state of all lanes is shared by every step and kept in registers.
 template <int Bytes, bool kLosses>
 HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, unsigned count, Arrival* arrivals,
                                      [[maybe_unused]] Ghost ghost) {
     using D = Doubles<Bytes>;
     using P = Paths<Bytes>;
-    constexpr unsigned kLanes = kCount<D>;
+    constexpr unsigned kLanes = kLaneCount<D>;
     double given[4][kLanes];
     for (unsigned k = 0; k < kLanes; ++k) {
         const CameraRay& one = from[k < count ? k : 0];
@@ -115,27 +114,27 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
     const D x = algo::load<D>(given[0]), y = algo::load<D>(given[1]), u = algo::load<D>(given[2]),
             v = algo::load<D>(given[3]);
     const double start = body.high.z;
-    Rays<D> ray{{x + u * start, y + v * start, all<D>(start)}, unit(Vec3s<D>{-u, -v, all<D>(-1)})};
-    D weight = all<D>(1), leaves = leaves_box_from_above(body, ray);
+    RayLanes<D> ray{{x + u * start, y + v * start, broadcast<D>(start)}, unit(Vec3Lanes<D>{-u, -v, broadcast<D>(-1)})};
+    D weight = broadcast<D>(1), leaves = leaves_box_from_above(body, ray);
     P path{};
     path.a += kFreePath, path.b += kFreePath;
-    unsigned lanes = (1U << count) - 1;  // that go the same way still; its first one leads
-    std::uint64_t state = 0, standing_on = 0;
+    unsigned lanes = (1U << count) - 1;  // bit k: lane k still follows the path of the lowest set lane, the leader
+    std::uint64_t inside_bits = 0, on_bits = 0;
     [[maybe_unused]] int faces = 0;
 
     const auto lose = [&](unsigned of) __attribute__((always_inline)) {
         each(of, [&](unsigned k) { arrivals[k] = {}; });
     };
     const auto arrive = [&](unsigned of) __attribute__((always_inline)) {
-        if (!body.discs.empty()) pass_discs(body, ray, all<D>(kNever), weight, path);
-        const Vec3s<D>&o = ray.origin, &d = ray.direction;
+        if (!body.discs.empty()) pass_discs(body, ray, broadcast<D>(kNever), weight, path);
+        const Vec3Lanes<D>&o = ray.origin, &d = ray.direction;
         const D s = d.x / d.z, t = d.y / d.z;
         double out[5][kLanes];
         std::uint64_t paths[kLanes];
         algo::store(s, out[0]), algo::store(t, out[1]), algo::store(o.x - s * o.z, out[2]),
             algo::store(o.y - t * o.z, out[3]);
         algo::store(weight, out[4]), algo::store(path, paths);
-        const unsigned back = bits(d.z >= 0);
+        const unsigned back = mask_bits(d.z >= 0);
         each(of, [&](unsigned k) {
             if (((back >> k) & 1U) != 0) arrivals[k] = {};
             else if (paths[k] == kFreePath)
@@ -144,7 +143,7 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
         });
     };
 
-    if (const unsigned past = bits(leaves < 0) & lanes; past != 0) {
+    if (const unsigned past = mask_bits(leaves < 0) & lanes; past != 0) {
         each(past, [&](unsigned k) {
             arrivals[k] = kLosses && ghost.is_one() ? Arrival{}
                                                     : Arrival{from[k].u, from[k].v, from[k].x, from[k].y, 1, kFreePath};
@@ -157,27 +156,28 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
     for (std::size_t s = 0; s < surfaces; ++s) {
         const unsigned inside = inside_of(body.surfaces[s], ray.origin),
                        leads = (inside >> std::countr_zero(lanes)) & 1U;
-        state |= std::uint64_t{leads} << s;
+        inside_bits |= std::uint64_t{leads} << s;
         other |= leads != 0 ? ~inside : inside;
     }
     each(other & lanes, [&](unsigned k) { arrivals[k] = trace(body, from[k], nullptr, ghost); });
     lanes &= ~other;
-    std::uint8_t medium = body.medium(state);
-    if (medium != 0) leaves = all<D>(kNever);
+    std::uint8_t medium = body.medium(inside_bits);
+    if (medium != 0) leaves = broadcast<D>(kNever);
 
     D next[Body::kMaxSurfaces];
     for (int step = 0;; ++step) {
-        D t = all<D>(kNever);
+        D t = broadcast<D>(kNever);
         for (std::size_t s = 0; s < surfaces; ++s) {
-            const bool inside = ((state >> s) & 1U) != 0, on = ((standing_on >> s) & 1U) != 0;
-            next[s] = all<D>(kNever);  // or later than another one
-            if (s > 0 && inside && !on && (lanes & ~stays_inside(body.surfaces[s], ray, t + kClose * body.size)) == 0)
+            const bool inside = ((inside_bits >> s) & 1U) != 0, on = ((on_bits >> s) & 1U) != 0;
+            next[s] = broadcast<D>(kNever);  // stays so where another surface is certainly met first
+            if (s > 0 && inside && !on &&
+                (lanes & ~stays_inside(body.surfaces[s], ray, t + kCoincident * body.size)) == 0)
                 continue;
             next[s] = next_crossing(body.surfaces[s], ray, inside, on);
-            t = pick(next[s] < t, next[s], t);
+            t = select(next[s] < t, next[s], t);
         }
         if (medium == 0) {
-            if (const unsigned left = bits(t > leaves) & lanes; left != 0) {
+            if (const unsigned left = mask_bits(t > leaves) & lanes; left != 0) {
                 if (kLosses && faces <= ghost.second) lose(left);
                 else arrive(left);
                 lanes &= ~left;
@@ -185,25 +185,25 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
             }
         }
         std::size_t first = 0;
-        while (first + 1 < surfaces && ((bits(next[first] == t) >> std::countr_zero(lanes)) & 1U) == 0) ++first;
-        // Those of another first surface, or of two that may coincide, are followed alone from here.
-        const D nearest = t + kClose * body.size;
+        while (first + 1 < surfaces && ((mask_bits(next[first] == t) >> std::countr_zero(lanes)) & 1U) == 0) ++first;
+        // Lanes with another first surface, or with two that may coincide, are followed alone from here.
+        const D nearest = t + kCoincident * body.size;
         auto clear = (next[first] == t) & (t < kNever);
         for (std::size_t s = 0; s < surfaces; ++s) {
             if (s != first) clear = clear & (next[s] > nearest);
         }
-        unsigned same = step == kMaxCrossings ? 0 : bits(clear) & lanes;
+        unsigned same = step == kMaxCrossings ? 0 : mask_bits(clear) & lanes;
 
         const std::uint64_t crossed = std::uint64_t{1} << first;
-        const std::uint8_t beyond = body.medium(state ^ crossed);
+        const std::uint8_t beyond = body.medium(inside_bits ^ crossed);
         const double index_before = body.index(medium), index_after = body.index(beyond);
         const bool bends = index_before != index_after;
-        const Feet<D> feet = foot_of(body.surfaces[first], ray.origin + t * ray.direction);
-        Vec3s<D> direction = ray.direction;
+        const FootLanes<D> foot = foot_of(body.surfaces[first], ray.origin + t * ray.direction);
+        Vec3Lanes<D> direction = ray.direction;
         bool reflected = false;
-        [[maybe_unused]] D passes = all<D>(1);
+        [[maybe_unused]] D passes = broadcast<D>(1);
         if (bends && same != 0) {
-            const Bend<D> bent = bend<kLosses>(ray.direction, feet.normal, index_before, index_after, same);
+            const Refracted<D> bent = refract<kLosses>(ray.direction, foot.normal, index_before, index_after, same);
             reflected = ((bent.reflected >> std::countr_zero(same)) & 1U) != 0;
             same &= reflected ? bent.reflected : ~bent.reflected;
             direction = bent.direction;
@@ -214,16 +214,16 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
             std::uint64_t paths[kLanes];
             algo::store(weight, weights), algo::store(leaves, leave), algo::store(path, paths);
             each(alone, [&](unsigned k) {
-                Walk walk{{ray.origin.at(k), ray.direction.at(k)},
-                          weights[k],
-                          paths[k],
-                          state,
-                          standing_on,
-                          medium,
-                          leave[k],
-                          step,
-                          faces};
-                arrivals[k] = go_on(body, walk, nullptr, ghost) ? arrival_of(walk, from[k]) : Arrival{};
+                RayState state{{ray.origin.at(k), ray.direction.at(k)},
+                               weights[k],
+                               paths[k],
+                               inside_bits,
+                               on_bits,
+                               medium,
+                               leave[k],
+                               step,
+                               faces};
+                arrivals[k] = continue_trace(body, state, nullptr, ghost) ? arrival_of(state, from[k]) : Arrival{};
             });
             lanes = same;
             if (lanes == 0) return;
@@ -234,10 +234,10 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
             if (const double absorption = body.absorption(medium); body.absorbs && absorption > 0) {
                 double passed[kLanes];
                 algo::store(t, passed);
-                for (double& way : passed) way = exact::exp(-absorption * way);
+                for (double& length : passed) length = exact::exp(-absorption * length);
                 weight = weight * algo::load<D>(passed);
             }
-            const unsigned dark = bits(weight < kMin) & lanes;
+            const unsigned dark = mask_bits(weight < kMinWeight) & lanes;
             lose(dark);
             lanes &= ~dark;
             if (lanes == 0) return;
@@ -248,18 +248,18 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
                 if (face == ghost.first || face == ghost.second) {
                     if (reflected) return lose(lanes);
                     weight = weight * (1 - passes);
-                    direction = unit(ray.direction - (2 * dot(ray.direction, feet.normal)) * feet.normal);
+                    direction = unit(ray.direction - (2 * dot(ray.direction, foot.normal)) * foot.normal);
                     reflected = true;
                 } else if (!reflected) {
                     weight = weight * passes;
                 }
             }
-            path = mixed(path, met_surface(first, reflected));
+            path = extend_path(path, surface_step(first, reflected));
         }
-        ray = {feet.point, direction};
-        standing_on = crossed;
+        ray = {foot.point, direction};
+        on_bits = crossed;
         if (!reflected) {
-            state ^= crossed;
+            inside_bits ^= crossed;
             const bool out = medium != 0 && beyond == 0;
             medium = beyond;
             if (out && body.convex) {
@@ -268,14 +268,14 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
             }
         }
         if (medium == 0) leaves = leaves_box(body, ray);
-        else leaves = all<D>(kNever);
+        else leaves = broadcast<D>(kNever);
     }
 }
 
 template <int Bytes>
 HORD_ALWAYS_INLINE void trace_all(const Body& body, const CameraRay* rays, std::size_t count, Arrival* arrivals,
                                   Ghost ghost) {
-    constexpr std::size_t kLanes = kCount<Doubles<Bytes>>;
+    constexpr std::size_t kLanes = kLaneCount<Doubles<Bytes>>;
     for (std::size_t k = 0; k < count; k += kLanes) {
         const std::size_t some = count - k < kLanes ? count - k : kLanes;
         if (some == 1) arrivals[k] = trace(body, rays[k], nullptr, ghost);

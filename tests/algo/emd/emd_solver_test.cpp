@@ -10,7 +10,7 @@ namespace {
 
 using namespace testing;
 
-// The contract of algo/emd/emd_solver.h. The oracle is closer than that to exact.
+// The error bound of algo/emd/emd_solver.h. The oracle is more exact.
 constexpr double kContract = 1e-9;
 
 GroundDistance bins_apart(int i, int j, GroundNorm norm = GroundNorm::euclidean,
@@ -35,7 +35,7 @@ TEST(Emd, moves_one_spot_by_its_euclidean_distance) {
     EXPECT_DOUBLE_EQ(distance(a, b, bins_apart(9, 9, GroundNorm::euclidean, 2.5)), 2.5);
 }
 
-// Equal masses of five: three stay, two move from (1,0) to (2,2), three bins of Manhattan way each, six units of work.
+// Masses of five: three stay, two move from (1,0) to (2,2), a Manhattan distance of three bins each: six units of work.
 TEST(Emd, sums_work_over_the_mass) {
     const Histogram a{1, 2, 0, 0, 1, 1, 0, 0, 0};
     const Histogram b{1, 0, 0, 0, 1, 1, 0, 0, 2};
@@ -44,7 +44,7 @@ TEST(Emd, sums_work_over_the_mass) {
     EXPECT_DOUBLE_EQ(distance(a, b, bins_apart(3, 3, GroundNorm::manhattan)), 6.0 / 5);
 }
 
-// The value of the paper's Fig. 4. The histograms are our own: those of the figure are not at hand.
+// The value of the paper's Fig. 4, with histograms of our own: those of the figure are not published.
 TEST(Emd, is_six_where_each_unit_moves_six_bins_on_average) {
     // A row of nine: 1 unit moves 8 bins, 2 units move 5 bins each: 18 over 3 units.
     Histogram a(9 * 3), b(9 * 3);
@@ -54,7 +54,7 @@ TEST(Emd, is_six_where_each_unit_moves_six_bins_on_average) {
 }
 
 TEST(Emd, splits_a_mass_between_the_two_nearest_places) {
-    // A line of bins: 4 units at 0 and 2 at 6; wanted 3 at 1 and 3 at 4. 3 go 0->1, 1 goes 0->4, 2 go 6->4.
+    // A line of bins: supply 4 at 0 and 2 at 6; demand 3 at 1 and 3 at 4. 3 move 0->1, 1 moves 0->4, 2 move 6->4.
     Histogram a(15 * 3), b(15 * 3);
     a[0] = 4, a[6] = 2;
     b[1] = 3, b[4] = 3;
@@ -117,7 +117,7 @@ TEST_P(EmdOnShape, agrees_with_lemon_for_8_to_16_bits_and_every_ground) {
                 }
             }
         }
-        EXPECT_EQ(solver->work().unproven, 0U);
+        EXPECT_EQ(solver->counters().unproven, 0U);
     }
 }
 
@@ -141,10 +141,9 @@ TEST(Emd, agrees_with_lemon_on_dense_histograms) {
     }
 }
 
-// Small equal masses on a small grid: nearly every pivot is a tie. 60,000 pairs here; with HORD_LONG_TESTS in the
-// environment 1e6. Of more than 48 rows some are priced at a time; what is in doubt in any of them is computed exactly
-// before the plan is accepted. Of 9,000 pairs of random histograms this one needs it: it is 3e-8 too much where the
-// last rows alone are looked at.
+// With more than 48 rows only some are priced at a time, but doubtful cells of all rows are computed exactly before a
+// plan is accepted. Of 9,000 pairs of random histograms this one needs it: checking only the last rows gives 3e-8 too
+// much.
 TEST(Emd, doubts_the_cells_of_all_rows_where_there_are_many) {
     std::mt19937 random(6);
     Histogram a(225), b(225);
@@ -157,6 +156,7 @@ TEST(Emd, doubts_the_cells_of_all_rows_where_there_are_many) {
     EXPECT_NEAR(distance(a, b, bins_apart(15, 15)), lemon_distance(a, b, bins_apart(15, 15)), kContract);
 }
 
+// Small equal masses on a small grid: nearly every pivot is a tie. 60,000 pairs; with HORD_LONG_TESTS 1e6.
 TEST(Emd, ends_and_is_exact_on_degenerate_ties) {
     const int pairs = std::getenv("HORD_LONG_TESTS") != nullptr ? 1'000'000 : 60'000;
     Random random(11);
@@ -170,15 +170,15 @@ TEST(Emd, ends_and_is_exact_on_degenerate_ties) {
             std::shuffle(b.begin(), b.end(), random);
             ASSERT_NEAR(solver->distance(hord_of(a), hord_of(b)), lemon_distance(a, b, ground), kContract);
         }
-        EXPECT_EQ(solver->work().unproven, 0U);
+        EXPECT_EQ(solver->counters().unproven, 0U);
     }
 }
 
-// Directions that coincide, and that are as large as is allowed.
+// Coincident directions, and the largest allowed ones.
 TEST(Emd, agrees_with_lemon_on_direction_maps) {
     Random random(13);
     std::uniform_real_distribution<double> unit(-1.0, 1.0);
-    for (const double scale : {1.0, 4.0, GroundDistance::kLargestDirection}) {
+    for (const double scale : {1.0, 4.0, GroundDistance::kMaxDirection}) {
         std::vector<Direction> directions;
         for (int k = 0; k < 20; ++k) directions.push_back({scale * unit(random), scale * unit(random)});
         for (int k = 20; k < 25; ++k) directions.push_back(directions[static_cast<std::size_t>(k - 20)]);
@@ -193,8 +193,7 @@ TEST(Emd, agrees_with_lemon_on_direction_maps) {
     }
 }
 
-// A calibrated map is nearly regular: many costs are nearly equal, and no float tells them apart. Two bins against
-// some, alone and side by side.
+// A calibrated map is nearly regular: many costs are equal as floats. Two bins against several, alone and in batches.
 TEST(Emd, agrees_with_lemon_where_costs_are_nearly_equal) {
     Random random(15);
     std::uniform_real_distribution<double> unit(-1.0, 1.0);
@@ -215,14 +214,14 @@ TEST(Emd, agrees_with_lemon_where_costs_are_nearly_equal) {
                 ASSERT_NEAR(solver->distance(hord_of(h[n - 1]), hord_of(h[n])), right, slack);
                 ASSERT_NEAR(out[n], right, slack);
             }
-            EXPECT_EQ(solver->work().unproven, 0U);
+            EXPECT_EQ(solver->counters().unproven, 0U);
         }
     }
 }
 
-// -- one answer
+// -- same bits
 
-// Alone or side by side, on whatever instruction set this processor has: the same bits.
+// Alone or in batches, on every instruction set of this processor.
 TEST(Emd, gives_the_same_bits_side_by_side_and_on_every_instruction_set) {
     for (const auto& ground : {bins_apart(9, 9), bins_apart(4, 7, GroundNorm::squared_euclidean)}) {
         const int i = ground.bins_i(), j = ground.bins_j();

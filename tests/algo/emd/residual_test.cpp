@@ -1,4 +1,4 @@
-// What has to move between two HORDs, against the definition, for every number of bins there is.
+// The residual of two HORDs against its definition, for every number of bins.
 #include "algo/emd/residual.h"
 
 #include <random>
@@ -9,7 +9,7 @@
 namespace hord::algo {
 namespace {
 
-// Masses of exactly `bins` bins on the heap, so that a sanitizer sees what is read beyond them.
+// Masses of exactly `bins` bins on the heap, so that a sanitizer detects reads beyond them.
 std::vector<std::uint16_t> random_masses(int bins, std::uint32_t one_in, std::uint32_t full_scale,
                                          std::mt19937& random) {
     std::vector<std::uint16_t> mass(static_cast<std::size_t>(bins));
@@ -62,8 +62,8 @@ void expect_definition(FindResidual<Mass> find, std::uint32_t full_scale) {
             const Hord first = hord_of(a), second = hord_of(b);
             SCOPED_TRACE(std::to_string(bins) + " bins");
             find(first, second, bins, residual);
-            expect_side(residual.side[residual.kMore], by_definition(first, second, bins, 1));
-            expect_side(residual.side[residual.kLess], by_definition(first, second, bins, -1));
+            expect_side(residual.side[residual.kSurplus], by_definition(first, second, bins, 1));
+            expect_side(residual.side[residual.kDeficit], by_definition(first, second, bins, -1));
         }
     }
 }
@@ -75,14 +75,14 @@ TEST(Residual, holds_the_bins_that_differ_in_order_as_doubles) {
     expect_definition<double>(find_residual<double>, 65535);
 }
 
-TEST(Residual, holds_light_masses_as_integers_on_every_instruction_set) {
+TEST(Residual, holds_int32_masses_on_every_instruction_set) {
     for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
         if (has(isa)) expect_definition<std::int32_t>(find_residual_for(isa), kLightScale);
     }
 }
 
-// Around 2^15, where products of 16 bits with a sign end.
-TEST(Residual, holds_light_masses_of_any_sum) {
+// Sums around 2^15, the limit of the int16 products.
+TEST(Residual, holds_int32_masses_of_any_sum) {
     std::mt19937 random(8);
     for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
         if (!has(isa)) continue;
@@ -92,13 +92,13 @@ TEST(Residual, holds_light_masses_of_any_sum) {
             for (const std::uint32_t others : {1U, 2U, 32767U, 32768U, 46340U}) {
                 std::vector<std::uint16_t> a(81), b(81);
                 const std::size_t at = random() % 81;
-                a[at] = sum;  // all in one bin, against all but one there
+                a[at] = sum;  // all mass in one bin, against all but one
                 b[at] = static_cast<std::uint16_t>(others - 1);
                 b[(at + 1 + random() % 80) % 81] = 1;
                 SCOPED_TRACE(std::to_string(sum) + " against " + std::to_string(others));
                 find_residual_for(isa)(hord_of(a), hord_of(b), 81, residual);
-                expect_side(residual.side[residual.kMore], by_definition(hord_of(a), hord_of(b), 81, 1));
-                expect_side(residual.side[residual.kLess], by_definition(hord_of(a), hord_of(b), 81, -1));
+                expect_side(residual.side[residual.kSurplus], by_definition(hord_of(a), hord_of(b), 81, 1));
+                expect_side(residual.side[residual.kDeficit], by_definition(hord_of(a), hord_of(b), 81, -1));
             }
         }
     }
@@ -109,7 +109,7 @@ TEST(Residual, becomes_the_same_rows_whichever_histogram_comes_first) {
     Residual<std::int32_t> one, other;
     for (int n = 0; n < 2000; ++n) {
         const auto a = random_masses(81, 8, kLightScale, random), b = random_masses(81, 8, kLightScale, random);
-        for (const auto find : {find_residual<std::int32_t>, keep_all<std::int32_t>}) {
+        for (const auto find : {find_residual<std::int32_t>, keep_shared<std::int32_t>}) {
             find(hord_of(a), hord_of(b), 81, one);
             find(hord_of(b), hord_of(a), 81, other);
             if (one.side[0].count == 0) continue;

@@ -1,4 +1,4 @@
-// HORDs closed up, and pairs of them: against HORDs as they are.
+// Compacted HORDs and pairs of them, compared with the HORDs they are made of.
 #include "algo/emd/sparse_hord.h"
 
 #include <gtest/gtest.h>
@@ -15,24 +15,23 @@ using namespace testing;
 constexpr Isa kIsas[] = {Isa::portable, Isa::avx2, Isa::avx512};
 constexpr const char* kOnlyPortable = "this processor has no instruction set that closes HORDs up";
 
-// A row, its masses one after the other, exactly as many as there are, so that a sanitizer sees what is read beyond
-// them.
+// A row with contiguous masses on the heap, so that a sanitizer detects reads beyond them.
 struct Row {
     int bins = 0;
     std::vector<std::uint16_t> masses;
     std::vector<std::uint32_t> sums;
-    std::vector<SparseHord> closed;
+    std::vector<SparseHord> sparse;
 
     void add(const Histogram& h) {
         bins = static_cast<int>(h.size());
         masses.insert(masses.end(), h.begin(), h.end());
         sums.push_back(hord_of(h).sum);
     }
-    // Where others were closed up before, as in a window of rows.
-    void compact(CloseUp by) {
-        closed.resize(sums.size());
-        std::ranges::reverse(closed);
-        by(masses.data(), sums, bins, closed.data());
+    // Over earlier results, as in a window of rows.
+    void compact(CompactFunction by) {
+        sparse.resize(sums.size());
+        std::ranges::reverse(sparse);
+        by(masses.data(), sums, bins, sparse.data());
     }
     [[nodiscard]] Hord hord(std::size_t k) const {
         return {masses.data() + k * static_cast<std::size_t>(bins), sums[k]};
@@ -50,25 +49,25 @@ Histogram near_each_other(Random& random, int bins, int most, int apart, int ful
     return h;
 }
 
-// The definition: lit bins and their masses in order; closed up where they are at most eight within 48 bins.
-void expect_definition(const SparseHord& closed, const Hord& h, int bins) {
+// The definition: lit bins and their masses in order; compacted if they are at most eight within 48 bins.
+void expect_definition(const SparseHord& sparse, const Hord& h, int bins) {
     std::vector<int> lit;
     for (int k = 0; k < bins; ++k) {
         if (h.mass[k] != 0) lit.push_back(k);
     }
-    EXPECT_EQ(closed.hord().mass, h.mass);
-    EXPECT_EQ(closed.hord().sum, h.sum);
-    const bool few = !lit.empty() && lit.size() <= kMaxSparseBins && lit.back() - lit.front() < kClosedSpan;
-    ASSERT_EQ(closed.is_closed(), few);
+    EXPECT_EQ(sparse.hord().mass, h.mass);
+    EXPECT_EQ(sparse.hord().sum, h.sum);
+    const bool few = !lit.empty() && lit.size() <= kMaxSparseBins && lit.back() - lit.front() < kMaxSparseSpan;
+    ASSERT_EQ(sparse.is_compacted(), few);
     if (!few) return;
-    EXPECT_EQ(closed.closed_sum, h.sum);
+    EXPECT_EQ(sparse.compacted_sum, h.sum);
     std::uint64_t set = 0;
     for (std::size_t k = 0; k < lit.size(); ++k) {
-        EXPECT_EQ(closed.bin[k], lit[k]);
-        EXPECT_EQ(closed.mass[k], h.mass[lit[k]]);
+        EXPECT_EQ(sparse.bin[k], lit[k]);
+        EXPECT_EQ(sparse.mass[k], h.mass[lit[k]]);
         set |= std::uint64_t{1} << (lit[k] - lit.front());
     }
-    EXPECT_EQ(closed.lit, set);
+    EXPECT_EQ(sparse.lit, set);
 }
 
 TEST(SparseHord, has_the_lit_bins_of_every_number_of_bins) {
@@ -84,7 +83,7 @@ TEST(SparseHord, has_the_lit_bins_of_every_number_of_bins) {
             row.compact(sparse_kernels(isa).compact);
             row.compact(sparse_kernels(isa).compact);
             SCOPED_TRACE(std::to_string(bins) + " bins");
-            for (std::size_t k = 0; k < row.sums.size(); ++k) expect_definition(row.closed[k], row.hord(k), bins);
+            for (std::size_t k = 0; k < row.sums.size(); ++k) expect_definition(row.sparse[k], row.hord(k), bins);
         }
     }
 }
@@ -93,14 +92,14 @@ TEST(SparseHord, is_left_as_it_is_where_there_is_no_instruction_for_it) {
     Row row;
     row.add(Histogram{0, 7, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
     row.compact(sparse_kernels(Isa::portable).compact);
-    EXPECT_FALSE(row.closed[0].is_closed());
-    EXPECT_EQ(row.closed[0].hord().sum, 8U);
-    ClosedDifference difference;
-    EXPECT_EQ(sparse_kernels(Isa::portable).subtract(row.closed[0], row.closed[0], difference), 0);
+    EXPECT_FALSE(row.sparse[0].is_compacted());
+    EXPECT_EQ(row.sparse[0].hord().sum, 8U);
+    SparseDifference difference;
+    EXPECT_EQ(sparse_kernels(Isa::portable).subtract(row.sparse[0], row.sparse[0], difference), 0);
 }
 
-// S_a * S_b of 2^31 is too much, one less mass is not; lit bins may begin 16 apart and reach 48 far, not more.
-TEST(ClosedDifference, is_found_up_to_its_limits) {
+// The limits: S_a * S_b < 2^31; first lit bins at most 16 apart; a span of at most 48 bins.
+TEST(SparseDifference, is_found_up_to_its_limits) {
     if (!has(Isa::avx2)) GTEST_SKIP() << kOnlyPortable;
     const auto count = [](std::uint32_t sum_a, std::uint32_t sum_b, int b_first, int b_span) {
         Histogram a(225), b(225);
@@ -113,12 +112,12 @@ TEST(ClosedDifference, is_found_up_to_its_limits) {
         row.add(b);
         const SparseKernels kernels = sparse_kernels(best_isa());
         row.compact(kernels.compact);
-        ClosedDifference difference{};
-        EXPECT_EQ(kernels.subtract(row.closed[1], row.closed[0], difference) > 0,
-                  kernels.subtract(row.closed[0], row.closed[1], difference) > 0);
-        const int bins = kernels.subtract(row.closed[0], row.closed[1], difference);
+        SparseDifference difference{};
+        EXPECT_EQ(kernels.subtract(row.sparse[1], row.sparse[0], difference) > 0,
+                  kernels.subtract(row.sparse[0], row.sparse[1], difference) > 0);
+        const int bins = kernels.subtract(row.sparse[0], row.sparse[1], difference);
         if (bins > 0) {
-            EXPECT_EQ(difference.more[bins - 1], -static_cast<std::int64_t>(sum_b - sum_b / 2) * sum_a);
+            EXPECT_EQ(difference.excess[bins - 1], -static_cast<std::int64_t>(sum_b - sum_b / 2) * sum_a);
         }
         return bins;
     };
@@ -129,7 +128,7 @@ TEST(ClosedDifference, is_found_up_to_its_limits) {
     EXPECT_EQ(count(30, 40, 26, 49), 0);
 }
 
-TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
+TEST(SparseDifference, is_the_definition_wherever_it_is_found) {
     if (!has(Isa::avx2)) GTEST_SKIP() << kOnlyPortable;
     for (const Isa isa : kIsas) {
         if (isa == Isa::portable || !has(isa)) continue;
@@ -152,17 +151,17 @@ TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
             row.add(other);
             row.compact(kernels.compact);
             const Hord a = row.hord(0), b = row.hord(1);
-            ClosedDifference difference;
-            const int count = kernels.subtract(row.closed[0], row.closed[1], difference);
+            SparseDifference difference;
+            const int count = kernels.subtract(row.sparse[0], row.sparse[1], difference);
             std::vector<int> either;
             for (int k = 0; k < bins; ++k) {
                 if ((a.mass[k] | b.mass[k]) != 0) either.push_back(k);
             }
             const bool light = std::uint64_t{a.sum} * b.sum < (std::uint64_t{1} << 31);
             if (count == 0) {
-                const bool both = row.closed[0].is_closed() && row.closed[1].is_closed();
+                const bool both = row.sparse[0].is_compacted() && row.sparse[1].is_compacted();
                 EXPECT_TRUE(!both || !light || either.size() > kMaxSparseBins ||
-                            std::abs(row.closed[0].bin[0] - row.closed[1].bin[0]) > kClosedApart);
+                            std::abs(row.sparse[0].bin[0] - row.sparse[1].bin[0]) > kMaxSparseShift);
                 continue;
             }
             ++found;
@@ -171,11 +170,11 @@ TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
             EXPECT_EQ(static_cast<std::uint64_t>(difference.denominator), std::uint64_t{a.sum} * b.sum);
             for (std::size_t k = 0; k < kMaxSparseBins; ++k) {
                 if (k >= either.size()) {
-                    EXPECT_EQ(difference.more[k], 0);
+                    EXPECT_EQ(difference.excess[k], 0);
                     continue;
                 }
                 EXPECT_EQ(difference.bin[k], either[k]);
-                EXPECT_EQ(difference.more[k],
+                EXPECT_EQ(difference.excess[k],
                           std::int64_t{a.mass[either[k]]} * b.sum - std::int64_t{b.mass[either[k]]} * a.sum);
             }
         }
@@ -183,8 +182,8 @@ TEST(ClosedDifference, is_the_definition_wherever_it_is_found) {
     }
 }
 
-// Whatever way a pair goes, its distance has the same bits as alone: few bins, more, many, none, as many as equal
-// masses, too heavy, dark.
+// Every solver of the ladder gives the bits of distance(): few bins, more, many, none, equal masses, masses beyond the
+// int32 limit, dark.
 TEST(SparseHord, gives_the_distance_of_the_hord_to_the_last_bit) {
     const GroundDistance grounds[] = {*GroundDistance::between_bins(9, 9),
                                       *GroundDistance::between_bins(9, 9, GroundNorm::manhattan),
@@ -195,7 +194,7 @@ TEST(SparseHord, gives_the_distance_of_the_hord_to_the_last_bit) {
         Row row;
         for (int n = 0; n < 6000; ++n) {
             const int kind = n / 60 % 7, bins = ground.bins();
-            if (kind == 6 && n % 60 != 0) {  // the same light once more, or with three times the exposure
+            if (kind == 6 && n % 60 != 0) {  // the same light again, or with three times the exposure
                 Histogram again(row.masses.end() - bins, row.masses.end());
                 const bool fits = std::ranges::max(again) * 3 < 65536;
                 for (auto& m : again) m = static_cast<std::uint16_t>(n % 2 == 0 && fits ? m * 3 : m);
@@ -217,26 +216,26 @@ TEST(SparseHord, gives_the_distance_of_the_hord_to_the_last_bit) {
         for (const Isa isa : kIsas) {
             if (!has(isa)) continue;
             auto solver = EmdSolver::create(ground, isa);
-            // As this solver would, and as one for another ground and another instruction set did.
-            for (const CloseUp compact :
+            // Compacted by this solver, and by one for another ground and instruction set.
+            for (const CompactFunction compact :
                  {solver->compact(), sparse_kernels(isa == Isa::portable ? best_isa() : isa).compact}) {
                 row.compact(compact);
                 std::vector<double> out(expected.size(), -1);
                 for (std::size_t k = 1; k < row.sums.size(); ++k) {
-                    solver->submit(row.closed[k - 1], row.closed[k], &out[k - 1]);
+                    solver->submit(row.sparse[k - 1], row.sparse[k], &out[k - 1]);
                     if (k % 500 == 0) solver->finish();
                 }
                 solver->finish();
                 EXPECT_EQ(out, expected);
             }
-            EXPECT_EQ(solver->work().pairs, 2 * expected.size());
-            const bool closes_up = isa != Isa::portable && ground.is_metric();
-            EXPECT_EQ(solver->work().few > 300, closes_up) << solver->work().few;
+            EXPECT_EQ(solver->counters().pairs, 2 * expected.size());
+            const bool compacts = isa != Isa::portable && ground.is_metric();
+            EXPECT_EQ(solver->counters().knapsack > 300, compacts) << solver->counters().knapsack;
         }
     }
 }
 
-// Costs that no float tells apart: what few bins do not prove goes the way of the others.
+// Costs that are equal as floats: pairs that the knapsack batch cannot prove go to the transport batch.
 TEST(SparseHord, gives_the_same_where_few_bins_prove_nothing) {
     Random random(6);
     std::uniform_real_distribution<double> unit(-1.0, 1.0);
@@ -244,7 +243,7 @@ TEST(SparseHord, gives_the_same_where_few_bins_prove_nothing) {
     for (int k = 0; k < 81; ++k) directions.push_back({k % 9 + 1e-6 * unit(random), k / 9 + 1e-6 * unit(random)});
     const auto ground = *GroundDistance::between_directions(9, 9, directions, GroundNorm::euclidean);
     Row row;
-    // Two bins of a line against one to the right above and one below: nearly the same gain by either.
+    // Two bins of a line against one to the upper right and one below: both gain nearly the same.
     for (int n = 0; n < 4000; ++n) {
         Histogram h(81);
         for (const int k : n % 2 == 0 ? std::vector<int>{36, 38} : std::vector<int>{32, 44, 50})
@@ -254,12 +253,12 @@ TEST(SparseHord, gives_the_same_where_few_bins_prove_nothing) {
     auto alone = EmdSolver::create(ground, Isa::portable), solver = EmdSolver::create(ground);
     row.compact(solver->compact());
     std::vector<double> out(row.sums.size());
-    for (std::size_t k = 1; k < row.sums.size(); ++k) solver->submit(row.closed[k - 1], row.closed[k], &out[k]);
+    for (std::size_t k = 1; k < row.sums.size(); ++k) solver->submit(row.sparse[k - 1], row.sparse[k], &out[k]);
     solver->finish();
     for (std::size_t k = 1; k < row.sums.size(); ++k) ASSERT_EQ(out[k], alone->distance(row.hord(k - 1), row.hord(k)));
     if (best_isa() == Isa::portable) return;
-    EXPECT_GT(solver->work().few, 100U);
-    EXPECT_LT(solver->work().few, solver->work().pairs);
+    EXPECT_GT(solver->counters().knapsack, 100U);
+    EXPECT_LT(solver->counters().knapsack, solver->counters().pairs);
 }
 
 }  // namespace

@@ -23,8 +23,8 @@ double lemon_distance(const std::vector<std::uint16_t>& a, const std::vector<std
     for (std::size_t k = 0; k < b.size(); ++k) sinks.push_back(graph.addNode());
     Graph::NodeMap<std::int64_t> supply(graph, 0);
     Graph::ArcMap<std::int64_t> cost(graph);
-    // Whole-number costs: with doubles LEMON can go round in circles for ever. The largest becomes 2^40, so that the
-    // plan is within 2^-40 of it; the plan itself is evaluated with the true costs.
+    // Integer costs: with doubles LEMON can cycle. The largest becomes 2^40, so that the plan is within 2^-40 of it;
+    // the plan is evaluated with the true costs.
     const double scale = 0x1p40 / ground.largest();
     for (std::size_t k = 0; k < a.size(); ++k) {
         supply[sources[k]] = a[k] * sum_b;

@@ -1,4 +1,4 @@
-// The exact distance by LEMON's network simplex, on the whole histograms: nothing cancelled, nothing compressed.
+// The exact distance by LEMON's network simplex, on the whole histograms, without cancelling or compacting.
 #pragma once
 
 #include <cstdint>

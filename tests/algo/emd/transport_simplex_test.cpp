@@ -29,7 +29,7 @@ struct Problem {
         demand.assign(static_cast<std::size_t>(cols), 1);
     }
     double& cost_of(int row, int col) { return cost[static_cast<std::size_t>(row * bins + bins - cols + col)]; }
-    // Masses that add up to the same, 1 at least.
+    // Masses of at least 1, with the same sum on both sides.
     void share_out(Random& random, int total) {
         for (int n = rows; n < total; ++n) supply[static_cast<std::size_t>(pick(random, 0, rows - 1))] += 1;
         for (int n = cols; n < total; ++n) demand[static_cast<std::size_t>(pick(random, 0, cols - 1))] += 1;
@@ -42,7 +42,7 @@ struct Problem {
     }
 };
 
-// From the first row and column to the last, whatever it costs.
+// The north-west corner plan.
 std::vector<TransportStep> staircase(const Problem& p) {
     std::vector<TransportStep> steps;
     std::int16_t i = 0, j = 0;
@@ -69,8 +69,8 @@ std::vector<std::size_t> members(const std::vector<bool>& of) {
     return in;
 }
 
-// The open cell of least reduced cost c_ij - R_i - K_j, one after the other, R_i and K_j the mean costs of its row and
-// its column: as transport_start.h says it, and nothing saved.
+// The definition of transport_start.h: serves the open cells in order of c_ij - R_i - K_j, with the mean costs R_i and
+// K_j of row and column.
 std::vector<TransportStep> least_reduced_costs(Problem p) {
     double total = 0;
     for (const double mass : p.supply) total += mass;
@@ -102,8 +102,8 @@ std::vector<TransportStep> least_reduced_costs(Problem p) {
     return steps;
 }
 
-// A column more or less than fill a vector, up to six in registers, and in memory. Rounding of costs may swap two cells
-// now and then.
+// Columns around whole vectors: up to six vectors in registers, more in memory. Rounded costs may swap two cells
+// occasionally.
 TEST(TransportSimplex, begins_with_the_cells_of_least_reduced_cost) {
     Random random(6);
     for (const int cols : {2, 8, 9, 16, 17, 24, 25, 32, 33, 40, 41, 48, 49, 70}) {
@@ -147,8 +147,7 @@ TEST(TransportSimplex, comes_to_the_same_cost_from_any_start) {
     }
 }
 
-// Costs along the start are 1 and 0 by turns: dual variables climb from row to row to many times the largest cost, out
-// of the range of integers.
+// Costs along the start alternate between 1 and 0: duals grow from row to row beyond the integer range.
 TEST(TransportSimplex, finds_its_way_back_from_dual_variables_out_of_range) {
     Random random(4);
     for (int side = 3; side <= 40; ++side) {

@@ -13,7 +13,7 @@ namespace {
 // Derived in algo/features/deflection.h; the contract asks for 2^-12.
 const double kDeflectionError = std::ldexp(1.0, -24);
 
-// By way of a frame of one lenslet's masses, three times over each way.
+// Decodes a frame of 3x3 lenslets with these masses.
 Deflection mean_of(const std::vector<std::uint16_t>& mass, int i, int j) {
     const Extents e{3, 3, i, j};
     Frame frame(e.width_px(), e.height_px(), 16);

@@ -63,7 +63,7 @@ struct Geometry {
 };
 class DistanceOn : public ::testing::TestWithParam<Geometry> {};
 
-// The definitions, in long double, for 8 to 16 bits, every kind of histogram.
+// The definitions in long double, for 8 to 16 bits and every kind of histogram.
 TEST_P(DistanceOn, agrees_with_its_definition) {
     const auto [i, j] = GetParam();
     Random random(static_cast<unsigned>(100 * i + j));
@@ -145,12 +145,12 @@ TEST(Distance, is_symmetric_zero_for_equals_and_dark_ones_and_finite_at_the_limi
 }
 
 #ifdef HORD_CHECKED
-// A sum that cannot be: more than 15x15 bins of 16 bits hold.
+// An impossible sum: more than 15x15 bins of 16 bits can hold.
 TEST(DistanceDeathTest, traps_a_sum_beyond_its_range_in_the_checked_build) {
     const Histogram a(81, 65535);
     for (std::size_t k = 0; k <= static_cast<std::size_t>(Feature::chi2); ++k) {
         const auto feature = static_cast<Feature>(k);
-        if (feature <= Feature::emd_sq) continue;  // the solver's own
+        if (feature <= Feature::emd_sq) continue;  // checked by the solver
         auto distance = Distance::create(feature, 9, 9);
         EXPECT_DEATH((void)(*distance)(Hord{a.data(), 1U << 24}, hord_of(a)), "") << name_of(feature);
     }

@@ -10,9 +10,9 @@
 namespace hord::algo {
 namespace {
 
-const double kEntryError = std::ldexp(1.0, -23);  // derived in algo/features/jacobian.h
+const double kEntryError = std::ldexp(1.0, -23);  // derived in docs/notes/features.md
 const double kSingularError = std::ldexp(1.0, -21);
-const double kNormError = 2 * kEntryError + std::ldexp(1.0, -25);  // four entries, and the floored root
+const double kNormError = 2 * kEntryError + std::ldexp(1.0, -25);  // four entries and the truncated root
 
 Deflection deflection(double x, double y) {
     return {DeflectionQ::from_raw(std::lround(std::ldexp(x, 24))),

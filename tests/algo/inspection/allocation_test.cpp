@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 #include <malloc.h>
 
-#include "algo/emd/emd_bounds.h"
 #include "algo/features/distance.h"
 #include "algo/frame/grid_decoder.h"
 #include "algo/maps/emd_anytime.h"
@@ -64,14 +63,6 @@ TEST(Allocation, no_distance_kernel_allocates) {
                   0U)
             << name_of(static_cast<Feature>(f));
     }
-    const auto ground = *GroundDistance::between_bins(9, 9);
-    auto decider = EmdDecider::create(ground);
-    bool above = false;
-    EXPECT_EQ(allocated_by([&] {
-                  for (int m = 1; m < 8; ++m)
-                      above = above != decider->exceeds(rows[0].hord(m - 1), rows[0].hord(m), 1.5);
-              }),
-              0U);
 }
 
 TEST(Allocation, no_map_allocates_after_set_up) {
@@ -91,7 +82,7 @@ TEST(Allocation, no_map_allocates_after_set_up) {
                     }
                 }
                 const auto ground = *GroundDistance::between_bins(e.i, e.j);
-                auto decisions = EmdDecisions::create(e, bits, levels(bits), ground, threads);
+                auto decisions = EmdThresholdMap::create(e, bits, levels(bits), ground, threads);
                 EXPECT_EQ(allocated_by([&] { EXPECT_TRUE(decisions->decide(frame.view(), 1)); }), 0U);
                 auto anytime = AnytimeEmdMap::create(e, bits, levels(bits), ground, threads);
                 int pieces = 0;
@@ -126,7 +117,7 @@ TEST(Workspace, of_every_map_is_below_16_mib_at_paper_size) {
                      [&] { return FeatureMapper::create(e, 16, levels(16), feature, {.threads = 2}); });
     }
     const auto ground = *GroundDistance::between_bins(9, 9);
-    expect_small("decisions", lenslets * 2, [&] { return EmdDecisions::create(e, 16, levels(16), ground, 2); });
+    expect_small("decisions", lenslets * 2, [&] { return EmdThresholdMap::create(e, 16, levels(16), ground, 2); });
     expect_small("anytime", lenslets * (2 * sizeof(float) + 1),
                  [&] { return AnytimeEmdMap::create(e, 16, levels(16), ground, 2); });
 }

@@ -24,7 +24,7 @@ Frame scene(const Extents& e, std::uint64_t seed) {
     return noisy(frame, {4, 4, 1}, seed);
 }
 
-// A deadline, as so many pieces of work.
+// A deadline: allows `count` pieces of work.
 auto pieces(int count) {
     return [left = count]() mutable { return left-- > 0; };
 }
@@ -49,7 +49,7 @@ TEST(AnytimeEmd, brackets_every_lenslet_whenever_the_deadline_comes) {
             EXPECT_EQ(map->rows_bounded, std::min(deadline * AnytimeEmdMap::kRoundRows, kField.n));
             for (std::size_t k = 0; k < kField.lenslets(); ++k) {
                 ASSERT_LE(map->lower[k], exact->values[k]);
-                ASSERT_GE(map->upper[k], exact->values[k]);  // so whoever judges by `upper` misses nothing
+                ASSERT_GE(map->upper[k], exact->values[k]);  // a judgement by `upper` misses nothing
                 ASSERT_TRUE(std::isfinite(map->upper[k]));
             }
         }
@@ -63,12 +63,12 @@ TEST(AnytimeEmd, refines_the_widest_first_and_becomes_exact) {
     auto map = *anytime->start(frame.view(), pieces(3));
     EXPECT_EQ(map.rows_bounded, kField.n);
     std::size_t open = map.open;
-    EXPECT_GT(open, 4U * AnytimeEmdMap::kLensletsAPiece);
+    EXPECT_GT(open, 4U * AnytimeEmdMap::kLensletsPerPiece);
     std::vector<float> width(kField.lenslets());
     while (open > 0) {
         for (std::size_t k = 0; k < width.size(); ++k) width[k] = map.upper[k] - map.lower[k];
         map = anytime->refine(pieces(1));
-        EXPECT_EQ(map.open, open - std::min<std::size_t>(open, AnytimeEmdMap::kLensletsAPiece));
+        EXPECT_EQ(map.open, open - std::min<std::size_t>(open, AnytimeEmdMap::kLensletsPerPiece));
         open = map.open;
         float narrowest_solved = INFINITY, widest_left = 0;
         for (std::size_t k = 0; k < width.size(); ++k) {

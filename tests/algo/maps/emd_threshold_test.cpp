@@ -29,7 +29,7 @@ Frame any_frame(const Extents& e, std::uint64_t seed) {
         return {2.5 * std::sin(0.11 * m * a + 2 * b) * std::cos(0.07 * n) + (m % 17 == 0 ? 1 : 0),
                 2.5 * std::cos(0.09 * n * c + 0.05 * m), 1};
     });
-    if (seed % 3 == 1) {  // a second lobe: the frame again, moved by some lenslets
+    if (seed % 3 == 1) {  // a second lobe: the frame again, shifted by some lenslets
         const Frame other = shifted(frame, e, 9, 5);
         for (int y = 0; y < frame.height_px(); ++y) {
             for (int x = 0; x < frame.width_px(); ++x)
@@ -53,7 +53,7 @@ std::vector<Ground> grounds(int i, int j) {
             {Feature::emd, *GroundDistance::between_bins(i, j, GroundNorm::euclidean, 2.0), {.threshold = 2.0}}};
 }
 
-// Limits where decisions are hard: values of the map itself, the floats beside one, and nothing and everything.
+// Critical limits: values of the map, the floats next to one, and limits below and above all values.
 std::vector<float> hard_limits(std::span<const float> values, std::mt19937_64& random) {
     std::vector<float> limits{0, -1, INFINITY, 0.5F, 1};
     for (int k = 0; k < 3; ++k) {
@@ -63,15 +63,15 @@ std::vector<float> hard_limits(std::span<const float> values, std::mt19937_64& r
     return limits;
 }
 
-// Two million pairs, more than half of them for the Euclidean ground; with HORD_LONG_TESTS twenty times as many.
-TEST(EmdDecisions, are_those_of_the_exact_map_for_every_lenslet) {
+// Two million pairs, more than half for the Euclidean ground; with HORD_LONG_TESTS twenty times as many.
+TEST(EmdThresholdMap, are_those_of_the_exact_map_for_every_lenslet) {
     const int rounds = std::getenv("HORD_LONG_TESTS") != nullptr ? 60 : 3;
     std::mt19937_64 random(3);
     std::uint64_t decided = 0;
     for (const Extents& e : {Extents{120, 110, 9, 9}, Extents{60, 50, 8, 5}}) {
         for (const Ground& g : grounds(e.i, e.j)) {
             auto mapper = FeatureMapper::create(e, 8, levels(), g.feature, {.distance = g.options});
-            auto decisions = EmdDecisions::create(e, 8, levels(), g.ground);
+            auto decisions = EmdThresholdMap::create(e, 8, levels(), g.ground);
             ASSERT_TRUE(decisions);
             const bool euclidean = g.feature == Feature::emd && g.options.threshold == GroundDistance::kNoThreshold;
             for (int round = 0; round < (euclidean ? rounds : rounds / 3); ++round) {
@@ -83,7 +83,7 @@ TEST(EmdDecisions, are_those_of_the_exact_map_for_every_lenslet) {
                     ASSERT_TRUE(std::ranges::equal(map->mask, exact->mask));
                     for (std::size_t k = 0; k < e.lenslets(); ++k) {
                         const bool has_value = (exact->mask[k] & kNoGradient) == 0;
-                        ASSERT_EQ(map->reached[k] != 0, has_value && exact->values[k] >= limit)
+                        ASSERT_EQ(map->at_or_above[k] != 0, has_value && exact->values[k] >= limit)
                             << "limit " << limit << " lenslet " << k << " round " << round;
                     }
                     decided += map->pairs;
@@ -94,48 +94,49 @@ TEST(EmdDecisions, are_those_of_the_exact_map_for_every_lenslet) {
     EXPECT_GT(decided, 2'000'000U);
 }
 
-TEST(EmdDecisions, against_a_reference_are_those_of_the_exact_map) {
+TEST(EmdThresholdMap, against_a_reference_are_those_of_the_exact_map) {
     const Extents e{80, 70, 9, 9};
     std::mt19937_64 random(4);
     for (const Ground& g : grounds(9, 9)) {
         auto mapper = FeatureMapper::create(e, 8, levels(), g.feature, {.distance = g.options});
-        auto decisions = EmdDecisions::create(e, 8, levels(), g.ground, 2);
+        auto decisions = EmdThresholdMap::create(e, 8, levels(), g.ground, 2);
         for (std::uint64_t round = 0; round < 2; ++round) {
             const Frame frame = any_frame(e, round), reference = any_frame(e, round + (round % 2));
             const auto exact = mapper->against(frame.view(), reference.view());
             for (const float limit : hard_limits(exact->values, random)) {
                 const auto map = decisions->decide_against(frame.view(), reference.view(), limit);
                 for (std::size_t k = 0; k < e.lenslets(); ++k) {
-                    ASSERT_EQ(map->reached[k] != 0, (exact->mask[k] & kNoGradient) == 0 && exact->values[k] >= limit);
+                    ASSERT_EQ(map->at_or_above[k] != 0,
+                              (exact->mask[k] & kNoGradient) == 0 && exact->values[k] >= limit);
                 }
             }
         }
     }
 }
 
-TEST(EmdDecisions, take_few_solves_and_do_not_depend_on_the_number_of_threads) {
+TEST(EmdThresholdMap, take_few_solves_and_do_not_depend_on_the_number_of_threads) {
     const Extents e{90, 80, 9, 9};
     const Frame frame = any_frame(e, 0);
     const auto ground = *GroundDistance::between_bins(9, 9);
-    auto alone = EmdDecisions::create(e, 8, levels(), ground);
+    auto alone = EmdThresholdMap::create(e, 8, levels(), ground);
     const auto one = alone->decide(frame.view(), 0.8F);
     EXPECT_LT(one->solved, one->pairs / 10);
-    EXPECT_GT(std::ranges::count(one->reached, 1), 100);
+    EXPECT_GT(std::ranges::count(one->at_or_above, 1), 100);
     for (const int threads : {2, 3}) {
-        auto shared = EmdDecisions::create(e, 8, levels(), ground, threads);
+        auto shared = EmdThresholdMap::create(e, 8, levels(), ground, threads);
         const auto map = shared->decide(frame.view(), 0.8F);
-        EXPECT_TRUE(std::ranges::equal(map->reached, one->reached));
+        EXPECT_TRUE(std::ranges::equal(map->at_or_above, one->at_or_above));
         EXPECT_TRUE(std::ranges::equal(map->mask, one->mask));
         EXPECT_EQ(map->solved, one->solved);
     }
 }
 
-TEST(EmdDecisions, refuse_what_cannot_be) {
+TEST(EmdThresholdMap, refuse_what_cannot_be) {
     const auto ground = *GroundDistance::between_bins(9, 9);
-    EXPECT_FALSE(EmdDecisions::create({20, 20, 9, 8}, 8, levels(), ground));
-    EXPECT_FALSE(EmdDecisions::create({20, 20, 9, 9}, 17, levels(), ground));
-    EXPECT_FALSE(EmdDecisions::create({20, 20, 9, 9}, 8, levels(), ground, 0));
-    auto decisions = EmdDecisions::create({20, 20, 9, 9}, 8, levels(), ground);
+    EXPECT_FALSE(EmdThresholdMap::create({20, 20, 9, 8}, 8, levels(), ground));
+    EXPECT_FALSE(EmdThresholdMap::create({20, 20, 9, 9}, 17, levels(), ground));
+    EXPECT_FALSE(EmdThresholdMap::create({20, 20, 9, 9}, 8, levels(), ground, 0));
+    auto decisions = EmdThresholdMap::create({20, 20, 9, 9}, 8, levels(), ground);
     EXPECT_FALSE(decisions->decide(Frame(180, 180, 8).view(), std::nanf("")));
     EXPECT_FALSE(decisions->decide(Frame(180, 171, 8).view(), 1));
     EXPECT_FALSE(decisions->decide_against(Frame(180, 180, 8).view(), Frame(180, 180, 16).view(), 1));

@@ -18,7 +18,7 @@ namespace {
 using namespace hord;
 using namespace hord::algo::testing;
 
-// A noisy lens with an opaque hole, a dim spot and a saturated sample: something of everything.
+// A noisy lens with an opaque hole, a dim spot and a saturated sample.
 Frame eventful(const Extents& e, int bits, std::uint64_t seed) {
     Frame frame = drawn(e, 8, 225, lens(e, 0.4 * std::min(e.m, e.n), 0.35 * std::min(e.i, e.j)));
     frame = specked(frame, e, 0.4 * e.m, 0.55 * e.n, 1.7, 0);
@@ -27,8 +27,8 @@ Frame eventful(const Extents& e, int bits, std::uint64_t seed) {
     return bits == 8 ? frame : at_bits(frame, bits);
 }
 
-// How far a map may be from the float of what algo/features/distance.h defines: not at all, but where
-// algo/soa/soa_distances.h says so.
+// The largest difference between a map and the float of algo/features/distance.h: 0, except for the features of
+// algo/soa/soa_distances.h.
 float tolerance(Feature feature) { return SoaDistances::covers(feature) ? 6e-5F : 0.0F; }
 
 LightLevels levels(int bits) { return light_levels({}, bits); }
@@ -130,7 +130,7 @@ TEST(FeatureMap, against_a_reference_is_the_distance_at_the_same_place) {
     }
 }
 
-// A defect that a reference shows, where the smooth lens hides nothing.
+// A defect is visible against a reference although the smooth lens has a gradient everywhere.
 TEST(FeatureMap, against_a_reference_shows_what_changed_and_where) {
     const Extents e{31, 31, 9, 9};
     const Frame good = drawn(e, 8, 240, lens(e, 12, 3));
@@ -192,7 +192,7 @@ TEST(FeatureMap, does_not_depend_on_the_number_of_threads) {
     }
 }
 
-// To the bit, whatever is beside what: dense and sparse, 8 to 16 bits, every geometry.
+// To the bit: dense and sparse, 8 to 16 bits, every geometry.
 TEST(FeatureMap, does_not_depend_on_the_instruction_set) {
     for (const Extents& e : kGeometries) {
         for (const int bits : {8, 16}) {
@@ -237,7 +237,7 @@ TEST(FeatureMap, measures_ground_distances_along_a_direction_map) {
     const Extents e{12, 11, 5, 4};
     const Frame frame = eventful(e, 8, 11);
     std::vector<Direction> directions;
-    for (int k = 0; k < 20; ++k) directions.push_back({3.0 * (k % 5), 3.0 * (k / 5)});  // three pitches a bin
+    for (int k = 0; k < 20; ++k) directions.push_back({3.0 * (k % 5), 3.0 * (k / 5)});  // three pitches per bin
     for (const Feature feature :
          {Feature::emd, Feature::emd_l1, Feature::centroid, Feature::marginal, Feature::sliced}) {
         auto plain = FeatureMapper::create(e, 8, levels(8), feature),

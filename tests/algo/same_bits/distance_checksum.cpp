@@ -12,7 +12,7 @@ namespace {
 using namespace hord;
 using namespace hord::algo;
 
-// xorshift64*: the standard library's distributions are not the same everywhere.
+// xorshift64*: the standard library's distributions differ between platforms.
 struct Random {
     std::uint64_t state = 0x9E3779B97F4A7C15U;
     std::uint32_t below(std::uint32_t limit) {

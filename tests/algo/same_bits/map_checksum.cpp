@@ -1,7 +1,7 @@
 // Prints one number for the bits of every map, and of how random frames differ from references, over random frames and
 // over the frames named: map_checksum [FRAME.raw ...]. The same on every processor, compiler and instruction set: the
-// tests build and run this program for arm64, too, and compare. Exit status 1: two instruction sets of this processor
-// disagree; 77: a frame is not there.
+// tests also build and run this program for arm64 and compare. Exit status 1: two instruction sets of this processor
+// disagree; 77: a frame is missing.
 //
 // FRAME.raw: eight little-endian bytes, columns and rows of lenslets; then their samples, 9x9 bins of 8 bits.
 #include <bit>
@@ -25,7 +25,7 @@ namespace {
 using namespace hord;
 using namespace hord::algo;
 
-// xorshift64*: the standard library's distributions are not the same everywhere.
+// xorshift64*: the standard library's distributions differ between platforms.
 struct Random {
     std::uint64_t state = 0x9E3779B97F4A7C15U;
     std::uint32_t below(std::uint32_t limit) {
@@ -76,7 +76,7 @@ std::uint64_t of_frames(const Extents& e, const FrameView& frame, const FrameVie
         if (is_distance(feature)) sum.add(mapper->against(frame, reference)->values);
     }
     const auto ground = *GroundDistance::between_bins(e.i, e.j);
-    sum.add(EmdDecisions::create(e, frame.bits, levels, ground)->decide(frame, 1)->reached);
+    sum.add(EmdThresholdMap::create(e, frame.bits, levels, ground)->decide(frame, 1)->at_or_above);
     int pieces = 3;
     auto anytime = AnytimeEmdMap::create(e, frame.bits, levels, ground);
     const auto brackets = anytime->start(frame, [&] { return pieces-- > 0; });
@@ -86,7 +86,7 @@ std::uint64_t of_frames(const Extents& e, const FrameView& frame, const FrameVie
 }
 
 // Reference HORDs of even spots, narrow ones at the left and wide ones at the right, that move from lenslet to lenslet;
-// some are dark, some not known.
+// some are dark, some unknown.
 Reference reference_of(const Extents& e, int bits, Random& random) {
     Reference r;
     r.extents = e;
@@ -123,7 +123,7 @@ Reference reference_of(const Extents& e, int bits, Random& random) {
     return r;
 }
 
-// How a frame differs from it, as a part that is turned a little.
+// The comparison of a frame with it, for a part that is turned a little.
 std::uint64_t of_comparison(const Reference& r, const FrameView& frame, Isa isa) {
     Checksum sum;
     ReferenceComparer comparer(r, isa);

@@ -1,4 +1,4 @@
-// Writes parts of the real frames for map_checksum: raw_frames OUT. Nothing where the frames are not there.
+// Writes parts of the real frames for map_checksum: raw_frames OUT. Skips frames that are missing.
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>

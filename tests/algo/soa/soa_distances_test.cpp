@@ -1,4 +1,4 @@
-// Rows stored bin by bin are the rows that decode_row gives; the features made of them keep the bounds of
+// Rows in SoA layout hold the values of decode_row(); features computed from them keep the bounds of
 // algo/soa/soa_distances.h.
 #include "algo/soa/soa_distances.h"
 
@@ -20,7 +20,7 @@ constexpr double kDistanceError = 2e-5;  // algo/soa/soa_distances.h; the contra
 constexpr double kGradientError = 6e-5;
 constexpr double kSlopeError = 0x1p-21;
 
-// Every kind of lenslet side by side: dark, one photon, sparse, dense, full, saturated.
+// Every kind of lenslet: dark, one photon, sparse, dense, full, saturated.
 Frame hostile(const Extents& e, int bits, std::uint64_t seed) {
     std::mt19937_64 random(seed);
     const std::uint32_t full = (1U << bits) - 1;
@@ -62,12 +62,12 @@ TEST(SoaRow, holds_what_decode_row_gives) {
             for (const Isa isa : isas()) {
                 SoaRow shares(e, SoaUse::shares, isa), roots(e, SoaUse::roots, isa),
                     marginals(e, SoaUse::marginals, isa), taken(e, SoaUse::shares, isa);
-                for (int n = 0; n < e.n; ++n) {  // one after the other: what is left of a row must not show in the next
+                for (int n = 0; n < e.n; ++n) {  // in order: a row must not change the next one
                     decode_row(frame.view(), e, levels, n, right);
                     for (SoaRow* row : {&shares, &roots, &marginals}) row->decode(frame.view(), levels, n);
                     std::vector<Hord> hords;
                     for (int m = 0; m < e.m; ++m) hords.push_back(right.has_hord(m) ? right.hord(m) : Hord{});
-                    taken.take(hords);
+                    taken.assign(hords);
                     for (int m = 0; m < e.m; ++m) {
                         const auto at = static_cast<std::size_t>(m);
                         for (const SoaRow* row : {&shares, &roots, &marginals}) {
@@ -81,19 +81,19 @@ TEST(SoaRow, holds_what_decode_row_gives) {
                         std::vector<double> x(static_cast<std::size_t>(e.i)), y(static_cast<std::size_t>(e.j));
                         for (int k = 0; k < e.bins(); ++k) {
                             const double h = sum > 0 ? hord.mass[k] / sum : 0;
-                            ASSERT_NEAR(shares.plane(k)[m], h, kShareError * h);
-                            ASSERT_NEAR(roots.plane(k)[m], std::sqrt(h), kShareError * std::sqrt(h));
-                            ASSERT_EQ(taken.plane(k)[m], shares.plane(k)[m]);
+                            ASSERT_NEAR(shares.array(k)[m], h, kShareError * h);
+                            ASSERT_NEAR(roots.array(k)[m], std::sqrt(h), kShareError * std::sqrt(h));
+                            ASSERT_EQ(taken.array(k)[m], shares.array(k)[m]);
                             x[static_cast<std::size_t>(k % e.i)] += h;
                             y[static_cast<std::size_t>(k / e.i)] += h;
                         }
                         double passed = 0;
                         for (int k = 0; k < e.i - 1; ++k)
-                            ASSERT_NEAR(marginals.plane(k)[m], passed += x[static_cast<std::size_t>(k)],
+                            ASSERT_NEAR(marginals.array(k)[m], passed += x[static_cast<std::size_t>(k)],
                                         2 * kShareError);
                         passed = 0;
                         for (int k = 0; k < e.j - 1; ++k)
-                            ASSERT_NEAR(marginals.plane(e.i - 1 + k)[m], passed += y[static_cast<std::size_t>(k)],
+                            ASSERT_NEAR(marginals.array(e.i - 1 + k)[m], passed += y[static_cast<std::size_t>(k)],
                                         2 * kShareError);
                     }
                 }
@@ -103,7 +103,7 @@ TEST(SoaRow, holds_what_decode_row_gives) {
 }
 
 // Windows of bins begin and end differently for every number of bins; half a lenslet at full scale has the largest
-// moments there are.
+// moments.
 TEST(SoaRow, holds_for_every_number_of_bins_however_the_light_lies) {
     std::mt19937 random(6);
     for (int i = kMinBins; i <= kMaxBins; ++i) {
@@ -113,7 +113,7 @@ TEST(SoaRow, holds_for_every_number_of_bins_however_the_light_lies) {
             const LightLevels levels{0, 1, 1U << bits};
             Frame frame(e.width_px(), e.height_px(), bits);
             for (int y = 0; y < e.height_px(); ++y) {
-                // A line's lit bins are a stretch that is the same for all lenslets of its row, or another for each.
+                // The lit bins of a line are the same range for all lenslets of the row, or another for each.
                 for (int m = 0; m < e.m; ++m) {
                     const int n = y / e.j;
                     int from = 0, to = i / 2;
@@ -147,11 +147,11 @@ TEST(SoaRow, holds_for_every_number_of_bins_however_the_light_lies) {
                         for (int k = 0; k < e.bins(); ++k) {
                             const float share =
                                 static_cast<float>(hord.mass[k]) * (1.0F / static_cast<float>(hord.sum));
-                            ASSERT_EQ(shares.plane(k)[m], right.has_hord(m) ? share : 0.0F);
+                            ASSERT_EQ(shares.array(k)[m], right.has_hord(m) ? share : 0.0F);
                         }
                         for (int k = 0; k + 1 < i; ++k) {
                             for (int j = 0; j < e.j; ++j) passed += hord.mass[j * i + k];
-                            ASSERT_EQ(marginals.plane(k)[m],
+                            ASSERT_EQ(marginals.array(k)[m],
                                       right.has_hord(m)
                                           ? static_cast<float>(passed) * (1.0F / static_cast<float>(hord.sum))
                                           : 0.0F);
@@ -237,7 +237,7 @@ TEST(SoaDistances, keeps_its_error_bounds_on_hostile_frames) {
     }
 }
 
-// Lenslets beside a hole are computed one by one, the others sixteen at a time: one result, wherever the blocks begin.
+// Lenslets beside a hole are computed one by one, the others sixteen at a time: same bits wherever the blocks begin.
 TEST(SoaDistances, does_not_depend_on_where_the_blocks_begin) {
     const Extents wide{40, 7, 9, 9}, moved{35, 7, 9, 9};
     const Frame frame = hostile(wide, 8, 6);

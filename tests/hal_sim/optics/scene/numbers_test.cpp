@@ -75,12 +75,12 @@ TEST(Numbers, a_thin_lens_bends_by_height_over_focal_length_everywhere) {  // J 
 TEST(Numbers, a_prism_one_microradian_from_total_reflection_takes_the_right_branch) {
     const double critical = std::asin(1 / 1.5);
     for (const double off : {1e-3, 1e-6, 1e-9}) {
-        const auto lit = [&](double tilt, Way& way) {
+        const auto lit = [&](double tilt, RayPolyline& way) {
             Wedge wedge;
             wedge.half_size_mm = 1, wedge.centre_thickness_mm = 4, wedge.tilt_x_rad = tilt;
             return shine(body(wedge), 0.1, 0, &way);
         };
-        Way way;
+        RayPolyline way;
         const Landing below = lit(critical - off, way);
         ASSERT_NE(below.path, 0U) << off;
         const double turned = std::asin(1.5 * std::sin(critical - off)) - (critical - off);

@@ -1,4 +1,4 @@
-// Rays side by side give what each gives alone, to the bit: for every instruction set, whoever is beside whom.
+// trace_many() gives the bits of trace() for every instruction set and combination of rays.
 #include <bit>
 #include <random>
 
@@ -83,7 +83,7 @@ TEST(TraceMany, gives_the_bits_of_single_rays_for_every_instruction_set) {
             for (const CameraRay& ray : all) alone.push_back(trace(body, ray, nullptr, ghost));
             for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
                 if (!algo::has(isa)) continue;
-                for (const std::size_t first : {std::size_t{0}, std::size_t{3}}) {  // others beside whom
+                for (const std::size_t first : {std::size_t{0}, std::size_t{3}}) {  // other rays in the same vector
                     std::vector<Arrival> many(all.size());
                     trace_many(body, std::span(all).subspan(first), many.data() + first, ghost, isa);
                     for (std::size_t k = first; k < all.size(); ++k) {

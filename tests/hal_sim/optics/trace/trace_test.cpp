@@ -1,4 +1,4 @@
-// Single rays against closed forms, and where floating point is at its worst.
+// Single rays against closed forms, and in the worst cases of floating point.
 #include "hal_sim/optics/trace/trace.h"
 
 #include <cmath>
@@ -11,7 +11,7 @@
 namespace hord::sim {
 namespace {
 
-constexpr double kClosedForm = 1e-12;  // rad; a few crossings' rounding
+constexpr double kClosedForm = 1e-12;  // rad; rounding of a few crossings
 
 Scene with(const Part& part) {
     Scene scene;
@@ -110,7 +110,7 @@ TEST(Trace, a_prism_bends_by_its_closed_form) {
 
 TEST(Trace, a_plate_shifts_and_does_not_bend) {
     const double thickness = 4, index = 1.5, angle = 0.4;
-    Way way;
+    RayPolyline way;
     const Arrival out = trace(clean(plate(thickness, index)), {0, 0, std::tan(angle), 0}, &way);
     EXPECT_NEAR(out.u, std::tan(angle), kClosedForm);
     ASSERT_EQ(way.count, 4);
@@ -144,8 +144,7 @@ TEST(Trace, a_thick_lens_bends_by_height_over_focal_length) {
     for (const double x : {-1e-3, 1e-3}) {  // spherical aberration there: (x / r)^2 = 3e-11 of the deflection
         const Landing out = shine(body, x, 0);
         EXPECT_NEAR(out.u, -x / focal, 1e-9 * std::abs(x / focal));
-        // The camera's Jacobian, du/dx on the measurement plane, is -1/f but for the principal plane's distance from
-        // it.
+        // The Jacobian du/dx on the measurement plane is -1/f, except for the distance of the principal plane from it.
         const double principal = thickness / 2 * (1 - 1 / n);
         EXPECT_NEAR(out.u / out.x, -1 / focal, 1.1 * (thickness / 2 / n + principal) / (focal * focal));
     }
@@ -225,10 +224,10 @@ TEST(Geometry, crossings_stay_on_their_side_of_a_tangent) {
     EXPECT_EQ(at(2), kNever);
     EXPECT_EQ(at(2 + 1e-15), kNever);
     EXPECT_NEAR(at(2 - 1e-12), 5, 1e-5);
-    // Inside by state and grazing by rounding: leaves here, never hangs.
+    // Inside by its state, grazing by rounding: must leave here and not loop.
     EXPECT_EQ(next_crossing(sphere, {{2, 0, 0}, {0, 0, -1}}, true, true), 0);
     EXPECT_GE(next_crossing(sphere, {{2 + 1e-14, 0, 0}, {0, 0, -1}}, true, false), 0);
-    // On the surface: the other end of the chord, and nothing from outside.
+    // On the surface: the other end of the chord from inside, nothing from outside.
     EXPECT_NEAR(next_crossing(sphere, {{0, 0, 2}, {0, 0, -1}}, true, true), 4, 1e-15);
     EXPECT_EQ(next_crossing(sphere, {{0, 0, 2}, {0, 0, -1}}, false, true), kNever);
 }
