@@ -25,28 +25,28 @@ bool write(const fs::path& folder, const std::string& name, const Frame& frame) 
 // 60 good parts, each lying a little differently; 24 with haze (a tenth of the light scattered over 1.2 lenslets), 24
 // with a bubble of 0.1 to 1.5 lenslets, 12 with a speck; 16 other good ones to learn from.
 bool production(const fs::path& folder) {
-    const sim::Scene scene = firmware::round_part();
-    const auto part = [&](const char* kind, const std::string& name, firmware::Flaw flaw, double size,
-                          firmware::Stream stream, std::uint32_t number) {
-        const bool painted = flaw == firmware::Flaw::haze || flaw == firmware::Flaw::speck;
-        auto made = firmware::make_part(scene, painted ? firmware::Flaw::none : flaw, size, 1, kSeed, stream, number);
+    const sim::Scene scene = lab::round_part();
+    const auto part = [&](const char* kind, const std::string& name, lab::Flaw flaw, double size,
+                          lab::Stream stream, std::uint32_t number) {
+        const bool painted = flaw == lab::Flaw::haze || flaw == lab::Flaw::speck;
+        auto made = lab::make_part(scene, painted ? lab::Flaw::none : flaw, size, 1, kSeed, stream, number);
         if (!made) return std::fprintf(stderr, "%s\n", made.error().message().c_str()), false;
-        if (painted) firmware::add_flaw(*made, flaw, size, kSeed, stream, number);
+        if (painted) lab::add_flaw(*made, flaw, size, kSeed, stream, number);
         return write(
             folder / kind, name + std::to_string(100 + number % 100),
-            firmware::expose_part(made->light, scene, kSeed, number + 1000 * static_cast<std::uint64_t>(stream)));
+            lab::expose_part(made->light, scene, kSeed, number + 1000 * static_cast<std::uint64_t>(stream)));
     };
     bool fine = true;
     for (std::uint32_t k = 0; k < 16; ++k)
-        fine = fine && part("learn", "part", firmware::Flaw::none, 0, firmware::Stream::learn, k);
+        fine = fine && part("learn", "part", lab::Flaw::none, 0, lab::Stream::learn, k);
     for (std::uint32_t k = 0; k < 60; ++k)
-        fine = fine && part("good", "part", firmware::Flaw::none, 0, firmware::Stream::test, k);
+        fine = fine && part("good", "part", lab::Flaw::none, 0, lab::Stream::test, k);
     for (std::uint32_t k = 0; k < 24; ++k)
-        fine = fine && part("bad", "haze", firmware::Flaw::haze, 1.2, firmware::Stream::test, 100 + k);
+        fine = fine && part("bad", "haze", lab::Flaw::haze, 1.2, lab::Stream::test, 100 + k);
     for (std::uint32_t k = 0; k < 24; ++k)
-        fine = fine && part("bad", "bubble", firmware::Flaw::bubble, 0, firmware::Stream::test, 200 + k);
+        fine = fine && part("bad", "bubble", lab::Flaw::bubble, 0, lab::Stream::test, 200 + k);
     for (std::uint32_t k = 0; k < 12; ++k)
-        fine = fine && part("bad", "speck", firmware::Flaw::speck, 1, firmware::Stream::test, 300 + k);
+        fine = fine && part("bad", "speck", lab::Flaw::speck, 1, lab::Stream::test, 300 + k);
     return fine;
 }
 
