@@ -45,8 +45,7 @@ Answer Core::step(const Event& event, TimePoint now, Actions& actions) {
 }
 
 void Core::on(Command command) {
-    const Cause cause = cause_of(command);
-    if (!next_state(state_, cause)) {
+    if (!next_state(state_, command)) {
         answer_ = Answer::not_in_this_state;
         return;
     }
@@ -62,7 +61,7 @@ void Core::on(Command command) {
         answer_ = Answer::pulse_under_way;
         return;
     }
-    go(cause);
+    go(command);
 }
 
 bool Core::go(Cause cause) {
@@ -70,25 +69,25 @@ bool Core::go(Cause cause) {
     if (!to) return false;
     const State from = state_;
     state_ = *to;
-    entered(from, cause);
+    if (const auto* command = std::get_if<Command>(&cause)) carry_out(*command, from);
     return true;
 }
 
-void Core::entered(State from, Cause cause) {
-    switch (cause) {
-        case Cause::initialise:
+void Core::carry_out(Command command, State from) {
+    switch (command) {
+        case Command::initialise:
             started_ = true;
             for (int d = 0; d < kDevices; ++d) actions_->push(StartDevice{static_cast<Device>(d)});
             break;
-        case Cause::start_single:
-        case Cause::start_continuous:
+        case Command::start_single:
+        case Command::start_continuous:
             draining_ = false;
             single_taken_ = false;
             failures_in_a_row_ = 0;
             break;
-        case Cause::stop: draining_ = true; break;
-        case Cause::abort: flush(PartReason::station_not_running); break;
-        case Cause::halt:
+        case Command::stop: draining_ = true; break;
+        case Command::abort: flush(PartReason::station_not_running); break;
+        case Command::halt:
             flush(PartReason::station_not_running);
             if (started_) actions_->push(StopDevices{});
             started_ = false;
@@ -96,7 +95,7 @@ void Core::entered(State from, Cause cause) {
             if (run_permit_) lose_permit();
             run_permit_ = false;  // closing the rejector drops it
             break;
-        case Cause::reset:
+        case Command::reset:
             abandon_lost_places();
             reset_faults();
             if (from != State::halted) {  // try again what is down
@@ -106,11 +105,12 @@ void Core::entered(State from, Cause cause) {
                 }
             }
             break;
-        case Cause::arm:
-        case Cause::disarm:
-        case Cause::finished:
-        case Cause::fault:
-        case Cause::line_stop: break;
+        case Command::arm:
+        case Command::disarm:
+        case Command::commit_recipe:
+        case Command::teach:
+        case Command::self_test:
+        case Command::use_recipe: break;
     }
 }
 
@@ -161,14 +161,14 @@ void Core::on(const DeviceLost& event) {
         if (config_.by_encoder) lose_position();
         if (executing(state_)) stop_the_line();  // parts may go by unseen
     }
-    go(Cause::fault);
+    go(Trigger::fault);
 }
 
 void Core::on(const PlcLost&) {
     plc_lost_ = true;
     if (config_.plc_policy == PlcPolicy::none) return;
     fault(kFaultPlc);
-    if (without_plc(PlcPolicy::stop) && executing(state_)) go(Cause::stop);
+    if (without_plc(PlcPolicy::stop) && executing(state_)) go(Command::stop);
     if (without_plc(PlcPolicy::reject_all)) flush(PartReason::plc_lost);
 }
 
@@ -203,7 +203,7 @@ void Core::fault(std::uint32_t bits) {
 void Core::stop_the_line() {
     line_stop_ = true;
     fault(kFaultRejectUnconfirmed);
-    go(Cause::line_stop);
+    go(Trigger::line_stop);
 }
 
 Snapshot Core::snapshot() const {

@@ -64,7 +64,7 @@ class Core {
     [[nodiscard]] bool without_plc(PlcPolicy policy) const { return plc_lost_ && config_.plc_policy == policy; }
     void on(const LineUnknown&) { stop_the_line(); }
     bool go(Cause cause);
-    void entered(State from, Cause cause);
+    void carry_out(Command command, State from);
     void flush(PartReason reason);
     void reset_faults();
     [[nodiscard]] bool accepting() const;

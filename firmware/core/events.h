@@ -9,22 +9,10 @@
 #include "drivers/hal/rejector.h"
 #include "drivers/hal/sensor.h"
 #include "drivers/hal/strobe.h"
+#include "firmware/core/commands.h"
 #include "firmware/core/station_types.h"
 
 namespace hord::firmware {
-
-// What people and the PLC ask for (OPC 40100-1 methods in brackets). core/states.h says what is allowed when.
-enum class Command : std::uint8_t {
-    initialise,        // devices are opened
-    arm,               // [PrepareRecipe] refused while a device is down
-    disarm,            // [UnprepareRecipe]
-    start_single,      // [StartSingleJob] inspects the next part, then Ready
-    start_continuous,  // [StartContinuous]
-    stop,              // [Stop] inspects no new part; Ready when the last inspected one is past the ejector
-    abort,             // [Abort] Ready at once; parts under way are rejected
-    halt,              // [Halt] devices are closed, lights and permit off
-    reset,  // [Reset] after an error (the person who resets has looked at the line) or halt; opens absent devices again
-};
 
 enum class Device : std::uint8_t { part_sensor, strobe, sensor, rejector };
 constexpr int kDevices = 4;

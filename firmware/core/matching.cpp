@@ -182,8 +182,9 @@ void Core::count_trouble(PartReason reason) {
         trouble_ |= trouble;
         fault(trouble);
         ++failures_in_a_row_;
-        if (config_.max_failures_in_a_row != 0 && failures_in_a_row_ >= config_.max_failures_in_a_row) go(Cause::fault);
-    } else if (reason <= PartReason::not_registered) {  // judged: everything on the way works
+        if (config_.max_failures_in_a_row != 0 && failures_in_a_row_ >= config_.max_failures_in_a_row)
+            go(Trigger::fault);
+    } else if (is_judged(reason)) {  // judged: everything on the way works
         trouble_ &= ~std::uint32_t{kFaultOverrun | kFaultSensor | kFaultStrobe | kFaultInspector | kFaultLightLevel};
         failures_in_a_row_ = 0;
     }

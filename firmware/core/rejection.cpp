@@ -50,7 +50,7 @@ void Core::settle() {
         next_wake_ = std::min(next_wake_, gone_at(line_[0]));
 
     const bool taken_all = draining_ || (state_ == State::single_execution && single_taken_);
-    if (executing(state_) && taken_all && wanted_on_line_ == 0) go(Cause::finished);
+    if (executing(state_) && taken_all && wanted_on_line_ == 0) go(Trigger::finished);
 }
 
 // Does what is due for one part; returns when something is due next, should no event come.

@@ -119,7 +119,7 @@ OpticsMonitor::View OpticsMonitor::view() const {
 
 Error describe(FaultBit fault, const OpticsMonitor::View& view) {
     std::string_view cure;
-    for (const FaultText& text : fault_texts()) {
+    for (const FaultInfo& text : kFaultTable) {
         if (text.bit == fault) cure = text.cure;
     }
     return {ErrorCode::invalid_argument, fault == kFaultDust ? describe_dust(view) : describe_light(fault, view),

@@ -23,21 +23,6 @@ constexpr CommandOutcome failed(CommandError error, std::uint32_t result = 0) {
     return {CommandState::failed, error, result};
 }
 
-std::optional<Command> command_of(std::uint16_t code) {
-    switch (static_cast<CommandCode>(code)) {
-        case CommandCode::initialise: return Command::initialise;
-        case CommandCode::arm: return Command::arm;
-        case CommandCode::disarm: return Command::disarm;
-        case CommandCode::start_single: return Command::start_single;
-        case CommandCode::start_continuous: return Command::start_continuous;
-        case CommandCode::stop: return Command::stop;
-        case CommandCode::abort: return Command::abort;
-        case CommandCode::halt: return Command::halt;
-        case CommandCode::reset: return Command::reset;
-        default: return std::nullopt;
-    }
-}
-
 CommandOutcome outcome_of(Answer answer) {
     switch (answer) {
         case Answer::done: return done();
@@ -49,11 +34,11 @@ CommandOutcome outcome_of(Answer answer) {
     return failed(CommandError::failed);
 }
 
-std::string name_in_map(std::string_view row, std::uint32_t value) {
-    for (const NamedValue& named : find_register(BlockId::reply, row)->values) {
-        if (named.value == value) return std::string(named.name);
-    }
-    return fmt::format("{}", value);
+// The value's name; its number where it has none.
+template <class E>
+std::string name_or_number(E value) {
+    const std::string_view name = name_of(value);
+    return name == "unknown" ? fmt::format("{}", static_cast<int>(value)) : std::string(name);
 }
 
 Who who_is(const modbus::Origin& origin) { return {std::string(origin.peer), 0}; }
@@ -125,18 +110,19 @@ CommandOutcome CommandHandler::on_command(const modbus::Origin& origin, const Co
 }
 
 CommandOutcome CommandHandler::carry_out(const Who& who, const CommandRequest& request) {
-    if (const auto command = command_of(request.code)) {
-        const bool ends_teach = *command == Command::abort || *command == Command::halt;
-        const bool cancelled = ends_teach && cancel_teach(name_in_map("code", request.code) + " was commanded");
-        const Answer answer = works_->station.request(*command);
+    const auto command = static_cast<Command>(request.code);
+    if (is_state_command(command)) {
+        const bool ends_teach = command == Command::abort || command == Command::halt;
+        const bool cancelled = ends_teach && cancel_teach(std::string(name_of(command)) + " was commanded");
+        const Answer answer = works_->station.request(command);
         // Nothing was on the line to be aborted; the teach was.
-        if (cancelled && *command == Command::abort && answer == Answer::not_in_this_state) return done();
+        if (cancelled && command == Command::abort && answer == Answer::not_in_this_state) return done();
         return outcome_of(answer);
     }
-    switch (static_cast<CommandCode>(request.code)) {
-        case CommandCode::use_recipe: return use_recipe(who, request);
-        case CommandCode::self_test: return self_test(who, request);
-        case CommandCode::teach: return teach(who, request);
+    switch (command) {
+        case Command::use_recipe: return use_recipe(who, request);
+        case Command::self_test: return self_test(who, request);
+        case Command::teach: return teach(who, request);
         default: return failed(CommandError::unknown_command);
     }
 }
@@ -144,11 +130,10 @@ CommandOutcome CommandHandler::carry_out(const Who& who, const CommandRequest& r
 void CommandHandler::record(const Who& who, const CommandRequest& request, State before,
                             const CommandOutcome& outcome) {
     if (works_->recorder == nullptr) return;
-    std::string came_to = name_in_map("state", static_cast<std::uint32_t>(outcome.state));
-    if (outcome.error != CommandError::none)
-        came_to += " " + name_in_map("error", static_cast<std::uint32_t>(outcome.error));
-    works_->recorder->on_change(
-        {Change::What::command, who, name_in_map("code", request.code), std::string(name_of(before)), came_to});
+    std::string after = name_or_number(outcome.state);
+    if (outcome.error != CommandError::none) after += " " + name_or_number(outcome.error);
+    works_->recorder->on_change({Change::What::command, who, name_or_number(static_cast<Command>(request.code)),
+                                 std::string(name_of(before)), after});
 }
 
 void CommandHandler::report(const Error& error) const {

@@ -63,12 +63,12 @@ std::optional<std::string> printable_text(std::span<const std::uint16_t> words) 
 }
 
 bool may_interrupt(std::uint16_t code) {
-    const auto command = static_cast<CommandCode>(code);
-    return command == CommandCode::stop || command == CommandCode::abort || command == CommandCode::halt;
+    const auto command = static_cast<Command>(code);
+    return command == Command::stop || command == Command::abort || command == Command::halt;
 }
 
 // It takes as long as its parts, and they come only when the station is started.
-bool goes_on_beside_others(std::uint16_t code) { return static_cast<CommandCode>(code) == CommandCode::teach; }
+bool goes_on_beside_others(std::uint16_t code) { return static_cast<Command>(code) == Command::teach; }
 
 }  // namespace
 
@@ -154,7 +154,7 @@ CommandOutcome PlcInterface::execute(const modbus::Origin& origin, const Station
                                      const CommandRequest& request) {
     const auto refuse = [](CommandError error) { return CommandOutcome{CommandState::failed, error, 0}; };
     if (request.boot != 0 && request.boot != (options_.boot_id & 0xFFFFU)) return refuse(CommandError::other_boot);
-    if (static_cast<CommandCode>(request.code) == CommandCode::commit_recipe) {
+    if (static_cast<Command>(request.code) == Command::commit_recipe) {
         if (now.state == State::single_execution || now.state == State::continuous_execution) {
             return refuse(CommandError::not_in_this_state);
         }

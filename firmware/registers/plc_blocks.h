@@ -8,19 +8,6 @@
 
 namespace hord::firmware::rows {
 
-inline constexpr NamedValue kCommands[] = {
-    {1, "initialise"}, {2, "arm"},        {3, "disarm"},      {4, "start_single"}, {5, "start_continuous"},
-    {6, "stop"},       {7, "abort"},      {8, "halt"},        {9, "reset"},        {20, "commit_recipe"},
-    {21, "teach"},     {22, "self_test"}, {23, "use_recipe"},
-};
-inline constexpr NamedValue kCommandStates[] = {{0, "none"}, {1, "executing"}, {2, "completed"}, {3, "failed"}};
-inline constexpr NamedValue kCommandErrors[] = {
-    {0, "none"},           {1, "unknown_command"}, {2, "not_in_this_state"}, {3, "device_down"},   {4, "bad_argument"},
-    {5, "wrong_checksum"}, {6, "token_reused"},    {7, "other_boot"},        {8, "not_supported"}, {9, "failed"},
-    {10, "plc_lost"},      {11, "not_yet"},        {12, "no_such_recipe"},   {13, "cancelled"},
-};
-inline constexpr NamedValue kPolicies[] = {{0, "none"}, {1, "stop"}, {2, "reject_all"}};
-
 inline constexpr Register kCommand[] = {
     writable(number(8002, Type::bits32, "token", "",
                     "chosen by the sender, another one for every command, never 0; repeated, it does nothing twice",
@@ -29,7 +16,7 @@ inline constexpr Register kCommand[] = {
                     [](const Source& s) { return plc_bits(s, [](auto& p) { return p.command.boot; }); })),
     writable(number(
         8005, Type::u16, "code", "", "the command",
-        [](const Source& s) { return plc(s, [](auto& p) { return p.command.code; }); }, kCommands)),
+        [](const Source& s) { return plc(s, [](auto& p) { return p.command.code; }); }, kNamesOf<Command>)),
     writable(
         number(8006, Type::bits32, "argument", "",
                "commit_recipe: staged_crc32; use_recipe: the recipe's number; teach: parts, 8 to 64, or 0: 16; else 0",
@@ -48,13 +35,13 @@ inline constexpr Register kReply[] = {
            [](const Source& s) { return plc_bits(s, [](auto& p) { return p.reply.token; }); }),
     number(
         8024, Type::u16, "code", "", "the command",
-        [](const Source& s) { return plc(s, [](auto& p) { return p.reply.code; }); }, kCommands),
+        [](const Source& s) { return plc(s, [](auto& p) { return p.reply.code; }); }, kNamesOf<Command>),
     number(
         8025, Type::u16, "state", "", "what became of it",
-        [](const Source& s) { return plc(s, [](auto& p) { return p.reply.state; }); }, kCommandStates),
+        [](const Source& s) { return plc(s, [](auto& p) { return p.reply.state; }); }, kNamesOf<CommandState>),
     number(
         8026, Type::u16, "error", "", "why it failed",
-        [](const Source& s) { return plc(s, [](auto& p) { return p.reply.error; }); }, kCommandErrors),
+        [](const Source& s) { return plc(s, [](auto& p) { return p.reply.error; }); }, kNamesOf<CommandError>),
     number(8027, Type::bits32, "result", "",
            "what the command gives back; self_test: the faults found, as in faults_active; commit_recipe, use_recipe: "
            "CRC-32 of the recipe now in use; teach: parts taken so far, and when completed the CRC-32 of the recipe "
@@ -71,7 +58,7 @@ inline constexpr Register kPlc[] = {
                     [](const Source& s) { return plc(s, [](auto& p) { return p.acknowledged; }); })),
     number(
         8105, Type::u16, "policy", "", "what the station does when the heartbeat stops; from its configuration",
-        [](const Source& s) { return plc(s, [](auto& p) { return p.policy; }); }, kPolicies),
+        [](const Source& s) { return plc(s, [](auto& p) { return p.policy; }); }, kNamesOf<PlcPolicy>),
     number(8106, Type::u16, "timeout", "ms", "after which the PLC counts as lost; from the configuration",
            [](const Source& s) { return plc(s, [](auto& p) { return p.timeout_ms; }); }),
     number(8107, Type::u32, "overruns", "results",

@@ -61,7 +61,7 @@ class Client {
         std::uint32_t result = 0;
         std::string error_name;  // "not_in_this_state"
     };
-    [[nodiscard]] Result<Reply> command(CommandCode code, std::uint32_t argument, std::uint32_t argument2,
+    [[nodiscard]] Result<Reply> command(Command code, std::uint32_t argument, std::uint32_t argument2,
                                         std::chrono::milliseconds patience, std::string_view who = {});
 
     ~Client();

@@ -23,8 +23,6 @@
 
 namespace hord::firmware {
 
-// Raised when rows are added; the CRC-32 of the table changes with it (map_crc32()).
-inline constexpr std::uint16_t kMapVersion = 3;
 inline constexpr std::uint32_t kMapMagic = 0x484F5244;  // "HORD"
 inline constexpr std::uint16_t kBlockHeader = 2;        // registers [id, length]
 inline constexpr std::uint16_t kMaxRead = 125;          // registers in one request: a block is one coherent read

@@ -1,6 +1,9 @@
 // How a row of the register map is written. Only for the files of the table.
 #pragma once
 
+#include <array>
+
+#include "firmware/core/enum_values.h"
 #include "firmware/registers/register_map.h"
 
 namespace hord::firmware::rows {
@@ -8,6 +11,16 @@ namespace hord::firmware::rows {
 using Source = RegisterValues;
 using Type = RegisterType;
 using Number = std::optional<double>;
+
+// Every value of E with its name_of().
+template <class E>
+inline constexpr auto kNamesOf = [] {
+    std::array<NamedValue, kValuesOf<E>.size()> names{};
+    for (std::size_t k = 0; k < names.size(); ++k) {
+        names[k] = {static_cast<std::uint32_t>(kValuesOf<E>[k]), name_of(kValuesOf<E>[k])};
+    }
+    return names;
+}();
 
 constexpr Register number(std::uint16_t address, Type type, std::string_view name, std::string_view unit,
                           std::string_view meaning, Number (*read)(const Source&),

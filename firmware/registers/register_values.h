@@ -9,9 +9,13 @@
 #include <string>
 #include <string_view>
 
+#include "firmware/core/commands.h"
 #include "firmware/core/station_types.h"
 
 namespace hord::firmware {
+
+// Raised when a row is added to the register map (station_blocks.h, plc_blocks.h).
+inline constexpr std::uint16_t kMapVersion = 3;
 
 // Who the station is; the same strings are in Modbus device identification (FC 43/14).
 struct StationIdentity {
@@ -83,23 +87,17 @@ struct ResultStatistics {
 
 // -- the PLC's side (plc_interface.h)
 
-enum class CommandCode : std::uint16_t {
-    initialise = 1,
-    arm = 2,
-    disarm = 3,
-    start_single = 4,
-    start_continuous = 5,
-    stop = 6,
-    abort = 7,
-    halt = 8,
-    reset = 9,
-    commit_recipe = 20,  // argument: staged_crc32
-    teach = 21,  // argument: parts, or 0: 16; result: those taken so far, then the CRC-32 of the recipe with its new
-                 // reference
-    self_test = 22,   // result: FaultBits of what failed
-    use_recipe = 23,  // argument: its number; argument2: its CRC-32, or 0: whatever it is; result: its CRC-32
-};
 enum class CommandState : std::uint16_t { none = 0, executing = 1, completed = 2, failed = 3 };
+constexpr std::string_view name_of(CommandState state) {
+    switch (state) {
+        case CommandState::none: return "none";
+        case CommandState::executing: return "executing";
+        case CommandState::completed: return "completed";
+        case CommandState::failed: return "failed";
+    }
+    return "unknown";
+}
+
 enum class CommandError : std::uint16_t {
     none = 0,
     unknown_command = 1,
@@ -112,16 +110,34 @@ enum class CommandError : std::uint16_t {
     not_supported = 8,
     failed = 9,
     plc_lost = 10,  // start: the PLC's heartbeat is missing
-    not_yet = 11,  // arm: the ejector is still acting; self_test: or parts are on the line; teach: one is under way, or
-                   // waits for the line to stop
+    not_yet = 11,   // arm: the ejector is still acting; self_test: or parts are on the line; teach: another is running
     no_such_recipe = 12,  // use_recipe: no usable file has this number
     cancelled = 13,       // teach: abort, halt or another recipe ended it
 };
+constexpr std::string_view name_of(CommandError error) {
+    switch (error) {
+        case CommandError::none: return "none";
+        case CommandError::unknown_command: return "unknown_command";
+        case CommandError::not_in_this_state: return "not_in_this_state";
+        case CommandError::device_down: return "device_down";
+        case CommandError::bad_argument: return "bad_argument";
+        case CommandError::wrong_checksum: return "wrong_checksum";
+        case CommandError::token_reused: return "token_reused";
+        case CommandError::other_boot: return "other_boot";
+        case CommandError::not_supported: return "not_supported";
+        case CommandError::failed: return "failed";
+        case CommandError::plc_lost: return "plc_lost";
+        case CommandError::not_yet: return "not_yet";
+        case CommandError::no_such_recipe: return "no_such_recipe";
+        case CommandError::cancelled: return "cancelled";
+    }
+    return "unknown";
+}
 
 struct CommandRequest {
     std::uint32_t token = 0;  // chosen by the sender, never 0
     std::uint16_t boot = 0;   // low half of boot_id, or 0: any
-    std::uint16_t code = 0;   // CommandCode
+    std::uint16_t code = 0;   // a Command, or an unknown number
     std::uint32_t argument = 0, argument2 = 0;
     ShortText who = {};  // for whom the sender asks, at most 20 printable ASCII characters; empty: for itself
     bool operator==(const CommandRequest&) const = default;

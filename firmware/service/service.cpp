@@ -157,7 +157,7 @@ struct Service::Components final : StationObserver, InspectionObserver {
     void on_optics() {
         const OpticsMonitor::View view = optics->view();
         const std::uint32_t news = optics->news();
-        for (const FaultText& fault : fault_texts()) {
+        for (const FaultInfo& fault : kFaultTable) {
             if ((news & fault.bit) != 0 && watchers.trouble) watchers.trouble(describe(fault.bit, view));
         }
         optics_faults = view.faults;

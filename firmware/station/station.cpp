@@ -6,22 +6,15 @@
 namespace hord::firmware {
 namespace {
 
-constexpr std::string_view kCommandNames[] = {"initialise", "arm",   "disarm", "start-single", "start-continuous",
-                                              "stop",       "abort", "halt",   "reset"};
-
 bool near(Duration a, Duration b, Duration tolerance) { return a - b <= tolerance && b - a <= tolerance; }
 
-std::string_view name_of(Command command) { return kCommandNames[static_cast<int>(command)]; }
-
 Error not_in_this_state(Command command, State state) {
-    Error error{
-        ErrorCode::refused, "cannot " + std::string(name_of(command)) + " in " + std::string(name_of(state)), {}};
+    Error error{ErrorCode::refused, "cannot " + hyphenated_name_of(command) + " in " + std::string(name_of(state)), {}};
     std::string possible;
-    for (int c = 0; c <= static_cast<int>(Command::reset); ++c) {
-        const auto other = static_cast<Command>(c);
-        if (!next_state(state, cause_of(other))) continue;
+    for (int k = 0; k < kStateCommands; ++k) {
+        if (!next_state(state, state_command(k))) continue;
         if (!possible.empty()) possible += ", ";
-        possible += name_of(other);
+        possible += hyphenated_name_of(state_command(k));
     }
     error.cure = "possible now: " + possible;
     return error;

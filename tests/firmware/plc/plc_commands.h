@@ -100,13 +100,13 @@ class PlcCommands : public ::testing::Test, public StationObserver {
 
     void devices_up() { rejector.link(true); }
     void ready() {
-        EXPECT_EQ(command(CommandCode::initialise), CommandError::none);
+        EXPECT_EQ(command(Command::initialise), CommandError::none);
         devices_up();
-        EXPECT_EQ(command(CommandCode::arm), CommandError::none);
+        EXPECT_EQ(command(Command::arm), CommandError::none);
     }
     void running() {
         ready();
-        EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+        EXPECT_EQ(command(Command::start_continuous), CommandError::none);
         EXPECT_EQ(state(), firmware::State::continuous_execution);
     }
     firmware::State state() { return static_cast<firmware::State>(read(102, 1)[0]); }
@@ -122,15 +122,14 @@ class PlcCommands : public ::testing::Test, public StationObserver {
     modbus::Exception write(std::uint16_t address, const Words& words) {
         return image->write_registers({.peer = "192.0.2.7:50123"}, address, words);
     }
-    modbus::Exception send(std::uint32_t as, CommandCode code, std::uint32_t argument = 0,
-                           std::uint32_t argument2 = 0) {
+    modbus::Exception send(std::uint32_t as, Command code, std::uint32_t argument = 0, std::uint32_t argument2 = 0) {
         const auto low = [](std::uint32_t v) { return static_cast<std::uint16_t>(v & 0xFFFFU); };
         return write(8002,
                      {low(as >> 16U), low(as), 0xB007, static_cast<std::uint16_t>(code), low(argument >> 16U),
                       low(argument), low(argument2 >> 16U), low(argument2)});
     }
     // As a new command; what its reply says.
-    CommandError command(CommandCode code, std::uint32_t argument = 0, std::uint32_t argument2 = 0) {
+    CommandError command(Command code, std::uint32_t argument = 0, std::uint32_t argument2 = 0) {
         EXPECT_EQ(send(++token, code, argument, argument2), modbus::Exception::none);
         EXPECT_EQ(read32(8022), token);
         return static_cast<CommandError>(read(8026, 1)[0]);

@@ -139,13 +139,13 @@ TEST(Registers, every_reason_and_fault_has_the_cores_name) {
         reasons += name == "unknown" ? 0 : 1;
     }
     EXPECT_GE(reasons, 20);
-    for (const FaultText& fault : fault_texts()) {
+    for (const FaultInfo& fault : kFaultTable) {
         const auto bit = static_cast<std::uint32_t>(std::countr_zero(static_cast<std::uint32_t>(fault.bit)));
         EXPECT_EQ(name_in_map(BlockId::status, "faults_active", bit), fault.name);
         EXPECT_EQ(name_in_map(BlockId::status, "faults_latched", bit), fault.name);
         EXPECT_EQ(name_in_map(BlockId::status, "first_fault", bit + 1), fault.name);
     }
-    EXPECT_EQ(find_register(BlockId::status, "faults_active")->values.size(), fault_texts().size());
+    EXPECT_EQ(find_register(BlockId::status, "faults_active")->values.size(), kFaultTable.size());
 }
 
 TEST(Registers, names_are_unique_in_their_block) {

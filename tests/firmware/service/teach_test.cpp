@@ -37,7 +37,7 @@ class Plc {
         EXPECT_TRUE(words) << words.error().message();
         return words ? std::uint32_t{(*words)[0]} << 16U | (*words)[1] : 0;
     }
-    modbus::Client::Reply command(CommandCode code, std::uint32_t argument = 0) {
+    modbus::Client::Reply command(Command code, std::uint32_t argument = 0) {
         const auto reply = client_->command(code, argument, 0, kPatience);
         EXPECT_TRUE(reply) << reply.error().message();
         return reply ? *reply : modbus::Client::Reply{};
@@ -113,7 +113,7 @@ class TeachService : public ::testing::Test {
         std::thread person([&] {
             Plc with((*service)->registers_address());
             EXPECT_TRUE(with.sees([&] {
-                if (with.is(State::error)) (void)with.command(CommandCode::reset);
+                if (with.is(State::error)) (void)with.command(Command::reset);
                 return over.load();
             }));
         });
@@ -161,13 +161,13 @@ TEST_F(TeachService, learns_from_twelve_parts_judges_by_them_and_still_does_afte
         EXPECT_EQ(plc.read32(111), configured);
         modbus::Client::Reply reply;
         EXPECT_TRUE(plc.sees([&] {
-            reply = plc.command(CommandCode::teach, 12);
+            reply = plc.command(Command::teach, 12);
             return reply.error != CommandError::not_in_this_state;  // until the station can be started
         }));
         EXPECT_EQ(reply.state, CommandState::completed) << reply.error_name;
         taught = reply.result;
         EXPECT_NE(taught, configured);
-        (void)plc.command(CommandCode::stop);
+        (void)plc.command(Command::stop);
         EXPECT_TRUE(plc.sees([&] { return plc.read32(111) == taught; }));
     });
     EXPECT_THAT(files(), ElementsAre("recipe-in-use.toml", "references/taught-7-1.hordref"));
