@@ -93,12 +93,12 @@ void Core::carry_out(Command command, State from) {
             started_ = false;
             up_ = 0;
             if (run_permit_) lose_permit();
-            run_permit_ = false;  // closing the rejector drops it
+            run_permit_ = false;  // StopDevices switches the output off
             break;
         case Command::reset:
             abandon_lost_places();
             reset_faults();
-            if (from != State::halted) {  // try again what is down
+            if (from != State::halted) {  // start the devices that are down
                 started_ = true;
                 for (int d = 0; d < kDevices; ++d) {
                     if (!up(static_cast<Device>(d))) actions_->push(StartDevice{static_cast<Device>(d)});
@@ -114,7 +114,7 @@ void Core::carry_out(Command command, State from) {
     }
 }
 
-// Parts without a verdict get one now. Their commands go out when they are due.
+// Gives every part without a verdict `unfit`. The reject commands follow when they are due.
 void Core::flush(PartReason reason) {
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
@@ -134,7 +134,7 @@ void Core::reset_faults() {
 void Core::on(const DeviceUp& event) {
     if (!started_) return;  // a report from before the halt
     up_ |= bit(event.device);
-    if (event.device == Device::part_sensor) {  // it counts from 1 again
+    if (event.device == Device::part_sensor) {  // its sequence numbers begin at 1 again
         last_edge_ = 0;
         last_kind_ = hal::PartEdge::Kind::leaves;
         last_edge_at_ = TimePoint::min();
@@ -159,7 +159,7 @@ void Core::on(const DeviceLost& event) {
     }
     if (event.device == Device::part_sensor) {
         if (config_.by_encoder) lose_position();
-        if (executing(state_)) stop_the_line();  // parts may go by unseen
+        if (executing(state_)) stop_the_line();  // parts may pass undetected
     }
     go(Trigger::fault);
 }

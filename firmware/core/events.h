@@ -1,4 +1,4 @@
-// What the core is told. Times inside an event are the device's; the time of the step is a parameter of its own.
+// The inputs of the core. Times inside an event are the device's; the time of the step is a parameter of Core::step().
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@ namespace hord::firmware {
 enum class Device : std::uint8_t { part_sensor, strobe, sensor, rejector };
 constexpr int kDevices = 4;
 
-// Names a frame that the shell holds on loan.
+// Identifies a frame buffer that the station (firmware/station/station.h) holds for the core.
 using FrameHandle = std::uint32_t;
 
 struct FrameArrived {
@@ -26,7 +26,7 @@ struct FrameArrived {
 };
 struct Judged {
     std::uint32_t part = 0;
-    bool failed = false;  // the inspection returned an error; the rest is meaningless
+    bool failed = false;  // the inspection returned an error; the members below are not set
     algo::Verdict verdict = algo::Verdict::unfit;
     algo::Reason reason = algo::Reason::none;
     std::uint16_t defects = 0;
@@ -40,7 +40,7 @@ struct DeviceUp {
 struct DeviceLost {
     Device device{};
 };
-// A device refused an action; `part` is the one it was for.
+// A device refused an action for this part.
 struct TriggerRefused {
     std::uint32_t part = 0;
 };
@@ -53,16 +53,16 @@ struct InspectRefused {
 struct RejectRefused {
     std::uint32_t part = 0;
 };
-// The PLC's heartbeat has stopped, or is back: CoreConfig::plc_policy.
+// The PLC's heartbeat has stopped, or is back. The effect: CoreConfig::plc_policy.
 struct PlcLost {};
 struct PlcBack {};
-// Parts may be on the line that this core has never seen.
+// Unknown parts may be on the line: the process before this one ended with parts on it.
 struct LineUnknown {};
-// Troubles that the core cannot see itself and that change no verdict: kOutsideFaults. Those present now.
+// The bits of kOutsideFaults that are active now: faults that the core cannot detect and that change no verdict.
 struct OutsideFaults {
     std::uint32_t active = 0;
 };
-// Time has passed: Core::next_wake() is due.
+// Core::next_wake() has been reached.
 struct Tick {};
 
 using Event = std::variant<Tick, Command, hal::PartEdge, hal::EncoderReading, FrameArrived, hal::StrobeReport, Judged,

@@ -1,4 +1,4 @@
-// Frames, light and judgements find their parts, or are recognised as nobody's.
+// Assigns frames, strobe reports and judgements to parts, and detects those that belong to no part.
 #include <algorithm>
 
 #include "firmware/core/core.h"
@@ -45,8 +45,8 @@ std::uint32_t to_us(Duration d) {
 
 }  // namespace
 
-// A frame belongs to the part whose exposure was asked for at its time stamp, and only once. A frame that is nobody's
-// is put down to the oldest part that still waits: should its own frame not come, this is why.
+// A frame belongs to the part whose exposure was requested at its time stamp; one frame a part. A stray frame is noted
+// on the oldest part that waits for its frame: if that one never comes, the stray frame's kind is the reason.
 void Core::on(const FrameArrived& event) {
     const std::uint32_t step = event.info.sequence - last_frame_;
     const bool repeated = frames_seen_ && (step == 0 || step >= (1U << 31));
@@ -61,7 +61,7 @@ void Core::on(const FrameArrived& event) {
         return;
     }
     part->frame_due = false;
-    if (part->phase != Part::Phase::waiting) {  // it has its verdict: rejected for another reason
+    if (part->phase != Part::Phase::waiting) {  // already rejected for another reason
         actions_->push(ReleaseFrame{event.frame});
     } else if (event.info.corrupt || event.info.bytes_used < config_.frame_bytes) {
         actions_->push(ReleaseFrame{event.frame});
@@ -118,7 +118,7 @@ void Core::on(const Judged& judged) {
     judge_when_complete(*part);
 }
 
-// The judgement counts once light and place are known to have been right, and before the deadline only.
+// The judgement counts only when light and position were right, and before the deadline.
 void Core::judge_when_complete(Part& part) {
     if (!part.judged || !part.light_good || !part.place_good) return;
     if (now_ >= at_ejector(part) - config_.reject_early - config_.reject_lead) {
@@ -175,7 +175,8 @@ void Core::decide(Part& part, PartVerdict verdict, PartReason reason) {
     if (verdict == PartVerdict::pass) complete(part, RejectState::not_needed);
 }
 
-// The same kind of trouble part after part is a fault of the station, not of the parts.
+// Raises the fault of a part without a judgement. Several such parts in a row lead to Error: the station is at fault,
+// not the parts.
 void Core::count_trouble(PartReason reason) {
     const std::uint32_t trouble = trouble_of(reason);
     if (trouble != 0) {
@@ -184,7 +185,7 @@ void Core::count_trouble(PartReason reason) {
         ++failures_in_a_row_;
         if (config_.max_failures_in_a_row != 0 && failures_in_a_row_ >= config_.max_failures_in_a_row)
             go(Trigger::fault);
-    } else if (is_judged(reason)) {  // judged: everything on the way works
+    } else if (is_judged(reason)) {  // every device on the way works
         trouble_ &= ~std::uint32_t{kFaultOverrun | kFaultSensor | kFaultStrobe | kFaultInspector | kFaultLightLevel};
         failures_in_a_row_ = 0;
     }

@@ -136,7 +136,7 @@ struct Counters {
 constexpr std::uint16_t kNoNumber = 0xFFFF;
 
 struct PartResult {
-    std::uint32_t sequence = 0;   // result number, from 1; 0: no result yet
+    std::uint32_t sequence = 0;   // of results, from 1; 0: no result yet
     std::uint32_t part = 0;       // part number since the station started, from 1
     std::int64_t arrived_ns = 0;  // station time of the edge
     PartVerdict verdict = PartVerdict::unfit;

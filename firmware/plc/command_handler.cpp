@@ -13,7 +13,7 @@
 namespace hord::firmware {
 namespace {
 
-// A flash, its frame and its judgement take less, or are not to be had.
+// Longest time for a flash, its frame and its judgement.
 constexpr Duration kTestPatience = milliseconds(2000);
 
 constexpr CommandOutcome done(std::uint32_t result = 0) {
@@ -42,7 +42,7 @@ std::string name_or_number(E value) {
 }
 
 Who who_is(const modbus::Origin& origin) { return {std::string(origin.peer), 0}; }
-// "127.0.0.1:50123 for anna": whom the sender names is recorded beside the address, never instead of it.
+// "127.0.0.1:50123 for anna": the name that the sender gives is recorded beside its address.
 Who who_is(const modbus::Origin& origin, const CommandRequest& request) {
     const std::string_view name = request.who.view();
     return {name.empty() ? std::string(origin.peer) : fmt::format("{} for {}", origin.peer, name), request.token};
@@ -52,11 +52,10 @@ std::uint16_t scaled(double value, double scale) {
     return static_cast<std::uint16_t>(std::clamp(std::lround(value * scale), 0L, 0xFFFEL));
 }
 
-// What nothing is judged by is not available; another value in its place is a contradiction that a recipe is refused
-// for.
+// Shown as the limit of a feature that the recipe does not judge. A recipe with another value there is refused.
 constexpr std::uint16_t kNotJudged = 0xFFFF;
 
-// A limit keeps what registers cannot say of it, unless they say something else.
+// Takes the staged limit only if it was changed: an unchanged one keeps the digits that registers cannot show.
 void take(float& limit, std::uint16_t staged, std::uint16_t was, double scale) {
     if (staged != was) limit = static_cast<float>(staged / scale);
 }
@@ -115,7 +114,7 @@ CommandOutcome CommandHandler::carry_out(const Who& who, const CommandRequest& r
         const bool ends_teach = command == Command::abort || command == Command::halt;
         const bool cancelled = ends_teach && cancel_teach(std::string(name_of(command)) + " was commanded");
         const Answer answer = works_->station.request(command);
-        // Nothing was on the line to be aborted; the teach was.
+        // Nothing was on the line; the abort was for the teach.
         if (cancelled && command == Command::abort && answer == Answer::not_in_this_state) return done();
         return outcome_of(answer);
     }
@@ -149,7 +148,7 @@ Result<void> CommandHandler::use(const Who& who, NumberedRecipe recipe) {
                     fmt::format("recipe {} cannot be taken while the station executes", recipe.number),
                     "stop it first");
     }
-    // What a file may not say, registers may not either.
+    // The same checks as for a recipe file.
     if (auto checked = parse_numbered_recipe(format_recipe(recipe), fmt::format("recipe {}", recipe.number));
         !checked) {
         return tl::unexpected(checked.error());
@@ -164,7 +163,7 @@ Result<void> CommandHandler::use(const Who& who, NumberedRecipe recipe) {
     return {};
 }
 
-// With the inspector's consent it is in use, remembered and recorded.
+// Gives the recipe to the inspector; if it accepts, stores and records it.
 Result<void> CommandHandler::take(const Who& who, NumberedRecipe recipe) {
     if (auto taken = works_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
     const NumberedRecipe before = std::exchange(recipe_, std::move(recipe));
@@ -210,7 +209,7 @@ CommandOutcome CommandHandler::on_recipe(const modbus::Origin& origin, const Com
 
 // -- self-test
 
-// The judgement on drawn parts at once; then one flash and one frame of the empty line, which answer later.
+// Judges rendered parts at once; then one flash and one frame of the empty line, whose outcome comes later.
 CommandOutcome CommandHandler::self_test(const Who& who, const CommandRequest& request) {
     Station& station = works_->station;
     const State state = station.core().state();

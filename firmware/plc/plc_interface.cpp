@@ -13,7 +13,7 @@ using modbus::Exception;
 
 std::uint32_t double_word(std::span<const std::uint16_t> words) { return std::uint32_t{words[0]} << 16U | words[1]; }
 
-// The first register of a row, so that addresses stand in the table alone.
+// The address of a row, from the table.
 std::uint16_t address_of(BlockId id, std::string_view name) { return find_register(id, name)->address; }
 
 bool means_not_available(const Register& row, std::span<const std::uint16_t> words) {
@@ -29,7 +29,7 @@ bool means_not_available(const Register& row, std::span<const std::uint16_t> wor
     return false;
 }
 
-// Every register belongs to a writable row of one block, every row is whole and no value is a sentinel.
+// Checks that the values are whole writable rows of the block and that no value is a sentinel.
 Exception check_rows(const Block& block, std::uint16_t address, std::span<const std::uint16_t> values) {
     std::size_t covered = 0;
     for (const Register& row : block.registers) {
@@ -46,8 +46,8 @@ Exception check_rows(const Block& block, std::uint16_t address, std::span<const 
     return covered == values.size() ? Exception::none : Exception::illegal_address;
 }
 
-// Registers as text: two printable ASCII characters each, zeros behind the last. Anything else: nothing, it would be
-// recorded.
+// Registers as text: two printable ASCII characters each, zeros behind the last. Other bytes: nothing, because the text
+// goes into records.
 std::optional<std::string> printable_text(std::span<const std::uint16_t> words) {
     std::string text;
     bool ended = false;
@@ -67,7 +67,7 @@ bool may_interrupt(std::uint16_t code) {
     return command == Command::stop || command == Command::abort || command == Command::halt;
 }
 
-// It takes as long as its parts, and they come only when the station is started.
+// A teach needs parts, and parts need other commands to start the station.
 bool goes_on_beside_others(std::uint16_t code) { return static_cast<Command>(code) == Command::teach; }
 
 }  // namespace
@@ -120,7 +120,8 @@ Exception PlcInterface::take_command(const modbus::Origin& origin, const Station
 
     if (const Remembered* before = find(request.token)) {
         shown_ = *before;
-        if (before->request != request) {  // another command: it is not executed, and the first one keeps its reply
+        if (before->request !=
+            request) {  // another command with this token: not executed; the first one keeps its reply
             shown_ = {.request = request,
                       .reply = {.token = request.token,
                                 .code = request.code,
@@ -136,7 +137,7 @@ Exception PlcInterface::take_command(const modbus::Origin& origin, const Station
     if (!may_interrupt(request.code) && std::any_of(memory_.begin(), memory_.end(), must_be_alone))
         return Exception::busy;
 
-    // Remembered before it is executed: whatever the handler brings about, this token does nothing again.
+    // Remembered before it is executed, so that a reentrant write of this token does nothing.
     while (is_executing(memory_[next_])) next_ = (next_ + 1) % memory_.size();
     Remembered& mine = memory_[next_];
     next_ = (next_ + 1) % memory_.size();
@@ -192,7 +193,7 @@ Exception PlcInterface::take_plc(const modbus::Origin& origin, const StationNow&
         if (std::exchange(lost_, false)) handler_.on_plc_back();
     }
     if (takes) {
-        if (!std::exchange(acknowledges_, true)) {  // what the ring lost before nobody had asked for
+        if (!std::exchange(acknowledges_, true)) {  // results overwritten before the first acknowledgement do not count
             counted_until_ = now.newest_sequence > kRingSlots ? now.newest_sequence - kRingSlots : 0;
         }
         if (taken == acknowledged_) return Exception::none;

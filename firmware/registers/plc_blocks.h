@@ -1,4 +1,4 @@
-// Rows of COMMAND, REPLY, PLC, RECIPE, HEALTH and CALIBRATION. Only ever appended to; nothing here moves.
+// Rows of COMMAND, REPLY, PLC, RECIPE, HEALTH and CALIBRATION. Append only.
 #pragma once
 
 #include <algorithm>
@@ -71,8 +71,7 @@ inline constexpr Register kPlc[] = {
            }),
 };
 
-// Of a feature that is not judged no limit is available. The staged values stand together: what is committed is exactly
-// registers 8202 to 8209.
+// 0xFFFF: the feature is not judged, and its limit is not available. commit_recipe takes registers 8202 to 8209.
 inline constexpr double in_thousandths(std::uint16_t limit) {
     return limit == 0xFFFF ? std::numeric_limits<double>::quiet_NaN() : limit / 1000.0;
 }

@@ -1,4 +1,4 @@
-// How a row of the register map is written. Only for the files of the table.
+// Helpers to write a row of the register map. Only for station_blocks.h and plc_blocks.h.
 #pragma once
 
 #include <array>
@@ -45,17 +45,17 @@ constexpr Register writable(Register row) {
     return row;
 }
 
-// Extras are optional and of several types; the encoder wants a number or nothing.
+// An optional of any number type as the encoder takes it.
 template <class T>
 Number maybe(const std::optional<T>& value) {
     return value ? Number{static_cast<double>(*value)} : Number{};
 }
-// A part of the PLC's view; nothing while nobody takes commands.
+// A member of the PlcView; not available without a PLC interface.
 template <class F>
 Number plc(const Source& s, F read) {
     return s.extras.plc ? Number{static_cast<double>(read(*s.extras.plc))} : Number{};
 }
-// The same for bit sets and checksums, which are always available: 0 while nobody takes commands.
+// The same for bit sets and checksums, which are always available: 0 without a PLC interface.
 template <class F>
 Number plc_bits(const Source& s, F read) {
     return plc(s, read).value_or(0);

@@ -1,5 +1,5 @@
-// What the registers show besides the snapshot: each part is published by whoever knows it. Empty: not
-// available.
+// The values behind the registers. Each struct is published by the component that knows it; an empty optional is shown
+// as "not available".
 #pragma once
 
 #include <algorithm>
@@ -17,16 +17,16 @@ namespace hord::firmware {
 // Raised when a row is added to the register map (station_blocks.h, plc_blocks.h).
 inline constexpr std::uint16_t kMapVersion = 3;
 
-// Who the station is; the same strings are in Modbus device identification (FC 43/14).
+// Also served as Modbus device identification (FC 43/14).
 struct StationIdentity {
     std::string vendor = "HORD";
     std::string product = "HORD station";
     std::string firmware = {};  // version, "0.1.0"
     std::string serial = {};
-    std::uint32_t boot_id = 0;  // another number after every start: a reset of the sequence cannot be misread
+    std::uint32_t boot_id = 0;  // random at every start: sequence numbers of different boots cannot be confused
 };
 
-// Text of at most 32 characters that can be copied without allocating; longer text is cut.
+// Text of at most 32 characters, copied without allocating; longer text is truncated.
 class ShortText {
   public:
     ShortText() = default;
@@ -54,13 +54,13 @@ struct OpticsReport {
     std::optional<double> light_percent = {}, dark_drift_dn = {}, uneven_percent = {};
     std::optional<std::uint16_t> uneven_m = {}, uneven_n = {};
     std::optional<std::uint32_t> specks = {};
-    // The largest one.
+    // Of the largest speck.
     std::optional<std::uint16_t> dust_m = {}, dust_n = {};
     std::optional<std::uint32_t> dust_lenslets = {};
     std::optional<double> dust_share_percent = {}, dust_x_mm = {}, dust_y_mm = {};
 };
 
-// Latencies and the rate are taken from the ring of results; these are not.
+// Health values that are not computed from results (those: ResultStatistics).
 struct HealthReport {
     std::optional<std::uint32_t> uptime_s = {};
     std::optional<std::uint32_t> frames_lost = {}, frames_corrupt = {};
@@ -78,7 +78,7 @@ struct CalibrationReport {
     std::optional<std::uint16_t> lenslets_m = {}, lenslets_n = {};
 };
 
-// Taken from the last results that can still be read.
+// Over the results in the ring.
 struct ResultStatistics {
     std::optional<std::uint32_t> latency_p50_us = {}, latency_p99_us = {}, latency_max_us = {};
     std::optional<std::uint32_t> reject_p50_us = {}, reject_p99_us = {}, reject_max_us = {};
@@ -139,7 +139,7 @@ struct CommandRequest {
     std::uint16_t boot = 0;   // low half of boot_id, or 0: any
     std::uint16_t code = 0;   // a Command, or an unknown number
     std::uint32_t argument = 0, argument2 = 0;
-    ShortText who = {};  // for whom the sender asks, at most 20 printable ASCII characters; empty: for itself
+    ShortText who = {};  // on whose behalf, at most 20 printable ASCII characters; empty: the sender itself
     bool operator==(const CommandRequest&) const = default;
 };
 struct CommandReply {
@@ -150,7 +150,7 @@ struct CommandReply {
     std::uint32_t result = 0;
 };
 
-// Limits of algo/recipe/recipe.h, as whole numbers in the units of the map.
+// Limits of algo/recipe/recipe.h as integers in the map's units.
 struct StagedRecipe {
     std::uint16_t number = 0;
     std::uint16_t emd_limit_mbins = 1000, frobenius_limit_mbins = 1000, transmission_permille = 500;
@@ -161,7 +161,7 @@ struct StagedRecipe {
 };
 
 struct PlcView {
-    CommandRequest command;  // the newest
+    CommandRequest command;  // the last one written
     CommandReply reply;      // to it
     std::uint32_t commands_done = 0;
     std::uint16_t heartbeat = 0;
@@ -179,10 +179,10 @@ struct RegisterExtras {
     HealthReport health;
     CalibrationReport calibration;
     ResultStatistics statistics;
-    std::optional<PlcView> plc;  // empty: nobody takes commands
+    std::optional<PlcView> plc;  // empty: the station has no PLC interface
 };
 
-// What the encoder reads. `result` is the one that a slot or LAST shows.
+// Input of the encoder. `result` is shown in the ring's slot or in LAST.
 struct RegisterValues {
     const StationIdentity& identity;
     const Snapshot& snapshot;

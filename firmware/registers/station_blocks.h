@@ -1,4 +1,4 @@
-// Rows of IDENT, STATUS, COUNTERS, LAST and RING. Only ever appended to; nothing here moves.
+// Rows of IDENT, STATUS, COUNTERS, LAST and RING. Append only.
 #pragma once
 
 #include <algorithm>
@@ -117,8 +117,8 @@ inline constexpr Register kCounters[] = {
            [](const Source& s) -> Number { return s.snapshot.counters.reject_late; }),
 };
 
-// One result in 24 registers, the same in LAST and in the ring. Its sequence stands at both ends: a reader
-// that takes the slot in several requests sees that they differ when the slot was overwritten meanwhile.
+// One result in 24 registers, the same in LAST and in the ring. The sequence number stands at both ends: they differ
+// when the slot was overwritten between two requests of a reader.
 inline Number of_result(const Source& s, double value) { return s.result.sequence == 0 ? Number{} : Number{value}; }
 
 inline Number of_known(const Source& s, std::uint16_t value) {
