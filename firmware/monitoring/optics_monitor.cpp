@@ -10,8 +10,8 @@
 namespace hord::firmware {
 namespace {
 
-constexpr double kWayBack = 0.25;  // of the limit, until a fault is over
-constexpr float kSamePlace = 2;    // lenslets: a largest speck that is further away than this is another one
+constexpr double kWayBack = 0.25;  // hysteresis, share of the limit
+constexpr float kSamePlace = 2;    // lenslets: a largest speck farther away is another one
 
 bool beyond(bool before, double value, double limit) { return value > (before ? (1 - kWayBack) * limit : limit); }
 

@@ -1,5 +1,5 @@
-// hord-safe: what systemd runs after hordd, however that ended. A program of its own because it has to be quick: hordd
-// links a hundred libraries more, and loading them alone takes longer than all that is done here.
+// hord-safe: systemd runs it after hordd has ended in any way. A program of its own because it must be quick: loading
+// hordd's libraries takes longer than everything here.
 #include <cstdio>
 #include <string>
 

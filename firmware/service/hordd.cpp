@@ -1,5 +1,5 @@
-// hordd: the station as a service. Everything it does it does through Service; this file only speaks to systemd:
-// readiness, status and watchdog, sockets that it opened, reload, the journal, and the policy of the timing thread.
+// hordd: the station as a systemd service. Service does the work; this file handles readiness, status, watchdog, socket
+// activation, reload, the journal and the real-time policy.
 #include <cstdio>
 #include <cstdlib>
 #include <string>
@@ -21,7 +21,7 @@ namespace {
 using namespace hord;
 using namespace hord::firmware;
 
-constexpr int kBadConfiguration = 78;  // EX_CONFIG: starting again does not help
+constexpr int kBadConfiguration = 78;  // EX_CONFIG: systemd does not restart
 constexpr int kCannotRun = 2;
 constexpr Duration kStatusEvery = milliseconds(1000);
 
@@ -48,7 +48,7 @@ int complain(JournalEvent what, const Error& error, int status) {
     return status;
 }
 
-// Sockets of hordd.socket, by their names.
+// The sockets of hordd.socket by their FileDescriptorName.
 ListenSockets doors_from_systemd() {
     ListenSockets doors;
     char** names = nullptr;
@@ -118,7 +118,7 @@ class Daemon {
         }
     }
 
-    // The timer only asks. Who feeds the watchdog is the last of the inspecting threads to answer, through the loop.
+    // The watchdog is fed only after every inspecting thread and the loop have answered.
     void ask_for_progress_every(Duration pace) {
         service_->liveness_check([] { sd_notify(0, "WATCHDOG=1"); });
         service_->loop().call_after(pace, [this, pace] { ask_for_progress_every(pace); });

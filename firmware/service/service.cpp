@@ -28,8 +28,7 @@
 namespace hord::firmware {
 namespace {
 
-// The registers follow every result and change of state at once, and the rest (heartbeats, parts on the line) at this
-// pace.
+// Period of publishing heartbeats and the number of parts on the line; results and states are published at once.
 constexpr Duration kPublishEvery = milliseconds(50);
 constexpr Duration kHealthEvery = milliseconds(1000);
 constexpr const char* kRecipeInUse = "recipe-in-use.toml";
@@ -40,7 +39,7 @@ StationIdentity identity_of(const Config& config) {
     StationIdentity identity;
     identity.firmware = HORD_VERSION;
     identity.serial = config.name;
-    // A command's `boot` is the low half, where 0 means any boot.
+    // The low half must not be 0: in a command's `boot` that means any boot.
     while ((identity.boot_id & 0xFFFFU) == 0) identity.boot_id = std::random_device{}();
     return identity;
 }
@@ -61,8 +60,7 @@ std::optional<double> disk_free_percent(const std::filesystem::path& folder) {
 
 }  // namespace
 
-// Members are destroyed in reverse order: the station halts before its devices go, the devices before the loop; who
-// asks over the network goes first.
+// Members are destroyed in reverse order: servers first, then the station (halts), the devices, the loop.
 struct Service::Components final : StationObserver, InspectionObserver {
     Config config;
     ListenSockets doors;
@@ -70,11 +68,11 @@ struct Service::Components final : StationObserver, InspectionObserver {
     std::unique_ptr<SdEventLoop> loop;
     std::unique_ptr<store::StationRecorder> recorder;
     std::unique_ptr<Backends> backends;
-    std::unique_ptr<DriftMonitor> drift;    // fed by the inspector's threads
-    std::unique_ptr<OpticsMonitor> optics;  // the same
-    std::unique_ptr<LineTeachIn> teacher;   // fed by them, too; none: there is no state folder
+    std::unique_ptr<DriftMonitor> drift;    // fed by the inspecting threads
+    std::unique_ptr<OpticsMonitor> optics;  // fed by the inspecting threads
+    std::unique_ptr<LineTeachIn> teacher;   // fed by the inspecting threads; null: no state folder
     CalibrationReport calibration;
-    std::optional<ActiveCalibration> grid;  // none: frames are macro-pixels
+    std::optional<ActiveCalibration> grid;  // empty: macro-pixel frames
     std::uint32_t store_faults = 0, drift_fault = 0, optics_faults = 0;
     std::unique_ptr<Inspector> inspector;
     std::unique_ptr<Station> station;
@@ -91,7 +89,7 @@ struct Service::Components final : StationObserver, InspectionObserver {
     std::uint32_t configured_recipe = 0;  // CRC-32
     std::uint32_t boot_id = 0;
 
-    // Every result once, in order: several may be complete between two calls.
+    // Publishes every result once, in order; several may have been completed since the last call.
     void publish() {
         registers->publish(station->snapshot(), unpublished);
         unpublished.clear();
@@ -112,7 +110,7 @@ struct Service::Components final : StationObserver, InspectionObserver {
         health.frames_lost = health.frames_lost.value_or(0) + lost;
         health.frames_corrupt = health.frames_corrupt.value_or(0) + corrupt;
         unpublished.push_back(result);
-        loop->post([this] { publish(); });  // the core has finished its step by then
+        loop->post([this] { publish(); });  // after the core's step
         if (watchers.result) watchers.result(result);
     }
     void on_state(State from, State to) override {
@@ -139,7 +137,7 @@ struct Service::Components final : StationObserver, InspectionObserver {
         if (drift && drift->add(frame)) loop->post([this] { on_drift(); });
         if (optics && part != Station::kTestPart && optics->add(frame, inspection)) loop->post([this] { on_optics(); });
     }
-    // Noticed, or gone again.
+    // Drift was detected, or is over.
     void on_drift() {
         const DriftMonitor::View view = drift->view();
         if (view.noticed && watchers.trouble) {
@@ -153,7 +151,7 @@ struct Service::Components final : StationObserver, InspectionObserver {
         publish_calibration();
         tell_faults();
     }
-    // Something of light or optics became a fault, or is none any more; or dust lies somewhere else.
+    // A fault of light or optics came or went, or the largest dust speck is another one.
     void on_optics() {
         const OpticsMonitor::View view = optics->view();
         const std::uint32_t news = optics->news();
@@ -176,8 +174,7 @@ struct Service::Components final : StationObserver, InspectionObserver {
     }
     void on_recipe(const NumberedRecipe& recipe) {
         registers->publish(RecipeInUse{recipe.number, crc32_of(recipe), ShortText(recipe.recipe.name)});
-        optics->restart(
-            recipe.recipe.lenslet_mm);  // what parts showed under another recipe says nothing of them under this one
+        optics->restart(recipe.recipe.lenslet_mm);  // the statistics of parts belong to the old recipe
         if (optics_faults != 0) loop->post([this] { on_optics(); });
     }
 
@@ -190,7 +187,7 @@ struct Service::Components final : StationObserver, InspectionObserver {
     Result<std::vector<std::string>> reload(const Config& next);
 };
 
-// The ports: the cheapest thing that can be wrong. Nobody is answered before the loop runs.
+// The ports come first: the quickest check. Requests are answered only when the loop runs.
 Result<void> Service::Components::open_doors() {
     const StationIdentity identity = identity_of(config);
     boot_id = identity.boot_id;
@@ -223,7 +220,7 @@ Result<void> Service::Components::open_doors() {
     return {};
 }
 
-// The configured one, or what was committed since it was configured.
+// The configured recipe, or the one that has replaced it since by commands.
 Result<NumberedRecipe> Service::Components::first_recipe() {
     NumberedRecipe recipe;
     if (!config.inspection.recipe.empty()) {
@@ -248,7 +245,7 @@ Result<NumberedRecipe> Service::Components::first_recipe() {
     return recipe;
 }
 
-// The light field's size: that of macro-pixel frames, or what the calibration makes of raw ones.
+// Size of the light field: from the format of macro-pixel frames, or from the calibration for raw ones.
 Result<algo::Extents> Service::Components::open_grid(const hal::SensorFormat& format) {
     const InspectionConfig& wanted = config.inspection;
     if (wanted.grid.empty())
@@ -410,7 +407,7 @@ bool same_doors(const TcpServer& a, const TcpServer& b) {
 }  // namespace
 
 Result<std::vector<std::string>> Service::Components::reload(const Config& next) {
-    // The recipe first: it alone can be refused.
+    // The recipe first: nothing else can fail.
     std::vector<std::string> waiting;
     NumberedRecipe recipe;
     if (!next.inspection.recipe.empty()) {

@@ -1,4 +1,4 @@
-// The pipeline as an inspector: one a thread, or one in virtual time.
+// Inspectors with the pipeline: one pipeline a thread, or one in virtual time.
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -13,7 +13,7 @@ std::uint16_t to_register(float lenslets) {
     return static_cast<std::uint16_t>(std::clamp(std::lround(lenslets), 0L, 0xFFFEL));
 }
 
-// What one thread judges with; nothing is allocated a frame.
+// One thread's pipeline and buffers; no allocation per frame.
 struct InspectionWorker {
     algo::Pipeline pipeline;
     std::optional<algo::GridDecoder> decoder;  // of raw frames
@@ -46,7 +46,7 @@ Judged judge_with(InspectionWorker& bench, std::uint32_t part, const hal::FrameL
     return judged;
 }
 
-// std::function wants what can be copied; a Pipeline cannot.
+// shared_ptr, because a std::function must be copyable and a Pipeline is not.
 Result<std::shared_ptr<InspectionWorker>> make_bench(const InspectorSettings& settings) {
     auto pipeline = algo::Pipeline::create(settings.extents, settings.bits, settings.recipe);
     if (!pipeline) return tl::unexpected(pipeline.error());

@@ -17,7 +17,7 @@ struct Job {
     hal::FrameLease frame;
 };
 
-// Shared with what was posted, which may run after the inspector is gone.
+// Shared with posted functions, which may run after the inspector is destroyed.
 struct Mailbox {
     std::mutex mutex;
     std::vector<Judged> answers;
@@ -108,7 +108,7 @@ class ThreadedInspector final : public Inspector {
     }
 
     void work(InspectFunction& judge) {
-        // Inspecting is work, not timing: it must not keep the loop from meeting the line's times.
+        // Inspection must not delay the loop's thread, which may run under SCHED_FIFO.
         const sched_param ordinary{};
         ::sched_setscheduler(0, SCHED_OTHER, &ordinary);
         std::uint64_t answered = 0;

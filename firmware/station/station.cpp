@@ -30,7 +30,7 @@ CoreConfig with_frame_size(CoreConfig config, const hal::SensorFormat& format) {
 
 }  // namespace
 
-// What the devices say becomes an event.
+// Turns reports of devices into events.
 struct Station::DeviceListener final : hal::PartSensor::Listener,
                                        hal::Strobe::Listener,
                                        hal::Sensor::Listener,
@@ -132,7 +132,7 @@ void Station::plc_back() { take(PlcBack{}); }
 
 void Station::line_unknown() { take(LineUnknown{}); }
 
-// Events that come while a step is carried out wait for its end, so that every step sees the state the last one left.
+// Events that come during a step are queued until its end: steps do not nest.
 Answer Station::take(const Event& event) {
     if (stepping_) {
         waiting_.push_back(event);
@@ -184,7 +184,7 @@ void Station::carry_out(const StartDevice& action) {
             cell_.sensor.stop();
             done = cell_.sensor.start(*ears_);
             break;
-        case Device::rejector:  // looks for its module by itself, and says when it has found it
+        case Device::rejector:  // connects by itself and reports its link
             if (rejector_started_) return;
             done = cell_.rejector.start(*ears_);
             rejector_started_ = done.has_value();
@@ -243,7 +243,7 @@ void Station::carry_out(const PartResult& result) {
     if (observer_ != nullptr) observer_->on_result(result);
 }
 
-// -- the flash test: past the core, which has no part for it
+// -- flash test; the core has no part for it and does not take part
 
 bool Station::test_possible() const {
     const State state = core_.state();
