@@ -100,12 +100,12 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
 
     const bool position_known = !config_.by_encoder || counted;
     if (accepting()) {
-        part.wanted = true;
-        ++wanted_on_line_;
+        part.accepted = true;
+        ++accepted_on_line_;
         single_taken_ = true;
     }
     if (!identity_certain || !position_known) return decide(part, PartVerdict::unfit, PartReason::edge_lost);
-    if (!part.wanted) return decide(part, PartVerdict::unfit, PartReason::station_not_running);
+    if (!part.accepted) return decide(part, PartVerdict::unfit, PartReason::station_not_running);
     if (without_plc(PlcPolicy::reject_all)) return decide(part, PartVerdict::unfit, PartReason::plc_lost);
     if (too_close) return decide(part, PartVerdict::unfit, PartReason::parts_too_close);
     if (line_.size() > config_.max_parts) return decide(part, PartVerdict::unfit, PartReason::line_full);

@@ -23,11 +23,11 @@ Answer Core::step(const Event& event, TimePoint now, Actions& actions) {
     actions_ = &actions;
     answer_ = Answer::done;
     now_ = std::max(now, now_);
-    if (next_heartbeat_ == TimePoint{}) next_heartbeat_ = now_ + config_.heartbeat;
+    if (next_heartbeat_ == TimePoint{}) next_heartbeat_ = now_ + config_.station_heartbeat;
     if (now_ >= next_heartbeat_) {
-        const auto beats = 1 + (now_ - next_heartbeat_) / config_.heartbeat;
+        const auto beats = 1 + (now_ - next_heartbeat_) / config_.station_heartbeat;
         heartbeat_ = static_cast<std::uint16_t>(heartbeat_ + beats);
-        next_heartbeat_ += beats * config_.heartbeat;
+        next_heartbeat_ += beats * config_.station_heartbeat;
     }
     std::visit([this](const auto& e) { on(e); }, event);
     settle();
@@ -214,7 +214,7 @@ Snapshot Core::snapshot() const {
     s.faults_active = active_faults();
     s.faults_latched = faults_latched_;
     s.first_fault = first_fault_;
-    s.heartbeat = heartbeat_;
+    s.station_heartbeat = heartbeat_;
     s.parts_on_line = line_.size();
     s.counters = counters_;
     s.last = last_;
@@ -237,7 +237,7 @@ std::vector<std::string> problems(const CoreConfig& c) {
     positive(c.frame_timeout, "timing.frame_timeout_ms");
     positive(c.frame_window, "timing.frame_window_us");
     positive(c.reject_pulse, "rejector.pulse_ms");
-    positive(c.heartbeat, "station.heartbeat_ms");
+    positive(c.station_heartbeat, "station.heartbeat_ms");
     if (c.max_parts < 1 || c.max_parts > kLineCapacity) {
         all.push_back("line.max_parts is " + std::to_string(c.max_parts) + ": use 1 to " +
                       std::to_string(kLineCapacity));

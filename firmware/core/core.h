@@ -94,7 +94,7 @@ class Core {
     void on(const TriggerRefused& event);
     void on(const StrobeRefused& event);
     void on(const InspectRefused& event);
-    void note_on_oldest_awaiting(PartReason oddity);
+    void note_stray_frame(PartReason stray_frame);
     [[nodiscard]] Part* exposed_at(TimePoint exposure_start);
     void judge_when_complete(Part& part);
     void decide(Part& part, PartVerdict verdict, PartReason reason);
@@ -135,7 +135,7 @@ class Core {
     Line line_;
     Conveyor conveyor_;
     std::uint32_t parts_ = 0;
-    std::uint32_t wanted_on_line_ = 0;
+    std::uint32_t accepted_on_line_ = 0;
     TimePoint ejector_rests_at_ = TimePoint::min();  // end of the last pulse commanded
     TimePoint last_arrival_ = TimePoint::min();
     std::int64_t last_arrival_counts_ = 0;

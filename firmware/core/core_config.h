@@ -61,7 +61,7 @@ struct CoreConfig {
 
     // So many parts in a row without a judgement, by faults of the station, lead to Error; 0: never.
     std::uint32_t max_failures_in_a_row = 5;
-    Duration heartbeat = milliseconds(500);
+    Duration station_heartbeat = milliseconds(500);
     PlcPolicy plc_policy = PlcPolicy::none;  // effect of PlcLost
 
     bool operator==(const CoreConfig&) const = default;

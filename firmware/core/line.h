@@ -18,7 +18,7 @@ struct Part {
         complete,   // recorded; it has not passed the ejector yet
     };
     Phase phase = Phase::waiting;
-    bool wanted = false;     // came while the station accepted parts: is (or was) to be inspected
+    bool accepted = false;   // came while the station accepted parts: is (or was) to be inspected
     bool exposed = false;    // exposure and light were requested; exposure_start is set
     bool frame_due = false;  // requested, no frame matched yet
     bool light_due = false;  // requested, no strobe report yet
@@ -30,7 +30,7 @@ struct Part {
     bool place_lost = false;    // without encoder: the line may have stopped before the part reached the ejector
     bool abandoned = false;     // place_lost, and a reset has ended its tracking
     bool reported = false;      // the rejector's report has come
-    PartReason oddity =
+    PartReason stray_frame =
         PartReason::none;  // kind of a stray frame that came meanwhile: the reason if its own frame never comes
 
     TimePoint arrived;

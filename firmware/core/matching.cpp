@@ -56,7 +56,7 @@ void Core::on(const FrameArrived& event) {
     }
     Part* part = repeated ? nullptr : exposed_at(event.info.exposure_start);
     if (part == nullptr || !part->frame_due) {
-        note_on_oldest_awaiting(repeated ? PartReason::frame_duplicate : PartReason::frame_stale);
+        note_stray_frame(repeated ? PartReason::frame_duplicate : PartReason::frame_stale);
         actions_->push(ReleaseFrame{event.frame});
         return;
     }
@@ -75,7 +75,7 @@ void Core::on(const FrameArrived& event) {
 Part* Core::exposed_at(TimePoint exposure_start) {
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
-        if (!part.wanted || !part.frame_due) continue;
+        if (!part.accepted || !part.frame_due) continue;
         if (!differs_by_more(exposure_start.time_since_epoch(), part.exposure_start.time_since_epoch(),
                              config_.frame_window)) {
             return &part;
@@ -84,11 +84,11 @@ Part* Core::exposed_at(TimePoint exposure_start) {
     return nullptr;
 }
 
-void Core::note_on_oldest_awaiting(PartReason oddity) {
+void Core::note_stray_frame(PartReason stray_frame) {
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
         if (part.phase != Part::Phase::waiting || !part.frame_due) continue;
-        if (part.oddity == PartReason::none) part.oddity = oddity;
+        if (part.stray_frame == PartReason::none) part.stray_frame = stray_frame;
         return;
     }
 }
@@ -171,7 +171,7 @@ void Core::decide(Part& part, PartVerdict verdict, PartReason reason) {
         case PartVerdict::reject: ++counters_.reject; break;
         case PartVerdict::unfit: ++counters_.unfit; break;
     }
-    if (part.wanted) count_trouble(reason);
+    if (part.accepted) count_trouble(reason);
     if (verdict == PartVerdict::pass) complete(part, RejectState::not_needed);
 }
 

@@ -43,14 +43,14 @@ void Core::settle() {
         next_wake_ = std::min(next_wake_, settle(line_[k]));
     }
     while (line_.size() > 0 && line_[0].phase == Part::Phase::complete && now_ >= gone_at(line_[0])) {
-        if (line_[0].wanted) --wanted_on_line_;
+        if (line_[0].accepted) --accepted_on_line_;
         line_.pop_oldest();
     }
     if (line_.size() > 0 && line_[0].phase == Part::Phase::complete)
         next_wake_ = std::min(next_wake_, gone_at(line_[0]));
 
     const bool taken_all = draining_ || (state_ == State::single_execution && single_taken_);
-    if (executing(state_) && taken_all && wanted_on_line_ == 0) go(Trigger::finished);
+    if (executing(state_) && taken_all && accepted_on_line_ == 0) go(Trigger::finished);
 }
 
 // Does what is due for one part. Returns when something is due next without an event.
@@ -63,7 +63,8 @@ TimePoint Core::settle(Part& part) {
         if (now_ < lost_at) {
             next = lost_at;
         } else if (part.frame_due) {
-            decide(part, PartVerdict::unfit, part.oddity != PartReason::none ? part.oddity : PartReason::frame_lost);
+            decide(part, PartVerdict::unfit,
+                   part.stray_frame != PartReason::none ? part.stray_frame : PartReason::frame_lost);
         } else {
             decide(part, PartVerdict::unfit, PartReason::strobe_failed);
         }

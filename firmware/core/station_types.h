@@ -156,7 +156,7 @@ struct Snapshot {
     bool run_permit = false;
     std::uint32_t faults_active = 0, faults_latched = 0;
     std::uint16_t first_fault = 0;  // bit number + 1; 0: none
-    std::uint16_t heartbeat = 0;
+    std::uint16_t station_heartbeat = 0;
     std::uint32_t parts_on_line = 0;
     Counters counters;
     PartResult last;

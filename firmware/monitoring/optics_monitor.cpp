@@ -1,5 +1,6 @@
 #include "firmware/monitoring/optics_monitor.h"
 
+#include <bit>
 #include <cmath>
 #include <utility>
 
@@ -118,12 +119,9 @@ OpticsMonitor::View OpticsMonitor::view() const {
 }
 
 Error describe(FaultBit fault, const OpticsMonitor::View& view) {
-    std::string_view cure;
-    for (const FaultInfo& text : kFaultTable) {
-        if (text.bit == fault) cure = text.cure;
-    }
+    const FaultInfo& row = kFaultTable[static_cast<std::size_t>(std::countr_zero(static_cast<std::uint32_t>(fault)))];
     return {ErrorCode::invalid_argument, fault == kFaultDust ? describe_dust(view) : describe_light(fault, view),
-            std::string(cure)};
+            std::string(row.cure)};
 }
 
 }  // namespace hord::firmware

@@ -56,7 +56,7 @@ std::uint16_t scaled(double value, double scale) {
 constexpr std::uint16_t kNotJudged = 0xFFFF;
 
 // Takes the staged limit only if it was changed: an unchanged one keeps the digits that registers cannot show.
-void take(float& limit, std::uint16_t staged, std::uint16_t was, double scale) {
+void set_if_changed(float& limit, std::uint16_t staged, std::uint16_t was, double scale) {
     if (staged != was) limit = static_cast<float>(staged / scale);
 }
 
@@ -78,33 +78,33 @@ NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged) {
     const StagedRecipe was = staged_from(base);
     algo::Recipe& r = base.recipe;
     base.number = staged.number;
-    take(r.emd_limit_bins, staged.emd_limit_mbins, was.emd_limit_mbins, 1e3);
-    take(r.frobenius_limit_bins, staged.frobenius_limit_mbins, was.frobenius_limit_mbins, 1e3);
-    take(r.transmission_limit, staged.transmission_permille, was.transmission_permille, 1e3);
+    set_if_changed(r.emd_limit_bins, staged.emd_limit_mbins, was.emd_limit_mbins, 1e3);
+    set_if_changed(r.frobenius_limit_bins, staged.frobenius_limit_mbins, was.frobenius_limit_mbins, 1e3);
+    set_if_changed(r.transmission_limit, staged.transmission_permille, was.transmission_permille, 1e3);
     if (staged.min_area != was.min_area) r.min_area = staged.min_area;
     if (staged.rim_margin != was.rim_margin) r.rim_margin = staged.rim_margin;
-    take(r.max_saturated_share, staged.max_saturated_permyriad, was.max_saturated_permyriad, 1e4);
-    take(r.min_lit_share, staged.min_lit_permyriad, was.min_lit_permyriad, 1e4);
+    set_if_changed(r.max_saturated_share, staged.max_saturated_permyriad, was.max_saturated_permyriad, 1e4);
+    set_if_changed(r.min_lit_share, staged.min_lit_permyriad, was.min_lit_permyriad, 1e4);
     return base;
 }
 
 CommandHandler::~CommandHandler() = default;
 
-void CommandHandler::begin(Dependencies works, NumberedRecipe recipe) {
-    works_.emplace(std::move(works));
+void CommandHandler::begin(Dependencies dependencies, NumberedRecipe recipe) {
+    dependencies_.emplace(std::move(dependencies));
     recipe_ = std::move(recipe);
-    works_->desk.stage(staged_from(recipe_));
-    if (works_->recipe_changed) works_->recipe_changed(recipe_);
+    dependencies_->plc_interface.stage(staged_from(recipe_));
+    if (dependencies_->recipe_changed) dependencies_->recipe_changed(recipe_);
 }
 
 // -- commands
 
 CommandOutcome CommandHandler::on_command(const modbus::Origin& origin, const CommandRequest& request) {
     const Who who = who_is(origin, request);
-    const State before = works_->station.core().state();
+    const State before = dependencies_->station.core().state();
     const CommandOutcome outcome = carry_out(who, request);
     if (outcome.state != CommandState::executing) record(who, request, before, outcome);
-    if (works_->publish) works_->publish();
+    if (dependencies_->publish) dependencies_->publish();
     return outcome;
 }
 
@@ -113,7 +113,7 @@ CommandOutcome CommandHandler::carry_out(const Who& who, const CommandRequest& r
     if (is_state_command(command)) {
         const bool ends_teach = command == Command::abort || command == Command::halt;
         const bool cancelled = ends_teach && cancel_teach(std::string(name_of(command)) + " was commanded");
-        const Answer answer = works_->station.request(command);
+        const Answer answer = dependencies_->station.request(command);
         // Nothing was on the line; the abort was for the teach.
         if (cancelled && command == Command::abort && answer == Answer::not_in_this_state) return done();
         return outcome_of(answer);
@@ -128,21 +128,21 @@ CommandOutcome CommandHandler::carry_out(const Who& who, const CommandRequest& r
 
 void CommandHandler::record(const Who& who, const CommandRequest& request, State before,
                             const CommandOutcome& outcome) {
-    if (works_->recorder == nullptr) return;
+    if (dependencies_->recorder == nullptr) return;
     std::string after = name_or_number(outcome.state);
     if (outcome.error != CommandError::none) after += " " + name_or_number(outcome.error);
-    works_->recorder->on_change({Change::What::command, who, name_or_number(static_cast<Command>(request.code)),
-                                 std::string(name_of(before)), after});
+    dependencies_->recorder->on_change({Change::What::command, who, name_or_number(static_cast<Command>(request.code)),
+                                        std::string(name_of(before)), after});
 }
 
 void CommandHandler::report(const Error& error) const {
-    if (works_->trouble) works_->trouble(error);
+    if (dependencies_->trouble) dependencies_->trouble(error);
 }
 
 // -- recipes
 
 Result<void> CommandHandler::use(const Who& who, NumberedRecipe recipe) {
-    const State state = works_->station.core().state();
+    const State state = dependencies_->station.core().state();
     if (executing(state)) {
         return fail(ErrorCode::refused,
                     fmt::format("recipe {} cannot be taken while the station executes", recipe.number),
@@ -154,23 +154,23 @@ Result<void> CommandHandler::use(const Who& who, NumberedRecipe recipe) {
         return tl::unexpected(checked.error());
     }
     const std::string why = fmt::format("recipe {} was taken", recipe.number);
-    if (auto taken = take(who, std::move(recipe)); !taken) return taken;
+    if (auto taken = switch_to(who, std::move(recipe)); !taken) return taken;
     (void)cancel_teach(why);
     if (const auto dropped = std::exchange(waiting_, std::nullopt)) {
-        works_->teacher->discard(dropped->recipe);
+        dependencies_->teacher->discard(dropped->recipe);
         report({ErrorCode::refused, "what was taught is dropped before it came into use: " + why, "teach again"});
     }
     return {};
 }
 
 // Gives the recipe to the inspector; if it accepts, stores and records it.
-Result<void> CommandHandler::take(const Who& who, NumberedRecipe recipe) {
-    if (auto taken = works_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
+Result<void> CommandHandler::switch_to(const Who& who, NumberedRecipe recipe) {
+    if (auto taken = dependencies_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
     const NumberedRecipe before = std::exchange(recipe_, std::move(recipe));
-    works_->desk.stage(staged_from(recipe_));
-    if (works_->recipe_changed) works_->recipe_changed(recipe_);
-    if (works_->recorder != nullptr) {
-        works_->recorder->on_change(
+    dependencies_->plc_interface.stage(staged_from(recipe_));
+    if (dependencies_->recipe_changed) dependencies_->recipe_changed(recipe_);
+    if (dependencies_->recorder != nullptr) {
+        dependencies_->recorder->on_change(
             {Change::What::recipe, who, recipe_.recipe.name, format_recipe(before), format_recipe(recipe_)});
     }
     return {};
@@ -184,10 +184,10 @@ CommandOutcome CommandHandler::used(const Result<void>& result) {
 }
 
 CommandOutcome CommandHandler::use_recipe(const Who& who, const CommandRequest& request) {
-    if (executing(works_->station.core().state())) return failed(CommandError::not_in_this_state);
+    if (executing(dependencies_->station.core().state())) return failed(CommandError::not_in_this_state);
     if (request.argument > 0xFFFE) return failed(CommandError::bad_argument);
-    if (!works_->recipe) return failed(CommandError::no_such_recipe);
-    auto recipe = works_->recipe(static_cast<std::uint16_t>(request.argument));
+    if (!dependencies_->recipe) return failed(CommandError::no_such_recipe);
+    auto recipe = dependencies_->recipe(static_cast<std::uint16_t>(request.argument));
     if (!recipe) {
         report(recipe.error());
         return failed(CommandError::no_such_recipe);
@@ -200,10 +200,10 @@ CommandOutcome CommandHandler::use_recipe(const Who& who, const CommandRequest& 
 CommandOutcome CommandHandler::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
                                          const StagedRecipe& staged) {
     const Who who = who_is(origin, request);
-    const State before = works_->station.core().state();
+    const State before = dependencies_->station.core().state();
     const CommandOutcome outcome = used(use(who, with_staged(recipe_, staged)));
     record(who, request, before, outcome);
-    if (works_->publish) works_->publish();
+    if (dependencies_->publish) dependencies_->publish();
     return outcome;
 }
 
@@ -211,14 +211,14 @@ CommandOutcome CommandHandler::on_recipe(const modbus::Origin& origin, const Com
 
 // Judges rendered parts at once; then one flash and one frame of the empty line, whose outcome comes later.
 CommandOutcome CommandHandler::self_test(const Who& who, const CommandRequest& request) {
-    Station& station = works_->station;
+    Station& station = dependencies_->station;
     const State state = station.core().state();
     if (state != State::initialized && state != State::ready) return failed(CommandError::not_in_this_state);
     std::uint32_t found = station.snapshot().faults_active;
     if (!station.core().all_devices_up()) return failed(CommandError::device_down, found);
     if (!station.test_possible()) return failed(CommandError::not_yet);
-    if (works_->check_judgement) {
-        if (const auto checked = works_->check_judgement(); !checked) {
+    if (dependencies_->check_judgement) {
+        if (const auto checked = dependencies_->check_judgement(); !checked) {
             report(checked.error());
             found |= kFaultInspector;
         }
@@ -234,7 +234,7 @@ CommandOutcome CommandHandler::self_test(const Who& who, const CommandRequest& r
         if (faults != 0)
             report({ErrorCode::internal, "the self-test found: " + names_of_faults(faults),
                     "see the cure of each fault: hordctl status"});
-        works_->desk.finish(request.token, outcome);
+        dependencies_->plc_interface.finish(request.token, outcome);
         record(who, request, state, outcome);
     });
     return {CommandState::executing, CommandError::none, 0};
@@ -243,8 +243,8 @@ CommandOutcome CommandHandler::self_test(const Who& who, const CommandRequest& r
 // -- teaching
 
 CommandOutcome CommandHandler::teach(const Who& who, const CommandRequest& request) {
-    if (works_->teacher == nullptr) return failed(CommandError::not_supported);
-    const State state = works_->station.core().state();
+    if (dependencies_->teacher == nullptr) return failed(CommandError::not_supported);
+    const State state = dependencies_->station.core().state();
     if (state != State::initialized && state != State::ready && !executing(state))
         return failed(CommandError::not_in_this_state);
     const std::uint32_t parts = request.argument == 0 ? TeachIn::kUsualParts : request.argument;
@@ -252,10 +252,10 @@ CommandOutcome CommandHandler::teach(const Who& who, const CommandRequest& reque
     if (teach_ || waiting_) return failed(CommandError::not_yet);
     TeachIn::Listener listener;
     listener.taken = [this, token = request.token](std::uint32_t taken) {
-        works_->desk.finish(token, {CommandState::executing, CommandError::none, taken});
+        dependencies_->plc_interface.finish(token, {CommandState::executing, CommandError::none, taken});
     };
     listener.done = [this](Result<Taught> result) { taught(std::move(result)); };
-    if (auto begun = works_->teacher->begin(parts, recipe_, std::move(listener)); !begun) {
+    if (auto begun = dependencies_->teacher->begin(parts, recipe_, std::move(listener)); !begun) {
         if (begun.error().code == ErrorCode::busy) return failed(CommandError::not_yet);
         report(begun.error());
         return failed(CommandError::failed);
@@ -283,37 +283,40 @@ void CommandHandler::end_teach(const CommandOutcome& outcome) {
     const Teach ended = std::move(*teach_);
     teach_.reset();
     record(ended.who, ended.request, ended.before, outcome);
-    works_->desk.finish(ended.request.token, outcome);
-    if (works_->publish) works_->publish();
+    dependencies_->plc_interface.finish(ended.request.token, outcome);
+    if (dependencies_->publish) dependencies_->publish();
 }
 
 bool CommandHandler::cancel_teach(const std::string& why) {
     if (!teach_) return false;
-    works_->teacher->cancel();
+    dependencies_->teacher->cancel();
     report({ErrorCode::refused, "the teach is cancelled: " + why, "teach again"});
     end_teach(failed(CommandError::cancelled));
     return true;
 }
 
 Result<void> CommandHandler::use_learned_reference() {
-    if (!waiting_ || executing(works_->station.core().state()) || works_->station.core().line().size() != 0) return {};
+    if (!waiting_ || executing(dependencies_->station.core().state()) ||
+        dependencies_->station.core().line().size() != 0)
+        return {};
     Waiting now = std::move(*waiting_);
     waiting_.reset();
     const NumberedRecipe recipe = now.recipe;
-    auto taken = take(now.who, std::move(now.recipe));
+    auto taken = switch_to(now.who, std::move(now.recipe));
     if (!taken) {
-        works_->teacher->discard(recipe);
+        dependencies_->teacher->discard(recipe);
         report(taken.error());
     }
-    if (works_->publish) works_->publish();
+    if (dependencies_->publish) dependencies_->publish();
     return taken;
 }
 
 // -- the PLC itself
 
 modbus::Exception CommandHandler::on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) {
-    const Taken taken =
-        works_->recorder != nullptr ? works_->recorder->on_acknowledged(who_is(origin), sequence) : Taken::yes;
+    const Taken taken = dependencies_->recorder != nullptr
+        ? dependencies_->recorder->on_acknowledged(who_is(origin), sequence)
+        : Taken::yes;
     switch (taken) {
         case Taken::yes: return modbus::Exception::none;
         case Taken::not_yet: return modbus::Exception::busy;
@@ -328,13 +331,13 @@ void CommandHandler::on_plc_lost(PlcPolicy policy) {
                 : policy == PlcPolicy::stop
                 ? "check the PLC and its network; the station stops, start it again when the PLC is back"
                 : "check the PLC and its network; every part is rejected until it is back"});
-    works_->station.plc_lost();
-    if (works_->publish) works_->publish();
+    dependencies_->station.plc_lost();
+    if (dependencies_->publish) dependencies_->publish();
 }
 
 void CommandHandler::on_plc_back() {
-    works_->station.plc_back();
-    if (works_->publish) works_->publish();
+    dependencies_->station.plc_back();
+    if (dependencies_->publish) dependencies_->publish();
 }
 
 }  // namespace hord::firmware

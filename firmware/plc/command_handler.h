@@ -33,7 +33,7 @@ class CommandHandler final : public PlcHandler {
     struct Dependencies {
         Station& station;
         Inspector& inspector;
-        PlcInterface& desk;
+        PlcInterface& plc_interface;
         ResultSink* recorder = nullptr;
         TeachIn* teacher = nullptr;                                               // null: teach is not supported
         std::function<Result<void>()> check_judgement = {};                       // part of the self-test
@@ -43,7 +43,7 @@ class CommandHandler final : public PlcHandler {
         std::function<void(const Error&)> trouble = {};  // logs an error, once
     };
     // `recipe`: in use by the inspector. To be called before the loop runs.
-    void begin(Dependencies works, NumberedRecipe recipe);
+    void begin(Dependencies dependencies, NumberedRecipe recipe);
 
     [[nodiscard]] const NumberedRecipe& recipe() const { return recipe_; }
 
@@ -72,12 +72,12 @@ class CommandHandler final : public PlcHandler {
     void taught(Result<Taught> result);
     void end_teach(const CommandOutcome& outcome);
     bool cancel_teach(const std::string& why);
-    Result<void> take(const Who& who, NumberedRecipe recipe);
+    Result<void> switch_to(const Who& who, NumberedRecipe recipe);
     void record(const Who& who, const CommandRequest& request, State before, const CommandOutcome& outcome);
     void report(const Error& error) const;
 
     hal::EventLoop& loop_;
-    std::optional<Dependencies> works_;
+    std::optional<Dependencies> dependencies_;
     NumberedRecipe recipe_;
     struct Teach {
         Who who;

@@ -86,8 +86,8 @@ Exception PlcInterface::write(const modbus::Origin& origin, const StationNow& no
         switch (id) {
             case BlockId::command:
                 if (address != address_of(id, "token")) return Exception::illegal_value;
-                return take_command(origin, now, values);
-            case BlockId::plc: return take_plc(origin, now, address, values);
+                return write_command(origin, now, values);
+            case BlockId::plc: return write_plc(origin, now, address, values);
             default:
                 std::copy(values.begin(), values.end(),
                           staged_words_.begin() + (address - address_of(id, "staged_number")));
@@ -105,8 +105,8 @@ PlcInterface::Remembered* PlcInterface::find(std::uint32_t token) {
     return found == memory_.end() ? nullptr : &*found;
 }
 
-Exception PlcInterface::take_command(const modbus::Origin& origin, const StationNow& now,
-                                     std::span<const std::uint16_t> values) {
+Exception PlcInterface::write_command(const modbus::Origin& origin, const StationNow& now,
+                                      std::span<const std::uint16_t> values) {
     if (values.size() < 4) return Exception::illegal_value;  // token, boot, code; the arguments may be left out
     CommandRequest request{.token = double_word(values), .boot = values[2], .code = values[3]};
     if (values.size() >= 6) request.argument = double_word(values.subspan(4));
@@ -178,8 +178,8 @@ void PlcInterface::finish(std::uint32_t token, const CommandOutcome& outcome) {
 
 // -- heartbeat and results
 
-Exception PlcInterface::take_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
-                                 std::span<const std::uint16_t> values) {
+Exception PlcInterface::write_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
+                                  std::span<const std::uint16_t> values) {
     const std::uint16_t beat_at = address_of(BlockId::plc, "heartbeat"),
                         taken_at = address_of(BlockId::plc, "acknowledged");
     const bool beats = address == beat_at;
@@ -212,7 +212,7 @@ void PlcInterface::note_results(std::uint32_t newest_sequence) {
     counted_until_ = gone;
 }
 
-void PlcInterface::check_heartbeat() {
+void PlcInterface::check_plc_heartbeat() {
     if (!heartbeat_at_ || lost_ || clock_.now() - *heartbeat_at_ <= options_.timeout) return;
     lost_ = true;
     handler_.on_plc_lost(options_.policy);
@@ -248,8 +248,8 @@ PlcView PlcInterface::view() const {
     PlcView view{.command = shown_.request,
                  .reply = shown_.reply,
                  .commands_done = commands_done_,
-                 .heartbeat = heartbeat_,
-                 .heartbeat_age_ms = {},
+                 .plc_heartbeat = heartbeat_,
+                 .plc_heartbeat_age_ms = {},
                  .lost = lost_,
                  .policy = options_.policy,
                  .timeout_ms = static_cast<std::uint16_t>(std::min<std::int64_t>(ms(options_.timeout), 0xFFFE)),
@@ -258,7 +258,7 @@ PlcView PlcInterface::view() const {
                  .staged = staged(),
                  .staged_crc32 = crc32_of(staged_words_)};
     if (heartbeat_at_) {
-        view.heartbeat_age_ms =
+        view.plc_heartbeat_age_ms =
             static_cast<std::uint32_t>(std::min<std::int64_t>(ms(clock_.now() - *heartbeat_at_), 0xFFFFFFFE));
     }
     return view;

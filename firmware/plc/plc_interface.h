@@ -74,7 +74,7 @@ class PlcInterface {
 
     // Calls on_plc_lost() once when the heartbeat has not changed for longer than the timeout. Before the first
     // heartbeat the PLC cannot be lost. Call it several times within the timeout.
-    void check_heartbeat();
+    void check_plc_heartbeat();
 
     void set_timeout(hal::Duration timeout) { options_.timeout = timeout; }
 
@@ -88,10 +88,10 @@ class PlcInterface {
         CommandRequest request;
         CommandReply reply;
     };
-    modbus::Exception take_command(const modbus::Origin& origin, const StationNow& now,
-                                   std::span<const std::uint16_t> values);
-    modbus::Exception take_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
-                               std::span<const std::uint16_t> values);
+    modbus::Exception write_command(const modbus::Origin& origin, const StationNow& now,
+                                    std::span<const std::uint16_t> values);
+    modbus::Exception write_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
+                                std::span<const std::uint16_t> values);
     [[nodiscard]] CommandOutcome execute(const modbus::Origin& origin, const StationNow& now,
                                          const CommandRequest& request);
     [[nodiscard]] Remembered* find(std::uint32_t token);

@@ -18,8 +18,8 @@ namespace hord::firmware {
 
 class RegisterServerModel : public modbus::RegisterModel {
   public:
-    // `plc` handles writes and outlives this. Without it every write is refused with exception 02.
-    explicit RegisterServerModel(StationIdentity identity, PlcInterface* desk = nullptr);
+    // `plc_interface` handles writes and outlives this. Without it every write is refused with exception 02.
+    explicit RegisterServerModel(StationIdentity identity, PlcInterface* plc_interface = nullptr);
 
     // Any thread, allocates nothing. State and new results become visible together. Results are published once each, by
     // ascending sequence; snapshot.last counts as one of them.
@@ -51,7 +51,7 @@ class RegisterServerModel : public modbus::RegisterModel {
 
     const StationIdentity identity_;
     const std::string boot_text_, map_text_;
-    PlcInterface* const desk_;
+    PlcInterface* const plc_interface_;
     std::mutex mutex_;  // guards the rest
     State state_;
     std::array<PartResult, kRingSlots> ring_{};

@@ -50,15 +50,46 @@ template <class T>
 Number maybe(const std::optional<T>& value) {
     return value ? Number{static_cast<double>(*value)} : Number{};
 }
-// A member of the PlcView; not available without a PLC interface.
+// What most rows show: a member of one of the source's structs, named by a pointer to it.
+template <auto member>
+Number counter(const Source& s) {
+    return s.snapshot.counters.*member;
+}
+template <auto member>
+Number health(const Source& s) {
+    return maybe(s.extras.health.*member);
+}
+template <auto member>
+Number optics(const Source& s) {
+    return maybe(s.extras.health.optics.*member);
+}
+template <auto member>
+Number statistic(const Source& s) {
+    return maybe(s.extras.statistics.*member);
+}
+template <auto member>
+Number calibration(const Source& s) {
+    return maybe(s.extras.calibration.*member);
+}
+
+// A value computed from the PlcView; not available without a PLC interface.
 template <class F>
-Number plc(const Source& s, F read) {
+Number from_plc(const Source& s, F read) {
     return s.extras.plc ? Number{static_cast<double>(read(*s.extras.plc))} : Number{};
 }
+// A member of the PlcView, or a member of one: plc<&PlcView::reply, &CommandReply::state>.
+template <auto member>
+Number plc(const Source& s) {
+    return from_plc(s, [](const PlcView& view) { return view.*member; });
+}
+template <auto part, auto member>
+Number plc(const Source& s) {
+    return from_plc(s, [](const PlcView& view) { return view.*part.*member; });
+}
 // The same for bit sets and checksums, which are always available: 0 without a PLC interface.
-template <class F>
-Number plc_bits(const Source& s, F read) {
-    return plc(s, read).value_or(0);
+template <auto... path>
+Number plc_bits(const Source& s) {
+    return plc<path...>(s).value_or(0);
 }
 
 }  // namespace hord::firmware::rows

@@ -164,8 +164,8 @@ struct PlcView {
     CommandRequest command;  // the last one written
     CommandReply reply;      // to it
     std::uint32_t commands_done = 0;
-    std::uint16_t heartbeat = 0;
-    std::optional<std::uint32_t> heartbeat_age_ms;  // empty: no heartbeat since the start
+    std::uint16_t plc_heartbeat = 0;
+    std::optional<std::uint32_t> plc_heartbeat_age_ms;  // empty: no heartbeat since the start
     bool lost = false;
     PlcPolicy policy = PlcPolicy::none;
     std::uint16_t timeout_ms = 0;

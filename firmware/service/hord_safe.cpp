@@ -29,11 +29,11 @@ int main(int argc, char** argv) {
     }
     const auto config = load_config(file);
     if (!config) {
-        tell(entry_of(JournalEvent::configuration_refused), config.error().message());
+        write_to_journal(entry_of(JournalEvent::configuration_refused), config.error().message());
         return 78;
     }
     if (const auto safe = make_safe(*config, kSafePatience); !safe) {
-        tell(entry_of(JournalEvent::trouble), safe.error().message());
+        write_to_journal(entry_of(JournalEvent::trouble), safe.error().message());
         return 2;
     }
     return 0;

@@ -108,7 +108,7 @@ std::vector<std::string> journal_fields(const Entry& entry, std::string_view mes
     return all;
 }
 
-void tell(const Entry& entry, std::string_view message, std::span<const Field> fields) {
+void write_to_journal(const Entry& entry, std::string_view message, std::span<const Field> fields) {
     static const bool to_journal = stderr_is_the_journal();
     if (!to_journal) {
         fmt::print(stderr, "hordd: {}\n", message);
@@ -121,23 +121,23 @@ void tell(const Entry& entry, std::string_view message, std::span<const Field> f
     ::sd_journal_sendv(parts.data(), static_cast<int>(parts.size()));
 }
 
-void JournalStory::state(State from, State to, std::uint32_t active) {
+void StationJournal::state(State from, State to, std::uint32_t active) {
     faults(active);
-    tell_(entry_of(JournalEvent::state), fmt::format("{} to {}", name_of(from), name_of(to)),
-          std::array{Field{"HORD_STATE", std::string(name_of(to))}, Field{"HORD_FROM", std::string(name_of(from))}});
+    write_(entry_of(JournalEvent::state), fmt::format("{} to {}", name_of(from), name_of(to)),
+           std::array{Field{"HORD_STATE", std::string(name_of(to))}, Field{"HORD_FROM", std::string(name_of(from))}});
 }
 
-void JournalStory::faults(std::uint32_t active) {
-    const std::uint32_t before = std::exchange(told_, active);
+void StationJournal::faults(std::uint32_t active) {
+    const std::uint32_t before = std::exchange(reported_, active);
     if (active == before) return;
     for (const FaultInfo& fault : kFaultTable) {
         const bool is = (active & fault.bit) != 0, was = (before & fault.bit) != 0;
         if (is == was) continue;
         const std::array field{Field{"HORD_FAULT", std::string(fault.name)}};
         if (is) {
-            tell_(entry_of(fault.bit), fmt::format("fault {}: {}: {}", fault.name, fault.meaning, fault.cure), field);
+            write_(entry_of(fault.bit), fmt::format("fault {}: {}: {}", fault.name, fault.meaning, fault.cure), field);
         } else {
-            tell_(entry_of(JournalEvent::fault_cleared), fmt::format("fault {} is over", fault.name), field);
+            write_(entry_of(JournalEvent::fault_cleared), fmt::format("fault {} is over", fault.name), field);
         }
     }
 }

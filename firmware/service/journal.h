@@ -49,21 +49,21 @@ struct Field {
 std::vector<std::string> journal_fields(const Entry& entry, std::string_view message, std::span<const Field> fields);
 
 // Writes to the journal if stderr is connected to it, else to stderr as one line.
-void tell(const Entry& entry, std::string_view message, std::span<const Field> fields = {});
+void write_to_journal(const Entry& entry, std::string_view message, std::span<const Field> fields = {});
 
 // Writes a station's changes of state, and each fault when it comes and when it is over.
-class JournalStory {
+class StationJournal {
   public:
-    using Tell = std::function<void(const Entry& entry, std::string_view message, std::span<const Field> fields)>;
-    explicit JournalStory(Tell to) : tell_(std::move(to)) {}
+    using Write = std::function<void(const Entry& entry, std::string_view message, std::span<const Field> fields)>;
+    explicit StationJournal(Write to) : write_(std::move(to)) {}
 
     // `active`: the FaultBits at that time. Their changes are written first, so that Error follows its cause.
     void state(State from, State to, std::uint32_t active);
     void faults(std::uint32_t active);  // writes those that came or went since the last call
 
   private:
-    Tell tell_;
-    std::uint32_t told_ = 0;
+    Write write_;
+    std::uint32_t reported_ = 0;
 };
 
 }  // namespace hord::firmware

@@ -37,7 +37,7 @@ class Service {
   public:
     // Opens devices and ports; nothing runs yet. Fails as the devices and servers do.
     static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation,
-                                                 ServiceWatchers watchers, const ListenSockets& doors = {});
+                                                 ServiceWatchers watchers, const ListenSockets& sockets = {});
     ~Service();  // halts: lights off, outputs safe
 
     // Runs until stop(), SIGINT or SIGTERM. The simulated line starts when the station executes, and after `kLineWaits`
@@ -65,8 +65,8 @@ class Service {
 
   private:
     struct Components;
-    explicit Service(std::unique_ptr<Components> parts);
-    std::unique_ptr<Components> parts_;
+    explicit Service(std::unique_ptr<Components> components);
+    std::unique_ptr<Components> components_;
 };
 
 }  // namespace hord::firmware

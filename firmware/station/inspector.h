@@ -1,4 +1,4 @@
-// Judges frames: borrows a frame, answers on the loop's thread.
+// MakeInspectFunctions frames: borrows a frame, answers on the loop's thread.
 //
 // Three kinds: threaded (the service); inline in virtual time (simulation: the real pipeline runs in submit(), its
 // answer comes after a modelled time); a stand-in without a pipeline (tests of the control with millions of parts).
@@ -89,12 +89,14 @@ Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop,
 
 // The same with any function, one a thread.
 using InspectFunction = std::function<Judged(std::uint32_t part, const hal::FrameLease& frame)>;
-using Judges = std::function<Result<std::vector<InspectFunction>>(const algo::Recipe& recipe, std::uint16_t number)>;
+using MakeInspectFunctions =
+    std::function<Result<std::vector<InspectFunction>>(const algo::Recipe& recipe, std::uint16_t number)>;
 // The pipeline as such a function. Fails as Pipeline::create does.
 Result<InspectFunction> make_pipeline_judge(const InspectorSettings& settings);
 // `remake` creates the functions for another recipe; without it use() is unsupported.
-std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<InspectFunction> judges,
-                                                   Judges remake = nullptr);
+std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue,
+                                                   std::vector<InspectFunction> functions,
+                                                   MakeInspectFunctions remake = nullptr);
 
 // Inspects inside submit() and answers by a timer, `modelled` later. At most `threads` parts are in work at the same
 // (virtual) time, and `queue` wait.

@@ -87,7 +87,7 @@ class Station {
   private:
     struct DeviceListener;  // listens to every device
 
-    Answer take(const Event& event);
+    Answer process(const Event& event);
     Answer step(const Event& event);
     void carry_out(const std::monostate&) {}
     void carry_out(const StartDevice& action);
@@ -115,7 +115,7 @@ class Station {
     StationObserver* observer_;
     Core core_;
     Actions actions_;
-    std::unique_ptr<DeviceListener> ears_;
+    std::unique_ptr<DeviceListener> listener_;
     std::vector<Event> waiting_;  // events that came during a step
     bool stepping_ = false;
     bool autostart_ = false;  // run() was called

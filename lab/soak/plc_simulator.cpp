@@ -65,7 +65,7 @@ void PlcEndpoint::open(Station& station, Inspector& inspector, ResultSink& recor
     station_ = &station;
     handler_.operations.begin({.station = station,
                                .inspector = inspector,
-                               .desk = desk_,
+                               .plc_interface = desk_,
                                .recorder = &recorder,
                                .publish = [this] { publish(); }},
                               {});
@@ -104,7 +104,7 @@ modbus::Exception PlcSimulator::write(std::uint16_t address, const Words& words)
 
 void PlcSimulator::cycle() {
     if (doors_ == nullptr) return;
-    doors_->check_heartbeat();
+    doors_->check_plc_heartbeat();
     doors_->publish();
     if (loop_.now() < silent_until_) return;
     const Words ident = read(places().boot_id, 2);

@@ -28,7 +28,7 @@ class PlcEndpoint {
 
     void take(const PartResult& result) { unpublished_.push_back(result); }
     void publish();
-    void check_heartbeat() { desk_.check_heartbeat(); }
+    void check_plc_heartbeat() { desk_.check_plc_heartbeat(); }
 
     [[nodiscard]] RegisterServerModel& registers() { return registers_; }
     [[nodiscard]] const Station& station() const { return *station_; }

@@ -67,7 +67,7 @@ void StoreObserver::begin_run() {
     stored_counts_ = {};
     commands_.clear();
     told_.clear();
-    story_ = JournalStory(
+    story_ = StationJournal(
         [this](const Entry& entry, std::string_view, std::span<const Field> fields) { journal(entry, fields); });
     journal_state_ = name_of(State::preoperational);
     journal_faults_ = 0;

@@ -183,11 +183,11 @@ TEST(States, the_first_fault_is_kept_when_others_follow) {
 
 TEST(States, the_heartbeat_beats_by_time_alone) {
     CoreConfig config = quick_line();
-    config.heartbeat = milliseconds(500);
+    config.station_heartbeat = milliseconds(500);
     CoreRig rig(config);
     rig.send(Tick{});
     rig.advance(milliseconds(2600));
-    EXPECT_EQ(rig.shot().heartbeat, 5);
+    EXPECT_EQ(rig.shot().station_heartbeat, 5);
 }
 
 }  // namespace

@@ -135,7 +135,7 @@ inline RegisterSnapshot example_moment() {
     extras.calibration = {1, 2, 0.01, 0.02, 60, 60};
     extras.statistics = {1, 2, 3, 4, 5, 6, 90.5};
     extras.plc.emplace();
-    extras.plc->heartbeat_age_ms = 20;
+    extras.plc->plc_heartbeat_age_ms = 20;
     RegisterSnapshot moment;
     for (const BlockId id : {BlockId::ident, BlockId::status, BlockId::counters, BlockId::plc, BlockId::recipe,
                              BlockId::health, BlockId::calibration}) {

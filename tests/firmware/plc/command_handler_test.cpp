@@ -1,4 +1,4 @@
-// A PLC commands the station through its registers: what it asks for happens, once, and the reply says what came of it.
+// A PLC commands the station through its registers: executed once, and the reply shows the outcome.
 #include "firmware/plc/command_handler.h"
 
 #include <gmock/gmock.h>
@@ -146,7 +146,7 @@ TEST_F(PlcCommands, the_limit_of_a_feature_that_is_not_judged_is_not_available_a
     EXPECT_EQ(staged.emd_limit_mbins, 0xFFFF);
     EXPECT_EQ(staged.frobenius_limit_mbins, 0xFFFF);
     EXPECT_EQ(staged.transmission_permille, 700);
-    // What is judged can be changed; the others stay away.
+    // Limits of judged features can be changed; the others stay "not available".
     EXPECT_EQ(write(8205, {800}), Exception::none);
     EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::none);
     EXPECT_FLOAT_EQ(operations.recipe().recipe.transmission_limit, 0.8F);

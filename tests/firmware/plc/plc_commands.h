@@ -1,4 +1,4 @@
-// A station that is commanded through its registers, in virtual time, with devices that do what the test says.
+// A station commanded through its registers, in virtual time, with devices controlled by the test.
 #pragma once
 
 #include <optional>
@@ -29,7 +29,7 @@ struct Notes final : ResultSink {
     void on_inspection(std::uint32_t, const FrameView&, const algo::Inspection&) override {}
 };
 
-// Judges as it is told, and with any recipe but one with a rim margin above 3, as a light field of 8 lenslets would.
+// Answers as set by the test. Refuses recipes with a rim margin above 3, as a light field of 8 lenslets would.
 class ToldInspector final : public Inspector {
   public:
     explicit ToldInspector(hal::EventLoop& loop) : loop_(loop) {}
@@ -64,10 +64,13 @@ class PlcCommands : public ::testing::Test, public StationObserver {
         CoreConfig config;
         config.plc_policy = policy;
         station.emplace(config, Cell{loop, part_sensor, strobe, sensor, rejector, inspector}, this);
-        desk.emplace(loop, operations, PlcOptions{policy, milliseconds(500), 0xB007});
-        image.emplace(StationIdentity{.boot_id = 0xB007}, &*desk);
-        CommandHandler::Dependencies works{
-            .station = *station, .inspector = inspector, .desk = *desk, .recorder = &notes, .teacher = teacher};
+        plc_interface.emplace(loop, operations, PlcOptions{policy, milliseconds(500), 0xB007});
+        image.emplace(StationIdentity{.boot_id = 0xB007}, &*plc_interface);
+        CommandHandler::Dependencies works{.station = *station,
+                                           .inspector = inspector,
+                                           .plc_interface = *plc_interface,
+                                           .recorder = &notes,
+                                           .teacher = teacher};
         works.publish = [this] { publish(); };
         works.recipe = [](std::uint16_t number) -> Result<NumberedRecipe> {
             if (number == 88) {  // judged by the light alone
@@ -128,7 +131,7 @@ class PlcCommands : public ::testing::Test, public StationObserver {
                      {low(as >> 16U), low(as), 0xB007, static_cast<std::uint16_t>(code), low(argument >> 16U),
                       low(argument), low(argument2 >> 16U), low(argument2)});
     }
-    // As a new command; what its reply says.
+    // Sends a new command; returns the error of its reply.
     CommandError command(Command code, std::uint32_t argument = 0, std::uint32_t argument2 = 0) {
         EXPECT_EQ(send(++token, code, argument, argument2), modbus::Exception::none);
         EXPECT_EQ(read32(8022), token);
@@ -136,11 +139,11 @@ class PlcCommands : public ::testing::Test, public StationObserver {
     }
     CommandState reply_state() { return static_cast<CommandState>(read(8025, 1)[0]); }
     void beat() { EXPECT_EQ(write(8102, {++beats}), modbus::Exception::none); }
-    // Lets time pass as the service does, with its look at the heartbeat.
+    // Advances time and checks the heartbeat, as the service does.
     void pass(Duration time) {
         for (Duration done{}; done < time; done += milliseconds(50)) {
             loop.run_for(milliseconds(50));
-            desk->check_heartbeat();
+            plc_interface->check_plc_heartbeat();
             (void)operations.use_learned_reference();
             publish();
         }
@@ -170,7 +173,7 @@ class PlcCommands : public ::testing::Test, public StationObserver {
     std::vector<std::string> troubles;
     std::vector<PartResult> results;
     std::optional<Station> station;
-    std::optional<PlcInterface> desk;
+    std::optional<PlcInterface> plc_interface;
     std::optional<RegisterServerModel> image;
     std::uint32_t token = 70, edges = 0;
     std::uint16_t beats = 0;

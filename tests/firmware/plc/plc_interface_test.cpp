@@ -1,4 +1,4 @@
-// The PLC's side: commands exactly once, heartbeat, acknowledgement, staged recipe.
+// PlcInterface: commands exactly once, heartbeat, acknowledgement, staged recipe.
 #include "firmware/plc/plc_interface.h"
 
 #include <deque>
@@ -58,8 +58,8 @@ class PlcSimulator : public ::testing::Test {
   protected:
     HandClock clock;
     Station station;
-    PlcInterface desk{clock, station, {.policy = PlcPolicy::stop, .timeout = 500ms, .boot_id = 0x1234B007}};
-    RegisterServerModel image{StationIdentity{.boot_id = 0x1234B007}, &desk};
+    PlcInterface plc_interface{clock, station, {.policy = PlcPolicy::stop, .timeout = 500ms, .boot_id = 0x1234B007}};
+    RegisterServerModel image{StationIdentity{.boot_id = 0x1234B007}, &plc_interface};
 
     Exception write(std::uint16_t address, const Words& words) {
         return image.write_registers({.peer = "192.0.2.7:50123"}, address, words);
@@ -86,7 +86,7 @@ class PlcSimulator : public ::testing::Test {
             snapshot.last = result;
             image.publish(snapshot);
         }
-        desk.note_results(to);
+        plc_interface.note_results(to);
     }
 };
 
@@ -176,8 +176,8 @@ TEST_F(PlcSimulator, while_a_command_is_executing_only_stopping_is_accepted) {
     EXPECT_EQ(command(5, Command::self_test), Exception::none) << "a repeat asks how it is going";
     station.answer = {};
     EXPECT_EQ(command(7, Command::stop), Exception::none);
-    desk.finish(5, {CommandState::completed, CommandError::none, 42});
-    desk.finish(99, {});
+    plc_interface.finish(5, {CommandState::completed, CommandError::none, 42});
+    plc_interface.finish(99, {});
     EXPECT_EQ(command(5, Command::self_test), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 22, 2, 0));
     EXPECT_EQ(read32(8027), 42U);
@@ -212,17 +212,17 @@ TEST_F(PlcSimulator, ten_thousand_commands_over_a_bad_network_are_executed_exact
 
 TEST_F(PlcSimulator, the_heartbeat_is_missed_after_the_timeout_and_reported_once) {
     clock.at += 10s;
-    desk.check_heartbeat();
+    plc_interface.check_plc_heartbeat();
     EXPECT_EQ(station.lost, 0) << "a PLC that was never there cannot be lost";
     EXPECT_EQ(read(105, 1)[0], 0xFFFF);
     ASSERT_EQ(write(8102, {1}), Exception::none);
     clock.at += 400ms;
     EXPECT_EQ(read(105, 1)[0], 400);
-    desk.check_heartbeat();
+    plc_interface.check_plc_heartbeat();
     ASSERT_EQ(write(8102, {1}), Exception::none) << "the same value is no beat";
     clock.at += 101ms;
-    desk.check_heartbeat();
-    desk.check_heartbeat();
+    plc_interface.check_plc_heartbeat();
+    plc_interface.check_plc_heartbeat();
     EXPECT_EQ(station.lost, 1);
     EXPECT_EQ(read(103, 1)[0] & 0x80, 0x80);
     ASSERT_EQ(write(8102, {2}), Exception::none);

@@ -1,5 +1,5 @@
-// The command teach in every state: what is accepted, what a PLC reads meanwhile, when the reference comes into use,
-// what ends it.
+// The command teach in every state: when it is accepted, what a PLC reads meanwhile, when the reference comes into use,
+// what cancels it.
 #include <gmock/gmock.h>
 
 #include "tests/firmware/plc/plc_commands.h"
@@ -12,7 +12,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using State = firmware::State;
 
-// Teaches when the test says so.
+// A TeachIn controlled by the test.
 class RecordingTeachIn final : public TeachIn {
   public:
     Result<void> answer;
@@ -20,7 +20,7 @@ class RecordingTeachIn final : public TeachIn {
     int cancelled = 0;
     std::vector<std::string> discarded, used;
 
-    // What learning comes to: the recipe, told apart by its name as a reference would tell it apart by its content.
+    // The learned recipe; its name stands for the reference's content.
     NumberedRecipe comes_to(std::string remarks = {}, int rim_margin = -1) {
         Taught taught{recipe_, std::move(remarks)};
         taught.recipe.recipe.name = "taught";
@@ -51,7 +51,7 @@ class RecordingTeachIn final : public TeachIn {
 class Teach : public PlcCommands {
   protected:
     Teach() { teacher = &told; }
-    // The teach's own reply, whatever was asked since: its token is written again, which does nothing twice.
+    // The teach's own reply, also after other commands: writes its token again.
     CommandError reply_to(std::uint32_t asked, std::uint32_t parts = 0) {
         EXPECT_EQ(send(asked, Command::teach, parts), Exception::none);
         EXPECT_EQ(read32(8022), asked);

@@ -23,7 +23,7 @@ Snapshot example() {
     s.run_permit = true;
     s.faults_latched = kFaultRejector | kFaultLightLevel;
     s.first_fault = 4;
-    s.heartbeat = 0xFFFF;
+    s.station_heartbeat = 0xFFFF;
     s.counters.seen = 0x00012345;
     s.counters.pass = 7;
     s.last = {.sequence = 0x10002,
@@ -47,7 +47,7 @@ std::vector<std::uint16_t> image_of(BlockId id, const Snapshot& snapshot, const 
     return image;
 }
 
-// The literals are what a PLC programmer reads off the documentation, not what the table says.
+// The literals come from the documentation, not from the table.
 TEST(Registers, status_is_encoded_as_documented) {
     const auto image = image_of(BlockId::status, example());
     EXPECT_THAT(std::vector(image.begin(), image.begin() + 20),
