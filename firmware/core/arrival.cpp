@@ -17,8 +17,7 @@ bool Core::continues(const hal::PartEdge& edge) {
         const bool next_lost_arrives = last_kind_ == hal::PartEdge::Kind::leaves;
         const std::uint32_t parts = !leaves_seen_ ? lost : (lost + (next_lost_arrives ? 1U : 0U)) / 2;
         counters_.missed += parts;
-        trouble_ |= kFaultPartSensor;
-        fault(kFaultPartSensor);
+        keep_active(kFaultPartSensor);
         if (parts > 0) stop_the_line();
     }
     return false;
@@ -43,8 +42,7 @@ void Core::on(const hal::PartEdge& edge) {
 // The first edge is `leaves`: an unknown part covered the part sensor when it came up.
 void Core::part_was_there() {
     ++counters_.missed;
-    trouble_ |= kFaultPartSensor;
-    fault(kFaultPartSensor);
+    keep_active(kFaultPartSensor);
     stop_the_line();
 }
 
@@ -59,8 +57,7 @@ void Core::look_for_touching_parts(TimePoint at, std::int64_t counts) {
     if (!too_long) return;
     covered_ = false;
     ++counters_.missed;
-    trouble_ |= kFaultPartSensor;
-    fault(kFaultPartSensor);
+    keep_active(kFaultPartSensor);
     if (line_.size() > 0) decide(line_[line_.size() - 1], PartVerdict::unfit, PartReason::parts_too_close);
     stop_the_line();
 }
@@ -139,8 +136,7 @@ TimePoint Core::expose_when_due(Part& part) {
     part.exposure_start = start;
     part.place_good = !config_.by_encoder;
     if (now_ > start) {  // too late: the part has passed the camera
-        trouble_ |= kFaultOverrun;
-        fault(kFaultOverrun);
+        keep_active(kFaultOverrun);
         decide(part, PartVerdict::unfit, PartReason::strobe_failed);
         return TimePoint::max();
     }

@@ -190,6 +190,13 @@ std::uint32_t Core::active_faults() const {
     return active;
 }
 
+// Raises faults that stay active until a reset, or until count_trouble() sees that every device works.
+void Core::keep_active(std::uint32_t bits) {
+    trouble_ |= bits;
+    fault(bits);
+}
+
+// Latches faults and remembers the first one.
 void Core::fault(std::uint32_t bits) {
     faults_latched_ |= bits;
     if (first_fault_ != 0 || bits == 0) return;

@@ -48,7 +48,6 @@ class Core {
     [[nodiscard]] Snapshot snapshot() const;
     [[nodiscard]] bool line_stop() const { return line_stop_; }
     [[nodiscard]] bool run_permit() const { return run_permit_; }
-    [[nodiscard]] const Counters& counters() const { return counters_; }
     [[nodiscard]] const CoreConfig& config() const { return config_; }
     [[nodiscard]] const Line& line() const { return line_; }
 
@@ -72,6 +71,7 @@ class Core {
     [[nodiscard]] static std::uint32_t bit(Device device) { return 1U << static_cast<unsigned>(device); }
     [[nodiscard]] std::uint32_t active_faults() const;
     void fault(std::uint32_t bits);
+    void keep_active(std::uint32_t bits);
     void stop_the_line();
 
     // arrival.cpp
@@ -91,9 +91,10 @@ class Core {
     void on(const FrameArrived& event);
     void on(const hal::StrobeReport& report);
     void on(const Judged& judged);
-    void on(const TriggerRefused& event);
-    void on(const StrobeRefused& event);
-    void on(const InspectRefused& event);
+    void on(const TriggerRefused& event) { refused(event.part, &Part::frame_due, PartReason::frame_lost); }
+    void on(const StrobeRefused& event) { refused(event.part, &Part::light_due, PartReason::strobe_failed); }
+    void on(const InspectRefused& event) { refused(event.part, &Part::inspecting, PartReason::inspector_failed); }
+    void refused(std::uint32_t number, bool Part::*pending, PartReason reason);
     void note_stray_frame(PartReason stray_frame);
     [[nodiscard]] Part* exposed_at(TimePoint exposure_start);
     void judge_when_complete(Part& part);

@@ -138,25 +138,12 @@ void Core::judge_when_complete(Part& part) {
     }
 }
 
-void Core::on(const TriggerRefused& event) {
-    Part* part = line_.find(event.part);
-    if (part == nullptr || !part->frame_due) return;
-    part->frame_due = false;
-    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, PartReason::frame_lost);
-}
-
-void Core::on(const StrobeRefused& event) {
-    Part* part = line_.find(event.part);
-    if (part == nullptr || !part->light_due) return;
-    part->light_due = false;
-    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, PartReason::strobe_failed);
-}
-
-void Core::on(const InspectRefused& event) {
-    Part* part = line_.find(event.part);
-    if (part == nullptr || !part->inspecting) return;
-    part->inspecting = false;
-    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, PartReason::inspector_failed);
+// A device refused to do what `pending` waits for.
+void Core::refused(std::uint32_t number, bool Part::*pending, PartReason reason) {
+    Part* part = line_.find(number);
+    if (part == nullptr || !(part->*pending)) return;
+    part->*pending = false;
+    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, reason);
 }
 
 // The one place where a part gets its verdict.
@@ -180,8 +167,7 @@ void Core::decide(Part& part, PartVerdict verdict, PartReason reason) {
 void Core::count_trouble(PartReason reason) {
     const std::uint32_t trouble = trouble_of(reason);
     if (trouble != 0) {
-        trouble_ |= trouble;
-        fault(trouble);
+        keep_active(trouble);
         ++failures_in_a_row_;
         if (config_.max_failures_in_a_row != 0 && failures_in_a_row_ >= config_.max_failures_in_a_row)
             go(Trigger::fault);

@@ -22,8 +22,7 @@ void Core::settle() {
     if (config_.by_encoder && config_.encoder_timeout > Duration::zero() && line_.size() > 0) {
         const TimePoint silent_at = std::max(conveyor_.last_read(), line_[0].arrived) + config_.encoder_timeout;
         if (now_ >= silent_at && line_[0].passed_ejector != TimePoint::min()) {
-            trouble_ |= kFaultPartSensor;
-            fault(kFaultPartSensor);
+            keep_active(kFaultPartSensor);
             lose_position();
             stop_the_line();
         } else {

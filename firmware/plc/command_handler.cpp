@@ -41,9 +41,9 @@ std::string name_or_number(E value) {
     return name == "unknown" ? fmt::format("{}", static_cast<int>(value)) : std::string(name);
 }
 
-Who who_is(const modbus::Origin& origin) { return {std::string(origin.peer), 0}; }
+Who who_asked(const modbus::Origin& origin) { return {std::string(origin.peer), 0}; }
 // "127.0.0.1:50123 for anna": the name that the sender gives is recorded beside its address.
-Who who_is(const modbus::Origin& origin, const CommandRequest& request) {
+Who who_asked(const modbus::Origin& origin, const CommandRequest& request) {
     const std::string_view name = request.who.view();
     return {name.empty() ? std::string(origin.peer) : fmt::format("{} for {}", origin.peer, name), request.token};
 }
@@ -100,7 +100,7 @@ void CommandHandler::begin(Dependencies dependencies, NumberedRecipe recipe) {
 // -- commands
 
 CommandOutcome CommandHandler::on_command(const modbus::Origin& origin, const CommandRequest& request) {
-    const Who who = who_is(origin, request);
+    const Who who = who_asked(origin, request);
     const State before = dependencies_->station.core().state();
     const CommandOutcome outcome = carry_out(who, request);
     if (outcome.state != CommandState::executing) record(who, request, before, outcome);
@@ -156,7 +156,7 @@ Result<void> CommandHandler::use(const Who& who, NumberedRecipe recipe) {
     const std::string why = fmt::format("recipe {} was taken", recipe.number);
     if (auto taken = switch_to(who, std::move(recipe)); !taken) return taken;
     (void)cancel_teach(why);
-    if (const auto dropped = std::exchange(waiting_, std::nullopt)) {
+    if (const auto dropped = std::exchange(pending_reference_, std::nullopt)) {
         dependencies_->teacher->discard(dropped->recipe);
         report({ErrorCode::refused, "what was taught is dropped before it came into use: " + why, "teach again"});
     }
@@ -176,7 +176,7 @@ Result<void> CommandHandler::switch_to(const Who& who, NumberedRecipe recipe) {
     return {};
 }
 
-CommandOutcome CommandHandler::used(const Result<void>& result) {
+CommandOutcome CommandHandler::outcome_of_use(const Result<void>& result) {
     if (result) return done(crc32_of(recipe_));
     report(result.error());
     return failed(result.error().code == ErrorCode::refused ? CommandError::not_in_this_state
@@ -194,14 +194,14 @@ CommandOutcome CommandHandler::use_recipe(const Who& who, const CommandRequest& 
     }
     if (request.argument2 != 0 && request.argument2 != crc32_of(*recipe))
         return failed(CommandError::wrong_checksum, crc32_of(*recipe));
-    return used(use(who, std::move(*recipe)));
+    return outcome_of_use(use(who, std::move(*recipe)));
 }
 
 CommandOutcome CommandHandler::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
                                          const StagedRecipe& staged) {
-    const Who who = who_is(origin, request);
+    const Who who = who_asked(origin, request);
     const State before = dependencies_->station.core().state();
-    const CommandOutcome outcome = used(use(who, with_staged(recipe_, staged)));
+    const CommandOutcome outcome = outcome_of_use(use(who, with_staged(recipe_, staged)));
     record(who, request, before, outcome);
     if (dependencies_->publish) dependencies_->publish();
     return outcome;
@@ -249,46 +249,46 @@ CommandOutcome CommandHandler::teach(const Who& who, const CommandRequest& reque
         return failed(CommandError::not_in_this_state);
     const std::uint32_t parts = request.argument == 0 ? TeachIn::kUsualParts : request.argument;
     if (parts < TeachIn::kMinParts || parts > TeachIn::kMaxParts) return failed(CommandError::bad_argument);
-    if (teach_ || waiting_) return failed(CommandError::not_yet);
+    if (running_teach_ || pending_reference_) return failed(CommandError::not_yet);
     TeachIn::Listener listener;
     listener.taken = [this, token = request.token](std::uint32_t taken) {
         dependencies_->plc_interface.finish(token, {CommandState::executing, CommandError::none, taken});
     };
-    listener.done = [this](Result<Taught> result) { taught(std::move(result)); };
+    listener.done = [this](Result<Taught> result) { on_learned(std::move(result)); };
     if (auto begun = dependencies_->teacher->begin(parts, recipe_, std::move(listener)); !begun) {
         if (begun.error().code == ErrorCode::busy) return failed(CommandError::not_yet);
         report(begun.error());
         return failed(CommandError::failed);
     }
-    teach_ = Teach{who, request, state, parts};
+    running_teach_ = RunningTeach{who, request, state, parts};
     return {CommandState::executing, CommandError::none, 0};
 }
 
-void CommandHandler::taught(Result<Taught> result) {
+void CommandHandler::on_learned(Result<Taught> result) {
     if (!result) {
         report(result.error());
         return end_teach(failed(CommandError::failed));
     }
     if (!result->remarks.empty()) {
-        report({ErrorCode::refused, fmt::format("taught from {} parts: {}", teach_->parts, result->remarks),
+        report({ErrorCode::refused, fmt::format("taught from {} parts: {}", running_teach_->parts, result->remarks),
                 "look at these parts; if they are good, teach again with more parts"});
     }
     const std::uint32_t crc = crc32_of(result->recipe);
-    waiting_ = Waiting{teach_->who, std::move(result->recipe)};
+    pending_reference_ = PendingReference{running_teach_->who, std::move(result->recipe)};
     const auto used = use_learned_reference();  // at once, or later
     end_teach(used ? done(crc) : failed(CommandError::failed));
 }
 
 void CommandHandler::end_teach(const CommandOutcome& outcome) {
-    const Teach ended = std::move(*teach_);
-    teach_.reset();
+    const RunningTeach ended = std::move(*running_teach_);
+    running_teach_.reset();
     record(ended.who, ended.request, ended.before, outcome);
     dependencies_->plc_interface.finish(ended.request.token, outcome);
     if (dependencies_->publish) dependencies_->publish();
 }
 
 bool CommandHandler::cancel_teach(const std::string& why) {
-    if (!teach_) return false;
+    if (!running_teach_) return false;
     dependencies_->teacher->cancel();
     report({ErrorCode::refused, "the teach is cancelled: " + why, "teach again"});
     end_teach(failed(CommandError::cancelled));
@@ -296,11 +296,11 @@ bool CommandHandler::cancel_teach(const std::string& why) {
 }
 
 Result<void> CommandHandler::use_learned_reference() {
-    if (!waiting_ || executing(dependencies_->station.core().state()) ||
+    if (!pending_reference_ || executing(dependencies_->station.core().state()) ||
         dependencies_->station.core().line().size() != 0)
         return {};
-    Waiting now = std::move(*waiting_);
-    waiting_.reset();
+    PendingReference now = std::move(*pending_reference_);
+    pending_reference_.reset();
     const NumberedRecipe recipe = now.recipe;
     auto taken = switch_to(now.who, std::move(now.recipe));
     if (!taken) {
@@ -315,7 +315,7 @@ Result<void> CommandHandler::use_learned_reference() {
 
 modbus::Exception CommandHandler::on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) {
     const Taken taken = dependencies_->recorder != nullptr
-        ? dependencies_->recorder->on_acknowledged(who_is(origin), sequence)
+        ? dependencies_->recorder->on_acknowledged(who_asked(origin), sequence)
         : Taken::yes;
     switch (taken) {
         case Taken::yes: return modbus::Exception::none;

@@ -67,9 +67,9 @@ class CommandHandler final : public PlcHandler {
     [[nodiscard]] CommandOutcome carry_out(const Who& who, const CommandRequest& request);
     [[nodiscard]] CommandOutcome use_recipe(const Who& who, const CommandRequest& request);
     [[nodiscard]] CommandOutcome self_test(const Who& who, const CommandRequest& request);
-    [[nodiscard]] CommandOutcome used(const Result<void>& done);
+    [[nodiscard]] CommandOutcome outcome_of_use(const Result<void>& done);
     [[nodiscard]] CommandOutcome teach(const Who& who, const CommandRequest& request);
-    void taught(Result<Taught> result);
+    void on_learned(Result<Taught> result);
     void end_teach(const CommandOutcome& outcome);
     bool cancel_teach(const std::string& why);
     Result<void> switch_to(const Who& who, NumberedRecipe recipe);
@@ -79,18 +79,18 @@ class CommandHandler final : public PlcHandler {
     hal::EventLoop& loop_;
     std::optional<Dependencies> dependencies_;
     NumberedRecipe recipe_;
-    struct Teach {
+    struct RunningTeach {
         Who who;
         CommandRequest request;
         State before = State::preoperational;
         std::uint32_t parts = 0;
     };
-    std::optional<Teach> teach_;  // under way
-    struct Waiting {
+    std::optional<RunningTeach> running_teach_;  // under way
+    struct PendingReference {
         Who who;
         NumberedRecipe recipe;
     };
-    std::optional<Waiting> waiting_;  // taught, and in use as soon as the line is empty
+    std::optional<PendingReference> pending_reference_;  // taught, and in use as soon as the line is empty
 };
 
 }  // namespace hord::firmware

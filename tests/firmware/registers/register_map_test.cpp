@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 #include <toml++/toml.h>
 
+#include "firmware/core/enum_values.h"
 #include "firmware/core/faults.h"
 
 namespace hord::firmware {
@@ -146,6 +147,15 @@ TEST(Registers, every_reason_and_fault_has_the_cores_name) {
         EXPECT_EQ(name_in_map(BlockId::status, "first_fault", bit + 1), fault.name);
     }
     EXPECT_EQ(find_register(BlockId::status, "faults_active")->values.size(), kFaultTable.size());
+}
+
+TEST(Registers, the_page_offers_every_reason_as_a_filter) {
+    std::ifstream in(HORD_SOURCE_DIR "/firmware/page/site/page.js");
+    const std::string script{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+    for (const PartReason reason : kValuesOf<PartReason>) {
+        if (reason == PartReason::none) continue;
+        EXPECT_THAT(script, HasSubstr('"' + std::string(name_of(reason)) + '"'));
+    }
 }
 
 TEST(Registers, names_are_unique_in_their_block) {
