@@ -48,6 +48,7 @@ class Core {
     [[nodiscard]] Snapshot snapshot() const;
     [[nodiscard]] bool line_stop() const { return line_stop_; }
     [[nodiscard]] bool run_permit() const { return run_permit_; }
+    [[nodiscard]] const Counters& counters() const { return counters_; }
     [[nodiscard]] const CoreConfig& config() const { return config_; }
     [[nodiscard]] const Line& line() const { return line_; }
 
