@@ -411,7 +411,7 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
     TomlTable station = root.table("station");
     station.text("name", config.name);
     station.boolean("autostart", config.autostart);
-    ms(station, "heartbeat_ms", config.core.heartbeat, 10, 60'000);
+    ms(station, "heartbeat_ms", config.core.station_heartbeat, 10, 60'000);
     station.integer("max_failures_in_a_row", config.core.max_failures_in_a_row, 0, 1'000'000);
     read_line(root.table("line"), config.core);
     read_timing(root.table("timing"), config.core);

@@ -1,4 +1,4 @@
-// What the core wants done, in this order. The shell does it and reports what failed as events.
+// The outputs of the core. The station carries them out in this order and reports failures as events.
 #pragma once
 
 #include <array>
@@ -11,11 +11,11 @@
 
 namespace hord::firmware {
 
-struct StartDevice {  // close it first where it is open
+struct StartDevice {  // an open device is closed first
     Device device{};
 };
 struct StopDevices {};
-struct Inspect {  // the frame goes to the inspector, with its loan
+struct Inspect {  // the frame and its ownership go to the inspector
     std::uint32_t part = 0;
     FrameHandle frame = 0;
 };
@@ -26,19 +26,19 @@ struct SetRunPermit {
     bool permit = false;
 };
 
-// ExposureRequest: trigger the sensor; StrobePulse: fire; RejectCommand: reject; PartResult: a part's story is
-// complete.
+// ExposureRequest: trigger the sensor. StrobePulse: fire the light. RejectCommand: reject. PartResult: record it;
+// nothing about the part changes any more.
 using Action = std::variant<std::monostate, StartDevice, StopDevices, hal::ExposureRequest, hal::StrobePulse, Inspect,
                             ReleaseFrame, hal::RejectCommand, SetRunPermit, PartResult>;
 
-// A list that never allocates. The core leaves work for its next step rather than overfill it.
+// A list of fixed capacity that never allocates. The core defers work to its next step when it is nearly full.
 class Actions {
   public:
     static constexpr std::size_t kCapacity = 64;
 
     void clear() { size_ = 0; }
     void push(const Action& action) {
-        if (size_ == kCapacity) std::abort();  // a bug; a lost rejection would pass a bad part
+        if (size_ == kCapacity) std::abort();  // a bug: a lost rejection would pass a bad part
         list_[size_++] = action;
     }
     [[nodiscard]] std::size_t room() const { return kCapacity - size_; }

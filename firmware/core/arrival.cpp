@@ -1,24 +1,23 @@
-// From the part sensor's edge to the exposure: who is this part, may it be inspected, and when.
+// From the part sensor's edge to the exposure: numbers the part, decides whether it is inspected, and when.
 #include <algorithm>
 
 #include "firmware/core/core.h"
 
 namespace hord::firmware {
 
-// Whether `edge` follows the last one without a gap, a repetition or a jump in time. Where edges were lost, parts may
-// have gone by unseen: then the line is stopped.
+// True if `edge` follows the last one: next sequence number, time not before the last edge and not in the future. Lost
+// edges may hide parts; then the line is stopped.
 bool Core::continues(const hal::PartEdge& edge) {
     const bool in_time = edge.at >= last_edge_at_ && edge.at <= now_;
     const std::uint32_t step = edge.sequence - last_edge_;
     if (step == 1) return in_time;
     if (step > 1 && step < (1U << 31)) {
-        // Edges of a part alternate: arrives, leaves. A sensor that only reports arrivals loses a part with each.
+        // Edges alternate: arrives, leaves. With a sensor that reports arrivals only, every lost edge is a lost part.
         const std::uint32_t lost = step - 1;
         const bool next_lost_arrives = last_kind_ == hal::PartEdge::Kind::leaves;
         const std::uint32_t parts = !leaves_seen_ ? lost : (lost + (next_lost_arrives ? 1U : 0U)) / 2;
         counters_.missed += parts;
-        trouble_ |= kFaultPartSensor;
-        fault(kFaultPartSensor);
+        keep_active(kFaultPartSensor);
         if (parts > 0) stop_the_line();
     }
     return false;
@@ -26,7 +25,7 @@ bool Core::continues(const hal::PartEdge& edge) {
 
 void Core::on(const hal::PartEdge& edge) {
     if (edge.sequence == last_edge_ && edge.at == last_edge_at_ && last_edge_ != 0)
-        return;  // the same edge, told twice
+        return;  // a repeated report of the same edge
     const bool arrives = edge.kind == hal::PartEdge::Kind::arrives;
     const bool certain = continues(edge);
     if (!arrives && last_edge_ == 0 && certain && started_) part_was_there();
@@ -40,16 +39,15 @@ void Core::on(const hal::PartEdge& edge) {
     if (arrives) arrive(edge, certain);
 }
 
-// The first edge is one that leaves: a part was at the part sensor when it came up, and nobody knows it.
+// The first edge is `leaves`: an unknown part covered the part sensor when it came up.
 void Core::part_was_there() {
     ++counters_.missed;
-    trouble_ |= kFaultPartSensor;
-    fault(kFaultPartSensor);
+    keep_active(kFaultPartSensor);
     stop_the_line();
 }
 
-// The part sensor is covered for longer than any part is: another one hides behind the newest. It has no place that is
-// known, so it cannot be rejected: the line is stopped.
+// The part sensor is covered for longer than any part takes: a second part touches the newest one. Its position is
+// unknown, so it cannot be rejected: the line is stopped.
 void Core::look_for_touching_parts(TimePoint at, std::int64_t counts) {
     if (!covered_ || !leaves_seen_) return;
     const bool by_counts = config_.by_encoder;
@@ -59,8 +57,7 @@ void Core::look_for_touching_parts(TimePoint at, std::int64_t counts) {
     if (!too_long) return;
     covered_ = false;
     ++counters_.missed;
-    trouble_ |= kFaultPartSensor;
-    fault(kFaultPartSensor);
+    keep_active(kFaultPartSensor);
     if (line_.size() > 0) decide(line_[line_.size() - 1], PartVerdict::unfit, PartReason::parts_too_close);
     stop_the_line();
 }
@@ -69,7 +66,7 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     ++counters_.seen;
     const std::uint32_t number = ++parts_;
     const TimePoint arrived = identity_certain ? edge.at : std::min(edge.at, now_);
-    if (line_.full()) {  // no memory left to follow it: nothing can be promised for it
+    if (line_.full()) {  // it cannot be tracked, so it cannot be rejected
         PartResult result;
         result.part = number;
         result.arrived_ns = arrived.time_since_epoch().count();
@@ -100,19 +97,19 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
 
     const bool position_known = !config_.by_encoder || counted;
     if (accepting()) {
-        part.wanted = true;
-        ++wanted_on_line_;
+        part.accepted = true;
+        ++accepted_on_line_;
         single_taken_ = true;
     }
     if (!identity_certain || !position_known) return decide(part, PartVerdict::unfit, PartReason::edge_lost);
-    if (!part.wanted) return decide(part, PartVerdict::unfit, PartReason::station_not_running);
+    if (!part.accepted) return decide(part, PartVerdict::unfit, PartReason::station_not_running);
     if (without_plc(PlcPolicy::reject_all)) return decide(part, PartVerdict::unfit, PartReason::plc_lost);
     if (too_close) return decide(part, PartVerdict::unfit, PartReason::parts_too_close);
     if (line_.size() > config_.max_parts) return decide(part, PartVerdict::unfit, PartReason::line_full);
 }
 
-// Whether a part that arrives now is too close to the one ahead. If that one is not exposed yet, its frame will show
-// both: it is rejected, too.
+// True if a part that arrives now is too close to the one ahead. Unless the exposure of that one is over, its frame may
+// show both parts: it is rejected, too.
 bool Core::comes_too_close(TimePoint at, std::int64_t counts) {
     if (last_arrival_ == TimePoint::min()) return false;
     const bool close_in_time = at - last_arrival_ < config_.min_gap;
@@ -127,7 +124,8 @@ bool Core::comes_too_close(TimePoint at, std::int64_t counts) {
     return true;
 }
 
-// Tells sensor and strobe shortly before the part is where the camera looks; returns when that is.
+// Requests exposure and light trigger_lead before the part is in front of the camera. Returns when that is due;
+// TimePoint::max(): done, or not known.
 TimePoint Core::expose_when_due(Part& part) {
     const TimePoint start =
         config_.by_encoder ? conveyor_.reaches(part.edge_counts + config_.exposure_counts) : part.exposure_start;
@@ -137,9 +135,8 @@ TimePoint Core::expose_when_due(Part& part) {
     part.exposed = true;
     part.exposure_start = start;
     part.place_good = !config_.by_encoder;
-    if (now_ > start) {  // told too late: the part is not where the camera looks any more
-        trouble_ |= kFaultOverrun;
-        fault(kFaultOverrun);
+    if (now_ > start) {  // too late: the part has passed the camera
+        keep_active(kFaultOverrun);
         decide(part, PartVerdict::unfit, PartReason::strobe_failed);
         return TimePoint::max();
     }
@@ -159,8 +156,8 @@ void Core::on(const hal::EncoderReading& reading) {
         Part& part = line_[k];
         if (part.exposed && !part.place_good && part.phase == Part::Phase::waiting &&
             reading.at >= part.exposure_start) {
-            // The conveyor may have stopped or jumped since the exposure was planned: then it shows a neighbour, or
-            // nothing.
+            // The conveyor may have stopped or jumped since the exposure was planned; the frame then shows another
+            // part or none.
             const std::int64_t off =
                 conveyor_.counts_at(part.exposure_start) - (part.edge_counts + config_.exposure_counts);
             part.place_good = std::max(off, -off) < config_.min_gap_counts / 2;
@@ -172,12 +169,12 @@ void Core::on(const hal::EncoderReading& reading) {
     }
 }
 
-// The line may no longer run. With an encoder its parts are followed until it runs again. Without one nobody knows
-// where they come to rest: those not yet exposed will not be before the camera at their time, and no rejection counts
-// as confirmed from now on. Commands still go out by time, until the reset: the line may not have obeyed.
+// The run permit is withdrawn. With an encoder the parts are tracked further. Without one their positions become
+// unknown: parts not yet exposed will miss the camera, and no rejection counts as confirmed from now on. Reject
+// commands still go out by time until the reset, because the line may keep running.
 void Core::lose_permit() {
     if (config_.by_encoder) return;
-    covered_ = false;  // the belt stands: how long a part covers the sensor says nothing
+    covered_ = false;  // on a standing belt the covered time means nothing
     bool any = false;
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
@@ -190,7 +187,7 @@ void Core::lose_permit() {
     if (any) stop_the_line();
 }
 
-// The person who resets has looked at the line: parts whose place was lost are off it, or nobody's business any more.
+// Reset: a person has looked at the line and removed the parts whose position was lost. Their tracking ends.
 void Core::abandon_lost_places() {
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
@@ -200,7 +197,7 @@ void Core::abandon_lost_places() {
     }
 }
 
-// Nobody knows any more where the parts are: those to be rejected cannot be.
+// The positions of all parts are unknown: parts to be rejected cannot be.
 void Core::lose_position() {
     flush(PartReason::device_lost);
     for (std::uint32_t k = 0; k < line_.size(); ++k) line_[k].passed_ejector = TimePoint::min();

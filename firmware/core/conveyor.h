@@ -1,4 +1,4 @@
-// Where the conveyor is, from encoder readings: extrapolates the last two, stands still when they do.
+// Position of the conveyor from encoder readings: linear extrapolation; a standing belt stays where it is.
 #pragma once
 
 #include <algorithm>
@@ -35,8 +35,8 @@ class Conveyor {
     [[nodiscard]] TimePoint last_read() const { return at_; }
     [[nodiscard]] bool reached(std::int64_t counts) const { return known_ && counts_ >= counts; }
 
-    // When `counts` was or will be reached at the present speed; never (TimePoint::max()) when standing still, or
-    // when that is more than an hour away.
+    // When `counts` was or will be reached at the present speed. TimePoint::max(): not within an hour, or the belt
+    // stands still.
     [[nodiscard]] TimePoint reaches(std::int64_t counts) const {
         if (!known_) return TimePoint::max();
         const std::int64_t distance = counts - counts_;
@@ -53,8 +53,7 @@ class Conveyor {
 
   private:
     static constexpr Duration kFar = std::chrono::hours(1);
-    // Speed is taken over at least so long: an edge may come with its count microseconds after a reading, where one
-    // count more or less is all there is.
+    // Shortest interval for the speed: between readings microseconds apart, the counts differ by 0 or 1.
     static constexpr Duration kBaseline = milliseconds(4);
 
     // value * num / den without leaving 64 bits: |value / den * num| stays below kFar or kPlausible (checked by the

@@ -23,11 +23,11 @@ Answer Core::step(const Event& event, TimePoint now, Actions& actions) {
     actions_ = &actions;
     answer_ = Answer::done;
     now_ = std::max(now, now_);
-    if (next_heartbeat_ == TimePoint{}) next_heartbeat_ = now_ + config_.heartbeat;
+    if (next_heartbeat_ == TimePoint{}) next_heartbeat_ = now_ + config_.station_heartbeat;
     if (now_ >= next_heartbeat_) {
-        const auto beats = 1 + (now_ - next_heartbeat_) / config_.heartbeat;
+        const auto beats = 1 + (now_ - next_heartbeat_) / config_.station_heartbeat;
         heartbeat_ = static_cast<std::uint16_t>(heartbeat_ + beats);
-        next_heartbeat_ += beats * config_.heartbeat;
+        next_heartbeat_ += beats * config_.station_heartbeat;
     }
     std::visit([this](const auto& e) { on(e); }, event);
     settle();
@@ -45,8 +45,7 @@ Answer Core::step(const Event& event, TimePoint now, Actions& actions) {
 }
 
 void Core::on(Command command) {
-    const Cause cause = cause_of(command);
-    if (!next_state(state_, cause)) {
+    if (!next_state(state_, command)) {
         answer_ = Answer::not_in_this_state;
         return;
     }
@@ -62,7 +61,7 @@ void Core::on(Command command) {
         answer_ = Answer::pulse_under_way;
         return;
     }
-    go(cause);
+    go(command);
 }
 
 bool Core::go(Cause cause) {
@@ -70,51 +69,52 @@ bool Core::go(Cause cause) {
     if (!to) return false;
     const State from = state_;
     state_ = *to;
-    entered(from, cause);
+    if (const auto* command = std::get_if<Command>(&cause)) carry_out(*command, from);
     return true;
 }
 
-void Core::entered(State from, Cause cause) {
-    switch (cause) {
-        case Cause::initialise:
+void Core::carry_out(Command command, State from) {
+    switch (command) {
+        case Command::initialise:
             started_ = true;
             for (int d = 0; d < kDevices; ++d) actions_->push(StartDevice{static_cast<Device>(d)});
             break;
-        case Cause::start_single:
-        case Cause::start_continuous:
+        case Command::start_single:
+        case Command::start_continuous:
             draining_ = false;
             single_taken_ = false;
             failures_in_a_row_ = 0;
             break;
-        case Cause::stop: draining_ = true; break;
-        case Cause::abort: flush(PartReason::station_not_running); break;
-        case Cause::halt:
+        case Command::stop: draining_ = true; break;
+        case Command::abort: flush(PartReason::station_not_running); break;
+        case Command::halt:
             flush(PartReason::station_not_running);
             if (started_) actions_->push(StopDevices{});
             started_ = false;
             up_ = 0;
             if (run_permit_) lose_permit();
-            run_permit_ = false;  // closing the rejector drops it
+            run_permit_ = false;  // StopDevices switches the output off
             break;
-        case Cause::reset:
+        case Command::reset:
             abandon_lost_places();
             reset_faults();
-            if (from != State::halted) {  // try again what is down
+            if (from != State::halted) {  // start the devices that are down
                 started_ = true;
                 for (int d = 0; d < kDevices; ++d) {
                     if (!up(static_cast<Device>(d))) actions_->push(StartDevice{static_cast<Device>(d)});
                 }
             }
             break;
-        case Cause::arm:
-        case Cause::disarm:
-        case Cause::finished:
-        case Cause::fault:
-        case Cause::line_stop: break;
+        case Command::arm:
+        case Command::disarm:
+        case Command::commit_recipe:
+        case Command::teach:
+        case Command::self_test:
+        case Command::use_recipe: break;
     }
 }
 
-// Parts without a verdict get one now. Their commands go out when they are due.
+// Gives every part without a verdict `unfit`. The reject commands follow when they are due.
 void Core::flush(PartReason reason) {
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
@@ -134,7 +134,7 @@ void Core::reset_faults() {
 void Core::on(const DeviceUp& event) {
     if (!started_) return;  // a report from before the halt
     up_ |= bit(event.device);
-    if (event.device == Device::part_sensor) {  // it counts from 1 again
+    if (event.device == Device::part_sensor) {  // its sequence numbers begin at 1 again
         last_edge_ = 0;
         last_kind_ = hal::PartEdge::Kind::leaves;
         last_edge_at_ = TimePoint::min();
@@ -159,16 +159,16 @@ void Core::on(const DeviceLost& event) {
     }
     if (event.device == Device::part_sensor) {
         if (config_.by_encoder) lose_position();
-        if (executing(state_)) stop_the_line();  // parts may go by unseen
+        if (executing(state_)) stop_the_line();  // parts may pass undetected
     }
-    go(Cause::fault);
+    go(Trigger::fault);
 }
 
 void Core::on(const PlcLost&) {
     plc_lost_ = true;
     if (config_.plc_policy == PlcPolicy::none) return;
     fault(kFaultPlc);
-    if (without_plc(PlcPolicy::stop) && executing(state_)) go(Cause::stop);
+    if (without_plc(PlcPolicy::stop) && executing(state_)) go(Command::stop);
     if (without_plc(PlcPolicy::reject_all)) flush(PartReason::plc_lost);
 }
 
@@ -190,6 +190,13 @@ std::uint32_t Core::active_faults() const {
     return active;
 }
 
+// Raises faults that stay active until a reset, or until count_trouble() sees that every device works.
+void Core::keep_active(std::uint32_t bits) {
+    trouble_ |= bits;
+    fault(bits);
+}
+
+// Latches faults and remembers the first one.
 void Core::fault(std::uint32_t bits) {
     faults_latched_ |= bits;
     if (first_fault_ != 0 || bits == 0) return;
@@ -203,7 +210,7 @@ void Core::fault(std::uint32_t bits) {
 void Core::stop_the_line() {
     line_stop_ = true;
     fault(kFaultRejectUnconfirmed);
-    go(Cause::line_stop);
+    go(Trigger::line_stop);
 }
 
 Snapshot Core::snapshot() const {
@@ -214,7 +221,7 @@ Snapshot Core::snapshot() const {
     s.faults_active = active_faults();
     s.faults_latched = faults_latched_;
     s.first_fault = first_fault_;
-    s.heartbeat = heartbeat_;
+    s.station_heartbeat = heartbeat_;
     s.parts_on_line = line_.size();
     s.counters = counters_;
     s.last = last_;
@@ -237,7 +244,7 @@ std::vector<std::string> problems(const CoreConfig& c) {
     positive(c.frame_timeout, "timing.frame_timeout_ms");
     positive(c.frame_window, "timing.frame_window_us");
     positive(c.reject_pulse, "rejector.pulse_ms");
-    positive(c.heartbeat, "station.heartbeat_ms");
+    positive(c.station_heartbeat, "station.heartbeat_ms");
     if (c.max_parts < 1 || c.max_parts > kLineCapacity) {
         all.push_back("line.max_parts is " + std::to_string(c.max_parts) + ": use 1 to " +
                       std::to_string(kLineCapacity));

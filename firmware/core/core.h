@@ -1,16 +1,16 @@
-// The station core: (state, event, now) -> actions. It decides everything and touches nothing.
+// The station core: a pure state machine, (state, event, now) -> actions.
 //
-// A value: no descriptor, thread, clock or file, and no allocation. Each step is deterministic; the same events at
-// the same times give the same actions. The shell (firmware/station/station.h) carries events in and actions out, in
-// the service and in simulation alike.
+// It owns no descriptor, thread, clock or file and allocates nothing. It is deterministic: the same events at the same
+// times give the same actions. The station (firmware/station/station.h) brings events and carries out actions, in the
+// service and in simulation.
 //
-// What it promises, whatever the events:
+// Guarantees for any sequence of events:
 //   - every part that the part sensor reports gets exactly one verdict, at its deadline at the latest;
-//   - pass only for a part whose own frame, lit by its own strobe, was judged good in time;
-//   - every other part is commanded to be rejected, once, and line stop is raised unless that is confirmed in time.
+//   - only a part whose own frame, lit by its own strobe, was judged good in time passes;
+//   - every other part is commanded to be rejected once; line stop is raised unless the rejection is confirmed in time.
 //
-// Steps, by file: core.cpp commands, devices and faults; arrival.cpp from edge to exposure; matching.cpp frames, light
-// and judgements to their parts; rejection.cpp deadlines, commands and reports at the ejector.
+// Files: core.cpp commands, devices, faults; arrival.cpp from edge to exposure; matching.cpp assigns frames, light and
+// judgements to parts; rejection.cpp deadlines, reject commands and reports.
 #pragma once
 
 #include "firmware/core/actions.h"
@@ -23,24 +23,24 @@
 
 namespace hord::firmware {
 
-// What became of a command. Events other than commands are always done.
+// Outcome of a command. Events other than commands are always done.
 enum class Answer : std::uint8_t {
     done,
     not_in_this_state,
-    device_down,      // arm, while a device is lost or not yet there
-    plc_lost,         // start, while the PLC's heartbeat is missing and the policy is to stop
-    pulse_under_way,  // arm, while the ejector may still act on what it was told before: the line would run under it
+    device_down,      // arm: a device is lost or not yet open
+    plc_lost,         // start: the PLC's heartbeat is missing, and the policy is stop
+    pulse_under_way,  // arm: the ejector may still execute an earlier command
 };
 
 class Core {
   public:
-    // `config` has no problems().
+    // Precondition: problems(config) is empty.
     explicit Core(const CoreConfig& config) : config_(config) {}
 
-    // Clears `actions` and fills it. `now` earlier than at the step before counts as that step's.
+    // Replaces the contents of `actions`. A `now` before that of the last step is taken as that of the last step.
     Answer step(const Event& event, TimePoint now, Actions& actions);
 
-    // When the next Tick is due, if no other event comes first; may be in the past: then at once.
+    // When the next Tick is due unless another event comes first. In the past: at once.
     [[nodiscard]] TimePoint next_wake() const { return next_wake_; }
 
     [[nodiscard]] State state() const { return state_; }
@@ -64,7 +64,7 @@ class Core {
     [[nodiscard]] bool without_plc(PlcPolicy policy) const { return plc_lost_ && config_.plc_policy == policy; }
     void on(const LineUnknown&) { stop_the_line(); }
     bool go(Cause cause);
-    void entered(State from, Cause cause);
+    void carry_out(Command command, State from);
     void flush(PartReason reason);
     void reset_faults();
     [[nodiscard]] bool accepting() const;
@@ -72,6 +72,7 @@ class Core {
     [[nodiscard]] static std::uint32_t bit(Device device) { return 1U << static_cast<unsigned>(device); }
     [[nodiscard]] std::uint32_t active_faults() const;
     void fault(std::uint32_t bits);
+    void keep_active(std::uint32_t bits);
     void stop_the_line();
 
     // arrival.cpp
@@ -91,10 +92,11 @@ class Core {
     void on(const FrameArrived& event);
     void on(const hal::StrobeReport& report);
     void on(const Judged& judged);
-    void on(const TriggerRefused& event);
-    void on(const StrobeRefused& event);
-    void on(const InspectRefused& event);
-    void note_on_oldest_awaiting(PartReason oddity);
+    void on(const TriggerRefused& event) { refused(event.part, &Part::frame_due, PartReason::frame_lost); }
+    void on(const StrobeRefused& event) { refused(event.part, &Part::light_due, PartReason::strobe_failed); }
+    void on(const InspectRefused& event) { refused(event.part, &Part::inspecting, PartReason::inspector_failed); }
+    void refused(std::uint32_t number, bool Part::*pending, PartReason reason);
+    void note_stray_frame(PartReason stray_frame);
     [[nodiscard]] Part* exposed_at(TimePoint exposure_start);
     void judge_when_complete(Part& part);
     void decide(Part& part, PartVerdict verdict, PartReason reason);
@@ -116,18 +118,18 @@ class Core {
     State state_ = State::preoperational;
     TimePoint now_{};
     TimePoint next_wake_ = TimePoint::max();
-    Actions* actions_ = nullptr;  // of the step that runs, else null
+    Actions* actions_ = nullptr;  // during step(), else null
     Answer answer_ = Answer::done;
 
     std::uint32_t up_ = 0;  // Device bits
-    bool started_ = false;  // devices were asked to start
+    bool started_ = false;  // StartDevice was pushed for the devices
     bool run_permit_ = false;
     bool line_stop_ = false;
     bool draining_ = false;
     bool single_taken_ = false;
     bool plc_lost_ = false;
     std::uint32_t outside_ = 0;  // FaultBits of OutsideFaults
-    std::uint32_t trouble_ = 0;  // FaultBits besides devices that are down
+    std::uint32_t trouble_ = 0;  // FaultBits that stay active; devices that are down are not among them
     std::uint32_t faults_latched_ = 0;
     std::uint16_t first_fault_ = 0;
     std::uint32_t failures_in_a_row_ = 0;
@@ -135,15 +137,15 @@ class Core {
     Line line_;
     Conveyor conveyor_;
     std::uint32_t parts_ = 0;
-    std::uint32_t wanted_on_line_ = 0;
-    TimePoint ejector_rests_at_ = TimePoint::min();  // after every pulse commanded so far
+    std::uint32_t accepted_on_line_ = 0;
+    TimePoint ejector_rests_at_ = TimePoint::min();  // end of the last pulse commanded
     TimePoint last_arrival_ = TimePoint::min();
     std::int64_t last_arrival_counts_ = 0;
     TimePoint last_edge_at_ = TimePoint::min();
-    std::uint32_t last_edge_ = 0;  // sequence; 0: none since the part sensor came up
+    std::uint32_t last_edge_ = 0;  // sequence number; 0: none since the part sensor came up
     hal::PartEdge::Kind last_kind_ = hal::PartEdge::Kind::leaves;
     bool leaves_seen_ = false;
-    bool covered_ = false;  // the newest part is at the part sensor still
+    bool covered_ = false;  // the newest part still covers the part sensor
     bool frames_seen_ = false;
     std::uint32_t last_frame_ = 0;
 

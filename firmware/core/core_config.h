@@ -1,4 +1,4 @@
-// What the core must know of the line: when to expose, how long to wait, when and for how long to eject.
+// The core's parameters: when to expose, how long to wait, when and for how long to eject.
 //
 // All delays count from the part sensor's edge. Built by firmware/config/config.h from the configuration file, which
 // checks problems() before a Core is made of it.
@@ -24,50 +24,50 @@ constexpr Duration milliseconds(std::int64_t n) { return Duration(n * 1'000'000)
 constexpr std::uint32_t kLineCapacity = 256;
 
 struct CoreConfig {
-    // The way from the part sensor to the ejector: a time on a conveyor of constant speed, or encoder counts on one
-    // that may slow, stop and restart.
+    // Distance from part sensor to ejector: a time on a conveyor of constant speed, encoder counts on one that may
+    // slow, stop and restart.
     bool by_encoder = false;
     Duration transport = milliseconds(400);        // edge to the part at the ejector, without encoder
     std::int64_t transport_counts = 4000;          // the same in counts, with encoder
-    Duration encoder_timeout = milliseconds(100);  // no reading for so long, parts on the line: position is lost
+    Duration encoder_timeout = milliseconds(100);  // no reading for longer with parts on the line: position is lost
     std::uint32_t max_parts = 64;                  // inspected parts between sensor and ejector, 1..kLineCapacity
     Duration min_gap = milliseconds(20);           // edges closer than this: parts_too_close
     std::int64_t min_gap_counts = 200;             // the same in counts, with encoder, in addition
 
     Duration max_part =
-        Duration::zero();  // the part sensor is covered for longer: parts touch, one is unseen; 0: not checked
-    std::int64_t max_part_counts = 0;  // the same in counts, with encoder, instead
+        Duration::zero();  // longest time a part covers the part sensor; longer: parts touch; 0: not checked
+    std::int64_t max_part_counts = 0;  // used instead with an encoder, in counts
 
     // Exposure and light. Several parts may be between part sensor and camera.
     Duration exposure_delay = milliseconds(5);  // edge to the start of the exposure, without encoder
     std::int64_t exposure_counts = 50;          // the same in counts, with encoder
     Duration trigger_lead =
-        milliseconds(5);  // sensor and strobe are told so long before, or at the edge when that is nearer
+        milliseconds(5);  // sensor and strobe get their request this long before the exposure, or at the edge
     Duration exposure = microseconds(500);
     Duration strobe_delay = microseconds(100);  // start of the exposure to the start of the light
     Duration strobe = microseconds(200);
     std::uint32_t strobe_channels = 1;           // bit set of collimators
-    Duration strobe_window = microseconds(100);  // the light's start and width may differ from the request by this
-    Duration frame_window = milliseconds(2);     // a frame's exposure time stamp may differ from the request by this
-    Duration frame_timeout = milliseconds(100);  // after the exposure's end no frame, no strobe report: lost
-    std::size_t frame_bytes = 0;                 // a frame with fewer is short
+    Duration strobe_window = microseconds(100);  // tolerance of the light's start and width
+    Duration frame_window = milliseconds(2);     // tolerance of a frame's exposure time stamp
+    Duration frame_timeout = milliseconds(100);  // longest wait for frame and strobe report after the exposure's end
+    std::size_t frame_bytes = 0;                 // a frame with fewer bytes is short
 
     // Rejection. The pulse begins `reject_early` before the part is at the ejector; the command goes out `reject_lead`
     // before the pulse: that is the verdict's deadline.
     Duration reject_lead = milliseconds(20);
     Duration reject_early = milliseconds(5);
     Duration reject_pulse = milliseconds(15);
-    Duration confirm_timeout = milliseconds(100);  // after the pulse's end no report: unconfirmed
+    Duration confirm_timeout = milliseconds(100);  // longest wait for the report after the pulse's end
 
-    // A fault that repeats for so many parts in a row is an Error; 0: never.
+    // So many parts in a row without a judgement, by faults of the station, lead to Error; 0: never.
     std::uint32_t max_failures_in_a_row = 5;
-    Duration heartbeat = milliseconds(500);
-    PlcPolicy plc_policy = PlcPolicy::none;  // what PlcLost brings about
+    Duration station_heartbeat = milliseconds(500);
+    PlcPolicy plc_policy = PlcPolicy::none;  // effect of PlcLost
 
     bool operator==(const CoreConfig&) const = default;
 };
 
-// What makes these numbers impossible, one line each, with the configuration's names; empty when they can be used.
+// Contradictions in the numbers, one line each, under the configuration's names. Empty: the numbers can be used.
 std::vector<std::string> problems(const CoreConfig& config);
 
 }  // namespace hord::firmware

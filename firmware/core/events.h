@@ -1,4 +1,4 @@
-// What the core is told. Times inside an event are the device's; the time of the step is a parameter of its own.
+// The inputs of the core. Times inside an event are the device's; the time of the step is a parameter of Core::step().
 #pragma once
 
 #include <cstdint>
@@ -9,27 +9,15 @@
 #include "drivers/hal/rejector.h"
 #include "drivers/hal/sensor.h"
 #include "drivers/hal/strobe.h"
+#include "firmware/core/commands.h"
 #include "firmware/core/station_types.h"
 
 namespace hord::firmware {
 
-// What people and the PLC ask for (OPC 40100-1 methods in brackets). core/states.h says what is allowed when.
-enum class Command : std::uint8_t {
-    initialise,        // devices are opened
-    arm,               // [PrepareRecipe] refused while a device is down
-    disarm,            // [UnprepareRecipe]
-    start_single,      // [StartSingleJob] inspects the next part, then Ready
-    start_continuous,  // [StartContinuous]
-    stop,              // [Stop] inspects no new part; Ready when the last inspected one is past the ejector
-    abort,             // [Abort] Ready at once; parts under way are rejected
-    halt,              // [Halt] devices are closed, lights and permit off
-    reset,  // [Reset] after an error (the person who resets has looked at the line) or halt; opens absent devices again
-};
-
 enum class Device : std::uint8_t { part_sensor, strobe, sensor, rejector };
 constexpr int kDevices = 4;
 
-// Names a frame that the shell holds on loan.
+// Identifies a frame buffer that the station (firmware/station/station.h) holds for the core.
 using FrameHandle = std::uint32_t;
 
 struct FrameArrived {
@@ -38,7 +26,7 @@ struct FrameArrived {
 };
 struct Judged {
     std::uint32_t part = 0;
-    bool failed = false;  // the inspection returned an error; the rest is meaningless
+    bool failed = false;  // the inspection returned an error; the members below are not set
     algo::Verdict verdict = algo::Verdict::unfit;
     algo::Reason reason = algo::Reason::none;
     std::uint16_t defects = 0;
@@ -52,7 +40,7 @@ struct DeviceUp {
 struct DeviceLost {
     Device device{};
 };
-// A device refused an action; `part` is the one it was for.
+// A device refused an action for this part.
 struct TriggerRefused {
     std::uint32_t part = 0;
 };
@@ -65,16 +53,16 @@ struct InspectRefused {
 struct RejectRefused {
     std::uint32_t part = 0;
 };
-// The PLC's heartbeat has stopped, or is back: CoreConfig::plc_policy.
+// The PLC's heartbeat has stopped, or is back. The effect: CoreConfig::plc_policy.
 struct PlcLost {};
 struct PlcBack {};
-// Parts may be on the line that this core has never seen.
+// Unknown parts may be on the line: the process before this one ended with parts on it.
 struct LineUnknown {};
-// Troubles that the core cannot see itself and that change no verdict: kOutsideFaults. Those present now.
+// The bits of kOutsideFaults that are active now: faults that the core cannot detect and that change no verdict.
 struct OutsideFaults {
     std::uint32_t active = 0;
 };
-// Time has passed: Core::next_wake() is due.
+// Core::next_wake() has been reached.
 struct Tick {};
 
 using Event = std::variant<Tick, Command, hal::PartEdge, hal::EncoderReading, FrameArrived, hal::StrobeReport, Judged,

@@ -13,28 +13,29 @@ namespace hord::firmware {
 struct Part {
     enum class Phase : std::uint8_t {
         waiting,    // no verdict yet
-        decided,    // to be rejected, its command is not due yet
-        commanded,  // the ejector was told, its report is awaited
-        complete,   // recorded; only its way past the ejector remains
+        decided,    // to be rejected; its command is not due yet
+        commanded,  // the rejector has the command; its report is awaited
+        complete,   // recorded; it has not passed the ejector yet
     };
     Phase phase = Phase::waiting;
-    bool wanted = false;     // came while executing: is (or was) to be inspected
-    bool exposed = false;    // sensor and strobe were told; exposure_start holds
-    bool frame_due = false;  // triggered, no frame matched yet
-    bool light_due = false;  // fired, no strobe report yet
+    bool accepted = false;   // came while the station accepted parts: is (or was) to be inspected
+    bool exposed = false;    // exposure and light were requested; exposure_start is set
+    bool frame_due = false;  // requested, no frame matched yet
+    bool light_due = false;  // requested, no strobe report yet
     bool light_good = false;
-    bool place_good = false;  // it was before the camera at its exposure (without encoder: taken for granted)
+    bool place_good = false;  // it was in front of the camera at its exposure (without encoder: assumed)
     bool inspecting = false;  // its frame is with the inspector
     bool judged = false;
-    bool command_late = false;             // the part was at the ejector before its command
-    bool place_lost = false;               // the line may have stopped on its way to the ejector, unobserved
-    bool abandoned = false;                // and a reset has ended its story
-    bool reported = false;                 // the rejector's report has come
-    PartReason oddity = PartReason::none;  // a frame that came instead of this part's own
+    bool command_late = false;  // the part reached the ejector before its command
+    bool place_lost = false;    // without encoder: the line may have stopped before the part reached the ejector
+    bool abandoned = false;     // place_lost, and a reset has ended its tracking
+    bool reported = false;      // the rejector's report has come
+    PartReason stray_frame =
+        PartReason::none;  // kind of a stray frame that came meanwhile: the reason if its own frame never comes
 
     TimePoint arrived;
-    std::int64_t edge_counts = 0;    // with encoder: where the conveyor was
-    std::int64_t target_counts = 0;  // and where it is when the part is at the ejector
+    std::int64_t edge_counts = 0;    // with encoder: at the edge
+    std::int64_t target_counts = 0;  // with encoder: when the part is at the ejector
     TimePoint exposure_start;
     Judged judgement;
 

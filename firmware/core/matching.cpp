@@ -1,4 +1,4 @@
-// Frames, light and judgements find their parts, or are recognised as nobody's.
+// Assigns frames, strobe reports and judgements to parts, and detects those that belong to no part.
 #include <algorithm>
 
 #include "firmware/core/core.h"
@@ -45,8 +45,8 @@ std::uint32_t to_us(Duration d) {
 
 }  // namespace
 
-// A frame belongs to the part whose exposure was asked for at its time stamp, and only once. A frame that is nobody's
-// is put down to the oldest part that still waits: should its own frame not come, this is why.
+// A frame belongs to the part whose exposure was requested at its time stamp; one frame a part. A stray frame is noted
+// on the oldest part that waits for its frame: if that one never comes, the stray frame's kind is the reason.
 void Core::on(const FrameArrived& event) {
     const std::uint32_t step = event.info.sequence - last_frame_;
     const bool repeated = frames_seen_ && (step == 0 || step >= (1U << 31));
@@ -56,12 +56,12 @@ void Core::on(const FrameArrived& event) {
     }
     Part* part = repeated ? nullptr : exposed_at(event.info.exposure_start);
     if (part == nullptr || !part->frame_due) {
-        note_on_oldest_awaiting(repeated ? PartReason::frame_duplicate : PartReason::frame_stale);
+        note_stray_frame(repeated ? PartReason::frame_duplicate : PartReason::frame_stale);
         actions_->push(ReleaseFrame{event.frame});
         return;
     }
     part->frame_due = false;
-    if (part->phase != Part::Phase::waiting) {  // it has its verdict: rejected for another reason
+    if (part->phase != Part::Phase::waiting) {  // already rejected for another reason
         actions_->push(ReleaseFrame{event.frame});
     } else if (event.info.corrupt || event.info.bytes_used < config_.frame_bytes) {
         actions_->push(ReleaseFrame{event.frame});
@@ -75,7 +75,7 @@ void Core::on(const FrameArrived& event) {
 Part* Core::exposed_at(TimePoint exposure_start) {
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
-        if (!part.wanted || !part.frame_due) continue;
+        if (!part.accepted || !part.frame_due) continue;
         if (!differs_by_more(exposure_start.time_since_epoch(), part.exposure_start.time_since_epoch(),
                              config_.frame_window)) {
             return &part;
@@ -84,11 +84,11 @@ Part* Core::exposed_at(TimePoint exposure_start) {
     return nullptr;
 }
 
-void Core::note_on_oldest_awaiting(PartReason oddity) {
+void Core::note_stray_frame(PartReason stray_frame) {
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
         if (part.phase != Part::Phase::waiting || !part.frame_due) continue;
-        if (part.oddity == PartReason::none) part.oddity = oddity;
+        if (part.stray_frame == PartReason::none) part.stray_frame = stray_frame;
         return;
     }
 }
@@ -118,7 +118,7 @@ void Core::on(const Judged& judged) {
     judge_when_complete(*part);
 }
 
-// The judgement counts once light and place are known to have been right, and before the deadline only.
+// The judgement counts only when light and position were right, and before the deadline.
 void Core::judge_when_complete(Part& part) {
     if (!part.judged || !part.light_good || !part.place_good) return;
     if (now_ >= at_ejector(part) - config_.reject_early - config_.reject_lead) {
@@ -138,25 +138,12 @@ void Core::judge_when_complete(Part& part) {
     }
 }
 
-void Core::on(const TriggerRefused& event) {
-    Part* part = line_.find(event.part);
-    if (part == nullptr || !part->frame_due) return;
-    part->frame_due = false;
-    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, PartReason::frame_lost);
-}
-
-void Core::on(const StrobeRefused& event) {
-    Part* part = line_.find(event.part);
-    if (part == nullptr || !part->light_due) return;
-    part->light_due = false;
-    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, PartReason::strobe_failed);
-}
-
-void Core::on(const InspectRefused& event) {
-    Part* part = line_.find(event.part);
-    if (part == nullptr || !part->inspecting) return;
-    part->inspecting = false;
-    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, PartReason::inspector_failed);
+// A device refused to do what `pending` waits for.
+void Core::refused(std::uint32_t number, bool Part::*pending, PartReason reason) {
+    Part* part = line_.find(number);
+    if (part == nullptr || !(part->*pending)) return;
+    part->*pending = false;
+    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, reason);
 }
 
 // The one place where a part gets its verdict.
@@ -171,19 +158,20 @@ void Core::decide(Part& part, PartVerdict verdict, PartReason reason) {
         case PartVerdict::reject: ++counters_.reject; break;
         case PartVerdict::unfit: ++counters_.unfit; break;
     }
-    if (part.wanted) count_trouble(reason);
+    if (part.accepted) count_trouble(reason);
     if (verdict == PartVerdict::pass) complete(part, RejectState::not_needed);
 }
 
-// The same kind of trouble part after part is a fault of the station, not of the parts.
+// Raises the fault of a part without a judgement. Several such parts in a row lead to Error: the station is at fault,
+// not the parts.
 void Core::count_trouble(PartReason reason) {
     const std::uint32_t trouble = trouble_of(reason);
     if (trouble != 0) {
-        trouble_ |= trouble;
-        fault(trouble);
+        keep_active(trouble);
         ++failures_in_a_row_;
-        if (config_.max_failures_in_a_row != 0 && failures_in_a_row_ >= config_.max_failures_in_a_row) go(Cause::fault);
-    } else if (reason <= PartReason::not_registered) {  // judged: everything on the way works
+        if (config_.max_failures_in_a_row != 0 && failures_in_a_row_ >= config_.max_failures_in_a_row)
+            go(Trigger::fault);
+    } else if (is_judged(reason)) {  // every device on the way works
         trouble_ &= ~std::uint32_t{kFaultOverrun | kFaultSensor | kFaultStrobe | kFaultInspector | kFaultLightLevel};
         failures_in_a_row_ = 0;
     }

@@ -1,4 +1,4 @@
-// At the ejector: the verdict's deadline, the command in time, its confirmation, and the end of a part's story.
+// At the ejector: the verdict's deadline, the reject command, its confirmation, and the part's result.
 #include <algorithm>
 
 #include "firmware/core/core.h"
@@ -10,20 +10,19 @@ TimePoint Core::at_ejector(const Part& part) const {
     return part.passed_ejector != TimePoint::max() ? part.passed_ejector : conveyor_.reaches(part.target_counts);
 }
 
-// When a part is past the ejector, and its neighbour may come.
+// When a part has passed the ejector.
 TimePoint Core::gone_at(const Part& part) const {
     const TimePoint at = config_.by_encoder ? part.passed_ejector : part.arrived + config_.transport;
     return at == TimePoint::max() || at == TimePoint::min() ? at : at + config_.reject_pulse;
 }
 
-// Does for every part what is due now, and finds out when the next thing is.
+// Does what is due now for every part, and sets next_wake_.
 void Core::settle() {
     next_wake_ = next_heartbeat_;
     if (config_.by_encoder && config_.encoder_timeout > Duration::zero() && line_.size() > 0) {
         const TimePoint silent_at = std::max(conveyor_.last_read(), line_[0].arrived) + config_.encoder_timeout;
         if (now_ >= silent_at && line_[0].passed_ejector != TimePoint::min()) {
-            trouble_ |= kFaultPartSensor;
-            fault(kFaultPartSensor);
+            keep_active(kFaultPartSensor);
             lose_position();
             stop_the_line();
         } else {
@@ -36,24 +35,24 @@ void Core::settle() {
     }
     if (state_ == State::initialized && now_ < ejector_rests_at_) next_wake_ = std::min(next_wake_, ejector_rests_at_);
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
-        if (actions_->room() < 8) {  // the rest in the next step, at once
+        if (actions_->room() < 8) {  // the rest in the next step, which is due at once
             next_wake_ = now_;
             return;
         }
         next_wake_ = std::min(next_wake_, settle(line_[k]));
     }
     while (line_.size() > 0 && line_[0].phase == Part::Phase::complete && now_ >= gone_at(line_[0])) {
-        if (line_[0].wanted) --wanted_on_line_;
+        if (line_[0].accepted) --accepted_on_line_;
         line_.pop_oldest();
     }
     if (line_.size() > 0 && line_[0].phase == Part::Phase::complete)
         next_wake_ = std::min(next_wake_, gone_at(line_[0]));
 
     const bool taken_all = draining_ || (state_ == State::single_execution && single_taken_);
-    if (executing(state_) && taken_all && wanted_on_line_ == 0) go(Cause::finished);
+    if (executing(state_) && taken_all && accepted_on_line_ == 0) go(Trigger::finished);
 }
 
-// Does what is due for one part; returns when something is due next, should no event come.
+// Does what is due for one part. Returns when something is due next without an event.
 TimePoint Core::settle(Part& part) {
     TimePoint next = TimePoint::max();
     if (part.phase == Part::Phase::waiting && !part.exposed) next = expose_when_due(part);
@@ -63,7 +62,8 @@ TimePoint Core::settle(Part& part) {
         if (now_ < lost_at) {
             next = lost_at;
         } else if (part.frame_due) {
-            decide(part, PartVerdict::unfit, part.oddity != PartReason::none ? part.oddity : PartReason::frame_lost);
+            decide(part, PartVerdict::unfit,
+                   part.stray_frame != PartReason::none ? part.stray_frame : PartReason::frame_lost);
         } else {
             decide(part, PartVerdict::unfit, PartReason::strobe_failed);
         }
@@ -108,8 +108,8 @@ void Core::on(const RejectRefused& event) {
     if (part != nullptr && part->phase == Part::Phase::commanded) complete(*part, RejectState::failed);
 }
 
-// A rejection is confirmed when the rejector acknowledged it before the part was at the ejector, and the part was there
-// during the pulse, as far as the line is observed. What is acknowledged later may have begun when the part had passed.
+// A rejection is confirmed if the rejector acknowledged it before the part reached the ejector and, with an encoder,
+// the part was there during the pulse. After a later acknowledgement the pulse may have begun behind the part.
 TimePoint Core::await_report(Part& part) {
     using Outcome = hal::RejectReport::Outcome;
     const TimePoint pulse_end = part.eject_start + config_.reject_pulse;
@@ -121,7 +121,7 @@ TimePoint Core::await_report(Part& part) {
         complete(part, RejectState::late);
     } else if (config_.by_encoder && part.passed_ejector == TimePoint::max()) {
         if (now_ < pulse_end + config_.encoder_timeout) return pulse_end + config_.encoder_timeout;
-        complete(part, RejectState::late);  // the conveyor stood still: the pulse is over, the part is not there yet
+        complete(part, RejectState::late);  // the conveyor stood: the pulse is over, the part is not there yet
     } else if (config_.by_encoder && (part.passed_ejector < part.eject_start || part.passed_ejector > pulse_end)) {
         complete(part, RejectState::late);
     } else if (part.reported && part.report.at > at_ejector(part)) {

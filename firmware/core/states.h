@@ -1,31 +1,22 @@
-// The station's states (OPC 40100-1) and every way from one to another.
+// The state machine (OPC 40100-1): every transition.
 #pragma once
 
 #include <array>
 #include <optional>
+#include <variant>
 
 #include "firmware/core/events.h"
 #include "firmware/core/station_types.h"
 
 namespace hord::firmware {
 
-// What moves the state machine: the commands, and three things the core finds out by itself.
-enum class Cause : std::uint8_t {
-    initialise,
-    arm,
-    disarm,
-    start_single,
-    start_continuous,
-    stop,
-    abort,
-    halt,
-    reset,      // in Command's order
+// What the core finds out by itself and what moves the state machine then.
+enum class Trigger : std::uint8_t {
     finished,   // the single part, or the last one of a stop, is past the ejector
-    fault,      // a device was lost, or failed too many parts in a row, in Ready or while executing
-    line_stop,  // a rejection could not be confirmed, or parts are on the line that nobody knows
+    fault,      // a device was lost, or too many parts in a row failed, in Ready or while executing
+    line_stop,  // a rejection could not be confirmed, or unknown parts are on the line
 };
-constexpr int kCauses = 12;
-constexpr Cause cause_of(Command command) { return static_cast<Cause>(command); }
+using Cause = std::variant<Command, Trigger>;
 
 struct Transition {
     State from;
@@ -33,42 +24,42 @@ struct Transition {
     State to;
 };
 
-// Whatever is not here is refused (commands) or changes nothing (the core's own causes).
+// A command that is not listed for a state is refused; a trigger that is not listed changes nothing.
 constexpr std::array kTransitions{
-    Transition{State::preoperational, Cause::initialise, State::initialized},
-    Transition{State::preoperational, Cause::halt, State::halted},
-    Transition{State::preoperational, Cause::line_stop, State::error},
+    Transition{State::preoperational, Command::initialise, State::initialized},
+    Transition{State::preoperational, Command::halt, State::halted},
+    Transition{State::preoperational, Trigger::line_stop, State::error},
 
-    Transition{State::initialized, Cause::arm, State::ready},
-    Transition{State::initialized, Cause::reset, State::initialized},  // looks for absent devices again
-    Transition{State::initialized, Cause::halt, State::halted},
-    Transition{State::initialized, Cause::line_stop, State::error},
+    Transition{State::initialized, Command::arm, State::ready},
+    Transition{State::initialized, Command::reset, State::initialized},  // looks for absent devices again
+    Transition{State::initialized, Command::halt, State::halted},
+    Transition{State::initialized, Trigger::line_stop, State::error},
 
-    Transition{State::ready, Cause::disarm, State::initialized},
-    Transition{State::ready, Cause::start_single, State::single_execution},
-    Transition{State::ready, Cause::start_continuous, State::continuous_execution},
-    Transition{State::ready, Cause::halt, State::halted},
-    Transition{State::ready, Cause::fault, State::error},
-    Transition{State::ready, Cause::line_stop, State::error},
+    Transition{State::ready, Command::disarm, State::initialized},
+    Transition{State::ready, Command::start_single, State::single_execution},
+    Transition{State::ready, Command::start_continuous, State::continuous_execution},
+    Transition{State::ready, Command::halt, State::halted},
+    Transition{State::ready, Trigger::fault, State::error},
+    Transition{State::ready, Trigger::line_stop, State::error},
 
-    Transition{State::single_execution, Cause::stop, State::single_execution},  // drains
-    Transition{State::single_execution, Cause::abort, State::ready},
-    Transition{State::single_execution, Cause::finished, State::ready},
-    Transition{State::single_execution, Cause::halt, State::halted},
-    Transition{State::single_execution, Cause::fault, State::error},
-    Transition{State::single_execution, Cause::line_stop, State::error},
+    Transition{State::single_execution, Command::stop, State::single_execution},  // drains
+    Transition{State::single_execution, Command::abort, State::ready},
+    Transition{State::single_execution, Trigger::finished, State::ready},
+    Transition{State::single_execution, Command::halt, State::halted},
+    Transition{State::single_execution, Trigger::fault, State::error},
+    Transition{State::single_execution, Trigger::line_stop, State::error},
 
-    Transition{State::continuous_execution, Cause::stop, State::continuous_execution},  // drains
-    Transition{State::continuous_execution, Cause::abort, State::ready},
-    Transition{State::continuous_execution, Cause::finished, State::ready},
-    Transition{State::continuous_execution, Cause::halt, State::halted},
-    Transition{State::continuous_execution, Cause::fault, State::error},
-    Transition{State::continuous_execution, Cause::line_stop, State::error},
+    Transition{State::continuous_execution, Command::stop, State::continuous_execution},  // drains
+    Transition{State::continuous_execution, Command::abort, State::ready},
+    Transition{State::continuous_execution, Trigger::finished, State::ready},
+    Transition{State::continuous_execution, Command::halt, State::halted},
+    Transition{State::continuous_execution, Trigger::fault, State::error},
+    Transition{State::continuous_execution, Trigger::line_stop, State::error},
 
-    Transition{State::error, Cause::reset, State::initialized},
-    Transition{State::error, Cause::halt, State::halted},
+    Transition{State::error, Command::reset, State::initialized},
+    Transition{State::error, Command::halt, State::halted},
 
-    Transition{State::halted, Cause::reset, State::preoperational},
+    Transition{State::halted, Command::reset, State::preoperational},
 };
 
 constexpr std::optional<State> next_state(State from, Cause cause) {

@@ -1,9 +1,12 @@
-// What the station says of itself: filled by the core's shell, read by the registers, `status` and the tests.
+// What the station reports: its state, the results of parts, counters. Filled by the core; read by registers, store,
+// `hordctl status` and the tests.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <string_view>
+
+#include "algo/verdict/verdict.h"
+#include "firmware/core/faults.h"
 
 namespace hord::firmware {
 
@@ -30,19 +33,28 @@ constexpr std::string_view name_of(State s) {
     return "unknown";
 }
 
-// What was decided for a part and why: the inspection's own reasons, and every way of not having one.
 enum class PartVerdict : std::uint16_t { pass = 1, reject = 2, unfit = 3 };
+constexpr std::string_view name_of(PartVerdict verdict) {
+    switch (verdict) {
+        case PartVerdict::pass: return "pass";
+        case PartVerdict::reject: return "reject";
+        case PartVerdict::unfit: return "unfit";
+    }
+    return "unknown";
+}
+
+// Why a part has its verdict: below 16 the inspection's reason (algo/verdict/verdict.h), from 16 on why it was not
+// judged; such a part is rejected.
 enum class PartReason : std::uint16_t {
-    none = 0,
-    // judged
-    deflection = 1,
-    slope = 2,
-    absorption = 3,
-    too_dark = 4,
-    saturated = 5,
-    nothing_to_see = 6,
-    not_registered = 7,
-    // not judged: fail-safe
+    none = static_cast<std::uint16_t>(algo::Reason::none),
+    deflection = static_cast<std::uint16_t>(algo::Reason::deflection),
+    slope = static_cast<std::uint16_t>(algo::Reason::slope),
+    absorption = static_cast<std::uint16_t>(algo::Reason::absorption),
+    too_dark = static_cast<std::uint16_t>(algo::Reason::too_dark),
+    saturated = static_cast<std::uint16_t>(algo::Reason::saturated),
+    nothing_to_see = static_cast<std::uint16_t>(algo::Reason::nothing_to_see),
+    not_registered = static_cast<std::uint16_t>(algo::Reason::not_registered),
+
     verdict_late = 16,         // no verdict by the deadline
     frame_lost = 17,           // no frame came
     frame_stale = 18,          // the frame was exposed before this part's strobe
@@ -52,48 +64,67 @@ enum class PartReason : std::uint16_t {
     strobe_failed = 22,        // the light did not come, or came at the wrong time
     parts_too_close = 23,      // this part came before the one ahead was exposed
     station_not_running = 24,  // the part came while the station was not executing
-    device_lost = 25,          // a device failed while the part was under way
-    line_full = 26,            // more parts between sensor and rejector than the line can hold
-    edge_lost = 27,            // the part sensor missed an edge: identity is uncertain
+    device_lost = 25,          // a device failed while the part was on the line
+    line_full = 26,            // more parts between part sensor and ejector than the line can hold
+    edge_lost = 27,            // the part sensor missed an edge: it is uncertain which part this is
     inspector_failed = 28,     // the inspection returned an error
-    plc_lost = 29,             // the PLC's heartbeat stopped, and the policy is to reject every part
+    plc_lost = 29,             // the PLC's heartbeat stopped, and the policy is reject_all
 };
-std::string_view name_of(PartReason reason);
+constexpr bool is_judged(PartReason reason) { return static_cast<std::uint16_t>(reason) < 16; }
+constexpr std::string_view name_of(PartReason reason) {
+    switch (reason) {
+        case PartReason::none:
+        case PartReason::deflection:
+        case PartReason::slope:
+        case PartReason::absorption:
+        case PartReason::too_dark:
+        case PartReason::saturated:
+        case PartReason::nothing_to_see:
+        case PartReason::not_registered: return algo::name_of(static_cast<algo::Reason>(reason));
+        case PartReason::verdict_late: return "verdict-late";
+        case PartReason::frame_lost: return "frame-lost";
+        case PartReason::frame_stale: return "frame-stale";
+        case PartReason::frame_duplicate: return "frame-duplicate";
+        case PartReason::frame_short: return "frame-short";
+        case PartReason::frame_corrupt: return "frame-corrupt";
+        case PartReason::strobe_failed: return "strobe-failed";
+        case PartReason::parts_too_close: return "parts-too-close";
+        case PartReason::station_not_running: return "station-not-running";
+        case PartReason::device_lost: return "device-lost";
+        case PartReason::line_full: return "line-full";
+        case PartReason::edge_lost: return "edge-lost";
+        case PartReason::inspector_failed: return "inspector-failed";
+        case PartReason::plc_lost: return "plc-lost";
+    }
+    return "unknown";
+}
 
-// What the station does when the PLC's heartbeat stops.
+// What the station does while the PLC's heartbeat is missing.
 enum class PlcPolicy : std::uint16_t {
     none = 0,
-    stop = 1,  // inspects no new part and starts no more until the heartbeat is back; Ready when the line is empty
-    reject_all = 2,  // every part without a verdict is rejected until the heartbeat is back
+    stop = 1,        // inspects no new part and refuses to start; Ready when the line is empty
+    reject_all = 2,  // rejects every part that has no verdict yet
 };
+constexpr std::string_view name_of(PlcPolicy policy) {
+    switch (policy) {
+        case PlcPolicy::none: return "none";
+        case PlcPolicy::stop: return "stop";
+        case PlcPolicy::reject_all: return "reject_all";
+    }
+    return "unknown";
+}
 
 enum class RejectState : std::uint16_t { not_needed = 0, commanded = 1, confirmed = 2, failed = 3, late = 4 };
-
-// Faults are bits; a person reads their names and cures in firmware/core/faults.h.
-enum FaultBit : std::uint32_t {
-    kFaultPartSensor = 1U << 0,
-    kFaultStrobe = 1U << 1,
-    kFaultSensor = 1U << 2,
-    kFaultRejector = 1U << 3,
-    kFaultRejectUnconfirmed = 1U << 4,  // line stop: a bad part may have passed the ejector
-    kFaultInspector = 1U << 5,
-    kFaultOverrun = 1U << 6,  // verdicts come later than the line allows
-    kFaultConfiguration = 1U << 7,
-    kFaultLightLevel = 1U << 8,
-    kFaultPlc = 1U << 9,         // the PLC's heartbeat stopped, and the policy is not "none"
-    kFaultStore = 1U << 10,      // results cannot be stored now; they wait in memory
-    kFaultPictures = 1U << 11,   // frames that should have been kept were dropped
-    kFaultGridDrift = 1U << 12,  // the lenslet grid has moved; verdicts do not suffer yet
-    kFaultLightFading =
-        1U << 13,  // parts have less light than they had; they are judged as before, as with the next three
-    kFaultDarkDrift = 1U << 14,    // the sensor's dark level has changed
-    kFaultLightUneven = 1U << 15,  // a region of the field has another share of the light than it had
-    kFaultDust = 1U << 16,         // the same places of the sensor respond in part after part
-};
-
-// Troubles that the core cannot see itself and that change no verdict.
-inline constexpr std::uint32_t kOpticsFaults = kFaultLightFading | kFaultDarkDrift | kFaultLightUneven | kFaultDust;
-inline constexpr std::uint32_t kOutsideFaults = kFaultStore | kFaultPictures | kFaultGridDrift | kOpticsFaults;
+constexpr std::string_view name_of(RejectState state) {
+    switch (state) {
+        case RejectState::not_needed: return "not-needed";
+        case RejectState::commanded: return "commanded";
+        case RejectState::confirmed: return "confirmed";
+        case RejectState::failed: return "failed";
+        case RejectState::late: return "late";
+    }
+    return "unknown";
+}
 
 struct Counters {
     std::uint32_t seen = 0, inspected = 0, pass = 0, reject = 0, unfit = 0, missed = 0;
@@ -101,11 +132,11 @@ struct Counters {
     bool operator==(const Counters&) const = default;
 };
 
-// No defect, no recipe: the registers show "not available".
+// "No such number" of a defect's position or a recipe; the registers show "not available".
 constexpr std::uint16_t kNoNumber = 0xFFFF;
 
 struct PartResult {
-    std::uint32_t sequence = 0;   // result number, from 1; 0: no result yet
+    std::uint32_t sequence = 0;   // of results, from 1; 0: no result yet
     std::uint32_t part = 0;       // part number since the station started, from 1
     std::int64_t arrived_ns = 0;  // station time of the edge
     PartVerdict verdict = PartVerdict::unfit;
@@ -125,7 +156,7 @@ struct Snapshot {
     bool run_permit = false;
     std::uint32_t faults_active = 0, faults_latched = 0;
     std::uint16_t first_fault = 0;  // bit number + 1; 0: none
-    std::uint16_t heartbeat = 0;
+    std::uint16_t station_heartbeat = 0;
     std::uint32_t parts_on_line = 0;
     Counters counters;
     PartResult last;

@@ -1,4 +1,4 @@
-// Who may connect to the register server, and who may write.
+// Access rules of the register server: who may connect, who may write.
 #pragma once
 
 #include <array>
@@ -12,8 +12,9 @@ struct sockaddr;
 
 namespace hord::firmware::modbus {
 
-// A network as written in the configuration: "192.0.2.0/24", "2001:db8::/32", or one address. IPv4 is kept as
-// IPv6 (::ffff:a.b.c.d).
+// A network as in the configuration: "192.0.2.0/24", "2001:db8::/32", or one address. IPv4 is stored as IPv4-mapped
+// IPv6
+// (::ffff:a.b.c.d).
 struct Network {
     std::array<std::uint8_t, 16> address{};
     int prefix_bits = 128;  // of the 128
@@ -29,7 +30,7 @@ struct AccessRule {
 
 enum class Access : std::uint8_t { none, read, read_write };
 
-// The first rule whose network holds the peer decides; no rule holds it: none. No rules at all: read_write.
+// The first rule whose network contains the peer decides; without one: none. An empty list: read_write.
 [[nodiscard]] Access access_of(const sockaddr& peer, std::span<const AccessRule> rules);
 
 }  // namespace hord::firmware::modbus

@@ -48,7 +48,7 @@ class Reply {
     std::size_t size_ = 0;
 };
 
-// Addresses must not run past 65535.
+// The last address must not exceed 65535.
 Exception check_range(std::size_t address, std::size_t count, std::size_t most) {
     if (count == 0 || count > most) return Exception::illegal_value;
     return address + count > 0x10000 ? Exception::illegal_address : Exception::none;
@@ -162,7 +162,7 @@ std::size_t answer_read_write(RegisterModel& model, const Origin& origin, Bytes 
         return reply.refuse(wrong);
     if (request[9] != 2 * write_count || request.size() != 10 + 2 * write_count)
         return reply.refuse(Exception::illegal_value);
-    // Refuse before anything is written when the read could not be answered.
+    // If the read would fail, refuse before the write.
     std::array<std::uint16_t, kMaxReadRegisters> before{};
     if (const auto wrong = model.read_registers(read_at, std::span(before).first(read_count)); wrong != Exception::none)
         return reply.refuse(wrong);
@@ -173,8 +173,8 @@ std::size_t answer_read_write(RegisterModel& model, const Origin& origin, Bytes 
     return wrong != Exception::none ? reply.refuse(wrong) : answer_with_registers(model, read_at, read_count, reply);
 }
 
-// FC 43/14. Streams (1 basic, 2 regular, 3 extended) go on in a later request where they do not fit; 4 asks
-// for one object.
+// FC 43/14. Stream access (1 basic, 2 regular, 3 extended) continues in a later request when the reply is full;
+// 4 requests one object.
 std::size_t answer_identification(const RegisterModel& model, Bytes request, Reply& reply) {
     if (request.size() < 2 || request[1] != 14) return reply.refuse(Exception::illegal_function);
     if (request.size() != 4 || request[2] < 1 || request[2] > 4) return reply.refuse(Exception::illegal_value);
@@ -188,12 +188,12 @@ std::size_t answer_identification(const RegisterModel& model, Bytes request, Rep
     std::size_t object = request[3];
     if (kind == 4 && object_text(object).empty()) return reply.refuse(Exception::illegal_address);
     if (kind != 4 && (object >= kEnd[kind] || object_text(object).empty()))
-        object = 0;  // as the specification wants it
+        object = 0;  // required by the specification
     const std::size_t end = kind == 4 ? object + 1 : kEnd[kind];
 
     reply.byte(14);
     reply.byte(kind);
-    reply.byte(0x83);  // extended identification, as a stream and one by one
+    reply.byte(0x83);  // conformity level: extended, stream and individual access
     const std::size_t more = reply.size();
     reply.word(0);  // more follows, next object
     reply.byte(0);  // number of objects

@@ -7,8 +7,7 @@ namespace {
 
 constexpr std::size_t kCrc = 2;
 
-// Size of a whole frame, or 0 while the byte that tells is not there yet, or nothing for a function without a
-// rule.
+// Size of the whole frame; 0: the byte that determines it has not arrived; nothing: unknown function.
 std::optional<std::size_t> request_size(std::span<const std::uint8_t> frame) {
     const auto counted = [&](std::size_t at) { return frame.size() > at ? at + 1 + frame[at] + kCrc : std::size_t{0}; };
     if (frame.size() < 2) return 0;
@@ -82,8 +81,7 @@ bool FramerRtu::good(std::size_t size) const {
     return crc16(std::span(frame_).first(size - kCrc)) == (frame_[size - 2] | frame_[size - 1] << 8U);
 }
 
-// A frame for this unit is a request. One of another unit may be a request or a reply: whichever has a good
-// CRC.
+// A frame for this unit is a request. One for another unit is a request or a reply: the one whose CRC matches.
 FramerRtu::Shape FramerRtu::shape(std::size_t& size) const {
     const auto there = std::span(frame_).first(filled_);
     const bool ours = filled_ > 0 && (frame_[0] == unit_ || frame_[0] == 0);

@@ -1,13 +1,12 @@
-// Modbus RTU framing for a server on a serial line: bytes and their times in, requests out. Pure; 256 bytes
-// of memory.
+// Modbus RTU framing for a server on a serial line: bytes with arrival times in, requests out. No I/O; 256 bytes of
+// memory.
 //
 //     unit (1)  PDU (1..253)  CRC-16 (2, low byte first)
 //
-// The length follows from the function code, so that a request is answered as soon as its last byte is there
-// and no timer decides where a frame ends. A silence of `gap` begins a new frame whatever came before. A
-// frame that is not understood makes the framer deaf until the next silence: an event on the line costs at
-// most the request that it hits, and no request is ever put together from the middle of other bytes. Frames
-// for other units, and their replies, are passed over; the next frame may follow them without a silence.
+// The length follows from the function code: a request is complete with its last byte, without a timer. A silence of
+// `gap` starts a new frame. After a frame with a wrong CRC or of unknown length, everything up to the next silence is
+// discarded: a disturbance costs at most the request that it hits, and no request starts in the middle of other bytes.
+// Frames for other units and their replies are skipped; the next frame may follow without a silence.
 #pragma once
 
 #include <array>
@@ -28,20 +27,19 @@ inline constexpr std::size_t kMaxRtuFrame = 1 + kMaxPdu + 2;
 
 class FramerRtu {
   public:
-    // `gap`: a longer silence ends a frame. The line needs 3.5 characters (1.75 ms from 19200 baud up); an
-    // adapter that hands bytes over in batches needs more than its latency.
+    // `gap`: a longer silence ends a frame. At least 3.5 characters (1.75 ms from 19200 baud up), and more than the
+    // latency of an adapter that delivers bytes in batches.
     FramerRtu(std::uint8_t unit, hal::Duration gap) : unit_(unit), gap_(gap) {}
 
-    // Takes bytes that arrived at `at` from the front of `bytes` until one request for this unit, or for all
-    // (unit 0: executed and not answered), is complete or none are left; moves `bytes` past them. Call again
-    // with the rest.
+    // Consumes bytes that arrived at `at` from the front of `bytes` until one request for this unit or a broadcast
+    // (unit 0: executed, not answered) is complete, or none are left. Call again with the rest.
     [[nodiscard]] std::optional<Request> take(std::span<const std::uint8_t>& bytes, hal::TimePoint at);
 
     // Frames with a wrong CRC or of unknown length, since the start.
     [[nodiscard]] std::uint64_t damaged() const { return damaged_; }
 
   private:
-    // Of the frame that begins in frame_, as far as it is known.
+    // State of the frame that begins in frame_.
     enum class Shape : std::uint8_t { incomplete, frame, damaged };
     [[nodiscard]] Shape shape(std::size_t& size) const;
     [[nodiscard]] bool good(std::size_t size) const;

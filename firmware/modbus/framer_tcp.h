@@ -1,10 +1,9 @@
-// Modbus TCP framing: bytes in, requests out. Pure; one per connection; 260 bytes of memory whatever the peer
-// sends.
+// Modbus TCP framing: bytes in, requests out. No I/O; one a connection; always 260 bytes of memory.
 //
 //     transaction (2)  protocol = 0 (2)  length = 1 + PDU (2)  unit (1)  PDU (1..253)      all big endian
 //
-// Strict: a wrong protocol or length means that the stream is no longer understood, and nothing later in it
-// can be trusted. The framer is then broken for good, and the connection must be closed.
+// After a wrong protocol or length the frame boundaries are lost: the framer stays broken, and the connection must be
+// closed.
 #pragma once
 
 #include <array>
@@ -27,9 +26,8 @@ struct Request {
 
 class FramerTcp {
   public:
-    // Takes bytes from the front of `bytes` until one request is complete or none are left, and moves `bytes`
-    // past them. Call again with the rest for the next request. Nothing: more bytes are needed, or the framer
-    // is broken.
+    // Consumes bytes from the front of `bytes` until one request is complete or none are left. Call again with the
+    // rest. Nothing: more bytes are needed, or the framer is broken.
     [[nodiscard]] std::optional<Request> take(std::span<const std::uint8_t>& bytes);
 
     [[nodiscard]] bool broken() const { return broken_; }
@@ -42,8 +40,7 @@ class FramerTcp {
     bool broken_ = false;
 };
 
-// Writes the header in front of a reply's PDU. `frame` holds kMbapSize + pdu_size bytes, the PDU already in
-// place.
+// Writes the header in front of a reply's PDU. `frame`: kMbapSize + pdu_size bytes, the PDU already in place.
 void write_mbap(const Request& request, std::size_t pdu_size, std::span<std::uint8_t> frame);
 
 }  // namespace hord::firmware::modbus

@@ -30,7 +30,7 @@ constexpr Speed kSpeeds[] = {{1200, B1200},     {2400, B2400},     {4800, B4800}
                              {19200, B19200},   {38400, B38400},   {57600, B57600},  {115200, B115200},
                              {230400, B230400}, {460800, B460800}, {921600, B921600}};
 
-// Sets the open line up: raw, 8 bits, parity and speed, RS-485.
+// Configures the open line: raw, 8 bits, parity, speed, RS-485.
 Result<void> set_up(int fd, const SerialOptions& options) {
     const Speed* speed = nullptr;
     for (const Speed& known : kSpeeds) speed = known.baud == options.baud ? &known : speed;
@@ -156,8 +156,7 @@ struct RtuServer::Impl {
         if (filled > 0) send_reply();
     }
 
-    // Only the newest request is answered: a master that does not wait for the reply has given the older one
-    // up.
+    // Only the newest request is answered: a master that sends again has given up the older one.
     void answer(const Request& request) {
         std::array<std::uint8_t, kMaxPdu> pdu{};
         const std::size_t size = dispatch(model, {.peer = peer, .may_write = options.may_write}, request.pdu, pdu);

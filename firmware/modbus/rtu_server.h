@@ -1,6 +1,5 @@
-// The Modbus RTU server: one serial line, on the event loop, never blocking. A line is half duplex: while a
-// reply leaves, what is heard is thrown away. A line that goes (a pulled adapter) is opened again every
-// second.
+// The Modbus RTU server: one serial line on the event loop, never blocking. Half duplex: bytes received during a reply
+// are discarded. A lost line (an adapter was pulled) is opened again every second.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +16,7 @@ struct SerialOptions {
     enum class Parity : std::uint8_t { none, even, odd };
     std::string device = "/dev/ttyS0";
     int baud = 19200;              // 1200 to 921600
-    Parity parity = Parity::even;  // none has two stop bits, as the specification wants it
+    Parity parity = Parity::even;  // none: with two stop bits, as the specification requires
     std::uint8_t unit = 1;         // 1 to 247
     bool rs485 = true;  // the kernel switches the transmitter (TIOCSRS485); false: RS-232, or an adapter that
                         // does it itself
@@ -37,7 +36,7 @@ class RtuServer {
     [[nodiscard]] static Result<std::unique_ptr<RtuServer>> open(hal::EventLoop& loop, RegisterModel& model,
                                                                  SerialOptions options);
 
-    // The same on a line that somebody else has opened and set up; not opened again when it goes.
+    // The same on a line already open and configured; it is not opened again when it is lost.
     [[nodiscard]] static Result<std::unique_ptr<RtuServer>> adopt(hal::EventLoop& loop, RegisterModel& model, int fd,
                                                                   SerialOptions options);
     ~RtuServer();

@@ -25,14 +25,13 @@ using namespace std::chrono_literals;
 
 constexpr int kBacklog = 1024;
 constexpr int kAcceptsPerTurn = 8;
-constexpr int kServedPerTurn = 32;         // connections; then the loop's other work has its turn
-constexpr std::uint64_t kEstablished = 8;  // requests after which a client is a regular one
-constexpr auto kEstablishedIdle = 10s;     // and how long it may be silent and stay one
+constexpr int kServedPerTurn = 32;         // connections served in one callback of the loop
+constexpr std::uint64_t kEstablished = 8;  // completed requests of an established client
+constexpr auto kEstablishedIdle = 10s;     // longest silence of one
 constexpr auto kPauseWithoutDescriptors = 100ms;
 
-// One turn reads at most kInputSize bytes, and only when every earlier reply has left. The shortest request
-// with a reply of full size has 11 bytes, so a turn makes at most 264 / 11 + 1 = 25 replies of at most 260
-// bytes: 6500.
+// One turn reads at most kInputSize bytes, and only when every earlier reply has been sent. The shortest request with a
+// reply of full size has 11 bytes: at most 264 / 11 + 1 = 25 replies of at most 260 bytes, 6500 bytes.
 constexpr std::size_t kInputSize = 264;
 constexpr std::size_t kOutputSize = 8192;
 static_assert((kInputSize / 11 + 1) * kMaxTcpFrame <= kOutputSize);
@@ -117,7 +116,7 @@ struct Server::Impl {
         bool may_write = false;
         FramerTcp framer;
         std::array<std::uint8_t, kOutputSize> output;
-        std::size_t filled = 0, sent = 0;  // output[sent, filled) has not left yet
+        std::size_t filled = 0, sent = 0;  // output[sent, filled) is not sent yet
         std::uint64_t replies_waiting = 0, requests_done = 0;
         hal::TimePoint last_used;
     };
@@ -127,12 +126,11 @@ struct Server::Impl {
     ServerOptions options;
     Fd listener;
     hal::EventLoop::WatchId listener_watch = hal::EventLoop::WatchId::none;
-    Fd ready;  // an epoll of all connections, so that the loop is asked once for all that have something, not once for
-               // each
+    Fd ready;  // an epoll of all connections: one watch on the loop for all of them
     hal::EventLoop::WatchId ready_watch = hal::EventLoop::WatchId::none;
     hal::EventLoop::TimerId pause = hal::EventLoop::TimerId::none;
     std::vector<std::unique_ptr<Connection>> connections;
-    std::vector<std::unique_ptr<Connection>> closed;  // kept until the turn that closed them is over
+    std::vector<std::unique_ptr<Connection>> closed;  // destroyed in the next turn: pending events may point to them
     ServerStatistics statistics;
 
     Impl(hal::EventLoop& l, RegisterModel& m, ServerOptions o, Fd fd)
@@ -177,8 +175,8 @@ struct Server::Impl {
                             SOCK_NONBLOCK | SOCK_CLOEXEC));
             if (fd.get() < 0) {
                 if (errno == ECONNABORTED || errno == EINTR) continue;
-                // After the first of a turn it is not known whether anybody waits: without descriptors
-                // accept4() fails either way.
+                // Without descriptors accept4() fails even if nobody waits; only the first call of a turn follows a
+                // readable listener.
                 const bool without = errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM;
                 if (without && k == 0) make_room_for_descriptors();
                 return;
@@ -196,7 +194,7 @@ struct Server::Impl {
 
     void welcome(Fd fd, std::string peer, bool may_write) {
         set_option(fd.get(), IPPROTO_TCP, TCP_NODELAY, 1);
-        // A peer that lost its power is noticed after 30 + 3 * 10 seconds.
+        // A dead peer is detected after 30 + 3 * 10 seconds.
         set_option(fd.get(), SOL_SOCKET, SO_KEEPALIVE, 1);
         set_option(fd.get(), IPPROTO_TCP, TCP_KEEPIDLE, 30);
         set_option(fd.get(), IPPROTO_TCP, TCP_KEEPINTVL, 10);
@@ -224,7 +222,7 @@ struct Server::Impl {
         close(**victim);
     }
 
-    // The process has no descriptors left: one of ours makes room, or we wait for others to give theirs back.
+    // The process has no descriptors left: close a connection, or try again later.
     void make_room_for_descriptors() {
         if (!connections.empty()) return evict();
         loop.unwatch(std::exchange(listener_watch, hal::EventLoop::WatchId::none));
@@ -271,7 +269,7 @@ struct Server::Impl {
     }
 
     void close(Connection& c) {
-        c.fd.reset();  // and with it its place in the epoll
+        c.fd.reset();  // removes it from the epoll, too
         const auto at =
             std::find_if(connections.begin(), connections.end(), [&](const auto& p) { return p.get() == &c; });
         closed.push_back(std::move(*at));
@@ -309,7 +307,7 @@ struct Server::Impl {
         if ((frame[kMbapSize] & 0x80U) != 0) ++statistics.exceptions;
     }
 
-    // False: the connection is gone. What does not fit into the socket stays in `output`.
+    // False: the connection is lost. Bytes that do not fit into the socket's buffer stay in `output`.
     bool send_replies(Connection& c) {
         while (c.sent < c.filled) {
             const ssize_t count =

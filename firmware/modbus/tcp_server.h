@@ -1,13 +1,13 @@
 // The Modbus TCP server: on the event loop, never blocking, with bounded memory.
 //
-// No client costs another anything but its turn on the loop:
-//  - slow or partial: its bytes wait in its own framer; there is no timer and no waiting.
-//  - never reading: when its replies no longer fit, its requests are no longer read.
-//  - garbage: the first wrong header closes its connection.
-//  - busy: a few requests a turn, then the others have theirs.
-//  - many connections: a newcomer always gets a slot; the one that makes room is, in this order, a connection
-//  that
-//    never finished a request, one that finished few, one that has been idle longest.
+// A client cannot block others:
+//  - slow or partial requests wait in the connection's own framer;
+//  - replies that are not read: its requests are no longer read;
+//  - garbage: the first wrong header closes the connection;
+//  - many requests: a few a turn, then the other connections;
+//  - many connections: a new one always gets a slot. Closed for it is, in this order, one that never completed a
+//  request,
+//    one that completed few, the one idle for longest.
 #pragma once
 
 #include <cstdint>
@@ -23,12 +23,12 @@
 namespace hord::firmware::modbus {
 
 struct ServerOptions {
-    // An address of this machine, IPv4 or IPv6; "0.0.0.0" and "::" are all of them.
+    // An address of this machine, IPv4 or IPv6; "0.0.0.0" and "::": all of them.
     std::string host = "0.0.0.0";
-    std::uint16_t port = 502;  // 0: any free one, see port()
+    std::uint16_t port = 502;  // 0: any free port, see port()
     std::size_t max_connections = 32;
-    bool may_write = true;                // false: a read-only listener; writing is an unknown function there
-    std::vector<AccessRule> access = {};  // who may connect, and who of these may write; empty: all
+    bool may_write = true;                // false: writing functions are answered with exception 01
+    std::vector<AccessRule> access = {};  // empty: everybody may connect and write
 };
 
 struct ServerStatistics {
@@ -48,8 +48,7 @@ class Server {
     [[nodiscard]] static Result<std::unique_ptr<Server>> open(hal::EventLoop& loop, RegisterModel& model,
                                                               ServerOptions options);
 
-    // The same with a listening socket that somebody else opened, as systemd does for port 502. Takes it
-    // over, even when it fails.
+    // The same with an open listening socket (systemd's socket activation). Takes ownership of it, also on failure.
     [[nodiscard]] static Result<std::unique_ptr<Server>> adopt(hal::EventLoop& loop, RegisterModel& model,
                                                                int listening_fd, ServerOptions options);
 
@@ -58,7 +57,7 @@ class Server {
     Server(const Server&) = delete;
     Server& operator=(const Server&) = delete;
 
-    // Loop thread. Other access rules from now on; connections that they do not allow are closed.
+    // Loop thread. Replaces the access rules; connections that they do not allow are closed.
     void set_access(std::vector<AccessRule> access);
 
     [[nodiscard]] std::uint16_t port() const;

@@ -16,7 +16,7 @@ bool DriftMonitor::add(const FrameView& frame) {
     const bool before = noticed_;
     const algo::Drift& drift = *estimator_.latest();
     const double px = drift.largest_bins * px_a_bin_;
-    // Three standard deviations keep a noisy estimate from crying wolf.
+    // Three standard deviations prevent false alarms of a noisy estimate.
     if (before) noticed_ = px >= kDriftGonePx;
     else noticed_ = px >= kDriftNoticedPx && drift.largest_bins > 3 * drift.noise_bins;
     return noticed_ != before;

@@ -1,5 +1,4 @@
-// Watches the lenslet grid while the station works: fed with every inspected frame, from any thread; says when the grid
-// has moved.
+// Monitors drift of the lenslet grid at run time, from every inspected frame.
 #pragma once
 
 #include <memory>
@@ -10,23 +9,22 @@
 
 namespace hord::firmware {
 
-// From here on drift is reported. What must not go unnoticed is 0.1 px; a fifth of it is left for the estimate's own
-// error.
+// Drift is reported from here on. The requirement is 0.1 px; a fifth of it is margin for the estimate's error.
 inline constexpr double kDriftNoticedPx = 0.08;
-// What was reported is over below this; in between nothing changes.
+// Reported drift is over below this (hysteresis).
 inline constexpr double kDriftGonePx = 0.06;
 
 class DriftMonitor {
   public:
-    // Of macro-pixel frames. `px_a_bin`: of the sensor; 1 where its own frames are macro-pixels.
+    // For macro-pixel frames. `px_a_bin`: sensor pixels a bin; 1 if the sensor delivers macro-pixels.
     static Result<std::unique_ptr<DriftMonitor>> create(const algo::Extents& extents, const algo::LightLevels& levels,
                                                         algo::DriftZero zero, double px_a_bin);
 
-    // Any thread. True when this frame made the watch change its mind.
+    // Any thread. True when `noticed` has changed.
     bool add(const FrameView& frame);
 
     struct View {
-        std::optional<double> largest_px;  // of the shift, anywhere in the field; none: too few parts yet
+        std::optional<double> largest_px;  // largest shift in the field; empty: too few parts yet
         bool since_calibration = false;    // else since the first parts
         bool noticed = false;
     };

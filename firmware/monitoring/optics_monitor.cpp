@@ -1,5 +1,6 @@
 #include "firmware/monitoring/optics_monitor.h"
 
+#include <bit>
 #include <cmath>
 #include <utility>
 
@@ -10,8 +11,8 @@
 namespace hord::firmware {
 namespace {
 
-constexpr double kWayBack = 0.25;  // of the limit, until a fault is over
-constexpr float kSamePlace = 2;    // lenslets: a largest speck that is further away than this is another one
+constexpr double kWayBack = 0.25;  // hysteresis, share of the limit
+constexpr float kSamePlace = 2;    // lenslets: a largest speck farther away is another one
 
 bool beyond(bool before, double value, double limit) { return value > (before ? (1 - kWayBack) * limit : limit); }
 
@@ -118,12 +119,9 @@ OpticsMonitor::View OpticsMonitor::view() const {
 }
 
 Error describe(FaultBit fault, const OpticsMonitor::View& view) {
-    std::string_view cure;
-    for (const FaultText& text : fault_texts()) {
-        if (text.bit == fault) cure = text.cure;
-    }
+    const FaultInfo& row = kFaultTable[static_cast<std::size_t>(std::countr_zero(static_cast<std::uint32_t>(fault)))];
     return {ErrorCode::invalid_argument, fault == kFaultDust ? describe_dust(view) : describe_light(fault, view),
-            std::string(cure)};
+            std::string(row.cure)};
 }
 
 }  // namespace hord::firmware

@@ -1,6 +1,5 @@
-// Watches light and optics while the station works: fed with every inspected part, from any thread; says when the LED
-// fades, the dark level drifts, the field is lit unevenly, or dust lies on the optics. Alarms only: no verdict depends
-// on it.
+// Monitors light and optics at run time, from every inspected part: fading LED, drift of the dark level, uneven light,
+// dust. It raises faults only; no verdict depends on it.
 #pragma once
 
 #include <cstdint>
@@ -14,11 +13,11 @@
 
 namespace hord::firmware {
 
-// From where on it is a fault. What was reported is over when it is back by a quarter of the way (light, unevenness,
-// dark level), or when a window of parts shows no dust.
+// Limits of the faults. A fault is over below 3/4 of its limit (light, unevenness, dark level), or when a window of
+// parts shows no dust.
 struct OpticsLimits {
     int window_parts = 100;
-    double least_light = 0.8;  // of what parts had
+    double least_light = 0.8;  // share of the initial light
     double most_dark_drift_dn = 1;
     double most_uneven = 0.2;
 };
@@ -26,7 +25,7 @@ struct OpticsLimits {
 class OpticsMonitor {
   public:
     struct View {
-        std::optional<algo::LightAge> light;  // none: too few parts yet
+        std::optional<algo::LightAge> light;  // empty: too few parts yet
         std::optional<algo::DustFound> dust;
         std::uint32_t faults = 0;  // of kOpticsFaults
         algo::Extents extents;
@@ -34,19 +33,19 @@ class OpticsMonitor {
         int window_parts = 0;
     };
 
-    // Of macro-pixel frames. Fails with invalid_argument as algo/ageing/light_trend.h and algo/ageing/dust.h do.
+    // For macro-pixel frames. Fails with invalid_argument as algo/ageing/light_trend.h and algo/ageing/dust.h do.
     static Result<std::unique_ptr<OpticsMonitor>> create(const algo::Extents& extents, const OpticsLimits& limits);
 
-    // Any thread. True when this part changed what is a fault, or where the largest speck is.
+    // Any thread. True when a fault came or went, or the largest speck is another one.
     bool add(const FrameView& frame, const algo::Inspection& inspection);
 
-    // Any thread: another recipe judges from now on. What was known of parts is forgotten, and no fault is present.
+    // Any thread. Call it when the recipe changes: forgets all parts and faults.
     void restart(float lenslet_mm);
 
     [[nodiscard]] View view() const;  // any thread
 
-    // Any thread. Of kOpticsFaults those that came since the last call, and are still there; of dust also when the
-    // largest speck lies somewhere else.
+    // Any thread. The kOpticsFaults that came since the last call and are still active; dust also when the largest
+    // speck has changed.
     std::uint32_t news();
 
   private:
@@ -62,7 +61,7 @@ class OpticsMonitor {
     std::uint32_t news_ = 0;
 };
 
-// One of kOpticsFaults as it is now, with figures and places, and its cure.
+// Describes one of kOpticsFaults with figures, positions and cure.
 Error describe(FaultBit fault, const OpticsMonitor::View& view);
 
 }  // namespace hord::firmware

@@ -1,4 +1,4 @@
-// What the registers show of the watch over light and optics, and what the configuration tells it.
+// OpticsMonitor: limits from the configuration, values for the registers.
 #pragma once
 
 #include "firmware/config/config.h"
@@ -7,7 +7,7 @@
 
 namespace hord::firmware {
 
-// Of frames of so many bits a sample.
+// `bits`: of a frame's sample.
 OpticsLimits limits_of(const OpticsConfig& config, int bits);
 
 OpticsReport report_of(const OpticsMonitor::View& view);

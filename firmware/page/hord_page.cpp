@@ -72,7 +72,7 @@ int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint
     Results results(config.store);
     KeptFrames frames(config.store / store::kFramesFolder);
     PartPictures pictures;
-    const auto command = [&](CommandCode code, std::uint32_t argument, std::uint32_t argument2,
+    const auto command = [&](Command code, std::uint32_t argument, std::uint32_t argument2,
                              const std::string& who) -> Result<modbus::Client::Reply> {
         auto client = modbus::Client::connect(station, kModbusPatience);
         if (!client) return tl::unexpected(client.error());

@@ -24,7 +24,7 @@ std::string lower(std::string_view name) {
 
 Json faults_of(std::uint32_t bits) {
     Json list = Json::array();
-    for (const FaultText& fault : fault_texts()) {
+    for (const FaultInfo& fault : kFaultTable) {
         if ((bits & fault.bit) != 0)
             list.push_back({{"name", fault.name}, {"meaning", fault.meaning}, {"cure", fault.cure}});
     }

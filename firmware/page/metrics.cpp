@@ -170,7 +170,7 @@ void add_station(Families& f, const Live::Figures& s) {
     f.one("hord_plc_lost", "1 while the PLC's heartbeat is missing.", kGauge, bits >> 7U & 1U);
     const auto faults = [&](const char* name, const char* help, std::uint32_t set) {
         f.begin(name, help, kGauge);
-        for (const FaultText& fault : fault_texts())
+        for (const FaultInfo& fault : kFaultTable)
             f.add((set & fault.bit) != 0 ? 1 : 0, {{"fault", std::string(fault.name)}});
     };
     faults("hord_fault_active", "1 while the fault is present.", m.bits(BlockId::status, "faults_active"));

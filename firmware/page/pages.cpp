@@ -72,12 +72,9 @@ std::string host_alone(std::string_view host) {
 }
 
 // Those that the page offers; a recipe is chosen by number, and its limits are not set from here.
-const NamedValue* command_of(std::string_view name) {
-    for (const NamedValue& value : find_register(BlockId::command, "code")->values) {
-        const auto code = static_cast<CommandCode>(value.value);
-        if (value.name == name && code != CommandCode::commit_recipe && code != CommandCode::teach) return &value;
-    }
-    return nullptr;
+std::optional<Command> command_of(std::string_view name) {
+    const auto command = command_named(name);
+    return command == Command::commit_recipe || command == Command::teach ? std::nullopt : command;
 }
 
 const char* cure_of(CommandError error) {
@@ -298,20 +295,20 @@ Reply Pages::answer_command(const Request& request) {
     if (!body.is_object() || !body.contains("command") || !body["command"].is_string())
         return counted(refuse_command(400, "that is no command", "send {\"command\":\"stop\"}", request));
     const auto name = body["command"].get<std::string>();
-    const NamedValue* command = command_of(name);
+    const auto command = command_of(name);
     const auto argument = number_in(body, "argument"), argument2 = number_in(body, "argument2");
-    if (command == nullptr || !argument || !argument2) {
+    if (!command || !argument || !argument2) {
         return counted(refuse_command(400, "there is no such command, or its arguments are no whole numbers",
                                       "use start_continuous, stop, abort, reset, self_test, use_recipe ...", request));
     }
-    const auto done = works_.command(static_cast<CommandCode>(command->value), *argument, *argument2, *who);
+    const auto done = works_.command(*command, *argument, *argument2, *who);
     const bool completed = done && done->state == CommandState::completed;
     {
         const std::lock_guard lock(mutex_);
         ++commands_[completed ? "completed" : "failed"];
     }
     if (works_.log)
-        works_.log(fmt::format("{} for {} from {}: {}", command->name, *who, request.peer,
+        works_.log(fmt::format("{} for {} from {}: {}", name_of(*command), *who, request.peer,
                                completed  ? "done"
                                    : done ? done->error_name
                                           : done.error().message()));
@@ -319,10 +316,10 @@ Reply Pages::answer_command(const Request& request) {
         return counted(
             refusal(done.error().code == ErrorCode::refused ? 403 : 503, done.error().what, done.error().cure));
     if (!completed)
-        return counted(refusal(409, "the station refuses " + std::string(command->name) + ": " + done->error_name,
+        return counted(refusal(409, "the station refuses " + std::string(name_of(*command)) + ": " + done->error_name,
                                cure_of(done->error)));
     Reply reply;
-    reply.body = dumped({{"done", command->name}, {"result", done->result}});
+    reply.body = dumped({{"done", name_of(*command)}, {"result", done->result}});
     return counted(std::move(reply));
 }
 

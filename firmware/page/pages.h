@@ -53,7 +53,7 @@ const std::vector<std::pair<std::string, std::string>>& headers_of_every_reply()
 
 class Pages {
   public:
-    using Command = std::function<Result<modbus::Client::Reply>(CommandCode code, std::uint32_t argument,
+    using Command = std::function<Result<modbus::Client::Reply>(Command code, std::uint32_t argument,
                                                                 std::uint32_t argument2, const std::string& who)>;
     struct Dependencies {
         const PageConfig& config;

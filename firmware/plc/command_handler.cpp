@@ -13,7 +13,7 @@
 namespace hord::firmware {
 namespace {
 
-// A flash, its frame and its judgement take less, or are not to be had.
+// Longest time for a flash, its frame and its judgement.
 constexpr Duration kTestPatience = milliseconds(2000);
 
 constexpr CommandOutcome done(std::uint32_t result = 0) {
@@ -21,21 +21,6 @@ constexpr CommandOutcome done(std::uint32_t result = 0) {
 }
 constexpr CommandOutcome failed(CommandError error, std::uint32_t result = 0) {
     return {CommandState::failed, error, result};
-}
-
-std::optional<Command> command_of(std::uint16_t code) {
-    switch (static_cast<CommandCode>(code)) {
-        case CommandCode::initialise: return Command::initialise;
-        case CommandCode::arm: return Command::arm;
-        case CommandCode::disarm: return Command::disarm;
-        case CommandCode::start_single: return Command::start_single;
-        case CommandCode::start_continuous: return Command::start_continuous;
-        case CommandCode::stop: return Command::stop;
-        case CommandCode::abort: return Command::abort;
-        case CommandCode::halt: return Command::halt;
-        case CommandCode::reset: return Command::reset;
-        default: return std::nullopt;
-    }
 }
 
 CommandOutcome outcome_of(Answer answer) {
@@ -49,16 +34,16 @@ CommandOutcome outcome_of(Answer answer) {
     return failed(CommandError::failed);
 }
 
-std::string name_in_map(std::string_view row, std::uint32_t value) {
-    for (const NamedValue& named : find_register(BlockId::reply, row)->values) {
-        if (named.value == value) return std::string(named.name);
-    }
-    return fmt::format("{}", value);
+// The value's name; its number where it has none.
+template <class E>
+std::string name_or_number(E value) {
+    const std::string_view name = name_of(value);
+    return name == "unknown" ? fmt::format("{}", static_cast<int>(value)) : std::string(name);
 }
 
-Who who_is(const modbus::Origin& origin) { return {std::string(origin.peer), 0}; }
-// "127.0.0.1:50123 for anna": whom the sender names is recorded beside the address, never instead of it.
-Who who_is(const modbus::Origin& origin, const CommandRequest& request) {
+Who who_asked(const modbus::Origin& origin) { return {std::string(origin.peer), 0}; }
+// "127.0.0.1:50123 for anna": the name that the sender gives is recorded beside its address.
+Who who_asked(const modbus::Origin& origin, const CommandRequest& request) {
     const std::string_view name = request.who.view();
     return {name.empty() ? std::string(origin.peer) : fmt::format("{} for {}", origin.peer, name), request.token};
 }
@@ -67,12 +52,11 @@ std::uint16_t scaled(double value, double scale) {
     return static_cast<std::uint16_t>(std::clamp(std::lround(value * scale), 0L, 0xFFFEL));
 }
 
-// What nothing is judged by is not available; another value in its place is a contradiction that a recipe is refused
-// for.
+// Shown as the limit of a feature that the recipe does not judge. A recipe with another value there is refused.
 constexpr std::uint16_t kNotJudged = 0xFFFF;
 
-// A limit keeps what registers cannot say of it, unless they say something else.
-void take(float& limit, std::uint16_t staged, std::uint16_t was, double scale) {
+// Takes the staged limit only if it was changed: an unchanged one keeps the digits that registers cannot show.
+void set_if_changed(float& limit, std::uint16_t staged, std::uint16_t was, double scale) {
     if (staged != was) limit = static_cast<float>(staged / scale);
 }
 
@@ -94,105 +78,105 @@ NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged) {
     const StagedRecipe was = staged_from(base);
     algo::Recipe& r = base.recipe;
     base.number = staged.number;
-    take(r.emd_limit_bins, staged.emd_limit_mbins, was.emd_limit_mbins, 1e3);
-    take(r.frobenius_limit_bins, staged.frobenius_limit_mbins, was.frobenius_limit_mbins, 1e3);
-    take(r.transmission_limit, staged.transmission_permille, was.transmission_permille, 1e3);
+    set_if_changed(r.emd_limit_bins, staged.emd_limit_mbins, was.emd_limit_mbins, 1e3);
+    set_if_changed(r.frobenius_limit_bins, staged.frobenius_limit_mbins, was.frobenius_limit_mbins, 1e3);
+    set_if_changed(r.transmission_limit, staged.transmission_permille, was.transmission_permille, 1e3);
     if (staged.min_area != was.min_area) r.min_area = staged.min_area;
     if (staged.rim_margin != was.rim_margin) r.rim_margin = staged.rim_margin;
-    take(r.max_saturated_share, staged.max_saturated_permyriad, was.max_saturated_permyriad, 1e4);
-    take(r.min_lit_share, staged.min_lit_permyriad, was.min_lit_permyriad, 1e4);
+    set_if_changed(r.max_saturated_share, staged.max_saturated_permyriad, was.max_saturated_permyriad, 1e4);
+    set_if_changed(r.min_lit_share, staged.min_lit_permyriad, was.min_lit_permyriad, 1e4);
     return base;
 }
 
 CommandHandler::~CommandHandler() = default;
 
-void CommandHandler::begin(Dependencies works, NumberedRecipe recipe) {
-    works_.emplace(std::move(works));
+void CommandHandler::begin(Dependencies dependencies, NumberedRecipe recipe) {
+    dependencies_.emplace(std::move(dependencies));
     recipe_ = std::move(recipe);
-    works_->desk.stage(staged_from(recipe_));
-    if (works_->recipe_changed) works_->recipe_changed(recipe_);
+    dependencies_->plc_interface.stage(staged_from(recipe_));
+    if (dependencies_->recipe_changed) dependencies_->recipe_changed(recipe_);
 }
 
 // -- commands
 
 CommandOutcome CommandHandler::on_command(const modbus::Origin& origin, const CommandRequest& request) {
-    const Who who = who_is(origin, request);
-    const State before = works_->station.core().state();
+    const Who who = who_asked(origin, request);
+    const State before = dependencies_->station.core().state();
     const CommandOutcome outcome = carry_out(who, request);
     if (outcome.state != CommandState::executing) record(who, request, before, outcome);
-    if (works_->publish) works_->publish();
+    if (dependencies_->publish) dependencies_->publish();
     return outcome;
 }
 
 CommandOutcome CommandHandler::carry_out(const Who& who, const CommandRequest& request) {
-    if (const auto command = command_of(request.code)) {
-        const bool ends_teach = *command == Command::abort || *command == Command::halt;
-        const bool cancelled = ends_teach && cancel_teach(name_in_map("code", request.code) + " was commanded");
-        const Answer answer = works_->station.request(*command);
-        // Nothing was on the line to be aborted; the teach was.
-        if (cancelled && *command == Command::abort && answer == Answer::not_in_this_state) return done();
+    const auto command = static_cast<Command>(request.code);
+    if (is_state_command(command)) {
+        const bool ends_teach = command == Command::abort || command == Command::halt;
+        const bool cancelled = ends_teach && cancel_teach(std::string(name_of(command)) + " was commanded");
+        const Answer answer = dependencies_->station.request(command);
+        // Nothing was on the line; the abort was for the teach.
+        if (cancelled && command == Command::abort && answer == Answer::not_in_this_state) return done();
         return outcome_of(answer);
     }
-    switch (static_cast<CommandCode>(request.code)) {
-        case CommandCode::use_recipe: return use_recipe(who, request);
-        case CommandCode::self_test: return self_test(who, request);
-        case CommandCode::teach: return teach(who, request);
+    switch (command) {
+        case Command::use_recipe: return use_recipe(who, request);
+        case Command::self_test: return self_test(who, request);
+        case Command::teach: return teach(who, request);
         default: return failed(CommandError::unknown_command);
     }
 }
 
 void CommandHandler::record(const Who& who, const CommandRequest& request, State before,
                             const CommandOutcome& outcome) {
-    if (works_->recorder == nullptr) return;
-    std::string came_to = name_in_map("state", static_cast<std::uint32_t>(outcome.state));
-    if (outcome.error != CommandError::none)
-        came_to += " " + name_in_map("error", static_cast<std::uint32_t>(outcome.error));
-    works_->recorder->on_change(
-        {Change::What::command, who, name_in_map("code", request.code), std::string(name_of(before)), came_to});
+    if (dependencies_->recorder == nullptr) return;
+    std::string after = name_or_number(outcome.state);
+    if (outcome.error != CommandError::none) after += " " + name_or_number(outcome.error);
+    dependencies_->recorder->on_change({Change::What::command, who, name_or_number(static_cast<Command>(request.code)),
+                                        std::string(name_of(before)), after});
 }
 
 void CommandHandler::report(const Error& error) const {
-    if (works_->trouble) works_->trouble(error);
+    if (dependencies_->trouble) dependencies_->trouble(error);
 }
 
 // -- recipes
 
 Result<void> CommandHandler::use(const Who& who, NumberedRecipe recipe) {
-    const State state = works_->station.core().state();
+    const State state = dependencies_->station.core().state();
     if (executing(state)) {
         return fail(ErrorCode::refused,
                     fmt::format("recipe {} cannot be taken while the station executes", recipe.number),
                     "stop it first");
     }
-    // What a file may not say, registers may not either.
+    // The same checks as for a recipe file.
     if (auto checked = parse_numbered_recipe(format_recipe(recipe), fmt::format("recipe {}", recipe.number));
         !checked) {
         return tl::unexpected(checked.error());
     }
     const std::string why = fmt::format("recipe {} was taken", recipe.number);
-    if (auto taken = take(who, std::move(recipe)); !taken) return taken;
+    if (auto taken = switch_to(who, std::move(recipe)); !taken) return taken;
     (void)cancel_teach(why);
-    if (const auto dropped = std::exchange(waiting_, std::nullopt)) {
-        works_->teacher->discard(dropped->recipe);
+    if (const auto dropped = std::exchange(pending_reference_, std::nullopt)) {
+        dependencies_->teacher->discard(dropped->recipe);
         report({ErrorCode::refused, "what was taught is dropped before it came into use: " + why, "teach again"});
     }
     return {};
 }
 
-// With the inspector's consent it is in use, remembered and recorded.
-Result<void> CommandHandler::take(const Who& who, NumberedRecipe recipe) {
-    if (auto taken = works_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
+// Gives the recipe to the inspector; if it accepts, stores and records it.
+Result<void> CommandHandler::switch_to(const Who& who, NumberedRecipe recipe) {
+    if (auto taken = dependencies_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
     const NumberedRecipe before = std::exchange(recipe_, std::move(recipe));
-    works_->desk.stage(staged_from(recipe_));
-    if (works_->recipe_changed) works_->recipe_changed(recipe_);
-    if (works_->recorder != nullptr) {
-        works_->recorder->on_change(
+    dependencies_->plc_interface.stage(staged_from(recipe_));
+    if (dependencies_->recipe_changed) dependencies_->recipe_changed(recipe_);
+    if (dependencies_->recorder != nullptr) {
+        dependencies_->recorder->on_change(
             {Change::What::recipe, who, recipe_.recipe.name, format_recipe(before), format_recipe(recipe_)});
     }
     return {};
 }
 
-CommandOutcome CommandHandler::used(const Result<void>& result) {
+CommandOutcome CommandHandler::outcome_of_use(const Result<void>& result) {
     if (result) return done(crc32_of(recipe_));
     report(result.error());
     return failed(result.error().code == ErrorCode::refused ? CommandError::not_in_this_state
@@ -200,41 +184,41 @@ CommandOutcome CommandHandler::used(const Result<void>& result) {
 }
 
 CommandOutcome CommandHandler::use_recipe(const Who& who, const CommandRequest& request) {
-    if (executing(works_->station.core().state())) return failed(CommandError::not_in_this_state);
+    if (executing(dependencies_->station.core().state())) return failed(CommandError::not_in_this_state);
     if (request.argument > 0xFFFE) return failed(CommandError::bad_argument);
-    if (!works_->recipe) return failed(CommandError::no_such_recipe);
-    auto recipe = works_->recipe(static_cast<std::uint16_t>(request.argument));
+    if (!dependencies_->recipe) return failed(CommandError::no_such_recipe);
+    auto recipe = dependencies_->recipe(static_cast<std::uint16_t>(request.argument));
     if (!recipe) {
         report(recipe.error());
         return failed(CommandError::no_such_recipe);
     }
     if (request.argument2 != 0 && request.argument2 != crc32_of(*recipe))
         return failed(CommandError::wrong_checksum, crc32_of(*recipe));
-    return used(use(who, std::move(*recipe)));
+    return outcome_of_use(use(who, std::move(*recipe)));
 }
 
 CommandOutcome CommandHandler::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
                                          const StagedRecipe& staged) {
-    const Who who = who_is(origin, request);
-    const State before = works_->station.core().state();
-    const CommandOutcome outcome = used(use(who, with_staged(recipe_, staged)));
+    const Who who = who_asked(origin, request);
+    const State before = dependencies_->station.core().state();
+    const CommandOutcome outcome = outcome_of_use(use(who, with_staged(recipe_, staged)));
     record(who, request, before, outcome);
-    if (works_->publish) works_->publish();
+    if (dependencies_->publish) dependencies_->publish();
     return outcome;
 }
 
 // -- self-test
 
-// The judgement on drawn parts at once; then one flash and one frame of the empty line, which answer later.
+// Judges rendered parts at once; then one flash and one frame of the empty line, whose outcome comes later.
 CommandOutcome CommandHandler::self_test(const Who& who, const CommandRequest& request) {
-    Station& station = works_->station;
+    Station& station = dependencies_->station;
     const State state = station.core().state();
     if (state != State::initialized && state != State::ready) return failed(CommandError::not_in_this_state);
     std::uint32_t found = station.snapshot().faults_active;
     if (!station.core().all_devices_up()) return failed(CommandError::device_down, found);
     if (!station.test_possible()) return failed(CommandError::not_yet);
-    if (works_->check_judgement) {
-        if (const auto checked = works_->check_judgement(); !checked) {
+    if (dependencies_->check_judgement) {
+        if (const auto checked = dependencies_->check_judgement(); !checked) {
             report(checked.error());
             found |= kFaultInspector;
         }
@@ -250,7 +234,7 @@ CommandOutcome CommandHandler::self_test(const Who& who, const CommandRequest& r
         if (faults != 0)
             report({ErrorCode::internal, "the self-test found: " + names_of_faults(faults),
                     "see the cure of each fault: hordctl status"});
-        works_->desk.finish(request.token, outcome);
+        dependencies_->plc_interface.finish(request.token, outcome);
         record(who, request, state, outcome);
     });
     return {CommandState::executing, CommandError::none, 0};
@@ -259,77 +243,80 @@ CommandOutcome CommandHandler::self_test(const Who& who, const CommandRequest& r
 // -- teaching
 
 CommandOutcome CommandHandler::teach(const Who& who, const CommandRequest& request) {
-    if (works_->teacher == nullptr) return failed(CommandError::not_supported);
-    const State state = works_->station.core().state();
+    if (dependencies_->teacher == nullptr) return failed(CommandError::not_supported);
+    const State state = dependencies_->station.core().state();
     if (state != State::initialized && state != State::ready && !executing(state))
         return failed(CommandError::not_in_this_state);
     const std::uint32_t parts = request.argument == 0 ? TeachIn::kUsualParts : request.argument;
     if (parts < TeachIn::kMinParts || parts > TeachIn::kMaxParts) return failed(CommandError::bad_argument);
-    if (teach_ || waiting_) return failed(CommandError::not_yet);
+    if (running_teach_ || pending_reference_) return failed(CommandError::not_yet);
     TeachIn::Listener listener;
     listener.taken = [this, token = request.token](std::uint32_t taken) {
-        works_->desk.finish(token, {CommandState::executing, CommandError::none, taken});
+        dependencies_->plc_interface.finish(token, {CommandState::executing, CommandError::none, taken});
     };
-    listener.done = [this](Result<Taught> result) { taught(std::move(result)); };
-    if (auto begun = works_->teacher->begin(parts, recipe_, std::move(listener)); !begun) {
+    listener.done = [this](Result<Taught> result) { on_learned(std::move(result)); };
+    if (auto begun = dependencies_->teacher->begin(parts, recipe_, std::move(listener)); !begun) {
         if (begun.error().code == ErrorCode::busy) return failed(CommandError::not_yet);
         report(begun.error());
         return failed(CommandError::failed);
     }
-    teach_ = Teach{who, request, state, parts};
+    running_teach_ = RunningTeach{who, request, state, parts};
     return {CommandState::executing, CommandError::none, 0};
 }
 
-void CommandHandler::taught(Result<Taught> result) {
+void CommandHandler::on_learned(Result<Taught> result) {
     if (!result) {
         report(result.error());
         return end_teach(failed(CommandError::failed));
     }
     if (!result->remarks.empty()) {
-        report({ErrorCode::refused, fmt::format("taught from {} parts: {}", teach_->parts, result->remarks),
+        report({ErrorCode::refused, fmt::format("taught from {} parts: {}", running_teach_->parts, result->remarks),
                 "look at these parts; if they are good, teach again with more parts"});
     }
     const std::uint32_t crc = crc32_of(result->recipe);
-    waiting_ = Waiting{teach_->who, std::move(result->recipe)};
+    pending_reference_ = PendingReference{running_teach_->who, std::move(result->recipe)};
     const auto used = use_learned_reference();  // at once, or later
     end_teach(used ? done(crc) : failed(CommandError::failed));
 }
 
 void CommandHandler::end_teach(const CommandOutcome& outcome) {
-    const Teach ended = std::move(*teach_);
-    teach_.reset();
+    const RunningTeach ended = std::move(*running_teach_);
+    running_teach_.reset();
     record(ended.who, ended.request, ended.before, outcome);
-    works_->desk.finish(ended.request.token, outcome);
-    if (works_->publish) works_->publish();
+    dependencies_->plc_interface.finish(ended.request.token, outcome);
+    if (dependencies_->publish) dependencies_->publish();
 }
 
 bool CommandHandler::cancel_teach(const std::string& why) {
-    if (!teach_) return false;
-    works_->teacher->cancel();
+    if (!running_teach_) return false;
+    dependencies_->teacher->cancel();
     report({ErrorCode::refused, "the teach is cancelled: " + why, "teach again"});
     end_teach(failed(CommandError::cancelled));
     return true;
 }
 
 Result<void> CommandHandler::use_learned_reference() {
-    if (!waiting_ || executing(works_->station.core().state()) || works_->station.core().line().size() != 0) return {};
-    Waiting now = std::move(*waiting_);
-    waiting_.reset();
+    if (!pending_reference_ || executing(dependencies_->station.core().state()) ||
+        dependencies_->station.core().line().size() != 0)
+        return {};
+    PendingReference now = std::move(*pending_reference_);
+    pending_reference_.reset();
     const NumberedRecipe recipe = now.recipe;
-    auto taken = take(now.who, std::move(now.recipe));
+    auto taken = switch_to(now.who, std::move(now.recipe));
     if (!taken) {
-        works_->teacher->discard(recipe);
+        dependencies_->teacher->discard(recipe);
         report(taken.error());
     }
-    if (works_->publish) works_->publish();
+    if (dependencies_->publish) dependencies_->publish();
     return taken;
 }
 
 // -- the PLC itself
 
 modbus::Exception CommandHandler::on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) {
-    const Taken taken =
-        works_->recorder != nullptr ? works_->recorder->on_acknowledged(who_is(origin), sequence) : Taken::yes;
+    const Taken taken = dependencies_->recorder != nullptr
+        ? dependencies_->recorder->on_acknowledged(who_asked(origin), sequence)
+        : Taken::yes;
     switch (taken) {
         case Taken::yes: return modbus::Exception::none;
         case Taken::not_yet: return modbus::Exception::busy;
@@ -344,13 +331,13 @@ void CommandHandler::on_plc_lost(PlcPolicy policy) {
                 : policy == PlcPolicy::stop
                 ? "check the PLC and its network; the station stops, start it again when the PLC is back"
                 : "check the PLC and its network; every part is rejected until it is back"});
-    works_->station.plc_lost();
-    if (works_->publish) works_->publish();
+    dependencies_->station.plc_lost();
+    if (dependencies_->publish) dependencies_->publish();
 }
 
 void CommandHandler::on_plc_back() {
-    works_->station.plc_back();
-    if (works_->publish) works_->publish();
+    dependencies_->station.plc_back();
+    if (dependencies_->publish) dependencies_->publish();
 }
 
 }  // namespace hord::firmware

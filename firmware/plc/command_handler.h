@@ -1,8 +1,8 @@
-// Carries out what a PLC, or anybody else who may write registers, asks of the station.
+// Executes commands that arrive by registers: the state machine's, recipes, self-test, teach; and handles the PLC's
+// heartbeat and acknowledgements.
 //
-// The desk (plc_interface.h) has made sure that it comes once; here it happens: the state machine's commands, the
-// recipe in use, the self-test, teaching, and what the PLC's heartbeat and acknowledgements mean. Loop thread only.
-// Every command and every change of the recipe is told to the recorder with who asked for it.
+// PlcInterface (plc_interface.h) has removed repetitions. Loop thread only. Every command and every change of the
+// recipe is recorded with the one who asked.
 #pragma once
 
 #include <functional>
@@ -18,7 +18,7 @@
 
 namespace hord::firmware {
 
-// A recipe as eight registers, and back: limits come from the registers; zones, light levels and the name from `base`.
+// A recipe as eight registers, and back: limits from the registers; zones, light levels and the name from `base`.
 StagedRecipe staged_from(const NumberedRecipe& recipe);
 NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged);
 
@@ -29,32 +29,31 @@ class CommandHandler final : public PlcHandler {
     CommandHandler(const CommandHandler&) = delete;
     CommandHandler& operator=(const CommandHandler&) = delete;
 
-    // What it works on. All outlive it; what is empty is left out.
+    // All outlive this object. Empty members are left out.
     struct Dependencies {
         Station& station;
         Inspector& inspector;
-        PlcInterface& desk;
+        PlcInterface& plc_interface;
         ResultSink* recorder = nullptr;
-        TeachIn* teacher = nullptr;                          // none: teach is not supported
-        std::function<Result<void>()> check_judgement = {};  // part of the self-test
-        std::function<Result<NumberedRecipe>(std::uint16_t number)> recipe =
-            {};  // the recipe of this number; not_found: there is none
-        std::function<void(const NumberedRecipe&)> recipe_changed = {};  // it is in use from now on
-        std::function<void()> publish = {};              // registers follow before a command is answered
-        std::function<void(const Error&)> trouble = {};  // to be logged, once
+        TeachIn* teacher = nullptr;                                               // null: teach is not supported
+        std::function<Result<void>()> check_judgement = {};                       // part of the self-test
+        std::function<Result<NumberedRecipe>(std::uint16_t number)> recipe = {};  // fails with not_found
+        std::function<void(const NumberedRecipe&)> recipe_changed = {};  // called after the recipe in use has changed
+        std::function<void()> publish = {};              // updates the registers; called before a command is answered
+        std::function<void(const Error&)> trouble = {};  // logs an error, once
     };
-    // `recipe` is what the inspector judges with. Before the loop runs.
-    void begin(Dependencies works, NumberedRecipe recipe);
+    // `recipe`: in use by the inspector. To be called before the loop runs.
+    void begin(Dependencies dependencies, NumberedRecipe recipe);
 
     [[nodiscard]] const NumberedRecipe& recipe() const { return recipe_; }
 
-    // Judges with another recipe. Fails, and the old one stays, with refused (the station executes) and with what the
-    // pipeline says of the recipe.
-    // A teach that is under way is cancelled, and what was taught and waits is dropped: that was about the old one.
+    // Switches to another recipe. A running teach is cancelled and a waiting learned reference is discarded, because
+    // they belong to the old recipe. Fails with refused (the station executes) or the pipeline's error; the old recipe
+    // stays.
     Result<void> use(const Who& who, NumberedRecipe recipe);
 
-    // Judges with what was taught, once the station does not execute and the line is empty. To be called whenever that
-    // may have come about. Fails with what the inspector says; then the old recipe stays.
+    // Switches to the learned reference if one waits, the station does not execute and the line is empty; else does
+    // nothing. Call it when that may have become true. Fails with the inspector's error; the old recipe stays.
     Result<void> use_learned_reference();
 
     CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
@@ -68,30 +67,30 @@ class CommandHandler final : public PlcHandler {
     [[nodiscard]] CommandOutcome carry_out(const Who& who, const CommandRequest& request);
     [[nodiscard]] CommandOutcome use_recipe(const Who& who, const CommandRequest& request);
     [[nodiscard]] CommandOutcome self_test(const Who& who, const CommandRequest& request);
-    [[nodiscard]] CommandOutcome used(const Result<void>& done);
+    [[nodiscard]] CommandOutcome outcome_of_use(const Result<void>& done);
     [[nodiscard]] CommandOutcome teach(const Who& who, const CommandRequest& request);
-    void taught(Result<Taught> result);
+    void on_learned(Result<Taught> result);
     void end_teach(const CommandOutcome& outcome);
     bool cancel_teach(const std::string& why);
-    Result<void> take(const Who& who, NumberedRecipe recipe);
+    Result<void> switch_to(const Who& who, NumberedRecipe recipe);
     void record(const Who& who, const CommandRequest& request, State before, const CommandOutcome& outcome);
     void report(const Error& error) const;
 
     hal::EventLoop& loop_;
-    std::optional<Dependencies> works_;
+    std::optional<Dependencies> dependencies_;
     NumberedRecipe recipe_;
-    struct Teach {
+    struct RunningTeach {
         Who who;
         CommandRequest request;
         State before = State::preoperational;
         std::uint32_t parts = 0;
     };
-    std::optional<Teach> teach_;  // under way
-    struct Waiting {
+    std::optional<RunningTeach> running_teach_;  // under way
+    struct PendingReference {
         Who who;
         NumberedRecipe recipe;
     };
-    std::optional<Waiting> waiting_;  // taught, and in use as soon as the line is empty
+    std::optional<PendingReference> pending_reference_;  // taught, and in use as soon as the line is empty
 };
 
 }  // namespace hord::firmware

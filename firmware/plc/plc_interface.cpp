@@ -13,7 +13,7 @@ using modbus::Exception;
 
 std::uint32_t double_word(std::span<const std::uint16_t> words) { return std::uint32_t{words[0]} << 16U | words[1]; }
 
-// The first register of a row, so that addresses stand in the table alone.
+// The address of a row, from the table.
 std::uint16_t address_of(BlockId id, std::string_view name) { return find_register(id, name)->address; }
 
 bool means_not_available(const Register& row, std::span<const std::uint16_t> words) {
@@ -29,7 +29,7 @@ bool means_not_available(const Register& row, std::span<const std::uint16_t> wor
     return false;
 }
 
-// Every register belongs to a writable row of one block, every row is whole and no value is a sentinel.
+// Checks that the values are whole writable rows of the block and that no value is a sentinel.
 Exception check_rows(const Block& block, std::uint16_t address, std::span<const std::uint16_t> values) {
     std::size_t covered = 0;
     for (const Register& row : block.registers) {
@@ -46,8 +46,8 @@ Exception check_rows(const Block& block, std::uint16_t address, std::span<const 
     return covered == values.size() ? Exception::none : Exception::illegal_address;
 }
 
-// Registers as text: two printable ASCII characters each, zeros behind the last. Anything else: nothing, it would be
-// recorded.
+// Registers as text: two printable ASCII characters each, zeros behind the last. Other bytes: nothing, because the text
+// goes into records.
 std::optional<std::string> printable_text(std::span<const std::uint16_t> words) {
     std::string text;
     bool ended = false;
@@ -63,12 +63,12 @@ std::optional<std::string> printable_text(std::span<const std::uint16_t> words) 
 }
 
 bool may_interrupt(std::uint16_t code) {
-    const auto command = static_cast<CommandCode>(code);
-    return command == CommandCode::stop || command == CommandCode::abort || command == CommandCode::halt;
+    const auto command = static_cast<Command>(code);
+    return command == Command::stop || command == Command::abort || command == Command::halt;
 }
 
-// It takes as long as its parts, and they come only when the station is started.
-bool goes_on_beside_others(std::uint16_t code) { return static_cast<CommandCode>(code) == CommandCode::teach; }
+// A teach needs parts, and parts need other commands to start the station.
+bool goes_on_beside_others(std::uint16_t code) { return static_cast<Command>(code) == Command::teach; }
 
 }  // namespace
 
@@ -86,8 +86,8 @@ Exception PlcInterface::write(const modbus::Origin& origin, const StationNow& no
         switch (id) {
             case BlockId::command:
                 if (address != address_of(id, "token")) return Exception::illegal_value;
-                return take_command(origin, now, values);
-            case BlockId::plc: return take_plc(origin, now, address, values);
+                return write_command(origin, now, values);
+            case BlockId::plc: return write_plc(origin, now, address, values);
             default:
                 std::copy(values.begin(), values.end(),
                           staged_words_.begin() + (address - address_of(id, "staged_number")));
@@ -105,8 +105,8 @@ PlcInterface::Remembered* PlcInterface::find(std::uint32_t token) {
     return found == memory_.end() ? nullptr : &*found;
 }
 
-Exception PlcInterface::take_command(const modbus::Origin& origin, const StationNow& now,
-                                     std::span<const std::uint16_t> values) {
+Exception PlcInterface::write_command(const modbus::Origin& origin, const StationNow& now,
+                                      std::span<const std::uint16_t> values) {
     if (values.size() < 4) return Exception::illegal_value;  // token, boot, code; the arguments may be left out
     CommandRequest request{.token = double_word(values), .boot = values[2], .code = values[3]};
     if (values.size() >= 6) request.argument = double_word(values.subspan(4));
@@ -120,7 +120,8 @@ Exception PlcInterface::take_command(const modbus::Origin& origin, const Station
 
     if (const Remembered* before = find(request.token)) {
         shown_ = *before;
-        if (before->request != request) {  // another command: it is not executed, and the first one keeps its reply
+        if (before->request !=
+            request) {  // another command with this token: not executed; the first one keeps its reply
             shown_ = {.request = request,
                       .reply = {.token = request.token,
                                 .code = request.code,
@@ -136,7 +137,7 @@ Exception PlcInterface::take_command(const modbus::Origin& origin, const Station
     if (!may_interrupt(request.code) && std::any_of(memory_.begin(), memory_.end(), must_be_alone))
         return Exception::busy;
 
-    // Remembered before it is executed: whatever the handler brings about, this token does nothing again.
+    // Remembered before it is executed, so that a reentrant write of this token does nothing.
     while (is_executing(memory_[next_])) next_ = (next_ + 1) % memory_.size();
     Remembered& mine = memory_[next_];
     next_ = (next_ + 1) % memory_.size();
@@ -154,7 +155,7 @@ CommandOutcome PlcInterface::execute(const modbus::Origin& origin, const Station
                                      const CommandRequest& request) {
     const auto refuse = [](CommandError error) { return CommandOutcome{CommandState::failed, error, 0}; };
     if (request.boot != 0 && request.boot != (options_.boot_id & 0xFFFFU)) return refuse(CommandError::other_boot);
-    if (static_cast<CommandCode>(request.code) == CommandCode::commit_recipe) {
+    if (static_cast<Command>(request.code) == Command::commit_recipe) {
         if (now.state == State::single_execution || now.state == State::continuous_execution) {
             return refuse(CommandError::not_in_this_state);
         }
@@ -177,8 +178,8 @@ void PlcInterface::finish(std::uint32_t token, const CommandOutcome& outcome) {
 
 // -- heartbeat and results
 
-Exception PlcInterface::take_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
-                                 std::span<const std::uint16_t> values) {
+Exception PlcInterface::write_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
+                                  std::span<const std::uint16_t> values) {
     const std::uint16_t beat_at = address_of(BlockId::plc, "heartbeat"),
                         taken_at = address_of(BlockId::plc, "acknowledged");
     const bool beats = address == beat_at;
@@ -192,7 +193,7 @@ Exception PlcInterface::take_plc(const modbus::Origin& origin, const StationNow&
         if (std::exchange(lost_, false)) handler_.on_plc_back();
     }
     if (takes) {
-        if (!std::exchange(acknowledges_, true)) {  // what the ring lost before nobody had asked for
+        if (!std::exchange(acknowledges_, true)) {  // results overwritten before the first acknowledgement do not count
             counted_until_ = now.newest_sequence > kRingSlots ? now.newest_sequence - kRingSlots : 0;
         }
         if (taken == acknowledged_) return Exception::none;
@@ -211,7 +212,7 @@ void PlcInterface::note_results(std::uint32_t newest_sequence) {
     counted_until_ = gone;
 }
 
-void PlcInterface::check_heartbeat() {
+void PlcInterface::check_plc_heartbeat() {
     if (!heartbeat_at_ || lost_ || clock_.now() - *heartbeat_at_ <= options_.timeout) return;
     lost_ = true;
     handler_.on_plc_lost(options_.policy);
@@ -247,8 +248,8 @@ PlcView PlcInterface::view() const {
     PlcView view{.command = shown_.request,
                  .reply = shown_.reply,
                  .commands_done = commands_done_,
-                 .heartbeat = heartbeat_,
-                 .heartbeat_age_ms = {},
+                 .plc_heartbeat = heartbeat_,
+                 .plc_heartbeat_age_ms = {},
                  .lost = lost_,
                  .policy = options_.policy,
                  .timeout_ms = static_cast<std::uint16_t>(std::min<std::int64_t>(ms(options_.timeout), 0xFFFE)),
@@ -257,7 +258,7 @@ PlcView PlcInterface::view() const {
                  .staged = staged(),
                  .staged_crc32 = crc32_of(staged_words_)};
     if (heartbeat_at_) {
-        view.heartbeat_age_ms =
+        view.plc_heartbeat_age_ms =
             static_cast<std::uint32_t>(std::min<std::int64_t>(ms(clock_.now() - *heartbeat_at_), 0xFFFFFFFE));
     }
     return view;

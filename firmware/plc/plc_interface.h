@@ -1,13 +1,12 @@
-// The PLC's side of the station: commands exactly once, heartbeat, acknowledgement of results, staged recipe.
+// The registers that a PLC writes: commands (exactly once), heartbeat, acknowledgement of results, staged recipe.
 //
-// Sans-I/O: time comes from the injected clock, what is to be done goes to the handler. Loop thread only.
+// Sans-I/O: time comes from the injected clock, actions go to the handler. Loop thread only.
 //
-// A command is one write of COMMAND from its token on. A token that was seen before does nothing again: the
-// reply that it had is shown once more. So a sender that does not know whether its write arrived writes it
-// again, on any connection, until REPLY shows its token. The last 256 tokens are remembered; `boot` guards
-// against repeating a command to a station that was restarted meanwhile. While a command is executing, any
-// other but stop, abort and halt is answered with exception 06 and not remembered; a teach, which takes as long as
-// its parts, goes on beside others.
+// A command is one write of COMMAND from its token on. A known token is not executed again; its reply is shown again.
+// So a sender that does not know whether its write arrived repeats it, on any connection, until REPLY shows its token.
+// The last 256 tokens are remembered. `boot` prevents repeating a command to a station that was restarted meanwhile.
+// While a command executes, any other is answered with exception 06 and not remembered; exceptions are stop, abort and
+// halt, and a teach does not block others.
 #pragma once
 
 #include <array>
@@ -21,25 +20,24 @@
 
 namespace hord::firmware {
 
-// What a command came to: completed, failed with an error, or executing, and then PlcInterface::finish() follows.
+// Outcome of a command: completed, failed, or executing; after executing, PlcInterface::finish() follows.
 struct CommandOutcome {
     CommandState state = CommandState::completed;
     CommandError error = CommandError::none;
     std::uint32_t result = 0;
 };
 
-// What the station does about it. Called on the loop's thread, in the middle of a Modbus request: must not
-// block.
+// Executes what the PLC writes. Called on the loop's thread during a Modbus request: must not block.
 class PlcHandler {
   public:
     virtual ~PlcHandler() = default;
-    // Never commit_recipe, never the same token twice. Unknown codes come, too.
+    // Every command but commit_recipe, once a token. Unknown codes are passed, too.
     virtual CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) = 0;
     // commit_recipe with the right checksum, while the station does not execute.
     virtual CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request,
                                      const StagedRecipe& staged) = 0;
-    // The PLC wants to take the results up to `sequence`; they are its own once the answer is none. busy: in a moment,
-    // ask again; device_failure: they cannot be kept now.
+    // The PLC acknowledges the results up to `sequence`. none: accepted; busy: not stored yet, repeat; device_failure:
+    // they cannot be stored now.
     virtual modbus::Exception on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) = 0;
     virtual void on_plc_lost(PlcPolicy policy) = 0;
     virtual void on_plc_back() = 0;
@@ -51,7 +49,7 @@ struct PlcOptions {
     std::uint32_t boot_id = 0;
 };
 
-// What the desk must know of the station to decide.
+// The station's state that a write depends on.
 struct StationNow {
     State state = State::preoperational;
     std::uint32_t newest_sequence = 0;
@@ -61,27 +59,26 @@ class PlcInterface {
   public:
     PlcInterface(const hal::Clock& clock, PlcHandler& handler, PlcOptions options);
 
-    // Writes whole rows that the map calls writable, or nothing: 02 for any other register, 03 for half a
-    // value, a value that means "not available", or one that cannot be; 06 while a command is executing. An
-    // acknowledgement is refused with 06 until what it takes is stored, with 04 while it cannot be; a heartbeat in
-    // the same write has counted.
+    // Writes whole writable rows, or nothing. Exception 02: another register; 03: half a value, "not available" or an
+    // impossible value; 06: a command is executing. An acknowledgement is refused with 06 until its results are stored,
+    // with 04 while they cannot be; a heartbeat in the same write counts.
     modbus::Exception write(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
                             std::span<const std::uint16_t> values);
 
-    // The outcome of a command that was executing, or how far it has come (executing, with a result). Not from inside
-    // the on_command() that began it. No effect for a token that is not executing.
+    // Outcome or progress (executing, with a result) of an executing command. Not to be called inside its on_command().
+    // No effect for a token that is not executing.
     void finish(std::uint32_t token, const CommandOutcome& outcome);
 
-    // Results up to `newest_sequence` exist: counts those that the ring lost before they were acknowledged.
+    // Results up to `newest_sequence` exist. Counts those overwritten in the ring before they were acknowledged.
     void note_results(std::uint32_t newest_sequence);
 
-    // Tells the handler once when the heartbeat has stopped for longer than the timeout. Before the first
-    // heartbeat the PLC cannot be lost. To be called several times within the timeout.
-    void check_heartbeat();
+    // Calls on_plc_lost() once when the heartbeat has not changed for longer than the timeout. Before the first
+    // heartbeat the PLC cannot be lost. Call it several times within the timeout.
+    void check_plc_heartbeat();
 
     void set_timeout(hal::Duration timeout) { options_.timeout = timeout; }
 
-    // The staged values are these from now on: those of the recipe in use, when it changes.
+    // Sets the staged values, to those of the recipe in use when it changes.
     void stage(const StagedRecipe& recipe);
 
     [[nodiscard]] PlcView view() const;
@@ -91,10 +88,10 @@ class PlcInterface {
         CommandRequest request;
         CommandReply reply;
     };
-    modbus::Exception take_command(const modbus::Origin& origin, const StationNow& now,
-                                   std::span<const std::uint16_t> values);
-    modbus::Exception take_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
-                               std::span<const std::uint16_t> values);
+    modbus::Exception write_command(const modbus::Origin& origin, const StationNow& now,
+                                    std::span<const std::uint16_t> values);
+    modbus::Exception write_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
+                                std::span<const std::uint16_t> values);
     [[nodiscard]] CommandOutcome execute(const modbus::Origin& origin, const StationNow& now,
                                          const CommandRequest& request);
     [[nodiscard]] Remembered* find(std::uint32_t token);

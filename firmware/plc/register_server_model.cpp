@@ -31,9 +31,9 @@ std::optional<std::uint32_t> percentile(std::span<std::uint32_t> values, std::si
 
 }  // namespace
 
-RegisterServerModel::RegisterServerModel(StationIdentity identity, PlcInterface* desk)
+RegisterServerModel::RegisterServerModel(StationIdentity identity, PlcInterface* plc_interface)
     : identity_(std::move(identity)), boot_text_(fmt::format("{:08X}", identity_.boot_id)),
-      map_text_(fmt::format("{} {:08X}", kMapVersion, map_crc32())), desk_(desk) {}
+      map_text_(fmt::format("{} {:08X}", kMapVersion, map_crc32())), plc_interface_(plc_interface) {}
 
 void RegisterServerModel::publish(const Snapshot& snapshot, std::span<const PartResult> results) {
     const std::lock_guard lock(mutex_);
@@ -111,9 +111,9 @@ Exception RegisterServerModel::read_registers(std::uint16_t address, std::span<s
 
     RegisterExtras extras;
     if (touches(BlockId::health)) extras.statistics = statistics();
-    if (desk_ != nullptr) {
-        desk_->note_results(now().newest_sequence);
-        extras.plc = desk_->view();
+    if (plc_interface_ != nullptr) {
+        plc_interface_->note_results(now().newest_sequence);
+        extras.plc = plc_interface_->view();
     }
     const Overlap in_ring(address, out.size(), kRingBase, std::size_t{kRingSlots} * kResultWords);
     const std::size_t first_slot = in_ring.empty() ? 0 : (in_ring.begin - kRingBase) / kResultWords;
@@ -178,14 +178,15 @@ Exception RegisterServerModel::read_bits(std::uint16_t address, std::span<bool> 
         all[16 + bit] = bit_of_pair(active_at, bit);
         all[48 + bit] = bit_of_pair(latched_at, bit);
     }
-    all[kHeartbeatBit] = desk_ != nullptr && (desk_->view().heartbeat & 1U) != 0;
+    all[kHeartbeatBit] = plc_interface_ != nullptr && (plc_interface_->view().plc_heartbeat & 1U) != 0;
     std::copy_n(all.begin() + address, out.size(), out.begin());
     return Exception::none;
 }
 
 Exception RegisterServerModel::write_registers(const modbus::Origin& origin, std::uint16_t address,
                                                std::span<const std::uint16_t> values) {
-    return desk_ == nullptr ? Exception::illegal_address : desk_->write(origin, now(), address, values);
+    return plc_interface_ == nullptr ? Exception::illegal_address
+                                     : plc_interface_->write(origin, now(), address, values);
 }
 
 Exception RegisterServerModel::write_bits(const modbus::Origin& origin, std::uint16_t address,

@@ -1,8 +1,7 @@
-// What the station publishes, as registers: the model behind the Modbus server.
+// The station's published values as registers: the model behind the Modbus servers.
 //
-// Every request is answered from one moment. Any thread may publish; a lock is held for copying alone. Reads
-// and writes come on the loop's thread, where the PLC's desk lives, too (reads from any thread when there is
-// no desk).
+// Every request is answered from one consistent state. Any thread may publish; the lock is held only to copy. Reads and
+// writes on the loop's thread (reads on any thread without a PlcInterface).
 #pragma once
 
 #include <array>
@@ -19,13 +18,11 @@ namespace hord::firmware {
 
 class RegisterServerModel : public modbus::RegisterModel {
   public:
-    // `desk` takes what is written and outlives the image; without it every write is refused with exception
-    // 02.
-    explicit RegisterServerModel(StationIdentity identity, PlcInterface* desk = nullptr);
+    // `plc_interface` handles writes and outlives this. Without it every write is refused with exception 02.
+    explicit RegisterServerModel(StationIdentity identity, PlcInterface* plc_interface = nullptr);
 
-    // Any thread, allocates nothing. The state, and the results that are complete since the last call, lowest
-    // sequence first, appear together; snapshot.last counts as one of them. Results must be published once
-    // each, in order.
+    // Any thread, allocates nothing. State and new results become visible together. Results are published once each, by
+    // ascending sequence; snapshot.last counts as one of them.
     void publish(const Snapshot& snapshot, std::span<const PartResult> results = {});
     void publish(const RecipeInUse& recipe);
     void publish(const HealthReport& health);
@@ -54,7 +51,7 @@ class RegisterServerModel : public modbus::RegisterModel {
 
     const StationIdentity identity_;
     const std::string boot_text_, map_text_;
-    PlcInterface* const desk_;
+    PlcInterface* const plc_interface_;
     std::mutex mutex_;  // guards the rest
     State state_;
     std::array<PartResult, kRingSlots> ring_{};

@@ -205,7 +205,7 @@ Result<std::vector<Reading>> Client::read_result(std::uint32_t sequence) {
     return readings;
 }
 
-Result<Client::Reply> Client::command(CommandCode code, std::uint32_t argument, std::uint32_t argument2,
+Result<Client::Reply> Client::command(Command code, std::uint32_t argument, std::uint32_t argument2,
                                       std::chrono::milliseconds patience, std::string_view who) {
     const auto boot = read(find_register(BlockId::ident, "boot_id")->address, 2);
     if (!boot) return tl::unexpected(boot.error());

@@ -1,8 +1,7 @@
-// A small blocking Modbus TCP client over libmodbus, for `hordctl` and the tests: an implementation that
-// shares nothing with the server.
+// A blocking Modbus TCP client over libmodbus for `hordctl` and the tests. It shares no code with the server.
 //
-// After anything but an answer the connection is closed, because a late reply would be taken for the next
-// one; the next call connects again. An error of a write does not mean that it was not executed.
+// After an error the connection is closed, because a late reply would be taken for the next one; the next call connects
+// again. A write that fails may have been executed.
 #pragma once
 
 #include <chrono>
@@ -51,17 +50,16 @@ class Client {
     // another result.
     [[nodiscard]] Result<std::vector<Reading>> read_result(std::uint32_t sequence);
 
-    // One command, exactly once: writes it, again with the same token whenever it is not known whether it arrived, and
-    // asks until its reply is there. Fails as read() and write() do, with timeout after `patience`. A refusal by the
-    // station is a reply, not a failure. `who`, at most 20 printable ASCII characters, is recorded as for whom it was
-    // asked.
+    // Executes one command exactly once: repeats the write with the same token until it is known to have arrived, then
+    // polls for the reply. Fails as read() and write() do, with timeout after `patience`. A refusal by the station is a
+    // reply, not a failure. `who` (at most 20 printable ASCII characters) is recorded: on whose behalf.
     struct Reply {
         CommandState state = CommandState::none;
         CommandError error = CommandError::none;
         std::uint32_t result = 0;
         std::string error_name;  // "not_in_this_state"
     };
-    [[nodiscard]] Result<Reply> command(CommandCode code, std::uint32_t argument, std::uint32_t argument2,
+    [[nodiscard]] Result<Reply> command(Command code, std::uint32_t argument, std::uint32_t argument2,
                                         std::chrono::milliseconds patience, std::string_view who = {});
 
     ~Client();

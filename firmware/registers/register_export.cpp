@@ -1,4 +1,4 @@
-// The register map for people and for other programs, from the table.
+// The register map as Markdown, CSV, JSON and Telegraf configuration.
 #include <fmt/format.h>
 
 #include "firmware/registers/register_map.h"

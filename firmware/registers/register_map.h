@@ -1,14 +1,15 @@
-// The register map: one table, from which come the registers' images, their documentation and their decoding.
+// The register map: one table for encoding, decoding and documentation of the registers (docs/registers.md).
 //
-// 16-bit registers; 32-bit values high word first; text in ASCII, first character in the high byte, padded
-// with zeros. Scaled whole numbers, no floats. A value that is not available reads 0xFFFF (u16), 0x8000
-// (s16), 0xFFFFFFFF (u32), 0x80000000 (s32); values beyond the range stop one short of that. Bit sets and
-// free-running counters (bits16, bits32) have no such value. Registers of a block that no row names read
-// 0xFFFF.
+// To add a register: its row (station_blocks.h or plc_blocks.h), its value and kMapVersion (register_values.h), and
+// where the value is filled. Then print docs/registers.md again. A released row keeps its address, type and scale.
 //
-// The map is a chain: every block begins with [id, length], the next block begins `length` registers after
-// that header, and the chain ends with id 0xFFFF. A reader walks it from address 0 and skips ids it does not
-// know. Addresses are append-only: a row, once released, keeps its address, type and scale for ever.
+// Registers have 16 bits. 32-bit values: high word first. Text: ASCII, first character in the high byte, padded with
+// zeros. Numbers are scaled integers. "Not available" reads 0xFFFF (u16), 0x8000 (s16), 0xFFFFFFFF (u32), 0x80000000
+// (s32); values beyond the range are clamped to one short of it. bits16 and bits32 have no such value. Registers that
+// no row names read 0xFFFF.
+//
+// The map is a chain: every block begins with [id, length]; the next block begins `length` registers after that header;
+// id 0xFFFF ends it. A reader walks the chain from address 0 and skips unknown ids.
 #pragma once
 
 #include <cstdint>
@@ -23,8 +24,6 @@
 
 namespace hord::firmware {
 
-// Raised when rows are added; the CRC-32 of the table changes with it (map_crc32()).
-inline constexpr std::uint16_t kMapVersion = 3;
 inline constexpr std::uint32_t kMapMagic = 0x484F5244;  // "HORD"
 inline constexpr std::uint16_t kBlockHeader = 2;        // registers [id, length]
 inline constexpr std::uint16_t kMaxRead = 125;          // registers in one request: a block is one coherent read
@@ -46,14 +45,14 @@ struct Register {
     double scale = 1;  // value in `unit` = scale * number in the register
     RegisterAccess access = RegisterAccess::read;
     std::string_view meaning = {};
-    std::span<const NamedValue> values = {};  // names of values, or of bits
-    // Exactly one of the two, by type. Empty: not available.
+    std::span<const NamedValue> values = {};  // names of values; of a bit set: of bits
+    // Exactly one of the two, by type. No number: not available.
     std::optional<double> (*number)(const RegisterValues&) = nullptr;
     std::string_view (*text)(const RegisterValues&) = nullptr;
 };
 
 enum class BlockId : std::uint16_t {
-    gap = 0,  // addresses that lead to the next block; reading inside is exception 02
+    gap = 0,  // unused addresses up to the next block; reading inside is exception 02
     ident = 1,
     status = 2,
     counters = 3,
@@ -75,11 +74,11 @@ struct Block {
     std::uint16_t length = 0;  // registers after the header
     std::string_view meaning;
     std::span<const Register> registers;
-    std::uint16_t slots = 0, slot_words = 0;  // of a ring: `registers` are those of slot 0
+    std::uint16_t slots = 0, slot_words = 0;  // of a ring buffer: `registers` are those of slot 0
     [[nodiscard]] constexpr std::uint16_t size() const { return static_cast<std::uint16_t>(length + kBlockHeader); }
 };
 
-// Every block in the order of its address, the terminator last.
+// All blocks by ascending address, the terminator last.
 [[nodiscard]] std::span<const Block> register_blocks();
 [[nodiscard]] const Block* find_block(BlockId id);
 [[nodiscard]] const Register* find_register(BlockId id, std::string_view name);
@@ -87,11 +86,11 @@ struct Block {
 // CRC-32 (IEEE 802.3) over every row's address, type, width, name, unit, scale and access.
 [[nodiscard]] std::uint32_t map_crc32();
 
-// The whole block with its header, of block.size() registers; of a ring, one slot, of block.slot_words.
+// Encodes a block with its header (block.size() registers), or one slot of a ring (block.slot_words registers).
 void encode(const Block& block, const RegisterValues& source, std::span<std::uint16_t> image);
 void encode_slot(const Block& ring, const RegisterValues& source, std::span<std::uint16_t> slot);
 
-// Results 1, 2, ... stand at slot (sequence mod kRingSlots).
+// Result `sequence` is in slot (sequence mod kRingSlots).
 inline constexpr std::uint16_t kRingSlots = 256;
 inline constexpr std::uint16_t kRingBase = 1000;  // of slot 0
 inline constexpr std::uint16_t kResultWords = 24;
@@ -99,7 +98,7 @@ constexpr std::uint16_t address_of_result(std::uint32_t sequence) {
     return static_cast<std::uint16_t>(kRingBase + kResultWords * (sequence % kRingSlots));
 }
 
-// CRC-32 (IEEE 802.3) over registers as they travel: high byte first.
+// CRC-32 (IEEE 802.3) over registers in transmission order: high byte first.
 [[nodiscard]] std::uint32_t crc32_of(std::span<const std::uint16_t> words);
 
 // One decoded register, for people: number in its unit and text ("6 Ready", "0.935", "run_permit, line_stop";
@@ -110,10 +109,10 @@ struct Reading {
     std::string text;
 };
 
-// `image` as read from `block.base`, header included; rows beyond what was read are left out (an older
-// station). Fails with unreadable when the header is not this block's.
+// `image`: registers read from block.base on, with the header. Rows behind its end are left out (an older station).
+// Fails with unreadable when the header is not this block's.
 [[nodiscard]] Result<std::vector<Reading>> decode(const Block& block, std::span<const std::uint16_t> image);
-// One slot of a ring. Fails with busy when its sequences differ: it was overwritten while it was read.
+// One slot of a ring. Fails with busy when its two sequence numbers differ: it was overwritten during the read.
 [[nodiscard]] Result<std::vector<Reading>> decode_slot(const Block& ring, std::span<const std::uint16_t> slot);
 
 enum class MapFormat : std::uint8_t { markdown, csv, json, telegraf };

@@ -1,5 +1,4 @@
-// The table: every block in the order of its address, and what the map promises, checked where it is
-// compiled.
+// The table of all blocks by ascending address, and static checks of its layout.
 #include "firmware/registers/plc_blocks.h"
 #include "firmware/registers/station_blocks.h"
 
@@ -27,8 +26,6 @@ constexpr Block kBlocks[] = {
     {BlockId::calibration, "CALIBRATION", 8500, 98, "The lenslet grid in use", kCalibration},
     {BlockId::end, "END", 8600, 0, "End of the chain", {}},
 };
-
-// -- what the table promises, checked where it is compiled
 
 constexpr bool chain_is_contiguous() {
     std::uint16_t next = 0;

@@ -1,5 +1,5 @@
-// What the registers show besides the snapshot: each part is published by whoever knows it. Empty: not
-// available.
+// The values behind the registers. Each struct is published by the component that knows it; an empty optional is shown
+// as "not available".
 #pragma once
 
 #include <algorithm>
@@ -9,20 +9,24 @@
 #include <string>
 #include <string_view>
 
+#include "firmware/core/commands.h"
 #include "firmware/core/station_types.h"
 
 namespace hord::firmware {
 
-// Who the station is; the same strings are in Modbus device identification (FC 43/14).
+// Raised when a row is added to the register map (station_blocks.h, plc_blocks.h).
+inline constexpr std::uint16_t kMapVersion = 3;
+
+// Also served as Modbus device identification (FC 43/14).
 struct StationIdentity {
     std::string vendor = "HORD";
     std::string product = "HORD station";
     std::string firmware = {};  // version, "0.1.0"
     std::string serial = {};
-    std::uint32_t boot_id = 0;  // another number after every start: a reset of the sequence cannot be misread
+    std::uint32_t boot_id = 0;  // random at every start: sequence numbers of different boots cannot be confused
 };
 
-// Text of at most 32 characters that can be copied without allocating; longer text is cut.
+// Text of at most 32 characters, copied without allocating; longer text is truncated.
 class ShortText {
   public:
     ShortText() = default;
@@ -50,13 +54,13 @@ struct OpticsReport {
     std::optional<double> light_percent = {}, dark_drift_dn = {}, uneven_percent = {};
     std::optional<std::uint16_t> uneven_m = {}, uneven_n = {};
     std::optional<std::uint32_t> specks = {};
-    // The largest one.
+    // Of the largest speck.
     std::optional<std::uint16_t> dust_m = {}, dust_n = {};
     std::optional<std::uint32_t> dust_lenslets = {};
     std::optional<double> dust_share_percent = {}, dust_x_mm = {}, dust_y_mm = {};
 };
 
-// Latencies and the rate are taken from the ring of results; these are not.
+// Health values that are not computed from results (those: ResultStatistics).
 struct HealthReport {
     std::optional<std::uint32_t> uptime_s = {};
     std::optional<std::uint32_t> frames_lost = {}, frames_corrupt = {};
@@ -74,7 +78,7 @@ struct CalibrationReport {
     std::optional<std::uint16_t> lenslets_m = {}, lenslets_n = {};
 };
 
-// Taken from the last results that can still be read.
+// Over the results in the ring.
 struct ResultStatistics {
     std::optional<std::uint32_t> latency_p50_us = {}, latency_p99_us = {}, latency_max_us = {};
     std::optional<std::uint32_t> reject_p50_us = {}, reject_p99_us = {}, reject_max_us = {};
@@ -83,23 +87,17 @@ struct ResultStatistics {
 
 // -- the PLC's side (plc_interface.h)
 
-enum class CommandCode : std::uint16_t {
-    initialise = 1,
-    arm = 2,
-    disarm = 3,
-    start_single = 4,
-    start_continuous = 5,
-    stop = 6,
-    abort = 7,
-    halt = 8,
-    reset = 9,
-    commit_recipe = 20,  // argument: staged_crc32
-    teach = 21,  // argument: parts, or 0: 16; result: those taken so far, then the CRC-32 of the recipe with its new
-                 // reference
-    self_test = 22,   // result: FaultBits of what failed
-    use_recipe = 23,  // argument: its number; argument2: its CRC-32, or 0: whatever it is; result: its CRC-32
-};
 enum class CommandState : std::uint16_t { none = 0, executing = 1, completed = 2, failed = 3 };
+constexpr std::string_view name_of(CommandState state) {
+    switch (state) {
+        case CommandState::none: return "none";
+        case CommandState::executing: return "executing";
+        case CommandState::completed: return "completed";
+        case CommandState::failed: return "failed";
+    }
+    return "unknown";
+}
+
 enum class CommandError : std::uint16_t {
     none = 0,
     unknown_command = 1,
@@ -112,18 +110,36 @@ enum class CommandError : std::uint16_t {
     not_supported = 8,
     failed = 9,
     plc_lost = 10,  // start: the PLC's heartbeat is missing
-    not_yet = 11,  // arm: the ejector is still acting; self_test: or parts are on the line; teach: one is under way, or
-                   // waits for the line to stop
+    not_yet = 11,   // arm: the ejector is still acting; self_test: or parts are on the line; teach: another is running
     no_such_recipe = 12,  // use_recipe: no usable file has this number
     cancelled = 13,       // teach: abort, halt or another recipe ended it
 };
+constexpr std::string_view name_of(CommandError error) {
+    switch (error) {
+        case CommandError::none: return "none";
+        case CommandError::unknown_command: return "unknown_command";
+        case CommandError::not_in_this_state: return "not_in_this_state";
+        case CommandError::device_down: return "device_down";
+        case CommandError::bad_argument: return "bad_argument";
+        case CommandError::wrong_checksum: return "wrong_checksum";
+        case CommandError::token_reused: return "token_reused";
+        case CommandError::other_boot: return "other_boot";
+        case CommandError::not_supported: return "not_supported";
+        case CommandError::failed: return "failed";
+        case CommandError::plc_lost: return "plc_lost";
+        case CommandError::not_yet: return "not_yet";
+        case CommandError::no_such_recipe: return "no_such_recipe";
+        case CommandError::cancelled: return "cancelled";
+    }
+    return "unknown";
+}
 
 struct CommandRequest {
     std::uint32_t token = 0;  // chosen by the sender, never 0
     std::uint16_t boot = 0;   // low half of boot_id, or 0: any
-    std::uint16_t code = 0;   // CommandCode
+    std::uint16_t code = 0;   // a Command, or an unknown number
     std::uint32_t argument = 0, argument2 = 0;
-    ShortText who = {};  // for whom the sender asks, at most 20 printable ASCII characters; empty: for itself
+    ShortText who = {};  // on whose behalf, at most 20 printable ASCII characters; empty: the sender itself
     bool operator==(const CommandRequest&) const = default;
 };
 struct CommandReply {
@@ -134,7 +150,7 @@ struct CommandReply {
     std::uint32_t result = 0;
 };
 
-// Limits of algo/recipe/recipe.h, as whole numbers in the units of the map.
+// Limits of algo/recipe/recipe.h as integers in the map's units.
 struct StagedRecipe {
     std::uint16_t number = 0;
     std::uint16_t emd_limit_mbins = 1000, frobenius_limit_mbins = 1000, transmission_permille = 500;
@@ -145,11 +161,11 @@ struct StagedRecipe {
 };
 
 struct PlcView {
-    CommandRequest command;  // the newest
+    CommandRequest command;  // the last one written
     CommandReply reply;      // to it
     std::uint32_t commands_done = 0;
-    std::uint16_t heartbeat = 0;
-    std::optional<std::uint32_t> heartbeat_age_ms;  // empty: no heartbeat since the start
+    std::uint16_t plc_heartbeat = 0;
+    std::optional<std::uint32_t> plc_heartbeat_age_ms;  // empty: no heartbeat since the start
     bool lost = false;
     PlcPolicy policy = PlcPolicy::none;
     std::uint16_t timeout_ms = 0;
@@ -163,10 +179,10 @@ struct RegisterExtras {
     HealthReport health;
     CalibrationReport calibration;
     ResultStatistics statistics;
-    std::optional<PlcView> plc;  // empty: nobody takes commands
+    std::optional<PlcView> plc;  // empty: the station has no PLC interface
 };
 
-// What the encoder reads. `result` is the one that a slot or LAST shows.
+// Input of the encoder. `result` is shown in the ring's slot or in LAST.
 struct RegisterValues {
     const StationIdentity& identity;
     const Snapshot& snapshot;

@@ -1,4 +1,4 @@
-// Rows of IDENT, STATUS, COUNTERS, LAST and RING. Only ever appended to; nothing here moves.
+// Rows of IDENT, STATUS, COUNTERS, LAST and RING. Append only.
 #pragma once
 
 #include <algorithm>
@@ -8,58 +8,26 @@
 
 namespace hord::firmware::rows {
 
-// Names of reasons and faults are the core's: a test compares them.
-inline constexpr NamedValue kStates[] = {
-    {1, name_of(State::preoperational)},       {2, name_of(State::halted)}, {3, name_of(State::error)},
-    {5, name_of(State::initialized)},          {6, name_of(State::ready)},  {7, name_of(State::single_execution)},
-    {8, name_of(State::continuous_execution)},
-};
 inline constexpr NamedValue kStatusBits[] = {
     {0, "executing"},     {1, "run_permit"}, {2, "line_stop"},       {3, "fault_active"},
     {4, "fault_latched"}, {5, "error"},      {6, "results_overrun"}, {7, "plc_lost"},
 };
-inline constexpr NamedValue kFaultBits[] = {
-    {0, "part-sensor"},   {1, "strobe"},    {2, "sensor"},        {3, "rejector"},      {4, "reject-unconfirmed"},
-    {5, "inspector"},     {6, "overrun"},   {7, "configuration"}, {8, "light-level"},   {9, "plc-lost"},
-    {10, "store"},        {11, "pictures"}, {12, "grid-drift"},   {13, "light-fading"}, {14, "dark-drift"},
-    {15, "light-uneven"}, {16, "dust"},
-};
-inline constexpr NamedValue kFirstFaults[] = {
-    {0, "none"},        {1, "part-sensor"},   {2, "strobe"},
-    {3, "sensor"},      {4, "rejector"},      {5, "reject-unconfirmed"},
-    {6, "inspector"},   {7, "overrun"},       {8, "configuration"},
-    {9, "light-level"}, {10, "plc-lost"},     {11, "store"},
-    {12, "pictures"},   {13, "grid-drift"},   {14, "light-fading"},
-    {15, "dark-drift"}, {16, "light-uneven"}, {17, "dust"},
-};
-inline constexpr NamedValue kVerdicts[] = {{1, "pass"}, {2, "reject"}, {3, "unfit"}};
-inline constexpr NamedValue kReasons[] = {
-    {0, "none"},
-    {1, "deflection"},
-    {2, "slope"},
-    {3, "absorption"},
-    {4, "too-dark"},
-    {5, "saturated"},
-    {6, "nothing-to-see"},
-    {7, "not-registered"},
-    {16, "verdict-late"},
-    {17, "frame-lost"},
-    {18, "frame-stale"},
-    {19, "frame-duplicate"},
-    {20, "frame-short"},
-    {21, "frame-corrupt"},
-    {22, "strobe-failed"},
-    {23, "parts-too-close"},
-    {24, "station-not-running"},
-    {25, "device-lost"},
-    {26, "line-full"},
-    {27, "edge-lost"},
-    {28, "inspector-failed"},
-    {29, "plc-lost"},
-};
-inline constexpr NamedValue kRejectStates[] = {
-    {0, "not_needed"}, {1, "commanded"}, {2, "confirmed"}, {3, "failed"}, {4, "late"},
-};
+inline constexpr auto kFaultBits = [] {
+    std::array<NamedValue, kFaultCount> bits{};
+    for (std::uint32_t k = 0; k < kFaultCount; ++k) bits[k] = {k, kFaultTable[k].name};
+    return bits;
+}();
+inline constexpr auto kFirstFaults = [] {
+    std::array<NamedValue, kFaultCount + 1> numbers{{{0, "none"}}};
+    for (std::uint32_t k = 0; k < kFaultCount; ++k) numbers[k + 1] = {k + 1, kFaultTable[k].name};
+    return numbers;
+}();
+// The map was released with "not_needed"; everywhere else it is "not-needed".
+inline constexpr auto kRejectStates = [] {
+    auto names = kNamesOf<RejectState>;
+    names[0].name = "not_needed";
+    return names;
+}();
 inline constexpr NamedValue kResultFlags[] = {{0, "judged"}, {1, "rejected"}};
 
 inline constexpr Register kIdent[] = {
@@ -86,7 +54,7 @@ inline constexpr Register kIdent[] = {
 inline constexpr Register kStatus[] = {
     number(
         102, Type::u16, "state", "", "OPC 40100-1 state",
-        [](const Source& s) -> Number { return static_cast<double>(s.snapshot.state); }, kStates),
+        [](const Source& s) -> Number { return static_cast<double>(s.snapshot.state); }, kNamesOf<State>),
     number(
         103, Type::bits16, "bits", "", "what a PLC interlocks on",
         [](const Source& s) -> Number {
@@ -99,9 +67,9 @@ inline constexpr Register kStatus[] = {
         },
         kStatusBits),
     number(104, Type::bits16, "heartbeat", "", "counts while the station lives; wraps",
-           [](const Source& s) -> Number { return s.snapshot.heartbeat; }),
+           [](const Source& s) -> Number { return s.snapshot.station_heartbeat; }),
     number(105, Type::u16, "plc_heartbeat_age", "ms", "since the PLC's heartbeat last changed",
-           [](const Source& s) { return s.extras.plc ? maybe(s.extras.plc->heartbeat_age_ms) : Number{}; }),
+           [](const Source& s) { return s.extras.plc ? maybe(s.extras.plc->plc_heartbeat_age_ms) : Number{}; }),
     number(106, Type::u32, "last_sequence", "", "newest result; 0: none since this boot",
            [](const Source& s) -> Number { return s.result.sequence; }),
     number(108, Type::u32, "oldest_sequence", "", "oldest result that the ring still holds; 0: none",
@@ -127,30 +95,24 @@ inline constexpr Register kStatus[] = {
 };
 
 inline constexpr Register kCounters[] = {
-    number(142, Type::u32, "seen", "parts", "edges of the part sensor taken as parts",
-           [](const Source& s) -> Number { return s.snapshot.counters.seen; }),
-    number(144, Type::u32, "inspected", "parts", "parts with a frame that was judged",
-           [](const Source& s) -> Number { return s.snapshot.counters.inspected; }),
-    number(146, Type::u32, "pass", "parts", "verdict pass",
-           [](const Source& s) -> Number { return s.snapshot.counters.pass; }),
-    number(148, Type::u32, "reject", "parts", "verdict reject",
-           [](const Source& s) -> Number { return s.snapshot.counters.reject; }),
-    number(150, Type::u32, "unfit", "parts", "could not be judged; rejected to be safe",
-           [](const Source& s) -> Number { return s.snapshot.counters.unfit; }),
-    number(152, Type::u32, "missed", "parts", "passed the rejector without any decision",
-           [](const Source& s) -> Number { return s.snapshot.counters.missed; }),
+    number(142, Type::u32, "seen", "parts", "edges of the part sensor taken as parts", counter<&Counters::seen>),
+    number(144, Type::u32, "inspected", "parts", "parts with a frame that was judged", counter<&Counters::inspected>),
+    number(146, Type::u32, "pass", "parts", "verdict pass", counter<&Counters::pass>),
+    number(148, Type::u32, "reject", "parts", "verdict reject", counter<&Counters::reject>),
+    number(150, Type::u32, "unfit", "parts", "could not be judged; rejected to be safe", counter<&Counters::unfit>),
+    number(152, Type::u32, "missed", "parts", "passed the rejector without any decision", counter<&Counters::missed>),
     number(154, Type::u32, "reject_commanded", "parts", "rejections asked of the ejector",
-           [](const Source& s) -> Number { return s.snapshot.counters.reject_commanded; }),
+           counter<&Counters::reject_commanded>),
     number(156, Type::u32, "reject_confirmed", "parts", "rejections that the ejector confirmed in time",
-           [](const Source& s) -> Number { return s.snapshot.counters.reject_confirmed; }),
+           counter<&Counters::reject_confirmed>),
     number(158, Type::u32, "reject_failed", "parts", "rejections without confirmation: a bad part may have passed",
-           [](const Source& s) -> Number { return s.snapshot.counters.reject_failed; }),
+           counter<&Counters::reject_failed>),
     number(160, Type::u32, "reject_late", "parts", "rejections confirmed after the part had passed",
-           [](const Source& s) -> Number { return s.snapshot.counters.reject_late; }),
+           counter<&Counters::reject_late>),
 };
 
-// One result in 24 registers, the same in LAST and in the ring. Its sequence stands at both ends: a reader
-// that takes the slot in several requests sees that they differ when the slot was overwritten meanwhile.
+// One result in 24 registers, the same in LAST and in the ring. The sequence number stands at both ends: they differ
+// when the slot was overwritten between two requests of a reader.
 inline Number of_result(const Source& s, double value) { return s.result.sequence == 0 ? Number{} : Number{value}; }
 
 inline Number of_known(const Source& s, std::uint16_t value) {
@@ -169,10 +131,10 @@ inline constexpr std::array<Register, 16> kResult = {{
            [](const Source& s) { return of_result(s, static_cast<double>(s.result.arrived_ns / 1000 % 1'000'000)); }),
     number(
         base + 8, Type::u16, "verdict", "", "everything but pass is rejected",
-        [](const Source& s) { return of_result(s, static_cast<double>(s.result.verdict)); }, kVerdicts),
+        [](const Source& s) { return of_result(s, static_cast<double>(s.result.verdict)); }, kNamesOf<PartVerdict>),
     number(
         base + 9, Type::u16, "reason", "", "below 16: judged; from 16: a way of not having a verdict",
-        [](const Source& s) { return of_result(s, static_cast<double>(s.result.reason)); }, kReasons),
+        [](const Source& s) { return of_result(s, static_cast<double>(s.result.reason)); }, kNamesOf<PartReason>),
     number(base + 10, Type::u16, "defects", "", "defects found",
            [](const Source& s) { return of_result(s, s.result.defects); }),
     number(
@@ -197,7 +159,7 @@ inline constexpr std::array<Register, 16> kResult = {{
         base + 21, Type::bits16, "flags", "", "how the result came about",
         [](const Source& s) -> Number {
             if (s.result.sequence == 0) return 0;
-            const bool judged = static_cast<std::uint16_t>(s.result.reason) < 16;
+            const bool judged = is_judged(s.result.reason);
             return (judged ? 1 : 0) | (s.result.verdict != PartVerdict::pass ? 2 : 0);
         },
         kResultFlags),

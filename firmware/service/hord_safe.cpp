@@ -1,5 +1,5 @@
-// hord-safe: what systemd runs after hordd, however that ended. A program of its own because it has to be quick: hordd
-// links a hundred libraries more, and loading them alone takes longer than all that is done here.
+// hord-safe: systemd runs it after hordd has ended in any way. A program of its own because it must be quick: loading
+// hordd's libraries takes longer than everything here.
 #include <cstdio>
 #include <string>
 
@@ -29,11 +29,11 @@ int main(int argc, char** argv) {
     }
     const auto config = load_config(file);
     if (!config) {
-        tell(entry_of(JournalEvent::configuration_refused), config.error().message());
+        write_to_journal(entry_of(JournalEvent::configuration_refused), config.error().message());
         return 78;
     }
     if (const auto safe = make_safe(*config, kSafePatience); !safe) {
-        tell(entry_of(JournalEvent::trouble), safe.error().message());
+        write_to_journal(entry_of(JournalEvent::trouble), safe.error().message());
         return 2;
     }
     return 0;

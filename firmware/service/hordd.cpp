@@ -1,5 +1,5 @@
-// hordd: the station as a service. Everything it does it does through Service; this file only speaks to systemd:
-// readiness, status and watchdog, sockets that it opened, reload, the journal, and the policy of the timing thread.
+// hordd: the station as a systemd service. Service does the work; this file handles readiness, status, watchdog, socket
+// activation, reload, the journal and the real-time policy.
 #include <cstdio>
 #include <cstdlib>
 #include <string>
@@ -21,7 +21,7 @@ namespace {
 using namespace hord;
 using namespace hord::firmware;
 
-constexpr int kBadConfiguration = 78;  // EX_CONFIG: starting again does not help
+constexpr int kBadConfiguration = 78;  // EX_CONFIG: systemd does not restart
 constexpr int kCannotRun = 2;
 constexpr Duration kStatusEvery = milliseconds(1000);
 
@@ -43,23 +43,23 @@ Result<Config> read_config(const Options& options) {
 }
 
 int complain(JournalEvent what, const Error& error, int status) {
-    tell(entry_of(what), error.message());
+    write_to_journal(entry_of(what), error.message());
     sd_notifyf(0, "STATUS=%s", error.message().c_str());
     return status;
 }
 
-// Sockets of hordd.socket, by their names.
-ListenSockets doors_from_systemd() {
-    ListenSockets doors;
+// The sockets of hordd.socket by their FileDescriptorName.
+ListenSockets sockets_from_systemd() {
+    ListenSockets sockets;
     char** names = nullptr;
     const int count = sd_listen_fds_with_names(1, &names);
     for (int k = 0; k < count; ++k) {
         const std::string_view name = names[k];
-        (name == "modbus-read-only" ? doors.modbus_read_only : doors.modbus) = SD_LISTEN_FDS_START + k;
+        (name == "modbus-read-only" ? sockets.modbus_read_only : sockets.modbus) = SD_LISTEN_FDS_START + k;
         std::free(names[k]);
     }
     if (count > 0) std::free(names);
-    return doors;
+    return sockets;
 }
 
 class Daemon {
@@ -73,19 +73,19 @@ class Daemon {
         SimulationOptions simulation;
         simulation.variety = 2;
         simulation.cache = environment("CACHE_DIRECTORY");
-        auto opened = Service::open(*config, simulation, watchers(), doors_from_systemd());
+        auto opened = Service::open(*config, simulation, watchers(), sockets_from_systemd());
         if (!opened) return complain(JournalEvent::trouble, opened.error(), kCannotRun);
         service_ = std::move(*opened);
         if (options_.realtime > 0) {
             for (const Error& refused : take_realtime_policy(options_.realtime))
-                tell(entry_of(JournalEvent::trouble), refused.message());
+                write_to_journal(entry_of(JournalEvent::trouble), refused.message());
         }
         service_->loop().post([this] { begin(); });
         const auto ran = service_->run();
         sd_notify(0, "STOPPING=1\nSTATUS=halting");
         service_.reset();  // lights off, permit down
         if (!ran) return complain(JournalEvent::trouble, ran.error(), kCannotRun);
-        tell(entry_of(JournalEvent::stopped), "stopped as asked");
+        write_to_journal(entry_of(JournalEvent::stopped), "stopped as asked");
         return 0;
     }
 
@@ -93,44 +93,46 @@ class Daemon {
     ServiceWatchers watchers() {
         ServiceWatchers all;
         all.state = [this](State from, State to) {
-            story_.state(from, to, service_ ? service_->snapshot().faults_active : 0);
-            if (service_) service_->loop().post([this] { say_status(); });
+            station_journal_.state(from, to, service_ ? service_->snapshot().faults_active : 0);
+            if (service_) service_->loop().post([this] { notify_status(); });
         };
         all.recipe = [](const NumberedRecipe& recipe) {
             const std::string crc = fmt::format("{:08X}", crc32_of(recipe));
-            tell(entry_of(JournalEvent::recipe),
-                 fmt::format("recipe {} \"{}\", CRC-32 {}, is in use", recipe.number, recipe.recipe.name, crc),
-                 std::array{Field{"HORD_RECIPE", std::to_string(recipe.number)}, Field{"HORD_RECIPE_CRC", crc}});
+            write_to_journal(
+                entry_of(JournalEvent::recipe),
+                fmt::format("recipe {} \"{}\", CRC-32 {}, is in use", recipe.number, recipe.recipe.name, crc),
+                std::array{Field{"HORD_RECIPE", std::to_string(recipe.number)}, Field{"HORD_RECIPE_CRC", crc}});
         };
         all.reload = [this] { reload(); };
-        all.trouble = [](const Error& error) { tell(entry_of(JournalEvent::trouble), error.message()); };
+        all.trouble = [](const Error& error) { write_to_journal(entry_of(JournalEvent::trouble), error.message()); };
         return all;
     }
 
     void begin() {
         const std::string address = service_->registers_address();
-        tell(entry_of(JournalEvent::ready), "registers at " + address, std::array{Field{"HORD_REGISTERS", address}});
+        write_to_journal(entry_of(JournalEvent::ready), "registers at " + address,
+                         std::array{Field{"HORD_REGISTERS", address}});
         sd_notify(0, "READY=1");
-        say_status_again();
+        notify_status_again();
         std::uint64_t watchdog_us = 0;
         if (sd_watchdog_enabled(0, &watchdog_us) > 0) {
-            ask_for_progress_every(microseconds(static_cast<std::int64_t>(watchdog_us / 4)));
+            check_liveness_every(microseconds(static_cast<std::int64_t>(watchdog_us / 4)));
         }
     }
 
-    // The timer only asks. Who feeds the watchdog is the last of the inspecting threads to answer, through the loop.
-    void ask_for_progress_every(Duration pace) {
+    // The watchdog is fed only after every inspecting thread and the loop have answered.
+    void check_liveness_every(Duration pace) {
         service_->liveness_check([] { sd_notify(0, "WATCHDOG=1"); });
-        service_->loop().call_after(pace, [this, pace] { ask_for_progress_every(pace); });
+        service_->loop().call_after(pace, [this, pace] { check_liveness_every(pace); });
     }
 
-    void say_status_again() {
-        say_status();
-        service_->loop().call_after(kStatusEvery, [this] { say_status_again(); });
+    void notify_status_again() {
+        notify_status();
+        service_->loop().call_after(kStatusEvery, [this] { notify_status_again(); });
     }
-    void say_status() {
+    void notify_status() {
         const Snapshot now = service_->snapshot();
-        story_.faults(now.faults_active);
+        station_journal_.faults(now.faults_active);
         const Counters& c = now.counters;
         const std::string status = fmt::format("{}{}, {} parts: {} pass, {} reject, {} unfit; faults: {}",
                                                name_of(now.state), now.line_stop ? ", LINE STOP" : "", c.seen, c.pass,
@@ -145,13 +147,14 @@ class Daemon {
         const auto config = read_config(options_);
         const auto waiting = config ? service_->reload(*config) : tl::unexpected(config.error());
         if (!waiting) {
-            tell(entry_of(JournalEvent::reload_refused),
-                 "reload refused, the old configuration stays: " + waiting.error().message());
+            write_to_journal(entry_of(JournalEvent::reload_refused),
+                             "reload refused, the old configuration stays: " + waiting.error().message());
         } else if (waiting->empty()) {
-            tell(entry_of(JournalEvent::reloaded), "configuration read again");
+            write_to_journal(entry_of(JournalEvent::reloaded), "configuration read again");
         } else {
-            tell(entry_of(JournalEvent::reloaded),
-                 fmt::format("configuration read again; not changed until a restart: {}", fmt::join(*waiting, ", ")));
+            write_to_journal(
+                entry_of(JournalEvent::reloaded),
+                fmt::format("configuration read again; not changed until a restart: {}", fmt::join(*waiting, ", ")));
         }
         sd_notify(0, "READY=1");
     }
@@ -159,8 +162,8 @@ class Daemon {
     const Options& options_;
     std::unique_ptr<Service> service_;
     std::string status_;
-    JournalStory story_{[](const Entry& entry, std::string_view message, std::span<const Field> fields) {
-        tell(entry, message, fields);
+    StationJournal station_journal_{[](const Entry& entry, std::string_view message, std::span<const Field> fields) {
+        write_to_journal(entry, message, fields);
     }};
 };
 

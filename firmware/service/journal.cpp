@@ -1,5 +1,6 @@
 #include "firmware/service/journal.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstdio>
@@ -17,11 +18,10 @@
 namespace hord::firmware {
 namespace {
 
-constexpr std::size_t kHappenings = 9, kFaults = 17;
+constexpr std::size_t kEvents = static_cast<std::size_t>(JournalEvent::fault_cleared) + 1;
 
-// An id, once released, keeps its meaning for ever. In the order of JournalEvent, then of FaultBit; the faults' texts
-// are faults.h's.
-constexpr std::array<Entry, kHappenings> kHappeningEntries{{
+// In the order of JournalEvent. A released id keeps its meaning. The faults' entries come from firmware/core/faults.h.
+constexpr std::array<Entry, kEvents> kEventEntries{{
     {"47eaa0992cb6416d86dc283cf0480ff9", 5, "The HORD station answers",
      "Devices are open and the registers can be read at @HORD_REGISTERS@.", ""},
     {"1509bb0a9bf143318a118783593942a4", 5, "The HORD station went to @HORD_STATE@", "It was in @HORD_FROM@.",
@@ -46,30 +46,8 @@ constexpr std::array<Entry, kHappenings> kHappeningEntries{{
     {"3b041641178844f2a60df25453fe2e85", 6, "A fault of the HORD station is over",
      "Fault @HORD_FAULT@. It stays latched until a reset.", ""},
 }};
-
-struct FaultId {
-    std::string_view id;
-    int priority;
-};
-constexpr std::array<FaultId, kFaults> kFaultIds{{
-    {"00a154d85ed84bccb5c719c2add9ca88", 3},  // part-sensor
-    {"c0290103855d4f5599ec8712e8e3574f", 3},  // strobe
-    {"6e704245a4ff41e3a7949b80dcb0b82e", 3},  // sensor
-    {"de1b1471320a48eab7a788d106762832", 3},  // rejector
-    {"4350cc1721e54f21acd552a09ddbef12", 2},  // reject-unconfirmed
-    {"9ed89eddd6844325b600e6129ec04ece", 3},  // inspector
-    {"627bf3225fac4cb6a34acb115ee347dd", 3},  // overrun
-    {"a930d55d954540f3ae889fe46f2c7a8c", 3},  // configuration
-    {"43f2f1936e854f08b5927b0fe339d309", 3},  // light-level
-    {"990d3cd8381d422f850c86bd84e0164b", 3},  // plc-lost
-    {"c20f0dab7307416d98d1afa216472950", 3},  // store
-    {"6ae3785aa68348aebc18209a00138d38", 4},  // pictures
-    {"8b733f2f7bba4320b76d5504078a192f", 4},  // grid-drift
-    {"83e066eefde0496b8ce4dac31331004f", 4},  // light-fading
-    {"e7d3251d9b6b489d9f4ef739016262c6", 4},  // dark-drift
-    {"b1b7148ee1cb4aaea6b19e0ab12d4f97", 4},  // light-uneven
-    {"e0c6a143346e499d83a9464aeaa60f19", 4},  // dust
-}};
+static_assert(std::all_of(kEventEntries.begin(), kEventEntries.end(), [](const Entry& e) { return e.id.size() == 32; }),
+              "every JournalEvent has an entry");
 
 std::string capital(std::string_view text) {
     std::string out(text);
@@ -77,20 +55,20 @@ std::string capital(std::string_view text) {
     return out;
 }
 
-// The faults' entries take their texts from faults.h; subjects are made once.
-const std::array<Entry, kHappenings + kFaults>& all_entries() {
+// The events' entries, then the faults', made once from kFaultTable.
+const std::array<Entry, kEvents + kFaultCount>& all_entries() {
     static const auto subjects = [] {
-        std::array<std::string, kFaults> made;
-        for (std::size_t k = 0; k < kFaults; ++k)
-            made[k] = fmt::format("HORD station fault: {}", fault_texts()[k].name);
+        std::array<std::string, kFaultCount> made;
+        for (std::size_t k = 0; k < kFaultCount; ++k)
+            made[k] = fmt::format("HORD station fault: {}", kFaultTable[k].name);
         return made;
     }();
     static const auto entries = [] {
-        std::array<Entry, kHappenings + kFaults> made;
-        for (std::size_t k = 0; k < kHappenings; ++k) made[k] = kHappeningEntries[k];
-        for (std::size_t k = 0; k < kFaults; ++k) {
-            const FaultText& text = fault_texts()[k];
-            made[kHappenings + k] = {kFaultIds[k].id, kFaultIds[k].priority, subjects[k], text.meaning, text.cure};
+        std::array<Entry, kEvents + kFaultCount> made;
+        std::copy(kEventEntries.begin(), kEventEntries.end(), made.begin());
+        for (std::size_t k = 0; k < kFaultCount; ++k) {
+            const FaultInfo& fault = kFaultTable[k];
+            made[kEvents + k] = {fault.message_id, fault.priority, subjects[k], fault.meaning, fault.cure};
         }
         return made;
     }();
@@ -109,7 +87,7 @@ bool stderr_is_the_journal() {
 
 const Entry& entry_of(JournalEvent what) { return all_entries()[static_cast<std::size_t>(what)]; }
 const Entry& entry_of(FaultBit fault) {
-    return all_entries()[kHappenings + static_cast<std::size_t>(std::countr_zero(static_cast<std::uint32_t>(fault)))];
+    return all_entries()[kEvents + static_cast<std::size_t>(std::countr_zero(static_cast<std::uint32_t>(fault)))];
 }
 std::span<const Entry> journal_entries() { return all_entries(); }
 
@@ -130,7 +108,7 @@ std::vector<std::string> journal_fields(const Entry& entry, std::string_view mes
     return all;
 }
 
-void tell(const Entry& entry, std::string_view message, std::span<const Field> fields) {
+void write_to_journal(const Entry& entry, std::string_view message, std::span<const Field> fields) {
     static const bool to_journal = stderr_is_the_journal();
     if (!to_journal) {
         fmt::print(stderr, "hordd: {}\n", message);
@@ -143,23 +121,23 @@ void tell(const Entry& entry, std::string_view message, std::span<const Field> f
     ::sd_journal_sendv(parts.data(), static_cast<int>(parts.size()));
 }
 
-void JournalStory::state(State from, State to, std::uint32_t active) {
+void StationJournal::state(State from, State to, std::uint32_t active) {
     faults(active);
-    tell_(entry_of(JournalEvent::state), fmt::format("{} to {}", name_of(from), name_of(to)),
-          std::array{Field{"HORD_STATE", std::string(name_of(to))}, Field{"HORD_FROM", std::string(name_of(from))}});
+    write_(entry_of(JournalEvent::state), fmt::format("{} to {}", name_of(from), name_of(to)),
+           std::array{Field{"HORD_STATE", std::string(name_of(to))}, Field{"HORD_FROM", std::string(name_of(from))}});
 }
 
-void JournalStory::faults(std::uint32_t active) {
-    const std::uint32_t before = std::exchange(told_, active);
+void StationJournal::faults(std::uint32_t active) {
+    const std::uint32_t before = std::exchange(reported_, active);
     if (active == before) return;
-    for (const FaultText& fault : fault_texts()) {
+    for (const FaultInfo& fault : kFaultTable) {
         const bool is = (active & fault.bit) != 0, was = (before & fault.bit) != 0;
         if (is == was) continue;
         const std::array field{Field{"HORD_FAULT", std::string(fault.name)}};
         if (is) {
-            tell_(entry_of(fault.bit), fmt::format("fault {}: {}: {}", fault.name, fault.meaning, fault.cure), field);
+            write_(entry_of(fault.bit), fmt::format("fault {}: {}: {}", fault.name, fault.meaning, fault.cure), field);
         } else {
-            tell_(entry_of(JournalEvent::fault_cleared), fmt::format("fault {} is over", fault.name), field);
+            write_(entry_of(JournalEvent::fault_cleared), fmt::format("fault {} is over", fault.name), field);
         }
     }
 }

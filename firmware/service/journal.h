@@ -1,5 +1,5 @@
-// What the service tells the journal: a message a person can read, an id that names what happened, and fields a program
-// can filter by. `journalctl -x` shows the catalogue's entry of the id: what it means and what to do.
+// Messages to the systemd journal: a text for people, a message id, and fields to filter by. `journalctl -x` shows the
+// catalogue's explanation and cure for the id.
 #pragma once
 
 #include <functional>
@@ -13,11 +13,11 @@
 namespace hord::firmware {
 
 enum class JournalEvent {
-    ready,                  // the service answers
-    state,                  // the state machine went somewhere
+    ready,                  // the registers can be read
+    state,                  // change of state
     trouble,                // a device, a file or a request failed; the message has the cure
     configuration_refused,  // at start: the service ends
-    reloaded,               // what can be changed without a restart has been
+    reloaded,               // the configuration was read again
     reload_refused,         // the old configuration stays
     recipe,                 // another recipe is in use
     stopped,                // as asked
@@ -28,11 +28,11 @@ struct Entry {
     std::string_view id;       // MESSAGE_ID, 32 hexadecimal digits
     int priority = 6;          // as in syslog: 2 critical, 3 error, 4 warning, 5 notice, 6 information
     std::string_view subject;  // of the catalogue's entry
-    std::string_view meaning;  // and its text
+    std::string_view meaning;  // its text
     std::string_view cure;
 };
 
-// Every happening, and every fault of firmware/core/faults.h, has one of its own.
+// One entry for each JournalEvent and for each fault of firmware/core/faults.h.
 const Entry& entry_of(JournalEvent what);
 const Entry& entry_of(FaultBit fault);
 std::span<const Entry> journal_entries();
@@ -45,26 +45,25 @@ struct Field {
     std::string value;
 };
 
-// What is sent to the journal for it, "NAME=value" each.
+// The journal fields of a message, "NAME=value" each.
 std::vector<std::string> journal_fields(const Entry& entry, std::string_view message, std::span<const Field> fields);
 
-// To the journal when this process's stderr leads there, else to stderr as one line.
-void tell(const Entry& entry, std::string_view message, std::span<const Field> fields = {});
+// Writes to the journal if stderr is connected to it, else to stderr as one line.
+void write_to_journal(const Entry& entry, std::string_view message, std::span<const Field> fields = {});
 
-// What a station goes through, entry by entry: where its state machine went, and each fault when it comes and when it
-// is over.
-class JournalStory {
+// Writes a station's changes of state, and each fault when it comes and when it is over.
+class StationJournal {
   public:
-    using Tell = std::function<void(const Entry& entry, std::string_view message, std::span<const Field> fields)>;
-    explicit JournalStory(Tell to) : tell_(std::move(to)) {}
+    using Write = std::function<void(const Entry& entry, std::string_view message, std::span<const Field> fields)>;
+    explicit StationJournal(Write to) : write_(std::move(to)) {}
 
-    // `active`: FaultBits as they are then. They are told first, so that Error stands behind its cause.
+    // `active`: the FaultBits at that time. Their changes are written first, so that Error follows its cause.
     void state(State from, State to, std::uint32_t active);
-    void faults(std::uint32_t active);  // those that have come or gone since
+    void faults(std::uint32_t active);  // writes those that came or went since the last call
 
   private:
-    Tell tell_;
-    std::uint32_t told_ = 0;
+    Write write_;
+    std::uint32_t reported_ = 0;
 };
 
 }  // namespace hord::firmware

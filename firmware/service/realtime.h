@@ -1,4 +1,4 @@
-// The scheduling policy of a thread that has times to meet.
+// Real-time scheduling.
 #pragma once
 
 #include <vector>
@@ -7,9 +7,8 @@
 
 namespace hord::firmware {
 
-// SCHED_FIFO with this priority (1 to 99) for the calling thread, and memory locked for the process. Threads that it
-// starts from now on inherit the policy, as the rejector's should; those that inspect leave it again. Returns what was
-// refused, with its cure.
+// Sets SCHED_FIFO with this priority (1 to 99) for the calling thread, and locks the process's memory. Threads started
+// later inherit the policy (the rejector's should); inspecting threads return to SCHED_OTHER. Returns what was refused.
 std::vector<Error> take_realtime_policy(int priority);
 
 }  // namespace hord::firmware

@@ -1,5 +1,4 @@
-// A whole station, assembled from its configuration and run on the event loop: what hordd does at boot and
-// `hordctl run` does in the foreground.
+// A whole station, built from its configuration and run on the event loop, for hordd and `hordctl run`.
 #pragma once
 
 #include <functional>
@@ -17,48 +16,46 @@
 
 namespace hord::firmware {
 
-// Told on the loop's thread (on_inspection: on the thread that inspects). All may be left empty.
+// Called on the loop's thread (inspection: on the inspecting threads). All are optional.
 struct ServiceWatchers {
-    std::function<void(const PartResult&)> result;  // a part's story is complete
+    std::function<void(const PartResult&)> result;  // a part's final result
     std::function<void(State from, State to)> state;
-    std::function<void(const NumberedRecipe&)> recipe;  // in use from now on; not told of the first
-    std::function<void()> reload;                       // SIGHUP; without it the signal is not touched
-    std::function<void(const Error&)> trouble;          // to be logged, once, with its cure
-    std::function<void(const Backends::Fate&)> fate;    // simulated line: what truly became of a part
+    std::function<void(const NumberedRecipe&)> recipe;  // another recipe is in use; not called for the first one
+    std::function<void()> reload;                       // SIGHUP; empty: the signal is not handled
+    std::function<void(const Error&)> trouble;          // to be logged once
+    std::function<void(const Backends::Fate&)> fate;    // simulated line: where a part really went
     std::function<void()> line_over;  // simulated line: all parts came and left; their results may still come
     std::function<void(std::uint32_t part, const FrameView&, const algo::Inspection&)> inspection;
 };
 
-// Listening sockets that somebody else has opened, as systemd does for port 502; -1: the service opens its own. Taken
-// over.
+// Open listening sockets (systemd's socket activation); the service takes ownership. -1: it opens its own.
 struct ListenSockets {
     int modbus = -1, modbus_read_only = -1;
 };
 
 class Service {
   public:
-    // Opens everything and takes the register port; nothing runs yet. Fails with every device's and port's own error.
+    // Opens devices and ports; nothing runs yet. Fails as the devices and servers do.
     static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation,
-                                                 ServiceWatchers watchers, const ListenSockets& doors = {});
+                                                 ServiceWatchers watchers, const ListenSockets& sockets = {});
     ~Service();  // halts: lights off, outputs safe
 
-    // Runs until stop(), or SIGINT or SIGTERM. The simulated line starts when the station executes, or after
-    // `kLineWaits` whatever the station does: parts do not ask.
+    // Runs until stop(), SIGINT or SIGTERM. The simulated line starts when the station executes, and after `kLineWaits`
+    // in any state.
     Result<void> run();
     static constexpr Duration kLineWaits = milliseconds(3000);
 
     void stop();  // any thread
 
-    // Loop thread. Another configuration without stopping: who may connect and write, the PLC's timeout, the folder of
-    // recipes, and, while the station does not execute, the recipe. Returns what else differs and needs a restart, by
-    // table of the file. Fails with what is wrong with the new recipe; then nothing has changed.
+    // Loop thread. Applies another configuration at run time: access rules, the PLC's timeout, the folder of recipes,
+    // and, while the station does not execute, the recipe. Returns the differing tables and keys that need a restart.
+    // Fails if the new recipe cannot be used; then nothing has changed.
     Result<std::vector<std::string>> reload(const Config& config);
 
-    // Loop thread, simulated line only. What a person does at a line that was stopped: takes the parts off it and
-    // resets the station, which then goes on as it was told to before.
+    // Loop thread, simulated line only. Acts as a person at a stopped line: removes the parts and resets the station.
     void look_after_line();
 
-    // Loop thread. Calls `all_here` on it once every inspecting thread has taken a turn; never when one hangs.
+    // Loop thread. Calls `all_here` there once every inspecting thread has answered; never if one hangs.
     void liveness_check(std::function<void()> all_here);
 
     [[nodiscard]] SdEventLoop& loop();
@@ -68,8 +65,8 @@ class Service {
 
   private:
     struct Components;
-    explicit Service(std::unique_ptr<Components> parts);
-    std::unique_ptr<Components> parts_;
+    explicit Service(std::unique_ptr<Components> components);
+    std::unique_ptr<Components> components_;
 };
 
 }  // namespace hord::firmware

@@ -1,7 +1,7 @@
-// Who judges frames: takes a frame on loan, answers on the loop's thread.
+// MakeInspectFunctions frames: borrows a frame, answers on the loop's thread.
 //
-// Three kinds: threaded (the service), inline in virtual time (simulation: the real pipeline runs at once, its answer
-// comes after a modelled time), and a stand-in without any pipeline (tests of the control, millions of parts).
+// Three kinds: threaded (the service); inline in virtual time (simulation: the real pipeline runs in submit(), its
+// answer comes after a modelled time); a stand-in without a pipeline (tests of the control with millions of parts).
 #pragma once
 
 #include <cstdint>
@@ -18,9 +18,8 @@
 
 namespace hord::firmware {
 
-// Sees every inspection as it is made, with its macro-pixel frame (the raw one, decoded) and maps, nothing copied.
-// Called on the thread that inspects (with several threads: on each, at the same time); everything borrowed is valid
-// during the call only.
+// Receives every inspection with its macro-pixel frame (a raw frame after decoding) and maps, by reference. Called on
+// the inspecting threads, concurrently; references are valid during the call only.
 class InspectionObserver {
   public:
     virtual ~InspectionObserver() = default;
@@ -33,7 +32,7 @@ class Inspector {
     class Listener {
       public:
         virtual void on_judged(
-            const Judged& judged) = 0;  // exactly one for every accepted submit(), unless stopped before
+            const Judged& judged) = 0;  // exactly once for every accepted submit(), unless stopped before
 
       protected:
         ~Listener() = default;
@@ -41,26 +40,26 @@ class Inspector {
 
     virtual ~Inspector() = default;
 
-    // Loop thread. Judgements go to `listener` until stop(). Harmless when already started (the listener is replaced).
+    // Loop thread. Judgements go to `listener` until stop(). When already started, the listener is replaced.
     void start(Listener& listener) { do_start(listener); }
 
-    // Loop thread, does not block. The frame goes back to its sensor when it is judged, or at once on failure.
+    // Loop thread, does not block. The frame returns to its sensor when it is judged, or at once on failure.
     // Fails with busy (the queue is full), disconnected (not started).
     Result<void> submit(std::uint32_t part, hal::FrameLease frame) { return do_submit(part, std::move(frame)); }
 
     // Loop thread. Waits for the frame that is being inspected; no call reaches the listener after it returns.
     void stop() { do_stop(); }
 
-    // Loop thread, while the station does not execute: judges with another recipe from now on. Waits for the frame that
-    // is being inspected; frames that wait are given back unjudged. Fails with invalid_argument (the recipe does not
-    // fit the light field; the old one stays), unsupported (a stand-in).
+    // Loop thread, while the station does not execute. Switches to another recipe. Waits for the frame that is being
+    // inspected; queued frames are returned unjudged. Fails with invalid_argument (the recipe does not fit the light
+    // field; the old one stays), unsupported (a stand-in).
     Result<void> use(const algo::Recipe& recipe, std::uint16_t number) { return do_use(recipe, number); }
 
-    // Loop thread. Frames that wait for a thread now.
+    // Loop thread. Number of queued frames.
     [[nodiscard]] std::size_t waiting() const { return do_waiting(); }
 
-    // Loop thread. `all_here` runs on the loop's thread once every thread has taken a turn: at once when none is
-    // started, after its frame when one is busy, never when one hangs. A later call replaces an earlier one that waits.
+    // Loop thread. Calls `all_here` on the loop's thread once every inspecting thread has answered: at once without
+    // threads, after its frame if one is busy, never if one hangs. A later call replaces a pending one.
     void liveness_check(std::function<void()> all_here) { do_liveness_check(std::move(all_here)); }
 
   private:
@@ -76,33 +75,35 @@ struct InspectorSettings {
     algo::Extents extents;
     int bits = 8;
     std::shared_ptr<const algo::GridDecoder> decoder =
-        nullptr;  // of raw frames, of these extents; none: frames are macro-pixels
+        nullptr;  // for raw frames, with these extents; null: macro-pixel frames
     algo::Recipe recipe;
-    std::uint16_t recipe_number = kNoNumber;  // comes back in every Judged
+    std::uint16_t recipe_number = kNoNumber;  // copied to every Judged
     int threads = 1;                          // each with a pipeline of its own
-    int queue = 8;                            // frames that may wait; one more is refused as busy
+    int queue = 8;                            // queued frames; one more is refused with busy
     InspectionObserver* observer = nullptr;   // outlives the inspector
-    algo::NowNs now = nullptr;                // the clock of Inspection::times; none: they stay 0
+    algo::NowNs now = nullptr;                // clock for Inspection::times; null: they stay 0
 };
 
-// Worker threads; answers through loop.post(). Fails with what Pipeline::create says.
+// Worker threads; answers through loop.post(). Fails as Pipeline::create does.
 Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop, const InspectorSettings& settings);
 
-// The same with any way of judging, one a thread.
+// The same with any function, one a thread.
 using InspectFunction = std::function<Judged(std::uint32_t part, const hal::FrameLease& frame)>;
-using Judges = std::function<Result<std::vector<InspectFunction>>(const algo::Recipe& recipe, std::uint16_t number)>;
-// The pipeline as one. Fails with what Pipeline::create says.
+using MakeInspectFunctions =
+    std::function<Result<std::vector<InspectFunction>>(const algo::Recipe& recipe, std::uint16_t number)>;
+// The pipeline as such a function. Fails as Pipeline::create does.
 Result<InspectFunction> make_pipeline_judge(const InspectorSettings& settings);
-// `remake` makes them for another recipe; without it use() is unsupported.
-std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<InspectFunction> judges,
-                                                   Judges remake = nullptr);
+// `remake` creates the functions for another recipe; without it use() is unsupported.
+std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue,
+                                                   std::vector<InspectFunction> functions,
+                                                   MakeInspectFunctions remake = nullptr);
 
-// Inspects inside submit(), answers `modelled` later by a timer. `threads` bounds how many parts are in the modelled
-// work at the same time, `queue` how many wait.
+// Inspects inside submit() and answers by a timer, `modelled` later. At most `threads` parts are in work at the same
+// (virtual) time, and `queue` wait.
 Result<std::unique_ptr<Inspector>> make_inline_inspector(hal::EventLoop& loop, const InspectorSettings& settings,
                                                          hal::Duration modelled);
 
-// No pipeline: `judge` says what to answer and how much later. `queue` bounds the parts under way.
+// No pipeline: `judge` returns the answer and its delay. At most `queue` parts at a time.
 struct StandInAnswer {
     Judged judged;  // `part` is filled in
     hal::Duration after{};

@@ -1,4 +1,4 @@
-// Judges inside submit() and answers later, by a timer: for virtual time, where work takes no time by itself.
+// Judges inside submit() and answers later by a timer: in virtual time, computing takes no time.
 #include <algorithm>
 #include <vector>
 
@@ -17,7 +17,7 @@ class ModelledInspector final : public Inspector {
     struct Slot {
         bool used = false;
         Judged judged;
-        hal::FrameLease frame;  // on loan until the answer, as in the service
+        hal::FrameLease frame;  // held until the answer, as in the service
         hal::EventLoop::TimerId timer{};
     };
 

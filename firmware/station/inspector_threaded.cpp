@@ -17,7 +17,7 @@ struct Job {
     hal::FrameLease frame;
 };
 
-// Shared with what was posted, which may run after the inspector is gone.
+// Shared with posted functions, which may run after the inspector is destroyed.
 struct Mailbox {
     std::mutex mutex;
     std::vector<Judged> answers;
@@ -37,9 +37,10 @@ struct Mailbox {
 
 class ThreadedInspector final : public Inspector {
   public:
-    ThreadedInspector(hal::EventLoop& loop, int queue, std::vector<InspectFunction> judges, Judges remake)
-        : loop_(loop), queue_(static_cast<std::size_t>(queue)), judges_(std::move(judges)), remake_(std::move(remake)),
-          mailbox_(std::make_shared<Mailbox>()) {}
+    ThreadedInspector(hal::EventLoop& loop, int queue, std::vector<InspectFunction> functions,
+                      MakeInspectFunctions remake)
+        : loop_(loop), queue_(static_cast<std::size_t>(queue)), functions_(std::move(functions)),
+          remake_(std::move(remake)), mailbox_(std::make_shared<Mailbox>()) {}
     ~ThreadedInspector() override { do_stop(); }
 
   private:
@@ -47,16 +48,16 @@ class ThreadedInspector final : public Inspector {
         mailbox_->listener = &listener;
         if (!threads_.empty()) return;
         ending_ = false;
-        for (InspectFunction& judge : judges_) threads_.emplace_back([this, &judge] { work(judge); });
+        for (InspectFunction& inspect : functions_) threads_.emplace_back([this, &inspect] { work(inspect); });
     }
 
     Result<void> do_use(const algo::Recipe& recipe, std::uint16_t number) override {
         if (!remake_) return fail(ErrorCode::unsupported, "this inspector knows no recipes", "use the pipeline");
-        auto judges = remake_(recipe, number);
-        if (!judges) return tl::unexpected(judges.error());
+        auto functions = remake_(recipe, number);
+        if (!functions) return tl::unexpected(functions.error());
         Listener* listener = mailbox_->listener;
         do_stop();
-        judges_ = std::move(*judges);
+        functions_ = std::move(*functions);
         if (listener != nullptr) do_start(*listener);
         return {};
     }
@@ -107,8 +108,8 @@ class ThreadedInspector final : public Inspector {
         mailbox_->answers.clear();
     }
 
-    void work(InspectFunction& judge) {
-        // Inspecting is work, not timing: it must not keep the loop from meeting the line's times.
+    void work(InspectFunction& inspect) {
+        // Inspection must not delay the loop's thread, which may run under SCHED_FIFO.
         const sched_param ordinary{};
         ::sched_setscheduler(0, SCHED_OTHER, &ordinary);
         std::uint64_t answered = 0;
@@ -132,7 +133,7 @@ class ThreadedInspector final : public Inspector {
                 jobs_.pop_front();
             }
             if (last_one_calls) loop_.post(std::move(last_one_calls));
-            Judged judged = judge(job.part, job.frame);
+            Judged judged = inspect(job.part, job.frame);
             judged.part = job.part;
             job.frame = {};
             bool first = false;
@@ -147,8 +148,8 @@ class ThreadedInspector final : public Inspector {
 
     hal::EventLoop& loop_;
     const std::size_t queue_;
-    std::vector<InspectFunction> judges_;
-    Judges remake_;
+    std::vector<InspectFunction> functions_;
+    MakeInspectFunctions remake_;
     std::vector<std::thread> threads_;
     mutable std::mutex mutex_;
     std::condition_variable wake_;
@@ -162,9 +163,10 @@ class ThreadedInspector final : public Inspector {
 
 }  // namespace
 
-std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue, std::vector<InspectFunction> judges,
-                                                   Judges remake) {
-    return std::make_unique<ThreadedInspector>(loop, queue, std::move(judges), std::move(remake));
+std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue,
+                                                   std::vector<InspectFunction> functions,
+                                                   MakeInspectFunctions remake) {
+    return std::make_unique<ThreadedInspector>(loop, queue, std::move(functions), std::move(remake));
 }
 
 }  // namespace hord::firmware

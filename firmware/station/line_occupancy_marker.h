@@ -1,7 +1,7 @@
-// Whether the process before this one ended with parts on the line: a file that is there while the line may be in use.
+// A marker file that exists while parts may be on the line. It tells the next process whether parts were left there.
 //
-// Made before the line first runs, removed only by a process that ends in order with an empty line. A process that
-// died, or a machine that lost its power, leaves it behind.
+// Created before the line first runs; removed only at an orderly end with an empty line. A crash or a loss of power
+// leaves it behind.
 #pragma once
 
 #include <filesystem>
@@ -11,7 +11,7 @@ namespace hord::firmware {
 
 class OccupancyMarker {
   public:
-    // No folder: nothing is remembered, and nothing is ever left behind.
+    // Empty folder: no file, left_behind() is false.
     explicit OccupancyMarker(const std::filesystem::path& folder)
         : file_(folder.empty() ? folder : folder / "line-in-use") {}
 

@@ -1,7 +1,7 @@
-// Who keeps what outlives a run: results, what the PLC has taken, and who changed what.
+// Interface of the recorder: it stores results, acknowledgements by the PLC, and changes with who made them.
 //
-// The service tells it everything here; nothing is kept without one. Called on the loop's thread unless said otherwise;
-// must not block it: what takes long belongs on a thread of the recorder's own.
+// Without a recorder nothing is stored. Called on the loop's thread unless noted otherwise. Must not block: slow work
+// belongs on a thread of the recorder.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@
 
 namespace hord::firmware {
 
-// Who asked for something: the address it came from and the token of its command. Both empty: the station itself.
+// Origin of a request: peer address and command token. Both empty: the station itself.
 struct Who {
     std::string peer;  // "192.0.2.7:50123", a serial line's device
     std::uint32_t token = 0;
@@ -24,13 +24,13 @@ struct Change {
     What what = What::command;
     Who who;
     std::string name;           // of the recipe, the key or the command
-    std::string before, after;  // a recipe: the text of its file; a command: the state, and what it came to
+    std::string before, after;  // a recipe: the text of its file; a command: the state before, and its outcome
 };
 
-// Whether a PLC may count results as taken: only when they would outlive a loss of power.
+// Whether a PLC may take results: only after they are stored so that a loss of power does not lose them.
 enum class Taken : std::uint8_t {
     yes,
-    not_yet,  // in a moment: it is to ask again
+    not_yet,  // soon: the PLC repeats its write
     cannot,   // they cannot be stored now
 };
 
@@ -41,14 +41,13 @@ class ResultSink {
     // Every result once, in order, before a PLC can read it.
     virtual void on_result(const PartResult& result) = 0;
 
-    // A PLC wants to take the results up to `sequence`. `yes`: they are the PLC's now; else nothing has happened.
+    // A PLC acknowledges the results up to `sequence`. `yes`: recorded; else nothing has changed.
     virtual Taken on_acknowledged(const Who& who, std::uint32_t sequence) = 0;
 
-    // After it has happened, whatever came of it.
+    // After the change or command, also after a failed one.
     virtual void on_change(const Change& change) = 0;
 
-    // On the thread that inspects (with several: on each, at the same time); what is borrowed is valid during the call
-    // only.
+    // On the inspecting threads, concurrently; references are valid during the call only.
     virtual void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) = 0;
 };
 

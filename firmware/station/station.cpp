@@ -6,22 +6,15 @@
 namespace hord::firmware {
 namespace {
 
-constexpr std::string_view kCommandNames[] = {"initialise", "arm",   "disarm", "start-single", "start-continuous",
-                                              "stop",       "abort", "halt",   "reset"};
-
 bool near(Duration a, Duration b, Duration tolerance) { return a - b <= tolerance && b - a <= tolerance; }
 
-std::string_view name_of(Command command) { return kCommandNames[static_cast<int>(command)]; }
-
 Error not_in_this_state(Command command, State state) {
-    Error error{
-        ErrorCode::refused, "cannot " + std::string(name_of(command)) + " in " + std::string(name_of(state)), {}};
+    Error error{ErrorCode::refused, "cannot " + hyphenated_name_of(command) + " in " + std::string(name_of(state)), {}};
     std::string possible;
-    for (int c = 0; c <= static_cast<int>(Command::reset); ++c) {
-        const auto other = static_cast<Command>(c);
-        if (!next_state(state, cause_of(other))) continue;
+    for (int k = 0; k < kStateCommands; ++k) {
+        if (!next_state(state, state_command(k))) continue;
         if (!possible.empty()) possible += ", ";
-        possible += name_of(other);
+        possible += hyphenated_name_of(state_command(k));
     }
     error.cure = "possible now: " + possible;
     return error;
@@ -37,7 +30,7 @@ CoreConfig with_frame_size(CoreConfig config, const hal::SensorFormat& format) {
 
 }  // namespace
 
-// What the devices say becomes an event.
+// Turns reports of devices into events.
 struct Station::DeviceListener final : hal::PartSensor::Listener,
                                        hal::Strobe::Listener,
                                        hal::Sensor::Listener,
@@ -45,33 +38,33 @@ struct Station::DeviceListener final : hal::PartSensor::Listener,
                                        Inspector::Listener {
     explicit DeviceListener(Station& owner) : station(owner) {}
 
-    void on_edge(const hal::PartEdge& edge) override { station.take(edge); }
-    void on_encoder(const hal::EncoderReading& reading) override { station.take(reading); }
+    void on_edge(const hal::PartEdge& edge) override { station.process(edge); }
+    void on_encoder(const hal::EncoderReading& reading) override { station.process(reading); }
     void on_part_sensor_lost(const Error& error) override { lost(Device::part_sensor, error); }
     void on_strobe(const hal::StrobeReport& report) override {
         if (report.exposure == Station::kTestPart) return station.test_lit(report);
-        station.take(report);
+        station.process(report);
     }
     void on_strobe_lost(const Error& error) override { lost(Device::strobe, error); }
     void on_frame(hal::FrameLease frame) override {
         const hal::FrameInfo info = frame.info();
         if (station.test_frame(frame)) return;
-        station.take(FrameArrived{station.lend(std::move(frame)), info});
+        station.process(FrameArrived{station.lend(std::move(frame)), info});
     }
     void on_sensor_lost(const Error& error) override { lost(Device::sensor, error); }
-    void on_reject(const hal::RejectReport& report) override { station.take(report); }
+    void on_reject(const hal::RejectReport& report) override { station.process(report); }
     void on_rejector_link(bool up, const Error& why_down) override {
         if (!up) return lost(Device::rejector, why_down);
-        station.take(DeviceUp{Device::rejector});
+        station.process(DeviceUp{Device::rejector});
     }
     void on_judged(const Judged& judged) override {
         if (judged.part == Station::kTestPart) return station.test_judged(judged);
-        station.take(judged);
+        station.process(judged);
     }
 
     void lost(Device device, const Error& error) {
         station.report(error);
-        station.take(DeviceLost{device});
+        station.process(DeviceLost{device});
     }
 
     Station& station;
@@ -79,7 +72,7 @@ struct Station::DeviceListener final : hal::PartSensor::Listener,
 
 Station::Station(const CoreConfig& config, const Cell& cell, StationObserver* observer)
     : cell_(cell), observer_(observer), core_(with_frame_size(config, cell.sensor.format())),
-      ears_(std::make_unique<DeviceListener>(*this)) {
+      listener_(std::make_unique<DeviceListener>(*this)) {
     waiting_.reserve(64);
     loans_.reserve(static_cast<std::size_t>(std::max(cell.sensor.format().buffers, 1)) + 1);
 }
@@ -89,7 +82,7 @@ Station::~Station() {
     observer_ = nullptr;
     if (test_) cell_.loop.cancel(test_->patience);
     test_.reset();
-    take(Command::halt);
+    process(Command::halt);
     stop_devices();
     cell_.loop.cancel(timer_);
 }
@@ -114,7 +107,7 @@ Answer Station::request(Command command) {
         command == Command::halt) {
         wants_to_run_ = false;
     }
-    const Answer answer = take(command);
+    const Answer answer = process(command);
     if (command == Command::start_continuous && answer == Answer::done) wants_to_run_ = autostart_;
     return answer;
 }
@@ -122,25 +115,25 @@ Answer Station::request(Command command) {
 void Station::run() {
     autostart_ = wants_to_run_ = true;
     if (core_.state() == State::preoperational) {
-        take(Command::initialise);
+        process(Command::initialise);
     } else {
         try_to_run();
     }
 }
 
-void Station::outside_faults(std::uint32_t active) { take(OutsideFaults{active}); }
+void Station::outside_faults(std::uint32_t active) { process(OutsideFaults{active}); }
 
 void Station::plc_lost() {
     if (core_.config().plc_policy == PlcPolicy::stop) wants_to_run_ = false;
-    take(PlcLost{});
+    process(PlcLost{});
 }
 
-void Station::plc_back() { take(PlcBack{}); }
+void Station::plc_back() { process(PlcBack{}); }
 
-void Station::line_unknown() { take(LineUnknown{}); }
+void Station::line_unknown() { process(LineUnknown{}); }
 
-// Events that come while a step is carried out wait for its end, so that every step sees the state the last one left.
-Answer Station::take(const Event& event) {
+// Events that come during a step are queued until its end: steps do not nest.
+Answer Station::process(const Event& event) {
     if (stepping_) {
         waiting_.push_back(event);
         return Answer::done;
@@ -161,7 +154,7 @@ Answer Station::take(const Event& event) {
 void Station::try_to_run() {
     if (core_.state() == State::initialized && !stepping_) {
         const bool wanted = std::exchange(wants_to_run_, false);  // no recursion
-        if (take(Command::arm) == Answer::done) take(Command::start_continuous);
+        if (process(Command::arm) == Answer::done) process(Command::start_continuous);
         wants_to_run_ = wanted;
     }
 }
@@ -180,26 +173,26 @@ void Station::carry_out(const StartDevice& action) {
     switch (action.device) {
         case Device::part_sensor:
             cell_.part_sensor.stop();
-            done = cell_.part_sensor.start(*ears_);
+            done = cell_.part_sensor.start(*listener_);
             break;
         case Device::strobe:
             cell_.strobe.stop();
-            done = cell_.strobe.start(*ears_);
+            done = cell_.strobe.start(*listener_);
             break;
         case Device::sensor:
-            cell_.inspector.start(*ears_);
+            cell_.inspector.start(*listener_);
             cell_.sensor.stop();
-            done = cell_.sensor.start(*ears_);
+            done = cell_.sensor.start(*listener_);
             break;
-        case Device::rejector:  // looks for its module by itself, and says when it has found it
+        case Device::rejector:  // connects by itself and reports its link
             if (rejector_started_) return;
-            done = cell_.rejector.start(*ears_);
+            done = cell_.rejector.start(*listener_);
             rejector_started_ = done.has_value();
             if (done) return;
             break;
     }
     if (!done) report(done.error());
-    take(done ? Event(DeviceUp{action.device}) : Event(DeviceLost{action.device}));
+    process(done ? Event(DeviceUp{action.device}) : Event(DeviceLost{action.device}));
 }
 
 void Station::carry_out(const StopDevices&) { stop_devices(); }
@@ -217,21 +210,21 @@ void Station::stop_devices() {
 void Station::carry_out(const hal::ExposureRequest& request) {
     if (auto done = cell_.sensor.trigger(request); !done) {
         report(done.error());
-        take(TriggerRefused{request.exposure});
+        process(TriggerRefused{request.exposure});
     }
 }
 
 void Station::carry_out(const hal::StrobePulse& pulse) {
     if (auto done = cell_.strobe.fire(pulse); !done) {
         report(done.error());
-        take(StrobeRefused{pulse.exposure});
+        process(StrobeRefused{pulse.exposure});
     }
 }
 
 void Station::carry_out(const Inspect& inspect) {
     if (auto done = cell_.inspector.submit(inspect.part, take_back(inspect.frame)); !done) {
         report(done.error());
-        take(InspectRefused{inspect.part});
+        process(InspectRefused{inspect.part});
     }
 }
 
@@ -240,7 +233,7 @@ void Station::carry_out(const ReleaseFrame& release) { take_back(release.frame);
 void Station::carry_out(const hal::RejectCommand& command) {
     if (auto done = cell_.rejector.reject(command); !done) {
         report(done.error());
-        take(RejectRefused{command.part});
+        process(RejectRefused{command.part});
     }
 }
 
@@ -250,7 +243,7 @@ void Station::carry_out(const PartResult& result) {
     if (observer_ != nullptr) observer_->on_result(result);
 }
 
-// -- the flash test: past the core, which has no part for it
+// -- flash test; the core has no part for it and does not take part
 
 bool Station::test_possible() const {
     const State state = core_.state();
@@ -332,7 +325,7 @@ void Station::set_timer() {
     timer_due_ = due;
     timer_ = cell_.loop.call_at(due, [this] {
         timer_ = hal::EventLoop::TimerId::none;
-        take(Tick{});
+        process(Tick{});
     });
 }
 

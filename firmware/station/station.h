@@ -1,7 +1,7 @@
-// The station: carries what devices say into the core, and what the core wants to the devices.
+// The station: connects the core with the devices. Reports of devices become events; actions become calls of devices.
 //
 // The same class in the service (sd-event, real drivers) and in simulation (virtual time, simulated devices). It runs
-// on the loop's thread alone and never blocks, but in halt() (the rejector's last write).
+// on the loop's thread only. It never blocks except in halt (the rejector's last write).
 #pragma once
 
 #include <functional>
@@ -19,7 +19,7 @@
 
 namespace hord::firmware {
 
-// What the station talks to. All outlive it.
+// All outlive the station.
 struct Cell {
     hal::EventLoop& loop;
     hal::PartSensor& part_sensor;
@@ -29,15 +29,15 @@ struct Cell {
     Inspector& inspector;
 };
 
-// Told on the loop's thread. Must not call back into the station but through the loop.
+// Called on the loop's thread. Must not call the station directly, only by the loop (post()).
 class StationObserver {
   public:
     virtual ~StationObserver() = default;
     virtual void on_result(
-        const PartResult& result) = 0;  // a part's story is complete: passed, or its rejection is known
+        const PartResult& result) = 0;  // the result is final: passed, or the outcome of its rejection is known
     virtual void on_state(State /*from*/, State /*to*/) {}
-    virtual void on_step(State /*before*/, const Event& /*event*/) {}  // every step of the core, carried out
-    virtual void on_trouble(const Error& /*error*/) {}  // a device failed or refused: to be logged, once, with its cure
+    virtual void on_step(State /*before*/, const Event& /*event*/) {}  // after every step of the core and its actions
+    virtual void on_trouble(const Error& /*error*/) {}                 // a device failed or refused: to be logged once
 };
 
 class Station {
@@ -48,47 +48,46 @@ class Station {
     Station(const Station&) = delete;
     Station& operator=(const Station&) = delete;
 
-    // Loop thread. Fails with refused, naming the state and what can be done, or what is missing (arm with a device
-    // down).
+    // Loop thread. Fails with refused (the state does not allow it, a device is down, the PLC is lost) or busy (the
+    // ejector is acting); the message names the commands that are possible.
     Result<void> command(Command command);
-    Answer request(Command command);  // the same, for those who answer in numbers
+    Answer request(Command command);  // the same with a code as answer
 
-    // Initialises, and arms and starts as soon as every device is up; again after an error was reset, until somebody
-    // commands stop, abort, disarm or halt; and again once somebody commands start_continuous. Without run() nothing
-    // ever starts by itself.
+    // Automatic operation: initialises; arms and starts as soon as every device is up, and again after a reset. It is
+    // suspended by stop, abort, disarm, halt and resumed by start_continuous. Without run() nothing starts by itself.
     void run();
 
-    // Loop thread. The PLC's heartbeat has stopped, or is back: what follows is CoreConfig::plc_policy.
+    // Loop thread. The PLC's heartbeat has stopped, or is back. The effect: CoreConfig::plc_policy.
     void plc_lost();
     void plc_back();
 
-    // Those of kOutsideFaults that are there now.
+    // The bits of kOutsideFaults that are active now.
     void outside_faults(std::uint32_t active);
 
-    // One flash and one frame of the empty line, judged like a part's and then forgotten. Only while test_possible();
-    // `done` comes once, on the loop's thread, after `patience` at the latest.
+    // Flash test: one flash and one frame of the empty line, judged like a part's and not counted. Only while
+    // test_possible(). `done` is called once, on the loop's thread, after `patience` at the latest.
     struct FlashTest {
         bool lit = false;     // the light came at its time and width
         bool frame = false;   // the frame came, whole and of this exposure
         bool judged = false;  // the inspection gave an answer
         algo::Reason reason = algo::Reason::none;
     };
-    static constexpr std::uint32_t kTestPart = 0xFFFFFFFF;  // its number, where inspections are observed
+    static constexpr std::uint32_t kTestPart = 0xFFFFFFFF;  // its part number in InspectionObserver
     [[nodiscard]] bool test_possible()
         const;  // Initialized or Ready, every device up, nothing on the line, no test under way
     void test_flash(Duration patience, std::function<void(const FlashTest&)> done);
 
-    // Nobody knows what is on the line (the process before this one ended with parts on it): line stop, until a person
-    // has looked and resets. Before run().
+    // Unknown parts may be on the line (the process before this one ended with parts on it): line stop until a person
+    // has looked and resets. To be called before run().
     void line_unknown();
 
     [[nodiscard]] Snapshot snapshot() const { return core_.snapshot(); }
     [[nodiscard]] const Core& core() const { return core_; }
 
   private:
-    struct DeviceListener;  // the listeners of the seam
+    struct DeviceListener;  // listens to every device
 
-    Answer take(const Event& event);
+    Answer process(const Event& event);
     Answer step(const Event& event);
     void carry_out(const std::monostate&) {}
     void carry_out(const StartDevice& action);
@@ -102,7 +101,7 @@ class Station {
     void carry_out(const PartResult& result);
     void stop_devices();
     void test_lit(const hal::StrobeReport& report);
-    [[nodiscard]] bool test_frame(hal::FrameLease& frame);  // true: it was the test's, and is taken
+    [[nodiscard]] bool test_frame(hal::FrameLease& frame);  // true: it was the test's frame, and `frame` was moved from
     void test_judged(const Judged& judged);
     void end_test_when_complete();
     void end_test();
@@ -116,8 +115,8 @@ class Station {
     StationObserver* observer_;
     Core core_;
     Actions actions_;
-    std::unique_ptr<DeviceListener> ears_;
-    std::vector<Event> waiting_;  // what came while a step was carried out
+    std::unique_ptr<DeviceListener> listener_;
+    std::vector<Event> waiting_;  // events that came during a step
     bool stepping_ = false;
     bool autostart_ = false;  // run() was called
     bool wants_to_run_ = false;

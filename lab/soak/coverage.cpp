@@ -9,45 +9,18 @@ using sim::Fault;
 
 namespace {
 
-constexpr std::size_t kUp = kCommands, kLost = kUp + kDevices, kEdges = kLost + kDevices, kOthers = kEdges + 2;
+constexpr std::size_t kUp = kStateCommands, kLost = kUp + kDevices, kEdges = kLost + kDevices, kOthers = kEdges + 2;
 
-// In the order of kind_of().
-constexpr std::array<std::string_view, kEventKinds> kNames{"initialise",
-                                                           "arm",
-                                                           "disarm",
-                                                           "start-single",
-                                                           "start-continuous",
-                                                           "stop",
-                                                           "abort",
-                                                           "halt",
-                                                           "reset",
-                                                           "part-sensor-up",
-                                                           "strobe-up",
-                                                           "sensor-up",
-                                                           "rejector-up",
-                                                           "part-sensor-lost",
-                                                           "strobe-lost",
-                                                           "sensor-lost",
-                                                           "rejector-lost",
-                                                           "part-arrives",
-                                                           "part-leaves",
-                                                           "tick",
-                                                           "encoder",
-                                                           "frame",
-                                                           "strobe-report",
-                                                           "judged",
-                                                           "reject-report",
-                                                           "trigger-refused",
-                                                           "strobe-refused",
-                                                           "inspect-refused",
-                                                           "reject-refused",
-                                                           "plc-lost",
-                                                           "plc-back",
-                                                           "line-unknown",
-                                                           "outside-faults"};
+// In the order of kind_of(), behind the commands.
+constexpr std::array<std::string_view, kEventKinds - kUp> kNames{
+    "part-sensor-up", "strobe-up",       "sensor-up",      "rejector-up",     "part-sensor-lost",
+    "strobe-lost",    "sensor-lost",     "rejector-lost",  "part-arrives",    "part-leaves",
+    "tick",           "encoder",         "frame",          "strobe-report",   "judged",
+    "reject-report",  "trigger-refused", "strobe-refused", "inspect-refused", "reject-refused",
+    "plc-lost",       "plc-back",        "line-unknown",   "outside-faults"};
 
 struct KindOf {
-    std::size_t operator()(const Command& c) const { return static_cast<std::size_t>(c); }
+    std::size_t operator()(const Command& c) const { return static_cast<std::size_t>(c) - 1; }
     std::size_t operator()(const DeviceUp& e) const { return kUp + static_cast<std::size_t>(e.device); }
     std::size_t operator()(const DeviceLost& e) const { return kLost + static_cast<std::size_t>(e.device); }
     std::size_t operator()(const hal::PartEdge& e) const {
@@ -78,7 +51,9 @@ std::string padded(std::string_view text, std::size_t width) {
 }  // namespace
 
 std::size_t kind_of(const Event& event) { return std::visit(KindOf{}, event); }
-std::string_view name_of_kind(std::size_t kind) { return kNames[kind]; }
+std::string name_of_kind(std::size_t kind) {
+    return kind < kUp ? hyphenated_name_of(state_command(static_cast<int>(kind))) : std::string(kNames[kind - kUp]);
+}
 
 std::size_t Coverage::index_of(State state) {
     return static_cast<std::size_t>(std::find(kStates.begin(), kStates.end(), state) - kStates.begin());

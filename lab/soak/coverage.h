@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "firmware/core/enum_values.h"
 #include "firmware/core/events.h"
 #include "firmware/core/states.h"
 #include "hal_sim/world/faults.h"
@@ -15,16 +16,13 @@ namespace hord::lab {
 
 using namespace firmware;
 
-inline constexpr std::array kStates{State::preoperational,      State::halted, State::error,
-                                    State::initialized,         State::ready,  State::single_execution,
-                                    State::continuous_execution};
+inline constexpr auto& kStates = kValuesOf<State>;
 
 // What a step is about: each alternative of Event; commands, devices up and lost, and the two kinds of edges one by
 // one.
-inline constexpr std::size_t kCommands = 9;
-inline constexpr std::size_t kEventKinds = kCommands + 2 * kDevices + 2 + (std::variant_size_v<Event> - 4);
+inline constexpr std::size_t kEventKinds = kStateCommands + 2 * kDevices + 2 + (std::variant_size_v<Event> - 4);
 [[nodiscard]] std::size_t kind_of(const Event& event);
-[[nodiscard]] std::string_view name_of_kind(std::size_t kind);
+[[nodiscard]] std::string name_of_kind(std::size_t kind);
 
 class Coverage {
   public:

@@ -29,20 +29,19 @@ std::uint16_t high(std::uint32_t value) { return static_cast<std::uint16_t>(valu
 std::uint16_t low(std::uint32_t value) { return static_cast<std::uint16_t>(value); }
 
 // The first command of a shortest way from one state to another; none when it is there, or no command leads on.
-std::optional<CommandCode> first_command(State from, State to) {
+std::optional<Command> first_command(State from, State to) {
     if (from == to) return std::nullopt;
     struct Reached {
         State state;
-        CommandCode first;
+        Command first;
     };
     std::vector<Reached> reached;
-    const auto go_on = [&](State at, std::optional<CommandCode> first) {
+    const auto go_on = [&](State at, std::optional<Command> first) {
         for (const Transition& t : kTransitions) {
-            const bool by_command = t.cause <= Cause::reset,
-                       known = t.to == from ||
-                std::any_of(reached.begin(), reached.end(), [&](const Reached&r) { return r.state == t.to; });
-            if (t.from == at && by_command && !known)
-                reached.push_back({t.to, first.value_or(static_cast<CommandCode>(1 + static_cast<int>(t.cause)))});
+            const Command* command = std::get_if<Command>(&t.cause);
+            const bool known = t.to == from ||
+                std::any_of(reached.begin(), reached.end(), [&](const Reached& r) { return r.state == t.to; });
+            if (t.from == at && command != nullptr && !known) reached.push_back({t.to, first.value_or(*command)});
         }
     };
     go_on(from, std::nullopt);
@@ -66,7 +65,7 @@ void PlcEndpoint::open(Station& station, Inspector& inspector, ResultSink& recor
     station_ = &station;
     handler_.operations.begin({.station = station,
                                .inspector = inspector,
-                               .desk = desk_,
+                               .plc_interface = desk_,
                                .recorder = &recorder,
                                .publish = [this] { publish(); }},
                               {});
@@ -105,7 +104,7 @@ modbus::Exception PlcSimulator::write(std::uint16_t address, const Words& words)
 
 void PlcSimulator::cycle() {
     if (doors_ == nullptr) return;
-    doors_->check_heartbeat();
+    doors_->check_plc_heartbeat();
     doors_->publish();
     if (loop_.now() < silent_until_) return;
     const Words ident = read(places().boot_id, 2);
@@ -171,20 +170,20 @@ void PlcSimulator::check_results() {
 void PlcSimulator::bring_back() {
     const Snapshot now = doors_->station().snapshot();
     switch (now.state) {
-        case State::preoperational: return command(CommandCode::initialise);
+        case State::preoperational: return command(Command::initialise);
         case State::halted:
             if (now.line_stop) take_parts_off_();
-            return command(CommandCode::reset);
+            return command(Command::reset);
         case State::initialized:  // arm is refused while a device is down; reset looks for it again
-            return command(doors_->station().core().all_devices_up() ? CommandCode::arm : CommandCode::reset);
-        case State::ready: return command(CommandCode::start_continuous);
+            return command(doors_->station().core().all_devices_up() ? Command::arm : Command::reset);
+        case State::ready: return command(Command::start_continuous);
         case State::error:  // a person's business
         case State::single_execution:
         case State::continuous_execution: return;
     }
 }
 
-void PlcSimulator::command(CommandCode code, bool meant_for_this_boot) {
+void PlcSimulator::command(Command code, bool meant_for_this_boot) {
     if (doors_ == nullptr || boot_id_ == 0) return;  // it has not asked yet whom it speaks to
     const bool to_this_boot = meant_for_this_boot && double_word(read(places().boot_id, 2), 0) == boot_id_;
     const std::uint32_t token = ++token_;
@@ -220,8 +219,8 @@ void PlcSimulator::write_nonsense() {
         if (k > 1 && address + words.size() > places().token && address < places().staged) address = 0;
         (void)write(address, words);
     }
-    command(CommandCode::start_continuous, false);  // meant for the boot before
-    command(static_cast<CommandCode>(100 + draw() % 1000));
+    command(Command::start_continuous, false);  // meant for the boot before
+    command(static_cast<Command>(100 + draw() % 1000));
 }
 
 void PlcSimulator::read_everything() {
@@ -232,7 +231,7 @@ void PlcSimulator::read_everything() {
 // The answer is lost, and lost again: the same command comes four times.
 void PlcSimulator::repeat_a_command() {
     repeats_ = 3;
-    command(CommandCode::start_continuous);
+    command(Command::start_continuous);
 }
 
 // Any command, in any state; half a second later it sees what it has done.
@@ -241,11 +240,11 @@ void PlcSimulator::command_something() {
     try_anything();
 }
 
-void PlcSimulator::try_anything() { command_with_care(static_cast<CommandCode>(1 + draw() % 9)); }
+void PlcSimulator::try_anything() { command_with_care(static_cast<Command>(1 + draw() % 9)); }
 
 // Who resets after line stop takes the parts off first.
-void PlcSimulator::command_with_care(CommandCode code) {
-    if (code == CommandCode::reset && doors_ != nullptr && doors_->station().snapshot().line_stop) take_parts_off_();
+void PlcSimulator::command_with_care(Command code) {
+    if (code == Command::reset && doors_ != nullptr && doors_->station().snapshot().line_stop) take_parts_off_();
     command(code);
 }
 

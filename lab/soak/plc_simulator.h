@@ -28,7 +28,7 @@ class PlcEndpoint {
 
     void take(const PartResult& result) { unpublished_.push_back(result); }
     void publish();
-    void check_heartbeat() { desk_.check_heartbeat(); }
+    void check_plc_heartbeat() { desk_.check_plc_heartbeat(); }
 
     [[nodiscard]] RegisterServerModel& registers() { return registers_; }
     [[nodiscard]] const Station& station() const { return *station_; }
@@ -92,10 +92,10 @@ class PlcSimulator {
     [[nodiscard]] std::uint64_t draw() { return sim::random_bits(seed_, 0x97C5, drawn_++); }
     [[nodiscard]] Words read(std::uint16_t address, std::uint16_t count);
     modbus::Exception write(std::uint16_t address, const Words& words);
-    void command(CommandCode code, bool meant_for_this_boot = true);
+    void command(Command code, bool meant_for_this_boot = true);
     void bring_back();
     void try_anything();
-    void command_with_care(CommandCode code);
+    void command_with_care(Command code);
     void check_status();
     void check_results();
 

@@ -67,7 +67,7 @@ void StoreObserver::begin_run() {
     stored_counts_ = {};
     commands_.clear();
     told_.clear();
-    story_ = JournalStory(
+    story_ = StationJournal(
         [this](const Entry& entry, std::string_view, std::span<const Field> fields) { journal(entry, fields); });
     journal_state_ = name_of(State::preoperational);
     journal_faults_ = 0;
@@ -266,9 +266,9 @@ void StoreObserver::journal(const Entry& entry, std::span<const Field> fields) {
         if (field.name == "HORD_FROM" && field.value != journal_state_)
             wrong("the journal goes on from " + field.value + ", and was at " + journal_state_);
         if (field.name != "HORD_FAULT") continue;
-        const auto texts = fault_texts();
+        const auto texts = kFaultTable;
         const auto fault =
-            std::find_if(texts.begin(), texts.end(), [&](const FaultText& text) { return text.name == field.value; });
+            std::find_if(texts.begin(), texts.end(), [&](const FaultInfo& text) { return text.name == field.value; });
         const bool over = entry.id == entry_of(JournalEvent::fault_cleared).id;
         if (fault == texts.end() || ((journal_faults_ & fault->bit) != 0) != over)
             return wrong("the journal tells of fault " + field.value + " twice");

@@ -114,7 +114,7 @@ class StoreObserver final : public ResultSink {
     Counters stored_counts_;       // summed from what is on the disk
     std::deque<Change> commands_;  // told, and not on the disk yet
 
-    JournalStory story_{
+    StationJournal story_{
         [this](const Entry& entry, std::string_view, std::span<const Field> fields) { journal(entry, fields); }};
     std::string journal_state_, state_at_command_;
     std::uint32_t journal_faults_ = 0;

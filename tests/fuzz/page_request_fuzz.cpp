@@ -29,7 +29,7 @@ struct Fuzzed {
                  results,
                  frames,
                  pictures,
-                 [](CommandCode, std::uint32_t, std::uint32_t, const std::string&) -> Result<modbus::Client::Reply> {
+                 [](Command, std::uint32_t, std::uint32_t, const std::string&) -> Result<modbus::Client::Reply> {
                      std::abort();
                  },
                  {},

@@ -81,7 +81,7 @@ Exit seal(const RecipeOptions& options) {
 Exit use(const RecipeOptions& options) {
     std::uint32_t crc = 0;
     if (!options.crc32.empty()) crc = static_cast<std::uint32_t>(std::stoul(options.crc32, nullptr, 16));
-    return send_command(options.remote, CommandCode::use_recipe, options.number, crc);
+    return send_command(options.remote, Command::use_recipe, options.number, crc);
 }
 
 }  // namespace

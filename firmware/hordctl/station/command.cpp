@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "firmware/core/enum_values.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/station/remote.h"
 #include "firmware/registers/register_map.h"
@@ -21,19 +22,17 @@ struct CommandOptions {
 // Commands without arguments and with a short answer, under the names of the register map.
 std::vector<std::string> plain_commands() {
     std::vector<std::string> names;
-    for (const NamedValue& value : find_register(BlockId::command, "code")->values) {
-        const auto code = static_cast<CommandCode>(value.value);
-        if (code != CommandCode::commit_recipe && code != CommandCode::use_recipe && code != CommandCode::teach)
-            names.emplace_back(value.name);
+    for (const Command command : kValuesOf<Command>) {
+        if (command != Command::commit_recipe && command != Command::use_recipe && command != Command::teach)
+            names.emplace_back(name_of(command));
     }
     return names;
 }
 
-CommandCode code_of(std::string_view name) {
-    for (const NamedValue& value : find_register(BlockId::command, "code")->values) {
-        if (value.name == name) return static_cast<CommandCode>(value.value);
-    }
-    return CommandCode{};
+// "start-continuous" is accepted for "start_continuous".
+std::string canonical_name(std::string typed) {
+    const auto command = command_named(typed);
+    return command ? std::string(name_of(*command)) : typed;
 }
 
 }  // namespace
@@ -73,7 +72,7 @@ Result<modbus::Client> connect(const RemoteOptions& options) {
     return modbus::Client::connect(*endpoint, timeout);
 }
 
-Exit send_command(const RemoteOptions& options, CommandCode code, std::uint32_t argument, std::uint32_t argument2) {
+Exit send_command(const RemoteOptions& options, Command code, std::uint32_t argument, std::uint32_t argument2) {
     auto client = connect(options);
     if (!client) return complain(client.error());
     const auto reply = client->command(code, argument, argument2, kPatience);
@@ -89,12 +88,16 @@ void add_command(CLI::App& program, Exit& status) {
     auto* command =
         program.add_subcommand("command", "Command a station: initialise, arm, start_continuous, stop, reset ...");
     auto options = std::make_shared<CommandOptions>();
-    command->add_option("name", options->name, "What to do")->required()->check(CLI::IsMember(plain_commands()));
+    command->add_option("name", options->name, "What to do")
+        ->required()
+        ->check(CLI::IsMember(plain_commands(), canonical_name));
     add_remote_options(*command, options->remote);
     command->footer(
         "The station must list this address in modbus.may_write. Exit status: 0 done, 2 refused or not reached.\n"
         "Example: hordctl command reset --modbus 192.168.1.20:502");
-    command->callback([options, &status] { status = send_command(options->remote, code_of(options->name)); });
+    command->callback([options, &status] {
+        status = send_command(options->remote, command_named(options->name).value_or(Command{}));
+    });
 }
 
 }  // namespace hord::firmware

@@ -25,7 +25,6 @@ Result<modbus::Client> connect(const RemoteOptions& options);
 
 // Sends one command and prints what came of it; a refusal goes to stderr with its name. 0 done, 2 refused or not
 // reached.
-Exit send_command(const RemoteOptions& options, CommandCode code, std::uint32_t argument = 0,
-                  std::uint32_t argument2 = 0);
+Exit send_command(const RemoteOptions& options, Command code, std::uint32_t argument = 0, std::uint32_t argument2 = 0);
 
 }  // namespace hord::firmware

@@ -30,19 +30,14 @@ struct RunOptions {
     int variety = 4, vitals_every_s = 10, realtime = 0, reset_after_s = 0;
 };
 
-constexpr const char* kRejectStates[] = {"not-needed", "commanded", "confirmed", "failed", "late"};
-
 Json to_json(const PartResult& result, const Backends::Fate* fate) {
     Json json{{"part", result.part},
-              {"verdict",
-               result.verdict == PartVerdict::pass         ? "pass"
-                   : result.verdict == PartVerdict::reject ? "reject"
-                                                           : "unfit"},
+              {"verdict", name_of(result.verdict)},
               {"reason", name_of(result.reason)},
               {"score", result.score},
               {"defects", result.defects},
               {"latency_us", result.latency_us},
-              {"reject", kRejectStates[static_cast<std::size_t>(result.reject)]},
+              {"reject", name_of(result.reject)},
               {"reject_latency_us", result.reject_latency_us}};
     if (fate != nullptr) {
         if (!fate->kind.empty()) json["truth"] = fate->kind;

@@ -27,7 +27,7 @@ struct SelftestOptions {
 Exit ask_station(const RemoteOptions& options) {
     auto client = connect(options);
     if (!client) return complain(client.error());
-    const auto reply = client->command(CommandCode::self_test, 0, 0, kPatience);
+    const auto reply = client->command(Command::self_test, 0, 0, kPatience);
     if (!reply) return complain(reply.error());
     if (reply->state == CommandState::completed) {
         fmt::print("self-test passed: judgement, light, sensor and light level are good\n");
@@ -36,7 +36,7 @@ Exit ask_station(const RemoteOptions& options) {
     if (reply->error != CommandError::failed && reply->error != CommandError::device_down) {
         return complain({ErrorCode::refused, "self-test refused: " + reply->error_name, cure_of(reply->error)});
     }
-    for (const FaultText& fault : fault_texts()) {
+    for (const FaultInfo& fault : kFaultTable) {
         if ((reply->result & fault.bit) != 0) fmt::print("{}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);
     }
     return Exit::rejected;

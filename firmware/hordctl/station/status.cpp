@@ -57,7 +57,7 @@ Exit run_status(const StatusOptions& options) {
         }
     }
     if (options.json) fmt::print("{}\n", json.dump());
-    for (const FaultText& fault : fault_texts()) {
+    for (const FaultInfo& fault : kFaultTable) {
         if (!options.json && (active & fault.bit) != 0)
             fmt::print("FAULT {}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);
     }

@@ -29,7 +29,7 @@ const char* cure_of_teach(CommandError error) {
 Exit run_teach(const TeachOptions& options) {
     auto client = connect(options.remote);
     if (!client) return complain(client.error());
-    const auto reply = client->command(CommandCode::teach, options.parts, 0, std::chrono::seconds(options.patience_s));
+    const auto reply = client->command(Command::teach, options.parts, 0, std::chrono::seconds(options.patience_s));
     if (!reply) {
         Error error = reply.error();
         if (error.code == ErrorCode::timeout) {

@@ -155,7 +155,7 @@ std::string page(const RemoteOptions& remote, const Moment& m, const Results& re
     const auto active = static_cast<std::uint32_t>(m.number("faults_active")),
                latched = static_cast<std::uint32_t>(m.number("faults_latched"));
     if ((active | latched) == 0) out += "  no faults\n";
-    for (const FaultText& fault : fault_texts()) {
+    for (const FaultInfo& fault : kFaultTable) {
         if (((active | latched) & fault.bit) == 0) continue;
         out += fmt::format("  {} {}: {}\n", (active & fault.bit) != 0 ? "FAULT" : "was  ", fault.name, fault.meaning);
         if ((active & fault.bit) != 0) out += fmt::format("        {}\n", fault.cure);

@@ -26,26 +26,6 @@ std::string_view name_of(ChangeRecord::What what) {
     return "unknown";
 }
 
-std::string_view name_of(PartVerdict verdict) {
-    switch (verdict) {
-        case PartVerdict::pass: return "pass";
-        case PartVerdict::reject: return "reject";
-        case PartVerdict::unfit: return "unfit";
-    }
-    return "unknown";
-}
-
-std::string_view name_of(RejectState state) {
-    switch (state) {
-        case RejectState::not_needed: return "not-needed";
-        case RejectState::commanded: return "commanded";
-        case RejectState::confirmed: return "confirmed";
-        case RejectState::failed: return "failed";
-        case RejectState::late: return "late";
-    }
-    return "unknown";
-}
-
 std::string to_json(const algo::Defect& d) {
     return fmt::format("{{\"m\":{},\"n\":{},\"area\":{},\"peak\":{},\"kind\":\"{}\"}}", d.m, d.n, d.area, d.peak,
                        algo::name_of(d.kind));

@@ -14,9 +14,6 @@ namespace hord::firmware::store {
 // A result keeps so many of its defects, the largest peaks; defect_count says how many there were.
 constexpr std::size_t kDefectsKept = 64;
 
-std::string_view name_of(PartVerdict verdict);
-std::string_view name_of(RejectState state);
-
 // {"m":12.5,...}, numbers such that they read back to the bit.
 std::string to_json(const algo::Defect& defect);
 // As a list, of those that are kept: [{"m":12.5,"n":3,"area":4,"peak":1.25,"kind":"scratch"}]

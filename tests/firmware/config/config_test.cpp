@@ -62,9 +62,9 @@ TEST(Config, the_documented_file_is_the_defaults) {
                        b.exposure_delay, b.trigger_lead, b.exposure_counts, b.min_gap_counts, b.exposure,
                        b.strobe_delay, b.strobe, b.strobe_channels, b.strobe_window, b.frame_window, b.frame_timeout));
     EXPECT_EQ(std::tie(a.reject_lead, a.reject_early, a.reject_pulse, a.confirm_timeout, a.max_failures_in_a_row,
-                       a.heartbeat),
+                       a.station_heartbeat),
               std::tie(b.reject_lead, b.reject_early, b.reject_pulse, b.confirm_timeout, b.max_failures_in_a_row,
-                       b.heartbeat));
+                       b.station_heartbeat));
     EXPECT_EQ(file->strobe, defaults.strobe);
     EXPECT_EQ(file->part_sensor, defaults.part_sensor);
     EXPECT_EQ(std::tie(file->modbus.host, file->modbus.port, file->modbus.read_only_port, file->modbus.max_connections),
@@ -326,7 +326,7 @@ threads = 2
 )");
     ASSERT_TRUE(config) << config.error().what;
     EXPECT_EQ(config->name, "line 4");
-    EXPECT_EQ(config->core.heartbeat, milliseconds(250));
+    EXPECT_EQ(config->core.station_heartbeat, milliseconds(250));
     EXPECT_EQ(config->core.max_failures_in_a_row, 3U);
     EXPECT_TRUE(config->core.by_encoder);
     EXPECT_EQ(config->core.transport_counts, 12345);

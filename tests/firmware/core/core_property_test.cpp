@@ -1,8 +1,8 @@
-// Random events against a shadow model: whatever devices and people do, the core keeps its promises.
+// Random events against a shadow model: the guarantees of core.h hold for any sequence of events.
 //
-// The events are adversarial: frames with wrong time stamps, counts and sizes, judgements of any part at any time,
-// reports twice or never, devices lost and back, commands at random, ticks late. The model knows only what was sent and
-// checks every action as it is made.
+// The events are adversarial: frames with wrong time stamps, counts and sizes; judgements of any part at any time;
+// reports repeated or missing; devices lost and back; random commands; late ticks. The model knows only the events sent
+// and checks every action.
 #include <map>
 #include <random>
 
@@ -24,7 +24,7 @@ class Shadow {
             pass_time();
             step(any_event());
         }
-        // Then nothing happens any more: everything under way must come to its end by itself.
+        // Then no more events: every part must be completed by ticks alone.
         for (int k = 0; k < 100'000 && core_.line().size() > 0; ++k) {
             now_ = std::max(now_ + Duration(1), core_.next_wake());
             step(Tick{});
@@ -50,7 +50,7 @@ class Shadow {
     bool chance(int percent) { return pick(100) < percent; }
     bool chance(int n, int of) { return pick(of) < n; }
 
-    // Up to `to`, with every tick the core asks for, and the belt moving, mostly.
+    // Advances to `to` with every tick that the core requests; the belt moves most of the time.
     void pass_time() {
         const TimePoint to = now_ + microseconds(chance(90) ? pick(20'000) : pick(200'000));
         while (true) {
@@ -68,7 +68,7 @@ class Shadow {
         }
         now_ = std::max(now_, to);
     }
-    // What a person would do next to have the station run.
+    // The next command of a person who wants the station to run.
     Event recovery() {
         for (int d = 0; d < kDevices; ++d) {
             if (down_[d]) return up(static_cast<Device>(d));
@@ -163,7 +163,7 @@ class Shadow {
     }
     Event rare_event() {
         switch (pick(12)) {
-            case 0: return static_cast<Command>(pick(9));
+            case 0: return state_command(pick(9));
             case 1: return DeviceLost{static_cast<Device>(pick(kDevices))};
             case 2: return up(static_cast<Device>(pick(kDevices)));
             case 3: return TriggerRefused{any_part()};
@@ -340,7 +340,7 @@ void run_seeds(const CoreConfig& config, std::uint64_t from) {
         for (const auto& [reason, n] : shadow.reasons()) reasons[reason] += n;
         for (const auto& [outcome, n] : shadow.outcomes()) outcomes[outcome] += n;
     }
-    // A check that was never reached proves nothing: every way of ending must have been seen.
+    // Coverage: every reason and every outcome must have occurred.
     for (const PartReason reason :
          {PartReason::none, PartReason::slope, PartReason::too_dark, PartReason::verdict_late, PartReason::frame_lost,
           PartReason::frame_stale, PartReason::frame_duplicate, PartReason::frame_short, PartReason::frame_corrupt,

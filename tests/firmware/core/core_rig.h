@@ -1,4 +1,4 @@
-// Drives a Core by hand: a clock that the test moves, devices that do what the test says, and a record of every action.
+// Drives a Core by hand: a clock and devices controlled by the test, and a record of every action.
 #pragma once
 
 #include <vector>
@@ -17,7 +17,7 @@ inline CoreConfig quick_line() {
     c.exposure_delay = milliseconds(5);
     c.frame_timeout = milliseconds(50);
     c.frame_bytes = 1000;
-    c.heartbeat = std::chrono::hours(1);
+    c.station_heartbeat = std::chrono::hours(1);
     return c;
 }
 constexpr Duration kDeadline = milliseconds(180 - 5 - 20);  // of quick_line(), from the edge
@@ -33,13 +33,13 @@ class CoreRig {
     Answer send(const Event& event) {
         const Answer answer = core.step(event, now, actions);
         collect();
-        while (core.next_wake() <= now) {  // what the step left for the next one
+        while (core.next_wake() <= now) {  // work that the step deferred
             core.step(Tick{}, now, actions);
             collect();
         }
         return answer;
     }
-    // Lets time pass, with every tick the core asked for.
+    // Advances time with every tick that the core requests.
     void advance(Duration by) {
         const TimePoint end = now + by;
         while (core.next_wake() <= end) {
@@ -105,7 +105,7 @@ class CoreRig {
                     1.5F});
     }
     void confirmed(std::uint32_t part) { send(hal::RejectReport{part, hal::RejectReport::Outcome::confirmed, now}); }
-    // Arrives, is exposed, and its light and frame come 10 ms after the edge.
+    // A part arrives and is exposed; its light and frame are reported 10 ms after the edge.
     std::uint32_t part_is_seen() {
         const std::uint32_t part = part_arrives();
         advance(milliseconds(10));
@@ -114,7 +114,7 @@ class CoreRig {
         return part;
     }
 
-    // Until the part's reject command goes out; false when it does not within `limit`.
+    // Advances until the part's reject command; false if there is none within `limit`.
     bool advance_until_rejected(std::uint32_t part, Duration limit = milliseconds(200)) {
         for (const TimePoint end = now + limit; now < end && !rejected(part);) advance(milliseconds(1));
         return rejected(part);

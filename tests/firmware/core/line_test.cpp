@@ -1,4 +1,4 @@
-// Who is on the line, and what becomes of it when the station stops, as literal stories.
+// Parts on the line, and what happens to them when the station stops: literal scenarios.
 #include "tests/firmware/core/running.h"
 
 namespace hord::firmware {

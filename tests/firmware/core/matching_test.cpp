@@ -1,4 +1,4 @@
-// Exposure, light, frame and judgement of a part, as literal stories: what happens when, to the millisecond.
+// Exposure, light, frame and judgement of a part: literal scenarios, exact to the millisecond.
 #include "tests/firmware/core/running.h"
 
 namespace hord::firmware {

@@ -1,4 +1,4 @@
-// After it was made, the core takes no memory: every operator new of this program is counted.
+// After construction the core does not allocate: every operator new of this program is counted.
 #include <memory>
 
 #include "tests/firmware/core/core_rig.h"

@@ -1,4 +1,4 @@
-// At the ejector: confirmations, lost places and line stop, as literal stories.
+// At the ejector: confirmations, lost positions and line stop: literal scenarios.
 #include "tests/firmware/core/running.h"
 
 namespace hord::firmware {
@@ -48,7 +48,7 @@ TEST_F(Running, a_confirmation_after_the_pulse_is_late) {
     EXPECT_TRUE(rig.shot().line_stop);
 }
 
-// Within the pulse, but who knows whether the ejector moved before the part had passed.
+// Within the pulse, but the ejector may have moved only after the part had passed.
 TEST_F(Running, what_is_acknowledged_after_the_part_was_at_the_ejector_is_late) {
     for (const bool in_time : {true, false}) {
         CoreRig one;
@@ -89,7 +89,7 @@ TEST_F(Running, with_the_rejector_down_bad_parts_stop_the_line) {
     EXPECT_TRUE(rig.shot().line_stop);
 }
 
-// The permit dropped with the link: the line may have stopped, and nobody can say that the pulse met the part.
+// The permit dropped with the link: the line may have stopped, so the pulse may have missed the part.
 TEST_F(Running, a_rejector_that_is_back_before_the_deadline_is_commanded_and_not_trusted) {
     const auto part = rig.part_is_seen();
     rig.send(DeviceLost{Device::rejector});
@@ -102,7 +102,7 @@ TEST_F(Running, a_rejector_that_is_back_before_the_deadline_is_commanded_and_not
     EXPECT_TRUE(rig.shot().line_stop);
 }
 
-// Without an encoder nobody knows where parts come to rest once the line stops.
+// Without an encoder the positions of parts are unknown once the line stops.
 TEST_F(Running, an_error_stops_the_line_and_no_rejection_counts_from_then_on) {
     const auto first = rig.part_is_seen();
     rig.judged(first, Verdict::reject, Reason::slope);

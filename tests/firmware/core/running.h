@@ -1,4 +1,4 @@
-// A station in continuous execution, for the stories of parts.
+// A station in continuous execution.
 #pragma once
 
 #include "tests/firmware/core/core_rig.h"

@@ -1,5 +1,5 @@
-// What a misbehaving client does to the server, while a legitimate one polls: nothing. No request of the
-// legitimate client may fail, and its connection must live through everything.
+// A misbehaving client must not disturb a legitimate one that polls: none of its requests may fail, and its connection
+// must stay open.
 #include <random>
 
 #include <fcntl.h>
@@ -26,7 +26,7 @@ class Attack : public ServedStation {
         legitimate = std::make_unique<Client>(client());
         poll(kPolls);
     }
-    // A reconnect would hide an eviction; so would a retry: there is none of either here.
+    // No reconnect and no retry here: either would hide an eviction.
     void poll(int times) {
         for (int k = 0; k < times; ++k) {
             const auto words = legitimate->read(0, 100);
@@ -34,8 +34,7 @@ class Attack : public ServedStation {
             ASSERT_EQ(words->at(2), 0x484F);
         }
     }
-    // One who comes while the attack is on is served, too. (Not over libmodbus: it ends the process at
-    // descriptor 1024.)
+    // A client that connects during the attack is served, too. (Not with libmodbus: it aborts at descriptor 1024.)
     void newcomer_is_served() {
         Peer other(port);
         other.send(kReadMagic);
@@ -78,7 +77,7 @@ TEST_F(Attack, a_client_that_never_reads_its_replies) {
     }
     poll(kPolls);
     newcomer_is_served();
-    // Nor does the loop spin on the connections that wait: a poll costs a turn or two.
+    // The loop must not spin on waiting connections: a poll costs a turn or two.
     const auto before = loop.turns();
     poll(kPolls);
     EXPECT_LT(loop.turns() - before, 10U * kPolls);

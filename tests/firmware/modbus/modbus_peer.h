@@ -1,4 +1,4 @@
-// A raw TCP peer that may misbehave, and a station to misbehave to.
+// A raw TCP peer that may misbehave, and a register model for the server.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ namespace hord::firmware::modbus {
 
 using Bytes = std::vector<std::uint8_t>;
 
-// Far beyond anything a sound server needs; a test that reaches it fails, no test waits for it.
+// Time limit far above any correct answer; a test fails when it reaches it.
 inline constexpr int kPatienceMs = 20'000;
 inline constexpr std::chrono::milliseconds kPatience{kPatienceMs};
 
@@ -42,7 +42,7 @@ class Peer {
         if (fd_ >= 0) ::close(fd_);
     }
     [[nodiscard]] bool connected() const { return connected_; }
-    // Bytes that the kernel took; less than all: the other side does not read, or is gone.
+    // Bytes that the kernel accepted; fewer than all: the other side does not read, or is gone.
     std::size_t send(const Bytes& bytes) {
         std::size_t sent = 0;
         while (sent < bytes.size()) {

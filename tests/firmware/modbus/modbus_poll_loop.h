@@ -1,4 +1,4 @@
-// A small event loop over poll(), on a thread of its own: what the server's tests run it on.
+// An event loop over poll() on a thread of its own, for tests of the server.
 #pragma once
 
 #include <algorithm>
@@ -26,7 +26,7 @@ class PollLoop : public hal::EventLoop {
         thread_.join();
         ::close(wake_);
     }
-    // Runs `f` on the loop's thread and gives back what it returns.
+    // Runs `f` on the loop's thread and returns its result.
     template <class F>
     auto on_loop(F f) {
         std::packaged_task<decltype(f())()> task(std::move(f));
@@ -34,7 +34,7 @@ class PollLoop : public hal::EventLoop {
         post([&] { task(); });
         return result.get();
     }
-    // Turns of the loop so far: it does not rest when something is always ready.
+    // Turns of the loop so far; grows quickly if something is always ready.
     std::uint64_t turns() const { return turns_; }
 
   private:

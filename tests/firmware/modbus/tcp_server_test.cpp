@@ -184,7 +184,7 @@ TEST(Endpoint, is_read_from_text) {
     }
 }
 
-// -- a client that nobody here wrote
+// -- an independent client
 
 std::string output_of(const std::string& command) {
     std::string text;
@@ -215,7 +215,7 @@ TEST_F(ServedStation, mbpoll_reads_ident_to_last) {
     EXPECT_THAT(output_of("mbpoll -t 4 -r 9000 -c 1" + where), HasSubstr("Illegal data address"));
 }
 
-// A station that says yes, so that there is something to write to.
+// A handler that accepts everything.
 class Obedient : public PlcHandler {
   public:
     int commands = 0;

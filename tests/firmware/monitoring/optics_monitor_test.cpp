@@ -1,4 +1,4 @@
-// The watch over light and optics: when it is a fault, when it is over, what people, journal and registers are told.
+// OpticsMonitor: when a fault begins and ends, and what messages, journal and registers show.
 #include <cmath>
 #include <vector>
 
@@ -18,7 +18,7 @@ using ::testing::Not;
 
 constexpr algo::Extents kField{40, 32, 5, 5};
 
-// Parts without noise, all alike but for what the test changes.
+// Identical parts without noise; the test changes single properties.
 class Line {
   public:
     explicit Line(const OpticsLimits& limits = {.window_parts = 25,
@@ -28,7 +28,7 @@ class Line {
         : watch(std::move(*OpticsMonitor::create(kField, limits))), shares_(kField.lenslets(), 1.0F),
           mask_(kField.lenslets(), algo::kValid), frame_(kField.width_px(), kField.height_px(), 8) {}
 
-    // So many windows; whether the watch changed its mind in any of their parts.
+    // Feeds so many windows of parts; true if add() returned true for any part.
     bool windows(int count) {
         bool news = false;
         for (int y = 0; y < frame_.height_px(); ++y) {
@@ -154,7 +154,7 @@ TEST(OpticsMonitor, another_recipe_begins_anew) {
 
 TEST(OpticsMonitor, the_journal_tells_each_fault_with_an_id_of_its_own_and_its_end) {
     std::vector<std::pair<std::string, std::string>> told;
-    JournalStory story([&](const Entry& entry, std::string_view message, std::span<const Field>) {
+    StationJournal story([&](const Entry& entry, std::string_view message, std::span<const Field>) {
         told.emplace_back(entry.id, message);
     });
     story.faults(kFaultDust | kFaultLightFading);

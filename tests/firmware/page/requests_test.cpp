@@ -119,7 +119,7 @@ TEST(PageCommands, need_a_token_and_are_recorded_with_its_owner) {
     SmallPage page;
     EXPECT_EQ(page.pages.answer(page.command(R"({"command":"stop"})")).status, 200);
     ASSERT_EQ(page.commands.size(), 1U);
-    EXPECT_EQ(page.commands[0].code, CommandCode::stop);
+    EXPECT_EQ(page.commands[0].code, Command::stop);
     EXPECT_EQ(page.commands[0].who, "anna");
     EXPECT_THAT(page.log.back(), HasSubstr("stop for anna from 127.0.0.1"));
     for (const char* token : {"", "0123456789abcdef0123456", "wrong-wrong-wrong-wrong-wrong"})

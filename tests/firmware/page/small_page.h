@@ -90,7 +90,7 @@ class SmallPage {
     }
 
     struct Commanded {
-        CommandCode code;
+        Command code;
         std::string who;
     };
     store::test::TempFolder folder;
@@ -104,13 +104,13 @@ class SmallPage {
     std::vector<Commanded> commands;
     std::vector<std::string> log;
     modbus::Client::Reply answer{CommandState::completed, CommandError::none, 0, "none"};
-    Pages pages{{config, known, viewers, live, results, frames, pictures,
-                 [this](CommandCode code, std::uint32_t, std::uint32_t,
-                        const std::string& who) -> Result<modbus::Client::Reply> {
-                     commands.push_back({code, who});
-                     return answer;
-                 },
-                 [this](const std::string& line) { log.push_back(line); }, "0.0.1"}};
+    Pages pages{
+        {config, known, viewers, live, results, frames, pictures,
+         [this](Command code, std::uint32_t, std::uint32_t, const std::string& who) -> Result<modbus::Client::Reply> {
+             commands.push_back({code, who});
+             return answer;
+         },
+         [this](const std::string& line) { log.push_back(line); }, "0.0.1"}};
 };
 
 // A station's answers at one moment.
@@ -135,7 +135,7 @@ inline RegisterSnapshot example_moment() {
     extras.calibration = {1, 2, 0.01, 0.02, 60, 60};
     extras.statistics = {1, 2, 3, 4, 5, 6, 90.5};
     extras.plc.emplace();
-    extras.plc->heartbeat_age_ms = 20;
+    extras.plc->plc_heartbeat_age_ms = 20;
     RegisterSnapshot moment;
     for (const BlockId id : {BlockId::ident, BlockId::status, BlockId::counters, BlockId::plc, BlockId::recipe,
                              BlockId::health, BlockId::calibration}) {

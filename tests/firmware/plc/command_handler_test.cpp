@@ -1,4 +1,4 @@
-// A PLC commands the station through its registers: what it asks for happens, once, and the reply says what came of it.
+// A PLC commands the station through its registers: executed once, and the reply shows the outcome.
 #include "firmware/plc/command_handler.h"
 
 #include <gmock/gmock.h>
@@ -18,25 +18,25 @@ using State = firmware::State;
 TEST_F(PlcCommands, lead_the_station_from_power_up_to_execution_and_back) {
     open();
     EXPECT_EQ(state(), State::preoperational);
-    EXPECT_EQ(command(CommandCode::initialise), CommandError::none);
+    EXPECT_EQ(command(Command::initialise), CommandError::none);
     EXPECT_EQ(state(), State::initialized);
-    EXPECT_EQ(command(CommandCode::arm), CommandError::device_down);
+    EXPECT_EQ(command(Command::arm), CommandError::device_down);
     devices_up();
     EXPECT_EQ(state(), State::initialized);  // nothing starts by itself
-    EXPECT_EQ(command(CommandCode::arm), CommandError::none);
-    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+    EXPECT_EQ(command(Command::arm), CommandError::none);
+    EXPECT_EQ(command(Command::start_continuous), CommandError::none);
     EXPECT_EQ(state(), State::continuous_execution);
     EXPECT_EQ(rejector.permits, std::vector<bool>{true});
-    EXPECT_EQ(command(CommandCode::arm), CommandError::not_in_this_state);
-    EXPECT_EQ(command(CommandCode::stop), CommandError::none);
+    EXPECT_EQ(command(Command::arm), CommandError::not_in_this_state);
+    EXPECT_EQ(command(Command::stop), CommandError::none);
     EXPECT_EQ(state(), State::ready);
-    EXPECT_EQ(command(CommandCode::disarm), CommandError::none);
-    EXPECT_EQ(command(CommandCode::halt), CommandError::none);
+    EXPECT_EQ(command(Command::disarm), CommandError::none);
+    EXPECT_EQ(command(Command::halt), CommandError::none);
     EXPECT_EQ(state(), State::halted);
-    EXPECT_EQ(command(CommandCode::reset), CommandError::none);
+    EXPECT_EQ(command(Command::reset), CommandError::none);
     EXPECT_EQ(state(), State::preoperational);
-    EXPECT_EQ(command(CommandCode{99}), CommandError::unknown_command);
-    EXPECT_EQ(command(CommandCode::teach), CommandError::not_supported);
+    EXPECT_EQ(command(Command{99}), CommandError::unknown_command);
+    EXPECT_EQ(command(Command::teach), CommandError::not_supported);
     EXPECT_EQ(read32(8029), 11U);  // commands done
 }
 
@@ -44,9 +44,9 @@ TEST_F(PlcCommands, a_repeated_start_does_not_start_again) {
     open();
     ready();
     const std::uint32_t start = ++token;
-    EXPECT_EQ(send(start, CommandCode::start_continuous), Exception::none);
-    EXPECT_EQ(command(CommandCode::stop), CommandError::none);
-    EXPECT_EQ(send(start, CommandCode::start_continuous), Exception::none);  // its first reply was lost
+    EXPECT_EQ(send(start, Command::start_continuous), Exception::none);
+    EXPECT_EQ(command(Command::stop), CommandError::none);
+    EXPECT_EQ(send(start, Command::start_continuous), Exception::none);  // its first reply was lost
     EXPECT_EQ(state(), State::ready);
     EXPECT_EQ(read32(8022), start);
     EXPECT_EQ(reply_state(), CommandState::completed);
@@ -58,15 +58,15 @@ TEST_F(PlcCommands, a_refused_start_is_not_made_up_for_after_a_reset) {
     sensor.listener->on_sensor_lost({ErrorCode::disconnected, "/dev/video0", "plug it in"});
     publish();
     EXPECT_EQ(state(), State::error);
-    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::not_in_this_state);
-    EXPECT_EQ(command(CommandCode::reset), CommandError::none);
+    EXPECT_EQ(command(Command::start_continuous), CommandError::not_in_this_state);
+    EXPECT_EQ(command(Command::reset), CommandError::none);
     EXPECT_EQ(state(), State::initialized);
 }
 
 TEST_F(PlcCommands, a_single_shot_inspects_one_part) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::start_single), CommandError::none);
+    EXPECT_EQ(command(Command::start_single), CommandError::none);
     part();
     light_and_frame();
     publish();
@@ -108,9 +108,9 @@ TEST_F(PlcCommands, staged_limits_are_judged_with_once_committed_and_what_regist
     open();
     ready();
     EXPECT_EQ(write(8202, {12, 800}), Exception::none);
-    EXPECT_EQ(command(CommandCode::commit_recipe, 0xBAD), CommandError::wrong_checksum);
+    EXPECT_EQ(command(Command::commit_recipe, 0xBAD), CommandError::wrong_checksum);
     EXPECT_EQ(operations.recipe().number, 3);
-    EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::none);
+    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::none);
     EXPECT_EQ(inspector.number, 12);
     EXPECT_FLOAT_EQ(operations.recipe().recipe.emd_limit_bins, 0.8F);
     EXPECT_EQ(operations.recipe().recipe.zones.size(), 1U);
@@ -131,7 +131,7 @@ TEST_F(PlcCommands, a_recipe_that_cannot_be_used_is_refused_as_a_whole_and_the_o
     for (const Words& bad :
          {Words{12, 0}, Words{12, 1000, 400, 1000}, Words{12, 1000, 400, 700, 0}, Words{12, 800, 400, 700, 1, 200}}) {
         EXPECT_EQ(write(8202, bad), Exception::none);
-        EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::bad_argument);
+        EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::bad_argument);
         EXPECT_EQ(format_recipe(operations.recipe()), before);
     }
     EXPECT_EQ(inspector.number, 0);
@@ -141,19 +141,19 @@ TEST_F(PlcCommands, a_recipe_that_cannot_be_used_is_refused_as_a_whole_and_the_o
 TEST_F(PlcCommands, the_limit_of_a_feature_that_is_not_judged_is_not_available_and_cannot_be_given) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::use_recipe, 88), CommandError::none);
+    EXPECT_EQ(command(Command::use_recipe, 88), CommandError::none);
     const StagedRecipe staged = staged_from(operations.recipe());
     EXPECT_EQ(staged.emd_limit_mbins, 0xFFFF);
     EXPECT_EQ(staged.frobenius_limit_mbins, 0xFFFF);
     EXPECT_EQ(staged.transmission_permille, 700);
-    // What is judged can be changed; the others stay away.
+    // Limits of judged features can be changed; the others stay "not available".
     EXPECT_EQ(write(8205, {800}), Exception::none);
-    EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::none);
+    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::none);
     EXPECT_FLOAT_EQ(operations.recipe().recipe.transmission_limit, 0.8F);
     EXPECT_FALSE(operations.recipe().recipe.gradient);
     const std::string before = format_recipe(operations.recipe());
     EXPECT_EQ(write(8203, {500}), Exception::none);
-    EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::bad_argument);
+    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::bad_argument);
     EXPECT_EQ(format_recipe(operations.recipe()), before);
     ASSERT_EQ(troubles.size(), 1U);
     EXPECT_THAT(troubles[0], HasSubstr("is a limit of emd, which is not among the features"));
@@ -163,19 +163,19 @@ TEST_F(PlcCommands, change_no_recipe_while_the_station_executes) {
     open();
     running();
     EXPECT_EQ(write(8202, {12, 800}), Exception::none);
-    EXPECT_EQ(command(CommandCode::commit_recipe, read32(8210)), CommandError::not_in_this_state);
-    EXPECT_EQ(command(CommandCode::use_recipe, 7), CommandError::not_in_this_state);
+    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::not_in_this_state);
+    EXPECT_EQ(command(Command::use_recipe, 7), CommandError::not_in_this_state);
     EXPECT_EQ(operations.recipe().number, 3);
 }
 
 TEST_F(PlcCommands, switch_to_a_recipe_by_number_and_by_its_checksum) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::use_recipe, 8), CommandError::no_such_recipe);
-    EXPECT_EQ(command(CommandCode::use_recipe, 7, 0xBAD), CommandError::wrong_checksum);
+    EXPECT_EQ(command(Command::use_recipe, 8), CommandError::no_such_recipe);
+    EXPECT_EQ(command(Command::use_recipe, 7, 0xBAD), CommandError::wrong_checksum);
     const std::uint32_t crc = read32(8027);  // what it really is
     EXPECT_EQ(operations.recipe().number, 3);
-    EXPECT_EQ(command(CommandCode::use_recipe, 7, crc), CommandError::none);
+    EXPECT_EQ(command(Command::use_recipe, 7, crc), CommandError::none);
     EXPECT_EQ(operations.recipe().recipe.name, "seven");
     EXPECT_EQ(read(8203, 1)[0], 750);  // and is what is staged now
 }
@@ -216,13 +216,13 @@ TEST_F(PlcCommands, a_silent_plc_stops_the_station_which_waits_for_a_new_start) 
     EXPECT_EQ(rejector.permits.back(), false);
     EXPECT_EQ(read32(113) & kFaultPlc, kFaultPlc);
     EXPECT_EQ(read(103, 1)[0] & 0x80U, 0x80U);
-    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::plc_lost);
+    EXPECT_EQ(command(Command::start_continuous), CommandError::plc_lost);
     beat();
     publish();
     EXPECT_EQ(state(), State::ready);
     EXPECT_EQ(read32(113) & kFaultPlc, 0U);
     EXPECT_EQ(read32(115) & kFaultPlc, kFaultPlc);  // until a reset
-    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+    EXPECT_EQ(command(Command::start_continuous), CommandError::none);
 }
 
 TEST_F(PlcCommands, without_a_plc_every_part_is_rejected_until_it_is_back) {
@@ -282,22 +282,22 @@ class SelfTest : public PlcCommands {
 TEST_F(SelfTest, flashes_looks_and_judges_and_no_part_is_counted) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::self_test), CommandError::none);
+    EXPECT_EQ(command(Command::self_test), CommandError::none);
     EXPECT_EQ(reply_state(), CommandState::executing);
-    EXPECT_EQ(send(++token, CommandCode::start_continuous), Exception::busy);
+    EXPECT_EQ(send(++token, Command::start_continuous), Exception::busy);
     devices_answer();
     EXPECT_EQ(reply_state(), CommandState::completed);
     EXPECT_EQ(read32(8027), 0U);
     EXPECT_EQ(station->snapshot().counters.seen, 0U);
     EXPECT_EQ(sensor.given_back, 1);
-    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+    EXPECT_EQ(command(Command::start_continuous), CommandError::none);
 }
 
 TEST_F(SelfTest, names_what_is_wrong) {
     open();
     ready();
     const auto found = [&](bool lit, bool frame) {
-        EXPECT_EQ(command(CommandCode::self_test), CommandError::none);
+        EXPECT_EQ(command(Command::self_test), CommandError::none);
         devices_answer(lit, frame);
         EXPECT_EQ(reply_state(), CommandState::failed);
         return read32(8027);
@@ -317,24 +317,24 @@ TEST_F(SelfTest, names_what_is_wrong) {
 
 TEST_F(SelfTest, is_refused_while_executing_and_with_a_device_down) {
     open();
-    EXPECT_EQ(command(CommandCode::self_test), CommandError::not_in_this_state);
-    EXPECT_EQ(command(CommandCode::initialise), CommandError::none);
-    EXPECT_EQ(command(CommandCode::self_test), CommandError::device_down);
+    EXPECT_EQ(command(Command::self_test), CommandError::not_in_this_state);
+    EXPECT_EQ(command(Command::initialise), CommandError::none);
+    EXPECT_EQ(command(Command::self_test), CommandError::device_down);
     EXPECT_EQ(read32(8027), std::uint32_t{kFaultRejector});
     devices_up();
-    EXPECT_EQ(command(CommandCode::arm), CommandError::none);
-    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
-    EXPECT_EQ(command(CommandCode::self_test), CommandError::not_in_this_state);
+    EXPECT_EQ(command(Command::arm), CommandError::none);
+    EXPECT_EQ(command(Command::start_continuous), CommandError::none);
+    EXPECT_EQ(command(Command::self_test), CommandError::not_in_this_state);
 }
 
 TEST_F(SelfTest, that_is_cut_off_by_a_halt_fails) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::self_test), CommandError::none);
+    EXPECT_EQ(command(Command::self_test), CommandError::none);
     const std::uint32_t test = token;
-    EXPECT_EQ(command(CommandCode::halt), CommandError::none);
+    EXPECT_EQ(command(Command::halt), CommandError::none);
     loop.run_for(std::chrono::seconds(3));
-    EXPECT_EQ(send(test, CommandCode::self_test), Exception::none);  // asks again what came of it
+    EXPECT_EQ(send(test, Command::self_test), Exception::none);  // asks again what came of it
     EXPECT_EQ(reply_state(), CommandState::failed);
 }
 

@@ -1,4 +1,4 @@
-// A station that is commanded through its registers, in virtual time, with devices that do what the test says.
+// A station commanded through its registers, in virtual time, with devices controlled by the test.
 #pragma once
 
 #include <optional>
@@ -29,7 +29,7 @@ struct Notes final : ResultSink {
     void on_inspection(std::uint32_t, const FrameView&, const algo::Inspection&) override {}
 };
 
-// Judges as it is told, and with any recipe but one with a rim margin above 3, as a light field of 8 lenslets would.
+// Answers as set by the test. Refuses recipes with a rim margin above 3, as a light field of 8 lenslets would.
 class ToldInspector final : public Inspector {
   public:
     explicit ToldInspector(hal::EventLoop& loop) : loop_(loop) {}
@@ -64,10 +64,13 @@ class PlcCommands : public ::testing::Test, public StationObserver {
         CoreConfig config;
         config.plc_policy = policy;
         station.emplace(config, Cell{loop, part_sensor, strobe, sensor, rejector, inspector}, this);
-        desk.emplace(loop, operations, PlcOptions{policy, milliseconds(500), 0xB007});
-        image.emplace(StationIdentity{.boot_id = 0xB007}, &*desk);
-        CommandHandler::Dependencies works{
-            .station = *station, .inspector = inspector, .desk = *desk, .recorder = &notes, .teacher = teacher};
+        plc_interface.emplace(loop, operations, PlcOptions{policy, milliseconds(500), 0xB007});
+        image.emplace(StationIdentity{.boot_id = 0xB007}, &*plc_interface);
+        CommandHandler::Dependencies works{.station = *station,
+                                           .inspector = inspector,
+                                           .plc_interface = *plc_interface,
+                                           .recorder = &notes,
+                                           .teacher = teacher};
         works.publish = [this] { publish(); };
         works.recipe = [](std::uint16_t number) -> Result<NumberedRecipe> {
             if (number == 88) {  // judged by the light alone
@@ -100,13 +103,13 @@ class PlcCommands : public ::testing::Test, public StationObserver {
 
     void devices_up() { rejector.link(true); }
     void ready() {
-        EXPECT_EQ(command(CommandCode::initialise), CommandError::none);
+        EXPECT_EQ(command(Command::initialise), CommandError::none);
         devices_up();
-        EXPECT_EQ(command(CommandCode::arm), CommandError::none);
+        EXPECT_EQ(command(Command::arm), CommandError::none);
     }
     void running() {
         ready();
-        EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+        EXPECT_EQ(command(Command::start_continuous), CommandError::none);
         EXPECT_EQ(state(), firmware::State::continuous_execution);
     }
     firmware::State state() { return static_cast<firmware::State>(read(102, 1)[0]); }
@@ -122,26 +125,25 @@ class PlcCommands : public ::testing::Test, public StationObserver {
     modbus::Exception write(std::uint16_t address, const Words& words) {
         return image->write_registers({.peer = "192.0.2.7:50123"}, address, words);
     }
-    modbus::Exception send(std::uint32_t as, CommandCode code, std::uint32_t argument = 0,
-                           std::uint32_t argument2 = 0) {
+    modbus::Exception send(std::uint32_t as, Command code, std::uint32_t argument = 0, std::uint32_t argument2 = 0) {
         const auto low = [](std::uint32_t v) { return static_cast<std::uint16_t>(v & 0xFFFFU); };
         return write(8002,
                      {low(as >> 16U), low(as), 0xB007, static_cast<std::uint16_t>(code), low(argument >> 16U),
                       low(argument), low(argument2 >> 16U), low(argument2)});
     }
-    // As a new command; what its reply says.
-    CommandError command(CommandCode code, std::uint32_t argument = 0, std::uint32_t argument2 = 0) {
+    // Sends a new command; returns the error of its reply.
+    CommandError command(Command code, std::uint32_t argument = 0, std::uint32_t argument2 = 0) {
         EXPECT_EQ(send(++token, code, argument, argument2), modbus::Exception::none);
         EXPECT_EQ(read32(8022), token);
         return static_cast<CommandError>(read(8026, 1)[0]);
     }
     CommandState reply_state() { return static_cast<CommandState>(read(8025, 1)[0]); }
     void beat() { EXPECT_EQ(write(8102, {++beats}), modbus::Exception::none); }
-    // Lets time pass as the service does, with its look at the heartbeat.
+    // Advances time and checks the heartbeat, as the service does.
     void pass(Duration time) {
         for (Duration done{}; done < time; done += milliseconds(50)) {
             loop.run_for(milliseconds(50));
-            desk->check_heartbeat();
+            plc_interface->check_plc_heartbeat();
             (void)operations.use_learned_reference();
             publish();
         }
@@ -171,7 +173,7 @@ class PlcCommands : public ::testing::Test, public StationObserver {
     std::vector<std::string> troubles;
     std::vector<PartResult> results;
     std::optional<Station> station;
-    std::optional<PlcInterface> desk;
+    std::optional<PlcInterface> plc_interface;
     std::optional<RegisterServerModel> image;
     std::uint32_t token = 70, edges = 0;
     std::uint16_t beats = 0;

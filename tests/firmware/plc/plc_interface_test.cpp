@@ -1,4 +1,4 @@
-// The PLC's side: commands exactly once, heartbeat, acknowledgement, staged recipe.
+// PlcInterface: commands exactly once, heartbeat, acknowledgement, staged recipe.
 #include "firmware/plc/plc_interface.h"
 
 #include <deque>
@@ -58,13 +58,13 @@ class PlcSimulator : public ::testing::Test {
   protected:
     HandClock clock;
     Station station;
-    PlcInterface desk{clock, station, {.policy = PlcPolicy::stop, .timeout = 500ms, .boot_id = 0x1234B007}};
-    RegisterServerModel image{StationIdentity{.boot_id = 0x1234B007}, &desk};
+    PlcInterface plc_interface{clock, station, {.policy = PlcPolicy::stop, .timeout = 500ms, .boot_id = 0x1234B007}};
+    RegisterServerModel image{StationIdentity{.boot_id = 0x1234B007}, &plc_interface};
 
     Exception write(std::uint16_t address, const Words& words) {
         return image.write_registers({.peer = "192.0.2.7:50123"}, address, words);
     }
-    Exception command(std::uint32_t token, CommandCode code, std::uint32_t argument = 0, std::uint16_t boot = 0) {
+    Exception command(std::uint32_t token, Command code, std::uint32_t argument = 0, std::uint16_t boot = 0) {
         const auto half = [](std::uint32_t v) { return static_cast<std::uint16_t>(v & 0xFFFFU); };
         return write(8002,
                      {half(token >> 16U), half(token), boot, static_cast<std::uint16_t>(code), half(argument >> 16U),
@@ -86,7 +86,7 @@ class PlcSimulator : public ::testing::Test {
             snapshot.last = result;
             image.publish(snapshot);
         }
-        desk.note_results(to);
+        plc_interface.note_results(to);
     }
 };
 
@@ -94,7 +94,7 @@ class PlcSimulator : public ::testing::Test {
 Words reply_of(const Words& block) { return {block[2], block[3], block[4], block[5], block[6]}; }
 
 TEST_F(PlcSimulator, a_command_is_executed_and_replied_to) {
-    ASSERT_EQ(command(0x00010002, CommandCode::arm), Exception::none);
+    ASSERT_EQ(command(0x00010002, Command::arm), Exception::none);
     ASSERT_EQ(station.commands.size(), 1U);
     EXPECT_EQ(station.commands[0].code, 2);
     EXPECT_THAT(station.writers, ElementsAre("192.0.2.7:50123"));
@@ -104,10 +104,10 @@ TEST_F(PlcSimulator, a_command_is_executed_and_replied_to) {
 
 TEST_F(PlcSimulator, a_repeated_token_does_nothing_and_shows_its_reply_again) {
     station.answer = {CommandState::failed, CommandError::device_down, 7};
-    ASSERT_EQ(command(5, CommandCode::arm), Exception::none);
+    ASSERT_EQ(command(5, Command::arm), Exception::none);
     station.answer = {};
-    ASSERT_EQ(command(6, CommandCode::reset), Exception::none);
-    ASSERT_EQ(command(5, CommandCode::arm), Exception::none);
+    ASSERT_EQ(command(6, Command::reset), Exception::none);
+    ASSERT_EQ(command(5, Command::arm), Exception::none);
     EXPECT_EQ(station.commands.size(), 2U);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 2, 3, 3));
     EXPECT_EQ(read32(8027), 7U);
@@ -120,7 +120,7 @@ TEST_F(PlcSimulator, a_command_says_for_whom_it_is_sent) {
     ASSERT_EQ(station.commands.size(), 1U);
     EXPECT_EQ(station.commands[0].who.view(), "anna");
     EXPECT_THAT(read(8000, 20)[10], 'a' << 8 | 'n');
-    EXPECT_EQ(command(6, CommandCode::arm), Exception::none);  // left out: for itself
+    EXPECT_EQ(command(6, Command::arm), Exception::none);  // left out: for itself
     EXPECT_EQ(station.commands[1].who.view(), "");
     EXPECT_EQ(read(8000, 20)[10], 0);
 }
@@ -138,19 +138,19 @@ TEST_F(PlcSimulator, a_name_that_is_not_printable_or_not_whole_is_refused) {
 }
 
 TEST_F(PlcSimulator, a_token_used_for_another_command_is_refused) {
-    ASSERT_EQ(command(5, CommandCode::arm), Exception::none);
-    ASSERT_EQ(command(5, CommandCode::stop), Exception::none);
+    ASSERT_EQ(command(5, Command::arm), Exception::none);
+    ASSERT_EQ(command(5, Command::stop), Exception::none);
     EXPECT_EQ(station.commands.size(), 1U);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 6, 3, 6));
-    ASSERT_EQ(command(5, CommandCode::arm), Exception::none);
+    ASSERT_EQ(command(5, Command::arm), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 2, 2, 0)) << "the first one keeps its reply";
 }
 
 TEST_F(PlcSimulator, a_command_meant_for_another_boot_is_refused) {
-    ASSERT_EQ(command(5, CommandCode::arm, 0, 0xB008), Exception::none);
+    ASSERT_EQ(command(5, Command::arm, 0, 0xB008), Exception::none);
     EXPECT_THAT(station.commands, IsEmpty());
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 2, 3, 7));
-    ASSERT_EQ(command(6, CommandCode::arm, 0, 0xB007), Exception::none);
+    ASSERT_EQ(command(6, Command::arm, 0, 0xB007), Exception::none);
     EXPECT_EQ(station.commands.size(), 1U);
 }
 
@@ -170,18 +170,18 @@ TEST_F(PlcSimulator, only_a_whole_command_is_a_command) {
 
 TEST_F(PlcSimulator, while_a_command_is_executing_only_stopping_is_accepted) {
     station.answer = {CommandState::executing, CommandError::none, 0};
-    ASSERT_EQ(command(5, CommandCode::self_test), Exception::none);
+    ASSERT_EQ(command(5, Command::self_test), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 22, 1, 0));
-    EXPECT_EQ(command(6, CommandCode::arm), Exception::busy);
-    EXPECT_EQ(command(5, CommandCode::self_test), Exception::none) << "a repeat asks how it is going";
+    EXPECT_EQ(command(6, Command::arm), Exception::busy);
+    EXPECT_EQ(command(5, Command::self_test), Exception::none) << "a repeat asks how it is going";
     station.answer = {};
-    EXPECT_EQ(command(7, CommandCode::stop), Exception::none);
-    desk.finish(5, {CommandState::completed, CommandError::none, 42});
-    desk.finish(99, {});
-    EXPECT_EQ(command(5, CommandCode::self_test), Exception::none);
+    EXPECT_EQ(command(7, Command::stop), Exception::none);
+    plc_interface.finish(5, {CommandState::completed, CommandError::none, 42});
+    plc_interface.finish(99, {});
+    EXPECT_EQ(command(5, Command::self_test), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 22, 2, 0));
     EXPECT_EQ(read32(8027), 42U);
-    EXPECT_EQ(command(6, CommandCode::arm), Exception::none) << "refused as busy was not remembered";
+    EXPECT_EQ(command(6, Command::arm), Exception::none) << "refused as busy was not remembered";
     EXPECT_EQ(station.commands.size(), 3U);
 }
 
@@ -196,7 +196,7 @@ TEST_F(PlcSimulator, ten_thousand_commands_over_a_bad_network_are_executed_exact
             while (!under_way.empty() && random() % 4 != 0) {
                 const std::size_t pick = random() % under_way.size();  // late and out of order
                 disturbed += pick > 0 ? 1 : 0;
-                ASSERT_EQ(command(under_way[pick], CommandCode::start_single), Exception::none);
+                ASSERT_EQ(command(under_way[pick], Command::start_single), Exception::none);
                 under_way.erase(under_way.begin() + static_cast<std::ptrdiff_t>(pick));
                 acknowledged = acknowledged || read32(8022) == token;
             }
@@ -212,17 +212,17 @@ TEST_F(PlcSimulator, ten_thousand_commands_over_a_bad_network_are_executed_exact
 
 TEST_F(PlcSimulator, the_heartbeat_is_missed_after_the_timeout_and_reported_once) {
     clock.at += 10s;
-    desk.check_heartbeat();
+    plc_interface.check_plc_heartbeat();
     EXPECT_EQ(station.lost, 0) << "a PLC that was never there cannot be lost";
     EXPECT_EQ(read(105, 1)[0], 0xFFFF);
     ASSERT_EQ(write(8102, {1}), Exception::none);
     clock.at += 400ms;
     EXPECT_EQ(read(105, 1)[0], 400);
-    desk.check_heartbeat();
+    plc_interface.check_plc_heartbeat();
     ASSERT_EQ(write(8102, {1}), Exception::none) << "the same value is no beat";
     clock.at += 101ms;
-    desk.check_heartbeat();
-    desk.check_heartbeat();
+    plc_interface.check_plc_heartbeat();
+    plc_interface.check_plc_heartbeat();
     EXPECT_EQ(station.lost, 1);
     EXPECT_EQ(read(103, 1)[0] & 0x80, 0x80);
     ASSERT_EQ(write(8102, {2}), Exception::none);
@@ -283,10 +283,10 @@ TEST_F(PlcSimulator, results_lost_before_they_were_acknowledged_are_counted_and_
 TEST_F(PlcSimulator, a_recipe_is_staged_and_committed_by_its_checksum) {
     ASSERT_EQ(write(8202, {7, 1500, 800, 600, 3, 0xFFFE, 100, 700}), Exception::none);
     const std::uint32_t crc = read32(8210);
-    ASSERT_EQ(command(1, CommandCode::commit_recipe, crc ^ 1), Exception::none);
+    ASSERT_EQ(command(1, Command::commit_recipe, crc ^ 1), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 1, 20, 3, 5));
     EXPECT_THAT(station.recipes, IsEmpty());
-    ASSERT_EQ(command(2, CommandCode::commit_recipe, crc), Exception::none);
+    ASSERT_EQ(command(2, Command::commit_recipe, crc), Exception::none);
     EXPECT_THAT(station.recipes, ElementsAre(StagedRecipe{7, 1500, 800, 600, 3, -2, 100, 700}));
     EXPECT_THAT(station.commands, IsEmpty());
     EXPECT_THAT(read(8202, 8), ElementsAre(7, 1500, 800, 600, 3, 0xFFFE, 100, 700)) << "reads back as written";
@@ -302,7 +302,7 @@ TEST_F(PlcSimulator, no_recipe_is_committed_while_the_station_executes) {
     Snapshot snapshot;
     snapshot.state = State::continuous_execution;
     image.publish(snapshot);
-    ASSERT_EQ(command(1, CommandCode::commit_recipe, read32(8210)), Exception::none);
+    ASSERT_EQ(command(1, Command::commit_recipe, read32(8210)), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 1, 20, 3, 2));
     EXPECT_THAT(station.recipes, IsEmpty());
 }

@@ -13,7 +13,7 @@ using modbus::Exception;
 using ::testing::ElementsAre;
 using Words = std::vector<std::uint16_t>;
 
-// Every field tells its sequence, so that a mixture of two results shows.
+// Every field contains its sequence number, so that a mixture of two results is detected.
 PartResult result_of(std::uint32_t sequence) {
     return {.sequence = sequence,
             .part = sequence ^ 0x55AA55AA,
@@ -175,8 +175,8 @@ TEST_F(Image, identification_gives_what_ident_gives) {
     EXPECT_EQ(image.identification(3), "");
 }
 
-// A writer that never rests. Each answer must be of one moment (STATUS, COUNTERS and LAST agree), each slot
-// of one result, and no slot older than what an earlier answer said was there.
+// A writer without pauses. Each answer must be consistent (STATUS, COUNTERS and LAST agree), each slot must hold one
+// result, and no slot may be older than an earlier answer showed.
 TEST_F(Image, a_million_reads_against_a_spinning_writer_are_neither_torn_nor_stale) {
     constexpr int kReads = 1'000'000;
     std::atomic<bool> stop = false;

@@ -1,5 +1,5 @@
-// The command teach in every state: what is accepted, what a PLC reads meanwhile, when the reference comes into use,
-// what ends it.
+// The command teach in every state: when it is accepted, what a PLC reads meanwhile, when the reference comes into use,
+// what cancels it.
 #include <gmock/gmock.h>
 
 #include "tests/firmware/plc/plc_commands.h"
@@ -12,7 +12,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using State = firmware::State;
 
-// Teaches when the test says so.
+// A TeachIn controlled by the test.
 class RecordingTeachIn final : public TeachIn {
   public:
     Result<void> answer;
@@ -20,7 +20,7 @@ class RecordingTeachIn final : public TeachIn {
     int cancelled = 0;
     std::vector<std::string> discarded, used;
 
-    // What learning comes to: the recipe, told apart by its name as a reference would tell it apart by its content.
+    // The learned recipe; its name stands for the reference's content.
     NumberedRecipe comes_to(std::string remarks = {}, int rim_margin = -1) {
         Taught taught{recipe_, std::move(remarks)};
         taught.recipe.recipe.name = "taught";
@@ -51,9 +51,9 @@ class RecordingTeachIn final : public TeachIn {
 class Teach : public PlcCommands {
   protected:
     Teach() { teacher = &told; }
-    // The teach's own reply, whatever was asked since: its token is written again, which does nothing twice.
+    // The teach's own reply, also after other commands: writes its token again.
     CommandError reply_to(std::uint32_t asked, std::uint32_t parts = 0) {
-        EXPECT_EQ(send(asked, CommandCode::teach, parts), Exception::none);
+        EXPECT_EQ(send(asked, Command::teach, parts), Exception::none);
         EXPECT_EQ(read32(8022), asked);
         return static_cast<CommandError>(read(8026, 1)[0]);
     }
@@ -69,47 +69,47 @@ TEST_F(Teach, is_not_supported_where_nothing_can_be_learned) {
     teacher = nullptr;
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::teach), CommandError::not_supported);
+    EXPECT_EQ(command(Command::teach), CommandError::not_supported);
 }
 
 TEST_F(Teach, takes_as_many_parts_as_it_is_told_from_8_to_64_and_16_when_it_is_not) {
     open();
     ready();
     for (const std::uint32_t bad : {1U, 7U, 65U, 0x10010U})
-        EXPECT_EQ(command(CommandCode::teach, bad), CommandError::bad_argument);
+        EXPECT_EQ(command(Command::teach, bad), CommandError::bad_argument);
     for (const std::uint32_t good : {0U, 8U, 64U}) {
-        EXPECT_EQ(command(CommandCode::teach, good), CommandError::none);
+        EXPECT_EQ(command(Command::teach, good), CommandError::none);
         EXPECT_EQ(reply_state(), CommandState::executing);
-        EXPECT_EQ(command(CommandCode::abort), CommandError::none);
+        EXPECT_EQ(command(Command::abort), CommandError::none);
     }
     EXPECT_THAT(told.begun, ElementsAre(16U, 8U, 64U));
 }
 
 TEST_F(Teach, is_accepted_wherever_parts_come_or_can_be_started) {
     open();
-    EXPECT_EQ(command(CommandCode::teach), CommandError::not_in_this_state);  // Preoperational
-    EXPECT_EQ(command(CommandCode::initialise), CommandError::none);
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
-    EXPECT_EQ(command(CommandCode::abort), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::not_in_this_state);  // Preoperational
+    EXPECT_EQ(command(Command::initialise), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
+    EXPECT_EQ(command(Command::abort), CommandError::none);
     devices_up();
-    EXPECT_EQ(command(CommandCode::arm), CommandError::none);
-    EXPECT_EQ(command(CommandCode::start_single), CommandError::none);
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
-    EXPECT_EQ(command(CommandCode::halt), CommandError::none);
-    EXPECT_EQ(command(CommandCode::teach), CommandError::not_in_this_state);  // Halted
+    EXPECT_EQ(command(Command::arm), CommandError::none);
+    EXPECT_EQ(command(Command::start_single), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
+    EXPECT_EQ(command(Command::halt), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::not_in_this_state);  // Halted
     EXPECT_EQ(told.begun.size(), 2U);
 }
 
 TEST_F(Teach, only_one_at_a_time) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
-    EXPECT_EQ(command(CommandCode::teach), CommandError::not_yet);
-    EXPECT_EQ(command(CommandCode::abort), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::not_yet);
+    EXPECT_EQ(command(Command::abort), CommandError::none);
     told.answer = fail(ErrorCode::busy, "the end of another one", "wait");
-    EXPECT_EQ(command(CommandCode::teach), CommandError::not_yet);
+    EXPECT_EQ(command(Command::teach), CommandError::not_yet);
     told.answer = fail(ErrorCode::io, "the disk is gone", "look for it");
-    EXPECT_EQ(command(CommandCode::teach), CommandError::failed);
+    EXPECT_EQ(command(Command::teach), CommandError::failed);
     EXPECT_THAT(troubles.back(), HasSubstr("the disk is gone"));
     EXPECT_EQ(told.begun.size(), 1U);
 }
@@ -117,12 +117,12 @@ TEST_F(Teach, only_one_at_a_time) {
 TEST_F(Teach, goes_on_while_the_line_is_started_and_stopped_and_shows_how_far_it_is) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
     const std::uint32_t asked = token;
-    EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+    EXPECT_EQ(command(Command::start_continuous), CommandError::none);
     told.takes(5);
-    EXPECT_EQ(command(CommandCode::stop), CommandError::none);
-    EXPECT_EQ(command(CommandCode::disarm), CommandError::none);
+    EXPECT_EQ(command(Command::stop), CommandError::none);
+    EXPECT_EQ(command(Command::disarm), CommandError::none);
     EXPECT_EQ(told.cancelled, 0);
     EXPECT_EQ(reply_to(asked), CommandError::none);
     EXPECT_EQ(reply_state(), CommandState::executing);
@@ -133,7 +133,7 @@ TEST_F(Teach, goes_on_while_the_line_is_started_and_stopped_and_shows_how_far_it
 TEST_F(Teach, what_was_taught_is_in_use_at_once_where_the_line_stands_and_the_record_says_who_asked) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::teach, 9), CommandError::none);
+    EXPECT_EQ(command(Command::teach, 9), CommandError::none);
     const std::uint32_t asked = token;
     const NumberedRecipe taught = told.comes_to();
     EXPECT_EQ(reply_to(asked, 9), CommandError::none);
@@ -156,7 +156,7 @@ TEST_F(Teach, what_was_taught_is_in_use_at_once_where_the_line_stands_and_the_re
 TEST_F(Teach, no_recipe_changes_while_parts_are_under_way) {
     open();
     running();
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
     const std::uint32_t asked = token;
     part();
     const NumberedRecipe taught = told.comes_to();
@@ -165,8 +165,8 @@ TEST_F(Teach, no_recipe_changes_while_parts_are_under_way) {
     EXPECT_EQ(reply_state(), CommandState::completed);  // learned and kept ...
     EXPECT_EQ(read32(8027), crc32_of(taught));
     EXPECT_EQ(operations.recipe().recipe.name, "default");  // ... and not yet in use
-    EXPECT_EQ(command(CommandCode::teach), CommandError::not_yet);
-    EXPECT_EQ(command(CommandCode::abort), CommandError::none);  // the teach is over: there is nothing of it to cancel
+    EXPECT_EQ(command(Command::teach), CommandError::not_yet);
+    EXPECT_EQ(command(Command::abort), CommandError::none);  // the teach is over: there is nothing of it to cancel
     EXPECT_EQ(state(), State::ready);
     pass(milliseconds(100));
     EXPECT_EQ(station->core().line().size(), 1U);
@@ -178,13 +178,13 @@ TEST_F(Teach, no_recipe_changes_while_parts_are_under_way) {
     EXPECT_EQ(operations.recipe().recipe.name, "taught");
     EXPECT_EQ(recorded(Change::What::recipe)->who.token, asked);
     EXPECT_EQ(told.cancelled, 0);
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
 }
 
 TEST_F(Teach, that_fails_says_why_and_the_old_recipe_stays) {
     open();
     running();
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
     const std::uint32_t asked = token;
     told.fails({ErrorCode::io, "the disk is full", "make room"});
     EXPECT_EQ(reply_to(asked), CommandError::failed);
@@ -192,13 +192,13 @@ TEST_F(Teach, that_fails_says_why_and_the_old_recipe_stays) {
     EXPECT_EQ(recorded(Change::What::command)->after, "failed failed");
     EXPECT_EQ(recorded(Change::What::recipe), nullptr);
     EXPECT_EQ(operations.recipe().recipe.name, "default");
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);  // another may be tried
+    EXPECT_EQ(command(Command::teach), CommandError::none);  // another may be tried
 }
 
 TEST_F(Teach, what_the_inspector_cannot_judge_with_is_discarded) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
     const std::uint32_t asked = token;
     (void)told.comes_to({}, 4);
     EXPECT_EQ(reply_to(asked), CommandError::failed);
@@ -209,7 +209,7 @@ TEST_F(Teach, what_the_inspector_cannot_judge_with_is_discarded) {
 TEST_F(Teach, names_the_parts_that_were_left_out) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
     (void)told.comes_to("part 12 was left out: it differs from all others");
     ASSERT_EQ(troubles.size(), 1U);
     EXPECT_THAT(troubles[0], HasSubstr("part 12"));
@@ -218,14 +218,14 @@ TEST_F(Teach, names_the_parts_that_were_left_out) {
 TEST_F(Teach, is_ended_by_an_abort_and_by_a_halt_and_says_so) {
     open();
     running();
-    for (const CommandCode by : {CommandCode::abort, CommandCode::halt}) {
-        EXPECT_EQ(command(CommandCode::teach), CommandError::none);
+    for (const Command by : {Command::abort, Command::halt}) {
+        EXPECT_EQ(command(Command::teach), CommandError::none);
         const std::uint32_t asked = token;
         EXPECT_EQ(command(by), CommandError::none);
         EXPECT_EQ(reply_to(asked), CommandError::cancelled);
         EXPECT_EQ(reply_state(), CommandState::failed);
         if (state() == State::ready) {
-            EXPECT_EQ(command(CommandCode::start_continuous), CommandError::none);
+            EXPECT_EQ(command(Command::start_continuous), CommandError::none);
         }
     }
     EXPECT_EQ(state(), State::halted);
@@ -237,24 +237,24 @@ TEST_F(Teach, is_ended_by_an_abort_and_by_a_halt_and_says_so) {
 TEST_F(Teach, can_be_aborted_where_nothing_else_could_be) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::abort), CommandError::not_in_this_state);
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
-    EXPECT_EQ(command(CommandCode::abort), CommandError::none);
+    EXPECT_EQ(command(Command::abort), CommandError::not_in_this_state);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
+    EXPECT_EQ(command(Command::abort), CommandError::none);
     EXPECT_EQ(state(), State::ready);
     EXPECT_EQ(told.cancelled, 1);
-    EXPECT_EQ(command(CommandCode::abort), CommandError::not_in_this_state);
+    EXPECT_EQ(command(Command::abort), CommandError::not_in_this_state);
 }
 
 TEST_F(Teach, outlives_an_error_and_its_reset) {
     open();
     running();
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
     const std::uint32_t asked = token;
     sensor.listener->on_sensor_lost({ErrorCode::disconnected, "/dev/video0", "plug it in"});
     publish();
     EXPECT_EQ(state(), State::error);
-    EXPECT_EQ(command(CommandCode::teach), CommandError::not_in_this_state);
-    EXPECT_EQ(command(CommandCode::reset), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::not_in_this_state);
+    EXPECT_EQ(command(Command::reset), CommandError::none);
     EXPECT_EQ(reply_to(asked), CommandError::none);
     EXPECT_EQ(reply_state(), CommandState::executing);
     EXPECT_EQ(told.cancelled, 0);
@@ -263,11 +263,11 @@ TEST_F(Teach, outlives_an_error_and_its_reset) {
 TEST_F(Teach, is_about_the_recipe_in_use_and_ends_with_it) {
     open();
     ready();
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
     const std::uint32_t asked = token;
-    EXPECT_EQ(command(CommandCode::use_recipe, 8), CommandError::no_such_recipe);
+    EXPECT_EQ(command(Command::use_recipe, 8), CommandError::no_such_recipe);
     EXPECT_EQ(told.cancelled, 0);
-    EXPECT_EQ(command(CommandCode::use_recipe, 7), CommandError::none);
+    EXPECT_EQ(command(Command::use_recipe, 7), CommandError::none);
     EXPECT_EQ(told.cancelled, 1);
     EXPECT_EQ(reply_to(asked), CommandError::cancelled);
     EXPECT_EQ(operations.recipe().recipe.name, "seven");
@@ -276,11 +276,11 @@ TEST_F(Teach, is_about_the_recipe_in_use_and_ends_with_it) {
 TEST_F(Teach, what_waits_for_the_line_to_stop_is_dropped_when_another_recipe_is_taken) {
     open();
     running();
-    EXPECT_EQ(command(CommandCode::teach), CommandError::none);
+    EXPECT_EQ(command(Command::teach), CommandError::none);
     part();
     (void)told.comes_to();
-    EXPECT_EQ(command(CommandCode::abort), CommandError::none);
-    EXPECT_EQ(command(CommandCode::use_recipe, 7), CommandError::none);
+    EXPECT_EQ(command(Command::abort), CommandError::none);
+    EXPECT_EQ(command(Command::use_recipe, 7), CommandError::none);
     EXPECT_THAT(told.discarded, ElementsAre("taught"));
     pass(milliseconds(1500));
     EXPECT_EQ(operations.recipe().recipe.name, "seven");

@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 #include <toml++/toml.h>
 
+#include "firmware/core/enum_values.h"
 #include "firmware/core/faults.h"
 
 namespace hord::firmware {
@@ -23,7 +24,7 @@ Snapshot example() {
     s.run_permit = true;
     s.faults_latched = kFaultRejector | kFaultLightLevel;
     s.first_fault = 4;
-    s.heartbeat = 0xFFFF;
+    s.station_heartbeat = 0xFFFF;
     s.counters.seen = 0x00012345;
     s.counters.pass = 7;
     s.last = {.sequence = 0x10002,
@@ -47,7 +48,7 @@ std::vector<std::uint16_t> image_of(BlockId id, const Snapshot& snapshot, const 
     return image;
 }
 
-// The literals are what a PLC programmer reads off the documentation, not what the table says.
+// The literals come from the documentation, not from the table.
 TEST(Registers, status_is_encoded_as_documented) {
     const auto image = image_of(BlockId::status, example());
     EXPECT_THAT(std::vector(image.begin(), image.begin() + 20),
@@ -139,13 +140,22 @@ TEST(Registers, every_reason_and_fault_has_the_cores_name) {
         reasons += name == "unknown" ? 0 : 1;
     }
     EXPECT_GE(reasons, 20);
-    for (const FaultText& fault : fault_texts()) {
+    for (const FaultInfo& fault : kFaultTable) {
         const auto bit = static_cast<std::uint32_t>(std::countr_zero(static_cast<std::uint32_t>(fault.bit)));
         EXPECT_EQ(name_in_map(BlockId::status, "faults_active", bit), fault.name);
         EXPECT_EQ(name_in_map(BlockId::status, "faults_latched", bit), fault.name);
         EXPECT_EQ(name_in_map(BlockId::status, "first_fault", bit + 1), fault.name);
     }
-    EXPECT_EQ(find_register(BlockId::status, "faults_active")->values.size(), fault_texts().size());
+    EXPECT_EQ(find_register(BlockId::status, "faults_active")->values.size(), kFaultTable.size());
+}
+
+TEST(Registers, the_page_offers_every_reason_as_a_filter) {
+    std::ifstream in(HORD_SOURCE_DIR "/firmware/page/site/page.js");
+    const std::string script{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+    for (const PartReason reason : kValuesOf<PartReason>) {
+        if (reason == PartReason::none) continue;
+        EXPECT_THAT(script, HasSubstr('"' + std::string(name_of(reason)) + '"'));
+    }
 }
 
 TEST(Registers, names_are_unique_in_their_block) {

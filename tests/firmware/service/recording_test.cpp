@@ -1,4 +1,4 @@
-// What the service keeps in memory for the disk.
+// Limits of what waits in memory for the disk.
 #include <gtest/gtest.h>
 
 #include "firmware/config/config.h"

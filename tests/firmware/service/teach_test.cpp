@@ -1,4 +1,4 @@
-// The whole service learns its reference from the running line, judges by it, and still does after a restart.
+// The whole service learns a reference from the running line and judges by it, also after a restart.
 #include <algorithm>
 #include <atomic>
 #include <filesystem>
@@ -23,7 +23,7 @@ using ::testing::ElementsAre;
 
 constexpr auto kPatience = std::chrono::seconds(200);
 
-// What is on the other end of the cable; its own thread, while the service runs on the test's.
+// The PLC, on a thread of its own; the service runs on the test's thread.
 class Plc {
   public:
     explicit Plc(const std::string& address) {
@@ -37,12 +37,12 @@ class Plc {
         EXPECT_TRUE(words) << words.error().message();
         return words ? std::uint32_t{(*words)[0]} << 16U | (*words)[1] : 0;
     }
-    modbus::Client::Reply command(CommandCode code, std::uint32_t argument = 0) {
+    modbus::Client::Reply command(Command code, std::uint32_t argument = 0) {
         const auto reply = client_->command(code, argument, 0, kPatience);
         EXPECT_TRUE(reply) << reply.error().message();
         return reply ? *reply : modbus::Client::Reply{};
     }
-    // Looks until it is so; false after kPatience. A PLC polls, too: the machine has a line to run meanwhile.
+    // Polls until the condition holds; false after kPatience. With pauses, because the line needs the processor.
     bool sees(const std::function<bool()>& what) {
         const auto end = std::chrono::steady_clock::now() + kPatience;
         for (; !what(); std::this_thread::sleep_for(std::chrono::milliseconds(20))) {
@@ -67,7 +67,7 @@ class TeachService : public ::testing::Test {
         std::string name = fs::temp_directory_path() / "hord-teach-XXXXXX";
         folder = ::mkdtemp(name.data());
         fs::create_directories(folder / "state");
-        // Alone it passes whatever has light: only a reference can reject.
+        // Without a reference it passes every part with light.
         std::ofstream(folder / "wide.toml")
             << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n"
                "[reference]\nreject_score = 12\ncluster_score = 18\n";
@@ -81,8 +81,8 @@ class TeachService : public ::testing::Test {
         std::string kind;
         PartResult result;
     };
-    // One life of the service: `plc` does on a thread of its own what it has to do, then the service ends. Where the
-    // machine is too slow for the line's times, and the station stops with an error, a person resets it.
+    // One run of the service: `plc` runs on a thread of its own, then the service ends. On a slow machine the station
+    // may stop with an error; it is reset then.
     void live(double good_share, const std::function<void(Plc&)>& plc) {
         Config config;
         config.core.exposure_delay = milliseconds(100);
@@ -113,7 +113,7 @@ class TeachService : public ::testing::Test {
         std::thread person([&] {
             Plc with((*service)->registers_address());
             EXPECT_TRUE(with.sees([&] {
-                if (with.is(State::error)) (void)with.command(CommandCode::reset);
+                if (with.is(State::error)) (void)with.command(Command::reset);
                 return over.load();
             }));
         });
@@ -131,7 +131,7 @@ class TeachService : public ::testing::Test {
             if (kinds.contains(arrived)) seen.push_back({kinds[arrived], result});
         }
     }
-    // Of the parts of the last life whose fate is known: the good or the bad ones for which `is` holds.
+    // Counts the good or bad parts of the last run with known fate for which `is` holds.
     template <class F>
     std::size_t count(bool good, F is) const {
         return static_cast<std::size_t>(std::count_if(
@@ -161,13 +161,13 @@ TEST_F(TeachService, learns_from_twelve_parts_judges_by_them_and_still_does_afte
         EXPECT_EQ(plc.read32(111), configured);
         modbus::Client::Reply reply;
         EXPECT_TRUE(plc.sees([&] {
-            reply = plc.command(CommandCode::teach, 12);
+            reply = plc.command(Command::teach, 12);
             return reply.error != CommandError::not_in_this_state;  // until the station can be started
         }));
         EXPECT_EQ(reply.state, CommandState::completed) << reply.error_name;
         taught = reply.result;
         EXPECT_NE(taught, configured);
-        (void)plc.command(CommandCode::stop);
+        (void)plc.command(Command::stop);
         EXPECT_TRUE(plc.sees([&] { return plc.read32(111) == taught; }));
     });
     EXPECT_THAT(files(), ElementsAre("recipe-in-use.toml", "references/taught-7-1.hordref"));
@@ -176,14 +176,14 @@ TEST_F(TeachService, learns_from_twelve_parts_judges_by_them_and_still_does_afte
     live(0.5, [&](Plc& plc) {
         EXPECT_EQ(plc.read32(111), taught);
         EXPECT_TRUE(plc.sees([&] { return passes >= 5 && rejects >= 5; }));
-        // After 25 parts HEALTH tells how light and optics age: as new, and measured against the reference of the life
+        // After 25 parts HEALTH shows the ageing of light and optics: none, measured against the reference of the run
         // before.
         EXPECT_TRUE(plc.sees([&] { return plc.read32(8434) >> 16U != 0xFFFF; }));
         EXPECT_NEAR(plc.read32(8434) >> 16U, 1000, 50);  // light_output, tenths of a percent
         EXPECT_NE(plc.read32(8440), 0xFFFFFFFFU);  // dust: looked for (how often a few frames, shown again and again,
                                                    // look like it is not asked)
     });
-    // What came too late on a busy machine is rejected, too, and says nothing of the reference.
+    // Parts rejected for lateness on a busy machine do not count.
     EXPECT_GE(count(true, passed), 4U);  // one may not have left the line before the end
     EXPECT_GE(count(false, judged_bad), 4U);
     EXPECT_EQ(count(true, judged_bad), 0U);

@@ -1,4 +1,4 @@
-// Devices that do what the test says: they note what they are told and speak when the test has them speak.
+// Devices controlled by the test: they record calls, and report when the test says so.
 #pragma once
 
 #include <array>

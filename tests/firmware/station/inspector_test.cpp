@@ -1,4 +1,4 @@
-// Inspectors: bounded, on the loop's thread, and every frame goes back.
+// Inspectors: bounded queues, answers on the loop's thread, every frame returned.
 #include "firmware/station/inspector.h"
 
 #include <atomic>
@@ -26,7 +26,7 @@ struct Ear final : Inspector::Listener {
     }
 };
 
-// A frame of 27x27 lenslets, all light in the centre bin: nothing is bent, nothing is wrong.
+// A frame of 27x27 lenslets, all light in the centre bin: no deflection, no defect.
 class FlatFrames : public hal::Sensor {
   public:
     FlatFrames() : frame_(27 * 9, 27 * 9, 8) {
@@ -220,8 +220,7 @@ TEST(ThreadedInspector, can_be_started_again) {
     EXPECT_EQ(ear.answers[0].part, 9U);
 }
 
-// What feeds the watchdog: while one of two threads hangs in a frame, the call is not answered, however often it is
-// made.
+// The watchdog depends on it: while one of two threads hangs, no call is answered, even if repeated.
 TEST(ThreadedInspector, a_roll_call_is_answered_when_every_thread_has_taken_a_turn) {
     auto loop = SdEventLoop::open();
     ASSERT_TRUE(loop);

@@ -1,4 +1,4 @@
-// The station between devices and core, in virtual time, with devices that do what the test says.
+// The station between devices and core, in virtual time, with devices controlled by the test.
 #include "firmware/station/station.h"
 
 #include <gmock/gmock.h>

@@ -247,7 +247,7 @@ TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_wh
     ASSERT_TRUE(comes([&] { return !missed(); }));
     EXPECT_TRUE(passes_after(parts_seen()));
     EXPECT_EQ(two(115) & firmware::kFaultPlc, firmware::kFaultPlc);  // until a reset
-    for (const auto command : {firmware::CommandCode::halt, firmware::CommandCode::reset}) {
+    for (const auto command : {firmware::Command::halt, firmware::Command::reset}) {
         const auto reply = scada->command(command, 0, 0, std::chrono::seconds(60));
         ASSERT_TRUE(reply) << reply.error().message();
         EXPECT_EQ(reply->error, firmware::CommandError::none);
@@ -256,7 +256,7 @@ TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_wh
     // Who halted it brings it up again; what it has done by itself meanwhile is refused.
     EXPECT_TRUE(comes([&] {
         for (const auto command :
-             {firmware::CommandCode::initialise, firmware::CommandCode::arm, firmware::CommandCode::start_continuous}) {
+             {firmware::Command::initialise, firmware::Command::arm, firmware::Command::start_continuous}) {
             (void)scada->command(command, 0, 0, std::chrono::seconds(60));
         }
         return scada->read(102, 1).value_or(std::vector<std::uint16_t>{0})[0] ==
@@ -350,7 +350,7 @@ TEST_F(Service, remembers_the_recipe_that_was_committed_until_another_is_configu
         auto plc = client_at(port_of(service.so_far()));
         if (!plc) return -1;
         if (switch_to_seven) {
-            const auto reply = plc->command(firmware::CommandCode::use_recipe, 7, 0, std::chrono::seconds(20));
+            const auto reply = plc->command(firmware::Command::use_recipe, 7, 0, std::chrono::seconds(20));
             EXPECT_TRUE(reply && reply->error == firmware::CommandError::none) << service.so_far().err;
         }
         const auto number = plc->read(110, 1);

@@ -52,7 +52,7 @@ void Person::run(const std::string& station) {
         stood = executes_ ? 0 : stood + 1;
         if (stood < 10 || !may_reset_) continue;
         stood = 0;
-        if (const auto reply = client->command(CommandCode::reset, 0, 0, 10s, "rig");
+        if (const auto reply = client->command(Command::reset, 0, 0, 10s, "rig");
             reply && reply->state == CommandState::completed)
             ++resets_;
     }

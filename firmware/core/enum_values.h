@@ -1,0 +1,28 @@
+// Lists of an enumeration's values, taken from its name_of(), so that nobody writes them down a second time.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <string_view>
+
+namespace hord::firmware {
+
+// The values of E below 64 that name_of(E) knows (another name than "unknown"), ascending.
+template <class E>
+inline constexpr auto kValuesOf = [] {
+    constexpr int kEnd = 64;
+    constexpr auto named = [](int value) { return name_of(static_cast<E>(value)) != std::string_view("unknown"); };
+    constexpr std::size_t count = [=] {
+        std::size_t n = 0;
+        for (int value = 0; value < kEnd; ++value) n += named(value) ? 1U : 0U;
+        return n;
+    }();
+    std::array<E, count> values{};
+    std::size_t n = 0;
+    for (int value = 0; value < kEnd; ++value) {
+        if (named(value)) values[n++] = static_cast<E>(value);
+    }
+    return values;
+}();
+
+}  // namespace hord::firmware
