@@ -1,4 +1,4 @@
-// The public halves of the seam: preconditions, checked once for every backend.
+// The public functions of the device interfaces: preconditions, checked once for all backends.
 #include "drivers/hal/part_sensor.h"
 #include "drivers/hal/rejector.h"
 #include "drivers/hal/sensor.h"

@@ -7,28 +7,14 @@
 #pragma once
 
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "common/result.h"
 #include "drivers/hal/clock.h"
+#include "drivers/modbus/modbus_options.h"
 
 namespace hord::drivers {
-
-struct SerialSettings {
-    std::string device = "/dev/ttyS0";
-    int baud = 19200;
-    char parity = 'E';   // 'N' (two stop bits), 'E', 'O'
-    bool rs485 = false;  // the kernel switches the transmitter (TIOCSRS485)
-};
-
-struct ModuleAddress {
-    std::string host = "127.0.0.1";
-    int port = 502;
-    std::optional<SerialSettings> serial;  // instead of host and port
-    int unit = 255;
-};
 
 class CoilLink {
   public:

@@ -17,33 +17,12 @@
 #pragma once
 
 #include <memory>
-#include <string>
 
 #include "drivers/hal/event_loop.h"
-#include "drivers/hal/module_map.h"
 #include "drivers/hal/rejector.h"
-#include "drivers/modbus/coil_link.h"
+#include "drivers/modbus/modbus_options.h"
 
 namespace hord::drivers {
-
-struct ModbusRejectorOptions {
-    ModuleAddress address;          // unit: 1..247, or 255 for a TCP module that is addressed by its IP alone
-    hal::ModuleMap map;             // what is particular about the module
-    int ejector_coil = 0;           // 0..65535, as on the wire (a manual's coil 00001 is 0 here)
-    int permit_coil = 1;            // -1: none
-    bool energise_to_pass = false;  // the ejector acts while its coil is 0
-    // Not zero: the module times the pulse itself, by its pulse coil, and it is so long. A command acts when that fits
-    // into its window.
-    hal::Duration module_pulse{};
-    int confirm_input = -1;  // discrete input that becomes active when an ejected part arrives; -1: none
-    bool confirm_active_low = false;
-    hal::Duration confirm_within = std::chrono::milliseconds(80);  // after the window's end at the latest
-    hal::Duration watchdog{};  // the module drops its outputs after so long without the driver; zero: left as it is
-    hal::Duration response_timeout = std::chrono::milliseconds(30);  // 5 ms..1 s
-    hal::Duration reconnect_every = std::chrono::milliseconds(100);
-    hal::Duration check_every = std::chrono::milliseconds(100);  // outputs are read when nothing else is asked
-    hal::Duration confirm_every = std::chrono::milliseconds(2);  // the confirm sensor, while a part is awaited
-};
 
 class ModbusRejector final : public hal::Rejector {
   public:

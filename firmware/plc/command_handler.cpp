@@ -270,7 +270,7 @@ CommandOutcome CommandHandler::teach(const Who& who, const CommandRequest& reque
     listener.taken = [this, token = request.token](std::uint32_t taken) {
         works_->desk.finish(token, {CommandState::executing, CommandError::none, taken});
     };
-    listener.done = [this](Result<Taught> result) { taught(std::move(result)); };
+    listener.done = [this](Result<TeachResult> result) { taught(std::move(result)); };
     if (auto begun = works_->teacher->begin(parts, recipe_, std::move(listener)); !begun) {
         if (begun.error().code == ErrorCode::busy) return failed(CommandError::not_yet);
         report(begun.error());
@@ -280,7 +280,7 @@ CommandOutcome CommandHandler::teach(const Who& who, const CommandRequest& reque
     return {CommandState::executing, CommandError::none, 0};
 }
 
-void CommandHandler::taught(Result<Taught> result) {
+void CommandHandler::taught(Result<TeachResult> result) {
     if (!result) {
         report(result.error());
         return end_teach(failed(CommandError::failed));

@@ -70,7 +70,7 @@ class CommandHandler final : public PlcHandler {
     [[nodiscard]] CommandOutcome self_test(const Who& who, const CommandRequest& request);
     [[nodiscard]] CommandOutcome used(const Result<void>& done);
     [[nodiscard]] CommandOutcome teach(const Who& who, const CommandRequest& request);
-    void taught(Result<Taught> result);
+    void taught(Result<TeachResult> result);
     void end_teach(const CommandOutcome& outcome);
     bool cancel_teach(const std::string& why);
     Result<void> take(const Who& who, NumberedRecipe recipe);

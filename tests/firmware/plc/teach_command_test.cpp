@@ -22,7 +22,7 @@ class RecordingTeachIn final : public TeachIn {
 
     // What learning comes to: the recipe, told apart by its name as a reference would tell it apart by its content.
     NumberedRecipe comes_to(std::string remarks = {}, int rim_margin = -1) {
-        Taught taught{recipe_, std::move(remarks)};
+        TeachResult taught{recipe_, std::move(remarks)};
         taught.recipe.recipe.name = "taught";
         taught.recipe.recipe.rim_margin = rim_margin;
         const NumberedRecipe recipe = taught.recipe;
