@@ -58,6 +58,8 @@ struct ModuleMap {
 //   confirm_timeout   (CoreConfig) from the end of the pulse until the driver reports success or failure; then the
 //                     station counts the rejection as failed. Longer than the other two together.
 // A failed rejection stops the line.
+//
+// start() checks the ranges again: hordctl latency opens the driver without a configuration.
 struct ModbusRejectorOptions {
     ModuleAddress address;
     ModuleMap map;

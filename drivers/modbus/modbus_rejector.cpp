@@ -281,7 +281,7 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
                                    {module.watchdog_due(), options.watchdog / 3, &Session::trigger_watchdog}}};
         const Task& first = *std::ranges::min_element(tasks, {}, &Task::due);
         if (first.due > at) return first.due;
-        const bool enough_time = urgent == TimePoint::max() || urgent - at > 2 * module.link().usual();
+        const bool enough_time = urgent == TimePoint::max() || urgent - at > 2 * module.link().typical_response();
         if (!enough_time && at - first.due < first.patience) return urgent;
         (this->*first.act)();
         return now();

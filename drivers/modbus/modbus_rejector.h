@@ -1,19 +1,17 @@
-// A rejector behind the outputs of a Modbus module (TCP, or RTU on a serial line), by libmodbus.
+// A rejector on the outputs of a Modbus module (TCP, or RTU on a serial line), by libmodbus.
 //
-// The driver's own thread writes; reports come on the loop's thread. A coil is written, then read back: that proves the
-// module's register, not the valve. Where a confirm sensor sees the ejected part arrive, a command is confirmed by that
-// alone. No command is ever written twice: after a lost answer it may or may not have acted, and its report says failed
-// unless the coil reads back as written. Over TCP the connection is then closed and made anew, because a late answer
-// would be taken for that to every later request; the first thing written on a new connection is the safe state, so
-// that a command whose answer was lost does not hold the ejector. A serial line is listened to until it is silent, and
-// goes on.
+// The driver's own thread writes; reports come on the loop's thread. A coil is written and then read back: this proves
+// the module's register, not the valve. With a confirm sensor, only the arrival of the ejected part confirms a command.
 //
-// On lost communication a module drops its outputs to 0, if it has a watchdog: the driver sets it (watchdog) and keeps
-// it alive. Wire the ejector energise-to-pass where a bad part must not pass then, and the run permit so that 0 stops
-// the line.
+// No command is ever written twice. After a lost answer it may or may not have acted; it is reported as failed unless
+// the coil reads back as written. Over TCP the connection is then opened again, and the first write on a new connection
+// is the safe state, which ends a pulse whose answer was lost. A serial line is used again when it is silent
+// (coil_link.h).
 //
-// Commands go before everything that can wait: reading back at rest, the watchdog and the confirm sensor are asked in
-// the gaps.
+// A module with a watchdog sets its outputs to 0 when it loses the link; the driver sets and triggers the watchdog.
+// Wire the ejector energise-to-pass if a bad part must not pass then, and the run permit so that 0 stops the line.
+//
+// Commands have priority: checks, the watchdog and the confirm sensor are served between them.
 #pragma once
 
 #include <memory>
@@ -26,7 +24,7 @@ namespace hord::drivers {
 
 class ModbusRejector final : public hal::Rejector {
   public:
-    // `loop` runs in real time, and outlives the driver. Opens nothing: start() does.
+    // `loop` runs in real time and outlives the driver. start() opens the link.
     ModbusRejector(hal::EventLoop& loop, ModbusRejectorOptions options);
     ~ModbusRejector() override;
 

@@ -72,20 +72,14 @@ class ChosenBackends final : public Backends {
                                                   const SimulationOptions& simulation) {
         auto made = std::unique_ptr<ChosenBackends>(new ChosenBackends(loop));
         if (auto done = made->open_lights(loop, config); !done) return tl::unexpected(done.error());
-        if (auto done = made->open_sensor(loop, config, simulation); !done) return tl::unexpected(done.error());
+        if (auto done = made->open_camera(loop, config, simulation); !done) return tl::unexpected(done.error());
         if (auto done = made->open_rejector(loop, config, simulation); !done) return tl::unexpected(done.error());
         return made;
     }
 
-    hal::PartSensor& part_sensor() override {
-        return gpio_part_sensor_ ? static_cast<hal::PartSensor&>(*gpio_part_sensor_) : cell_->part_sensor();
-    }
-    hal::Strobe& strobe() override { return gpio_strobe_ ? static_cast<hal::Strobe&>(*gpio_strobe_) : cell_->strobe(); }
-    hal::Sensor& sensor() override {
-        if (camera_) return *camera_;
-        if (video_) return *video_;
-        return recorded_ ? static_cast<hal::Sensor&>(*recorded_) : cell_->sensor();
-    }
+    hal::PartSensor& part_sensor() override { return part_sensor_ ? *part_sensor_ : cell_->part_sensor(); }
+    hal::Strobe& strobe() override { return strobe_ ? *strobe_ : cell_->strobe(); }
+    hal::Sensor& sensor() override { return sensor_ ? *sensor_ : cell_->sensor(); }
     Result<std::string> describe_module() override {
         if (!modbus_) return fail(ErrorCode::unsupported, "the rejector is simulated", "nothing to do");
         return firmware::describe_module(loop_, modbus_options_);
@@ -120,37 +114,25 @@ class ChosenBackends final : public Backends {
 
     // Before the other devices: the lights are off from now on.
     Result<void> open_lights(hal::EventLoop& loop, const Config& config) {
-        if (!config.strobe.gpio.empty()) {
-            auto strobe = drivers::GpioStrobe::open(loop, config.strobe.gpio);
-            if (!strobe) return tl::unexpected(strobe.error());
-            gpio_strobe_ = std::move(*strobe);
-        }
-        if (const auto* line = std::get_if<drivers::GpioPartSensorOptions>(&config.part_sensor)) {
-            auto part_sensor = drivers::GpioPartSensor::open(loop, *line);
-            if (!part_sensor) return tl::unexpected(part_sensor.error());
-            gpio_part_sensor_ = std::move(*part_sensor);
-        }
+        auto strobe = open_strobe(loop, config);
+        if (!strobe) return tl::unexpected(strobe.error());
+        strobe_ = std::move(*strobe);
+        auto part_sensor = open_part_sensor(loop, config);
+        if (!part_sensor) return tl::unexpected(part_sensor.error());
+        part_sensor_ = std::move(*part_sensor);
         return {};
     }
 
     // The sensor, and the simulated cell if any device is simulated.
-    Result<void> open_sensor(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
+    Result<void> open_camera(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
         sim::CellOptions options = cell_options(config, simulation);
         sim::FrameSource* source = &tokens_;
-        if (const auto* folder = std::get_if<FrameFolder>(&config.sensor)) {
-            auto recorded = drivers::RecordedFrames::open(loop, {folder->folder});
-            if (!recorded) return tl::unexpected(recorded.error());
-            recorded_ = std::move(*recorded);
-            options.schedule.parts = recorded_->count();
-        } else if (const auto* video = std::get_if<drivers::V4l2SensorOptions>(&config.sensor)) {
-            auto opened = drivers::V4l2Sensor::open(loop, *video);
-            if (!opened) return tl::unexpected(opened.error());
-            video_ = std::move(*opened);
-        } else if (const auto* camera = std::get_if<drivers::LibcameraSensorOptions>(&config.sensor)) {
-            auto opened = drivers::LibcameraSensor::open(loop, *camera);
-            if (!opened) return tl::unexpected(opened.error());
-            camera_ = std::move(*opened);
-        } else {
+        auto sensor = open_sensor(loop, config);
+        if (!sensor) return tl::unexpected(sensor.error());
+        sensor_ = std::move(*sensor);
+        if (const auto* recorded = dynamic_cast<const drivers::RecordedFrames*>(sensor_.get()))
+            options.schedule.parts = recorded->count();
+        if (!sensor_) {
             sim::ProductionOptions production;
             production.clean = clean_part(config);
             production.seed = simulation.seed;
@@ -211,17 +193,36 @@ class ChosenBackends final : public Backends {
     sim::TokenFrames tokens_{{27, 27, 8}};
     std::unique_ptr<sim::RenderedFrames> rendered_;
     std::unique_ptr<sim::SimulatedCell> cell_;
-    std::unique_ptr<drivers::RecordedFrames> recorded_;
-    std::unique_ptr<drivers::V4l2Sensor> video_;
-    std::unique_ptr<drivers::LibcameraSensor> camera_;
-    std::unique_ptr<drivers::GpioPartSensor> gpio_part_sensor_;
+    std::unique_ptr<hal::Sensor> sensor_;
+    std::unique_ptr<hal::PartSensor> part_sensor_;
     std::unique_ptr<sim::CoilModule> module_;
     std::unique_ptr<drivers::ModbusRejector> modbus_;
-    std::unique_ptr<drivers::GpioStrobe> gpio_strobe_;
+    std::unique_ptr<hal::Strobe> strobe_;
     bool line_started_ = false;
 };
 
 }  // namespace
+
+Result<std::unique_ptr<hal::Strobe>> open_strobe(hal::EventLoop& loop, const Config& config) {
+    if (config.strobe.gpio.empty()) return nullptr;
+    return drivers::GpioStrobe::open(loop, config.strobe.gpio);
+}
+
+Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, const Config& config) {
+    const auto* line = std::get_if<drivers::GpioPartSensorOptions>(&config.part_sensor);
+    if (line == nullptr) return nullptr;
+    return drivers::GpioPartSensor::open(loop, *line);
+}
+
+Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config) {
+    if (const auto* recorded = std::get_if<FrameFolder>(&config.sensor))
+        return drivers::RecordedFrames::open(loop, {recorded->folder});
+    if (const auto* video = std::get_if<drivers::V4l2SensorOptions>(&config.sensor))
+        return drivers::V4l2Sensor::open(loop, *video);
+    if (const auto* camera = std::get_if<drivers::LibcameraSensorOptions>(&config.sensor))
+        return drivers::LibcameraSensor::open(loop, *camera);
+    return nullptr;
+}
 
 Result<std::unique_ptr<Backends>> Backends::open(hal::EventLoop& loop, const Config& config,
                                                  const SimulationOptions& options) {

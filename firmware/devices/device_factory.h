@@ -31,6 +31,11 @@ struct SimulationOptions {
     std::function<void(double)> progress;  // of rendering the parts, 0..1
 };
 
+// Each opens the configured real device. Returns null if it is simulated; fails as the driver's open() does.
+Result<std::unique_ptr<hal::Strobe>> open_strobe(hal::EventLoop& loop, const Config& config);
+Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, const Config& config);
+Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config);
+
 class Backends {
   public:
     // Fails as the devices' open() and the rendering do. `loop` must outlive the devices.

@@ -4,13 +4,9 @@
 
 #include <fmt/format.h>
 
-#include "drivers/files/recorded_frames.h"
-#include "drivers/gpio/gpio_part_sensor.h"
-#include "drivers/gpio/gpio_strobe.h"
+#include "drivers/gpio/gpio_lines.h"
 #include "drivers/libcamera/camera_process.h"
-#include "drivers/libcamera/libcamera_sensor.h"
 #include "drivers/modbus/modbus_rejector.h"
-#include "drivers/v4l2/v4l2_sensor.h"
 #include "firmware/devices/active_calibration.h"
 #include "firmware/devices/module_description.h"
 #include "firmware/recipes/recipe_file.h"
@@ -39,35 +35,35 @@ void store(DeviceUnderTest<Device>& under_test, std::unique_ptr<Device>& keep, O
     under_test.device = keep.get();
 }
 
-void open_lines(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
+void probe_lines(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
     if (!config.strobe.gpio.empty()) {
         for (const drivers::GpioStrobeChannel& channel : config.strobe.gpio)
             cell.strobe.name += (cell.strobe.name.empty() ? "" : ", ") + name_of(channel.line);
         cell.strobe.name += " (libgpiod " + drivers::gpiod_version() + ")";
-        store(cell.strobe, devices.strobe, drivers::GpioStrobe::open(loop, config.strobe.gpio));
+        store(cell.strobe, devices.strobe, open_strobe(loop, config));
     }
     if (const auto* line = std::get_if<drivers::GpioPartSensorOptions>(&config.part_sensor)) {
         cell.part_sensor.name = name_of(line->line) + (line->encoder ? ", encoder " + name_of(*line->encoder) : "");
         cell.encoder = line->encoder.has_value();
-        store(cell.part_sensor, devices.part_sensor, drivers::GpioPartSensor::open(loop, *line));
+        store(cell.part_sensor, devices.part_sensor, open_part_sensor(loop, config));
     }
 }
 
-void open_sensor(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
+void probe_sensor(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
     if (const auto* video = std::get_if<drivers::V4l2SensorOptions>(&config.sensor)) {
         cell.sensor.name = video->device;
-        store(cell.sensor, devices.sensor, drivers::V4l2Sensor::open(loop, *video));
     } else if (const auto* camera = std::get_if<drivers::LibcameraSensorOptions>(&config.sensor)) {
         cell.sensor.name = (camera->camera.empty() ? "the only camera" : camera->camera) + " (libcamera " +
             drivers::libcamera_version() + ")";
-        store(cell.sensor, devices.sensor, drivers::LibcameraSensor::open(loop, *camera));
-    } else if (const auto* folder = std::get_if<FrameFolder>(&config.sensor)) {
-        cell.sensor.name = "recorded frames in " + folder->folder.string();
-        store(cell.sensor, devices.sensor, drivers::RecordedFrames::open(loop, {folder->folder}));
+    } else if (const auto* recorded = std::get_if<FrameFolder>(&config.sensor)) {
+        cell.sensor.name = "recorded frames in " + recorded->folder.string();
+    } else {
+        return;
     }
+    store(cell.sensor, devices.sensor, open_sensor(loop, config));
 }
 
-void open_rejector(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
+void probe_rejector(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
     const auto* options = std::get_if<drivers::ModbusRejectorOptions>(&config.rejector);
     if (options == nullptr) return;
     const drivers::ModuleAddress& at = options->address;
@@ -115,9 +111,9 @@ Result<EachDevice> open_each_device(hal::EventLoop& loop, const Config& config, 
         if (auto opened = open_simulated(loop, config, *devices, each.cell); !opened)
             return tl::unexpected(opened.error());
     } else {
-        open_lines(loop, config, *devices, each.cell);
-        open_sensor(loop, config, *devices, each.cell);
-        open_rejector(loop, config, *devices, each.cell);
+        probe_lines(loop, config, *devices, each.cell);
+        probe_sensor(loop, config, *devices, each.cell);
+        probe_rejector(loop, config, *devices, each.cell);
         if (!config.inspection.grid.empty() && each.cell.sensor.device && *each.cell.sensor.device != nullptr) {
             auto grid = use_calibration(config.inspection.grid, {}, (*each.cell.sensor.device)->format(),
                                         config.inspection.bins_i, config.inspection.bins_j);

@@ -26,6 +26,7 @@
 #include "drivers/gpio/gpio_part_sensor.h"
 #include "drivers/gpio/gpio_strobe.h"
 #include "drivers/modbus/modbus_rejector.h"
+#include "firmware/config/config.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/service/realtime.h"
 #include "hal_sim/coil_module/coil_module.h"
