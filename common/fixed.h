@@ -1,7 +1,7 @@
 // Fixed-point numbers: Q<I, F> has I integer bits, F fraction bits and a sign; value = raw / 2^F, |value| < 2^I.
 //
-// Rounding and saturation happen only in functions that say so in their name. Everything else is exact, and where a
-// result could leave its range the caller has argued that it does not; a build with HORD_CHECKED traps if it does.
+// Only functions with `rounded` or `floored` in their name round. All others are exact: the caller ensures that the
+// result is in range, and a build with HORD_CHECKED traps if it is not.
 #pragma once
 
 #include <cmath>
@@ -10,7 +10,7 @@
 
 namespace hord {
 
-// Called where arithmetic has been argued not to overflow: the checked build stops the program if it did.
+// Marks arithmetic that cannot overflow, for a stated reason. The checked build traps if it does.
 constexpr void expect_no_overflow([[maybe_unused]] bool fits) {
 #ifdef HORD_CHECKED
     if (!fits) __builtin_trap();
@@ -61,7 +61,7 @@ class Q {
     }
     [[nodiscard]] constexpr float to_float_rounded() const { return static_cast<float>(to_double_rounded()); }
 
-    // The same bits with the point moved: exactly half.
+    // Exactly half: the same bits with the binary point moved.
     [[nodiscard]] constexpr Q<I - 1, F + 1> halved() const { return Q<I - 1, F + 1>::from_raw(raw_); }
 
     friend constexpr Q operator+(Q a, Q b) { return from_raw(std::int64_t{a.raw_} + b.raw_); }

@@ -1,4 +1,4 @@
-// A frame as the sensor delivers it: unsigned grey samples, 8 to 16 bits, row by row.
+// A sensor's frame: unsigned grey samples of 8 to 16 bits, row by row.
 #pragma once
 
 #include <cstddef>

@@ -14,13 +14,13 @@ namespace hord::common {
 namespace {
 
 constexpr png_uint_32 kLargestSide = 65'536;
-// Deflate says no more than 258 bytes with 2 bits.
+// Deflate encodes at most 258 bytes in 2 bits.
 constexpr std::uint64_t kMaxUnpacked = 258 * 8 / 2;
 constexpr int kMaxTexts = 16;
 constexpr png_alloc_size_t kLongestText = 8'000'000;
 
-// What libpng is given and gives back. It leaves by longjmp, past any destructor: so everything that it works on lives
-// here, outside of the functions that call it.
+// The state of a libpng call. libpng reports errors by longjmp, which skips destructors: so everything that has one is
+// here, outside the functions that call libpng.
 struct Job {
     std::string why;
     std::vector<png_bytep> rows;
@@ -83,13 +83,13 @@ void on_read(png_structp png, png_bytep bytes, std::size_t count) {
     job.read.length += count;
 }
 
-// What of a picture libpng is told.
+// The image header for libpng.
 struct Layout {
     int width_px = 0;
     int height_px = 0;
     int depth = 8;
     bool colour = false;
-    int significant_bits = 0;  // 0: not said
+    int significant_bits = 0;  // 0: no sBIT
 };
 
 void write_all(const Writer& to, Job& job, const Layout& layout, const PngPacking& packing, png_textp note) {
@@ -133,7 +133,7 @@ void read_all(const Reader& from, Job& job, const std::string& keyword) {
         png_set_keep_unknown_chunks(from.png, PNG_HANDLE_CHUNK_AS_DEFAULT, wanted, 2);
         png_set_chunk_cache_max(from.png, kMaxTexts);
         png_set_chunk_malloc_max(from.png, kLongestText);
-        png_set_benign_errors(from.png, 0);  // a longer chunk is refused; else libpng would warn, and take that memory
+        png_set_benign_errors(from.png, 0);  // refuses a longer chunk; else libpng would warn and allocate the memory
     }
     png_read_info(from.png, from.info);
     const int depth = png_get_bit_depth(from.png, from.info);

@@ -1,4 +1,4 @@
-// What a fallible call returns. A library returns an Error; the firmware logs it once, with its cure.
+// The result of a call that can fail. A library returns an Error; the firmware logs it once, with its cure.
 #pragma once
 
 #include <cstdint>
@@ -9,19 +9,19 @@
 namespace hord {
 
 enum class ErrorCode : std::uint8_t {
-    invalid_argument,  // the caller or the configuration asks for something impossible
+    invalid_argument,  // the caller or the configuration requests something impossible
     not_found,         // the named file, device, key or address does not exist
     unreadable,        // it exists and cannot be read or decoded
-    unsupported,       // it is understood and this build or device cannot do it
-    busy,              // somebody else holds it, or it is doing something else
-    timeout,           // no answer in time; it may or may not have happened
+    unsupported,       // this build or device cannot do it
+    busy,              // in use, or doing something else
+    timeout,           // no answer in time; the action may or may not have happened
     disconnected,      // the device or the link is gone
     refused,           // the other side said no
     io,                // the operating system reported an error
     internal,          // a bug
 };
 
-// `what` names the thing that failed; `cure` is what a person should do about it.
+// `what` says what failed; `cure` says what a person should do about it.
 struct Error {
     ErrorCode code = ErrorCode::internal;
     std::string what;

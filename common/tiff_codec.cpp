@@ -16,16 +16,17 @@ namespace hord::common {
 namespace {
 
 constexpr std::uint32_t kLargestSide = 65'536;
-// LZW packs best: at most 4096 bytes, all that its table can chain, in a code of 12 bits. Deflate 1032, PackBits 64.
+// Highest compression ratio: LZW, at most 4096 bytes (its table's longest chain) in a code of 12 bits. Deflate has
+// 1032, PackBits 64.
 constexpr std::uint64_t kMaxUnpacked = 4096 * 8 / 12;
-// What libtiff may take at once beside the file's own size: its tables.
+// The largest allocation of libtiff beside the file's size: its tables.
 constexpr tmsize_t kTables = 16 << 20;
 // A file whose tags and parts do not overlap is read once, its directory a few times. libtiff keeps every tag's values,
 // known or not.
 constexpr std::uint64_t kMaxReadings = 2;
 constexpr std::uint64_t kDirectoryReadings = 1 << 20;
 
-// A file in memory, as libtiff wants it, and the first error that libtiff tells.
+// A file in memory for libtiff, and libtiff's first error.
 struct MemoryFile {
     std::span<const std::uint8_t> to_read{};
     std::vector<std::uint8_t> written{};
@@ -98,14 +99,13 @@ Tiff open(MemoryFile& file) {
 }
 
 template <class T>
-T tag(const Tiff& tiff, std::uint32_t which) {  // 0: absent, and without a default
+T tag(const Tiff& tiff, std::uint32_t which) {  // 0: absent without a default
     T value = 0;
     TIFFGetFieldDefaulted(tiff.get(), which, &value);
     return value;
 }
 
-// Where the samples of a file go in the frame, counted in samples: sample (x, y) to origin + x * per_column + y *
-// per_row.
+// Where a file's samples go in the frame, in samples: (x, y) goes to origin + x * per_column + y * per_row.
 struct Orientation {
     bool transposed = false;
     std::ptrdiff_t origin = 0, per_column = 1, per_row = 0;
@@ -124,10 +124,10 @@ Orientation orientation(std::uint16_t named, std::ptrdiff_t width, std::ptrdiff_
     }
 }
 
-// One strip or tile: where its first sample is in the image, and how many there are.
+// One strip or tile: the position of its first sample in the image, and its size.
 struct Part {
     std::uint32_t number = 0, x = 0, y = 0;
-    std::uint32_t width = 0, height = 0;  // as it is stored
+    std::uint32_t width = 0, height = 0;  // as stored
 };
 
 class GreyReader {
@@ -140,7 +140,7 @@ class GreyReader {
           part_height_(tiled_ ? tag<std::uint32_t>(tiff, TIFFTAG_TILELENGTH)
                               : std::min(tag<std::uint32_t>(tiff, TIFFTAG_ROWSPERSTRIP), height_)) {}
 
-    // Empty when it can be read, else what it is.
+    // Empty if the image can be read, else the reason.
     [[nodiscard]] std::string unsupported() const {
         if (const auto samples = tag<std::uint16_t>(tiff_, TIFFTAG_SAMPLESPERPIXEL); samples != 1)
             return std::to_string(samples) + " samples a pixel";
@@ -158,7 +158,7 @@ class GreyReader {
         return {};
     }
 
-    // Empty when its samples may be unpacked, else what is wrong.
+    // Empty if the samples can be decompressed, else the reason.
     [[nodiscard]] std::string damaged() const {
         for (const std::uint32_t side : {width_, height_, part_width_, part_height_}) {
             if (side == 0 || side > kLargestSide) return "it has no size that an image can have";
@@ -171,7 +171,7 @@ class GreyReader {
         return {};
     }
 
-    // False: libtiff says why, or it had fewer samples.
+    // False: libtiff failed (its error says why), or there are too few samples.
     bool read(Frame& frame) const {
         const Orientation to = orientation(tag<std::uint16_t>(tiff_, TIFFTAG_ORIENTATION), width_, height_);
         frame = Frame(static_cast<int>(to.transposed ? height_ : width_),

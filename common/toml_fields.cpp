@@ -36,17 +36,17 @@ tl::unexpected<Error> TomlProblems::as_error() const {
 }
 
 struct TomlTable::Node {
-    // The parsed file lives as long as any table taken from it.
+    // Shared by all tables of the file.
     std::shared_ptr<const toml::table> file;
     const toml::table* table = nullptr;
     std::string name;  // of the file
     std::string path;  // of this table inside it, "" for the root, else "light."
     TomlProblems* problems = nullptr;
-    std::set<std::string, std::less<>> asked;
-    std::deque<std::shared_ptr<Node>> taken;
+    std::set<std::string, std::less<>> read_keys;
+    std::deque<std::shared_ptr<Node>> sub_tables;
 
     const toml::node* find(std::string_view key) {
-        asked.emplace(key);
+        read_keys.emplace(key);
         return table->get(key);
     }
     void report(const toml::node& at, std::string_view key, std::string_view what) const {
@@ -54,9 +54,9 @@ struct TomlTable::Node {
         problems->add(line > 0 ? fmt::format("{}:{}: {}{}: {}", name, line, path, key, what)
                                : fmt::format("{}: {}{}: {}", name, path, key, what));
     }
-    std::shared_ptr<Node> take(const toml::table& sub, std::string sub_path) {
+    std::shared_ptr<Node> add_sub_table(const toml::table& sub, std::string sub_path) {
         auto node = std::make_shared<Node>(Node{file, &sub, name, std::move(sub_path), problems, {}, {}});
-        taken.push_back(node);
+        sub_tables.push_back(node);
         return node;
     }
 };
@@ -194,7 +194,7 @@ TomlTable TomlTable::table(std::string_view key) {
     const toml::table* sub = node != nullptr ? node->as_table() : nullptr;
     if (node != nullptr && sub == nullptr)
         node_->report(*node, key, fmt::format("is not a table: write [{}{}]", node_->path, key));
-    return TomlTable(node_->take(sub != nullptr ? *sub : empty, fmt::format("{}{}.", node_->path, key)));
+    return TomlTable(node_->add_sub_table(sub != nullptr ? *sub : empty, fmt::format("{}{}.", node_->path, key)));
 }
 
 std::vector<TomlTable> TomlTable::tables(std::string_view key) {
@@ -208,7 +208,8 @@ std::vector<TomlTable> TomlTable::tables(std::string_view key) {
         return all;
     }
     for (std::size_t k = 0; k < array->size(); ++k) {
-        all.push_back(TomlTable(node_->take(*(*array)[k].as_table(), fmt::format("{}{}[{}].", node_->path, key, k))));
+        all.push_back(
+            TomlTable(node_->add_sub_table(*(*array)[k].as_table(), fmt::format("{}{}[{}].", node_->path, key, k))));
     }
     return all;
 }
@@ -224,17 +225,17 @@ void TomlTable::problem(std::string_view key, std::string_view what, std::string
 void TomlTable::refuse_unknown_keys() {
     for (const auto& [key, value] : *node_->table) {
         const std::string_view unknown = key.str();
-        if (node_->asked.contains(unknown)) continue;
+        if (node_->read_keys.contains(unknown)) continue;
         const auto nearest =
-            std::min_element(node_->asked.begin(), node_->asked.end(),
+            std::min_element(node_->read_keys.begin(), node_->read_keys.end(),
                              [&](const auto& a, const auto& b) { return edits(a, unknown) < edits(b, unknown); });
-        const bool near =
-            nearest != node_->asked.end() && edits(*nearest, unknown) <= std::max<std::size_t>(2, unknown.size() / 3);
+        const bool near = nearest != node_->read_keys.end() &&
+            edits(*nearest, unknown) <= std::max<std::size_t>(2, unknown.size() / 3);
         node_->report(value, unknown,
                       near ? fmt::format("is not a known key: did you mean {}?", *nearest)
                            : std::string("is not a known key: remove it"));
     }
-    for (const auto& sub : node_->taken) TomlTable(sub).refuse_unknown_keys();
+    for (const auto& sub : node_->sub_tables) TomlTable(sub).refuse_unknown_keys();
 }
 
 }  // namespace hord::common

@@ -1,5 +1,5 @@
-// Reads a TOML file into defaulted structs, strictly: unknown keys, wrong types and values out of range are
-// problems, and all of them are reported at once, each with file, line and cure.
+// Reads a TOML file into structs with defaults, strictly: unknown keys, wrong types and values out of range are
+// problems. All problems are reported at once, each with file, line and cure.
 //
 //     TomlProblems problems;
 //     auto root = TomlTable::parse_file(file, problems);        // a syntax error is a problem, too
@@ -37,13 +37,13 @@ class TomlProblems {
 
 class TomlTable {
   public:
-    // An unreadable file or a syntax error adds a problem and gives an empty table. `problems` must outlive the table.
+    // An unreadable file or a syntax error adds a problem and returns an empty table. `problems` must outlive the
+    // table.
     static TomlTable parse_file(const std::filesystem::path& file, TomlProblems& problems);
     static TomlTable parse_text(std::string_view text, std::string_view name, TomlProblems& problems);
 
-    // Each reads one key. An absent key leaves `value` as it is; a present one of the wrong type, or outside
-    // [low, high], adds a problem and leaves `value` as it is. An integer is a good number; a number is not a good
-    // integer.
+    // Each reads one key. An absent key does not change `value`; a wrong type or a value outside [low, high] adds a
+    // problem and does not change it either. An integer is accepted as a number, but not the reverse.
     void number(std::string_view key, double& value, double low, double high);
     void number(std::string_view key, float& value, double low, double high);
     template <class Int>
@@ -54,13 +54,12 @@ class TomlTable {
     void boolean(std::string_view key, bool& value);
     void text(std::string_view key, std::string& value);
     void numbers(std::string_view key, std::vector<double>& values, std::size_t min_count, std::size_t max_count);
-
     void texts(std::string_view key, std::vector<std::string>& values);
 
     // One of the given names, as an index into them.
     [[nodiscard]] std::optional<std::size_t> choice(std::string_view key, std::span<const std::string_view> names);
 
-    // A sub-table; absent: an empty one. An array of tables; absent: none.
+    // A sub-table, empty if absent. An array of tables, empty if absent.
     [[nodiscard]] TomlTable table(std::string_view key);
     [[nodiscard]] std::vector<TomlTable> tables(std::string_view key);
     [[nodiscard]] bool has(std::string_view key) const;
@@ -68,7 +67,8 @@ class TomlTable {
     // Adds a problem at the line of `key` (of the table, where the key is absent): for checks across keys.
     void problem(std::string_view key, std::string_view what, std::string_view cure);
 
-    // Adds a problem for every key nobody asked for, with the nearest known one, in this table and those taken from it.
+    // Adds a problem, with the most similar known key, for every key of this table and its sub-tables that was not
+    // read.
     void refuse_unknown_keys();
 
   private:

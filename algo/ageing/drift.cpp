@@ -231,9 +231,7 @@ void DriftEstimator::fit(Drift drift, bool from_outermost) {
             if (trust_[k] > 0 && (!from_outermost || samples_[k].outermost)) residuals_.push_back(residual(drift, k));
         }
         if (residuals_.empty()) return;
-        const auto middle = residuals_.begin() + static_cast<std::ptrdiff_t>(residuals_.size() / 2);
-        std::nth_element(residuals_.begin(), middle, residuals_.end());
-        scale = std::max(*middle / 1.1774, 1e-3);
+        scale = std::max(common::upper_median(std::span(residuals_)) / 1.1774, 1e-3);
     };
     if (from_outermost) measure_scale();  // about their median
     for (int round = 0; round < kRounds; ++round) {

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <vector>
 
+#include "common/statistics.h"
+
 namespace hord::algo {
 
 // `most` places at most among 0..count-1, evenly.
@@ -14,10 +16,9 @@ inline std::vector<int> spread(int count, int most) {
     return out;
 }
 
-// The upper median of `count` > 0 values, which are put into another order.
+// The upper median of `count` > 0 values, which are reordered.
 inline float median(float* values, int count) {
-    std::nth_element(values, values + count / 2, values + count);
-    return values[count / 2];
+    return common::upper_median(std::span(values, static_cast<std::size_t>(count)));
 }
 
 }  // namespace hord::algo

@@ -1,8 +1,7 @@
 #include "algo/features/transmission.h"
 
-#include <algorithm>
-
 #include "algo/frame/mask.h"
+#include "common/statistics.h"
 
 namespace hord::algo {
 
@@ -13,9 +12,7 @@ std::uint32_t typical_light(std::span<const std::uint32_t> sums, std::span<const
         if ((mask[k] & (kNoHord | kNotJudged)) == 0) scratch[count++] = sums[k];
     }
     if (count == 0) return 0;
-    const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>((count - 1) / 2);
-    std::nth_element(scratch.begin(), middle, scratch.begin() + static_cast<std::ptrdiff_t>(count));
-    return *middle;
+    return common::lower_median(scratch.first(count));
 }
 
 void transmissions(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, std::uint32_t typical,

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "algo/frame/mask.h"
+#include "common/statistics.h"
 
 namespace hord::algo {
 namespace {
@@ -23,12 +24,6 @@ constexpr std::int64_t kFreeTolerance =
     static_cast<std::int64_t>(kFreeToleranceBins * (1 << DeflectionQ::kFractionBits));
 
 bool close(DeflectionQ a, DeflectionQ b) { return std::abs(std::int64_t{a.raw()} - b.raw()) <= kFreeTolerance; }
-
-std::int64_t median(std::span<std::int64_t> values) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>((values.size() - 1) / 2);
-    std::nth_element(values.begin(), middle, values.end());
-    return *middle;
-}
 
 }  // namespace
 
@@ -67,7 +62,7 @@ bool RimFinder::find_free_light(std::span<const Deflection> deflections, std::sp
         for (const std::uint32_t k : ring_) {
             if ((mask[k] & kDark) == 0) ring_values_[count++] = value_of(k);
         }
-        return 2 * count < ring_.size() ? -1 : median(std::span(ring_values_).first(count));
+        return 2 * count < ring_.size() ? -1 : common::lower_median(std::span(ring_values_).first(count));
     };
     const std::int64_t sum = median_of_ring([&](std::uint32_t k) { return std::int64_t{sums[k]}; });
     if (sum < 0) return false;

@@ -8,6 +8,7 @@
 #include "algo/frame/mask.h"
 #include "algo/maps/feature_map.h"
 #include "algo/reference/reference_comparison.h"
+#include "common/statistics.h"
 
 namespace hord::algo {
 namespace {
@@ -39,12 +40,7 @@ struct Part {
     [[nodiscard]] ReferenceMaps maps() const { return {light, x, y, mask}; }
 };
 
-double median(std::vector<double> values) {
-    if (values.empty()) return 0;
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::ranges::nth_element(values, middle);
-    return *middle;
-}
+double median_or_0(std::vector<double> values) { return values.empty() ? 0 : common::upper_median(std::span(values)); }
 
 // What share of the sum of `parts` squared normal numbers the largest may have (Grubbs; about one in a thousand
 // lenslets has more).
@@ -198,7 +194,7 @@ void Learner::centre_poses() {
     for (const auto& pose : poses_) {
         if (pose) x.push_back(pose->x), y.push_back(pose->y), turn.push_back(pose->turn_rad());
     }
-    const double mx = median(x), my = median(y), mt = median(turn);
+    const double mx = median_or_0(x), my = median_or_0(y), mt = median_or_0(turn);
     for (auto& pose : poses_) {
         if (!pose) continue;
         const double t = pose->turn_rad() - mt, s = std::sin(t), c = std::cos(t);
@@ -341,7 +337,7 @@ Result<void> Learner::learn_mean_hords(bool register_again) {
     }
     if (auto fine = enough(); !fine) return fine;
     release(part.shares);
-    finish_mean_hords(static_cast<double>(lights.size()), median(lights));
+    finish_mean_hords(static_cast<double>(lights.size()), median_or_0(lights));
     release(reference_hords_);
     return {};
 }
@@ -421,8 +417,8 @@ void Learner::finish_spread(double parts) {
                         tails.push_back(static_cast<double>(tail[k]));
                     }
                 }
-                spread[static_cast<std::size_t>(n * extents_.m + m)] =
-                    std::max(kMinSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median(tails)) : 0));
+                spread[static_cast<std::size_t>(n * extents_.m + m)] = std::max(
+                    kMinSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median_or_0(tails)) : 0));
             }
         }
     }
@@ -498,7 +494,7 @@ bool Learner::name_outliers() {
     for (std::size_t p = 0; p < count_; ++p) {
         if (!left_out_[p]) counts.push_back(alone[p]);
     }
-    const double limit = kOutlierLenslets + 4 * median(counts);
+    const double limit = kOutlierLenslets + 4 * median_or_0(counts);
     bool any = false;
     for (std::size_t p = 0; p < count_; ++p) {
         if (left_out_[p] || alone[p] <= limit) continue;
@@ -531,7 +527,7 @@ Result<Learned> Learner::run() {
         if (!calibrated && !chi2_ratios_.empty()) {
             // Twice: the floor of read noise does not scale.
             for (int again = 0; again < 2; ++again) {
-                const double ratio = std::clamp(median(chi2_ratios_), 1e-3, 1e3);
+                const double ratio = std::clamp(median_or_0(chi2_ratios_), 1e-3, 1e3);
                 reference_.sensor.electrons_per_dn = static_cast<float>(
                     std::clamp(static_cast<double>(reference_.sensor.electrons_per_dn) / ratio, 1e-3, 1e5));
                 if (auto done = learn_spread(); !done) return tl::unexpected(done.error());

@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "algo/frame/mask.h"
+#include "common/statistics.h"
 
 namespace hord::algo {
 namespace {
@@ -25,12 +26,6 @@ constexpr double kTail = 3;                // noises
 constexpr double kNoiseRidge = 4;          // priors count the reference's own noise so many times
 constexpr double kTurnShare = 0.05;        // of the maps' changes, to be seen in a turn: else the part is round
 constexpr double kForeignLight = 0.25, kForeignBins = 0.4;
-
-double median(std::vector<double>& values, std::size_t count) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>((count - 1) / 2);
-    std::nth_element(values.begin(), middle, values.begin() + static_cast<std::ptrdiff_t>(count));
-    return *middle;
-}
 
 // Sums of a weighted least-squares problem in (shift x, shift y, turn).
 struct Normal {
@@ -161,7 +156,7 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     const auto weigh_light = [&]() -> bool {
         if (count < 16 || count * 50 < used) return false;
         typical /= static_cast<double>(count);
-        found.light = std::max(median(ratios_, count), 1e-6);
+        found.light = std::max(common::lower_median(std::span(ratios_).first(count)), 1e-6);
         return true;
     };
     for (const Sampled& s : sample_) {

@@ -8,6 +8,8 @@
 
 #include <fmt/format.h>
 
+#include "common/file_writing.h"
+#include "common/hash.h"
 #include "common/toml_fields.h"
 
 namespace hord::calib {
@@ -20,12 +22,9 @@ constexpr double kShiftUnit = 0.001;   // px
 constexpr double kMaxShift = 100'000;  // units
 
 std::uint64_t fnv1a(std::string_view bytes) {
-    std::uint64_t hash = 14695981039346656037U;
-    for (const char byte : bytes) {
-        hash ^= static_cast<unsigned char>(byte);
-        hash *= 1099511628211U;
-    }
-    return hash;
+    common::Fnv1a64 hash;
+    hash.add(bytes);
+    return hash.value();
 }
 
 // Shortest digits that read back as the same number, and a decimal point.
@@ -124,26 +123,9 @@ void read_shifts(common::TomlTable table, algo::LensletGrid& grid, LensletShifts
 }
 
 Result<void> replace(const std::filesystem::path& path, std::string_view text) {
-    const auto failed = [&] {
-        return fail(ErrorCode::io, fmt::format("{}: cannot be written", path.string()),
-                    "check that the folder exists, may be written and is not full");
-    };
-    std::filesystem::path fresh = path;
-    fresh += ".new";
-    {
-        std::ofstream out(fresh, std::ios::binary | std::ios::trunc);
-        out.write(text.data(), static_cast<std::streamsize>(text.size()));
-        out.close();
-        if (!out) {
-            std::error_code ignored;
-            std::filesystem::remove(fresh, ignored);
-            return failed();
-        }
-    }
-    std::error_code error;
-    std::filesystem::rename(fresh, path, error);
-    if (error) return failed();
-    return {};
+    if (common::write_atomically(path, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()})) return {};
+    return fail(ErrorCode::io, fmt::format("{}: cannot be written", path.string()),
+                "check that the folder exists, may be written and is not full");
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include "calib/fit/grid_solver.h"
 #include "calib/fit/lenslet_model.h"
 #include "calib/fit/model_selection.h"
+#include "common/statistics.h"
 
 namespace hord::calib {
 namespace {
@@ -48,10 +49,8 @@ void reject_by(const algo::LensletGrid& grid, std::span<Observation> observation
         if (observations[k].used) sorted.push_back(distance[k]);
     }
     if (sorted.empty() || !std::all_of(sorted.begin(), sorted.end(), [](double d) { return std::isfinite(d); })) return;
-    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-    std::nth_element(sorted.begin(), middle, sorted.end());
     // The median of a Rayleigh-distributed distance is 1.1774 sigma.
-    const double most = 5 * *middle / 1.1774 + 1e-3;
+    const double most = 5 * common::upper_median(std::span(sorted)) / 1.1774 + 1e-3;
     for (std::size_t k = 0; k < distance.size(); ++k) observations[k].used = distance[k] < most;
 }
 

@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 
 #include "calib/fit/grid_fit.h"
+#include "common/statistics.h"
 
 namespace hord::calib {
 namespace {
@@ -21,12 +22,6 @@ int monomials(int order, double u, double v, double* out) {
         }
     }
     return at;
-}
-
-double median(std::vector<double> values) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end());
-    return *middle;
 }
 
 }  // namespace
@@ -128,7 +123,8 @@ std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& fram
         const Eigen::MatrixX2d off = target - basis * solution;
         for (Eigen::Index k = 0; k < count; ++k) distance[static_cast<std::size_t>(k)] = off.row(k).norm();
         // The median of a Rayleigh-distributed distance is 1.1774 sigma.
-        const double next = std::max(median(distance) / 1.1774, 1e-6);
+        std::vector<double> reordered = distance;
+        const double next = std::max(common::upper_median(std::span(reordered)) / 1.1774, 1e-6);
         // Huber at first, then a weight that lets go of outliers altogether.
         const bool settled = round > 3 && std::abs(next - sigma) < 1e-3 * sigma;
         sigma = next;

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "algo/simd/multiversion.h"
+#include "common/statistics.h"
 
 namespace hord::calib {
 namespace {
@@ -501,11 +502,10 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
         if (spots.size() < 4) break;
         std::vector<double> amplitudes(spots.size());
         std::transform(spots.begin(), spots.end(), amplitudes.begin(), [](const Spot& s) { return s.amplitude_dn; });
-        const auto middle = amplitudes.begin() + static_cast<std::ptrdiff_t>(amplitudes.size() / 2);
-        std::nth_element(amplitudes.begin(), middle, amplitudes.end());
-        kernels->typical_amplitude = *middle;
+        const double median = common::upper_median(std::span(amplitudes));
+        kernels->typical_amplitude = median;
         std::erase_if(spots,
-                      [&](const Spot& s) { return s.amplitude_dn < 0.3 * *middle || s.amplitude_dn > 3 * *middle; });
+                      [&](const Spot& s) { return s.amplitude_dn < 0.3 * median || s.amplitude_dn > 3 * median; });
         if (spots.size() < 4) break;
         starts.clear();
         for (const Spot& spot : spots) starts.push_back(spot.centre_px);

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "calib/tilts/tilts.h"
+#include "common/statistics.h"
 
 namespace hord::calib {
 namespace {
@@ -53,12 +54,9 @@ struct Mean {
 // Without what is further off than five robust standard deviations.
 Mean robust_mean(std::vector<double> values) {
     std::vector<double> sorted = values;
-    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-    std::nth_element(sorted.begin(), middle, sorted.end());
-    const double median = *middle;
+    const double median = common::upper_median(std::span(sorted));
     for (std::size_t k = 0; k < sorted.size(); ++k) sorted[k] = std::abs(values[k] - median);
-    std::nth_element(sorted.begin(), middle, sorted.end());
-    const double most = 5 * 1.4826 * *middle + 1e-3;
+    const double most = 5 * 1.4826 * common::upper_median(std::span(sorted)) + 1e-3;
     std::erase_if(values, [&](double v) { return std::abs(v - median) > most; });
     const auto count = static_cast<double>(values.size());
     Mean mean;

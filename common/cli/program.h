@@ -1,4 +1,4 @@
-// What the programs for people share: exit statuses, one line for an error, and how a command line is run.
+// Shared by the command-line programs: exit statuses, error output, and running a command line.
 #pragma once
 
 #include <CLI/CLI.hpp>

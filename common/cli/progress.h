@@ -1,4 +1,4 @@
-// Progress of long work: a bar on a terminal, plain lines elsewhere (at most one for every tenth).
+// Progress of long work: a bar on a terminal; elsewhere lines, at most one for every tenth.
 #pragma once
 
 #include <cstdio>

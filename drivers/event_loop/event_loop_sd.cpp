@@ -14,6 +14,8 @@
 #include <systemd/sd-event.h>
 #include <unistd.h>
 
+#include "common/unique_fd.h"
+
 namespace hord::firmware {
 namespace {
 
@@ -29,8 +31,8 @@ std::uint64_t to_usec_rounded_up(hal::TimePoint t) {
 
 }  // namespace
 
-// sd-event orders its sources by priority, not by who was made first, and rounds to microseconds. So the timers are
-// kept here, in the order the seam promises, behind one time source.
+// sd-event orders sources by priority, not by creation, and rounds times to microseconds. So this class keeps the
+// timers in the order that hal::EventLoop requires, behind one time source.
 struct SdEventLoop::Loop {
     using Key = std::pair<hal::TimePoint, std::uint64_t>;
     struct Watch {
@@ -41,29 +43,28 @@ struct SdEventLoop::Loop {
     sd_event* event = nullptr;
     sd_event_source* time_source = nullptr;
     sd_event_source* post_source = nullptr;
-    int post_fd = -1;
+    common::UniqueFd post_fd;
     int signal = 0;
     std::vector<std::unique_ptr<Callback>> signal_callbacks;
-    bool stop = false;  // not sd_event_exit(): a loop that has exited never runs again
+    bool stop = false;  // not sd_event_exit(): after that a loop cannot run again
 
     std::map<Key, Callback> timers;
     std::unordered_map<std::uint64_t, hal::TimePoint> due_of;
     std::uint64_t last_timer = 0;
 
     std::unordered_map<std::uint64_t, std::unique_ptr<Watch>> watches;
-    std::vector<std::unique_ptr<Watch>> gone_watches;  // may still be running their callback
+    std::vector<std::unique_ptr<Watch>> gone_watches;  // their callback may still be running
     std::uint64_t last_watch = 0;
 
     std::mutex post_mutex;
     std::vector<Callback> posted;
-    std::vector<Callback> taken;
+    std::vector<Callback> running;
 
     ~Loop() {
         for (auto& [id, watch] : watches) sd_event_source_disable_unref(watch->source);
         sd_event_source_disable_unref(time_source);
         sd_event_source_disable_unref(post_source);
         sd_event_unref(event);
-        if (post_fd >= 0) close(post_fd);
     }
 
     static hal::TimePoint now() {
@@ -81,7 +82,7 @@ struct SdEventLoop::Loop {
         sd_event_source_set_enabled(time_source, SD_EVENT_ONESHOT);
     }
 
-    // Runs what is due, but not what these callbacks add: descriptors get their turn in between.
+    // Runs the timers that are due, but not those that the callbacks add: descriptors are served in between.
     static int on_time(sd_event_source*, std::uint64_t, void* self) {
         auto& loop = *static_cast<Loop*>(self);
         const hal::TimePoint until = now();
@@ -96,7 +97,7 @@ struct SdEventLoop::Loop {
             loop.due_of.erase(it->first.second);
             loop.timers.erase(it);
             callback();
-            it = loop.timers.begin();  // the callback may have cancelled any of them
+            it = loop.timers.begin();  // the callback may have cancelled any timer
         }
         loop.arm();
         return 0;
@@ -108,10 +109,10 @@ struct SdEventLoop::Loop {
         [[maybe_unused]] const auto bytes = read(fd, &count, sizeof count);
         {
             const std::lock_guard lock(loop.post_mutex);
-            loop.taken.swap(loop.posted);
+            loop.running.swap(loop.posted);
         }
-        for (Callback& callback : loop.taken) callback();
-        loop.taken.clear();
+        for (Callback& callback : loop.running) callback();
+        loop.running.clear();
         return 0;
     }
 
@@ -134,14 +135,14 @@ SdEventLoop::~SdEventLoop() = default;
 Result<std::unique_ptr<SdEventLoop>> SdEventLoop::open() {
     auto loop = std::make_unique<Loop>();
     if (const int r = sd_event_new(&loop->event); r < 0) return io_error("the event loop cannot be made", r);
-    loop->post_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-    if (loop->post_fd < 0) return io_error("the event loop cannot be made", -errno);
+    loop->post_fd.reset(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+    if (!loop->post_fd) return io_error("the event loop cannot be made", -errno);
     if (const int r =
-            sd_event_add_io(loop->event, &loop->post_source, loop->post_fd, EPOLLIN, &Loop::on_post, loop.get());
+            sd_event_add_io(loop->event, &loop->post_source, loop->post_fd.get(), EPOLLIN, &Loop::on_post, loop.get());
         r < 0) {
         return io_error("the event loop cannot be made", r);
     }
-    // An accuracy of 1 us: sd-event's default of 250 ms is for saving power.
+    // Accuracy 1 us; sd-event's default is 250 ms, to save power.
     if (const int r =
             sd_event_add_time(loop->event, &loop->time_source, CLOCK_MONOTONIC, 0, 1, &Loop::on_time, loop.get());
         r < 0) {
@@ -229,7 +230,7 @@ void SdEventLoop::do_post(Callback callback) {
         loop_->posted.push_back(std::move(callback));
     }
     const std::uint64_t one = 1;
-    [[maybe_unused]] const auto bytes = write(loop_->post_fd, &one, sizeof one);
+    [[maybe_unused]] const auto bytes = write(loop_->post_fd.get(), &one, sizeof one);
 }
 
 }  // namespace hord::firmware

@@ -11,23 +11,22 @@ namespace hord::firmware {
 
 class SdEventLoop final : public hal::EventLoop {
   public:
-    // Fails with io when the kernel gives no descriptors.
+    // Fails with io (no descriptors).
     static Result<std::unique_ptr<SdEventLoop>> open();
     ~SdEventLoop() override;
 
-    // Blocks these signals and stops the loop when one comes. Call it before any thread is started, so that all inherit
+    // Blocks these signals and stops the loop when one arrives. Call it before any thread starts, so that all inherit
     // the mask.
     Result<void> stop_on_signals(std::initializer_list<int> signals = {SIGINT, SIGTERM});
 
-    // Blocks the signal and runs `callback` on the loop's thread whenever it comes. Before any thread is started. Fails
-    // with io.
+    // Blocks the signal and runs `callback` on the loop's thread when it arrives. Call it before any thread starts.
+    // Fails with io.
     Result<void> on_signal(int signal, Callback callback);
 
     // Runs callbacks until request_stop(); may be run again. Fails with io.
     Result<void> run();
 
-    // Any thread. run() returns soon, after the callbacks that are due now; a stop asked for before run() makes it
-    // return at once.
+    // Any thread. run() returns after the callbacks that are due now; a request before run() makes it return at once.
     void request_stop();
 
     // The signal that stopped the loop; 0: none.

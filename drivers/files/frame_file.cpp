@@ -11,9 +11,9 @@
 #include <utility>
 #include <vector>
 
+#include "common/file_writing.h"
 #include "common/png_codec.h"
 #include "common/tiff_codec.h"
-#include "common/whole_file.h"
 #include "drivers/files/frame_header.h"
 
 namespace hord::drivers {
@@ -62,7 +62,7 @@ Result<void> check_expected(const std::string& name, const FrameHeader& header, 
                         size_text(width, height),
                     "give frames of the configured sensor, or correct the configured size");
     }
-    // A file of 8-bit samples is 8 bits; one of two bytes a sample may hold any depth from 9 to 16.
+    // A file with two bytes a sample may have any depth from 9 to 16 bits.
     if (expected.bits != 0 && (expected.bits > 8) != (header.bits > 8)) {
         return fail(
             ErrorCode::invalid_argument,
@@ -156,7 +156,7 @@ Result<void> write_frame(const fs::path& file, const FrameView& frame) {
     }
     const auto png = common::encode_grey_png(frame);
     if (!png) return tl::unexpected(png.error());
-    return common::write_whole(file, *png);
+    return common::write_atomically(file, *png);
 }
 
 Result<std::vector<fs::path>> list_frames(const std::vector<fs::path>& files_or_folders) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "algo/frame/extents.h"
+#include "common/crc32.h"
 
 namespace hord::drivers {
 namespace {
@@ -54,20 +55,10 @@ bool begins_with(Bytes file, std::string_view magic) {
            });
 }
 
-// CRC-32 of ISO 3309, as PNG uses it.
 std::uint32_t crc32(Bytes bytes) {
-    static constexpr auto table = [] {
-        std::array<std::uint32_t, 256> t{};
-        for (std::uint32_t n = 0; n < 256; ++n) {
-            std::uint32_t c = n;
-            for (int k = 0; k < 8; ++k) c = (c & 1U) != 0 ? 0xEDB88320U ^ (c >> 1U) : c >> 1U;
-            t[n] = c;
-        }
-        return t;
-    }();
-    std::uint32_t c = 0xFFFFFFFFU;
-    for (const std::byte b : bytes) c = table[(c ^ std::to_integer<std::uint32_t>(b)) & 0xFFU] ^ (c >> 8U);
-    return c ^ 0xFFFFFFFFU;
+    common::Crc32 crc;
+    crc.add(bytes);
+    return crc.value();
 }
 
 Result<FrameHeader> png_header(Bytes file, std::string_view name) {
@@ -100,7 +91,7 @@ Result<FrameHeader> png_header(Bytes file, std::string_view name) {
     }
 }
 
-// TIFF 6.0, classic. Only what decides whether the file is a frame is read.
+// TIFF 6.0, classic. Reads only the tags that decide whether the file is a frame.
 class TiffDirectory {
   public:
     TiffDirectory(Bytes file, bool big_endian) : file_(file), big_endian_(big_endian) {}
@@ -114,7 +105,7 @@ class TiffDirectory {
     }
     [[nodiscard]] bool has_next() const { return number(file_, first_ + entries_ * 12, 4, big_endian_) != 0; }
 
-    // All values of a tag: empty when absent; none when they lie outside the file.
+    // All values of a tag. Empty: absent; none: they lie outside the file.
     [[nodiscard]] std::optional<std::vector<std::uint64_t>> values(std::uint64_t tag) const {
         std::vector<std::uint64_t> out;
         for (std::size_t e = 0; e < entries_; ++e) {

@@ -1,7 +1,7 @@
-// A Sensor that plays recorded frames: one file a trigger, in the order of the names.
+// A sensor that plays recorded frames: one file a trigger, sorted by name.
 //
-// All files are read and checked by open(), so that a bad one is refused before the line runs and a trigger costs
-// nothing; they stay in memory. A lease reads that memory: nothing is copied.
+// open() reads and checks all files and keeps them in memory: a bad file is refused before the line runs, and a trigger
+// does not read a file. Leases refer to that memory without a copy.
 #pragma once
 
 #include <atomic>
@@ -17,25 +17,24 @@
 namespace hord::drivers {
 
 struct RecordedFramesOptions {
-    ExpectedFrame expected;                                // 0: what the first file has; all others must have the same
-    int buffers = 4;                                       // frames that may be lent at the same time
-    hal::Duration readout = std::chrono::milliseconds(1);  // end of the exposure to delivery
-    bool repeat = false;  // after the last file the first comes again; else the device is lost
+    ExpectedFrame expected;                                // 0: as in the first file; all others must be the same
+    int buffers = 4;                                       // frames that can be leased at the same time
+    hal::Duration readout = std::chrono::milliseconds(1);  // from the end of the exposure to delivery
+    bool repeat = false;  // starts again after the last file; else the device is lost then
 };
 
 class RecordedFrames final : public hal::Sensor {
   public:
-    // Loop thread; blocks while it reads. A folder stands for its PNG, TIFF and PGM files (.png .tif .tiff .pgm),
-    // sorted by name; everything else in it is left alone. Fails with not_found (no such file or folder, no frame in
-    // it), invalid_argument (buffers < 1, frames of different formats), or as read_frame() does; every bad file is
-    // named.
+    // Loop thread; blocks while it reads. Folders as in list_frames(). Fails with not_found (no such file or folder, no
+    // frame in it), invalid_argument (buffers < 1, frames of different formats), or as read_frame() does; names every
+    // bad file.
     static Result<std::unique_ptr<RecordedFrames>> open(hal::EventLoop& loop,
                                                         const std::vector<std::filesystem::path>& files_or_folders,
                                                         const RecordedFramesOptions& options = {});
     ~RecordedFrames() override { stop(); }
 
     [[nodiscard]] std::size_t count() const { return frames_.size(); }
-    // The file that the frame of this sequence (from 1, since start) was read from.
+    // The file of the frame with this sequence number (from 1, since start).
     [[nodiscard]] const std::filesystem::path& file_of(std::uint32_t sequence) const {
         return files_[(sequence - 1) % files_.size()];
     }

@@ -1,12 +1,11 @@
-// From a light barrier's raw edges to the edges of parts: bounces are taken out, and what was lost leaves a gap.
+// Debounces a light barrier's raw edges into the edges of parts. Lost edges leave a gap in the sequence numbers.
 //
-// An edge counts once the line has kept still for `debounce` after it, and has the time of the first raw edge of that
-// bounce_burst: waiting costs delay, not accuracy. Pure: no device, no clock.
+// An edge counts when the line was stable for `debounce` after it. It has the time stamp of the first raw edge of its
+// bounce burst, so debouncing delays the report and not the time stamp. Pure: no device, no clock.
 //
-// The kernel reads the level a little after the interrupt. So one that is answered too late shows a level that never
-// was, and an edge that reads as the level before it, all alone, means that the line was somewhere else and nobody saw
-// it: the part's two edges are counted as lost. A spike that is over sooner gives its two edges, both of them, and is a
-// bounce.
+// The kernel reads the level shortly after the interrupt. If it reads late, an edge shows a level that was already
+// over. A burst of a single raw edge that shows the unchanged level means that both edges of a part were missed: they
+// count as lost. A burst of several raw edges that ends at the unchanged level is a spike: they count as bounces.
 #pragma once
 
 #include <algorithm>
@@ -20,75 +19,77 @@ namespace hord::drivers {
 
 class EdgeFilter {
   public:
+    // How long a level that no edge explains must last before it counts: its edge may still be queued.
+    static constexpr hal::Duration kRecheckAfter = std::chrono::milliseconds(20);
+
     struct Edge {
         bool active = false;
         hal::TimePoint at;
         std::uint32_t sequence = 0;  // from 1; a gap where edges were lost
     };
 
-    // The line is at `active` now. An bounce_burst longer than `patience` makes it restless().
-    EdgeFilter(hal::Duration debounce, hal::Duration patience, bool active)
-        : debounce_(debounce), patience_(patience), active_(active) {}
+    // `active` is the line's present level. A bounce burst longer than `max_burst` makes bouncing_too_long() true.
+    EdgeFilter(hal::Duration debounce, hal::Duration max_burst, bool active)
+        : debounce_(debounce), max_burst_(max_burst), active_(active) {}
 
-    // Raw edges, in order. Appends to `edges` what became certain before this one.
+    // Raw edges, in order. Appends to `edges` the edge that this one makes certain.
     void feed(const GpioEdge& raw, std::vector<Edge>& edges);
 
-    // When settle() is due; none: the line is still.
+    // When settle() is to be called; none: no burst is open.
     [[nodiscard]] std::optional<hal::TimePoint> due() const;
 
-    // At `now`, `active` is the line's level, read after the last raw edge was fed. Ends an bounce_burst that is due. A
-    // level that no edge has told of may be that of an edge that is still on its way: it is believed the second time,
-    // kDoubt later. On a line that is still it is an edge that was lost.
-    static constexpr hal::Duration kDoubt = std::chrono::milliseconds(20);
+    // Ends a burst that is due at `now`. `active` is the line's level, read after the last raw edge was fed. A level
+    // that differs from that of the last edge is accepted if it still differs kRecheckAfter later; without an open
+    // burst it then is an edge, and one edge was lost.
     void settle(hal::TimePoint now, bool active, std::vector<Edge>& edges);
 
-    [[nodiscard]] bool restless() const { return unrest_ && unrest_->last - unrest_->first > patience_; }
-    [[nodiscard]] std::uint64_t bounces() const { return bounces_; }  // raw edges that were no part's
+    [[nodiscard]] bool bouncing_too_long() const { return burst_ && burst_->last - burst_->first > max_burst_; }
+    [[nodiscard]] std::uint64_t bounces() const { return bounces_; }  // raw edges that belong to no part
     [[nodiscard]] std::uint64_t lost() const { return lost_; }        // edges counted as lost
 
   private:
     struct BounceBurst {
-        hal::TimePoint first, last;
+        hal::TimePoint first, last;  // raw edges
         hal::TimePoint due;
-        bool doubted = false;
+        bool rechecking = false;  // the level differed once
         std::uint32_t edges = 0;
         std::uint32_t lost = 0;
-        bool active = false;  // after the last one
+        bool active = false;  // after the last edge
     };
-    void end_bounce_burst(bool active, std::vector<Edge>& edges);
-    void tell(bool active, hal::TimePoint at, std::uint32_t lost, std::vector<Edge>& edges);
+    void end_burst(bool active, std::vector<Edge>& edges);
+    void append(bool active, hal::TimePoint at, std::uint32_t lost, std::vector<Edge>& edges);
 
-    hal::Duration debounce_, patience_;
+    hal::Duration debounce_, max_burst_;
     bool active_;
-    std::optional<BounceBurst> unrest_;
-    std::optional<hal::TimePoint> doubted_since_;  // a still line's level
+    std::optional<BounceBurst> burst_;
+    std::optional<hal::TimePoint> unexplained_since_;  // the level differs without an edge
     std::uint32_t sequence_ = 0;
-    std::uint32_t untold_ = 0;  // lost, not yet shown as a gap
+    std::uint32_t lost_since_edge_ = 0;  // the next edge's sequence number skips them
     std::uint64_t bounces_ = 0, lost_ = 0;
 };
 
-// An encoder's counts, and where it was a moment ago: a part's edge is told later than it happened.
+// An encoder's counts with their times: the position at a part's edge is needed later, when the edge is certain.
 class EncoderTrack {
   public:
-    static constexpr std::size_t kRemembered = 1024;
-    explicit EncoderTrack() : marks_(kRemembered) {}
+    static constexpr std::size_t kHistory = 1024;  // counts
+    EncoderTrack() : times_(kHistory) {}
     void count(hal::TimePoint at) {
         ++counts_;
-        marks_[static_cast<std::size_t>(counts_) % kRemembered] = at;
+        times_[static_cast<std::size_t>(counts_) % kHistory] = at;
     }
     [[nodiscard]] std::int64_t counts() const { return counts_; }
-    // None: further back than it remembers.
+    // The position at `at`; none: before the history.
     [[nodiscard]] std::optional<std::int64_t> counts_at(hal::TimePoint at) const {
-        const auto oldest = std::max<std::int64_t>(0, counts_ - static_cast<std::int64_t>(kRemembered));
+        const auto oldest = std::max<std::int64_t>(0, counts_ - static_cast<std::int64_t>(kHistory));
         for (std::int64_t k = counts_; k > oldest; --k) {
-            if (marks_[static_cast<std::size_t>(k) % kRemembered] <= at) return k;
+            if (times_[static_cast<std::size_t>(k) % kHistory] <= at) return k;
         }
         if (oldest > 0) return std::nullopt;
         return 0;
     }
 
   private:
-    std::vector<hal::TimePoint> marks_;  // of count k, at k modulo its size
+    std::vector<hal::TimePoint> times_;  // of count k, at index k modulo kHistory
     std::int64_t counts_ = 0;
 };
 

@@ -28,10 +28,10 @@ int offset_of(const std::string& line) {
     return read.ec == std::errc() && read.ptr == line.data() + line.size() && offset >= 0 ? offset : -1;
 }
 
-tl::unexpected<Error> no_chip(const GpioLine& line, const std::string& there_are, bool some_denied) {
-    return fail(some_denied && there_are.empty() ? ErrorCode::io : ErrorCode::not_found,
+tl::unexpected<Error> no_chip(const GpioLine& line, const std::string& labels, bool some_denied) {
+    return fail(some_denied && labels.empty() ? ErrorCode::io : ErrorCode::not_found,
                 name_of(line) + ": there is no such chip; " + (some_denied ? "some may not be opened; " : "") +
-                    (there_are.empty() ? "none was found" : "there are: " + there_are),
+                    (labels.empty() ? "none was found" : "there are: " + labels),
                 some_denied ? "give the service's user the GPIO chips (udev), or run as root"
                             : "check the board's driver, and the label that gpiodetect prints");
 }

@@ -1,4 +1,4 @@
-// libgpiod 1.6. The kernel keeps 16 edges of a line that nobody reads and forgets further ones without saying so.
+// libgpiod 1.6. The kernel buffers 16 edges of a line and drops further ones without a sign.
 #include <array>
 #include <cerrno>
 #include <optional>
@@ -13,16 +13,16 @@ namespace hord::drivers {
 namespace {
 
 constexpr const char* kConsumer = "hord";
-constexpr std::size_t kKernelKeeps = 16;
+constexpr std::size_t kKernelBuffer = 16;
 
 struct CloseChip {
-    void operator()(gpiod_chip* chip) const { gpiod_chip_close(chip); }  // lets go of its lines, too
+    void operator()(gpiod_chip* chip) const { gpiod_chip_close(chip); }  // releases its lines, too
 };
 using Chip = std::unique_ptr<gpiod_chip, CloseChip>;
 
 Result<Chip> open_chip(const GpioLine& line) {
     Chip found;
-    std::string there_are, found_at;
+    std::string labels, found_at;
     bool denied = false;
     for (const std::string& path : gpio::chip_paths()) {
         Chip chip(gpiod_chip_open(path.c_str()));
@@ -31,14 +31,14 @@ Result<Chip> open_chip(const GpioLine& line) {
             continue;
         }
         const std::string label = gpiod_chip_label(chip.get());
-        there_are += (there_are.empty() ? "\"" : ", \"") + label + "\"";
+        labels += (labels.empty() ? "\"" : ", \"") + label + "\"";
         if (path == line.chip || gpiod_chip_name(chip.get()) == line.chip) return chip;
         if (label != line.chip) continue;
         if (found) return gpio::two_chips(line, found_at, path);
         found = std::move(chip);
         found_at = path;
     }
-    if (!found) return gpio::no_chip(line, there_are, denied);
+    if (!found) return gpio::no_chip(line, labels, denied);
     return found;
 }
 
@@ -57,7 +57,8 @@ std::string holder_of(gpiod_line* line) {
 
 class Outputs final : public GpioOutputs {
   public:
-    // The lines of one chip are one request. Polarity is ours: the kernel's flag would be of all of them.
+    // One request for the lines of a chip. active_low is applied here: the kernel's flag would hold for the whole
+    // request.
     struct Bank {
         Chip chip;
         gpiod_line_bulk lines{};
@@ -111,7 +112,7 @@ class Outputs final : public GpioOutputs {
 
     Result<void> set(std::uint32_t active) override {
         std::optional<Error> wrong;
-        for (Bank& bank : banks_) {  // all of them, also after a failure: some may have to go off
+        for (Bank& bank : banks_) {  // also after a failure: other lines may have to go off
             const auto values = levels(bank, active);
             if (gpiod_line_set_value_bulk(&bank.lines, values.data()) != 0 && !wrong) {
                 wrong = gpio::failed(lines_[bank.channels[0]], "cannot be set", errno).value();
@@ -166,7 +167,7 @@ class Input final : public GpioInput {
     [[nodiscard]] int fd() const override { return gpiod_line_event_get_fd(line_); }
 
     Result<void> read(std::vector<GpioEdge>& into) override {
-        std::array<gpiod_line_event, kKernelKeeps> events{};
+        std::array<gpiod_line_event, kKernelBuffer> events{};
         std::size_t taken = 0;
         for (;;) {
             const int count =
@@ -180,9 +181,9 @@ class Input final : public GpioInput {
                 const gpiod_line_event& event = events[static_cast<std::size_t>(k)];
                 const hal::TimePoint at{std::chrono::seconds(event.ts.tv_sec) +
                                         std::chrono::nanoseconds(event.ts.tv_nsec)};
-                // The kernel's memory was full: what came then is forgotten, and nobody knows how much.
-                const bool was_full = ++taken == kKernelKeeps;
-                into.push_back({event.event_type == GPIOD_LINE_EVENT_RISING_EDGE, at, was_full ? 1U : 0U});
+                // The buffer was full: at least one edge may have been dropped.
+                const bool buffer_was_full = ++taken == kKernelBuffer;
+                into.push_back({event.event_type == GPIOD_LINE_EVENT_RISING_EDGE, at, buffer_was_full ? 1U : 0U});
             }
             if (static_cast<std::size_t>(count) < events.size()) return {};
         }

@@ -1,4 +1,4 @@
-// libgpiod 2.x. The kernel numbers the edges of a line, so that those that it could not keep are counted.
+// libgpiod 2.x. The kernel numbers the edges of a line: gaps count the edges that it dropped.
 #include <array>
 #include <cerrno>
 #include <optional>
@@ -13,7 +13,7 @@ namespace hord::drivers {
 namespace {
 
 constexpr const char* kConsumer = "hord";
-constexpr std::size_t kKernelKeeps = 256;
+constexpr std::size_t kKernelBuffer = 256;
 
 struct Free {
     void operator()(gpiod_chip* chip) const { gpiod_chip_close(chip); }
@@ -31,7 +31,7 @@ using Chip = Owned<gpiod_chip>;
 
 Result<Chip> open_chip(const GpioLine& line) {
     Chip found;
-    std::string there_are, found_at;
+    std::string labels, found_at;
     bool denied = false;
     for (const std::string& path : gpio::chip_paths()) {
         Chip chip(gpiod_chip_open(path.c_str()));
@@ -41,14 +41,14 @@ Result<Chip> open_chip(const GpioLine& line) {
             continue;
         }
         const std::string label = gpiod_chip_info_get_label(info.get());
-        there_are += (there_are.empty() ? "\"" : ", \"") + label + "\"";
+        labels += (labels.empty() ? "\"" : ", \"") + label + "\"";
         if (path == line.chip || gpiod_chip_info_get_name(info.get()) == line.chip) return chip;
         if (label != line.chip) continue;
         if (found) return gpio::two_chips(line, found_at, path);
         found = std::move(chip);
         found_at = path;
     }
-    if (!found) return gpio::no_chip(line, there_are, denied);
+    if (!found) return gpio::no_chip(line, labels, denied);
     return found;
 }
 
@@ -72,7 +72,7 @@ bool used(gpiod_chip* chip, unsigned offset) {
 
 class Outputs final : public GpioOutputs {
   public:
-    // The lines of one chip are one request.
+    // One request for the lines of a chip.
     struct Bank {
         std::string path;
         Chip chip;
@@ -113,7 +113,7 @@ class Outputs final : public GpioOutputs {
 
     Result<void> set(std::uint32_t active) override {
         std::optional<Error> wrong;
-        for (Bank& bank : banks_) {  // all of them, also after a failure: some may have to go off
+        for (Bank& bank : banks_) {  // also after a failure: other lines may have to go off
             std::array<gpiod_line_value, 32> values{};
             for (std::size_t k = 0; k < bank.channels.size(); ++k) {
                 values[k] =
@@ -170,11 +170,11 @@ class Input final : public GpioInput {
         const Owned<gpiod_line_config> config(gpiod_line_config_new());
         const Owned<gpiod_request_config> request(gpiod_request_config_new());
         const Owned<gpiod_line_settings> settings(gpiod_line_settings_new());
-        input->buffer_.reset(gpiod_edge_event_buffer_new(kKernelKeeps));
+        input->buffer_.reset(gpiod_edge_event_buffer_new(kKernelBuffer));
         if (!config || !request || !settings || !input->buffer_)
             return gpio::failed(wanted, "no memory for its request", errno);
         gpiod_request_config_set_consumer(request.get(), kConsumer);
-        gpiod_request_config_set_event_buffer_size(request.get(), kKernelKeeps);
+        gpiod_request_config_set_event_buffer_size(request.get(), kKernelBuffer);
         gpiod_line_settings_set_direction(settings.get(), GPIOD_LINE_DIRECTION_INPUT);
         gpiod_line_settings_set_edge_detection(
             settings.get(), edges == GpioEdges::both ? GPIOD_LINE_EDGE_BOTH : GPIOD_LINE_EDGE_RISING);
@@ -202,7 +202,7 @@ class Input final : public GpioInput {
 
     Result<void> read(std::vector<GpioEdge>& into) override {
         for (;;) {
-            const int count = gpiod_line_request_read_edge_events(request_.get(), buffer_.get(), kKernelKeeps);
+            const int count = gpiod_line_request_read_edge_events(request_.get(), buffer_.get(), kKernelBuffer);
             if (count < 0) {
                 if (errno == EAGAIN || errno == EWOULDBLOCK) return {};
                 if (errno == EINTR) continue;
@@ -217,7 +217,7 @@ class Input final : public GpioInput {
                                 number - last_number_ - 1});
                 last_number_ = number;
             }
-            if (static_cast<std::size_t>(count) < kKernelKeeps) return {};
+            if (static_cast<std::size_t>(count) < kKernelBuffer) return {};
         }
     }
 

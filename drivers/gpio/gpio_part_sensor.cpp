@@ -5,7 +5,6 @@
 
 namespace hord::drivers {
 
-using hal::Duration;
 using hal::EventLoop;
 using hal::PartEdge;
 
@@ -15,12 +14,6 @@ GpioPartSensor::~GpioPartSensor() { stop(); }
 
 Result<std::unique_ptr<GpioPartSensor>> GpioPartSensor::open(EventLoop& loop, const GpioPartSensorOptions& options,
                                                              Lines lines) {
-    using namespace std::chrono_literals;
-    if (options.debounce < Duration::zero() || options.debounce > 100ms || options.encoder_every < 1ms ||
-        options.encoder_every > 1s) {
-        return fail(ErrorCode::invalid_argument,
-                    "part sensor: debounce must be 0 to 100 ms and encoder_every 1 ms to 1 s", "correct [part_sensor]");
-    }
     std::unique_ptr<GpioPartSensor> sensor(new GpioPartSensor(loop, options, std::move(lines)));
     const auto part = sensor->lines_(options.line, GpioEdges::both);
     if (!part) return tl::unexpected(part.error());
@@ -40,7 +33,7 @@ Result<void> GpioPartSensor::do_start(Listener& listener) {
         if (!taken) return tl::unexpected(taken.error());
         encoder = std::move(*taken);
     }
-    // The level at which it begins, with no edge on its way that this level knows already.
+    // The initial level, with no edge queued that this level already includes.
     Result<bool> level = false;
     do {
         raw_.clear();
@@ -53,7 +46,7 @@ Result<void> GpioPartSensor::do_start(Listener& listener) {
     if (!watch) return tl::unexpected(watch.error());
     part_watch_ = *watch;
     if (encoder) {
-        watch = loop_.watch(encoder->fd(), EventLoop::Readiness::readable, [this] { take_encoder(); });
+        watch = loop_.watch(encoder->fd(), EventLoop::Readiness::readable, [this] { read_counts(); });
         if (!watch) {
             loop_.unwatch(part_watch_);
             return tl::unexpected(watch.error());
@@ -63,52 +56,53 @@ Result<void> GpioPartSensor::do_start(Listener& listener) {
     }
     part_ = std::move(*part);
     encoder_ = std::move(encoder);
-    filter_.emplace(options_.debounce, std::max(kUnrest, 20 * options_.debounce), *level);
+    filter_.emplace(options_.debounce, std::max(kMaxBurst, 20 * options_.debounce), *level);
     listener_ = &listener;
     ++starts_;
-    look_timer_ = loop_.call_after(kLookEvery, [this] { look(); });
-    if (encoder_) reading_timer_ = loop_.call_after(options_.encoder_every, [this] { read_encoder(); });
+    check_timer_ = loop_.call_after(kCheckEvery, [this] { check_line(); });
+    if (encoder_) position_timer_ = loop_.call_after(options_.encoder_every, [this] { report_position(); });
     return {};
 }
 
 void GpioPartSensor::on_ready() {
-    if (take_edges()) (void)settle_when_due();
+    if (read_edges()) (void)settle_when_due();
 }
 
-// Feeds what waits, and tells what became certain by it.
-bool GpioPartSensor::take_edges() {
+// Feeds the queued raw edges to the filter and reports the edges that became certain.
+bool GpioPartSensor::read_edges() {
     raw_.clear();
     if (const auto read = part_->read(raw_); !read) {
         lose(read.error());
         return false;
     }
     for (const GpioEdge& edge : raw_) filter_->feed(edge, edges_);
-    if (filter_->restless()) {
+    if (filter_->bouncing_too_long()) {
         lose({ErrorCode::io, gpio::name_of(options_.line) + " does not come to rest",
               "check the part sensor's wiring, alignment and shield"});
         return false;
     }
     if (edges_.empty()) return true;
-    take_encoder();  // up to now, so that the counts at each edge are known
+    read_counts();  // so that the position at each edge is known
     if (!part_) return false;
-    const std::uint32_t mine = starts_;
+    const std::uint32_t this_start = starts_;
     for (const EdgeFilter::Edge& edge : std::exchange(edges_, {})) {
-        PartEdge told{edge.active ? PartEdge::Kind::arrives : PartEdge::Kind::leaves, edge.at, edge.sequence, {}};
+        PartEdge part_edge{edge.active ? PartEdge::Kind::arrives : PartEdge::Kind::leaves, edge.at, edge.sequence, {}};
         if (track_) {
-            told.counts = track_->counts_at(edge.at);
-            if (!told.counts) {
+            part_edge.counts = track_->counts_at(edge.at);
+            if (!part_edge.counts) {
                 lose({ErrorCode::io, "the encoder's position at an edge of the part sensor is not known any more",
                       "shorten part_sensor.debounce_us, or use an encoder with fewer counts"});
                 return false;
             }
         }
-        listener_->on_edge(told);
-        if (listener_ == nullptr || starts_ != mine) return false;  // stopped by it, perhaps started again
+        listener_->on_edge(part_edge);
+        if (listener_ == nullptr || starts_ != this_start)
+            return false;  // the listener stopped the sensor, and may have started it again
     }
     return true;
 }
 
-// The level is read, then what waits: an edge in between shows itself and postpones the decision.
+// Reads the level first and the queued edges after it: an edge in between postpones the decision.
 bool GpioPartSensor::settle_when_due() {
     loop_.cancel(settle_timer_);
     if (filter_->due() && *filter_->due() <= loop_.now()) {
@@ -117,31 +111,31 @@ bool GpioPartSensor::settle_when_due() {
             lose(level.error());
             return false;
         }
-        if (!take_edges()) return false;
+        if (!read_edges()) return false;
         if (raw_.empty()) filter_->settle(loop_.now(), *level, edges_);
-        if (!take_edges()) return false;  // tells it
+        if (!read_edges()) return false;  // reports the edge
     }
     if (const auto due = filter_->due()) settle_timer_ = loop_.call_at(*due, [this] { (void)settle_when_due(); });
     return true;
 }
 
-// Whether the chip is still there, and whether an edge was lost without a trace.
-void GpioPartSensor::look() {
+// Finds a chip that went away, and a level that changed without an edge.
+void GpioPartSensor::check_line() {
     const auto level = part_->active();
     if (!level) return lose(level.error());
     if (encoder_) {
-        if (const auto there = encoder_->active(); !there) return lose(there.error());
+        if (const auto encoder_level = encoder_->active(); !encoder_level) return lose(encoder_level.error());
     }
-    if (!take_edges()) return;
+    if (!read_edges()) return;
     if (raw_.empty() && !filter_->due()) {
         filter_->settle(loop_.now(), *level, edges_);
-        if (!take_edges()) return;
+        if (!read_edges()) return;
     }
     if (!settle_when_due()) return;
-    look_timer_ = loop_.call_after(kLookEvery, [this] { look(); });
+    check_timer_ = loop_.call_after(kCheckEvery, [this] { check_line(); });
 }
 
-void GpioPartSensor::take_encoder() {
+void GpioPartSensor::read_counts() {
     if (!encoder_) return;
     std::vector<GpioEdge> counts;
     if (const auto read = encoder_->read(counts); !read) return lose(read.error());
@@ -156,10 +150,10 @@ void GpioPartSensor::take_encoder() {
     }
 }
 
-void GpioPartSensor::read_encoder() {
-    take_encoder();
+void GpioPartSensor::report_position() {
+    read_counts();
     if (!part_) return;  // lost
-    reading_timer_ = loop_.call_after(options_.encoder_every, [this] { read_encoder(); });
+    position_timer_ = loop_.call_after(options_.encoder_every, [this] { report_position(); });
     listener_->on_encoder({loop_.now(), track_->counts()});
 }
 
@@ -173,7 +167,7 @@ void GpioPartSensor::release() {
     if (!part_) return;
     loop_.unwatch(part_watch_);
     if (encoder_) loop_.unwatch(encoder_watch_);
-    for (const auto timer : {look_timer_, settle_timer_, reading_timer_}) loop_.cancel(timer);
+    for (const auto timer : {check_timer_, settle_timer_, position_timer_}) loop_.cancel(timer);
     part_.reset();
     encoder_.reset();
     track_.reset();

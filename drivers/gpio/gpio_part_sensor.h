@@ -1,12 +1,12 @@
-// A light barrier on a GPIO line, and an encoder's line where there is one.
+// A light barrier on a GPIO line, and optionally an encoder's line.
 //
-// Edges have the kernel's time stamps, are debounced (edge_filter.h) and told when that is over; active means covered.
-// A line that does not come to rest, an edge that the kernel could not keep and a chip that went away are recognised:
-// the first and the last as a loss of the sensor, the other as a gap in the sequence. The chip's absence is noticed
-// within kLookEvery: the kernel wakes nobody for it.
+// Edges have the kernel's time stamps and are debounced (edge_filter.h); active means covered. A line that bounces for
+// too long and a chip that went away are reported as a loss of the sensor. An edge that the kernel could not keep
+// leaves a gap in the sequence. The kernel does not signal that a chip went away: the driver finds it within
+// kCheckEvery.
 //
-// An encoder with one line counts activations, and cannot tell backwards from forwards: tracking by it needs a
-// conveyor that never runs back. Counts that were lost lose the position, and so the sensor.
+// An encoder with one line counts activations and does not know the direction: tracking by it needs a conveyor that
+// never runs backwards. Lost counts lose the position, and are reported as a loss of the sensor.
 #pragma once
 
 #include <functional>
@@ -21,24 +21,16 @@
 
 namespace hord::drivers {
 
-struct GpioPartSensorOptions {
-    GpioLine line;
-    hal::Duration debounce = std::chrono::microseconds(200);  // 0..100 ms; edges are told so much later
-    std::optional<GpioLine> encoder;
-    hal::Duration encoder_every = std::chrono::milliseconds(5);  // its readings
-    bool operator==(const GpioPartSensorOptions&) const = default;
-};
-
 class GpioPartSensor final : public hal::PartSensor {
   public:
-    static constexpr hal::Duration kLookEvery = std::chrono::milliseconds(50);
-    // A line that goes on and off for longer than this, or twenty times the debounce, is no part's.
-    static constexpr hal::Duration kUnrest = std::chrono::milliseconds(50);
+    static constexpr hal::Duration kCheckEvery = std::chrono::milliseconds(50);
+    // The longest bounce burst; twenty times the debounce if that is longer.
+    static constexpr hal::Duration kMaxBurst = std::chrono::milliseconds(50);
 
     using Lines = std::function<Result<std::unique_ptr<GpioInput>>(const GpioLine&, GpioEdges)>;
 
-    // Loop thread; blocks for the chips' open. Takes the lines, and lets go of them again: start() holds them.
-    // Fails as request_input() does, and with invalid_argument (debounce, encoder_every).
+    // Loop thread; blocks while the chips are opened. Requests the lines and releases them: start() holds them.
+    // Fails as request_input() does.
     static Result<std::unique_ptr<GpioPartSensor>> open(hal::EventLoop& loop, const GpioPartSensorOptions& options,
                                                         Lines lines = request_input);
     ~GpioPartSensor() override;
@@ -52,11 +44,11 @@ class GpioPartSensor final : public hal::PartSensor {
     void do_stop() override;
 
     void on_ready();
-    void look();
-    void read_encoder();
-    bool take_edges();       // false: lost, or stopped by the listener
+    void check_line();
+    void report_position();
+    bool read_edges();       // false: the sensor is lost, or the listener stopped it
     bool settle_when_due();  // the same
-    void take_encoder();
+    void read_counts();
     void lose(const Error& why);
     void release();
 
@@ -66,7 +58,7 @@ class GpioPartSensor final : public hal::PartSensor {
     Listener* listener_ = nullptr;
     std::unique_ptr<GpioInput> part_, encoder_;
     hal::EventLoop::WatchId part_watch_{}, encoder_watch_{};
-    hal::EventLoop::TimerId look_timer_{}, settle_timer_{}, reading_timer_{}, lost_timer_{};
+    hal::EventLoop::TimerId check_timer_{}, settle_timer_{}, position_timer_{}, lost_timer_{};
     std::uint32_t starts_ = 0;
     std::optional<EdgeFilter> filter_;
     std::optional<EncoderTrack> track_;

@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <condition_variable>
-#include <deque>
 #include <mutex>
 #include <optional>
 #include <thread>
 #include <utility>
+
+#include "drivers/hal/thread_safe_queue.h"
 
 namespace hord::drivers {
 
@@ -15,15 +16,16 @@ using hal::StrobePulse;
 using hal::StrobeReport;
 using hal::TimePoint;
 
-// Both halves of a running driver. What crosses between them lies under the mutex; the loop's half may outlive the
-// thread's by what is still posted, hence shared.
+// The state of one start(): members of the loop thread, of the driver's thread, and those shared under the mutex. Held
+// by shared_ptr because posted callbacks may run after stop().
 struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
-    struct News {  // from the thread to the loop
+    struct Event {  // from the driver's thread to the loop
         std::optional<StrobeReport> report;
-        Error lost;  // when there is no report
+        Error why_lost;  // without a report
     };
 
     hal::EventLoop& loop;
+    ThreadSafeQueue<Event> events;
 
     // Loop thread.
     hal::Strobe::Listener* listener = nullptr;
@@ -31,11 +33,10 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
 
     std::mutex mutex;
     std::condition_variable wake;
-    std::vector<StrobePulse> asked;  // not yet begun
+    std::vector<StrobePulse> requested;  // not yet begun
     bool stopping = false;
-    std::deque<News> news;
 
-    // The thread's.
+    // Driver's thread.
     std::unique_ptr<GpioOutputs> outputs;  // null after a loss
     LightBudget spent;
     std::thread thread;
@@ -45,34 +46,27 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
 
     // ---- loop's thread
 
-    void take_news() {
-        for (;;) {
-            News item;
-            {
-                const std::scoped_lock lock(mutex);
-                if (news.empty()) return;
-                item = std::move(news.front());
-                news.pop_front();
-            }
-            if (listener == nullptr) return;  // stopped, perhaps by the call before
-            if (item.report) {
-                listener->on_strobe(*item.report);
+    void deliver_events() {
+        while (const auto event = events.pop()) {
+            if (listener == nullptr) return;  // stopped by the previous callback, or before
+            if (event->report) {
+                listener->on_strobe(*event->report);
                 continue;
             }
             lost = true;
-            forget_asked();
-            if (listener != nullptr) listener->on_strobe_lost(item.lost);
+            report_unlit();
+            if (listener != nullptr) listener->on_strobe_lost(event->why_lost);
         }
     }
 
-    // Pulses that will not be lit: the thread has ended.
-    void forget_asked() {
-        std::vector<StrobePulse> forgotten;
+    // After the thread's end: the pulses that it did not begin.
+    void report_unlit() {
+        std::vector<StrobePulse> unlit;
         {
             const std::scoped_lock lock(mutex);
-            forgotten.swap(asked);
+            unlit.swap(requested);
         }
-        for (const StrobePulse& pulse : forgotten) {
+        for (const StrobePulse& pulse : unlit) {
             if (listener != nullptr)
                 listener->on_strobe({.exposure = pulse.exposure, .lit = false, .start = loop.now(), .width = {}});
         }
@@ -80,24 +74,21 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
 
     // ---- the driver's thread
 
-    void tell(News item) {
-        {
-            const std::scoped_lock lock(mutex);
-            news.push_back(std::move(item));
-        }
-        loop.post([self = shared_from_this()] { self->take_news(); });
+    void send(Event event) {
+        events.push(std::move(event));
+        loop.post([self = shared_from_this()] { self->deliver_events(); });
     }
     void not_lit(const StrobePulse& pulse) {
-        tell({StrobeReport{.exposure = pulse.exposure, .lit = false, .start = loop.now(), .width = {}}, {}});
+        send({StrobeReport{.exposure = pulse.exposure, .lit = false, .start = loop.now(), .width = {}}, {}});
     }
 
-    // The thread waits until `due`, or until it is told to stop. Keeps the mutex but for the waiting; false: stop.
+    // Waits until `due`, the last kSpinTime without sleeping. Releases the mutex while it waits. False: stop requested.
     bool wait_until(std::unique_lock<std::mutex>& lock, TimePoint due) {
         while (!stopping) {
             const Duration left = due - loop.now();
             if (left <= Duration::zero()) return true;
-            if (left > kWatch) {
-                wake.wait_for(lock, left - kWatch);
+            if (left > kSpinTime) {
+                wake.wait_for(lock, left - kSpinTime);
                 continue;
             }
             lock.unlock();
@@ -110,29 +101,29 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
 
     void run() {
         std::unique_lock lock(mutex);
-        TimePoint look_at = loop.now() + kLookEvery;
+        TimePoint check_at = loop.now() + kCheckEvery;
         while (!stopping) {
-            const auto next = std::ranges::min_element(asked, {}, &StrobePulse::start);
+            const auto next = std::ranges::min_element(requested, {}, &StrobePulse::start);
             const TimePoint begin =
-                next == asked.end() ? TimePoint::max() : std::max(next->start, spent.rested(next->channels));
+                next == requested.end() ? TimePoint::max() : std::max(next->start, spent.rested(next->channels));
             const TimePoint now = loop.now();
-            const bool time_to_look = begin - now > kLookClear;
-            if (time_to_look && now >= look_at) {
-                if (!look(lock)) return;
-                look_at = loop.now() + kLookEvery;
+            const bool may_check = begin - now > kCheckMargin;
+            if (may_check && now >= check_at) {
+                if (!check_lines(lock)) return;
+                check_at = loop.now() + kCheckEvery;
                 continue;
             }
-            if (const Duration left = begin - now; left > kWatch) {
-                const std::size_t known = asked.size();
-                const Duration longest = time_to_look ? look_at - now : Duration::max();
-                wake.wait_for(lock, std::min(left - kWatch, longest),
-                              [&] { return stopping || asked.size() != known; });
+            if (const Duration left = begin - now; left > kSpinTime) {
+                const std::size_t waiting = requested.size();
+                const Duration longest = may_check ? check_at - now : Duration::max();
+                wake.wait_for(lock, std::min(left - kSpinTime, longest),
+                              [&] { return stopping || requested.size() != waiting; });
                 continue;
             }
             const StrobePulse pulse = *next;
-            asked.erase(next);
+            requested.erase(next);
             if (!wait_until(lock, begin)) {
-                asked.push_back(pulse);  // stop() reports it
+                requested.push_back(pulse);  // stop() reports it
                 break;
             }
             if (!flash(lock, pulse)) return;
@@ -142,7 +133,7 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
     // False: the lines are lost.
     bool flash(std::unique_lock<std::mutex>& lock, const StrobePulse& pulse) {
         const TimePoint on = loop.now();
-        if (on >= pulse.start + pulse.width) return skip(lock, pulse);  // its exposure is over, or may be
+        if (on >= pulse.start + pulse.width) return skip(lock, pulse);  // its exposure may be over
         lock.unlock();
         auto done = outputs->set(pulse.channels);
         lock.lock();
@@ -157,12 +148,12 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
             lock.lock();
             return false;
         }
-        tell({StrobeReport{.exposure = pulse.exposure, .lit = true, .start = on, .width = width}, {}});
+        send({StrobeReport{.exposure = pulse.exposure, .lit = true, .start = on, .width = width}, {}});
         lock.lock();
         return true;
     }
 
-    // Lights nothing, and sees by that whether the lines still obey.
+    // For a pulse that would be too late: lights nothing, but writes the lines and so checks them.
     bool skip(std::unique_lock<std::mutex>& lock, const StrobePulse& pulse) {
         lock.unlock();
         const auto off = outputs->set(0);
@@ -172,10 +163,9 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
         return off.has_value();
     }
 
-    // The kernel wakes nobody when a chip goes away. Whoever brings it back and resets the station must not find the
-    // lines of the chip that was: so they are told to be off once more, while nothing is lit and no pulse is near.
-    // False: the lines are lost.
-    bool look(std::unique_lock<std::mutex>& lock) {
+    // Writes "off" again while nothing is lit and no pulse is near. The kernel does not signal that a chip went away;
+    // without this check the loss would show at the next pulse. False: the lines are lost.
+    bool check_lines(std::unique_lock<std::mutex>& lock) {
         lock.unlock();
         const auto off = outputs->set(0);
         if (!off) lose(off.error());
@@ -183,7 +173,7 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
         return off.has_value();
     }
 
-    // A line that cannot be set may be on: letting go of all of them is what is left.
+    // A line that cannot be set may be on. Releasing the lines is the only way left to turn it off.
     void lose(const StrobePulse& pulse, const Error& why) {
         outputs.reset();
         not_lit(pulse);
@@ -191,7 +181,7 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
     }
     void lose(const Error& why) {
         outputs.reset();
-        tell({std::nullopt, why});
+        send({std::nullopt, why});
     }
 };
 
@@ -199,7 +189,7 @@ GpioStrobe::GpioStrobe(hal::EventLoop& loop, std::vector<LightLimits> limits, Li
     : loop_(loop), limits_(std::move(limits)), lines_(std::move(lines)), planned_(limits_), spent_(limits_) {}
 
 GpioStrobe::~GpioStrobe() {
-    if (session_) session_->listener = nullptr;  // may be gone already
+    if (session_) session_->listener = nullptr;  // the listener may not exist any more
     stop();
 }
 
@@ -238,7 +228,7 @@ Result<std::unique_ptr<GpioStrobe>> GpioStrobe::open(hal::EventLoop& loop, std::
 
 hal::StrobeLimits GpioStrobe::do_limits() const {
     hal::StrobeLimits limits{Duration::zero(), Duration::max(),
-                             static_cast<int>(limits_.size())};  // of the strongest; fire() knows each
+                             static_cast<int>(limits_.size())};  // the widest of all channels; do_fire() checks each
     for (const LightLimits& channel : limits_) {
         limits.max_on = std::max(limits.max_on, channel.max_on);
         limits.min_rest = std::min(limits.min_rest, channel.min_rest);
@@ -268,9 +258,9 @@ Result<void> GpioStrobe::do_fire(const StrobePulse& pulse) {
     if (auto checked = planned_.check(pulse.channels, pulse.start, pulse.width); !checked) return checked;
     {
         const std::scoped_lock lock(session_->mutex);
-        if (session_->asked.size() >= kPending)
+        if (session_->requested.size() >= kMaxPending)
             return fail(ErrorCode::busy, "too many strobe pulses are waiting", "ask for them later");
-        session_->asked.push_back(pulse);
+        session_->requested.push_back(pulse);
     }
     planned_.spend(pulse.channels, pulse.start, pulse.width);
     session_->wake.notify_one();
@@ -288,8 +278,8 @@ void GpioStrobe::do_stop() {
     outputs_ = std::move(session->outputs);
     if (outputs_ && !outputs_->set(0)) outputs_.reset();
     spent_ = session->spent;
-    session->take_news();  // what is known is reported as it is, the rest as not lit
-    session->forget_asked();
+    session->deliver_events();  // finished pulses; the others are reported as not lit
+    session->report_unlit();
     session->listener = nullptr;
 }
 

@@ -1,4 +1,4 @@
-// The station's one monotonic clock. Injected everywhere; nothing else in the project reads time.
+// The station's only monotonic clock, injected everywhere.
 #pragma once
 
 #include <chrono>
@@ -7,7 +7,7 @@ namespace hord::hal {
 
 using Duration = std::chrono::nanoseconds;
 
-// A point on CLOCK_MONOTONIC in the service, on virtual time in simulation. Not a std clock: it has no now().
+// CLOCK_MONOTONIC in the service, virtual time in simulation. Not a std clock: it has no now().
 struct StationTime {
     using duration = Duration;
     using rep = Duration::rep;

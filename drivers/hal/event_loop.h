@@ -1,7 +1,7 @@
-// Where devices wait. One thread runs the loop; every listener of the seam is called on it.
+// The event loop under all devices. One thread runs it and calls every listener of the devices.
 //
-// Two backends: sd-event in the service (real time), a virtual-time scheduler in simulation. A simulated device
-// uses only timers and so runs on both; a real driver also watches descriptors.
+// Two backends: sd-event in the service (real time) and a virtual-time scheduler in simulation. Simulated devices use
+// only timers and run on both; real drivers also watch descriptors.
 #pragma once
 
 #include <cstdint>
@@ -19,12 +19,11 @@ class EventLoop : public Clock {
     enum class WatchId : std::uint64_t { none = 0 };
     enum class Readiness : std::uint8_t { readable = 1, writable = 2, readable_and_writable = 3 };
 
-    // Loop thread. Runs `callback` once, at `due` or as soon after as the loop gets to it; timers with the same
-    // due time run in the order in which they were made.
+    // Loop thread. Runs `callback` once, at `due` or later. Timers with the same due time run in the order of creation.
     TimerId call_at(TimePoint due, Callback callback) { return do_call_at(due, std::move(callback)); }
     TimerId call_after(Duration delay, Callback callback) { return do_call_at(now() + delay, std::move(callback)); }
 
-    // Loop thread. Forgets a timer; no effect when it has run or was never made.
+    // Loop thread. No effect on a timer that has run or does not exist.
     void cancel(TimerId timer) { do_cancel(timer); }
 
     // Loop thread. Runs `callback` whenever `fd` is ready, until unwatch(). The caller keeps the descriptor open.

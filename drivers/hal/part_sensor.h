@@ -1,4 +1,4 @@
-// The light barrier (and, where there is one, the encoder) that says when a part comes.
+// The light barrier that detects parts, and optionally the conveyor's encoder.
 #pragma once
 
 #include <cstdint>
@@ -12,15 +12,15 @@ namespace hord::hal {
 struct PartEdge {
     enum class Kind : std::uint8_t { arrives, leaves };
     Kind kind = Kind::arrives;
-    TimePoint at;                        // when the kernel (or the simulated world) saw it, not when it was read
+    TimePoint at;                        // the kernel's (or the simulated world's) time stamp, not the time of reading
     std::uint32_t sequence = 0;          // counts edges from 1; a gap means that edges were lost
     std::optional<std::int64_t> counts;  // encoder position at the edge, counts; none without an encoder
 };
 
-// Delivered at a steady pace while the conveyor stands, too: silence means that the position is lost.
+// Delivered at a fixed rate, also while the conveyor stands: a missing reading means that the position is lost.
 struct EncoderReading {
     TimePoint at;
-    std::int64_t counts = 0;  // grows with the conveyor's motion
+    std::int64_t counts = 0;  // grows while the conveyor moves
 };
 
 class PartSensor {

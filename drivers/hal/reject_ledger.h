@@ -1,7 +1,7 @@
-// What a Rejector backend remembers of its commands, so that a repeated one neither ejects twice nor goes unreported.
+// The commands of a Rejector backend, kept so that a repeated command does not eject twice and is reported as well.
 //
-// Loop thread only. A command repeats another when it names the same part for a start within kSamePart of it; part
-// numbers may begin anew when the station arms again, and then the starts are further apart.
+// Loop thread only. A command repeats another if it has the same part number and its start is within kSamePart of the
+// other's. Part numbers start again when the station arms; then the starts are further apart.
 #pragma once
 
 #include <array>
@@ -20,8 +20,8 @@ class RejectLedger {
 
     enum class Entered : std::uint8_t {
         fresh,    // carry it out and settle() it
-        repeat,   // under way: its report is owed once more; nothing to do
-        settled,  // done before: deliver `report` again
+        repeat,   // the first one is not settled yet; its report will be delivered once more
+        settled,  // deliver `report` again
         full,     // refuse it as busy
     };
     struct Entry {
@@ -31,56 +31,57 @@ class RejectLedger {
     };
 
     Entry enter(const RejectCommand& command) {
-        for (std::size_t k = 0; k < kRemembered; ++k) {
-            Line& line = lines_[k];
-            if (!line.used || line.part != command.part) continue;
-            const Duration apart = line.start < command.start ? command.start - line.start : line.start - command.start;
+        for (std::size_t k = 0; k < kCapacity; ++k) {
+            Record& record = records_[k];
+            if (!record.used || record.part != command.part) continue;
+            const Duration apart =
+                record.start < command.start ? command.start - record.start : record.start - command.start;
             if (apart >= kSamePart) continue;
-            if (line.owed == 0) return {Entered::settled, k, line.report};
-            ++line.owed;
+            if (record.owed == 0) return {Entered::settled, k, record.report};
+            ++record.owed;
             return {Entered::repeat, k, {}};
         }
         if (pending_ == kPending) return {};
-        while (lines_[next_].used && lines_[next_].owed > 0)
-            next_ = (next_ + 1) % kRemembered;  // fewer pending than lines
-        lines_[next_] = {true, command.part, 1, command.start, {}};
+        while (records_[next_].used && records_[next_].owed > 0)
+            next_ = (next_ + 1) % kCapacity;  // ends: fewer are pending than there are records
+        records_[next_] = {true, command.part, 1, command.start, {}};
         ++pending_;
         const std::size_t slot = next_;
-        next_ = (next_ + 1) % kRemembered;
+        next_ = (next_ + 1) % kCapacity;
         return {Entered::fresh, slot, {}};
     }
 
-    // The command in `slot` is settled. Returns how many times the report is owed; 0 when it was settled before.
+    // Settles the command in `slot`. Returns how often `report` must be delivered; 0 if it was settled before.
     std::uint32_t settle(std::size_t slot, const RejectReport& report) {
-        Line& line = lines_[slot];
-        if (line.owed == 0) return 0;
-        line.report = report;
+        Record& record = records_[slot];
+        if (record.owed == 0) return 0;
+        record.report = report;
         --pending_;
-        return std::exchange(line.owed, 0);
+        return std::exchange(record.owed, 0);
     }
 
-    // Settles everything that is not, and calls deliver(report) as often as each report is owed.
+    // Settles all pending commands and calls deliver(report) as often as each report is owed.
     template <class Deliver>
     void settle_all(RejectReport::Outcome outcome, TimePoint at, Deliver&& deliver) {
-        for (std::size_t slot = 0; slot < kRemembered; ++slot) {
-            const RejectReport report{lines_[slot].part, outcome, at};
+        for (std::size_t slot = 0; slot < kCapacity; ++slot) {
+            const RejectReport report{records_[slot].part, outcome, at};
             for (auto owed = settle(slot, report); owed > 0; --owed) deliver(report);
         }
     }
 
     [[nodiscard]] std::size_t pending() const { return pending_; }
-    void forget() { *this = RejectLedger{}; }
+    void clear() { *this = RejectLedger{}; }
 
   private:
-    static constexpr std::size_t kRemembered = 256;
-    struct Line {
+    static constexpr std::size_t kCapacity = 256;
+    struct Record {
         bool used = false;
         std::uint32_t part = 0;
-        std::uint32_t owed = 0;  // reports; 0: settled
+        std::uint32_t owed = 0;  // deliveries of the report; 0: settled
         TimePoint start;
         RejectReport report;
     };
-    std::array<Line, kRemembered> lines_{};
+    std::array<Record, kCapacity> records_{};
     std::size_t next_ = 0;
     std::size_t pending_ = 0;
 };

@@ -1,4 +1,4 @@
-// What removes a bad part from the line, and the permit that lets the line run.
+// The ejector that removes bad parts from the line, and the permit that lets the line run.
 #pragma once
 
 #include <cstdint>
@@ -9,9 +9,9 @@
 namespace hord::hal {
 
 struct RejectCommand {
-    std::uint32_t part = 0;  // repeating a command for the same part never ejects twice
-    TimePoint start;         // when the ejector must act
-    Duration width{};        // how long
+    std::uint32_t part = 0;  // a repeated command for the same part does not eject twice
+    TimePoint start;         // of the ejector's pulse
+    Duration width{};
 };
 
 struct RejectReport {
@@ -23,7 +23,7 @@ struct RejectReport {
     };
     std::uint32_t part = 0;
     Outcome outcome = Outcome::failed;
-    TimePoint at;  // when the write was acknowledged (the output had moved by then), or was given up
+    TimePoint at;  // when the write was acknowledged, at the latest when the output moved; or when it was given up
 };
 
 class Rejector {
@@ -40,16 +40,16 @@ class Rejector {
 
     virtual ~Rejector() = default;
 
-    // Loop thread, does not block. The link is down until on_rejector_link(true) says otherwise; the driver keeps
-    // trying to reach the module until stop(). Fails with invalid_argument only (a bad address, a second start).
+    // Loop thread, does not block. The link is down until on_rejector_link(true); the driver tries to reach the module
+    // until stop(). Fails with invalid_argument only (a bad address, a second start).
     Result<void> start(Listener& listener);
 
-    // Loop thread, does not block. The ejector acts within [start, start + width) or not at all: never later, on a
+    // Loop thread, does not block. The ejector acts within [start, start + width) or not at all: later it would hit a
     // neighbour. With the link down a command is accepted and reported as failed. Fails with disconnected (not
     // started), busy (its queue is full), invalid_argument (width <= 0).
     Result<void> reject(const RejectCommand& command);
 
-    // Loop thread, does not block. The permit drops by itself when the link does. Idempotent.
+    // Loop thread, does not block. The permit drops when the link goes down. Idempotent.
     void set_run_permit(bool permit);
 
     // Loop thread. Outputs to their safe state (permit down, ejector as configured) before the link closes. Commands

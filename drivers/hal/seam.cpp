@@ -1,4 +1,4 @@
-// The public halves of the seam: preconditions, checked once for every backend.
+// The public functions of the device interfaces: preconditions, checked once for all backends.
 #include "drivers/hal/part_sensor.h"
 #include "drivers/hal/rejector.h"
 #include "drivers/hal/sensor.h"
@@ -7,8 +7,12 @@
 namespace hord::hal {
 namespace {
 
-tl::unexpected<Error> already_started(const char* what) {
-    return fail(ErrorCode::invalid_argument, std::string(what) + " is already started", "stop it first");
+template <class Start>
+Result<void> start_once(bool& started, const char* what, Start do_start) {
+    if (started) return fail(ErrorCode::invalid_argument, std::string(what) + " is already started", "stop it first");
+    Result<void> done = do_start();
+    started = done.has_value();
+    return done;
 }
 tl::unexpected<Error> not_started(const char* what) {
     return fail(ErrorCode::disconnected, std::string(what) + " is not started", "start it and wait for its link");
@@ -17,22 +21,15 @@ tl::unexpected<Error> not_started(const char* what) {
 }  // namespace
 
 Result<void> PartSensor::start(Listener& listener) {
-    if (started_) return already_started("the part sensor");
-    auto done = do_start(listener);
-    started_ = done.has_value();
-    return done;
+    return start_once(started_, "the part sensor", [&] { return do_start(listener); });
 }
 
 void PartSensor::stop() {
-    if (!std::exchange(started_, false)) return;
-    do_stop();
+    if (std::exchange(started_, false)) do_stop();
 }
 
 Result<void> Strobe::start(Listener& listener) {
-    if (started_) return already_started("the strobe");
-    auto done = do_start(listener);
-    started_ = done.has_value();
-    return done;
+    return start_once(started_, "the strobe", [&] { return do_start(listener); });
 }
 
 Result<void> Strobe::fire(const StrobePulse& pulse) {
@@ -62,8 +59,7 @@ Result<void> Strobe::fire(const StrobePulse& pulse) {
 }
 
 void Strobe::stop() {
-    if (!std::exchange(started_, false)) return;
-    do_stop();
+    if (std::exchange(started_, false)) do_stop();
 }
 
 void FrameLease::give_back() noexcept {
@@ -71,10 +67,7 @@ void FrameLease::give_back() noexcept {
 }
 
 Result<void> Sensor::start(Listener& listener) {
-    if (started_) return already_started("the sensor");
-    auto done = do_start(listener);
-    started_ = done.has_value();
-    return done;
+    return start_once(started_, "the sensor", [&] { return do_start(listener); });
 }
 
 Result<void> Sensor::trigger(const ExposureRequest& request) {
@@ -86,15 +79,11 @@ Result<void> Sensor::trigger(const ExposureRequest& request) {
 }
 
 void Sensor::stop() {
-    if (!std::exchange(started_, false)) return;
-    do_stop();
+    if (std::exchange(started_, false)) do_stop();
 }
 
 Result<void> Rejector::start(Listener& listener) {
-    if (started_) return already_started("the rejector");
-    auto done = do_start(listener);
-    started_ = done.has_value();
-    return done;
+    return start_once(started_, "the rejector", [&] { return do_start(listener); });
 }
 
 Result<void> Rejector::reject(const RejectCommand& command) {
@@ -111,8 +100,7 @@ void Rejector::set_run_permit(bool permit) {
 }
 
 void Rejector::stop() {
-    if (!std::exchange(started_, false)) return;
-    do_stop();
+    if (std::exchange(started_, false)) do_stop();
 }
 
 }  // namespace hord::hal

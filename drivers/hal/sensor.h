@@ -23,7 +23,8 @@ struct ExposureRequest {
     Duration length{};
 };
 
-// What the device says of a frame. Nothing here is trusted: the station's core matches it to the exposure it asked for.
+// The device's description of a frame. The station's core does not trust it: it matches frames to the exposures that it
+// triggered.
 struct FrameInfo {
     std::uint32_t sequence = 0;  // the device's own count; a gap means lost frames
     TimePoint exposure_start;    // device timestamp
@@ -33,7 +34,7 @@ struct FrameInfo {
 
 class Sensor;
 
-// A frame on loan. Gives the buffer back when it dies; may die on any thread, before its sensor does.
+// A frame in the sensor's buffer. The destructor returns the buffer, on any thread; the sensor must outlive the lease.
 class FrameLease {
   public:
     FrameLease() = default;
@@ -84,11 +85,12 @@ class Sensor {
     // Loop thread. Fails with not_found, unsupported (the format; lists what there is), busy, io.
     Result<void> start(Listener& listener);
 
-    // Loop thread, does not block. Asks for one frame. The frame may come, come late, or never: the caller keeps the
-    // deadline. Fails with disconnected (not started or lost), busy (no free buffer), invalid_argument (length <= 0).
+    // Loop thread, does not block. Requests one frame. It may come late or never: the caller watches the deadline.
+    // Fails with disconnected (not started or lost), busy (no free buffer), invalid_argument (length <= 0).
     Result<void> trigger(const ExposureRequest& request);
 
-    // Loop thread. No call reaches the listener after it returns; frames on loan stay readable until given back.
+    // Loop thread. No call reaches the listener after it returns; leased frames stay readable until they are given
+    // back.
     void stop();
 
   private:

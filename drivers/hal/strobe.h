@@ -8,7 +8,7 @@
 
 namespace hord::hal {
 
-// What the lights stand. The driver enforces it below every caller.
+// What the lights withstand. The driver enforces it.
 struct StrobeLimits {
     Duration max_on{};    // longest pulse
     Duration min_rest{};  // shortest time from the end of a pulse to the start of the next
@@ -16,7 +16,7 @@ struct StrobeLimits {
 };
 
 struct StrobePulse {
-    std::uint32_t exposure = 0;  // the exposure this pulse lights; comes back in the report
+    std::uint32_t exposure = 0;  // repeated in the report
     std::uint32_t channels = 1;  // bit set of collimators
     TimePoint start;
     Duration width{};
@@ -25,8 +25,8 @@ struct StrobePulse {
 struct StrobeReport {
     std::uint32_t exposure = 0;
     bool lit = false;  // false: refused, late or failed; the frame is dark or wrongly lit
-    TimePoint start;   // when it really began
-    Duration width{};  // and how long it lasted
+    TimePoint start;   // the measured one
+    Duration width{};  // the measured one
 };
 
 class Strobe {

@@ -1,4 +1,4 @@
-// A camera in the process that holds it (camera_host.h): libcamera's, or a test's.
+// A camera in the process that holds it (camera_host.h): libcamera's or a test's.
 #pragma once
 
 #include <cstddef>
@@ -6,12 +6,13 @@
 #include <vector>
 
 #include "drivers/libcamera/camera_port.h"
+#include "drivers/libcamera/libcamera_options.h"
 
 namespace hord::drivers {
 
-// A buffer's memory as a file that can be mapped, in this process and in another that is given the descriptor.
+// A buffer's memory as a file: this process and any that receives the descriptor can map it.
 struct CameraBuffer {
-    int fd = -1;  // the device's: valid until stop()
+    int fd = -1;  // owned by the device, valid until stop()
     std::size_t offset = 0, bytes = 0;
 };
 
@@ -25,11 +26,11 @@ class CameraDevice {
     virtual Result<void> queue(std::uint32_t buffer) = 0;
     virtual void stop() = 0;
 
-    // Between start() and stop(): false once its device nodes are gone. Asks the file system alone, not the camera.
+    // Between start() and stop(): false when its device nodes are gone. Checks the file system only, not the camera.
     [[nodiscard]] virtual bool is_there() = 0;
 };
 
-// The camera by libcamera. Opens nothing yet.
-std::unique_ptr<CameraDevice> open_libcamera(CameraRequest request);
+// Opens nothing yet.
+std::unique_ptr<CameraDevice> open_libcamera(LibcameraSensorOptions request);
 
 }  // namespace hord::drivers

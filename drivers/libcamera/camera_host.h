@@ -1,23 +1,23 @@
-// The process that holds a camera for the station: the whole of the program hord-camera, and of those that tests start
-// in its place.
+// The process that holds a camera for the station: the body of the program hord-camera and of the tests' replacements.
 //
 // Why a process: libcamera does not survive every loss of a camera
-// (docs/adr/0005-libcamera-in-a-process-of-its-own.md). Here it may end, hang or turn in circles; the station's own
-// process, its timing thread and its registers know a camera that is lost, and start the next process.
+// (docs/adr/0005-libcamera-in-a-process-of-its-own.md). Here it may crash, hang or spin; for the station the camera is
+// lost, and it starts the next process.
 #pragma once
 
 #include <functional>
 #include <memory>
 
 #include "drivers/libcamera/camera_device.h"
+#include "drivers/libcamera/libcamera_options.h"
 
 namespace hord::drivers {
 
-constexpr int kCameraSocket = 3;  // the descriptor that the process is started with
+constexpr int kCameraSocket = 3;  // the process inherits it
 
-// Answers on kCameraSocket, streams until the other end closes it, and ends with it; exits the process at once, by
-// nobody's destructor, when the camera is gone. Returns the process's status: 0, or 2 for what are no arguments of
-// camera_wire.h.
-int host_camera(int argc, char** argv, const std::function<std::unique_ptr<CameraDevice>(CameraRequest)>& open);
+// Answers on kCameraSocket and streams until the other end closes it. When the camera is gone it calls _exit(), without
+// destructors. Returns the exit status: 0, or 2 for arguments that are not those of camera_wire.h.
+int host_camera(int argc, char** argv,
+                const std::function<std::unique_ptr<CameraDevice>(LibcameraSensorOptions)>& open);
 
 }  // namespace hord::drivers

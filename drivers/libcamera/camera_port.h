@@ -1,12 +1,11 @@
-// What the libcamera sensor needs of a camera: so small that a test can be one. libcamera itself is in a process of its
-// own (camera_process.h, docs/adr/0005-libcamera-in-a-process-of-its-own.md).
+// What the libcamera sensor needs of a camera, for tests to implement. libcamera itself runs in a process of its own
+// (camera_process.h, docs/adr/0005-libcamera-in-a-process-of-its-own.md).
 #pragma once
 
 #include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "common/result.h"
@@ -14,32 +13,22 @@
 
 namespace hord::drivers {
 
-struct CameraRequest {
-    std::string camera = {};  // its id, as `cam -l` prints it; empty: the only one there is
-    int width_px = 0;         // 0: as the camera proposes
-    int height_px = 0;
-    int bits = 8;  // 8, 10, 12 or 16
-    int buffers = 4;
-    bool green = false;  // 8 bits: where there are no grey frames, the green samples of BGR888 or RGB888 ones
-    std::vector<std::pair<std::string, std::int64_t>> controls = {};  // by libcamera's names
-};
-
-// How grey samples of so many bits are called and kept.
+// A pixel format that holds grey samples of the requested depth.
 struct GreyFormat {
     std::string name;  // libcamera's: "R8", "R10_CSI2P"
     int bits = 8;
-    bool packed = false;  // as MIPI packs them: unpacked on the way
-    bool green = false;   // pixels of three bytes, of which the middle one is taken
+    bool packed = false;  // MIPI packing: to be unpacked
+    bool green = false;   // three bytes a pixel; the middle one is used
 };
 
-// The first of `there` that holds grey samples of `bits`, unpacked ones before packed ones, colour (with `green`) last.
-// Fails with unsupported: says what was wanted and lists what there is.
-Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there, int bits,
+// The best of `available` for grey samples of `bits`: unpacked, then packed, then colour (with `green`). Fails with
+// unsupported: names the request and lists the available formats.
+Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> available, int bits,
                                       bool green = false);
 
-// The id of the camera that is meant. Fails with not_found (names what was asked for and lists what there is) and
-// invalid_argument (none was named, and there are several).
-Result<std::string> choose_camera(std::span<const std::string> there, const std::string& wanted);
+// The id of the wanted camera; empty: the only one. Fails with not_found (names the request and lists the cameras) and
+// invalid_argument (none was named and there are several).
+Result<std::string> choose_camera(std::span<const std::string> available, const std::string& wanted);
 
 struct CameraFormat {
     int width_px = 0, height_px = 0;
@@ -58,11 +47,11 @@ struct CameraFrame {
 
 class CameraPort {
   public:
-    // Called on the camera's own thread, which must not be held up.
+    // Called on the camera's thread; must not block.
     class Listener {
       public:
         virtual void on_camera_frame(const CameraFrame& frame) noexcept = 0;
-        virtual void on_camera_gone() noexcept = 0;  // may be told more than once
+        virtual void on_camera_gone() noexcept = 0;  // may be called more than once
 
       protected:
         ~Listener() = default;
@@ -71,17 +60,17 @@ class CameraPort {
 
     virtual ~CameraPort() = default;
 
-    // Agrees on the format; holds nothing afterwards. Fails with not_found, busy, unsupported, io.
+    // Negotiates the format and releases the camera. Fails with not_found, busy, unsupported, io.
     virtual Result<CameraFormat> look() = 0;
 
-    // Takes the camera and streams; every buffer is with it. The memory stays readable for as long as somebody holds
-    // it, even after stop(). Fails as look() does, and where a control is unknown or refused.
+    // Acquires the camera and streams; all buffers are queued. The memory stays readable while the pointer is held,
+    // also after stop(). Fails as look() does, and with an unknown or refused control.
     virtual Result<std::shared_ptr<const Memory>> start(Listener& listener) = 0;
 
-    // Any thread, between start() and stop(). Gives a buffer back to be filled; does not block.
+    // Any thread, between start() and stop(). Queues a buffer to be filled again; does not block.
     virtual Result<void> queue(std::uint32_t buffer) = 0;
 
-    // Lets go of the camera. No call reaches the listener after it returns.
+    // Releases the camera. No call reaches the listener after it returns.
     virtual void stop() = 0;
 };
 

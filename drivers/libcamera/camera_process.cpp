@@ -16,15 +16,17 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "common/unique_fd.h"
 #include "drivers/libcamera/camera_host.h"
 #include "drivers/libcamera/camera_wire.h"
+#include "drivers/libcamera/libcamera_options.h"
 
 namespace hord::drivers {
 namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto kToEnd = 2s;  // a process that was told to, before it is killed
+constexpr auto kTimeToEnd = 2s;  // then the process is killed
 
 struct Mapped {
     CameraPort::Memory memory;
@@ -37,21 +39,22 @@ struct Mapped {
     }
 };
 
-// The process and this end of its socket.
-class Helper {
+// The process and the station's end of its socket.
+class CameraChild {
   public:
-    static Result<std::unique_ptr<Helper>> start(const std::filesystem::path& program,
-                                                 const std::vector<std::string>& arguments) {
+    static Result<std::unique_ptr<CameraChild>> start(const std::filesystem::path& program,
+                                                      const std::vector<std::string>& arguments) {
         int ends[2];
         if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0)
             return fail(ErrorCode::io, std::string("no sockets for a camera's process: ") + std::strerror(errno),
                         "raise the limit of open files");
+        common::UniqueFd station_end(ends[0]), process_end(ends[1]);
         posix_spawn_file_actions_t files;
         posix_spawn_file_actions_init(&files);
-        posix_spawn_file_actions_adddup2(&files, ends[1], kCameraSocket);
+        posix_spawn_file_actions_adddup2(&files, process_end.get(), kCameraSocket);
         posix_spawn_file_actions_addclosefrom_np(&files, kCameraSocket + 1);
-        // Not the station's signals; and not its real-time policy: libcamera turns in circles while a camera that went
-        // away is still open, and would leave a processor to nobody.
+        // Without the station's signal mask and real-time policy: libcamera spins while a camera that went away is
+        // open, and with that policy would block a processor.
         posix_spawnattr_t how;
         posix_spawnattr_init(&how);
         sigset_t none, all;
@@ -72,79 +75,74 @@ class Helper {
         const int error = ::posix_spawn(&pid, program.c_str(), &files, &how, argv.data(), environ);
         posix_spawn_file_actions_destroy(&files);
         posix_spawnattr_destroy(&how);
-        ::close(ends[1]);
+        process_end.reset();
         if (error != 0) {
-            ::close(ends[0]);
             return fail(
                 error == ENOENT ? ErrorCode::not_found : ErrorCode::io,
                 program.string() + ", which holds libcamera's cameras, cannot be started: " + std::strerror(error),
                 "install the package again");
         }
-        return std::unique_ptr<Helper>(new Helper(pid, ends[0]));
+        return std::unique_ptr<CameraChild>(new CameraChild(pid, std::move(station_end)));
     }
-    ~Helper() {
-        end({});
-        ::close(socket_);
-    }
-    Helper(const Helper&) = delete;
-    Helper& operator=(const Helper&) = delete;
+    ~CameraChild() { end({}); }
+    CameraChild(const CameraChild&) = delete;
+    CameraChild& operator=(const CameraChild&) = delete;
 
-    [[nodiscard]] int socket() const { return socket_; }
+    [[nodiscard]] int socket() const { return socket_.get(); }
 
-    // It has so long to end by itself.
+    // Closes the connection, waits for the process to end, and kills it after `patience`.
     void end(hal::Duration patience) {
         if (pid_ == 0) return;
-        ::shutdown(socket_, SHUT_WR);
+        ::shutdown(socket_.get(), SHUT_WR);
         const auto until = std::chrono::steady_clock::now() + patience;
         siginfo_t ended{};
         while (::waitid(P_PID, static_cast<id_t>(pid_), &ended, WEXITED | WNOHANG | WNOWAIT) == 0 &&
                ended.si_pid == 0 && std::chrono::steady_clock::now() < until) {
             std::this_thread::sleep_for(2ms);
         }
-        ::kill(
-            pid_,
-            SIGKILL);  // one that has ended feels nothing; it is reaped only here, so that the number is still its own
+        ::kill(pid_,
+               SIGKILL);  // safe also after its end: the process is reaped only below, so nobody else has its number
         while (::waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
         }
         pid_ = 0;
     }
 
   private:
-    Helper(pid_t pid, int socket) : pid_(pid), socket_(socket) {}
+    CameraChild(pid_t pid, common::UniqueFd socket) : pid_(pid), socket_(std::move(socket)) {}
     pid_t pid_;
-    int socket_;
+    common::UniqueFd socket_;
 };
 
 class CameraProcess final : public CameraPort {
   public:
-    CameraProcess(CameraRequest request, std::filesystem::path program, hal::Duration patience)
+    CameraProcess(LibcameraSensorOptions request, std::filesystem::path program, hal::Duration patience)
         : request_(std::move(request)), program_(std::move(program)), patience_(patience) {}
     ~CameraProcess() override { stop(); }
 
     Result<CameraFormat> look() override {
-        auto answer = ask(CameraAsk::look);
-        if (helper_) helper_->end(kToEnd);
-        helper_.reset();
+        auto answer = run(CameraCommand::look);
+        if (child_) child_->end(kTimeToEnd);
+        child_.reset();
         if (!answer) return tl::unexpected(answer.error());
         return answer->format;
     }
 
     Result<std::shared_ptr<const Memory>> start(Listener& listener) override {
         stop();
-        auto answer = ask(CameraAsk::start);
+        auto answer = run(CameraCommand::start);
         auto memory = answer ? map(*answer) : tl::unexpected(answer.error());
         if (!memory) {
-            if (helper_) helper_->end(kToEnd);
-            helper_.reset();
+            if (child_) child_->end(kTimeToEnd);
+            child_.reset();
             return memory;
         }
         stopping_ = false;
-        reader_ = std::thread([this, &listener, socket = helper_->socket()] { read(listener, socket); });
+        reader_ = std::thread([this, &listener, socket = child_->socket()] { read(listener, socket); });
         return memory;
     }
 
     Result<void> queue(std::uint32_t buffer) override {
-        if (::send(helper_->socket(), &buffer, sizeof buffer, MSG_DONTWAIT | MSG_NOSIGNAL) !=
+        if (::send(child_->socket(), &buffer, sizeof buffer, MSG_DONTWAIT | MSG_NOSIGNAL) !=
             static_cast<ssize_t>(sizeof buffer)) {
             return fail(ErrorCode::disconnected, "the camera's process takes no buffer",
                         "stop the sensor and start it again");
@@ -154,19 +152,19 @@ class CameraProcess final : public CameraPort {
 
     void stop() override {
         stopping_ = true;
-        if (helper_) helper_->end(kToEnd);
-        if (reader_.joinable()) reader_.join();  // its end of the socket is closed by now
-        helper_.reset();
+        if (child_) child_->end(kTimeToEnd);
+        if (reader_.joinable()) reader_.join();  // recv() returns: the other end is closed
+        child_.reset();
     }
 
   private:
-    Result<CameraAnswer> ask(CameraAsk what) {
-        auto helper = Helper::start(program_, camera_arguments(what, request_));
-        if (!helper) return tl::unexpected(helper.error());
-        helper_ = std::move(*helper);
-        auto answer = receive_answer(helper_->socket(), patience_);
+    Result<CameraAnswer> run(CameraCommand command) {
+        auto child = CameraChild::start(program_, camera_arguments(command, request_));
+        if (!child) return tl::unexpected(child.error());
+        child_ = std::move(*child);
+        auto answer = receive_answer(child_->socket(), patience_);
         if (answer) return std::move(*answer);
-        helper_->end({});
+        child_->end({});
         return fail(
             ErrorCode::io,
             program_.filename().string() + ", which holds libcamera's cameras, ended or hung when it was asked for one",
@@ -186,27 +184,27 @@ class CameraProcess final : public CameraPort {
             mapped->maps.emplace_back(data, buffer.offset + buffer.bytes);
             mapped->memory.emplace_back(static_cast<const std::byte*>(data) + buffer.offset, buffer.bytes);
         }
-        for (const CameraBuffer& buffer : answer.buffers) ::close(buffer.fd);  // the map keeps the memory
+        for (const CameraBuffer& buffer : answer.buffers) ::close(buffer.fd);  // the mapping stays
         if (!good) return tl::unexpected(good.error());
         return std::shared_ptr<const Memory>(mapped, &mapped->memory);
     }
 
     void read(Listener& listener, int socket) {
         for (;;) {
-            CameraNote note;
-            const ssize_t count = ::recv(socket, &note, sizeof note, 0);
+            CameraEvent event;
+            const ssize_t count = ::recv(socket, &event, sizeof event, 0);
             if (count < 0 && errno == EINTR) continue;
             if (stopping_) return;
-            if (count != static_cast<ssize_t>(sizeof note) || note.what != CameraNote::What::frame)
+            if (count != static_cast<ssize_t>(sizeof event) || event.what != CameraEvent::What::frame)
                 return listener.on_camera_gone();
-            listener.on_camera_frame(note.frame);
+            listener.on_camera_frame(event.frame);
         }
     }
 
-    const CameraRequest request_;
+    const LibcameraSensorOptions request_;
     const std::filesystem::path program_;
     const hal::Duration patience_;
-    std::unique_ptr<Helper> helper_;
+    std::unique_ptr<CameraChild> child_;
     std::thread reader_;
     std::atomic<bool> stopping_ = false;
 };
@@ -219,7 +217,7 @@ std::filesystem::path camera_program() {
     return !error && ::access(beside.c_str(), X_OK) == 0 ? beside : "/usr/libexec/hord/hord-camera";
 }
 
-std::unique_ptr<CameraPort> open_camera_process(CameraRequest request, std::filesystem::path program,
+std::unique_ptr<CameraPort> open_camera_process(LibcameraSensorOptions request, std::filesystem::path program,
                                                 hal::Duration patience) {
     return std::make_unique<CameraProcess>(std::move(request), std::move(program), patience);
 }

@@ -1,25 +1,27 @@
-// A camera that another process holds: the station's side. The buffers' memory is shared; frames are told by a thread
-// of this process, which takes the policy of the thread that starts the camera.
+// The station's side of a camera that another process, hord-camera, holds. The buffers are shared memory. A thread of
+// this process reports the frames; it has the scheduling policy of the thread that calls start().
 //
-// The process is started for look(), and anew for every start(). One that ends, in whatever way, is a camera that is
-// gone; one that does not answer, or does not end when it should, is killed.
+// Each look() and each start() begins a new process. When it ends, for any reason, the camera counts as gone. A process
+// that does not answer or does not end in time is killed.
 #pragma once
 
 #include <filesystem>
 #include <memory>
 
 #include "drivers/libcamera/camera_port.h"
+#include "drivers/libcamera/libcamera_options.h"
 
 namespace hord::drivers {
 
-// hord-camera: beside the running program, else where the package puts it.
+// hord-camera in the running program's folder, else in the package's.
 std::filesystem::path camera_program();
 
-// Starts nothing yet. look() and start() fail with not_found where there is no such program, and with io where it says
-// nothing within `patience`.
-std::unique_ptr<CameraPort> open_camera_process(CameraRequest request, std::filesystem::path program = camera_program(),
+// Starts nothing yet. look() and start() also fail with not_found (no such program) and io (no answer within
+// `patience`).
+std::unique_ptr<CameraPort> open_camera_process(LibcameraSensorOptions request,
+                                                std::filesystem::path program = camera_program(),
                                                 hal::Duration patience = std::chrono::seconds(20));
 
-std::string libcamera_version();  // that this was built for
+std::string libcamera_version();  // of the build
 
 }  // namespace hord::drivers

@@ -12,10 +12,12 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "drivers/libcamera/libcamera_options.h"
+
 namespace hord::drivers {
 namespace {
 
-constexpr std::size_t kBuffersMax = 32, kTextMax = 60'000;
+constexpr std::size_t kBuffersMax = LibcameraSensorOptions::kMaxBuffers, kTextMax = 60'000;
 
 template <class Number>
 bool read_number(std::string_view text, Number& number) {
@@ -23,7 +25,7 @@ bool read_number(std::string_view text, Number& number) {
     return error == std::errc() && end == text.data() + text.size();
 }
 
-// One line: what is told to people may come from a device.
+// One line: the text may come from a device.
 std::string line_of(std::string text) {
     std::ranges::replace(text, '\n', ' ');
     return text;
@@ -60,8 +62,8 @@ std::optional<Result<CameraAnswer>> understand(const std::string& text, std::vec
 
 }  // namespace
 
-std::vector<std::string> camera_arguments(CameraAsk ask, const CameraRequest& r) {
-    std::vector<std::string> out{ask == CameraAsk::look ? "look" : "start", r.camera};
+std::vector<std::string> camera_arguments(CameraCommand command, const LibcameraSensorOptions& r) {
+    std::vector<std::string> out{command == CameraCommand::look ? "look" : "start", r.camera};
     for (const int number : {r.width_px, r.height_px, r.bits, r.buffers, r.green ? 1 : 0})
         out.push_back(std::to_string(number));
     for (const auto& [name, value] : r.controls) {
@@ -71,11 +73,12 @@ std::vector<std::string> camera_arguments(CameraAsk ask, const CameraRequest& r)
     return out;
 }
 
-std::optional<CameraOrder> camera_order(const std::vector<std::string>& arguments) {
+std::optional<CameraArguments> parse_camera_arguments(const std::vector<std::string>& arguments) {
     if (arguments.size() < 7 || arguments.size() % 2 == 0 || (arguments[0] != "look" && arguments[0] != "start"))
         return std::nullopt;
-    CameraOrder order{arguments[0] == "look" ? CameraAsk::look : CameraAsk::start, {.camera = arguments[1]}};
-    CameraRequest& r = order.request;
+    CameraArguments order{arguments[0] == "look" ? CameraCommand::look : CameraCommand::start,
+                          {.camera = arguments[1]}};
+    LibcameraSensorOptions& r = order.request;
     int green = 0;
     if (!read_number(arguments[2], r.width_px) || !read_number(arguments[3], r.height_px) ||
         !read_number(arguments[4], r.bits) || !read_number(arguments[5], r.buffers) ||
@@ -157,7 +160,7 @@ std::optional<Result<CameraAnswer>> receive_answer(int socket, hal::Duration pat
         text.resize(static_cast<std::size_t>(count));
         answer = understand(text, fds);
     }
-    for (const int fd : fds) ::close(fd);  // of an answer that was not understood
+    for (const int fd : fds) ::close(fd);  // of a malformed answer
     return answer;
 }
 

@@ -1,7 +1,7 @@
-// Between the station and the process that holds its camera (camera_process.h, camera_host.h): a pair of SOCK_SEQPACKET
-// sockets. The request is the process's arguments; its first message is what came of it, as text, with the buffers'
-// descriptors; then it sends CameraNotes, and takes numbers of buffers to be filled again. Both ends are of the same
-// package.
+// The protocol between the station (camera_process.h) and the process that holds its camera (camera_host.h), on a pair
+// of SOCK_SEQPACKET sockets. The command is the process's arguments. Its first message is the answer, as text, with the
+// buffers' descriptors; then it sends CameraEvents and receives the numbers of buffers to fill again. Both ends are of
+// the same package version.
 #pragma once
 
 #include <cstdint>
@@ -11,32 +11,33 @@
 #include <vector>
 
 #include "drivers/libcamera/camera_device.h"
+#include "drivers/libcamera/libcamera_options.h"
 
 namespace hord::drivers {
 
-struct CameraNote {
+struct CameraEvent {
     enum class What : std::uint32_t { frame, gone } what = What::gone;
     CameraFrame frame{};
 };
-static_assert(std::is_trivially_copyable_v<CameraNote>);
+static_assert(std::is_trivially_copyable_v<CameraEvent>);
 
-enum class CameraAsk : std::uint8_t { look, start };
+enum class CameraCommand : std::uint8_t { look, start };
 struct CameraAnswer {
-    CameraFormat format{};                // to look
-    std::vector<CameraBuffer> buffers{};  // to start; the descriptors are the receiver's, which closes them
+    CameraFormat format{};                // of look
+    std::vector<CameraBuffer> buffers{};  // of start; the receiver closes the descriptors
 };
 
-// The arguments behind the program's name.
-std::vector<std::string> camera_arguments(CameraAsk ask, const CameraRequest& request);
-struct CameraOrder {
-    CameraAsk ask;
-    CameraRequest request;
+// The arguments after the program's name.
+std::vector<std::string> camera_arguments(CameraCommand command, const LibcameraSensorOptions& request);
+struct CameraArguments {
+    CameraCommand command;
+    LibcameraSensorOptions request;
 };
-std::optional<CameraOrder> camera_order(
-    const std::vector<std::string>& arguments);  // nothing where they are not such arguments
+std::optional<CameraArguments> parse_camera_arguments(
+    const std::vector<std::string>& arguments);  // none: not such arguments
 
 bool send_answer(int socket, const Result<CameraAnswer>& answer);
-// Waits so long. Nothing: the other end is gone, or said nothing that can be understood.
+// Waits for `patience` at most. None: no answer, the other end is closed, or the answer is malformed.
 std::optional<Result<CameraAnswer>> receive_answer(int socket, hal::Duration patience);
 
 }  // namespace hord::drivers

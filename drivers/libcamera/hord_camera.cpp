@@ -1,5 +1,4 @@
-// hord-camera: holds a camera of libcamera's for the station, which starts it (drivers/libcamera/camera_process.h). No
-// person does.
+// hord-camera: holds a libcamera camera for the station, which starts it (drivers/libcamera/camera_process.h).
 #include <cstdio>
 
 #include "drivers/libcamera/camera_host.h"

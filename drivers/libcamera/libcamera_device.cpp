@@ -1,5 +1,4 @@
-// The camera by libcamera, 0.0.3 (Debian 12) and 0.4 (Debian 13): what is used here is the same in both, but for how
-// roles are given.
+// A camera by libcamera 0.0.3 (Debian 12) or 0.4 (Debian 13). Only the way to pass stream roles differs.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -17,6 +16,7 @@
 #include <unistd.h>
 
 #include "drivers/libcamera/camera_device.h"
+#include "drivers/libcamera/libcamera_options.h"
 
 namespace hord::drivers {
 namespace {
@@ -24,7 +24,6 @@ namespace {
 using libcamera::ControlType;
 using libcamera::ControlValue;
 
-// One role: a vector's initializer in 0.0.x, a list's overload from 0.1 on.
 std::unique_ptr<libcamera::CameraConfiguration> configuration_for(libcamera::Camera& camera,
                                                                   libcamera::StreamRole role) {
 #if LIBCAMERA_VERSION_MAJOR == 0 && LIBCAMERA_VERSION_MINOR == 0
@@ -34,7 +33,7 @@ std::unique_ptr<libcamera::CameraConfiguration> configuration_for(libcamera::Cam
 #endif
 }
 
-// A process has one manager; it lives while a camera is named.
+// The process's only camera manager; it exists while a camera is in use.
 Result<std::shared_ptr<libcamera::CameraManager>> manager() {
     static std::mutex mutex;
     static std::weak_ptr<libcamera::CameraManager> only;
@@ -65,7 +64,7 @@ std::optional<ControlValue> value_of(ControlType type, std::int64_t value) {
 
 class LibcameraDevice final : public CameraDevice {
   public:
-    explicit LibcameraDevice(CameraRequest request) : request_(std::move(request)) {}
+    explicit LibcameraDevice(LibcameraSensorOptions request) : request_(std::move(request)) {}
     ~LibcameraDevice() override { stop(); }
 
     Result<CameraFormat> look() override {
@@ -93,7 +92,7 @@ class LibcameraDevice final : public CameraDevice {
 
     void stop() override {
         if (!camera_) return;
-        if (streams_.exchange(false)) camera_->stop();  // completes what is under way as cancelled
+        if (streams_.exchange(false)) camera_->stop();  // completes pending requests as cancelled
         camera_->requestCompleted.disconnect(this);
         camera_->disconnected.disconnect(this);
         requests_.clear();
@@ -119,8 +118,8 @@ class LibcameraDevice final : public CameraDevice {
             code == ErrorCode::busy ? "close the program that uses it" : "check its cable and the kernel's log");
     }
 
-    // Its video nodes, held by their names alone: one that went away has no name any more, even where another has that
-    // name by now.
+    // The camera's video nodes, held as path descriptors: a node that went away has no name any more, even if another
+    // device has got that name.
     void hold_nodes() {
         std::error_code error;
         for (auto entry = std::filesystem::directory_iterator("/dev", error);
@@ -150,7 +149,7 @@ class LibcameraDevice final : public CameraDevice {
         manager_.reset();
     }
 
-    // Finds the camera, takes it and agrees on the format.
+    // Finds the camera, acquires it and negotiates the format.
     Result<CameraFormat> take() {
         auto there = manager();
         if (!there) return tl::unexpected(there.error());
@@ -265,11 +264,11 @@ class LibcameraDevice final : public CameraDevice {
         return list;
     }
 
-    // libcamera's thread, both.
+    // Both on libcamera's thread.
     void on_completed(libcamera::Request* request) {
         if (request->status() == libcamera::Request::RequestCancelled) {
-            // By stop(); or because the camera takes no buffer any more. That it is gone is told later, and only to a
-            // process that may listen to the kernel's device events.
+            // By stop(), or because the camera accepts no buffer any more. libcamera reports its loss later, and only
+            // to a process that may listen to the kernel's device events.
             if (streams_) listener_->on_camera_gone();
             return;
         }
@@ -286,7 +285,7 @@ class LibcameraDevice final : public CameraDevice {
     }
     void on_disconnected() { listener_->on_camera_gone(); }
 
-    const CameraRequest request_;
+    const LibcameraSensorOptions request_;
     std::string id_;
     std::shared_ptr<libcamera::CameraManager> manager_;
     std::shared_ptr<libcamera::Camera> camera_;
@@ -301,7 +300,7 @@ class LibcameraDevice final : public CameraDevice {
 
 }  // namespace
 
-std::unique_ptr<CameraDevice> open_libcamera(CameraRequest request) {
+std::unique_ptr<CameraDevice> open_libcamera(LibcameraSensorOptions request) {
     return std::make_unique<LibcameraDevice>(std::move(request));
 }
 

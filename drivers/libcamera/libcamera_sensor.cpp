@@ -5,57 +5,62 @@
 #include <map>
 #include <mutex>
 
-#include "drivers/hal/hand_over.h"
 #include "drivers/hal/packed_samples.h"
+#include "drivers/hal/spsc_queue.h"
 #include "drivers/libcamera/camera_process.h"
+#include "drivers/libcamera/libcamera_options.h"
 
 namespace hord::drivers {
 namespace {
 
 using hal::TimePoint;
 
-constexpr std::uint32_t kBuffersMax = 32;  // a lease's slot is generation * kBuffersMax + buffer
+constexpr auto kBuffersMax = static_cast<std::uint32_t>(
+    LibcameraSensorOptions::kMaxBuffers);  // a lease's slot is generation * kBuffersMax + buffer
 
 }  // namespace
 
-// One start() to its stop(): what the camera's thread writes to, and the memory that leases keep.
+// The state of one start(): what the camera's thread writes to, and the memory that leases keep alive.
 struct LibcameraSensor::Stream final : CameraPort::Listener {
-    HandOver<CameraFrame, 2 * kBuffersMax> frames;
+    SpscQueue<CameraFrame, 2 * kBuffersMax> frames;
     std::atomic<bool> gone{false};
     std::shared_ptr<const CameraPort::Memory> memory;
-    std::vector<std::vector<std::uint16_t>> unpacked;  // of each buffer, where samples come packed or between others
+    std::vector<std::vector<std::uint16_t>> unpacked;  // of each buffer, for packed and colour formats
 
     void on_camera_frame(const CameraFrame& frame) noexcept override {
-        (void)frames.push(frame);
-    }  // a camera has fewer buffers than there is room
+        (void)frames.push(frame);  // never full: it has room for twice the camera's buffers
+    }
     void on_camera_gone() noexcept override {
         gone = true;
-        frames.ring();
+        frames.notify();
     }
 };
 
-struct LibcameraSensor::Loans {
+struct LibcameraSensor::LeaseTable {
     std::mutex mutex;
     std::uint32_t generation = 0;
-    std::shared_ptr<Stream> stream;                         // the present one; null when stopped
+    std::shared_ptr<Stream> stream;                         // null when stopped
     std::map<std::uint32_t, std::shared_ptr<Stream>> lent;  // by slot: keeps an earlier stream's memory
 };
 
-LibcameraSensor::LibcameraSensor(hal::EventLoop& loop, const CameraRequest& request, std::unique_ptr<CameraPort> port,
-                                 const CameraFormat& format)
+LibcameraSensor::LibcameraSensor(hal::EventLoop& loop, const LibcameraSensorOptions& request,
+                                 std::unique_ptr<CameraPort> port, const CameraFormat& format)
     : loop_(loop), name_(request.camera.empty() ? "the camera" : request.camera), buffers_(request.buffers),
       port_(std::move(port)), camera_(format), format_{format.width_px, format.height_px, format.grey.bits,
                                                        request.buffers - 1},  // one stays with the camera
-      loans_(std::make_unique<Loans>()) {}
+      leases_(std::make_unique<LeaseTable>()) {}
 LibcameraSensor::~LibcameraSensor() { stop(); }
 
-Result<std::unique_ptr<LibcameraSensor>> LibcameraSensor::open(hal::EventLoop& loop, const CameraRequest& request) {
+Result<std::unique_ptr<LibcameraSensor>> LibcameraSensor::open(hal::EventLoop& loop,
+                                                               const LibcameraSensorOptions& request) {
     return open(loop, request, open_camera_process(request));
 }
 
-Result<std::unique_ptr<LibcameraSensor>> LibcameraSensor::open(hal::EventLoop& loop, const CameraRequest& request,
+Result<std::unique_ptr<LibcameraSensor>> LibcameraSensor::open(hal::EventLoop& loop,
+                                                               const LibcameraSensorOptions& request,
                                                                std::unique_ptr<CameraPort> port) {
-    if (request.buffers < 2 || request.buffers > static_cast<int>(kBuffersMax)) {
+    if (request.buffers < LibcameraSensorOptions::kMinBuffers ||
+        request.buffers > LibcameraSensorOptions::kMaxBuffers) {
         return fail(ErrorCode::invalid_argument, "sensor.buffers must be in 2..32", "set it to 4");
     }
     const auto format = port->look();
@@ -79,7 +84,7 @@ Result<void> LibcameraSensor::do_start(Listener& listener) {
     } else if (std::ranges::any_of(*stream->memory, [&](const auto& buffer) { return buffer.size() < row * height; })) {
         fits = fail(ErrorCode::io, name_ + ": a buffer is smaller than a frame", "look at the kernel's log");
     }
-    auto watch = loop_.watch(stream->frames.fd(), hal::EventLoop::Readiness::readable, [this] { take(); });
+    auto watch = loop_.watch(stream->frames.fd(), hal::EventLoop::Readiness::readable, [this] { read_frames(); });
     if (!fits || !watch) {
         port_->stop();
         if (watch) loop_.unwatch(*watch);
@@ -93,18 +98,18 @@ Result<void> LibcameraSensor::do_start(Listener& listener) {
     listener_ = &listener;
     lost_ = false;
     waiting_.clear();
-    unasked_ = 0;
-    const std::scoped_lock lock(loans_->mutex);
-    ++loans_->generation;
-    loans_->stream = std::move(stream);
+    untriggered_ = 0;
+    const std::scoped_lock lock(leases_->mutex);
+    ++leases_->generation;
+    leases_->stream = std::move(stream);
     return {};
 }
 
 Result<void> LibcameraSensor::do_trigger(const hal::ExposureRequest& exposure) {
     if (lost_) return fail(ErrorCode::disconnected, name_ + " is gone", "stop it and start it again");
-    const std::scoped_lock lock(loans_->mutex);
+    const std::scoped_lock lock(leases_->mutex);
     const auto lent =
-        std::ranges::count_if(loans_->lent, [&](const auto& loan) { return loan.second == loans_->stream; });
+        std::ranges::count_if(leases_->lent, [&](const auto& lease) { return lease.second == leases_->stream; });
     if (static_cast<std::size_t>(lent) + waiting_.size() >= static_cast<std::size_t>(format_.buffers)) {
         return fail(ErrorCode::busy, name_ + ": every buffer is lent or filling",
                     "give frames back sooner, or set more sensor.buffers");
@@ -114,13 +119,13 @@ Result<void> LibcameraSensor::do_trigger(const hal::ExposureRequest& exposure) {
     return {};
 }
 
-// While one waits a buffer is with the camera, so that it could bring a frame.
+// An open trigger reserves a buffer, so the camera could deliver a frame.
 void LibcameraSensor::watch_for_silence() {
     loop_.cancel(silence_timer_);
     const hal::ExposureRequest& oldest = waiting_.front();
     const TimePoint due = std::max(oldest.start + oldest.length, last_frame_) + kSilence;
     silence_timer_ = loop_.call_at(due, [this] {
-        take();  // what came while the loop was busy
+        read_frames();  // those that came while the loop was busy
         if (listener_ == nullptr || lost_ || waiting_.empty()) return;
         if (std::max(waiting_.front().start + waiting_.front().length, last_frame_) + kSilence > loop_.now())
             return watch_for_silence();
@@ -128,18 +133,18 @@ void LibcameraSensor::watch_for_silence() {
     });
 }
 
-void LibcameraSensor::take() {
+void LibcameraSensor::read_frames() {
     std::shared_ptr<Stream> stream;
     {
-        const std::scoped_lock lock(loans_->mutex);
-        stream = loans_->stream;
+        const std::scoped_lock lock(leases_->mutex);
+        stream = leases_->stream;
     }
     if (!stream) return;
-    stream->frames.hear();
+    stream->frames.acknowledge();
     while (const auto frame = stream->frames.pop()) {
         last_frame_ = loop_.now();
         deliver(*frame);
-        if (listener_ == nullptr || lost_) return;  // stopped by the call
+        if (listener_ == nullptr || lost_) return;  // the listener stopped the sensor
     }
     if (stream->gone) lose("was disconnected");
 }
@@ -147,21 +152,21 @@ void LibcameraSensor::take() {
 void LibcameraSensor::deliver(const CameraFrame& frame) {
     std::shared_ptr<Stream> stream;
     std::uint32_t slot = 0;
-    const auto began = [&](const hal::ExposureRequest& asked) {
-        return frame.stamp_of_start ? frame.stamp : frame.stamp - asked.length;
+    const auto began = [&](const hal::ExposureRequest& exposure) {
+        return frame.stamp_of_start ? frame.stamp : frame.stamp - exposure.length;
     };
-    const bool asked_for = !waiting_.empty() && began(waiting_.front()) >= waiting_.front().start;
+    const bool triggered = !waiting_.empty() && began(waiting_.front()) >= waiting_.front().start;
     {
-        const std::scoped_lock lock(loans_->mutex);
-        stream = loans_->stream;
+        const std::scoped_lock lock(leases_->mutex);
+        stream = leases_->stream;
         if (frame.buffer >= stream->memory->size()) return lose("named a buffer that does not exist");
-        if (!asked_for) {
-            ++unasked_;
+        if (!triggered) {
+            ++untriggered_;
             if (const auto queued = port_->queue(frame.buffer); !queued) lose(queued.error().what);
             return;
         }
-        slot = loans_->generation * kBuffersMax + frame.buffer;
-        loans_->lent[slot] = stream;
+        slot = leases_->generation * kBuffersMax + frame.buffer;
+        leases_->lent[slot] = stream;
     }
     const TimePoint start = began(waiting_.front());
     waiting_.erase(waiting_.begin());
@@ -169,17 +174,10 @@ void LibcameraSensor::deliver(const CameraFrame& frame) {
     FrameView view{data, format_.width_px, format_.height_px, camera_.stride_bytes, format_.bits};
     std::size_t bytes_used = frame.bytes_used;
     if (camera_.grey.packed) {
-        const auto width = static_cast<std::size_t>(format_.width_px),
-                   height = static_cast<std::size_t>(format_.height_px);
-        const std::size_t row_bytes = format_.bits == 10 ? packed10_bytes(width) : packed12_bytes(width),
-                          stride = static_cast<std::size_t>(camera_.stride_bytes);
+        const auto width = static_cast<std::size_t>(format_.width_px);
         std::vector<std::uint16_t>& samples = stream->unpacked[frame.buffer];
-        std::size_t whole = 0;  // rows that are there
-        for (; whole < height && whole * stride + row_bytes <= bytes_used; ++whole) {
-            (format_.bits == 10 ? unpack10 : unpack12)({data + whole * stride, row_bytes},
-                                                       std::span(samples).subspan(whole * width, width));
-        }
-        bytes_used = whole * width * sizeof(std::uint16_t);
+        bytes_used =
+            unpack_rows(data, static_cast<std::size_t>(camera_.stride_bytes), bytes_used, format_.bits, width, samples);
         view.data = reinterpret_cast<const std::byte*>(samples.data());
         view.stride_bytes = static_cast<std::ptrdiff_t>(width * sizeof(std::uint16_t));
     }
@@ -188,7 +186,7 @@ void LibcameraSensor::deliver(const CameraFrame& frame) {
                    height = static_cast<std::size_t>(format_.height_px),
                    stride = static_cast<std::size_t>(camera_.stride_bytes);
         auto* const samples = reinterpret_cast<std::byte*>(stream->unpacked[frame.buffer].data());
-        std::size_t whole = 0;  // rows that are there
+        std::size_t whole = 0;  // complete rows
         for (; whole < height && whole * stride + 3 * width <= bytes_used; ++whole) {
             for (std::size_t x = 0; x < width; ++x) samples[whole * width + x] = data[whole * stride + 3 * x + 1];
         }
@@ -196,7 +194,7 @@ void LibcameraSensor::deliver(const CameraFrame& frame) {
         view.data = samples;
         view.stride_bytes = static_cast<std::ptrdiff_t>(width);
     }
-    const hal::FrameInfo info{.sequence = frame.sequence - unasked_,
+    const hal::FrameInfo info{.sequence = frame.sequence - untriggered_,
                               .exposure_start = start,
                               .bytes_used = bytes_used,
                               .corrupt = frame.corrupt};
@@ -204,12 +202,11 @@ void LibcameraSensor::deliver(const CameraFrame& frame) {
 }
 
 void LibcameraSensor::do_give_back(std::uint32_t slot) noexcept {
-    const std::scoped_lock lock(loans_->mutex);
-    const auto loan = loans_->lent.find(slot);
-    if (loan == loans_->lent.end()) return;
-    if (loan->second == loans_->stream)
-        (void)port_->queue(slot % kBuffersMax);  // a failure shows itself as a loss of frames
-    loans_->lent.erase(loan);
+    const std::scoped_lock lock(leases_->mutex);
+    const auto lease = leases_->lent.find(slot);
+    if (lease == leases_->lent.end()) return;
+    if (lease->second == leases_->stream) (void)port_->queue(slot % kBuffersMax);  // a failure shows as lost frames
+    leases_->lent.erase(lease);
 }
 
 void LibcameraSensor::lose(const std::string& what) {
@@ -230,10 +227,10 @@ void LibcameraSensor::do_stop() {
     waiting_.clear();
     std::shared_ptr<Stream> stream;
     {
-        const std::scoped_lock lock(loans_->mutex);
-        stream = std::exchange(loans_->stream, nullptr);  // from here on nothing is queued
+        const std::scoped_lock lock(leases_->mutex);
+        stream = std::exchange(leases_->stream, nullptr);  // do_give_back() queues nothing from now on
     }
-    port_->stop();  // the camera's thread may still be handing over: `stream` lives
+    port_->stop();  // until then the camera's thread uses `stream`
 }
 
 }  // namespace hord::drivers

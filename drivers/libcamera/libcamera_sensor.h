@@ -1,13 +1,12 @@
-// A lenslet sensor behind libcamera: the same contract as the V4L2 sensor's, nothing copied but packed samples.
+// A lenslet sensor behind libcamera, with the V4L2 sensor's contract. Only packed and colour formats are copied.
 //
-// libcamera completes requests on its own thread; they are handed over without waiting, and the pipeline reads the
-// camera's own buffer. Giving the lease back queues its request again. A frame is delivered to the oldest trigger that
-// waits and whose start it does not precede, by the sensor's time stamp (of the exposure's start, where the camera
-// tells it); a frame that nobody asked for goes straight back and is no gap in the sequence.
+// The camera's thread queues completed frames without blocking, and the pipeline reads the camera's buffer; returning
+// the lease queues the buffer again. A frame answers the oldest open trigger, unless its time stamp (of the exposure's
+// start, if the camera reports it) is before that trigger's start. A frame without a trigger is queued again and leaves
+// no gap in the sequence.
 //
-// A camera that goes away while its buffers are with it is told by nobody, where the process may not listen to the
-// kernel's device events: so one that was asked for a frame and has brought none at all for kSilence after that
-// exposure is lost.
+// A process without access to the kernel's device events is not notified when a camera goes away while it holds its
+// buffers. So a camera is lost if it delivered no frame at all for kSilence after a triggered exposure.
 #pragma once
 
 #include <memory>
@@ -17,6 +16,7 @@
 #include "drivers/hal/event_loop.h"
 #include "drivers/hal/sensor.h"
 #include "drivers/libcamera/camera_port.h"
+#include "drivers/libcamera/libcamera_options.h"
 
 namespace hord::drivers {
 
@@ -24,17 +24,17 @@ class LibcameraSensor final : public hal::Sensor {
   public:
     static constexpr hal::Duration kSilence = std::chrono::seconds(2);
 
-    // Loop thread; blocks while the camera is asked. Fails with not_found (lists the cameras), busy, unsupported (lists
-    // the formats), io, invalid_argument (buffers not in 2..32).
-    static Result<std::unique_ptr<LibcameraSensor>> open(hal::EventLoop& loop, const CameraRequest& request);
-    // The same over another camera.
-    static Result<std::unique_ptr<LibcameraSensor>> open(hal::EventLoop& loop, const CameraRequest& request,
+    // Loop thread; blocks while the camera is configured. Fails with not_found (lists the cameras), busy, unsupported
+    // (lists the formats), io, invalid_argument (buffers not in 2..32).
+    static Result<std::unique_ptr<LibcameraSensor>> open(hal::EventLoop& loop, const LibcameraSensorOptions& request);
+    // The same with another camera.
+    static Result<std::unique_ptr<LibcameraSensor>> open(hal::EventLoop& loop, const LibcameraSensorOptions& request,
                                                          std::unique_ptr<CameraPort> port);
     ~LibcameraSensor() override;
 
   private:
     struct Stream;
-    LibcameraSensor(hal::EventLoop& loop, const CameraRequest& request, std::unique_ptr<CameraPort> port,
+    LibcameraSensor(hal::EventLoop& loop, const LibcameraSensorOptions& request, std::unique_ptr<CameraPort> port,
                     const CameraFormat& format);
     [[nodiscard]] hal::SensorFormat do_format() const override { return format_; }
     Result<void> do_start(Listener& listener) override;
@@ -42,7 +42,7 @@ class LibcameraSensor final : public hal::Sensor {
     void do_stop() override;
     void do_give_back(std::uint32_t slot) noexcept override;
 
-    void take();  // what was handed over
+    void read_frames();  // from the camera's thread
     void deliver(const CameraFrame& frame);
     void watch_for_silence();
     void lose(const std::string& what);
@@ -57,12 +57,12 @@ class LibcameraSensor final : public hal::Sensor {
     bool lost_ = false;
     hal::EventLoop::WatchId watch_{};
     hal::EventLoop::TimerId lost_timer_{}, silence_timer_{};
-    hal::TimePoint last_frame_{};  // when one came, asked for or not
+    hal::TimePoint last_frame_{};  // its arrival, triggered or not
     std::vector<hal::ExposureRequest> waiting_;
-    std::uint32_t unasked_ = 0;
+    std::uint32_t untriggered_ = 0;
 
-    struct Loans;  // leases name (generation, buffer) in their slot: one of an earlier stream goes back to nobody
-    std::unique_ptr<Loans> loans_;
+    struct LeaseTable;  // a slot holds (generation, buffer): a lease of an earlier stream is not queued again
+    std::unique_ptr<LeaseTable> leases_;
 };
 
 }  // namespace hord::drivers

@@ -17,8 +17,8 @@ namespace {
 using namespace std::chrono_literals;
 using hal::Duration;
 
-// A frame ends with 3.5 characters of silence, 1.75 ms from 19200 baud up; a little more, for adapters that hand bytes
-// over in batches.
+// A frame ends with 3.5 characters of silence (1.75 ms from 19200 baud up). At least 2 ms, because adapters deliver
+// bytes in batches.
 Duration frame_gap(const ModuleAddress& address) {
     if (!address.serial) return 0ns;
     const Duration characters = address.serial->baud > 0 ? Duration(std::chrono::seconds(1)) * 39 / address.serial->baud
@@ -65,8 +65,7 @@ void CoilLink::wait_at_most(Duration timeout) {
         std::max<std::int64_t>(1000, std::chrono::duration_cast<std::chrono::microseconds>(timeout).count());
     modbus_set_response_timeout(context_->modbus, static_cast<std::uint32_t>(us / 1000000),
                                 static_cast<std::uint32_t>(us % 1000000));
-    // No time-out between bytes: the one above then holds for the whole answer, and a module that drips cannot stretch
-    // it.
+    // Without a time-out between bytes the one above limits the whole answer, also of a module that sends slowly.
     modbus_set_byte_timeout(context_->modbus, 0, 0);
 }
 
@@ -87,7 +86,7 @@ Result<void> CoilLink::connect(Duration timeout) {
         error = errno;
     if (error == 0) {
         connected_ = true;
-        if (serial) discard(gap_, timeout);  // what was on the line before
+        if (serial) discard(gap_, timeout);  // bytes from before
         return {};
     }
     context_.reset();
@@ -125,7 +124,7 @@ void CoilLink::keep_gap() const {
     if (left > 0ns) std::this_thread::sleep_for(left);
 }
 
-// Throws away what comes until nothing has come for `silence`, and for `longest` at most.
+// Discards bytes until none arrived for `silence`, for `longest` at most.
 void CoilLink::discard(Duration silence, Duration longest) {
     const hal::TimePoint end = std::min(clock_.now() + longest, give_up_);
     std::array<std::uint8_t, 256> bytes{};
@@ -139,7 +138,7 @@ void CoilLink::discard(Duration silence, Duration longest) {
     last_byte_ = clock_.now();
 }
 
-// One request and its answer. On a serial line the line is good again afterwards, whatever came.
+// One request and its answer. A serial line can be used again afterwards, also after an error.
 template <class Request>
 Result<void> CoilLink::exchange(const std::string& what, Duration timeout, Again again, Request request) {
     if (!connected_) return failed(what, ENOTCONN);
@@ -154,7 +153,7 @@ Result<void> CoilLink::exchange(const std::string& what, Duration timeout, Again
         const int error = done ? 0 : errno;
         last_byte_ = clock_.now();
         if (done || is_exception(error)) {
-            usual_ = std::max(last_byte_ - from, usual_ - usual_ / 8);
+            typical_response_ = std::max(last_byte_ - from, typical_response_ - typical_response_ / 8);
             return done ? Result<void>{} : failed(what, error);
         }
         const bool damaged = is_damage(error);
@@ -207,8 +206,8 @@ Result<std::vector<std::uint16_t>> CoilLink::read_input_registers(int number, in
     return values;
 }
 
-Result<void> CoilLink::write_and_look(const std::string& what, int coil, bool on, int read_at, Duration timeout,
-                                      bool must_read_back) {
+Result<void> CoilLink::write_coil(const std::string& what, int coil, bool on, int read_at, Duration timeout,
+                                  bool must_read_back) {
     const hal::TimePoint by = clock_.now() + timeout;
     const auto written =
         exchange(what, timeout, Again::no, [&](modbus_t* m) { return modbus_write_bit(m, coil, on ? 1 : 0) == 1; });
@@ -221,7 +220,7 @@ Result<void> CoilLink::write_and_look(const std::string& what, int coil, bool on
         exchange(which("coil", read_at) + " cannot be read back", address_.serial ? timeout : by - clock_.now(),
                  written ? Again::yes : Again::no, read_it);
     if (!back && !written && connected_ && back.error().code == ErrorCode::io)
-        return failed(what, ETIMEDOUT);  // twice nothing
+        return failed(what, ETIMEDOUT);  // no answer to the read either
     if (!back) return back;
     if (!written) acknowledged_ = clock_.now();
     if ((value != 0) == on) return {};
@@ -231,11 +230,11 @@ Result<void> CoilLink::write_and_look(const std::string& what, int coil, bool on
 }
 
 Result<void> CoilLink::write(int coil, bool on, int read_at, Duration timeout) {
-    return write_and_look(which("coil", coil) + " cannot be written", coil, on, read_at, timeout, true);
+    return write_coil(which("coil", coil) + " cannot be written", coil, on, read_at, timeout, true);
 }
 
 Result<void> CoilLink::command(int coil, bool on, Duration timeout) {
-    return write_and_look(which("coil", coil) + " cannot be written", coil, on, coil, timeout, false);
+    return write_coil(which("coil", coil) + " cannot be written", coil, on, coil, timeout, false);
 }
 
 Result<std::string> CoilLink::identify(Duration timeout) {
@@ -244,7 +243,7 @@ Result<std::string> CoilLink::identify(Duration timeout) {
     if (address_.serial) keep_gap();
     modbus_flush(context_->modbus);
     const std::array<std::uint8_t, 5> request{static_cast<std::uint8_t>(address_.unit), 43, 14, 1, 0};
-    // libmodbus knows no answer of this shape: it is read here, up to its end or a silence.
+    // libmodbus cannot parse this answer: it is read here until its end or a pause.
     std::vector<std::uint8_t> answer;
     const std::size_t head = address_.serial ? 1 : 7;
     if (modbus_send_raw_request(context_->modbus, request.data(), static_cast<int>(request.size())) > 0) {

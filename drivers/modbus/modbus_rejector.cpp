@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <condition_variable>
-#include <deque>
 #include <mutex>
 #include <optional>
 #include <thread>
@@ -11,7 +10,8 @@
 #include <vector>
 
 #include "drivers/hal/reject_ledger.h"
-#include "drivers/modbus/coil_link.h"
+#include "drivers/hal/thread_safe_queue.h"
+#include "drivers/modbus/rejector_module.h"
 
 namespace hord::drivers {
 namespace {
@@ -25,22 +25,27 @@ using namespace std::chrono_literals;
 
 }  // namespace
 
-// Both halves of a running driver. What crosses between them lies under the mutex; the loop's half may outlive the
-// thread's by what is still posted, hence shared.
+// The state of one start(): members of the loop thread, of the driver's thread, and those shared under the mutex. Held
+// by shared_ptr because posted callbacks may run after stop().
 struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
     struct Job {
-        std::size_t slot = 0;
+        std::size_t slot = 0;  // of the ledger
         RejectCommand command;
     };
-    struct News {                            // from the thread to the loop
+    struct Event {                           // from the driver's thread to the loop
         std::optional<std::size_t> settled;  // a ledger slot; none: the link changed, or a settled command was repeated
         RejectReport report;
         std::optional<bool> link;
-        Error why;
+        Error why_down;
+    };
+    struct Unconfirmed {  // acknowledged, but the confirm sensor has not seen the part
+        Job job;
+        TimePoint acknowledged, until;
     };
 
     hal::EventLoop& loop;
     const ModbusRejectorOptions options;
+    ThreadSafeQueue<Event> events;
 
     // Loop thread.
     hal::Rejector::Listener* listener = nullptr;
@@ -48,271 +53,193 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
 
     std::mutex mutex;
     std::condition_variable wake;
-    std::vector<Job> asked;  // not yet taken by the thread
+    std::vector<Job> requested;  // not yet seen by the driver's thread
     bool permit_wanted = false;
     bool stopping = false;
     TimePoint stop_by;
-    std::deque<News> news;
 
     // Driver's thread.
-    struct Awaited {  // acknowledged; the ejected part has still to be seen
-        Job job;
-        TimePoint acknowledged, until;
-    };
-    CoilLink link;
-    std::vector<Job> jobs;                  // waiting for their start
-    std::vector<Awaited> awaited;           // in the order of their acknowledgement
-    std::optional<TimePoint> acting_until;  // the coil has to be taken back then; with module_pulse: the module does it
+    RejectorModule module;
+    std::vector<Job> jobs;                 // before their start
+    std::vector<Unconfirmed> unconfirmed;  // in the order of their acknowledgement
+    std::optional<TimePoint> pulse_end;    // of the pulse under way
     bool permit_written = false;
-    std::optional<bool> told_up;
-    TimePoint next_connect{}, next_check{}, next_look{}, next_feed{};
-    bool check_permit = false;  // the check's turn
-    bool seen_part = false;     // the confirm sensor, when last read
-    int fed = 0;
+    std::optional<bool> reported_link;
+    TimePoint next_connect{}, next_check{}, next_confirm_read{};
+    bool check_permit_next = false;
     std::thread thread;
 
-    Session(hal::EventLoop& l, const ModbusRejectorOptions& o) : loop(l), options(o), link(l, o.address) {}
+    Session(hal::EventLoop& l, const ModbusRejectorOptions& o) : loop(l), options(o), module(l, o) {}
 
     // ---- loop's thread
 
-    void take_news() {
-        for (;;) {
-            News item;
-            {
-                const std::scoped_lock lock(mutex);
-                if (news.empty()) return;
-                item = std::move(news.front());
-                news.pop_front();
-            }
-            if (listener == nullptr) return;  // stopped, perhaps by the call before
-            if (item.link) {
-                listener->on_rejector_link(*item.link, item.why);
+    void deliver_events() {
+        while (const auto event = events.pop()) {
+            if (listener == nullptr) return;  // stopped by the previous callback, or before
+            if (event->link) {
+                listener->on_rejector_link(*event->link, event->why_down);
                 continue;
             }
-            std::uint32_t owed = item.settled ? ledger.settle(*item.settled, item.report) : 1;
-            for (; owed > 0 && listener != nullptr; --owed) listener->on_reject(item.report);
+            std::uint32_t owed = event->settled ? ledger.settle(*event->settled, event->report) : 1;
+            for (; owed > 0 && listener != nullptr; --owed) listener->on_reject(event->report);
         }
     }
 
     // ---- either thread
 
-    void tell(News item) {
-        {
-            const std::scoped_lock lock(mutex);
-            news.push_back(std::move(item));
-        }
-        loop.post([self = shared_from_this()] { self->take_news(); });
+    void send(Event event) {
+        events.push(std::move(event));
+        loop.post([self = shared_from_this()] { self->deliver_events(); });
     }
 
     // ---- the driver's thread
 
     [[nodiscard]] TimePoint now() const { return loop.now(); }
-    [[nodiscard]] bool coil_for(bool act) const { return act != options.energise_to_pass; }
-    [[nodiscard]] bool module_times() const { return options.module_pulse > 0ns; }
-    [[nodiscard]] int pulse_coil() const { return options.ejector_coil + options.map.pulse_coil_offset; }
 
     void report(const Job& job, Outcome outcome, TimePoint at) {
-        tell({.settled = job.slot, .report = {job.command.part, outcome, at}, .link = {}, .why = {}});
+        send({.settled = job.slot, .report = {job.command.part, outcome, at}, .link = {}, .why_down = {}});
     }
     void report(const Job& job, Outcome outcome) { report(job, outcome, now()); }
 
-    void tell_link(bool up, const Error& why = {}) {
-        if (told_up == up) return;
-        told_up = up;
-        tell({.settled = {}, .report = {}, .link = up, .why = why});
+    void report_link(bool up, const Error& why_down = {}) {
+        if (reported_link == up) return;
+        reported_link = up;
+        send({.settled = {}, .report = {}, .link = up, .why_down = why_down});
     }
 
     void link_failed(const Error& why) {
-        link.close();
-        acting_until.reset();
+        module.link().close();
+        pulse_end.reset();
         permit_written = false;
-        for (const Awaited& one : std::exchange(awaited, {})) report(one.job, Outcome::failed);
+        for (const Unconfirmed& one : std::exchange(unconfirmed, {})) report(one.job, Outcome::failed);
         {
             const std::scoped_lock lock(mutex);
-            permit_wanted = false;  // down until said again
+            permit_wanted = false;  // until it is set again
         }
-        next_connect = now();  // at once the first time, then at its pace
-        tell_link(false, why);
-    }
-
-    Result<void> write_output(int coil, bool on, Duration timeout) {
-        return link.write(coil, on, coil + options.map.read_back_offset, timeout);
-    }
-
-    // The safe state first: what a command before may have left behind ends here.
-    Result<void> make_ready() {
-        const Duration timeout = options.response_timeout;
-        const hal::ModuleMap& map = options.map;
-        if (auto done = link.connect(timeout); !done) return done;
-        if (map.alarm_coil >= 0) {
-            const auto alarm = link.read(map.alarm_coil, timeout);
-            if (!alarm) return tl::unexpected(alarm.error());
-            if (*alarm) {
-                if (auto done = link.command(map.alarm_coil, true, timeout); !done) return done;
-            }
-        }
-        if (options.watchdog > 0ns) {
-            if (auto done = start_watchdog(); !done) return done;
-        }
-        if (module_times() && map.pulse_width_register >= 0) {
-            const auto units = static_cast<int>(options.module_pulse / map.pulse_width_unit);
-            if (auto done = link.write_register(map.pulse_width_register, units, timeout); !done) return done;
-        }
-        if (options.confirm_input >= 0) {
-            const auto there = link.read_input(options.confirm_input, timeout);
-            if (!there) return tl::unexpected(there.error());
-            seen_part = *there != options.confirm_active_low;
-        }
-        auto done = module_times() ? link.command(pulse_coil(), false, timeout)
-                                   : write_output(options.ejector_coil, coil_for(false), timeout);
-        if (done && options.permit_coil >= 0) done = write_output(options.permit_coil, false, timeout);
-        return done;
-    }
-
-    // Stops it (only then its time can be set, and an expired one lets go), sets its time, starts it.
-    Result<void> start_watchdog() {
-        const hal::ModuleMap& map = options.map;
-        auto done = link.write_register(map.watchdog_stop_register, map.watchdog_stop_value, options.response_timeout);
-        const auto units = static_cast<int>((options.watchdog + map.watchdog_unit - 1ns) / map.watchdog_unit);
-        if (done) done = link.write_register(map.watchdog_time_register, units, options.response_timeout);
-        for (int k = 0; k < 2 && done; ++k)
-            done = feed();  // one of the two differs from what a station before left there
-        return done;
-    }
-    Result<void> feed() {
-        fed = fed == 1 ? 2 : 1;  // each value differs from the one before
-        next_feed = now() + options.watchdog / 3;
-        return link.write_register(options.map.watchdog_trigger_register, fed, options.response_timeout);
+        next_connect = now();  // the first attempt at once, further ones every reconnect_every
+        report_link(false, why);
     }
 
     void try_connect() {
         next_connect = now() + options.reconnect_every;
-        if (auto done = make_ready(); !done) {
-            link.close();
-            tell_link(false, done.error());
+        if (auto done = module.connect(); !done) {
+            module.link().close();
+            report_link(false, done.error());
             return;
         }
         {
             const std::scoped_lock lock(mutex);
-            permit_wanted = false;  // whatever was said while there was no link
+            permit_wanted = false;  // a permit set without a link does not count
         }
         permit_written = false;
-        next_check = next_look = now() + options.check_every;
-        tell_link(true);
+        next_check = next_confirm_read = now() + options.check_every;
+        report_link(true);
     }
 
-    bool survived(const Result<void>& done, Error* error) {
+    // After a write: false, with its error, if it failed; a lost link is handled here.
+    bool succeeded(const Result<void>& written, Error* error) {
         next_check = now() + options.check_every;
-        if (done) return true;
-        *error = done.error();
-        if (!link.connected()) link_failed(done.error());
+        if (written) return true;
+        *error = written.error();
+        if (!module.link().connected()) link_failed(written.error());
         return false;
-    }
-    bool write(int coil, bool on, Error* error) {
-        return survived(write_output(coil, on, options.response_timeout), error);
     }
 
     void carry_out(const Job& job) {
         const TimePoint until = job.command.start + job.command.width;
-        if (!link.connected()) return report(job, Outcome::failed);
+        if (!module.link().connected()) return report(job, Outcome::failed);
         if (now() + options.module_pulse >= until)
             return report(job, Outcome::late);  // acting now would hit a neighbour
         Error error;
-        const bool written = module_times()
-            ? survived(link.command(pulse_coil(), true, options.response_timeout), &error)
-            : write(options.ejector_coil, coil_for(true), &error);
-        // Even where the module says no, the coil is taken back at the end: it may have moved.
-        if (link.connected()) acting_until = std::max(until, acting_until.value_or(until));
+        const bool written = succeeded(module.start_pulse(), &error);
+        // Also after a refused write the pulse is ended: the output may have moved.
+        if (module.link().connected()) pulse_end = std::max(until, pulse_end.value_or(until));
         if (!written) return report(job, Outcome::failed);
         if (now() >= until) return report(job, Outcome::late);
-        if (options.confirm_input < 0) return report(job, Outcome::confirmed, link.acknowledged());
-        awaited.push_back({job, link.acknowledged(), until + options.confirm_within});
-        next_look = now();
+        const TimePoint acknowledged = module.link().acknowledged();
+        if (options.confirm_input < 0) return report(job, Outcome::confirmed, acknowledged);
+        unconfirmed.push_back({job, acknowledged, until + options.confirm_within});
+        next_confirm_read = now();
+    }
+
+    // Ending a pulse and moving the permit may be repeated, unlike a pulse's start: a write that a serial line lost is
+    // written once more. False: it failed, and the link was lost or is given up.
+    template <class Write>
+    bool write_repeatable(Write write) {
+        Error error;
+        if (succeeded(write(), &error)) return true;
+        if (!module.link().connected()) return false;
+        if (error.code == ErrorCode::io && succeeded(write(), &error)) return true;
+        if (module.link().connected()) link_failed(error);
+        return false;
     }
 
     void end_pulse() {
-        if (module_times()) return acting_until.reset();
-        Error error;
-        // Taking it back may be repeated, unlike acting: a line that swallowed it once is asked once more.
-        if (write(options.ejector_coil, coil_for(false), &error) ||
-            (link.connected() && error.code == ErrorCode::io && write(options.ejector_coil, coil_for(false), &error))) {
-            acting_until.reset();
-        } else if (link.connected()) {  // refused: the ejector holds
-            link_failed(error);
-        }
+        if (module.times_pulse() || write_repeatable([&] { return module.end_pulse(); })) pulse_end.reset();
     }
 
-    void move_permit(bool wanted) {
-        Error error;
-        permit_written = wanted;
-        if (options.permit_coil < 0 || write(options.permit_coil, wanted, &error)) return;
-        if (link.connected() && error.code == ErrorCode::io && write(options.permit_coil, wanted, &error)) return;
-        if (link.connected()) link_failed(error);
+    void move_permit(bool permit) {
+        permit_written = permit;
+        if (options.permit_coil >= 0) write_repeatable([&] { return module.set_permit(permit); });
     }
 
-    // Whether the outputs still are as they were written, one after the other.
-    void check() {
+    // Whether the outputs still are as they were written; one output a call, in turn.
+    void check_outputs() {
         next_check = now() + options.check_every;
-        check_permit = options.permit_coil >= 0 && !check_permit;
-        if (!check_permit && module_times() && acting_until) return;  // its pulse may be under way or over
-        const int coil = check_permit ? options.permit_coil : module_times() ? pulse_coil() : options.ejector_coil;
-        const bool wanted = check_permit ? permit_written : module_times() ? false : coil_for(acting_until.has_value());
-        const bool pulse = !check_permit && module_times();
-        const auto value = link.read(pulse ? coil : coil + options.map.read_back_offset, options.response_timeout);
-        if (!value) return link_failed(value.error());
-        if (*value != wanted) {
-            link_failed({ErrorCode::disconnected,
-                         "the rejector module at " + link.name() + " lost its outputs: coil " + std::to_string(coil) +
-                             " is " + (*value ? "1" : "0") +
-                             " (it restarted, its watchdog expired, or something else writes it)",
-                         "nothing to do if it restarted; else keep other writers away from its coils"});
+        check_permit_next = options.permit_coil >= 0 && !check_permit_next;
+        if (!check_permit_next && module.times_pulse() && pulse_end) return;  // the pulse may be under way or over
+        const auto done =
+            check_permit_next ? module.check_permit(permit_written) : module.check_ejector(pulse_end.has_value());
+        if (!done) link_failed(done.error());
+    }
+
+    // A part that arrives at the confirm sensor confirms the oldest command that waits for it.
+    void read_confirm_sensor() {
+        // While a part is present it is read often, too: only a fall lets the next part show as a rise.
+        const bool often = !unconfirmed.empty() || module.part_present();
+        next_confirm_read = now() + (often ? options.confirm_every : options.check_every);
+        const auto arrived = module.part_arrived();
+        if (!arrived) return link_failed(arrived.error());
+        if (!*arrived || unconfirmed.empty()) return;
+        report(unconfirmed.front().job, Outcome::confirmed, unconfirmed.front().acknowledged);
+        unconfirmed.erase(unconfirmed.begin());
+    }
+
+    void fail_unconfirmed() {
+        while (!unconfirmed.empty() && unconfirmed.front().until <= now()) {
+            report(unconfirmed.front().job, Outcome::failed);
+            unconfirmed.erase(unconfirmed.begin());
         }
     }
 
-    // The confirm sensor: a part that arrives confirms the oldest command that awaits one.
-    void look_for_part() {
-        // Its fall must be seen, too: the next part shows by the next rise.
-        next_look = now() + (awaited.empty() && !seen_part ? options.check_every : options.confirm_every);
-        const auto value = link.read_input(options.confirm_input, options.response_timeout);
-        if (!value) return link_failed(value.error());
-        const bool there = *value != options.confirm_active_low;
-        const bool arrived = !std::exchange(seen_part, there) && there;
-        if (!arrived || awaited.empty()) return;
-        report(awaited.front().job, Outcome::confirmed, awaited.front().acknowledged);
-        awaited.erase(awaited.begin());
-    }
-
-    void give_up_unseen() {
-        while (!awaited.empty() && awaited.front().until <= now()) {
-            report(awaited.front().job, Outcome::failed);
-            awaited.erase(awaited.begin());
-        }
+    void trigger_watchdog() {
+        if (auto done = module.trigger_watchdog(); !done) link_failed(done.error());
     }
 
     void run() {
         std::unique_lock lock(mutex);
         while (!stopping) {
-            jobs.insert(jobs.end(), asked.begin(), asked.end());
-            asked.clear();
+            jobs.insert(jobs.end(), requested.begin(), requested.end());
+            requested.clear();
             const bool permit = permit_wanted;
             lock.unlock();
             const TimePoint next = step(permit);
             lock.lock();
             const Duration pause = next - now();
-            if (!stopping && asked.empty() && permit_wanted == permit && pause > 0ns) {
-                wake.wait_for(lock, pause, [&] { return stopping || !asked.empty() || permit_wanted != permit; });
+            if (!stopping && requested.empty() && permit_wanted == permit && pause > 0ns) {
+                wake.wait_for(lock, pause, [&] { return stopping || !requested.empty() || permit_wanted != permit; });
             }
         }
         const TimePoint by = stop_by;
         lock.unlock();
-        make_safe(by);
+        module.make_safe(by);
     }
 
-    // Does the one thing that is most pressing; returns when there is something to do again.
+    // Does the most urgent thing; returns when the next one is due.
     TimePoint step(bool permit) {
-        give_up_unseen();
+        fail_unconfirmed();
         const TimePoint at = now();
-        if (acting_until && *acting_until <= at) {
+        if (pulse_end && *pulse_end <= at) {
             end_pulse();
             return at;
         }
@@ -323,11 +250,11 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
             carry_out(job);
             return at;
         }
-        TimePoint pressing = TimePoint::max();
-        if (acting_until) pressing = *acting_until;
-        if (due != jobs.end()) pressing = std::min(pressing, due->command.start);
-        if (!link.connected()) {
-            if (next_connect > at) return std::min(pressing, next_connect);
+        TimePoint urgent = TimePoint::max();  // when the next pulse starts or ends
+        if (pulse_end) urgent = *pulse_end;
+        if (due != jobs.end()) urgent = std::min(urgent, due->command.start);
+        if (!module.link().connected()) {
+            if (next_connect > at) return std::min(urgent, next_connect);
             try_connect();
             return at;
         }
@@ -335,47 +262,29 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
             move_permit(permit);
             return at;
         }
-        const TimePoint wanted = quiet_things(at, pressing);
-        TimePoint next = std::min(pressing, wanted);
-        for (const Awaited& one : awaited) next = std::min(next, one.until);
+        TimePoint next = std::min(urgent, poll_module(at, urgent));
+        for (const Unconfirmed& one : unconfirmed) next = std::min(next, one.until);
         return next;
     }
 
-    // What can wait, unless something presses within the time that an exchange takes; but not for ever. Returns when it
-    // is due.
-    TimePoint quiet_things(TimePoint at, TimePoint pressing) {
-        struct Thing {
+    // Does what is due of checks, confirm sensor and watchdog, unless `urgent` comes within the time of an exchange;
+    // each of them is put off for its patience at most. Returns when the next one is due.
+    TimePoint poll_module(TimePoint at, TimePoint urgent) {
+        struct Task {
             TimePoint due;
             Duration patience;
             void (Session::*act)();
         };
-        std::array<Thing, 3> things{
-            {{next_check, options.check_every, &Session::check},
-             {options.confirm_input >= 0 ? next_look : TimePoint::max(), options.confirm_every,
-              &Session::look_for_part},
-             {options.watchdog > 0ns ? next_feed : TimePoint::max(), options.watchdog / 3, &Session::keep_alive}}};
-        const Thing& first = *std::ranges::min_element(things, {}, &Thing::due);
+        std::array<Task, 3> tasks{{{next_check, options.check_every, &Session::check_outputs},
+                                   {options.confirm_input >= 0 ? next_confirm_read : TimePoint::max(),
+                                    options.confirm_every, &Session::read_confirm_sensor},
+                                   {module.watchdog_due(), options.watchdog / 3, &Session::trigger_watchdog}}};
+        const Task& first = *std::ranges::min_element(tasks, {}, &Task::due);
         if (first.due > at) return first.due;
-        const bool room = pressing == TimePoint::max() || pressing - at > 2 * link.usual();
-        if (!room && at - first.due < first.patience) return pressing;
+        const bool enough_time = urgent == TimePoint::max() || urgent - at > 2 * module.link().typical_response();
+        if (!enough_time && at - first.due < first.patience) return urgent;
         (this->*first.act)();
         return now();
-    }
-
-    void keep_alive() {
-        if (auto done = feed(); !done) link_failed(done.error());
-    }
-
-    // All coils to 0: the state into which a module falls by itself when nobody is there.
-    void make_safe(TimePoint by) {
-        link.give_up_at(by);
-        if (link.connected() && module_times()) (void)link.command(pulse_coil(), false, by - now());
-        for (const int coil : {module_times() ? -1 : options.ejector_coil, options.permit_coil}) {
-            if (coil >= 0 && link.connected()) (void)write_output(coil, false, by - now());
-        }
-        if (link.connected() && options.watchdog > 0ns)
-            (void)link.write_register(options.map.watchdog_stop_register, options.map.watchdog_stop_value, by - now());
-        link.close();
     }
 };
 
@@ -383,7 +292,7 @@ ModbusRejector::ModbusRejector(hal::EventLoop& loop, ModbusRejectorOptions optio
     : loop_(loop), options_(std::move(options)) {}
 
 ModbusRejector::~ModbusRejector() {
-    if (session_) session_->listener = nullptr;  // may be gone already
+    if (session_) session_->listener = nullptr;  // the listener may not exist any more
     stop();
 }
 
@@ -432,13 +341,13 @@ Result<void> ModbusRejector::do_reject(const RejectCommand& command) {
                         "space the rejects, or check that the module answers");
         case hal::RejectLedger::Entered::repeat: return {};
         case hal::RejectLedger::Entered::settled:
-            session_->tell({.settled = {}, .report = entry.report, .link = {}, .why = {}});
+            session_->send({.settled = {}, .report = entry.report, .link = {}, .why_down = {}});
             return {};
         case hal::RejectLedger::Entered::fresh: break;
     }
     {
         const std::scoped_lock lock(session_->mutex);
-        session_->asked.push_back({entry.slot, command});
+        session_->requested.push_back({entry.slot, command});
     }
     session_->wake.notify_one();
     return {};
@@ -461,7 +370,7 @@ void ModbusRejector::do_stop() {
     }
     session->wake.notify_one();
     session->thread.join();
-    session->take_news();  // what is known is reported as it is, the rest as failed
+    session->deliver_events();  // settled commands; the others are reported as failed
     session->ledger.settle_all(Outcome::failed, loop_.now(), [&](const RejectReport& report) {
         if (session->listener != nullptr) session->listener->on_reject(report);
     });

@@ -6,10 +6,10 @@ namespace hord::firmware {
 namespace {
 
 // WAGO 750 Ethernet couplers and controllers (750-352, 750-841, 750-843, 750-880, 750-882). Reading coil n reads input
-// n; outputs read back 0x200 higher. The watchdog sets all outputs to 0 and then refuses to move them until it is
-// started anew.
-constexpr hal::ModuleMap wago_750() {
-    hal::ModuleMap map;
+// n; outputs are read back 0x200 higher. An expired watchdog sets all outputs to 0 and refuses writes until it is
+// started again.
+constexpr drivers::ModuleMap wago_750() {
+    drivers::ModuleMap map;
     map.read_back_offset = 0x0200;
     map.watchdog_time_register = 0x1000;
     map.watchdog_unit = std::chrono::milliseconds(100);
@@ -21,10 +21,10 @@ constexpr hal::ModuleMap wago_750() {
     return map;
 }
 
-// Moxa ioLogik E1200. A digital output in pulse mode has a second coil, 16 higher, that starts its pulses; their width
-// and number are set in the module's web console, as is its watchdog, which leaves an alarm behind.
-constexpr hal::ModuleMap moxa_iologik() {
-    hal::ModuleMap map;
+// Moxa ioLogik E1200. A digital output in pulse mode has a second coil, 16 higher, that starts its pulses. Pulse width,
+// number of pulses and the watchdog, which sets an alarm, are configured in the module's web console.
+constexpr drivers::ModuleMap moxa_iologik() {
+    drivers::ModuleMap map;
     map.pulse_coil_offset = 16;
     map.alarm_coil = 4144;
     map.name_register = 5000;

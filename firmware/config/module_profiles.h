@@ -1,19 +1,19 @@
-// The modules that are known by name, as their manuals describe them (docs/hardware.md cites them).
+// The known modules, from their manuals (cited in docs/hardware.md).
 #pragma once
 
 #include <span>
 #include <string_view>
 
-#include "drivers/hal/module_map.h"
+#include "drivers/modbus/modbus_options.h"
 
 namespace hord::firmware {
 
 struct ModuleProfile {
     std::string_view name;  // rejector.profile
-    hal::ModuleMap map;
+    drivers::ModuleMap map;
 };
 
-// The first one is the default: coils, and nothing else.
+// The first one is the default: coils only.
 std::span<const ModuleProfile> module_profiles();
 
 }  // namespace hord::firmware

@@ -11,9 +11,9 @@
 namespace hord::firmware {
 namespace {
 
-// A worse calibration is not installed over a better one. What is kept of another camera, of another size or no longer
-// readable does not stand in the way.
-Result<void> may_follow(const calib::GridFile& fresh, const std::filesystem::path& kept) {
+// Refuses a calibration that is worse than the kept one. A kept one of another camera or size, or an unreadable one, is
+// ignored.
+Result<void> may_replace(const calib::GridFile& fresh, const std::filesystem::path& kept) {
     if (!std::filesystem::exists(kept)) return {};
     const auto held = calib::read_grid(kept);
     if (!held || held->stamp.camera != fresh.stamp.camera || held->grid.width_px != fresh.grid.width_px ||
@@ -56,7 +56,7 @@ Result<ActiveCalibration> use_calibration(const std::filesystem::path& file, con
     out.decoder = std::make_shared<const algo::GridDecoder>(std::move(*decoder));
     out.crc32 = common::crc32(calib::to_toml(out.file));
     if (kept.empty()) return out;
-    if (auto fine = may_follow(out.file, kept); !fine) return named(fine.error());
+    if (auto fine = may_replace(out.file, kept); !fine) return named(fine.error());
     if (auto done = calib::write_grid(kept, out.file); !done) return tl::unexpected(done.error());
     return out;
 }

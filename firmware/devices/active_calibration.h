@@ -1,5 +1,4 @@
-// The calibration that a station decodes its sensor's raw frames with: read, checked against the sensor, and against
-// the one before.
+// The calibration for decoding the sensor's raw frames, checked against the sensor and the previous calibration.
 #pragma once
 
 #include <cstdint>
@@ -16,17 +15,17 @@ namespace hord::firmware {
 
 struct ActiveCalibration {
     calib::GridFile file;
-    std::uint32_t crc32 = 0;                           // of the file's text: its identity in the registers
-    std::shared_ptr<const algo::GridDecoder> decoder;  // to be copied, one a thread
+    std::uint32_t crc32 = 0;  // of the file's text; identifies the calibration in the registers
+    std::shared_ptr<const algo::GridDecoder> decoder;  // each thread copies it
 
-    // Since it was made, now; 0 where the date is of the future, none where it cannot be read.
+    // Age at present; 0 for a date in the future, none for an unreadable date.
     [[nodiscard]] std::optional<std::uint32_t> age_s() const;
 };
 
-// Reads `file` and makes the decoder of bins_i x bins_j bins. `kept` is where the calibration in use outlives a restart
-// (empty: nowhere): a worse one of the same camera does not take its place (calib/files/accept_calibration.h). Fails,
-// naming the file and the cure, as calib::read_grid does; with invalid_argument when its frames are not of the sensor's
-// size; with `refused` when it is worse; with io when it cannot be kept.
+// Reads `file` and makes the decoder of bins_i x bins_j bins. `kept` is the copy of the calibration in use (empty:
+// none): a worse one of the same camera does not replace it (calib/files/accept_calibration.h). Fails as
+// calib::read_grid does, with invalid_argument (not the sensor's frame size), refused (worse), io (`kept` cannot be
+// written).
 Result<ActiveCalibration> use_calibration(const std::filesystem::path& file, const std::filesystem::path& kept,
                                           const hal::SensorFormat& format, int bins_i, int bins_j);
 

@@ -12,7 +12,7 @@
 #include "drivers/libcamera/libcamera_sensor.h"
 #include "drivers/modbus/modbus_rejector.h"
 #include "drivers/v4l2/v4l2_sensor.h"
-#include "firmware/devices/driver_options.h"
+#include "firmware/devices/module_description.h"
 #include "hal_sim/cell/cell.h"
 #include "hal_sim/cell/production.h"
 #include "hal_sim/cell/rendered_frames.h"
@@ -21,12 +21,12 @@
 namespace hord::firmware {
 namespace {
 
-// The simulated line is built to the configuration's timing, so that the same file tells station and line.
+// The simulated line's geometry follows the configuration's timing, so that one file sets station and line.
 sim::CellOptions cell_options(const Config& config, const SimulationOptions& simulation) {
     const CoreConfig& core = config.core;
     sim::CellOptions options;
     options.seed = simulation.seed;
-    // Parts keep their distance: a faster line is a faster belt.
+    // A higher rate moves the belt faster; the parts' pitch stays.
     options.conveyor.speed_mm_s =
         std::max(options.conveyor.speed_mm_s, options.schedule.pitch_mm * simulation.parts_per_second);
     const double speed = options.conveyor.speed_mm_s;
@@ -42,12 +42,12 @@ sim::CellOptions cell_options(const Config& config, const SimulationOptions& sim
             static_cast<double>(core.transport_counts) / options.geometry.ejector_mm;
     options.sensor.buffers = std::max(
         options.sensor.buffers, config.inspection.threads + config.inspection.queue + 2);  // exposing, and read out
-    options.strobe.limits = {config.strobe.max_on, config.strobe.min_rest, config.strobe.channels};
+    options.strobe.limits = {config.strobe.limits.max_on, config.strobe.limits.min_rest, config.strobe.channels};
     options.strobe.nominal_pulse = core.strobe;
     return options;
 }
 
-// The good part of the simulated line, as its camera sees it.
+// The good part of the simulated line and its camera.
 sim::Scene clean_part(const Config& config) {
     sim::Scene scene;
     scene.name = "lens";
@@ -59,7 +59,7 @@ sim::Scene clean_part(const Config& config) {
     return scene;
 }
 
-// Whether anything of the line is simulated: then there is a simulated cell, and parts come by themselves.
+// Whether any device is simulated: then a simulated cell moves the parts.
 bool needs_cell(const Config& config) {
     return std::holds_alternative<SimulatedPartSensor>(config.part_sensor) || config.strobe.gpio.empty() ||
         std::holds_alternative<SimulatedSensor>(config.sensor) ||
@@ -72,23 +72,17 @@ class ChosenBackends final : public Backends {
                                                   const SimulationOptions& simulation) {
         auto made = std::unique_ptr<ChosenBackends>(new ChosenBackends(loop));
         if (auto done = made->open_lights(loop, config); !done) return tl::unexpected(done.error());
-        if (auto done = made->open_sensor(loop, config, simulation); !done) return tl::unexpected(done.error());
+        if (auto done = made->open_camera(loop, config, simulation); !done) return tl::unexpected(done.error());
         if (auto done = made->open_rejector(loop, config, simulation); !done) return tl::unexpected(done.error());
         return made;
     }
 
-    hal::PartSensor& part_sensor() override {
-        return gpio_part_sensor_ ? static_cast<hal::PartSensor&>(*gpio_part_sensor_) : cell_->part_sensor();
-    }
-    hal::Strobe& strobe() override { return gpio_strobe_ ? static_cast<hal::Strobe&>(*gpio_strobe_) : cell_->strobe(); }
-    hal::Sensor& sensor() override {
-        if (camera_) return *camera_;
-        if (video_) return *video_;
-        return recorded_ ? static_cast<hal::Sensor&>(*recorded_) : cell_->sensor();
-    }
-    Result<std::string> ask_module() override {
+    hal::PartSensor& part_sensor() override { return part_sensor_ ? *part_sensor_ : cell_->part_sensor(); }
+    hal::Strobe& strobe() override { return strobe_ ? *strobe_ : cell_->strobe(); }
+    hal::Sensor& sensor() override { return sensor_ ? *sensor_ : cell_->sensor(); }
+    Result<std::string> describe_module() override {
         if (!modbus_) return fail(ErrorCode::unsupported, "the rejector is simulated", "nothing to do");
-        return firmware::ask_module(loop_, modbus_options_);
+        return firmware::describe_module(loop_, modbus_options_);
     }
     hal::Rejector& rejector() override { return modbus_ ? static_cast<hal::Rejector&>(*modbus_) : cell_->rejector(); }
 
@@ -118,39 +112,27 @@ class ChosenBackends final : public Backends {
   private:
     explicit ChosenBackends(hal::EventLoop& loop) : loop_(loop) {}
 
-    // Lights first: they are off from here on.
+    // Before the other devices: the lights are off from now on.
     Result<void> open_lights(hal::EventLoop& loop, const Config& config) {
-        if (!config.strobe.gpio.empty()) {
-            auto strobe = drivers::GpioStrobe::open(loop, strobe_channels(config.strobe));
-            if (!strobe) return tl::unexpected(strobe.error());
-            gpio_strobe_ = std::move(*strobe);
-        }
-        if (const auto* line = std::get_if<GpioPartSensorLine>(&config.part_sensor)) {
-            auto part_sensor = drivers::GpioPartSensor::open(loop, part_sensor_options(*line));
-            if (!part_sensor) return tl::unexpected(part_sensor.error());
-            gpio_part_sensor_ = std::move(*part_sensor);
-        }
+        auto strobe = open_strobe(loop, config);
+        if (!strobe) return tl::unexpected(strobe.error());
+        strobe_ = std::move(*strobe);
+        auto part_sensor = open_part_sensor(loop, config);
+        if (!part_sensor) return tl::unexpected(part_sensor.error());
+        part_sensor_ = std::move(*part_sensor);
         return {};
     }
 
-    // Sensor, and with it the simulated cell for whatever is simulated.
-    Result<void> open_sensor(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
+    // The sensor, and the simulated cell if any device is simulated.
+    Result<void> open_camera(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
         sim::CellOptions options = cell_options(config, simulation);
         sim::FrameSource* source = &tokens_;
-        if (const auto* folder = std::get_if<RecordedFrames>(&config.sensor)) {
-            auto recorded = drivers::RecordedFrames::open(loop, {folder->folder});
-            if (!recorded) return tl::unexpected(recorded.error());
-            recorded_ = std::move(*recorded);
-            options.schedule.parts = recorded_->count();
-        } else if (const auto* video = std::get_if<VideoSensor>(&config.sensor)) {
-            auto opened = drivers::V4l2Sensor::open(loop, video_options(*video));
-            if (!opened) return tl::unexpected(opened.error());
-            video_ = std::move(*opened);
-        } else if (const auto* camera = std::get_if<CameraSensor>(&config.sensor)) {
-            auto opened = drivers::LibcameraSensor::open(loop, camera_request(*camera));
-            if (!opened) return tl::unexpected(opened.error());
-            camera_ = std::move(*opened);
-        } else {
+        auto sensor = open_sensor(loop, config);
+        if (!sensor) return tl::unexpected(sensor.error());
+        sensor_ = std::move(*sensor);
+        if (const auto* recorded = dynamic_cast<const drivers::RecordedFrames*>(sensor_.get()))
+            options.schedule.parts = recorded->count();
+        if (!sensor_) {
             sim::ProductionOptions production;
             production.clean = clean_part(config);
             production.seed = simulation.seed;
@@ -176,23 +158,22 @@ class ChosenBackends final : public Backends {
     }
 
     Result<void> open_rejector(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
-        const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
+        const auto* configured = std::get_if<drivers::ModbusRejectorOptions>(&config.rejector);
         if (configured == nullptr && !simulation.own_coil_module) return {};
         drivers::ModbusRejectorOptions options =
-            rejector_options(configured != nullptr ? *configured : std::get<SimulatedRejector>(config.rejector).module);
+            configured != nullptr ? *configured : std::get<SimulatedRejector>(config.rejector).module;
         if (simulation.own_coil_module) {
             auto module = sim::CoilModule::open(loop, {.realtime = simulation.realtime});
             if (!module) return tl::unexpected(module.error());
             module_ = std::move(*module);
-            // It is a plain one: what the configured module has beyond coils is not played here.
+            // A plain module: pulses, watchdog and confirm sensor of the configured one are not simulated.
             options.address = {
                 .host = "127.0.0.1", .port = module_->port(), .serial = {}, .unit = options.address.unit};
             options.map = {};
             options.module_pulse = options.watchdog = {};
             options.confirm_input = -1;
-            // The coils move the simulated ejector and the belt: what the module was really told is what happens to the
-            // part. The belt stops when the run permit falls, as a PLC stops it; before the station first gave one,
-            // parts come unasked.
+            // The coils move the simulated ejector and the belt. The belt stops when the run permit drops, as a PLC
+            // stops it; before the first permit it runs.
             module_->on_coil([this, &loop, ejector = options.ejector_coil, permit = options.permit_coil,
                               acts_at = !options.energise_to_pass](int moved, bool on, hal::TimePoint at) {
                 if (!cell_) return;
@@ -208,21 +189,40 @@ class ChosenBackends final : public Backends {
 
     hal::EventLoop& loop_;
     drivers::ModbusRejectorOptions modbus_options_;
-    // In the order in which they may go: devices before what they look at.
+    // Destroyed in reverse order: the devices before what they use.
     sim::TokenFrames tokens_{{27, 27, 8}};
     std::unique_ptr<sim::RenderedFrames> rendered_;
     std::unique_ptr<sim::SimulatedCell> cell_;
-    std::unique_ptr<drivers::RecordedFrames> recorded_;
-    std::unique_ptr<drivers::V4l2Sensor> video_;
-    std::unique_ptr<drivers::LibcameraSensor> camera_;
-    std::unique_ptr<drivers::GpioPartSensor> gpio_part_sensor_;
+    std::unique_ptr<hal::Sensor> sensor_;
+    std::unique_ptr<hal::PartSensor> part_sensor_;
     std::unique_ptr<sim::CoilModule> module_;
     std::unique_ptr<drivers::ModbusRejector> modbus_;
-    std::unique_ptr<drivers::GpioStrobe> gpio_strobe_;
+    std::unique_ptr<hal::Strobe> strobe_;
     bool line_started_ = false;
 };
 
 }  // namespace
+
+Result<std::unique_ptr<hal::Strobe>> open_strobe(hal::EventLoop& loop, const Config& config) {
+    if (config.strobe.gpio.empty()) return nullptr;
+    return drivers::GpioStrobe::open(loop, config.strobe.gpio);
+}
+
+Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, const Config& config) {
+    const auto* line = std::get_if<drivers::GpioPartSensorOptions>(&config.part_sensor);
+    if (line == nullptr) return nullptr;
+    return drivers::GpioPartSensor::open(loop, *line);
+}
+
+Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config) {
+    if (const auto* recorded = std::get_if<FrameFolder>(&config.sensor))
+        return drivers::RecordedFrames::open(loop, {recorded->folder});
+    if (const auto* video = std::get_if<drivers::V4l2SensorOptions>(&config.sensor))
+        return drivers::V4l2Sensor::open(loop, *video);
+    if (const auto* camera = std::get_if<drivers::LibcameraSensorOptions>(&config.sensor))
+        return drivers::LibcameraSensor::open(loop, *camera);
+    return nullptr;
+}
 
 Result<std::unique_ptr<Backends>> Backends::open(hal::EventLoop& loop, const Config& config,
                                                  const SimulationOptions& options) {

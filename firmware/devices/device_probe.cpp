@@ -4,11 +4,11 @@
 
 #include <fmt/format.h>
 
-#include "drivers/files/recorded_frames.h"
+#include "drivers/gpio/gpio_lines.h"
 #include "drivers/libcamera/camera_process.h"
-#include "drivers/libcamera/libcamera_sensor.h"
+#include "drivers/modbus/modbus_rejector.h"
 #include "firmware/devices/active_calibration.h"
-#include "firmware/devices/driver_options.h"
+#include "firmware/devices/module_description.h"
 #include "firmware/recipes/recipe_file.h"
 
 namespace hord::firmware {
@@ -22,11 +22,11 @@ struct Devices {
     std::unique_ptr<hal::Strobe> strobe;
 };
 
-std::string name_of(const GpioLineName& line) { return line.chip + " line " + line.line; }
+std::string name_of(const drivers::GpioLine& line) { return line.chip + " line " + line.line; }
 
-// Takes what was opened, or why it was not.
+// Stores the opened device, or the error.
 template <class Device, class Opened>
-void take(DeviceUnderTest<Device>& under_test, std::unique_ptr<Device>& keep, Opened opened) {
+void store(DeviceUnderTest<Device>& under_test, std::unique_ptr<Device>& keep, Opened opened) {
     if (!opened) {
         under_test.device = tl::unexpected(opened.error());
         return;
@@ -35,43 +35,43 @@ void take(DeviceUnderTest<Device>& under_test, std::unique_ptr<Device>& keep, Op
     under_test.device = keep.get();
 }
 
-void open_lines(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
+void probe_lines(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
     if (!config.strobe.gpio.empty()) {
-        for (const StrobeChannel& channel : config.strobe.gpio)
+        for (const drivers::GpioStrobeChannel& channel : config.strobe.gpio)
             cell.strobe.name += (cell.strobe.name.empty() ? "" : ", ") + name_of(channel.line);
         cell.strobe.name += " (libgpiod " + drivers::gpiod_version() + ")";
-        take(cell.strobe, devices.strobe, drivers::GpioStrobe::open(loop, strobe_channels(config.strobe)));
+        store(cell.strobe, devices.strobe, open_strobe(loop, config));
     }
-    if (const auto* line = std::get_if<GpioPartSensorLine>(&config.part_sensor)) {
+    if (const auto* line = std::get_if<drivers::GpioPartSensorOptions>(&config.part_sensor)) {
         cell.part_sensor.name = name_of(line->line) + (line->encoder ? ", encoder " + name_of(*line->encoder) : "");
         cell.encoder = line->encoder.has_value();
-        take(cell.part_sensor, devices.part_sensor, drivers::GpioPartSensor::open(loop, part_sensor_options(*line)));
+        store(cell.part_sensor, devices.part_sensor, open_part_sensor(loop, config));
     }
 }
 
-void open_sensor(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
-    if (const auto* video = std::get_if<VideoSensor>(&config.sensor)) {
+void probe_sensor(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
+    if (const auto* video = std::get_if<drivers::V4l2SensorOptions>(&config.sensor)) {
         cell.sensor.name = video->device;
-        take(cell.sensor, devices.sensor, drivers::V4l2Sensor::open(loop, video_options(*video)));
-    } else if (const auto* camera = std::get_if<CameraSensor>(&config.sensor)) {
+    } else if (const auto* camera = std::get_if<drivers::LibcameraSensorOptions>(&config.sensor)) {
         cell.sensor.name = (camera->camera.empty() ? "the only camera" : camera->camera) + " (libcamera " +
             drivers::libcamera_version() + ")";
-        take(cell.sensor, devices.sensor, drivers::LibcameraSensor::open(loop, camera_request(*camera)));
-    } else if (const auto* folder = std::get_if<RecordedFrames>(&config.sensor)) {
-        cell.sensor.name = "recorded frames in " + folder->folder.string();
-        take(cell.sensor, devices.sensor, drivers::RecordedFrames::open(loop, {folder->folder}));
+    } else if (const auto* recorded = std::get_if<FrameFolder>(&config.sensor)) {
+        cell.sensor.name = "recorded frames in " + recorded->folder.string();
+    } else {
+        return;
     }
+    store(cell.sensor, devices.sensor, open_sensor(loop, config));
 }
 
-void open_rejector(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
-    const auto* wanted = std::get_if<ModbusRejector>(&config.rejector);
-    if (wanted == nullptr) return;
-    const drivers::ModbusRejectorOptions options = rejector_options(*wanted);
-    cell.rejector.name = wanted->device.empty() ? fmt::format("{}:{} unit {}", wanted->host, wanted->port, wanted->unit)
-                                                : fmt::format("{} unit {}", wanted->device, wanted->unit);
-    devices.rejector = std::make_unique<drivers::ModbusRejector>(loop, options);
+void probe_rejector(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
+    const auto* options = std::get_if<drivers::ModbusRejectorOptions>(&config.rejector);
+    if (options == nullptr) return;
+    const drivers::ModuleAddress& at = options->address;
+    cell.rejector.name = at.serial ? fmt::format("{} unit {}", at.serial->device, at.unit)
+                                   : fmt::format("{}:{} unit {}", at.host, at.port, at.unit);
+    devices.rejector = std::make_unique<drivers::ModbusRejector>(loop, *options);
     cell.rejector.device = devices.rejector.get();
-    cell.ask_module = [&loop, options] { return ask_module(loop, options); };
+    cell.ask_module = [&loop, options = *options] { return describe_module(loop, options); };
 }
 
 Result<void> open_simulated(hal::EventLoop& loop, Config config, Devices& devices, CellUnderTest& cell) {
@@ -90,7 +90,7 @@ Result<void> open_simulated(hal::EventLoop& loop, Config config, Devices& device
     cell.strobe = {&all.strobe(), "simulated"};
     cell.sensor = {&all.sensor(), "simulated"};
     cell.rejector = {&all.rejector(), "simulated module on loopback"};
-    cell.ask_module = [&all] { return all.ask_module(); };
+    cell.ask_module = [&all] { return all.describe_module(); };
     return {};
 }
 
@@ -111,9 +111,9 @@ Result<EachDevice> open_each_device(hal::EventLoop& loop, const Config& config, 
         if (auto opened = open_simulated(loop, config, *devices, each.cell); !opened)
             return tl::unexpected(opened.error());
     } else {
-        open_lines(loop, config, *devices, each.cell);
-        open_sensor(loop, config, *devices, each.cell);
-        open_rejector(loop, config, *devices, each.cell);
+        probe_lines(loop, config, *devices, each.cell);
+        probe_sensor(loop, config, *devices, each.cell);
+        probe_rejector(loop, config, *devices, each.cell);
         if (!config.inspection.grid.empty() && each.cell.sensor.device && *each.cell.sensor.device != nullptr) {
             auto grid = use_calibration(config.inspection.grid, {}, (*each.cell.sensor.device)->format(),
                                         config.inspection.bins_i, config.inspection.bins_j);

@@ -1,4 +1,4 @@
-// The configuration's devices, each opened by itself: one that is absent does not hide the others.
+// Opens each of the configuration's devices separately, so that an absent one does not hide the others.
 #pragma once
 
 #include <memory>
@@ -10,11 +10,11 @@ namespace hord::firmware {
 
 struct EachDevice {
     CellUnderTest cell;
-    std::shared_ptr<void> keep;  // owns the devices; outlives `cell`'s use, dies before the loop
+    std::shared_ptr<void> keep;  // owns the devices of `cell`; release it before the loop
 };
 
-// Opens what `config` names. With `simulate`, the simulated cell and a coil module on loopback instead of all of it.
-// Fails with what is wrong with the recipe or the calibration; a device's failure is in its place in the cell.
+// With `simulate`, opens the simulated cell and a coil module on loopback instead. Fails if the recipe or the
+// calibration cannot be used; a device's error is in its entry of the cell.
 Result<EachDevice> open_each_device(hal::EventLoop& loop, const Config& config, bool simulate);
 
 }  // namespace hord::firmware

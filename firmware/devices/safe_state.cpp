@@ -6,12 +6,11 @@
 #include "drivers/event_loop/event_loop_sd.h"
 #include "drivers/gpio/gpio_lines.h"
 #include "drivers/modbus/modbus_rejector.h"
-#include "firmware/devices/driver_options.h"
 
 namespace hord::firmware {
 namespace {
 
-// Waits for the rejector's link, whose first writes are the safe state.
+// Waits for the rejector's link: the driver writes the safe state before it reports the link.
 struct SafeState final : hal::Rejector::Listener {
     explicit SafeState(SdEventLoop& l) : loop(l) {}
     void on_reject(const hal::RejectReport&) override {}
@@ -31,16 +30,16 @@ Result<void> make_safe(const Config& config, Duration patience) {
     Result<void> lights;
     if (!config.strobe.gpio.empty()) {
         std::vector<drivers::GpioLine> lines;
-        for (const StrobeChannel& channel : config.strobe.gpio) lines.push_back(gpio_line(channel.line));
-        if (const auto taken = drivers::request_outputs(lines); !taken)
-            lights = tl::unexpected(taken.error());  // off, and let go of
+        for (const drivers::GpioStrobeChannel& channel : config.strobe.gpio) lines.push_back(channel.line);
+        if (const auto taken = drivers::request_outputs(lines); !taken)  // off; released at once
+            lights = tl::unexpected(taken.error());
     }
-    const auto* configured = std::get_if<ModbusRejector>(&config.rejector);
+    const auto* configured = std::get_if<drivers::ModbusRejectorOptions>(&config.rejector);
     if (configured == nullptr) return lights;
     auto loop = SdEventLoop::open();
     if (!loop) return tl::unexpected(loop.error());
     SafeState safe(**loop);
-    drivers::ModbusRejector rejector(**loop, rejector_options(*configured));
+    drivers::ModbusRejector rejector(**loop, *configured);
     if (auto started = rejector.start(safe); !started) return started;
     (*loop)->call_after(patience, [&] { (*loop)->request_stop(); });
     const auto ran = (*loop)->run();

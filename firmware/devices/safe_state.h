@@ -1,4 +1,4 @@
-// What is done after a service that died, whatever ended it: the lights off, the ejector at rest, no run permit.
+// The safe state after the service ended for any reason: lights off, ejector at rest, no run permit.
 #pragma once
 
 #include "common/result.h"
@@ -6,9 +6,9 @@
 
 namespace hord::firmware {
 
-// Turns the configured lights off, brings the configured rejector to its safe state and lets go of both; one that fails
-// does not keep the other from it. Blocks for at most `patience`. Fails with timeout (the module does not answer), and
-// as taking the lights' lines does.
+// Turns the configured lights off and brings the configured rejector to its safe state, each also if the other fails;
+// then releases both. Blocks for `patience` at most. Fails with timeout (the module does not answer) and as
+// request_outputs() does.
 Result<void> make_safe(const Config& config, Duration patience);
 
 inline constexpr Duration kSafePatience = milliseconds(3000);

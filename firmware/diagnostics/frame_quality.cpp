@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "algo/inspection/pipeline.h"
+#include "common/statistics.h"
 
 namespace hord::firmware {
 namespace {
@@ -17,11 +18,8 @@ constexpr double kLit = 0.5;                         // of all lenslets: an aper
 constexpr double kFocused = 0.5;                     // of evenly filled bins
 constexpr double kStrayLight = 0.05;                 // of the lit frame
 
-double median(std::vector<double>& values) {
-    if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::ranges::nth_element(values, middle);
-    return *middle;
+double median_or_nan(std::vector<double>& values) {
+    return values.empty() ? std::numeric_limits<double>::quiet_NaN() : common::upper_median(std::span(values));
 }
 
 }  // namespace
@@ -58,10 +56,10 @@ Result<FrameQuality> quality_of(const FrameView& frame, const algo::Extents& ext
     }
     const auto lenslets = static_cast<double>(extents.lenslets());
     quality.mean = total / (lenslets * extents.bins()) / frame.full_scale();
-    quality.bright = median(peaks);
+    quality.bright = median_or_nan(peaks);
     quality.lit = lit / lenslets;
     quality.saturated = saturated / lenslets;
-    quality.spot_bins = median(spots);
+    quality.spot_bins = median_or_nan(spots);
     const auto spread = [](int bins) { return (bins * bins - 1) / 12.0; };
     quality.unfocused_bins = std::sqrt((spread(extents.i) + spread(extents.j)) / 2);
     return quality;

@@ -7,9 +7,10 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "common/file_writing.h"
 #include "common/png_codec.h"
+#include "common/statistics.h"
 #include "common/tiff_codec.h"
-#include "common/whole_file.h"
 
 namespace hord::firmware {
 namespace {
@@ -95,9 +96,7 @@ MapPicture scale_to(std::string title, std::string unit, algo::Map map, std::spa
     float low = 0, high = limit;
     if (!judged.empty()) {
         low = std::min(low, *std::min_element(judged.begin(), judged.end()));
-        const auto thousandth = judged.begin() + static_cast<std::ptrdiff_t>((judged.size() - 1) * 999 / 1000);
-        std::nth_element(judged.begin(), thousandth, judged.end());
-        high = std::max(high, *thousandth);
+        high = std::max(high, common::nth_smallest(std::span(judged), (judged.size() - 1) * 999 / 1000));
     }
     if (!(high > low)) high = low + 1;
     return {std::move(title), std::move(unit), low, high};
@@ -206,12 +205,12 @@ Result<std::vector<std::uint8_t>> encode_png(const Picture& picture) {
 }
 
 Result<void> write_png(const std::filesystem::path& file, const Picture& picture) {
-    return encode_png(picture).and_then([&](const auto& bytes) { return common::write_whole(file, bytes); });
+    return encode_png(picture).and_then([&](const auto& bytes) { return common::write_atomically(file, bytes); });
 }
 
 Result<void> write_float_tiff(const std::filesystem::path& file, algo::Map map, const algo::Extents& extents) {
     return common::encode_float_tiff(extents.m, extents.n, map).and_then([&](const auto& bytes) {
-        return common::write_whole(file, bytes);
+        return common::write_atomically(file, bytes);
     });
 }
 

@@ -18,6 +18,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "common/unique_fd.h"
+
 namespace hord::firmware::modbus {
 namespace {
 
@@ -35,27 +37,6 @@ constexpr auto kPauseWithoutDescriptors = 100ms;
 constexpr std::size_t kInputSize = 264;
 constexpr std::size_t kOutputSize = 8192;
 static_assert((kInputSize / 11 + 1) * kMaxTcpFrame <= kOutputSize);
-
-// A descriptor with an owner.
-class Fd {
-  public:
-    explicit Fd(int fd = -1) : fd_(fd) {}
-    Fd(Fd&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-    Fd& operator=(Fd&& other) noexcept {
-        std::swap(fd_, other.fd_);
-        return *this;
-    }
-    ~Fd() { reset(); }
-    void reset() {
-        if (fd_ >= 0) ::close(fd_);
-        fd_ = -1;
-    }
-    [[nodiscard]] int get() const { return fd_; }
-    [[nodiscard]] int release() { return std::exchange(fd_, -1); }
-
-  private:
-    int fd_;
-};
 
 std::string address_of(const sockaddr_storage& address, socklen_t length) {
     char host[NI_MAXHOST] = "?", port[NI_MAXSERV] = "?";
@@ -86,7 +67,7 @@ tl::unexpected<Error> listen_error(const ServerOptions& options, int error) {
     }
 }
 
-Result<Fd> listen_on(const ServerOptions& options) {
+Result<common::UniqueFd> listen_on(const ServerOptions& options) {
     addrinfo hints{};
     hints.ai_flags = AI_PASSIVE | AI_NUMERICHOST | AI_NUMERICSERV;
     hints.ai_socktype = SOCK_STREAM;
@@ -97,7 +78,7 @@ Result<Fd> listen_on(const ServerOptions& options) {
                     fmt::format("\"{}\" is not a network address to listen on", options.host),
                     "give an IPv4 or IPv6 address of this machine, or 0.0.0.0 for all");
     }
-    Fd fd(::socket(found->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+    common::UniqueFd fd(::socket(found->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
     set_option(fd.get(), SOL_SOCKET, SO_REUSEADDR, 1);
     const bool good =
         fd.get() >= 0 && ::bind(fd.get(), found->ai_addr, found->ai_addrlen) == 0 && ::listen(fd.get(), kBacklog) == 0;
@@ -111,7 +92,7 @@ Result<Fd> listen_on(const ServerOptions& options) {
 
 struct Server::Impl {
     struct Connection {
-        Fd fd;
+        common::UniqueFd fd;
         std::string peer;
         bool may_write = false;
         FramerTcp framer;
@@ -124,16 +105,16 @@ struct Server::Impl {
     hal::EventLoop& loop;
     RegisterModel& model;
     ServerOptions options;
-    Fd listener;
+    common::UniqueFd listener;
     hal::EventLoop::WatchId listener_watch = hal::EventLoop::WatchId::none;
-    Fd ready;  // an epoll of all connections: one watch on the loop for all of them
+    common::UniqueFd ready;  // an epoll of all connections: one watch on the loop for all of them
     hal::EventLoop::WatchId ready_watch = hal::EventLoop::WatchId::none;
     hal::EventLoop::TimerId pause = hal::EventLoop::TimerId::none;
     std::vector<std::unique_ptr<Connection>> connections;
     std::vector<std::unique_ptr<Connection>> closed;  // destroyed in the next turn: pending events may point to them
     ServerStatistics statistics;
 
-    Impl(hal::EventLoop& l, RegisterModel& m, ServerOptions o, Fd fd)
+    Impl(hal::EventLoop& l, RegisterModel& m, ServerOptions o, common::UniqueFd fd)
         : loop(l), model(m), options(std::move(o)), listener(std::move(fd)), ready(::epoll_create1(EPOLL_CLOEXEC)) {
         connections.reserve(options.max_connections);
     }
@@ -171,8 +152,8 @@ struct Server::Impl {
         for (int k = 0; k < kAcceptsPerTurn; ++k) {
             sockaddr_storage address{};
             socklen_t length = sizeof address;
-            Fd fd(::accept4(listener.get(), reinterpret_cast<sockaddr*>(&address), &length,
-                            SOCK_NONBLOCK | SOCK_CLOEXEC));
+            common::UniqueFd fd(::accept4(listener.get(), reinterpret_cast<sockaddr*>(&address), &length,
+                                          SOCK_NONBLOCK | SOCK_CLOEXEC));
             if (fd.get() < 0) {
                 if (errno == ECONNABORTED || errno == EINTR) continue;
                 // Without descriptors accept4() fails even if nobody waits; only the first call of a turn follows a
@@ -192,7 +173,7 @@ struct Server::Impl {
         }
     }
 
-    void welcome(Fd fd, std::string peer, bool may_write) {
+    void welcome(common::UniqueFd fd, std::string peer, bool may_write) {
         set_option(fd.get(), IPPROTO_TCP, TCP_NODELAY, 1);
         // A dead peer is detected after 30 + 3 * 10 seconds.
         set_option(fd.get(), SOL_SOCKET, SO_KEEPALIVE, 1);
@@ -334,7 +315,7 @@ Result<std::unique_ptr<Server>> Server::open(hal::EventLoop& loop, RegisterModel
 
 Result<std::unique_ptr<Server>> Server::adopt(hal::EventLoop& loop, RegisterModel& model, int listening_fd,
                                               ServerOptions options) {
-    Fd fd(listening_fd);
+    common::UniqueFd fd(listening_fd);
     int listening = 0;
     socklen_t length = sizeof listening;
     if (::getsockopt(fd.get(), SOL_SOCKET, SO_ACCEPTCONN, &listening, &length) != 0 || listening == 0) {

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/crc32.h"
-#include "common/durable_file.h"
+#include "common/file_writing.h"
 
 namespace hord::firmware::mqtt {
 namespace {

@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/unique_fd.h"
 #include "firmware/store/results/hash_chain.h"
 
 namespace hord::firmware::page {
@@ -31,20 +32,19 @@ bool printable(std::string_view text) {
 }  // namespace
 
 Result<Tokens> Tokens::load(const std::filesystem::path& file) {
-    const int fd = ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NOCTTY);
-    if (fd < 0) {
+    const common::UniqueFd fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NOCTTY));
+    if (!fd) {
         return fail(ErrorCode::not_found, fmt::format("{} cannot be read ({})", file.string(), std::strerror(errno)),
                     "make it and let the page's user read it, or leave actions.tokens empty: the page then only shows");
     }
     struct stat what {};
     std::string text;
-    const bool known = ::fstat(fd, &what) == 0 && S_ISREG(what.st_mode);
+    const bool known = ::fstat(fd.get(), &what) == 0 && S_ISREG(what.st_mode);
     if (known) {
         text.resize(kLargestFile + 1);
-        const ssize_t got = ::read(fd, text.data(), text.size());
+        const ssize_t got = ::read(fd.get(), text.data(), text.size());
         text.resize(got > 0 ? static_cast<std::size_t>(got) : 0);
     }
-    ::close(fd);
     if (!known || text.size() > kLargestFile)
         return fail(ErrorCode::invalid_argument, file.string() + " is no file of tokens",
                     "write one line \"NAME TOKEN\" for each person");

@@ -254,7 +254,7 @@ CommandOutcome CommandHandler::teach(const Who& who, const CommandRequest& reque
     listener.taken = [this, token = request.token](std::uint32_t taken) {
         dependencies_->plc_interface.finish(token, {CommandState::executing, CommandError::none, taken});
     };
-    listener.done = [this](Result<Taught> result) { on_learned(std::move(result)); };
+    listener.done = [this](Result<TeachResult> result) { on_learned(std::move(result)); };
     if (auto begun = dependencies_->teacher->begin(parts, recipe_, std::move(listener)); !begun) {
         if (begun.error().code == ErrorCode::busy) return failed(CommandError::not_yet);
         report(begun.error());
@@ -264,7 +264,7 @@ CommandOutcome CommandHandler::teach(const Who& who, const CommandRequest& reque
     return {CommandState::executing, CommandError::none, 0};
 }
 
-void CommandHandler::on_learned(Result<Taught> result) {
+void CommandHandler::on_learned(Result<TeachResult> result) {
     if (!result) {
         report(result.error());
         return end_teach(failed(CommandError::failed));

@@ -69,7 +69,7 @@ class CommandHandler final : public PlcHandler {
     [[nodiscard]] CommandOutcome self_test(const Who& who, const CommandRequest& request);
     [[nodiscard]] CommandOutcome outcome_of_use(const Result<void>& done);
     [[nodiscard]] CommandOutcome teach(const Who& who, const CommandRequest& request);
-    void on_learned(Result<Taught> result);
+    void on_learned(Result<TeachResult> result);
     void end_teach(const CommandOutcome& outcome);
     bool cancel_teach(const std::string& why);
     Result<void> switch_to(const Who& who, NumberedRecipe recipe);

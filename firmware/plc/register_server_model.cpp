@@ -5,6 +5,8 @@
 
 #include <fmt/format.h>
 
+#include "common/statistics.h"
+
 namespace hord::firmware {
 namespace {
 
@@ -24,9 +26,7 @@ struct Overlap {
 // Nearest rank: the smallest value that at least `percent` of all do not exceed. `values` is reordered.
 std::optional<std::uint32_t> percentile(std::span<std::uint32_t> values, std::size_t percent) {
     if (values.empty()) return std::nullopt;
-    const auto rank = values.begin() + static_cast<std::ptrdiff_t>((values.size() * percent + 99) / 100 - 1);
-    std::nth_element(values.begin(), rank, values.end());
-    return *rank;
+    return common::nth_smallest(values, (values.size() * percent + 99) / 100 - 1);
 }
 
 }  // namespace

@@ -17,10 +17,10 @@ using common::TomlProblems;
 using common::TomlTable;
 
 constexpr int kRecipeSchema = 1;
-constexpr double kFar = 100'000;  // lenslets; beyond any light field
+constexpr double kFar = 100'000;  // lenslets; larger than any light field
 constexpr unsigned kDefectKinds = 5;
 
-// What is written of a place: `centre`, `radius` and `corners`, or the same with `_mm`.
+// The keys of a zone's place: `centre`, `radius` and `corners`, or the same with `_mm`.
 bool has_place_in_lenslets(const TomlTable& table) {
     return table.has("centre") || table.has("radius") || table.has("corners");
 }
@@ -28,7 +28,7 @@ bool has_place_in_mm(const TomlTable& table) {
     return table.has("centre_mm") || table.has("radius_mm") || table.has("corners_mm");
 }
 
-// A zone in its own unit. The names without `_mm` mean `plain`: lenslets of a zone, mm of a tolerance.
+// A zone in its own unit. Keys without `_mm` are in `plain`: lenslets for a zone, mm for a tolerance.
 algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
     constexpr std::array<std::string_view, 2> shapes{"circle", "polygon"};
     constexpr std::array<std::string_view, 2> uses{"inspect", "ignore"};
@@ -90,7 +90,7 @@ void read_zones(TomlTable& root, algo::Recipe& recipe) {
     }
 }
 
-// A text in quotes, as TOML's basic strings have it.
+// As a TOML basic string, in quotes.
 std::string in_quotes(std::string_view text) {
     std::string out = "\"";
     for (const char c : text) {
@@ -102,8 +102,7 @@ std::string in_quotes(std::string_view text) {
     return out + '"';
 }
 
-// A zone in mm from the middle of the field, as lenslets; those of a recipe that does not know its lenslets stay as
-// they are.
+// Converts a zone in mm from the field's centre to lenslets; unchanged in a recipe without a lenslet size.
 void from_mm(algo::Zone& zone, float lenslet_mm, const std::function<algo::Point(algo::Point)>& place) {
     zone.unit = algo::Zone::Unit::lenslets;
     zone.centre = place(zone.centre);
@@ -135,7 +134,7 @@ algo::Tolerance read_tolerance(TomlTable& table) {
     return t;
 }
 
-// The features that a recipe may name: the gradients, then these two.
+// The features that a recipe can name: the gradients, then these two.
 constexpr std::string_view kSlopes = name_of(algo::Feature::jacobian_frobenius),
                            kLight = name_of(algo::Feature::transmission);
 
@@ -183,7 +182,7 @@ void read_features(TomlTable& root, algo::Recipe& recipe) {
     }
 }
 
-// A limit of a feature that is off is a contradiction.
+// A limit for a feature that is off is a problem.
 void read_limits(TomlTable& limits, algo::Recipe& recipe) {
     const auto limit = [&](bool on, std::string_view key, float& value, double low, double high,
                            std::string_view feature) {
@@ -289,7 +288,7 @@ Result<algo::Recipe> without_number(Result<NumberedRecipe> numbered) {
     return std::move(numbered->recipe);
 }
 
-// Shape and place, in units of `unit` lenslets from `origin`; a zone in mm as it is.
+// Shape and place in units of `unit` lenslets from `origin`; zones in mm are not converted.
 std::string format_place(const algo::Zone& zone, float unit, algo::Point origin) {
     const std::string_view suffix = zone.unit == algo::Zone::Unit::mm ? "_mm" : "";
     const auto m = [&](float v) { return (v - origin.m) * unit; };
@@ -305,7 +304,7 @@ std::string format_place(const algo::Zone& zone, float unit, algo::Point origin)
     return text + "]\n";
 }
 
-// Nothing where they are the usual ones: what a recipe without a choice says, and its checksum, stay what they were.
+// Empty for the default features, so that the text and checksum of a recipe without `features` do not change.
 std::string format_features(const algo::Recipe& r) {
     if (r.gradient == algo::Feature::emd && r.slopes && r.light) return "";
     std::string names;
@@ -316,8 +315,7 @@ std::string format_features(const algo::Recipe& r) {
     return "features = [" + names + "]\n";
 }
 
-// Those of the features that are on; one of a feature that is off only if it says something, so that whoever reads it
-// is told.
+// The limits of the features that are on; of a feature that is off only if it is set, so that reading reports it.
 std::string format_limits(const algo::Recipe& r) {
     const algo::Recipe usual;
     std::string text;
@@ -332,7 +330,7 @@ std::string format_limits(const algo::Recipe& r) {
     return text + fmt::format("min_area = {}\n", r.min_area);
 }
 
-// The recipe's text with `reference` for the name of its reference.
+// The recipe's text with `reference` as the name of its reference.
 std::string format(const NumberedRecipe& numbered, const std::string& reference_name) {
     const algo::Recipe& r = numbered.recipe;
     std::string text =
@@ -346,13 +344,13 @@ std::string format(const NumberedRecipe& numbered, const std::string& reference_
         text += fmt::format("\n[[zone]]\nuse = \"{}\"\n", zone.use == algo::Zone::Use::inspect ? "inspect" : "ignore");
         text += format_place(zone, 1, {});
     }
-    // What a recipe without a reference does not have is not written: its checksum stays what it was.
+    // Omitted without a reference, so that the checksum of such a recipe does not change.
     if (r.lenslet_mm > 0 || r.bin_rad > 0) {
         text += "\n[scale]\n";
         if (r.lenslet_mm > 0) text += fmt::format("lenslet_mm = {}\n", r.lenslet_mm);
         if (r.bin_rad > 0) text += fmt::format("bin_rad = {}\n", r.bin_rad);
     }
-    // Scores may wait for a reference that is still to be taught.
+    // Score limits may be set before a reference is taught.
     const algo::Recipe usual;
     const bool has_scores = r.reject_score != usual.reject_score || r.grow_score != usual.grow_score ||
         r.cluster_score != usual.cluster_score;

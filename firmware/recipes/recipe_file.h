@@ -11,26 +11,27 @@
 
 namespace hord::firmware {
 
-// A recipe with what a PLC and a record must know of it.
+// A recipe with its identity for the PLC and the records.
 struct NumberedRecipe {
-    std::uint16_t number = 0;   // how a PLC calls it, 0 to 65534
-    std::uint32_t version = 1;  // raised by whoever changes it
+    std::uint16_t number = 0;   // by which a PLC selects it, 0..65534
+    std::uint32_t version = 1;  // whoever changes the recipe increments it
     algo::Recipe recipe = {};
-    std::filesystem::path reference_file = {};  // where recipe.reference comes from; empty: there is none
+    std::filesystem::path reference_file = {};  // file of recipe.reference; empty: none
 };
 
-// Everything that it says, as the text of a recipe file; reading that gives the same recipe.
+// The recipe as the text of a recipe file; parsing it gives the same recipe.
 std::string format_recipe(const NumberedRecipe& recipe);
 
-// CRC-32 of what it says, not of how a file writes it; of a reference, what is in it, wherever it lies.
+// CRC-32 of the content: independent of the file's formatting and of the reference file's path, but not of the
+// reference's content.
 std::uint32_t crc32_of(const NumberedRecipe& recipe);
 
-// Fails with invalid_argument; every problem of the file at once, a line each with line number and cure. Whether the
-// zones lie on the light field is known only with its extents: algo::problems(recipe, extents).
+// Fail with invalid_argument: all problems of the file at once, one a line with line number and cure. Whether the zones
+// lie on the light field is checked later, with its extents: algo::problems(recipe, extents).
 Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file);
 Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name);
 
-// The same without its number.
+// The same without number and version.
 Result<algo::Recipe> load_recipe(const std::filesystem::path& file);
 Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name);
 

@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "common/durable_file.h"
+#include "common/file_writing.h"
 
 namespace hord::firmware {
 namespace {
@@ -19,7 +19,7 @@ std::string head_line(std::uint32_t configured) {
 
 }  // namespace
 
-Result<std::vector<FoundRecipe>> list_recipes(const fs::path& folder) {
+Result<std::vector<RecipeEntry>> list_recipes(const fs::path& folder) {
     std::error_code error;
     std::vector<fs::path> files;
     for (auto entry = fs::directory_iterator(folder, error); !error && entry != fs::directory_iterator();
@@ -31,7 +31,7 @@ Result<std::vector<FoundRecipe>> list_recipes(const fs::path& folder) {
                     "make it, or name another one in inspection.recipes");
     }
     std::sort(files.begin(), files.end());
-    std::vector<FoundRecipe> all;
+    std::vector<RecipeEntry> all;
     for (const fs::path& file : files) all.push_back({file, load_numbered_recipe(file)});
     return all;
 }
@@ -39,9 +39,9 @@ Result<std::vector<FoundRecipe>> list_recipes(const fs::path& folder) {
 Result<NumberedRecipe> find_recipe(const fs::path& folder, std::uint16_t number) {
     auto all = list_recipes(folder);
     if (!all) return tl::unexpected(all.error());
-    const FoundRecipe* found = nullptr;
+    const RecipeEntry* found = nullptr;
     std::string unusable;
-    for (const FoundRecipe& one : *all) {
+    for (const RecipeEntry& one : *all) {
         if (!one.recipe) {
             unusable += "; " + one.recipe.error().what;
         } else if (one.recipe->number == number) {

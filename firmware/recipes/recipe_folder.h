@@ -1,4 +1,4 @@
-// The recipes that a station can switch to, and the one that it remembers over a restart.
+// The recipes that a station can switch to, and the one that it uses again after a restart.
 #pragma once
 
 #include <filesystem>
@@ -9,20 +9,20 @@
 
 namespace hord::firmware {
 
-struct FoundRecipe {
+struct RecipeEntry {
     std::filesystem::path file;
-    Result<NumberedRecipe> recipe;  // or why it cannot be used
+    Result<NumberedRecipe> recipe;  // or the reason why it cannot be used
 };
 
-// Every *.toml of the folder in the order of their names. Fails with not_found (no such folder).
-Result<std::vector<FoundRecipe>> list_recipes(const std::filesystem::path& folder);
+// All *.toml files of the folder, sorted by name. Fails with not_found (no such folder).
+Result<std::vector<RecipeEntry>> list_recipes(const std::filesystem::path& folder);
 
-// Fails with not_found (no file has this number; names those that cannot be used), refused (several have it).
+// Fails with not_found (no file has this number; names the unusable files), refused (several files have it).
 Result<NumberedRecipe> find_recipe(const std::filesystem::path& folder, std::uint16_t number);
 
-// What was in use last, for the recipe that was configured then: once another one is configured, or its file changed,
-// the configured one counts again. `configured` is the CRC-32 of the configured recipe. Reading fails with
-// invalid_argument where it should count and cannot be used: it, or its reference, is missing something or damaged.
+// The recipe that was in use last, stored with the CRC-32 of the recipe that was configured then (`configured`). It is
+// returned only if that recipe is still configured and unchanged. Reading fails with invalid_argument if it, or its
+// reference, is incomplete or damaged.
 Result<void> remember_recipe(const std::filesystem::path& file, std::uint32_t configured, const NumberedRecipe& in_use);
 Result<std::optional<NumberedRecipe>> remembered_recipe(const std::filesystem::path& file, std::uint32_t configured);
 

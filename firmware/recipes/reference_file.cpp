@@ -14,7 +14,7 @@
 #include <fmt/format.h>
 
 #include "common/crc32.h"
-#include "common/durable_file.h"
+#include "common/file_writing.h"
 
 namespace hord::firmware {
 namespace {
@@ -82,7 +82,7 @@ std::string bytes_of(const algo::Reference& r) {
     return std::move(w.text_);
 }
 
-// The sums of the references that live: a few.
+// Cached checksums of the existing references.
 class KnownSums {
   public:
     std::optional<std::uint32_t> find(const std::shared_ptr<const algo::Reference>& reference) {

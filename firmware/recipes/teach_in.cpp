@@ -17,6 +17,8 @@
 
 #include "algo/reference/read_noise.h"
 #include "algo/reference/reference_learner.h"
+#include "common/file_writing.h"
+#include "common/unique_fd.h"
 #include "firmware/recipes/recipe_folder.h"
 #include "firmware/recipes/reference_file.h"
 
@@ -65,7 +67,7 @@ void for_each_reference(const fs::path& folder, std::uint16_t number, Do&& what)
     }
 }
 
-// About; what the file takes in algo/reference/reference.h's types.
+// Approximate size of a reference's file.
 std::uint64_t reference_bytes(const algo::Extents& e) {
     algo::Reference r;
     r.extents = e;
@@ -74,12 +76,12 @@ std::uint64_t reference_bytes(const algo::Extents& e) {
 
 }  // namespace
 
-// One teach. `recipe` and `parts` never change.
-struct LineTeachIn::TeachSession {
+// One teach-in. `recipe` and `parts` never change.
+struct LineTeachIn::Session {
     std::uint32_t parts = 0;
     NumberedRecipe recipe;
-    Listener listener;                   // the loop's thread
-    std::vector<std::uint32_t> numbers;  // of the parts whose frames are there
+    Listener listener;                   // loop's thread
+    std::vector<std::uint32_t> numbers;  // of the parts whose frames are on the disk
 };
 
 LineTeachIn::LineTeachIn(hal::EventLoop& loop, TeachInOptions options) : loop_(loop), options_(std::move(options)) {
@@ -96,16 +98,16 @@ LineTeachIn::~LineTeachIn() {
 // -- the loop's thread
 
 Result<void> LineTeachIn::do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) {
-    if (lesson_ != nullptr) return fail(ErrorCode::busy, "a teach is under way", "wait for its end");
+    if (session_ != nullptr) return fail(ErrorCode::busy, "a teach is under way", "wait for its end");
     if (recipe.recipe.gradient && *recipe.recipe.gradient != algo::Feature::emd) {
         return fail(ErrorCode::refused,
                     fmt::format("recipe {} compares neighbours by {}, of which a reference knows nothing",
                                 recipe.number, name_of(*recipe.recipe.gradient)),
                     "use emd among the recipe's features, or no distance, then teach");
     }
-    if (thread_.joinable()) thread_.join();  // it has told its end long ago
+    if (thread_.joinable()) thread_.join();  // it has ended: finish() was its last call
     cancelled_ = ended_ = false;
-    lesson_ = std::make_unique<TeachSession>(TeachSession{parts, recipe, std::move(listener), {}});
+    session_ = std::make_unique<Session>(Session{parts, recipe, std::move(listener), {}});
     if (!options_.thread) {
         if (auto ready = prepare(); !ready) finish(tl::unexpected(ready.error()));
         return {};
@@ -113,7 +115,7 @@ Result<void> LineTeachIn::do_begin(std::uint32_t parts, const NumberedRecipe& re
     try {
         thread_ = std::thread([this] { work(); });
     } catch (const std::system_error& error) {
-        lesson_.reset();
+        session_.reset();
         return fail(ErrorCode::busy, fmt::format("the system gives no thread to teach with: {}", error.what()),
                     "see what else runs on this machine");
     }
@@ -121,24 +123,24 @@ Result<void> LineTeachIn::do_begin(std::uint32_t parts, const NumberedRecipe& re
 }
 
 void LineTeachIn::do_cancel() {
-    if (lesson_ == nullptr || cancelled_) return;
-    lesson_->listener = {};
+    if (session_ == nullptr || cancelled_) return;
+    session_->listener = {};
     cancelled_ = true;
-    // Who is filling the slot finishes; then the teacher's thread sees that it was cancelled.
+    // A thread that is filling the slot finishes; then the background thread sees the cancellation.
     Slot expected = Slot::empty;
     slot_.compare_exchange_strong(expected, Slot::closed);
     slot_.notify_all();
     if (!options_.thread && !ended_) finish(tl::unexpected(cancelled_error()));
 }
 
-void LineTeachIn::do_discard(const NumberedRecipe& taught) {
+void LineTeachIn::do_discard(const NumberedRecipe& learned) {
     remove_quietly(options_.folder / kWaiting);
-    remove_quietly(taught.reference_file);
+    remove_quietly(learned.reference_file);
 }
 
 void LineTeachIn::do_in_use(const NumberedRecipe& recipe) {
     remove_quietly(options_.folder / kWaiting);
-    if (recipe.reference_file.parent_path() != options_.folder / kReferences) return;  // it was not taught
+    if (recipe.reference_file.parent_path() != options_.folder / kReferences) return;  // not a learned one
     std::vector<fs::path> old;
     for_each_reference(options_.folder, recipe.number, [&](const fs::path& file, std::uint64_t) {
         if (file != recipe.reference_file) old.push_back(file);
@@ -146,28 +148,29 @@ void LineTeachIn::do_in_use(const NumberedRecipe& recipe) {
     for (const fs::path& file : old) remove_quietly(file);
 }
 
-Result<std::optional<NumberedRecipe>> LineTeachIn::left_waiting(const fs::path& folder, const NumberedRecipe& recipe) {
+Result<std::optional<NumberedRecipe>> LineTeachIn::pending_recipe(const fs::path& folder,
+                                                                  const NumberedRecipe& recipe) {
     return remembered_recipe(folder / kWaiting, crc32_of(recipe));
 }
 
-// The last that the teacher's thread does.
-void LineTeachIn::finish(Result<Taught> outcome) {
+// The background thread's last call.
+void LineTeachIn::finish(Result<TeachResult> outcome) {
     ended_ = true;
     remove_quietly(options_.folder / kSpool);
-    auto shared = std::make_shared<Result<Taught>>(std::move(outcome));
+    auto shared = std::make_shared<Result<TeachResult>>(std::move(outcome));
     loop_.post([this, shared, alive = alive_] {
         if (!alive.expired()) finished(*shared);
     });
 }
 
-void LineTeachIn::finished(Result<Taught>& outcome) {
-    const auto lesson = std::move(lesson_);
+void LineTeachIn::finished(Result<TeachResult>& outcome) {
+    const auto session = std::move(session_);
     frame_ = {};
     if (cancelled_) {
         if (outcome) do_discard(outcome->recipe);
         return;
     }
-    if (lesson->listener.done) lesson->listener.done(std::move(outcome));
+    if (session->listener.done) session->listener.done(std::move(outcome));
 }
 
 // -- an inspecting thread
@@ -195,20 +198,20 @@ void LineTeachIn::on_inspection(std::uint32_t part, const FrameView& frame, cons
     }
 }
 
-// -- the teacher's thread
+// -- the background thread
 
 void LineTeachIn::work() {
-    // Whoever began it may be under a real-time policy, which is inherited. Nice 10 has a tenth of the share of a
-    // thread that inspects: enough to come to an end on a busy machine.
+    // The policy of the starting thread, perhaps real-time, was inherited. Nice 10 has a tenth of the share of an
+    // inspecting thread: enough to end on a busy machine.
     const sched_param ordinary{};
     ::sched_setscheduler(0, SCHED_OTHER, &ordinary);
     ::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), kNice);
-    finish(teach());
+    finish(run());
 }
 
-Result<Taught> LineTeachIn::teach() {
+Result<TeachResult> LineTeachIn::run() {
     if (auto ready = prepare(); !ready) return tl::unexpected(ready.error());
-    while (lesson_->numbers.size() < lesson_->parts) {
+    while (session_->numbers.size() < session_->parts) {
         Slot now = slot_.load();
         for (; now == Slot::empty || now == Slot::filling; now = slot_.load()) slot_.wait(now);
         if (cancelled_) return tl::unexpected(cancelled_error());
@@ -217,16 +220,16 @@ Result<Taught> LineTeachIn::teach() {
     return learn();
 }
 
-// In place of teach(), on the loop's thread.
+// Without a thread: run() in steps, on the loop's thread.
 void LineTeachIn::step() {
-    if (lesson_ == nullptr || ended_ || slot_ != Slot::full) return;
+    if (session_ == nullptr || ended_ || slot_ != Slot::full) return;
     if (auto done = spool(); !done) return finish(tl::unexpected(done.error()));
-    if (lesson_->numbers.size() == lesson_->parts) finish(learn());
+    if (session_->numbers.size() == session_->parts) finish(learn());
 }
 
 Result<void> LineTeachIn::prepare() {
     frame_ = Frame(options_.extents.width_px(), options_.extents.height_px(),
-                   options_.bits);  // zeroed: its pages are there
+                   options_.bits);  // zeroed, so its pages are allocated
     std::error_code error;
     for (const char* folder : {kSpool, kReferences}) {
         fs::create_directory(options_.folder / folder, error);
@@ -235,20 +238,20 @@ Result<void> LineTeachIn::prepare() {
                         fmt::format("{} cannot be made: {}", (options_.folder / folder).string(), error.message()),
                         kCheckDisk);
     }
-    const std::uint64_t wanted = lesson_->parts * std::uint64_t{frame_.bytes().size()} +
+    const std::uint64_t wanted = session_->parts * std::uint64_t{frame_.bytes().size()} +
         reference_bytes(options_.extents) + options_.leave_free_bytes;
     const auto space = fs::space(options_.folder, error);
     if (!error && space.available < wanted) {
         return fail(
             ErrorCode::io,
             fmt::format("{} has {} MB free, a teach of {} parts needs {} MB with what stays free",
-                        options_.folder.string(), space.available / 1'000'000, lesson_->parts, wanted / 1'000'000 + 1),
+                        options_.folder.string(), space.available / 1'000'000, session_->parts, wanted / 1'000'000 + 1),
             "make room on the disk, or teach fewer parts");
     }
-    lesson_->numbers.reserve(lesson_->parts);
+    session_->numbers.reserve(session_->parts);
     slot_ = Slot::empty;
-    tell(0);
-    // Cancelled before it was empty: who cancelled has not closed it.
+    report_progress(0);
+    // Cancelled before the slot was empty: do_cancel() has not closed it.
     Slot expected = Slot::empty;
     if (cancelled_ && slot_.compare_exchange_strong(expected, Slot::closed)) return tl::unexpected(cancelled_error());
     return {};
@@ -258,47 +261,38 @@ fs::path LineTeachIn::spool_file(std::size_t k) const {
     return options_.folder / kSpool / fmt::format("part-{:02}.raw", k + 1);
 }
 
-// The frame in the slot goes to the disk; the slot is open again, or closed after the last one.
+// Writes the slot's frame to the disk. Then the slot is empty again, or closed after the last frame.
 Result<void> LineTeachIn::spool() {
-    const fs::path file = spool_file(lesson_->numbers.size());
-    const auto refuse = [&] {
-        const int why = errno;
+    const fs::path file = spool_file(session_->numbers.size());
+    const auto refuse = [&](int why) {
         slot_ = Slot::closed;
         return fail(ErrorCode::io, fmt::format("{} cannot be written: {}", file.string(), std::strerror(why)),
                     kCheckDisk);
     };
-    const int fd = ::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
-    if (fd < 0) return refuse();
-    std::span<const std::byte> rest = std::as_const(frame_).bytes();
-    bool written = true;
-    while (written && !rest.empty()) {
-        const ssize_t count = ::write(fd, rest.data(), rest.size());
-        if (count > 0) rest = rest.subspan(static_cast<std::size_t>(count));
-        else written = count < 0 && errno == EINTR;
-    }
-    // Not for its safety: so that no more than one frame waits in the system's memory, in the way of the results.
-    written = written && ::fdatasync(fd) == 0;
-    const int why = errno;
-    const bool closed = ::close(fd) == 0;
-    if (!written) errno = why;
-    if (!written || !closed) return refuse();
-    lesson_->numbers.push_back(frame_part_);
-    const auto count = static_cast<std::uint32_t>(lesson_->numbers.size());
-    slot_ = count < lesson_->parts ? Slot::empty : Slot::closed;
+    common::UniqueFd fd(::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600));
+    if (!fd) return refuse(errno);
+    int why = common::write_all(fd.get(), std::as_const(frame_).bytes());
+    // Synced to keep at most one frame in the page cache: more would delay the writing of results.
+    if (why == 0 && ::fdatasync(fd.get()) != 0) why = errno;
+    if (why == 0) why = fd.close();
+    if (why != 0) return refuse(why);
+    session_->numbers.push_back(frame_part_);
+    const auto count = static_cast<std::uint32_t>(session_->numbers.size());
+    slot_ = count < session_->parts ? Slot::empty : Slot::closed;
     Slot expected = Slot::empty;
     if (cancelled_) slot_.compare_exchange_strong(expected, Slot::closed);
-    tell(count);
+    report_progress(count);
     return {};
 }
 
-void LineTeachIn::tell(std::size_t taken) {
+void LineTeachIn::report_progress(std::size_t taken) {
     loop_.post([this, taken, alive = alive_] {
-        if (!alive.expired() && lesson_ != nullptr && lesson_->listener.taken)
-            lesson_->listener.taken(static_cast<std::uint32_t>(taken));
+        if (!alive.expired() && session_ != nullptr && session_->listener.taken)
+            session_->listener.taken(static_cast<std::uint32_t>(taken));
     });
 }
 
-Result<Frame> LineTeachIn::spooled(std::size_t k) const {
+Result<Frame> LineTeachIn::read_spooled(std::size_t k) const {
     if (cancelled_) return tl::unexpected(cancelled_error());
     Frame frame(options_.extents.width_px(), options_.extents.height_px(), options_.bits);
     std::ifstream in(spool_file(k), std::ios::binary);
@@ -315,68 +309,67 @@ fs::path LineTeachIn::next_reference(std::uint16_t number) const {
     return options_.folder / kReferences / fmt::format("{}{}.hordref", learned_prefix(number), highest + 1);
 }
 
-Result<Taught> LineTeachIn::learn() {
-    const std::uint32_t before = crc32_of(lesson_->recipe);
-    Taught taught{lesson_->recipe, {}};
+Result<TeachResult> LineTeachIn::learn() {
+    const std::uint32_t before = crc32_of(session_->recipe);
+    TeachResult result{session_->recipe, {}};
     algo::LearnOptions options;
-    options.levels = algo::light_levels(taught.recipe.recipe, options_.bits);
-    const auto frame_of = [this](std::size_t k) { return spooled(k); };
-    // As hordctl learn does; where no bin is without light, the default dark level's fifth (algo/recipe/recipe.h).
-    const auto read = algo::read_noise_of(options_.extents, options.levels, lesson_->parts, frame_of);
+    options.levels = algo::light_levels(result.recipe.recipe, options_.bits);
+    const auto frame_of = [this](std::size_t k) { return read_spooled(k); };
+    // As `hordctl learn` does; if every bin has light, a fifth of the dark level (algo/recipe/recipe.h).
+    const auto read = algo::read_noise_of(options_.extents, options.levels, session_->parts, frame_of);
     options.read_dn = read.value_or(static_cast<float>(options.levels.dark) / 5);
-    auto learned = algo::learn_reference(options_.extents, options_.bits, lesson_->parts, frame_of, options);
+    auto learned = algo::learn_reference(options_.extents, options_.bits, session_->parts, frame_of, options);
     if (cancelled_) return tl::unexpected(cancelled_error());
     if (!learned) {
         const Error& e = learned.error();
-        return fail(e.code, fmt::format("no reference can be learned from these {} parts: {}", lesson_->parts, e.what),
+        return fail(e.code, fmt::format("no reference can be learned from these {} parts: {}", session_->parts, e.what),
                     e.cure + ", and teach again");
     }
-    std::vector<bool> left_out(lesson_->parts, false);
+    std::vector<bool> left_out(session_->parts, false);
     for (const algo::LeftOut& out : learned->left_out) {
         left_out[out.part] = true;
-        taught.remarks += fmt::format("{}part {} was left out: {}", taught.remarks.empty() ? "" : "; ",
-                                      lesson_->numbers[out.part], out.why);
+        result.remarks += fmt::format("{}part {} was left out: {}", result.remarks.empty() ? "" : "; ",
+                                      session_->numbers[out.part], out.why);
     }
-    taught.recipe.recipe.reference = std::make_shared<const algo::Reference>(std::move(learned->reference));
-    auto judged = judge_them_again(taught.recipe.recipe, left_out);
+    result.recipe.recipe.reference = std::make_shared<const algo::Reference>(std::move(learned->reference));
+    auto judged = inspect_again(result.recipe.recipe, left_out);
     if (!judged) return tl::unexpected(judged.error());
-    if (!judged->empty()) taught.remarks += (taught.remarks.empty() ? "" : "; ") + *judged;
+    if (!judged->empty()) result.remarks += (result.remarks.empty() ? "" : "; ") + *judged;
 
-    taught.recipe.reference_file = next_reference(taught.recipe.number);
-    auto written = write_reference(taught.recipe.reference_file, *taught.recipe.recipe.reference);
-    (void)crc32_of(taught.recipe);  // made here, so that the loop's thread need not
-    if (written) written = remember_recipe(options_.folder / kWaiting, before, taught.recipe);
+    result.recipe.reference_file = next_reference(result.recipe.number);
+    auto written = write_reference(result.recipe.reference_file, *result.recipe.recipe.reference);
+    (void)crc32_of(result.recipe);  // cached here, so that the loop's thread need not compute it
+    if (written) written = remember_recipe(options_.folder / kWaiting, before, result.recipe);
     if (!written || cancelled_) {
-        do_discard(taught.recipe);
+        do_discard(result.recipe);
         return tl::unexpected(written ? cancelled_error() : written.error());
     }
-    return taught;
+    return result;
 }
 
-// A recipe that would not pass what it was learned from is of no use. Says which parts it would not pass; fails when
-// they are most.
-Result<std::string> LineTeachIn::judge_them_again(const algo::Recipe& recipe, const std::vector<bool>& left_out) {
+// Inspects the learned parts with the new recipe. Returns which of them it would reject; fails if it would reject most.
+Result<std::string> LineTeachIn::inspect_again(const algo::Recipe& recipe, const std::vector<bool>& left_out) {
     auto pipeline = algo::Pipeline::create(options_.extents, options_.bits, recipe);
     if (!pipeline) return tl::unexpected(pipeline.error());
-    std::string said;
+    std::string rejected;
     std::size_t judged = 0, passed = 0;
     for (std::size_t k = 0; k < left_out.size(); ++k) {
         if (left_out[k]) continue;
-        const auto frame = spooled(k);
+        const auto frame = read_spooled(k);
         if (!frame) return tl::unexpected(frame.error());
         const auto inspection = pipeline->inspect(frame->view());
         if (!inspection) return tl::unexpected(inspection.error());
         ++judged;
         if (inspection->verdict == algo::Verdict::pass) ++passed;
         else
-            said += fmt::format("{}part {} would be rejected: {}", said.empty() ? "" : "; ", lesson_->numbers[k],
-                                algo::name_of(inspection->reason));
+            rejected += fmt::format("{}part {} would be rejected: {}", rejected.empty() ? "" : "; ",
+                                    session_->numbers[k], algo::name_of(inspection->reason));
     }
-    if (2 * passed >= judged) return said;
+    if (2 * passed >= judged) return rejected;
     return fail(
         ErrorCode::invalid_argument,
         fmt::format("the recipe with this reference would pass only {} of the {} parts it was learned from: {}", passed,
-                    judged, said),
+                    judged, rejected),
         "see that the parts are good and lie alike, and that the recipe's own limits allow them; then teach again");
 }
 

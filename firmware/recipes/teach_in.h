@@ -1,16 +1,13 @@
-// Learns a reference (algo/reference/reference.h) from the next parts of the running line, while the line goes on.
+// Teach-in: learns a reference (algo/reference/reference.h) from the next parts of the running line.
 //
-// The next parts that are inspected count as good, whatever the verdict says of them. An inspecting thread copies a
-// frame into one buffer when that is free, and never waits: a part that comes while the one before is still written to
-// the disk is passed over, the next one serves. A thread of its own, which leaves the processor to the others (nice
-// 10), writes the frames to
-//     <folder>/teach/                                  (removed afterwards, and at the next start where a process was
-//     killed)
-// learns from them, one frame in memory at a time, has the recipe with its new reference judge them once, and writes
+// The next inspected parts count as good, whatever their verdict. An inspecting thread copies a frame into a single
+// buffer if that is free, and never waits: parts that come while the last frame is being written to the disk are
+// skipped. A background thread (nice 10) writes the frames to
+//     <folder>/teach/                                  (removed at the end, and at the next start after a kill)
+// learns from them with one frame in memory at a time, inspects them again with the new reference, and writes
 //     <folder>/references/taught-<recipe>-<n>.hordref  n: one more than the highest there
-//     <folder>/recipe-taught.toml                      the recipe with it, so that a restart finds what waits for the
-//     line to stop
-// An inspecting thread allocates nothing and shares no lock with that thread.
+//     <folder>/recipe-taught.toml                      the recipe with it; a restart finds it until the line stops
+// An inspecting thread allocates nothing and shares no lock with the background thread.
 #pragma once
 
 #include <atomic>
@@ -30,104 +27,105 @@
 
 namespace hord::firmware {
 
-// The recipe that it was asked with, and its new reference. Both are on the disk.
-struct Taught {
+// The recipe with its new reference, both on the disk.
+struct TeachResult {
     NumberedRecipe recipe;
-    std::string remarks;  // which parts were left out or would not pass, and why; empty: none
+    std::string remarks;  // parts that were left out or would be rejected, and why; empty: none
 };
 
 class TeachIn {
   public:
     static constexpr std::uint32_t kMinParts = algo::Reference::kMinParts, kMaxParts = 64, kUsualParts = 16;
 
-    // Told on the loop's thread.
+    // Called on the loop's thread.
     struct Listener {
-        std::function<void(std::uint32_t parts)>
-            taken;                                 // so many frames are there now; 0: the next part may be the first
-        std::function<void(Result<Taught>)> done;  // once; not after cancel()
+        std::function<void(std::uint32_t parts)> taken;  // number of frames so far; 0: ready for the first part
+        std::function<void(Result<TeachResult>)> done;   // once; not after cancel()
     };
 
     virtual ~TeachIn() = default;
 
-    // Loop thread, does not block. From the next part on. `parts` is from kMinParts to kMaxParts. Fails with busy (a
-    // teach, or the end of one that was cancelled, is under way), and when the system gives no thread; later with io
-    // (the disk), and with invalid_argument (no reference comes of these parts). Then nothing is left behind.
+    // Loop thread, does not block. Starts with the next part; `parts` is in kMinParts..kMaxParts. Fails with refused (a
+    // recipe that a reference does not fit) or busy (a teach-in or its cancellation is under way, or the system has no
+    // thread). `done` fails with io (the disk) or invalid_argument (no reference can be learned); no file is left then.
     Result<void> begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) {
         return do_begin(parts, recipe, std::move(listener));
     }
 
-    // Loop thread, does not block. Nothing is left behind. No effect where none is under way.
+    // Loop thread, does not block. Removes the files of the teach-in under way, if there is one.
     void cancel() { do_cancel(); }
 
-    // Loop thread. What was taught will not be used: its files are removed.
-    void discard(const NumberedRecipe& taught) { do_discard(taught); }
+    // Loop thread. Removes the files of a learned recipe that will not be used.
+    void discard(const NumberedRecipe& learned) { do_discard(learned); }
 
-    // Loop thread. This recipe is in use, and remembered as such: what earlier teaches of its number left is removed.
+    // Loop thread. Call it when this recipe is in use and remembered: removes the files of earlier teach-ins of its
+    // number.
     void in_use(const NumberedRecipe& recipe) { do_in_use(recipe); }
 
   private:
     virtual Result<void> do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) = 0;
     virtual void do_cancel() = 0;
-    virtual void do_discard(const NumberedRecipe& taught) = 0;
+    virtual void do_discard(const NumberedRecipe& learned) = 0;
     virtual void do_in_use(const NumberedRecipe& recipe) = 0;
 };
 
 struct TeachInOptions {
     algo::Extents extents = {};
     int bits = 8;
-    std::filesystem::path folder = {};        // exists
-    std::uint64_t leave_free_bytes = 0;       // of the disk
-    std::uint32_t ignored_part = 0xFFFFFFFF;  // of the station's own tests
-    bool thread = true;                       // false: the loop's thread does the work, for virtual time
+    std::filesystem::path folder = {};        // must exist
+    std::uint64_t leave_free_bytes = 0;       // on the disk
+    std::uint32_t ignored_part = 0xFFFFFFFF;  // number of the station's own test parts
+    bool thread = true;                       // false: works on the loop's thread, for virtual time
 };
 
 class LineTeachIn final : public TeachIn {
   public:
     LineTeachIn(hal::EventLoop& loop, TeachInOptions options);
-    ~LineTeachIn() override;  // cancels, and waits; no on_inspection() comes any more
+    ~LineTeachIn() override;  // cancels and waits; on_inspection() must not be called any more
     LineTeachIn(const LineTeachIn&) = delete;
     LineTeachIn& operator=(const LineTeachIn&) = delete;
 
-    // Any thread, several at the same time; what is borrowed is copied.
+    // Any thread, several at the same time. Copies the frame.
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection);
 
-    // What was taught before the process ended and had not come into use: the recipe to take in place of `recipe`;
-    // none: nothing was. Fails as remembered_recipe().
-    [[nodiscard]] static Result<std::optional<NumberedRecipe>> left_waiting(const std::filesystem::path& folder,
-                                                                            const NumberedRecipe& recipe);
+    // A recipe that was learned before the process ended and was not in use yet, to be used instead of `recipe`. Fails
+    // as remembered_recipe().
+    [[nodiscard]] static Result<std::optional<NumberedRecipe>> pending_recipe(const std::filesystem::path& folder,
+                                                                              const NumberedRecipe& recipe);
 
   private:
     enum class Slot : std::uint32_t { closed, empty, filling, full };
-    struct TeachSession;
+    struct Session;
     Result<void> do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) override;
     void do_cancel() override;
-    void do_discard(const NumberedRecipe& taught) override;
+    void do_discard(const NumberedRecipe& learned) override;
     void do_in_use(const NumberedRecipe& recipe) override;
 
     void work();
-    [[nodiscard]] Result<Taught> teach();
+    [[nodiscard]] Result<TeachResult> run();
     [[nodiscard]] Result<void> prepare();
     [[nodiscard]] Result<void> spool();
-    void tell(std::size_t taken);
-    [[nodiscard]] Result<Taught> learn();
-    [[nodiscard]] Result<std::string> judge_them_again(const algo::Recipe& recipe, const std::vector<bool>& left_out);
-    [[nodiscard]] Result<Frame> spooled(std::size_t k) const;
+    void report_progress(std::size_t taken);
+    [[nodiscard]] Result<TeachResult> learn();
+    [[nodiscard]] Result<std::string> inspect_again(const algo::Recipe& recipe, const std::vector<bool>& left_out);
+    [[nodiscard]] Result<Frame> read_spooled(std::size_t k) const;
     [[nodiscard]] std::filesystem::path spool_file(std::size_t k) const;
     [[nodiscard]] std::filesystem::path next_reference(std::uint16_t number) const;
     void step();
-    void finish(Result<Taught> outcome);
-    void finished(Result<Taught>& outcome);
+    void finish(Result<TeachResult> outcome);
+    void finished(Result<TeachResult>& outcome);
 
     hal::EventLoop& loop_;
     const TeachInOptions options_;
     std::shared_ptr<char> life_ = std::make_shared<char>();
-    const std::weak_ptr<char> alive_ = life_;  // what was posted asks it
+    const std::weak_ptr<char> alive_ = life_;  // posted callbacks check it
 
-    // Handed from the loop's thread to the teacher's and back.
-    std::unique_ptr<TeachSession> lesson_;
+    // Owned by the loop's thread, used by the background thread between begin() and finish().
+    std::unique_ptr<Session> session_;
     std::thread thread_;
 
-    // The hand-over: who finds it empty fills it; who made it full is heard by the teacher's thread.
+    // State of `frame_`: an inspecting thread that changes it from empty to filling may write; the background thread
+    // waits for full.
     std::atomic<Slot> slot_{Slot::closed};
     std::atomic<bool> cancelled_{false};
     std::atomic<bool> ended_{false};  // finish() was called

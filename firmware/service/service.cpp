@@ -86,7 +86,7 @@ Result<NumberedRecipe> Service::Components::first_recipe() {
             }
         };
         take(remembered_recipe(config.state_folder / kRecipeInUse, configured_recipe));
-        take(LineTeachIn::left_waiting(config.state_folder, recipe));
+        take(LineTeachIn::pending_recipe(config.state_folder, recipe));
     }
     return recipe;
 }

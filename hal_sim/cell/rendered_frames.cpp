@@ -6,6 +6,7 @@
 #include <fstream>
 #include <string>
 
+#include "common/hash.h"
 #include "hal_sim/world/random.h"
 
 namespace hord::sim {
@@ -15,14 +16,14 @@ bool same_camera(const Camera& a, const Camera& b) {
     return a.extents == b.extents && a.bits == b.bits && a.field_mm == b.field_mm && a.bin_pitch_rad == b.bin_pitch_rad;
 }
 
-// FNV-1a over 8 bytes at a time (the last ones filled with zeros): finds a file that was cut or damaged.
+// Over words of 8 bytes, the last one filled with zeros: finds a file that was cut or damaged.
 struct Sum {
-    std::uint64_t value = 0xCBF29CE484222325;
+    common::Fnv1a64 hash;
     void add(const void* bytes, std::size_t size) {
         for (std::size_t at = 0; at < size; at += 8) {
             std::uint64_t word = 0;
             std::memcpy(&word, static_cast<const char*>(bytes) + at, std::min<std::size_t>(8, size - at));
-            value = (value ^ word) * 0x100000001B3;
+            hash.add_word(word);
         }
     }
 };
@@ -48,7 +49,7 @@ std::filesystem::path cache_file(const std::filesystem::path& folder, const std:
             add(x);
         sum.add(scene.name.data(), scene.name.size());
     }
-    return error ? std::filesystem::path() : folder / ("rendered-" + std::to_string(sum.value) + ".cache");
+    return error ? std::filesystem::path() : folder / ("rendered-" + std::to_string(sum.hash.value()) + ".cache");
 }
 
 }  // namespace
@@ -125,7 +126,7 @@ bool RenderedFrames::take_from(const std::filesystem::path& file, int exposures)
     }
     std::uint64_t written = 0;
     in.read(reinterpret_cast<char*>(&written), sizeof written);
-    if (in.good() && written == sum.value && in.peek() == std::ifstream::traits_type::eof()) return true;
+    if (in.good() && written == sum.hash.value() && in.peek() == std::ifstream::traits_type::eof()) return true;
     fields_.clear();
     ahead_.clear();
     return false;
@@ -145,7 +146,8 @@ void RenderedFrames::keep_in(const std::filesystem::path& file) const {
             write(fields_[kind].bins.data(), fields_[kind].bins.size() * sizeof(float));
             for (const Frame& frame : ahead_[kind]) write(frame.bytes().data(), frame.bytes().size());
         }
-        out.write(reinterpret_cast<const char*>(&sum.value), sizeof sum.value);
+        const std::uint64_t checksum = sum.hash.value();
+        out.write(reinterpret_cast<const char*>(&checksum), sizeof checksum);
         if (!out.flush()) return;
     }
     std::error_code ignored;

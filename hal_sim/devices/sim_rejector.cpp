@@ -15,7 +15,7 @@ SimRejector::~SimRejector() {
 
 Result<void> SimRejector::do_start(Listener& listener) {
     listener_ = &listener;
-    ledger_.forget();
+    ledger_.clear();
     if (options_.permit_moves_belt) world_.halt();
     link_timer_ = loop_.call_after(options_.link_after, [this] { link_goes_up(); });
     return {};

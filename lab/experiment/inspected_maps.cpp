@@ -8,6 +8,7 @@
 
 #include "algo/frame/mask.h"
 #include "algo/inspection/pipeline.h"
+#include "common/hash.h"
 #include "lab/report/statistics.h"
 
 namespace hord::lab {
@@ -127,9 +128,9 @@ Contrast contrast_of(std::span<const float> signal, std::span<const std::uint8_t
 }
 
 std::string hash_of(std::span<const std::byte> bytes) {
-    std::uint64_t hash = 0xCBF29CE484222325U;
-    for (const std::byte b : bytes) hash = (hash ^ static_cast<std::uint64_t>(b)) * 0x100000001B3U;
-    return fmt::format("{:016x}", hash);
+    common::Fnv1a64 hash;
+    hash.add(bytes);
+    return fmt::format("{:016x}", hash.value());
 }
 std::string hash_of(std::span<const float> values) { return hash_of(std::as_bytes(values)); }
 

@@ -79,15 +79,6 @@ double logistic(double x) { return 1 / (1 + std::exp(-x)); }
 
 }  // namespace
 
-double quantile(std::vector<double> values, double share) {
-    if (values.empty()) return 0;
-    std::ranges::sort(values);
-    const double at = share * static_cast<double>(values.size() - 1);
-    const auto below = static_cast<std::size_t>(at);
-    const std::size_t above = std::min(below + 1, values.size() - 1);
-    return values[below] + (at - static_cast<double>(below)) * (values[above] - values[below]);
-}
-
 Detection detection_of(std::span<const Scored> scores, double fpr, int repeats, std::uint64_t seed) {
     const std::uint32_t parts = parts_of(scores);
     const RocCurve curve(scores);

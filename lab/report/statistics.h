@@ -6,6 +6,8 @@
 #include <span>
 #include <vector>
 
+#include "common/statistics.h"
+
 namespace hord::lab {
 
 // A number with the interval that holds it with 95 % confidence.
@@ -54,8 +56,7 @@ struct PodCurve {
 };
 PodCurve pod_curve(std::span<const Tried> tried);
 
-// The value below which `share` (0..1) of the values lie; linear between neighbours. 0 for none.
-double quantile(std::vector<double> values, double share);
+using common::quantile;
 
 // The value that a share `above` of all parts exceed, where `values` are those of some of them: peaks over a threshold.
 // The largest tenth of the values (ten at least), less the smallest of them, are taken as generalised Pareto, fitted by

@@ -8,6 +8,7 @@
 
 #include "algo/maps/feature_map.h"
 #include "algo/recipe/recipe.h"
+#include "common/statistics.h"
 #include "hal_sim/optics/camera/render.h"
 
 namespace hord::lab {
@@ -45,9 +46,8 @@ Result<Features> features_of(const Frame& frame, const algo::Extents& e, const a
 
 double percentile_99(std::vector<double>& of) {
     if (of.empty()) return 0;
-    const auto at = of.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(of.size() - 1) + 0.5);
-    std::nth_element(of.begin(), at, of.end());
-    return *at;
+    return common::nth_smallest(std::span(of),
+                                static_cast<std::size_t>(0.99 * static_cast<double>(of.size() - 1) + 0.5));
 }
 double rms(const std::vector<double>& of) {
     double sum = 0;
@@ -62,9 +62,7 @@ FeatureChange change(const Features& with, const Features& without, const std::v
         if (judged[k] != 0) lit.push_back(with.light[k]);
     }
     if (lit.empty()) return {};
-    const auto middle = lit.begin() + static_cast<std::ptrdiff_t>(lit.size() / 2);
-    std::nth_element(lit.begin(), middle, lit.end());
-    const double typical = std::max(1.0F, *middle);
+    const double typical = std::max(1.0F, common::upper_median(std::span(lit)));
     std::vector<double> emd, jacobian, light;
     FeatureChange out;
     for (std::size_t k = 0; k < judged.size(); ++k) {

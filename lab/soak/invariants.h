@@ -11,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "common/hash.h"
 #include "drivers/hal/event_loop.h"
 #include "firmware/core/core.h"
 #include "hal_sim/cell/cell.h"
@@ -102,7 +103,7 @@ class Invariants {
     [[nodiscard]] std::uint64_t of(PartReason reason) const {
         return reasons_[static_cast<std::size_t>(reason) % reasons_.size()];
     }
-    [[nodiscard]] std::uint64_t fingerprint() const { return fingerprint_; }  // of every result in order
+    [[nodiscard]] std::uint64_t fingerprint() const { return fingerprint_.value(); }  // of every result in order
 
   private:
     struct Known {
@@ -179,7 +180,7 @@ class Invariants {
     std::uint32_t told_inspected_ = 0, results_in_process_ = 0;
     std::uint64_t results_ = 0, violations_ = 0, passed_bad_ = 0, excused_ = 0, undisturbed_ = 0,
                   newest_at_violation_ = 0;
-    std::uint64_t fingerprint_ = 0xCBF29CE484222325U;
+    common::Fnv1a64 fingerprint_;
     std::array<std::uint64_t, 32> reasons_{};
     std::array<std::uint64_t, kPromises> broken_{};
     std::vector<std::string> texts_;

@@ -122,7 +122,7 @@ void Invariants::result(const PartResult& r) {
          {std::uint64_t{r.part}, static_cast<std::uint64_t>(r.arrived_ns),
           std::uint64_t{static_cast<unsigned>(r.verdict)}, std::uint64_t{static_cast<unsigned>(r.reason)},
           std::uint64_t{static_cast<unsigned>(r.reject)}, std::uint64_t{r.latency_us}}) {
-        fingerprint_ = (fingerprint_ ^ value) * 0x100000001B3U;
+        fingerprint_.add_word(value);
     }
     if (r.sequence != ++results_in_process_)
         broken(Promise::one_verdict, "results are not numbered one by one", r.part);

@@ -12,12 +12,14 @@ set(calib "common/|algo/(frame|simd)/|calib/")
 set(firmware "common/|algo/|drivers/hal/|calib/files/|firmware/")
 set(firmware/core "algo/verdict/|drivers/hal/")
 set(firmware/modbus "common/|drivers/hal/")
+# The configuration reads the drivers' options into their own structs: headers without a library.
+set(firmware/config "common/|algo/|drivers/hal/|drivers/[a-z0-9]+/[a-z0-9]+_options\\.h|firmware/")
 set(firmware/devices "common/|algo/|drivers/|calib/files/|hal_sim/|firmware/")  # chooses backends
 set(firmware/service "common/|algo/|drivers/(hal|event_loop)/|calib/files/|firmware/")
 set(firmware/hordctl "common/|algo/|drivers/|calib/|hal_sim/coil_module/|firmware/|lab/tune/")
 set(lab "common/|algo/|drivers/|hal_sim/|calib/|firmware/|lab/")
 set(rooms common algo drivers hal_sim calib firmware lab)
-set(tables common algo algo/simd drivers hal_sim calib firmware firmware/core firmware/modbus firmware/devices
+set(tables common algo algo/simd drivers hal_sim calib firmware firmware/config firmware/core firmware/modbus firmware/devices
            firmware/service firmware/hordctl lab)
 # Folders without files of their own.
 set(empty algo firmware calib hal_sim drivers lab hal_sim/optics firmware/store)

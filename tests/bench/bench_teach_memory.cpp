@@ -92,7 +92,7 @@ int main(int argc, char** argv) {
         options.thread = false;
         firmware::LineTeachIn teacher(loop, options);
         const auto begun = teacher.begin(static_cast<std::uint32_t>(parts), recipe,
-                                         {{}, [&](Result<firmware::Taught> taught) {
+                                         {{}, [&](Result<firmware::TeachResult> taught) {
                                               outcome = taught
                                                   ? "taught" + (taught->remarks.empty() ? "" : ": " + taught->remarks)
                                                   : taught.error().message();

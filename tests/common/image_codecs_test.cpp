@@ -13,9 +13,9 @@
 #include <tiffio.h>
 #include <zlib.h>
 
+#include "common/file_writing.h"
 #include "common/png_codec.h"
 #include "common/tiff_codec.h"
-#include "common/whole_file.h"
 #include "tests/support/temp_folder.h"
 
 namespace hord::common {
@@ -498,12 +498,12 @@ TEST(TiffCodec, a_map_that_is_not_of_its_size_is_refused) {
 TEST(WholeFile, replaces_the_old_one_or_leaves_it_and_nothing_beside_it) {
     const TempFolder folder;
     const auto file = folder.path() / "f";
-    ASSERT_TRUE(write_whole(file, Bytes{1, 2, 3}));
-    ASSERT_TRUE(write_whole(file, Bytes{4}));
+    ASSERT_TRUE(write_atomically(file, Bytes{1, 2, 3}));
+    ASSERT_TRUE(write_atomically(file, Bytes{4}));
     EXPECT_EQ(TempFolder::read(file), "\x04");
-    EXPECT_EQ(write_whole(folder.path() / "no" / "f", Bytes{1}).error().code, ErrorCode::not_found);
+    EXPECT_EQ(write_atomically(folder.path() / "no" / "f", Bytes{1}).error().code, ErrorCode::not_found);
     std::filesystem::create_directory(folder.path() / "taken");  // a folder is not replaced
-    const auto taken = write_whole(folder.path() / "taken", Bytes{1});
+    const auto taken = write_atomically(folder.path() / "taken", Bytes{1});
     ASSERT_FALSE(taken);
     EXPECT_EQ(taken.error().code, ErrorCode::io);
     EXPECT_THAT(taken.error().what, HasSubstr((folder.path() / "taken").string()));

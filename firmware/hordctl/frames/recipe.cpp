@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "common/durable_file.h"
+#include "common/file_writing.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/station/remote.h"
 #include "firmware/recipes/recipe_folder.h"
@@ -27,7 +27,7 @@ Exit list(const RecipeOptions& options) {
     if (!all) return complain(all.error());
     fmt::print("{:>6} {:>8} {:<10} {:<24} {}\n", "number", "version", "crc32", "name", "file");
     Exit status = Exit::good;
-    for (const FoundRecipe& one : *all) {
+    for (const RecipeEntry& one : *all) {
         if (!one.recipe) {
             status = complain(one.recipe.error());
             continue;
@@ -35,7 +35,7 @@ Exit list(const RecipeOptions& options) {
         const NumberedRecipe& r = *one.recipe;
         fmt::print("{:>6} {:>8} {:<10} {:<24} {}\n", r.number, r.version, fmt::format("{:08X}", crc32_of(r)),
                    r.recipe.name, one.file.filename().string());
-        const auto same = [&](const FoundRecipe& other) {
+        const auto same = [&](const RecipeEntry& other) {
             return &other != &one && other.recipe && other.recipe->number == r.number;
         };
         if (std::any_of(all->begin(), all->end(), same)) {

@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 
 #include "common/cli/progress.h"
-#include "common/durable_file.h"
+#include "common/file_writing.h"
 #include "drivers/files/frame_file.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/frames/frame_reader.h"

@@ -21,11 +21,12 @@
 
 #include "algo/inspection/pipeline.h"
 #include "common/cli/progress.h"
+#include "common/unique_fd.h"
 #include "drivers/event_loop/event_loop_sd.h"
 #include "drivers/gpio/gpio_part_sensor.h"
 #include "drivers/gpio/gpio_strobe.h"
 #include "drivers/modbus/modbus_rejector.h"
-#include "firmware/devices/driver_options.h"
+#include "firmware/config/config.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/service/realtime.h"
 #include "hal_sim/coil_module/coil_module.h"
@@ -131,16 +132,15 @@ class EdgeThread {
         stopping_ = true;
         sem_post(&wanted_);
         thread_.join();
-        close(bell_);
         sem_destroy(&wanted_);
     }
     EdgeThread(const EdgeThread&) = delete;
     EdgeThread& operator=(const EdgeThread&) = delete;
-    [[nodiscard]] int bell() const { return bell_; }
+    [[nodiscard]] int bell() const { return bell_.get(); }
     void ask() { sem_post(&wanted_); }
     TimePoint answer() const {
         std::uint64_t count = 0;
-        [[maybe_unused]] const auto bytes = read(bell_, &count, sizeof count);
+        [[maybe_unused]] const auto bytes = read(bell_.get(), &count, sizeof count);
         return TimePoint(Duration(at_.load()));
     }
 
@@ -154,11 +154,11 @@ class EdgeThread {
                 kApart + Duration(static_cast<std::int64_t>(random() % static_cast<unsigned>(kSpread.count()))));
             at_ = clock_.now().time_since_epoch().count();
             const std::uint64_t one = 1;
-            [[maybe_unused]] const auto bytes = write(bell_, &one, sizeof one);
+            [[maybe_unused]] const auto bytes = write(bell_.get(), &one, sizeof one);
         }
     }
     const hal::Clock& clock_;
-    int bell_;
+    common::UniqueFd bell_;
     sem_t wanted_{};
     std::atomic<bool> stopping_{false};
     std::atomic<std::int64_t> at_{0};
@@ -252,7 +252,7 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
 
     Result<void> open_light() {
         if (!options_.simulate && !config_.strobe.gpio.empty()) {
-            auto opened = drivers::GpioStrobe::open(*loop_, strobe_channels(config_.strobe));
+            auto opened = drivers::GpioStrobe::open(*loop_, config_.strobe.gpio);
             if (!opened) return tl::unexpected(opened.error());
             strobe_ = std::move(*opened);
             light_text_ = fmt::format("the configured GPIO lines (libgpiod {}), {:.3f} ms a pulse",
@@ -270,10 +270,10 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
     [[nodiscard]] Duration pulse() const { return std::min(kPulse, strobe_->limits().max_on); }
 
     Result<void> open_rejector() {
-        const auto* wanted = std::get_if<ModbusRejector>(&config_.rejector);
+        const auto* wanted = std::get_if<drivers::ModbusRejectorOptions>(&config_.rejector);
         drivers::ModbusRejectorOptions options;
         if (!options_.simulate && options_.actuate && wanted != nullptr) {
-            options = rejector_options(*wanted);
+            options = *wanted;
             rejector_text_ = "the configured module: the ejector moves";
         } else {
             auto module = sim::CoilModule::open(*loop_, {.realtime = options_.priority});
@@ -291,12 +291,12 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
     }
 
     Result<void> open_edges() {
-        const auto* line = std::get_if<GpioPartSensorLine>(&config_.part_sensor);
+        const auto* line = std::get_if<drivers::GpioPartSensorOptions>(&config_.part_sensor);
         if (options_.sensor) {
             if (line == nullptr)
                 return fail(ErrorCode::invalid_argument, "--sensor needs a part sensor on a GPIO line",
                             "name a configuration with [part_sensor] backend = \"gpio\"");
-            auto opened = drivers::GpioPartSensor::open(*loop_, part_sensor_options(*line));
+            auto opened = drivers::GpioPartSensor::open(*loop_, *line);
             if (!opened) return tl::unexpected(opened.error());
             part_sensor_ = std::move(*opened);
             edges_text_ = fmt::format(

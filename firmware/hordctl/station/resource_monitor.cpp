@@ -10,6 +10,8 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "common/statistics.h"
+
 namespace hord::firmware {
 namespace {
 
@@ -40,8 +42,7 @@ template <class Get>
 double middle(const ResourceMonitor::Sample* from, const ResourceMonitor::Sample* to, Get get) {
     std::vector<double> values;
     for (const auto* s = from; s != to; ++s) values.push_back(static_cast<double>(get(*s)));
-    std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
-    return values[values.size() / 2];
+    return common::upper_median(std::span(values));
 }
 
 }  // namespace

@@ -69,7 +69,7 @@ void give_room(Config& config, double parts_per_second) {
     core.reject_early = pitch * 2 / 5;
     core.min_gap = pitch * 9 / 10;
     core.confirm_timeout = std::max(core.confirm_timeout, pitch);
-    ModbusRejector module;
+    drivers::ModbusRejectorOptions module;
     module.response_timeout = std::max(module.response_timeout, pitch);
     config.rejector = SimulatedRejector{std::move(module)};
 }

@@ -10,6 +10,9 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
+#include "common/file_writing.h"
+#include "common/unique_fd.h"
+
 namespace hord::firmware::store {
 namespace {
 
@@ -35,16 +38,11 @@ tl::unexpected<Error> not_written(const fs::path& file, int why) {
 
 Result<void> write_synced(const fs::path& file, std::span<const std::uint8_t> bytes) {
     const fs::path unfinished = file.string() + kUnfinished;
-    const int fd = open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
-    if (fd < 0) return not_written(file, errno);
-    int why = 0;
-    for (std::size_t at = 0; at < bytes.size() && why == 0;) {
-        const ssize_t count = write(fd, bytes.data() + at, bytes.size() - at);
-        if (count > 0) at += static_cast<std::size_t>(count);
-        else if (count == 0 || errno != EINTR) why = count == 0 ? EIO : errno;
-    }
-    if (why == 0 && fsync(fd) != 0) why = errno;
-    if (close(fd) != 0 && why == 0) why = errno;
+    common::UniqueFd fd(open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
+    if (!fd) return not_written(file, errno);
+    int why = common::write_all(fd.get(), std::as_bytes(bytes));
+    if (why == 0 && fsync(fd.get()) != 0) why = errno;
+    if (why == 0) why = fd.close();
     if (why == 0 && rename(unfinished.c_str(), file.c_str()) != 0) why = errno;
     if (why == 0) return {};
     unlink(unfinished.c_str());

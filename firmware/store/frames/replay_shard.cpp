@@ -18,6 +18,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/file_writing.h"
 #include "firmware/store/results/hash_chain.h"
 #include "firmware/store/results/records.h"
 
@@ -175,12 +176,7 @@ Result<ReplayTally> ShardWriter::finish() {
     if (std::fclose(std::exchange(p.out, nullptr)) != 0) return p.failed(errno);
     if (::rename(p.beside.c_str(), p.file.c_str()) != 0) return p.failed(errno);
     p.beside.clear();
-    const int folder =
-        ::open(p.file.has_parent_path() ? p.file.parent_path().c_str() : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (folder < 0) return p.failed(errno);
-    const int synced = ::fsync(folder), why = errno;
-    ::close(folder);
-    if (synced != 0) return p.failed(why);
+    if (const int why = common::sync_folder_of(p.file); why != 0) return p.failed(why);
     return tally;
 }
 

@@ -12,6 +12,7 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include "common/unique_fd.h"
 #include "firmware/store/results/database.h"
 #include "firmware/store/results/hash_chain.h"
 #include "firmware/store/results/records.h"
@@ -23,32 +24,20 @@ namespace {
 namespace fs = std::filesystem;
 
 // One store, one writer: held as long as the store is open, by the process, so that a killed one leaves nothing behind.
-class FolderLock {
-  public:
-    static Result<FolderLock> take(const fs::path& folder) {
-        const fs::path file = folder / "lock";
-        FolderLock lock(open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
-        if (lock.fd_ < 0) {
-            return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(errno) + ")",
-                        "give the station's user the right to write its folder, and see that its disk has space and is "
-                        "not mounted read-only");
-        }
-        if (flock(lock.fd_, LOCK_EX | LOCK_NB) != 0) {
-            return fail(ErrorCode::busy, folder.string() + " is written by another program",
-                        "give each station a store.folder of its own");
-        }
-        return lock;
+Result<common::UniqueFd> lock_folder(const fs::path& folder) {
+    const fs::path file = folder / "lock";
+    common::UniqueFd fd(open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
+    if (!fd) {
+        return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(errno) + ")",
+                    "give the station's user the right to write its folder, and see that its disk has space and is "
+                    "not mounted read-only");
     }
-    FolderLock(FolderLock&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-    FolderLock& operator=(FolderLock&&) = delete;
-    ~FolderLock() {
-        if (fd_ >= 0) close(fd_);
+    if (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
+        return fail(ErrorCode::busy, folder.string() + " is written by another program",
+                    "give each station a store.folder of its own");
     }
-
-  private:
-    explicit FolderLock(int fd) : fd_(fd) {}
-    int fd_;
-};
+    return fd;
+}
 
 std::string random_id() {
     std::random_device random;
@@ -126,7 +115,7 @@ struct InUse {
 }  // namespace
 
 struct SqliteStore::Parts {
-    FolderLock lock;
+    common::UniqueFd lock;
     SqliteStoreOptions options;
     std::unique_ptr<Database> database;
     std::optional<Chain> results, commands, changes;
@@ -162,7 +151,7 @@ Result<std::unique_ptr<SqliteStore>> SqliteStore::open(const fs::path& folder, c
                     "the folder " + folder.string() + " cannot be made" + (error ? " (" + error.message() + ")" : ""),
                     "create it and give it to the station's user (store.folder)");
     }
-    auto lock = FolderLock::take(folder);
+    auto lock = lock_folder(folder);
     if (!lock) return tl::unexpected(lock.error());
     auto database = Database::open(folder / kStoreFile, Database::Access::create, options.vfs);
     if (!database) return tl::unexpected(database.error());

@@ -1,4 +1,4 @@
-// What the sd-event loop adds to the seam's contract (tests/system/contract): run, stop and signals.
+// The sd-event loop beyond the contract suite (tests/system/contract): run, stop and signals.
 #include "drivers/event_loop/event_loop_sd.h"
 
 #include <csignal>
@@ -51,7 +51,7 @@ TEST(SdEventLoop, a_watch_may_end_itself_in_its_own_callback) {
     });
     ASSERT_TRUE(watch);
     id = *watch;
-    ASSERT_EQ(write(ends[1], "x", 1), 1);  // never read: a watch that stayed would call for ever
+    ASSERT_EQ(write(ends[1], "x", 1), 1);  // never read: a watch that was not removed would call for ever
     EXPECT_TRUE(loop->run());
     EXPECT_EQ(calls, 1);
     close(ends[0]);

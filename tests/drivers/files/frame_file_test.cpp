@@ -103,7 +103,7 @@ TEST_F(FrameFile, pgm_says_its_own_depth_and_is_big_endian) {
     EXPECT_EQ(twelve->view().sample(1, 0), 1U);
 }
 
-// Every proper prefix of a good file is refused: OpenCV alone would decode many of them.
+// Every truncation of a good file is refused. (OpenCV decodes many of them.)
 TEST_F(FrameFile, no_truncated_file_is_accepted_wherever_it_is_cut) {
     auto frame = ramp(45, 36, 16);
     ASSERT_TRUE(write_frame(file("good.png"), frame.view()));
@@ -123,7 +123,7 @@ TEST_F(FrameFile, no_truncated_file_is_accepted_wherever_it_is_cut) {
     }
 }
 
-// Turned by a quarter, width and height change places: in the expectation, too.
+// A quarter turn exchanges width and height, also in the expected format.
 TEST_F(FrameFile, a_tiff_that_names_an_orientation_is_turned_and_has_the_turned_size) {
     auto frame = ramp(27, 18, 16);
     std::string bytes = TempFolder::read(cv_file("f.tiff", as_mat(frame)));
@@ -182,7 +182,7 @@ TEST_F(FrameFile, what_is_no_image_is_refused) {
     expect_refused(read_frame(file("none.png")), file("none.png"), ErrorCode::not_found, "does not exist");
     const auto pipe = file("pipe");
     ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
-    expect_refused(read_frame(pipe), pipe, ErrorCode::unreadable, "not a file");  // and does not wait for a writer
+    expect_refused(read_frame(pipe), pipe, ErrorCode::unreadable, "not a file");  // without waiting for a writer
 }
 
 TEST_F(FrameFile, an_absurd_size_is_refused_before_memory_is_taken) {

@@ -44,7 +44,7 @@ TEST_F(EdgeFilterTest, a_bouncing_edge_is_one_edge_at_the_time_of_the_first_boun
     EXPECT_EQ(filter.lost(), 0U);
 }
 
-TEST_F(EdgeFilterTest, edges_that_are_read_late_are_told_apart_by_their_time_stamps) {
+TEST_F(EdgeFilterTest, edges_that_are_read_late_are_separated_by_their_time_stamps) {
     feed(true, 0us);
     feed(false, 2ms);
     feed(true, 30ms);
@@ -72,7 +72,7 @@ TEST_F(EdgeFilterTest, edges_that_the_kernel_lost_leave_a_gap) {
 }
 
 TEST_F(EdgeFilterTest, a_part_whose_edges_were_both_read_too_late_to_see_it_leaves_a_gap_before_the_next) {
-    feed(false, 0us);  // the line went up, and was down again when the kernel looked
+    feed(false, 0us);  // the line rose and fell before the kernel read the level
     settle(false, 1ms);
     EXPECT_THAT(edges, IsEmpty());
     feed(true, 30ms);
@@ -80,9 +80,9 @@ TEST_F(EdgeFilterTest, a_part_whose_edges_were_both_read_too_late_to_see_it_leav
     EXPECT_THAT(edges, ElementsAre(edge(true, 30ms, 3)));
 }
 
-TEST_F(EdgeFilterTest, a_level_that_no_edge_has_told_of_is_an_edge_with_a_gap) {
+TEST_F(EdgeFilterTest, a_level_without_an_edge_is_an_edge_with_a_gap) {
     settle(true, 5ms);
-    EXPECT_THAT(edges, IsEmpty());  // it may be on its way
+    EXPECT_THAT(edges, IsEmpty());  // its edge may still be queued
     settle(true, 55ms);
     EXPECT_THAT(edges, ElementsAre(edge(true, 55ms, 2)));
     EXPECT_EQ(filter.lost(), 1U);
@@ -90,13 +90,13 @@ TEST_F(EdgeFilterTest, a_level_that_no_edge_has_told_of_is_an_edge_with_a_gap) {
     EXPECT_EQ(edges.size(), 1U);
 }
 
-TEST_F(EdgeFilterTest, a_level_whose_edge_is_still_on_its_way_is_no_loss) {
+TEST_F(EdgeFilterTest, a_level_whose_edge_is_still_queued_is_no_loss) {
     settle(true, 5ms);
     feed(true, 5ms);
     settle(true, 6ms);
     EXPECT_THAT(edges, ElementsAre(edge(true, 5ms, 1)));
     feed(false, 40ms);
-    settle(true, 41ms);  // and it is up again: that edge is on its way
+    settle(true, 41ms);  // it rose again: that edge is queued
     feed(true, 41ms);
     settle(true, 42ms);
     feed(false, 60ms);
@@ -107,19 +107,19 @@ TEST_F(EdgeFilterTest, a_level_whose_edge_is_still_on_its_way_is_no_loss) {
 }
 
 TEST_F(EdgeFilterTest, the_level_decides_when_the_last_edge_was_read_too_late) {
-    feed(false, 0us);  // it went up; the kernel saw a bounce's low
+    feed(false, 0us);  // it rose, but the kernel read the low level of a bounce
     settle(true, 200us);
     EXPECT_THAT(edges, IsEmpty());
-    EXPECT_EQ(filter.due(), at(200us) + EdgeFilter::kDoubt);
+    EXPECT_EQ(filter.due(), at(200us) + EdgeFilter::kRecheckAfter);
     settle(true, 30ms);
     EXPECT_THAT(edges, ElementsAre(edge(true, 0us, 1)));
 }
 
-TEST_F(EdgeFilterTest, a_line_that_does_not_come_to_rest_is_restless) {
+TEST_F(EdgeFilterTest, a_line_that_does_not_settle_bounces_too_long) {
     for (int k = 0; k <= 500; ++k) feed(k % 2 == 0, k * 100us);
-    EXPECT_FALSE(filter.restless());
+    EXPECT_FALSE(filter.bouncing_too_long());
     feed(false, 50'100us);
-    EXPECT_TRUE(filter.restless());
+    EXPECT_TRUE(filter.bouncing_too_long());
     EXPECT_THAT(edges, IsEmpty());
 }
 
@@ -131,7 +131,7 @@ TEST_F(EdgeFilterTest, without_debounce_every_edge_counts_at_once) {
     EXPECT_THAT(edges, ElementsAre(edge(false, 0us, 1)));
 }
 
-TEST(EncoderTrack, tells_where_it_was_when_a_part_came) {
+TEST(EncoderTrack, gives_the_position_at_a_time) {
     EncoderTrack track;
     EXPECT_EQ(track.counts_at(at(0us)), 0);
     for (int k = 1; k <= 5; ++k) track.count(at(k * 1ms));
@@ -142,9 +142,9 @@ TEST(EncoderTrack, tells_where_it_was_when_a_part_came) {
     EXPECT_EQ(track.counts_at(at(1s)), 5);
 }
 
-TEST(EncoderTrack, says_when_that_is_longer_ago_than_it_remembers) {
+TEST(EncoderTrack, gives_none_before_its_history) {
     EncoderTrack track;
-    const auto last = static_cast<int>(EncoderTrack::kRemembered) + 10;
+    const auto last = static_cast<int>(EncoderTrack::kHistory) + 10;
     for (int k = 1; k <= last; ++k) track.count(at(k * 1us));
     EXPECT_EQ(track.counts_at(at(11us)), 11);
     EXPECT_EQ(track.counts_at(at(10us)), std::nullopt);

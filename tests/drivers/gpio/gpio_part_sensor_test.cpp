@@ -1,4 +1,4 @@
-// The part sensor without a chip. The contract suite runs on it, too; here is what only this driver can tell.
+// The part sensor on scripted lines: what the contract suite, which also runs on it, does not test.
 #include "drivers/gpio/gpio_part_sensor.h"
 
 #include <gmock/gmock.h>

@@ -1,4 +1,4 @@
-// The strobe without a chip: what it accepts, and that its lights are off whenever they have no reason to be on.
+// The strobe on scripted lines: which pulses it accepts, and that the lights are off otherwise.
 #include "drivers/gpio/gpio_strobe.h"
 
 #include <optional>
@@ -18,7 +18,7 @@ using hal::Duration;
 using hal::TimePoint;
 using testing::HasSubstr;
 
-// Long enough for a machine that is busy with everything else.
+// Long enough for a busy machine.
 constexpr Duration kPatience = 120s;
 
 struct Ear final : hal::Strobe::Listener {
@@ -45,7 +45,7 @@ struct GpioStrobeTest : testing::Test {
         loop->cancel(timer);
         return done();
     }
-    // Far enough ahead to be planned, near enough to be waited for.
+    // Late enough to be accepted, early enough for a short test.
     hal::StrobePulse pulse(std::uint32_t exposure, std::uint32_t channels, Duration width, Duration ahead = 20ms) {
         return {.exposure = exposure, .channels = channels, .start = loop->now() + ahead, .width = width};
     }
@@ -131,7 +131,7 @@ TEST_F(GpioStrobeTest, a_pulse_whose_time_is_over_lights_nothing) {
     strobe->stop();
 }
 
-// The limits hold for the light as it was, whatever was asked for and however late the thread came to it.
+// The limits hold for the real pulses, also when the thread is late.
 TEST_F(GpioStrobeTest, the_light_rests_from_its_true_end) {
     open({{.max_on = 400ms, .min_rest = 10ms, .max_duty = 1}});
     ASSERT_TRUE(strobe->start(ear));
@@ -186,8 +186,8 @@ TEST_F(GpioStrobeTest, a_line_that_cannot_be_set_is_let_go_of_and_every_pulse_is
     EXPECT_EQ(ear.losses.size(), 1U);
 }
 
-// The kernel tells nobody. A station that asks for no light meanwhile would take the strobe for up, and would not start
-// it again with the devices that it knows to be lost: the next part would get no light.
+// The kernel does not report it. Without the check an idle station would not know that the strobe is lost and would not
+// restart it with its other lost devices; the next part would get no light.
 TEST_F(GpioStrobeTest, a_chip_that_went_away_is_noticed_without_a_pulse) {
     open({{}});
     ASSERT_TRUE(strobe->start(ear));
@@ -207,7 +207,7 @@ TEST_F(GpioStrobeTest, a_chip_that_went_away_is_noticed_without_a_pulse) {
     strobe->stop();
 }
 
-// Also while a pulse waits that is planned for much later.
+// Also while a pulse is planned for much later.
 TEST_F(GpioStrobeTest, a_chip_that_went_away_is_noticed_long_before_the_next_pulse) {
     open({{}});
     ASSERT_TRUE(strobe->start(ear));

@@ -1,5 +1,5 @@
-// GPIO lines without a chip: the drivers' other side is a test. Outputs remember what they were told, and when; an
-// input's edges are what the test says, and come through a descriptor as the kernel's do.
+// GPIO lines without a chip, controlled by a test. Outputs record their changes with times; inputs deliver the test's
+// edges through a descriptor, as the kernel does.
 #pragma once
 
 #include <deque>
@@ -26,7 +26,7 @@ struct Lamps {
     std::mutex mutex;
     std::vector<Move> moves;
     bool there = true;
-    int taken = 0;  // requests that live
+    int taken = 0;  // open requests
 
     explicit Lamps(const hal::Clock& c) : clock(c) {}
     void move(std::uint32_t active) { moves.push_back({active, clock.now()}); }
@@ -82,9 +82,9 @@ class Outputs final : public GpioOutputs {
 struct Wire {
     bool level = false;
     bool there = true;
-    class Input* input = nullptr;                        // who has taken it
-    void change(bool active, hal::TimePoint at);         // an edge that the kernel saw
-    void change_unseen(bool active) { level = active; }  // and one that nobody saw
+    class Input* input = nullptr;                        // the open request
+    void change(bool active, hal::TimePoint at);         // with an edge
+    void change_unseen(bool active) { level = active; }  // without one
     void tell(const GpioEdge& edge);
 };
 

@@ -1,5 +1,5 @@
-// A camera that another process holds, whatever becomes of that process. The program in hord-camera's place is
-// fake_camera_program.cpp.
+// A camera that another process holds: normal operation, crashes and hangs of that process. fake_camera_program.cpp
+// replaces hord-camera.
 #include "drivers/libcamera/camera_process.h"
 
 #include <condition_variable>
@@ -14,6 +14,7 @@
 #include <sched.h>
 
 #include "drivers/libcamera/camera_wire.h"
+#include "drivers/libcamera/libcamera_options.h"
 
 namespace hord::drivers {
 namespace {
@@ -65,7 +66,7 @@ std::unique_ptr<CameraPort> camera_called(const std::string& name, hal::Duration
     return open_camera_process({.camera = name, .buffers = 3}, kProgram, patience);
 }
 
-// Processes that this one has started and not yet buried.
+// Child processes that were not reaped yet.
 int children() {
     std::ifstream in("/proc/self/task/" + std::to_string(gettid()) + "/children");
     int count = 0;
@@ -157,7 +158,7 @@ TEST(CameraProcess, whose_program_is_not_there_is_named_with_a_cure) {
                 AllOf(HasSubstr("/no/such/hord-camera"), HasSubstr("install the package again")));
 }
 
-// A camera's process may turn in circles: under the timing thread's policy it would leave a processor to nobody.
+// The camera's process may spin. With the timing thread's policy it would block a processor.
 TEST(CameraProcess, does_not_have_the_real_time_policy_of_who_starts_it) {
     sched_param param{};
     param.sched_priority = 1;
@@ -174,16 +175,16 @@ TEST(CameraProcess, does_not_have_the_real_time_policy_of_who_starts_it) {
 }
 
 TEST(CameraWire, carries_a_request_through_arguments_unchanged) {
-    const CameraRequest asked{.camera = "\\_SB_.PCI0 1:2.0",
-                              .width_px = 320,
-                              .height_px = 240,
-                              .bits = 12,
-                              .buffers = 5,
-                              .green = true,
-                              .controls = {{"AnalogueGain", -2}, {"ExposureTime", 600000}}};
-    const auto order = camera_order(camera_arguments(CameraAsk::start, asked));
+    const LibcameraSensorOptions asked{.camera = "\\_SB_.PCI0 1:2.0",
+                                       .width_px = 320,
+                                       .height_px = 240,
+                                       .bits = 12,
+                                       .buffers = 5,
+                                       .green = true,
+                                       .controls = {{"AnalogueGain", -2}, {"ExposureTime", 600000}}};
+    const auto order = parse_camera_arguments(camera_arguments(CameraCommand::start, asked));
     ASSERT_TRUE(order);
-    EXPECT_EQ(order->ask, CameraAsk::start);
+    EXPECT_EQ(order->command, CameraCommand::start);
     EXPECT_EQ(order->request.camera, asked.camera);
     EXPECT_EQ(order->request.width_px, 320);
     EXPECT_EQ(order->request.bits, 12);
@@ -195,7 +196,7 @@ TEST(CameraWire, carries_a_request_through_arguments_unchanged) {
                                                   {"pry", "c", "1", "1", "8", "4", "0"},
                                                   {"look", "c", "1", "x", "8", "4", "0"},
                                                   {"look", "c", "1", "1", "8", "4", "0", "Gain"}}) {
-        EXPECT_FALSE(camera_order(wrong));
+        EXPECT_FALSE(parse_camera_arguments(wrong));
     }
 }
 

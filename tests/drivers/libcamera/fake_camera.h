@@ -1,5 +1,4 @@
-// A camera without libcamera: it runs free on a thread of its own, as libcamera's completes requests, and does what a
-// test says.
+// A camera without libcamera, controlled by a test. It runs free on its own thread, as libcamera completes requests.
 #pragma once
 
 #include <array>
@@ -15,26 +14,26 @@
 
 namespace hord::drivers {
 
-// What outlives the sensor's hold on its port.
+// The state of the camera, shared by the test and the port; outlives the port.
 struct FakeCamera {
     explicit FakeCamera(const hal::Clock& c) : clock(c) {}
     const hal::Clock& clock;
     std::mutex mutex;
     std::condition_variable woken;
     bool there = true;
-    bool silent = false;  // keeps what it has, and says nothing
+    bool silent = false;  // keeps its buffers and delivers nothing
     std::string pixel_format = "R8";
     int bits = 8;
     bool packed = false, green = false, tells_start = true;
-    std::optional<std::array<std::uint8_t, 3>> colours;  // of every pixel, but that the middle one is 16 y + x
+    std::optional<std::array<std::uint8_t, 3>> colours;  // of every pixel; the middle one is replaced by 16 y + x
     int width_px = 12, height_px = 6;
     std::ptrdiff_t stride_bytes = 16;
-    std::size_t short_by = 0;  // bytes that each frame lacks
+    std::size_t short_by = 0;  // missing bytes of each frame
     bool corrupt = false;
-    std::deque<std::uint32_t> queued;  // with the camera, in order
+    std::deque<std::uint32_t> queued;  // in order
     int queue_calls = 0;
     std::uint32_t sequence = 0;
-    int streams = 0;  // starts less stops
+    int streams = 0;  // starts minus stops
 
     void be_there(bool is) {
         const std::scoped_lock lock(mutex);
@@ -115,7 +114,7 @@ class FakeCameraPort final : public CameraPort {
             if (stopping_) return;
             if (!camera_->there) return listener.on_camera_gone();
             if (camera_->silent || camera_->queued.empty())
-                continue;  // it waits for a buffer, so that a slow test sees no gap
+                continue;  // waits for a buffer, so that a slow test sees no gap
             ++camera_->sequence;
             const std::uint32_t buffer = camera_->queued.front();
             camera_->queued.pop_front();

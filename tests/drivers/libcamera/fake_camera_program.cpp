@@ -1,5 +1,5 @@
-// In hord-camera's place: a camera that does what its name says. The first pixel of a frame is its number, the second
-// the thread's policy.
+// Replaces hord-camera: the camera's name selects its behaviour. A frame's first pixel is its number, the second one
+// the thread's scheduling policy.
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "drivers/libcamera/camera_host.h"
+#include "drivers/libcamera/libcamera_options.h"
 
 namespace {
 
@@ -21,7 +22,7 @@ using namespace std::chrono_literals;
 
 class NamedCamera final : public drivers::CameraDevice {
   public:
-    explicit NamedCamera(drivers::CameraRequest request) : request_(std::move(request)) {}
+    explicit NamedCamera(drivers::LibcameraSensorOptions request) : request_(std::move(request)) {}
     ~NamedCamera() override { stop(); }
 
     Result<drivers::CameraFormat> look() override {
@@ -75,7 +76,7 @@ class NamedCamera final : public drivers::CameraDevice {
         }
     }
 
-    const drivers::CameraRequest request_;
+    const drivers::LibcameraSensorOptions request_;
     std::vector<unsigned char*> data_;
     std::mutex mutex_;
     std::deque<std::uint32_t> queued_;
@@ -87,7 +88,7 @@ class NamedCamera final : public drivers::CameraDevice {
 }  // namespace
 
 int main(int argc, char** argv) {
-    return hord::drivers::host_camera(argc, argv, [](hord::drivers::CameraRequest request) {
+    return hord::drivers::host_camera(argc, argv, [](hord::drivers::LibcameraSensorOptions request) {
         return std::make_unique<NamedCamera>(std::move(request));
     });
 }

@@ -1,5 +1,5 @@
-// The libcamera sensor: what is chosen, what is refused, how frames are handed over. The seam's promises are in
-// tests/system/contract.
+// The libcamera sensor: choice of camera and format, errors, and the frame queue. tests/system/contract tests the
+// sensor's contract.
 #include "drivers/libcamera/libcamera_sensor.h"
 
 #include <array>
@@ -10,8 +10,9 @@
 #include <poll.h>
 
 #include "drivers/event_loop/event_loop_sd.h"
-#include "drivers/hal/hand_over.h"
+#include "drivers/hal/spsc_queue.h"
 #include "drivers/libcamera/camera_process.h"
+#include "drivers/libcamera/libcamera_options.h"
 #include "tests/drivers/libcamera/fake_camera.h"
 
 namespace hord::drivers {
@@ -67,7 +68,7 @@ TEST(CameraFormat, of_colour_is_taken_only_where_green_was_asked_for_and_there_i
                 HasSubstr("R8 or BGR888 or RGB888"));
 }
 
-// libcamera itself, which has no such camera on any machine.
+// With libcamera itself; no machine has a camera of this name.
 TEST(Libcamera, that_lacks_the_camera_says_so) {
     auto loop = std::move(*firmware::SdEventLoop::open());
     const auto absent = LibcameraSensor::open(*loop, {.camera = "no-such-camera"});
@@ -77,40 +78,40 @@ TEST(Libcamera, that_lacks_the_camera_says_so) {
     EXPECT_FALSE(libcamera_version().empty());
 }
 
-TEST(HandOver, keeps_the_order_is_bounded_and_rings_only_while_something_waits) {
-    HandOver<int, 3> hand;
+TEST(SpscQueue, keeps_the_order_is_bounded_and_is_readable_only_while_it_has_items) {
+    SpscQueue<int, 3> queue;
     const auto rings = [&] {
-        pollfd ready{hand.fd(), POLLIN, 0};
+        pollfd ready{queue.fd(), POLLIN, 0};
         return poll(&ready, 1, 0) == 1;
     };
     EXPECT_FALSE(rings());
-    EXPECT_FALSE(hand.pop());
-    for (int k = 1; k <= 3; ++k) EXPECT_TRUE(hand.push(k));
-    EXPECT_FALSE(hand.push(4)) << "full, and it did not wait";
+    EXPECT_FALSE(queue.pop());
+    for (int k = 1; k <= 3; ++k) EXPECT_TRUE(queue.push(k));
+    EXPECT_FALSE(queue.push(4)) << "full, and it did not wait";
     EXPECT_TRUE(rings());
-    hand.hear();
+    queue.acknowledge();
     EXPECT_FALSE(rings());
-    for (int k = 1; k <= 3; ++k) EXPECT_EQ(hand.pop(), k);
-    EXPECT_FALSE(hand.pop());
-    EXPECT_TRUE(hand.push(5));
+    for (int k = 1; k <= 3; ++k) EXPECT_EQ(queue.pop(), k);
+    EXPECT_FALSE(queue.pop());
+    EXPECT_TRUE(queue.push(5));
     EXPECT_TRUE(rings());
-    EXPECT_EQ(hand.pop(), 5);
+    EXPECT_EQ(queue.pop(), 5);
 }
 
-TEST(HandOver, between_two_threads_loses_nothing_and_changes_no_order) {
-    HandOver<std::uint64_t, 8> hand;
+TEST(SpscQueue, between_two_threads_loses_nothing_and_changes_no_order) {
+    SpscQueue<std::uint64_t, 8> queue;
     constexpr std::uint64_t kItems = 20'000;
     std::thread camera([&] {
         for (std::uint64_t k = 1; k <= kItems; ++k) {
-            while (!hand.push(k * k)) std::this_thread::yield();
+            while (!queue.push(k * k)) std::this_thread::yield();
         }
     });
     std::uint64_t next = 1;
     while (next <= kItems) {
-        pollfd ready{hand.fd(), POLLIN, 0};
+        pollfd ready{queue.fd(), POLLIN, 0};
         ASSERT_EQ(poll(&ready, 1, 120'000), 1);
-        hand.hear();
-        while (const auto item = hand.pop()) {
+        queue.acknowledge();
+        while (const auto item = queue.pop()) {
             ASSERT_EQ(*item, next * next);
             ++next;
         }
@@ -128,8 +129,8 @@ struct Ear final : hal::Sensor::Listener {
 class Sensor : public testing::Test {
   protected:
     void open() {
-        auto opened =
-            LibcameraSensor::open(*loop_, {}, std::make_unique<FakeCameraPort>(camera_, CameraRequest{}.buffers));
+        auto opened = LibcameraSensor::open(
+            *loop_, {}, std::make_unique<FakeCameraPort>(camera_, LibcameraSensorOptions{}.buffers));
         ASSERT_TRUE(opened) << opened.error().message();
         sensor_ = std::move(*opened);
         ASSERT_TRUE(sensor_->start(ear_));
@@ -176,8 +177,8 @@ TEST_F(Sensor, frames_that_nobody_asked_for_go_straight_back_and_are_no_gap) {
     EXPECT_TRUE(ear_.frames.empty());
 }
 
-// Unplugged with its buffers inside, and nobody says so. Until a frame is asked for, silence is nothing: the camera may
-// be triggered.
+// Unplugged while it holds its buffers, without a notification. Without an open trigger, silence is no loss: the camera
+// may be triggered by wire.
 TEST_F(Sensor, that_was_asked_for_a_frame_and_falls_silent_is_lost) {
     open();
     (void)frame();

@@ -1,14 +1,15 @@
-// The rejector driver with what particular modules have: the read-back's place, a watchdog, pulses of the module's own,
-// a sensor that sees the ejected part. The simulated modules are written from the manuals, not from the profiles.
+// The rejector driver with the features of particular modules: read-back address, watchdog, pulses timed by the module,
+// confirm sensor. The simulated modules follow the manuals, not the profiles.
 #include <algorithm>
 
+#include "drivers/modbus/coil_link.h"
 #include "firmware/config/module_profiles.h"
 #include "tests/drivers/modbus/rejector_bench.h"
 
 namespace hord::drivers {
 namespace {
 
-hal::ModuleMap map_of(std::string_view name) {
+ModuleMap map_of(std::string_view name) {
     for (const auto& profile : firmware::module_profiles()) {
         if (profile.name == name) return profile.map;
     }
@@ -47,7 +48,7 @@ TEST_F(Module, of_wago_has_its_watchdog_started_and_kept_alive_over_tcp_and_seri
         EXPECT_TRUE(run_until([&] { return module_->watchdog_triggers() >= 3; }));
         EXPECT_FALSE(module_->watchdog_expired());
         EXPECT_EQ(ear_.changes, 1);
-        for (int again = 0; again < 2; ++again) {  // whatever value the station before left in the trigger
+        for (int again = 0; again < 2; ++again) {  // for both values that an earlier station can leave in the trigger
             rejector_->stop();
             const int before = module_->watchdog_triggers();
             ear_ = {};
@@ -73,7 +74,7 @@ TEST_F(Module, of_wago_that_no_longer_hears_the_station_drops_its_outputs_and_wo
     EXPECT_FALSE(module_->watchdog_expired());
 }
 
-// The driver's thread was held up, the link was not: the permit is down in the module although the station gave it.
+// The driver's thread was delayed, so the module's watchdog dropped the permit that the station had set.
 TEST_F(Module, whose_permit_fell_by_itself_is_noticed) {
     start_and_wait();
     rejector_->set_run_permit(true);
@@ -94,7 +95,7 @@ TEST_F(Module, of_moxa_times_the_pulse_itself) {
     const auto moves = module_->history();
     ASSERT_EQ(moves.size(), 2U);
     EXPECT_EQ(moves[1].at - moves[0].at, 40ms);
-    // It ends even when nobody is there any more.
+    // The pulse ends also without a driver.
     EXPECT_EQ(reject(2), Outcome::confirmed);
     module_->misbehave(CoilFault::silent, -1, {}, true);
     EXPECT_TRUE(run_until([&] { return !module_->coil(kEjector) && !ear_.up; }));

@@ -1,4 +1,4 @@
-// The rejector driver against a coil module that misbehaves, over loopback, in real time.
+// The rejector driver with a misbehaving coil module, over loopback, in real time.
 #include <algorithm>
 
 #include "hal_sim/cell/cell.h"
@@ -17,7 +17,7 @@ TEST_F(Rejector, a_module_absent_at_start_is_named_commands_fail_and_it_is_found
     EXPECT_THAT(ear_.why_down.what, HasSubstr("127.0.0.1:" + std::to_string(options_.address.port)));
     EXPECT_FALSE(ear_.why_down.cure.empty());
     EXPECT_EQ(reject(1), Outcome::failed);
-    EXPECT_EQ(ear_.changes, 1);  // told once, however often it was tried
+    EXPECT_EQ(ear_.changes, 1);  // reported once, for any number of attempts
     ASSERT_TRUE(module_->power_on());
     expect_recovered();
 }
@@ -53,7 +53,7 @@ TEST_F(Rejector, silence_is_noticed_without_any_command) {
 TEST_F(Rejector, a_late_answer_costs_its_own_command_at_most_and_never_acts_twice) {
     start_and_wait();
     module_->misbehave(CoilFault::late, 1, 3 * kTimeout);
-    EXPECT_EQ(reject(1), Outcome::failed);  // it did act: the answer came too late to know
+    EXPECT_EQ(reject(1), Outcome::failed);  // it acted, but the answer was too late
     EXPECT_EQ(times_on(kEjector), 1);
     ASSERT_TRUE(run_until([&] { return ear_.up && module_->connections() >= 2 && !module_->coil(kEjector); }));
     for (std::uint32_t part = 2; part <= 6; ++part) {
@@ -61,11 +61,11 @@ TEST_F(Rejector, a_late_answer_costs_its_own_command_at_most_and_never_acts_twic
         EXPECT_EQ(reject(part), Outcome::confirmed) << part;
     }
     ASSERT_TRUE(run_until([&] { return !module_->coil(kEjector); }));
-    // The windows of parts 2 to 6 overlap here: the valve is held, not pulsed again.
+    // The windows of parts 2 to 6 overlap: the valve stays open.
     EXPECT_LE(times_on(kEjector), 6);
 }
 
-// The output had moved when the write was acknowledged, however long the module then takes to be read.
+// The report has the time of the acknowledgement, when the output had moved, also if reading back takes long.
 TEST_F(Rejector, a_rejection_is_told_with_the_time_at_which_its_write_was_acknowledged) {
     options_.response_timeout = 900ms;
     options_.check_every = 60s;
@@ -133,7 +133,7 @@ TEST_F(Rejector, a_pulse_left_on_by_a_lost_link_is_taken_back_first_thing) {
     ASSERT_TRUE(rejector_->reject({1, loop_->now(), 3600s}));
     ASSERT_TRUE(run_until([&] { return module_->coil(kEjector); }));
     module_->misbehave(CoilFault::close, 1);
-    rejector_->set_run_permit(true);  // the write that the module closes on
+    rejector_->set_run_permit(true);  // the module closes the connection on this write
     EXPECT_TRUE(run_until([&] { return ear_.changes == 3 && ear_.up; }));
     EXPECT_FALSE(module_->coil(kEjector));
 }
@@ -170,7 +170,7 @@ TEST_F(Rejector, a_taken_port_is_named_by_the_module) {
     EXPECT_THAT(second.error().what, HasSubstr(std::to_string(module_->port())));
 }
 
-// The simulated cell in real time, ejecting over Modbus: the module tells the world what its coil did.
+// The simulated cell in real time, ejecting over Modbus: the module's coil moves the simulated ejector.
 TEST_F(Rejector, the_module_ejects_the_part_that_is_really_there) {
     sim::CellOptions cell_options;
     cell_options.schedule.parts = 1;

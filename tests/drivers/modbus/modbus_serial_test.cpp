@@ -1,4 +1,5 @@
 // The rejector driver on a serial line (a pseudo-terminal) with noise on it.
+#include "drivers/modbus/coil_link.h"
 #include "tests/drivers/modbus/rejector_bench.h"
 
 namespace hord::drivers {
@@ -8,7 +9,7 @@ class SerialRejector : public RejectorBench {
   protected:
     SerialRejector() : RejectorBench({.serial = true, .unit = 7}) {}
 
-    // One event on the line, at a command's own write: the ejector acts at most once, and every later command is good.
+    // One disturbance, at a command's write: the ejector acts at most once, and every later command succeeds.
     void expect_one_command_at_most(CoilFault fault, hal::Duration delay = {}) {
         start_and_wait();
         module_->misbehave(fault, 1, delay);

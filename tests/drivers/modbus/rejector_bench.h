@@ -1,4 +1,4 @@
-// The rejector driver on the service's own event loop, in real time, against a simulated module that can misbehave.
+// The rejector driver on the service's event loop, in real time, with a simulated module that can misbehave.
 #pragma once
 
 #include <gmock/gmock.h>
@@ -78,7 +78,7 @@ class RejectorBench : public testing::Test {
         EXPECT_TRUE(loop_->run());
         return held;
     }
-    // A command whose window begins now; waits for its report.
+    // Sends a command whose window begins now, and waits for its report.
     Outcome reject(std::uint32_t part, hal::Duration window = kWindow) {
         const std::size_t before = ear_.reports.size();
         EXPECT_TRUE(rejector_->reject({part, loop_->now(), window}));
@@ -91,7 +91,7 @@ class RejectorBench : public testing::Test {
         for (const auto& move : module_->history()) count += move.coil == coil && move.on ? 1 : 0;
         return count;
     }
-    // The link is up again, the ejector at rest, and a command is confirmed.
+    // Checks that the link is up again, the ejector is at rest and a command is confirmed.
     void expect_recovered() {
         EXPECT_TRUE(run_until([&] { return ear_.up && !module_->coil(kEjector); }));
         EXPECT_EQ(reject(99), Outcome::confirmed);

@@ -1,4 +1,4 @@
-// What can be told without a video device; with one, tests/system/contract runs.
+// Tests without a video device; tests/system/contract runs with one.
 #include "drivers/v4l2/v4l2_sensor.h"
 
 #include <gmock/gmock.h>

@@ -1,4 +1,4 @@
-// The configuration and the recipe: defaults, documentation that is true, and every problem at once.
+// The configuration and the recipe: defaults, correct documentation, all problems reported at once.
 #include "firmware/config/config.h"
 
 #include <fstream>
@@ -39,16 +39,16 @@ TEST(Config, an_empty_file_is_the_defaults_and_they_can_be_used) {
     EXPECT_EQ(config->modbus.port, 1502);
 }
 
-// The simulated cell has a module, too, and it is asked as the table says: a time-out that nobody heeds stops lines.
+// The keys of a module also hold for the simulated cell's: a time-out that is ignored would stop the line.
 TEST(Config, what_is_said_of_a_module_holds_for_the_simulated_one) {
     const auto config = parse("[rejector]\nresponse_timeout_ms = 500\nreject_coil = 7\n");
     ASSERT_TRUE(config) << config.error().what;
     const auto& module = std::get<SimulatedRejector>(config->rejector).module;
     EXPECT_EQ(module.response_timeout, milliseconds(500));
-    EXPECT_EQ(module.reject_coil, 7);
+    EXPECT_EQ(module.ejector_coil, 7);
 }
 
-// deploy/hordd.toml claims to hold every key at its default.
+// deploy/hordd.toml has every key at its default.
 TEST(Config, the_documented_file_is_the_defaults) {
     const auto file = load_config(kDeploy / "hordd.toml");
     ASSERT_TRUE(file) << file.error().what;
@@ -100,9 +100,9 @@ TEST(Config, the_documented_keys_of_other_backends_are_known_and_at_their_defaul
     replace("# recipe =", "recipe =");
     const auto config = parse(text);
     ASSERT_TRUE(config) << config.error().what;
-    EXPECT_EQ(std::get<RecordedFrames>(config->sensor).folder, "/etc/hord/frames");
+    EXPECT_EQ(std::get<FrameFolder>(config->sensor).folder, "/etc/hord/frames");
     EXPECT_EQ(config->inspection.recipe, "/etc/hord/recipes/default.toml");
-    EXPECT_EQ(std::get<ModbusRejector>(config->rejector), ModbusRejector{});
+    EXPECT_EQ(std::get<drivers::ModbusRejectorOptions>(config->rejector), drivers::ModbusRejectorOptions{});
 }
 
 TEST(Config, a_camera_of_libcamera_is_named_with_its_format_and_controls) {
@@ -111,12 +111,13 @@ TEST(Config, a_camera_of_libcamera_is_named_with_its_format_and_controls) {
         "10\nbuffers = 6\n"
         "green = true\n[[sensor.control]]\nname = \"ExposureTime\"\nvalue = 500\n");
     ASSERT_TRUE(config) << config.error().what;
-    EXPECT_EQ(std::get<CameraSensor>(config->sensor),
-              (CameraSensor{"/base/imx296", 1440, 1080, 10, 6, true, {{"ExposureTime", 500}}}));
-    EXPECT_EQ(std::get<CameraSensor>(parse("[sensor]\nbackend = \"libcamera\"\n")->sensor), CameraSensor{});
+    EXPECT_EQ(std::get<drivers::LibcameraSensorOptions>(config->sensor),
+              (drivers::LibcameraSensorOptions{"/base/imx296", 1440, 1080, 10, 6, true, {{"ExposureTime", 500}}}));
+    EXPECT_EQ(std::get<drivers::LibcameraSensorOptions>(parse("[sensor]\nbackend = \"libcamera\"\n")->sensor),
+              drivers::LibcameraSensorOptions{});
 }
 
-// What the profile says can be said otherwise; as it stands there, it is the plain module.
+// The documented values that override a profile are those of the plain module.
 TEST(Config, the_documented_keys_of_a_module_are_those_of_the_plain_profile) {
     const std::string text = text_of(kDeploy / "hordd.toml");
     const auto begin = text.find("# read_back_offset"), end = text.find("[modbus]");
@@ -132,30 +133,31 @@ TEST(Config, the_documented_keys_of_a_module_are_those_of_the_plain_profile) {
     EXPECT_EQ(keys, 10);
     const auto config = parse(part);
     ASSERT_TRUE(config) << config.error().what;
-    hal::ModuleMap map = std::get<ModbusRejector>(config->rejector).map;
+    drivers::ModuleMap map = std::get<drivers::ModbusRejectorOptions>(config->rejector).map;
     map.name_register = -1;  // the profile's alone
-    map.name_prefix = hal::ModuleMap{}.name_prefix;
-    EXPECT_EQ(map, hal::ModuleMap{});
+    map.name_prefix = drivers::ModuleMap{}.name_prefix;
+    EXPECT_EQ(map, drivers::ModuleMap{});
 }
 
 TEST(Config, a_modules_profile_fills_its_addresses_and_each_can_be_overridden) {
     const auto wago = parse("[rejector]\nbackend = \"modbus\"\nprofile = \"wago-750\"\nwatchdog_ms = 500\n");
     ASSERT_TRUE(wago) << wago.error().what;
-    const auto& module = std::get<ModbusRejector>(wago->rejector);
+    const auto& module = std::get<drivers::ModbusRejectorOptions>(wago->rejector);
     EXPECT_EQ(module.map.read_back_offset, 512);
     EXPECT_EQ(module.map.watchdog_time_register, 0x1000);
     EXPECT_EQ(module.watchdog, milliseconds(500));
     const auto moxa =
         parse("[rejector]\nbackend = \"modbus\"\nprofile = \"moxa-iologik\"\nalarm_coil = -1\nmodule_pulse_ms = 12\n");
     ASSERT_TRUE(moxa) << moxa.error().what;
-    EXPECT_EQ(std::get<ModbusRejector>(moxa->rejector).map.pulse_coil_offset, 16);
-    EXPECT_EQ(std::get<ModbusRejector>(moxa->rejector).map.alarm_coil, -1);
+    EXPECT_EQ(std::get<drivers::ModbusRejectorOptions>(moxa->rejector).map.pulse_coil_offset, 16);
+    EXPECT_EQ(std::get<drivers::ModbusRejectorOptions>(moxa->rejector).map.alarm_coil, -1);
     const auto serial = parse(
         "[rejector]\nbackend = \"modbus\"\ndevice = \"/dev/ttyUSB0\"\nbaud = 115200\nparity = \"odd\"\nrs485 = "
         "false\n");
     ASSERT_TRUE(serial) << serial.error().what;
-    const auto& line = std::get<ModbusRejector>(serial->rejector);
-    EXPECT_EQ(std::tie(line.device, line.baud, line.parity, line.rs485),
+    const auto& line = std::get<drivers::ModbusRejectorOptions>(serial->rejector).address.serial;
+    ASSERT_TRUE(line);
+    EXPECT_EQ(std::tie(line->device, line->baud, line->parity, line->rs485),
               std::make_tuple("/dev/ttyUSB0", 115200, 'O', false));
 }
 
@@ -174,7 +176,7 @@ TEST(Config, what_a_module_cannot_do_is_refused_with_the_cure) {
     EXPECT_THAT(wrong("device = \"/dev/ttyS0\"\nport = 1502\n"), HasSubstr("either rejector.device, or host and port"));
 }
 
-// Every commented line of [sensor], [strobe] and [part_sensor], uncommented, is what the drivers would be told.
+// Every commented line of [sensor], [strobe] and [part_sensor], uncommented, is a driver's default.
 TEST(Config, the_documented_keys_of_real_devices_are_known_and_at_their_defaults) {
     std::string text = text_of(kDeploy / "hordd.toml");
     const auto begin = text.find("[sensor]"), end = text.find("[rejector]");
@@ -194,15 +196,14 @@ TEST(Config, the_documented_keys_of_real_devices_are_known_and_at_their_defaults
     }
     const auto config = parse(part);
     ASSERT_TRUE(config) << config.error().what;
-    VideoSensor video;
+    drivers::V4l2SensorOptions video;
     video.controls = {{"Exposure", 100}};
     EXPECT_EQ(config->sensor, SensorConfig(video));
     const StrobeConfig defaults;
     ASSERT_EQ(config->strobe.gpio.size(), 1U);
     EXPECT_EQ(config->strobe.gpio[0],
-              (StrobeChannel{
-                  {"pinctrl-bcm2711", "GPIO17", false, {}}, defaults.max_on, defaults.min_rest, defaults.max_duty}));
-    GpioPartSensorLine barrier;
+              (drivers::GpioStrobeChannel{{"pinctrl-bcm2711", "GPIO17", false, {}}, defaults.limits}));
+    drivers::GpioPartSensorOptions barrier;
     barrier.line = {"label", "6", false, {}};
     barrier.encoder = {"pinctrl-bcm2711", "GPIO18", false, {}};
     EXPECT_EQ(config->part_sensor, PartSensorConfig(barrier));
@@ -268,9 +269,11 @@ max_duty = 0.1
     ASSERT_TRUE(config) << config.error().what;
     EXPECT_EQ(config->strobe.channels, 2);
     EXPECT_EQ(config->core.strobe_channels, 0b11U);
-    EXPECT_EQ(config->strobe.gpio[0], (StrobeChannel{{"soc", "A", false, {}}, milliseconds(2), milliseconds(3), 0.3}));
-    EXPECT_EQ(config->strobe.gpio[1],
-              (StrobeChannel{{"/dev/gpiochip3", "4", true, {}}, microseconds(400), milliseconds(9), 0.1}));
+    EXPECT_EQ(config->strobe.gpio[0],
+              (drivers::GpioStrobeChannel{{"soc", "A", false, {}}, {milliseconds(2), milliseconds(3), 0.3}}));
+    EXPECT_EQ(
+        config->strobe.gpio[1],
+        (drivers::GpioStrobeChannel{{"/dev/gpiochip3", "4", true, {}}, {microseconds(400), milliseconds(9), 0.1}}));
 }
 
 TEST(Config, every_key_reaches_its_field) {
@@ -349,11 +352,11 @@ threads = 2
     EXPECT_EQ(config->core.plc_policy, PlcPolicy::reject_all);
     EXPECT_EQ(config->plc.timeout, milliseconds(750));
     EXPECT_EQ(config->inspection.recipes, "/etc/hord/all");
-    const auto& modbus = std::get<ModbusRejector>(config->rejector);
-    EXPECT_EQ(modbus.host, "10.0.0.7");
-    EXPECT_EQ(modbus.port, 5020);
-    EXPECT_EQ(modbus.unit, 3);
-    EXPECT_EQ(modbus.reject_coil, 17);
+    const auto& modbus = std::get<drivers::ModbusRejectorOptions>(config->rejector);
+    EXPECT_EQ(modbus.address.host, "10.0.0.7");
+    EXPECT_EQ(modbus.address.port, 5020);
+    EXPECT_EQ(modbus.address.unit, 3);
+    EXPECT_EQ(modbus.ejector_coil, 17);
     EXPECT_TRUE(modbus.energise_to_pass);
     EXPECT_EQ(modbus.response_timeout, milliseconds(45));
     EXPECT_EQ(config->inspection.bins_i, 7);
@@ -455,7 +458,7 @@ corners_mm = [-5, -5, 5, -5, 0, 5]
     EXPECT_EQ(zones[0].centre.m, -3.1F);
     EXPECT_EQ(zones[0].radius, 0.3F);
     EXPECT_EQ(zones[1].corners[2].n, 5);
-    // What is written of it is read again as it was, to the bit.
+    // Writing and reading returns the same values, bit for bit.
     const std::string written = format_recipe(*recipe);
     EXPECT_THAT(written, HasSubstr("centre_mm = [-3.1, 1.7]\nradius_mm = 0.3\n"));
     EXPECT_THAT(written, HasSubstr("corners_mm = [-5, -5, 5, -5, 0, 5]\n"));
@@ -541,7 +544,7 @@ corners = [1, 2, 3, 4, 5.5, 0.1]
     EXPECT_NE(crc32_of(other), crc32_of(*recipe));
 }
 
-// The checksums and texts of recipes from before there was a choice stay what they were: stations remember them.
+// Text and checksum of a recipe without `features` never change: stations have stored them.
 TEST(Recipe, the_usual_features_are_not_written) {
     const std::string text = format_recipe({});
     EXPECT_EQ(text.find("features"), std::string::npos);
@@ -607,7 +610,7 @@ TEST(Recipe, features_that_contradict_are_told_with_their_cure) {
                 HasSubstr("is a limit of chi2, which is not among the features: remove it, or add that to features"));
     EXPECT_THAT(said("features = [\"emd\"]\n[limits]\nfrobenius_bins = 1\ntransmission = 0.5\n"),
                 HasSubstr("is a limit of transmission"));
-    // What was changed without a file, as by registers, is refused when it is written and read.
+    // An invalid value that was set without a file, as by registers, is refused when it is written and read.
     NumberedRecipe changed;
     changed.recipe.slopes = false;
     changed.recipe.frobenius_limit_bins = 0.7F;
@@ -621,7 +624,7 @@ TEST(Recipe, for_another_program_and_with_a_broken_seal_is_refused) {
     EXPECT_THAT(broken.error().what, HasSubstr("r.toml:1"));
 }
 
-// What the pipeline would refuse, the file refuses, with its line.
+// Reading a file refuses what the pipeline would refuse, with its line.
 TEST(Recipe, limits_that_no_pipeline_takes_are_refused_at_reading) {
     for (const char* text : {"[limits]\ntransmission = 1\n", "[light]\nsaturated_dn = 65536\n",
                              "[light]\ndark_dn = 200\nsaturated_dn = 100\n"}) {

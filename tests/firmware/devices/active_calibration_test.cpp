@@ -1,5 +1,5 @@
-// The calibration of a running station: it fits the sensor, has an identity, and a worse one does not take the place of
-// a better one; and the watch over its drift.
+// The calibration of a running station: it must fit the sensor, has a checksum, and a worse one does not replace a
+// better one; and the drift monitor.
 #include "firmware/devices/active_calibration.h"
 
 #include <cmath>

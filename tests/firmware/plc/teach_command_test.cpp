@@ -22,7 +22,7 @@ class RecordingTeachIn final : public TeachIn {
 
     // The learned recipe; its name stands for the reference's content.
     NumberedRecipe comes_to(std::string remarks = {}, int rim_margin = -1) {
-        Taught taught{recipe_, std::move(remarks)};
+        TeachResult taught{recipe_, std::move(remarks)};
         taught.recipe.recipe.name = "taught";
         taught.recipe.recipe.rim_margin = rim_margin;
         const NumberedRecipe recipe = taught.recipe;

@@ -1,4 +1,4 @@
-// Frames of a weak lens that fills the field: what a teacher is shown without optics.
+// Frames of a weak lens that fills the field: input for teach-in without optics.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@ namespace hord::firmware {
 inline constexpr algo::Extents kDrawnExtents{18, 16, 7, 7};
 inline constexpr int kDrawnBits = 12;
 
-// Each seed lies a little differently and has noise of its own, one electron a DN. `speck`: nine lenslets with a third
+// Each seed has another position and other noise, one electron a DN. `speck`: nine lenslets with a third
 // less light.
 inline Frame drawn_lens(std::uint64_t seed, bool speck = false) {
     std::mt19937_64 random(seed);

@@ -1,4 +1,4 @@
-// A reference on disk: what is written is read, and nothing else is; and the recipe that names one.
+// A reference as a file: what is written is read again, damaged files are refused; and recipes that name a reference.
 #include "firmware/recipes/reference_file.h"
 
 #include <cstdio>

@@ -1,5 +1,4 @@
-// The teacher takes frames from the line, keeps them on the disk, learns, and leaves nothing behind but what it was
-// asked for.
+// Teach-in: takes frames from the line, stores them on the disk, learns, and leaves only the recipe and its reference.
 #include "firmware/recipes/teach_in.h"
 
 #include <atomic>
@@ -60,9 +59,9 @@ class TeachInTest : public ::testing::Test {
         teacher = std::make_unique<LineTeachIn>(on, options);
     }
     Result<void> begin(std::uint32_t parts) {
-        return teacher->begin(
-            parts, recipe,
-            {[this](std::uint32_t k) { taken = k; }, [this](Result<Taught> r) { outcomes.push_back(std::move(r)); }});
+        return teacher->begin(parts, recipe,
+                              {[this](std::uint32_t k) { taken = k; },
+                               [this](Result<TeachResult> r) { outcomes.push_back(std::move(r)); }});
     }
     void inspected(std::uint32_t part, const Frame& frame, algo::Reason reason = algo::Reason::none) {
         teacher->on_inspection(part, frame.view(), seen(reason));
@@ -89,7 +88,7 @@ class TeachInTest : public ::testing::Test {
     NumberedRecipe recipe;
     std::unique_ptr<LineTeachIn> teacher;
     std::uint32_t taken = 0;
-    std::vector<Result<Taught>> outcomes;
+    std::vector<Result<TeachResult>> outcomes;
 };
 
 TEST_F(TeachInTest, refuses_at_once_what_a_reference_does_not_go_with) {
@@ -122,9 +121,9 @@ TEST_F(TeachInTest, learns_from_the_next_parts_what_tells_good_from_bad) {
     EXPECT_NE(crc32_of(taught), crc32_of(recipe));
     EXPECT_EQ(verdict_of(drawn_lens(100), taught), algo::Verdict::pass);
     EXPECT_EQ(verdict_of(drawn_lens(101, true), taught), algo::Verdict::reject);
-    EXPECT_EQ(verdict_of(drawn_lens(101, true), recipe), algo::Verdict::pass);  // it is the reference that tells
+    EXPECT_EQ(verdict_of(drawn_lens(101, true), recipe), algo::Verdict::pass);  // because of the reference
     EXPECT_THAT(files(), UnorderedElementsAre("references/taught-7-1.hordref", "recipe-taught.toml"));
-    good_parts(20, 3);  // what comes afterwards is nobody's
+    good_parts(20, 3);  // later parts are not taken
     EXPECT_EQ(taken, 9U);
 }
 
@@ -220,7 +219,7 @@ TEST_F(TeachInTest, a_recipe_that_passes_nothing_with_its_reference_is_not_taugh
 
 // -- the disk
 
-// No file may grow beyond this, as on a full disk: what is written further fails.
+// Limits the size of files, as a full disk does: further writes fail.
 class SmallFiles {
   public:
     explicit SmallFiles(rlim_t bytes) {
@@ -322,17 +321,17 @@ TEST_F(TeachInTest, what_waits_for_the_line_to_stop_is_found_by_the_next_process
     ASSERT_TRUE(outcomes.at(0)) << outcomes[0].error().message();
     const std::uint32_t taught = crc32_of(outcomes[0]->recipe);
     open(loop);
-    const auto waiting = LineTeachIn::left_waiting(folder, recipe);
+    const auto waiting = LineTeachIn::pending_recipe(folder, recipe);
     ASSERT_TRUE(waiting && *waiting);
     const NumberedRecipe& found = **waiting;
     EXPECT_EQ(crc32_of(found), taught);
     EXPECT_NE(found.recipe.reference, nullptr);
     NumberedRecipe other = recipe;
     other.recipe.min_area = 3;
-    EXPECT_FALSE(LineTeachIn::left_waiting(folder, other)->has_value());  // it was not about this one
+    EXPECT_FALSE(LineTeachIn::pending_recipe(folder, other)->has_value());  // it was not about this one
 
     teacher->in_use(found);
-    EXPECT_FALSE(LineTeachIn::left_waiting(folder, recipe)->has_value());
+    EXPECT_FALSE(LineTeachIn::pending_recipe(folder, recipe)->has_value());
     EXPECT_THAT(files(), ElementsAre("references/taught-7-1.hordref"));
 }
 
@@ -378,7 +377,7 @@ TEST_F(TeachInTest, learns_on_a_thread_of_its_own_while_several_inspect) {
         taken = k;
         parts.release(kThreads);  // both bring one at the same time
     };
-    listener.done = [&](Result<Taught> r) {
+    listener.done = [&](Result<TeachResult> r) {
         outcomes.push_back(std::move(r));
         (*real)->request_stop();
     };
@@ -405,7 +404,7 @@ TEST_F(TeachInTest, that_goes_while_it_waits_for_parts_or_learns_leaves_nothing)
             const Frame frame = drawn_lens(k + 1);
             teacher->on_inspection(k + 1, frame.view(), seen());
         };
-        listener.done = [&](Result<Taught> r) { outcomes.push_back(std::move(r)); };
+        listener.done = [&](Result<TeachResult> r) { outcomes.push_back(std::move(r)); };
         ASSERT_TRUE(teacher->begin(8, recipe, std::move(listener)));
         EXPECT_TRUE((*real)->run());
         teacher.reset();

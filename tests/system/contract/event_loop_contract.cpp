@@ -1,4 +1,4 @@
-// What drivers/hal/event_loop.h promises.
+// The contract of drivers/hal/event_loop.h, tested on every backend.
 #include <thread>
 
 #include <sys/eventfd.h>

@@ -1,4 +1,4 @@
-// The GPIO drivers behind the contract suites: over scripted lines everywhere, and over a gpio-sim chip where there is
+// The GPIO drivers in the contract suites: with scripted lines on every machine, with a gpio-sim chip where there is
 // one. HORD_GPIO_SIM is the chip's folder in configfs (/sys/kernel/config/gpio-sim/NAME), with the lines COLLIMATOR_A,
 // COLLIMATOR_B, BARRIER and ENCODER.
 #include <cstdlib>
@@ -16,7 +16,7 @@ namespace {
 using namespace std::chrono_literals;
 using namespace drivers;
 
-// Pulses so long that a thread on a busy machine comes in time.
+// Pulses long enough for a thread on a busy machine.
 const std::vector<LightLimits> kLimits(2, {.max_on = 500ms, .min_rest = 5ms, .max_duty = 1});
 
 // ---- scripted lines
@@ -117,7 +117,7 @@ class ChipStrobeHarness final : public StrobeHarness {
         EXPECT_FALSE(lit());
     }
     ~ChipStrobeHarness() override {
-        EXPECT_FALSE(lit());  // also before it is let go of
+        EXPECT_FALSE(lit());  // also before the lines are released
         strobe_.reset();
         EXPECT_FALSE(lit());
     }
@@ -147,7 +147,7 @@ class ChipPartSensorHarness final : public PartSensorHarness {
     }
     hal::PartSensor& device() override { return *sensor_; }
     void pass_part() override {
-        // After the one before: a simulated line that is moved faster than its interrupt is answered loses edges.
+        // After the last part: a simulated line that changes before its interrupt is handled loses edges.
         const hal::TimePoint begin = std::max(now(), gone_ + 300ms);
         gone_ = begin + 140ms;
         loop().call_at(begin, [this] { chip_.drive("BARRIER", true); });

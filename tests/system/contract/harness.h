@@ -1,8 +1,9 @@
-// What every backend of the seam brings to the contract suites: a way to pass time, and the other side of the device.
+// What a backend provides for the contract suites: an event loop that runs, and control over the physical side of the
+// device.
 //
-// A suite is generic: it knows the interface's header and this file. A backend adds one .cpp that makes a harness and
-// names it with INSTANTIATE_TEST_SUITE_P. What a backend cannot show (a lost device, an observed light) it says by
-// returning false from the harness's question, and the check is skipped by name.
+// A suite is generic: it includes the interface's header and this file. A backend adds one .cpp that makes a harness
+// and registers it with INSTANTIATE_TEST_SUITE_P. A harness that cannot do or observe something (lose the device,
+// measure the light) returns false or none; the check is then skipped with a message.
 #pragma once
 
 #include <functional>
@@ -23,28 +24,28 @@
 
 namespace hord::contract {
 
-// What a call failed with; none when it succeeded.
+// The error code of a call; none: it succeeded.
 template <class T>
 std::optional<ErrorCode> code_of(const Result<T>& result) {
     return result ? std::nullopt : std::optional(result.error().code);
 }
 
-// Runs a loop. In virtual time waiting costs nothing; in real time run_until polls the condition.
+// Runs a loop. Waiting in virtual time takes no real time; in real time run_until() polls the condition.
 class LoopRunner {
   public:
     virtual ~LoopRunner() = default;
     [[nodiscard]] virtual hal::EventLoop& loop() = 0;
-    // True as soon as `done`; false when it is not within `at_most`.
+    // True as soon as done(); false if it is not within `at_most`.
     virtual bool run_until(const std::function<bool()>& done, hal::Duration at_most) = 0;
-    // Lets `duration` pass, to see that nothing happens.
+    // Lets `duration` pass, to check that nothing happens.
     virtual void run_for(hal::Duration duration) = 0;
 };
 std::unique_ptr<LoopRunner> virtual_loop();
 std::unique_ptr<LoopRunner> real_loop();  // sd-event
 
-// Long enough for any device on a busy machine; a condition that holds ends the wait at once.
+// Long enough for any device on a busy machine; run_until() ends earlier when the condition holds.
 inline constexpr hal::Duration kPatience = std::chrono::seconds(5);
-// Long enough for a backend that would wrongly call, to call.
+// Long enough to detect a callback that must not come.
 inline constexpr hal::Duration kQuiet = std::chrono::milliseconds(60);
 
 class Harness {
@@ -56,9 +57,9 @@ class Harness {
     bool run_until(const std::function<bool()>& done) { return runner_->run_until(done, kPatience); }
     void run_for(hal::Duration duration) { runner_->run_for(duration); }
 
-    // The device goes, as a cable pulled out would make it; false: cannot be shown here.
+    // Disconnects the device, as pulling its cable does; false: not possible here.
     virtual bool lose() { return false; }
-    // It is back; start() works again.
+    // Connects it again; start() works again.
     virtual void bring_back() {}
 
   private:
@@ -69,14 +70,14 @@ class PartSensorHarness : public Harness {
   public:
     using Harness::Harness;
     [[nodiscard]] virtual hal::PartSensor& device() = 0;
-    virtual void pass_part() = 0;  // begins to: a front edge, then a back edge, soon
+    virtual void pass_part() = 0;  // a front edge soon, then a back edge
 };
 
 class StrobeHarness : public Harness {
   public:
     using Harness::Harness;
     [[nodiscard]] virtual hal::Strobe& device() = 0;
-    // How long the light was truly on since the harness was made; none: not observed.
+    // For how long the light was really on since the harness was made; none: not measured.
     [[nodiscard]] virtual std::optional<hal::Duration> light() { return std::nullopt; }
 };
 
@@ -94,15 +95,16 @@ class RejectorHarness : public Harness {
         hal::TimePoint from;
         std::optional<hal::TimePoint> until;  // none: still on
     };
-    [[nodiscard]] virtual std::vector<Actuation> actuations() = 0;  // what the ejector truly did
-    [[nodiscard]] virtual bool permit() = 0;                        // the permit, at the module's output
+    [[nodiscard]] virtual std::vector<Actuation> actuations() = 0;  // of the real ejector
+    [[nodiscard]] virtual bool permit() = 0;                        // at the module's output
     // How late the backend may be in real time; zero in virtual time.
     [[nodiscard]] virtual hal::Duration slack() const { return hal::Duration::zero(); }
-    // A window long enough for the backend to write in, on a busy machine.
+    // A window in which the backend can write on a busy machine.
     [[nodiscard]] virtual hal::Duration window() const { return std::chrono::milliseconds(20); }
 };
 
-// One backend: a name without spaces, and a harness a test. A null harness skips the test with `why_not`.
+// One backend: a name without spaces, and a factory of harnesses, one a test. A null harness skips the test with
+// `why_not`.
 template <class H>
 struct Backend {
     std::string name;

@@ -1,9 +1,10 @@
-// The libcamera sensor behind the contract suite: over a camera that is a thread of the test everywhere, and through
-// libcamera itself where there is a camera. HORD_LIBCAMERA is its id, with "any" for the only one there is (vimc, in
-// the rig); HORD_LIBCAMERA_LOSE and _RETURN are commands that take it away and bring it back.
+// The libcamera sensor in the contract suite: with a fake camera on every machine, with libcamera where there is a
+// camera. HORD_LIBCAMERA is its id, with "any" for the only one there is (vimc, in the rig); HORD_LIBCAMERA_LOSE and
+// _RETURN are commands that remove the camera and bring it back.
 #include <cstdlib>
 #include <string>
 
+#include "drivers/libcamera/libcamera_options.h"
 #include "drivers/libcamera/libcamera_sensor.h"
 #include "tests/drivers/libcamera/fake_camera.h"
 #include "tests/system/contract/harness.h"
@@ -14,7 +15,7 @@ namespace {
 class LibcameraHarness final : public SensorHarness {
   public:
     LibcameraHarness() : SensorHarness(real_loop()), camera_(std::make_shared<drivers::FakeCamera>(loop())) {
-        drivers::CameraRequest request;
+        drivers::LibcameraSensorOptions request;
         auto opened = drivers::LibcameraSensor::open(
             loop(), request, std::make_unique<drivers::FakeCameraPort>(camera_, request.buffers));
         EXPECT_TRUE(opened) << opened.error().message();

@@ -1,4 +1,4 @@
-// The libmodbus rejector behind the contract suite, against a simulated module on loopback and on a serial line, in
+// The Modbus rejector in the contract suite, with a simulated module on loopback and on a serial line, in
 // real time.
 #include "drivers/modbus/modbus_rejector.h"
 #include "hal_sim/coil_module/coil_module.h"

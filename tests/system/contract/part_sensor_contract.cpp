@@ -1,4 +1,4 @@
-// What drivers/hal/part_sensor.h promises.
+// The contract of drivers/hal/part_sensor.h, tested on every backend.
 #include "tests/system/contract/harness.h"
 
 namespace hord::contract {

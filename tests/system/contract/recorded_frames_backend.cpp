@@ -1,4 +1,4 @@
-// Recorded frames behind the sensor's contract, in virtual time.
+// Recorded frames in the sensor's contract suite, in virtual time.
 #include "drivers/files/recorded_frames.h"
 #include "tests/support/temp_folder.h"
 #include "tests/system/contract/harness.h"

@@ -1,4 +1,4 @@
-// What drivers/hal/rejector.h promises.
+// The contract of drivers/hal/rejector.h, tested on every backend.
 #include "tests/system/contract/harness.h"
 
 namespace hord::contract {
@@ -188,7 +188,7 @@ TEST_P(RejectorContract, without_the_module_commands_fail_the_permit_drops_and_a
     h_->bring_back();
     ASSERT_TRUE(h_->run_until([&] { return ear_.up; }));
     h_->run_for(kQuiet);
-    EXPECT_FALSE(h_->permit());  // down until said again
+    EXPECT_FALSE(h_->permit());  // down until it is set again
     EXPECT_EQ(ear_.changes, 3);  // up, down, up
     const std::size_t before = h_->actuations().size();
     ASSERT_TRUE(h_->device().reject(command(3)));

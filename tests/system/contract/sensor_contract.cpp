@@ -1,4 +1,4 @@
-// What drivers/hal/sensor.h promises.
+// The contract of drivers/hal/sensor.h, tested on every backend.
 #include <thread>
 
 #include "tests/system/contract/harness.h"
@@ -77,7 +77,7 @@ TEST_P(SensorContract, a_trigger_brings_one_whole_frame_of_the_format_exposed_no
     h_->device().stop();
 }
 
-// A camera that runs free is asked shortly after each of its frames began.
+// A free-running camera is triggered shortly after each of its frames began.
 TEST_P(SensorContract, no_frame_is_taken_that_began_shortly_before_the_start_asked_for) {
     Ear ear;
     ASSERT_TRUE(h_->device().start(ear));

@@ -1,4 +1,4 @@
-// The simulated cell behind the contract suites, in virtual and in real time.
+// The simulated cell in the contract suites, in virtual and in real time.
 #include "hal_sim/cell/cell.h"
 #include "tests/system/contract/harness.h"
 

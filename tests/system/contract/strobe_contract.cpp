@@ -1,4 +1,4 @@
-// What drivers/hal/strobe.h promises.
+// The contract of drivers/hal/strobe.h, tested on every backend.
 #include "tests/system/contract/harness.h"
 
 namespace hord::contract {

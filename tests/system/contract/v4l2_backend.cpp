@@ -1,5 +1,5 @@
-// A V4L2 device behind the sensor's contract, where there is one: HORD_V4L2_DEVICE names it (an 8-bit GREY source), and
-// HORD_V4L2_LOSE is the command that makes it fail.
+// A V4L2 device in the sensor's contract suite, where there is one: HORD_V4L2_DEVICE names it (an 8-bit GREY source),
+// and HORD_V4L2_LOSE is the command that makes it fail.
 #include <cstdio>
 #include <cstdlib>
 
@@ -21,7 +21,7 @@ class V4l2Harness final : public SensorHarness {
     ~V4l2Harness() override {
         if (testing::Test::HasFailure())
             std::printf("frames that nobody had asked for: %llu\n",
-                        static_cast<unsigned long long>(sensor_->unasked()));
+                        static_cast<unsigned long long>(sensor_->untriggered()));
     }
     hal::Sensor& device() override { return *sensor_; }
     bool lose() override {

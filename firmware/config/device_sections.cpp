@@ -1,0 +1,272 @@
+#include "firmware/config/device_sections.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "firmware/config/module_profiles.h"
+#include "firmware/config/toml_values.h"
+
+namespace hord::firmware {
+
+using common::TomlTable;
+
+namespace {
+
+// Reads a GPIO line from the keys "chip", "line", "active_low" and, for an input, "bias" of `table`.
+drivers::GpioLine gpio_line(TomlTable& table, bool input) {
+    constexpr std::array<std::string_view, 4> biases{"as-is", "disabled", "pull-up", "pull-down"};
+    drivers::GpioLine line;
+    table.text("chip", line.chip);
+    table.text("line", line.line);
+    table.boolean("active_low", line.active_low);
+    if (input) {
+        if (const auto bias = table.choice("bias", biases)) line.bias = static_cast<drivers::GpioLine::Bias>(*bias);
+    }
+    return line;
+}
+
+void check_gpio_line(TomlTable& table, const drivers::GpioLine& line) {
+    if (line.chip.empty())
+        table.problem("chip", "is missing", "name the GPIO chip by its label, as gpiodetect prints it");
+    if (line.line.empty())
+        table.problem("line", "is missing", "name the line, or give its offset as \"6\"; see gpioinfo");
+}
+
+}  // namespace
+
+void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::path& folder) {
+    constexpr std::array<std::string_view, 4> kinds{"simulated", "frames", "v4l2", "libcamera"};
+    const auto kind = sensor.choice("backend", kinds);
+    std::string frames;
+    sensor.text("folder", frames);
+    drivers::V4l2SensorOptions video;
+    sensor.text("device", video.device);
+    std::string camera;
+    sensor.text("camera", camera);
+    bool green = false;
+    sensor.boolean("green", green);
+    sensor.integer("width_px", video.width_px, 0, 65'535);
+    sensor.integer("height_px", video.height_px, 0, 65'535);
+    sensor.integer("bits", video.bits, 8, 16);
+    sensor.integer("buffers", video.buffers, video.kMinBuffers, video.kMaxBuffers);
+    if (video.bits != 8 && video.bits != 10 && video.bits != 12 && video.bits != 16) {
+        sensor.problem("bits", "is no depth that a video device has", "use 8, 10, 12 or 16");
+    }
+    for (TomlTable& control : sensor.tables("control")) {
+        auto& [name, setting] = video.controls.emplace_back();
+        control.text("name", name);
+        control.integer("value", setting, INT32_MIN, INT32_MAX);
+        if (name.empty())
+            control.problem("name", "is missing",
+                            "name the control as v4l2-ctl --list-ctrls, or cam --list-controls, calls it");
+        if (!control.has("value")) control.problem("value", "is missing", "say what the control is set to");
+    }
+    if (kind == 2) value = video;
+    if (kind == 3)
+        value = drivers::LibcameraSensorOptions{camera,        video.width_px, video.height_px, video.bits,
+                                                video.buffers, green,          video.controls};
+    if (kind != 1) return;
+    if (frames.empty()) sensor.problem("folder", "is missing", "name the folder of the recorded frames");
+    value = FrameFolder{folder / frames};
+}
+
+namespace {
+
+// The profile's addresses, overridden by the keys in the file.
+void read_module(TomlTable& rejector, drivers::ModuleMap& map) {
+    std::vector<std::string_view> names;
+    for (const ModuleProfile& profile : module_profiles()) names.push_back(profile.name);
+    if (const auto chosen = rejector.choice("profile", names)) map = module_profiles()[*chosen].map;
+    rejector.integer("read_back_offset", map.read_back_offset, 0, 65535);
+    rejector.integer("pulse_coil_offset", map.pulse_coil_offset, -1, 65535);
+    rejector.integer("pulse_width_register", map.pulse_width_register, -1, 65535);
+    ms(rejector, "pulse_width_unit_ms", map.pulse_width_unit, 0.001, 1000);
+    rejector.integer("watchdog_time_register", map.watchdog_time_register, -1, 65535);
+    ms(rejector, "watchdog_unit_ms", map.watchdog_unit, 0.1, 60'000);
+    rejector.integer("watchdog_trigger_register", map.watchdog_trigger_register, -1, 65535);
+    rejector.integer("watchdog_stop_register", map.watchdog_stop_register, -1, 65535);
+    rejector.integer("watchdog_stop_value", map.watchdog_stop_value, 0, 65535);
+    rejector.integer("alarm_coil", map.alarm_coil, -1, 65535);
+}
+
+void check_module(TomlTable& rejector, const drivers::ModbusRejectorOptions& modbus, const CoreConfig& core) {
+    const drivers::ModuleAddress& address = modbus.address;
+    const drivers::ModuleMap& map = modbus.map;
+    if (modbus.ejector_coil == modbus.permit_coil) {
+        rejector.problem("run_permit_coil", "is the ejector's coil, too", "give each output a coil of its own");
+    }
+    if (address.serial && (address.unit < 1 || address.unit > 247))
+        rejector.problem("unit", "is none of a serial line", "use 1 to 247");
+    if (address.serial && address.port != drivers::ModuleAddress{}.port) {
+        rejector.problem("port", "is given, and a serial line, too", "name either rejector.device, or host and port");
+    }
+    if (modbus.module_pulse > Duration::zero()) {
+        if (map.pulse_coil_offset < 0) {
+            rejector.problem("module_pulse_ms", "asks for a pulse that this module does not time",
+                             "choose the profile of a module that does, or leave it 0");
+        }
+        if (modbus.module_pulse > core.reject_pulse)
+            rejector.problem("module_pulse_ms", "is longer than pulse_ms",
+                             "a command acts only where the module's whole pulse fits into pulse_ms");
+        if (modbus.energise_to_pass)
+            rejector.problem("module_pulse_ms", "cannot be with energise_to = \"pass\"",
+                             "a module pulses an output on, not off: leave it 0");
+        if (map.pulse_width_register >= 0 && modbus.module_pulse < map.pulse_width_unit) {
+            rejector.problem("module_pulse_ms", "is shorter than pulse_width_unit_ms",
+                             "the module cannot be told that");
+        }
+    }
+    if (modbus.watchdog > Duration::zero()) {
+        if (map.watchdog_time_register < 0 || map.watchdog_trigger_register < 0 || map.watchdog_stop_register < 0) {
+            rejector.problem(
+                "watchdog_ms", "cannot be set in this module over Modbus",
+                "set it in the module itself and leave this 0; the station asks often enough to keep it alive");
+        }
+        if (modbus.watchdog < 3 * modbus.response_timeout)
+            rejector.problem("watchdog_ms", "is shorter than three response_timeout_ms",
+                             "one lost answer would stop the line");
+        if (modbus.watchdog / map.watchdog_unit > 65535)
+            rejector.problem("watchdog_ms", "does not fit into the module's register", "shorten it");
+    }
+    if (modbus.confirm_input >= 0 && modbus.confirm_within + modbus.response_timeout >= core.confirm_timeout) {
+        rejector.problem("confirm_within_ms", "and response_timeout_ms end after confirm_timeout_ms",
+                         "raise confirm_timeout_ms: until then the station waits for the confirmation");
+    }
+}
+
+}  // namespace
+
+void read_rejector(TomlTable rejector, RejectorConfig& value, CoreConfig& core) {
+    constexpr std::array<std::string_view, 2> kinds{"simulated", "modbus"};
+    constexpr std::array<std::string_view, 2> sides{"reject", "pass"};
+    constexpr std::array<std::string_view, 3> parities{"none", "even", "odd"};
+    const auto kind = rejector.choice("backend", kinds);
+    drivers::ModbusRejectorOptions modbus;
+    drivers::ModuleAddress& address = modbus.address;
+    drivers::SerialSettings serial;
+    host(rejector, "host", address.host);
+    rejector.integer("port", address.port, 1, 65535);
+    rejector.text("device", serial.device);
+    rejector.integer("baud", serial.baud, 1200, 921'600);
+    if (const auto parity = rejector.choice("parity", parities)) serial.parity = "NEO"[*parity];
+    rejector.boolean("rs485", serial.rs485);
+    if (!serial.device.empty()) address.serial = serial;
+    rejector.integer("unit", address.unit, 0, 255);
+    read_module(rejector, modbus.map);
+    rejector.integer("reject_coil", modbus.ejector_coil, 0, 65535);
+    rejector.integer("run_permit_coil", modbus.permit_coil, 0, 65535);
+    if (const auto side = rejector.choice("energise_to", sides)) modbus.energise_to_pass = *side == 1;
+    ms(rejector, "module_pulse_ms", modbus.module_pulse, 0, 10'000);
+    rejector.integer("confirm_input", modbus.confirm_input, -1, 65535);
+    rejector.boolean("confirm_active_low", modbus.confirm_active_low);
+    ms(rejector, "confirm_within_ms", modbus.confirm_within, 0.1, 60'000);
+    ms(rejector, "watchdog_ms", modbus.watchdog, 0, 600'000);
+    ms(rejector, "response_timeout_ms", modbus.response_timeout, 5, 1000);
+    ms(rejector, "lead_ms", core.reject_lead, 0, 10'000);
+    ms(rejector, "early_ms", core.reject_early, 0, 10'000);
+    ms(rejector, "pulse_ms", core.reject_pulse, 0.1, 10'000);
+    ms(rejector, "confirm_timeout_ms", core.confirm_timeout, 1, 60'000);
+    check_module(rejector, modbus, core);
+    if (kind == 1) value = modbus;
+    else value = SimulatedRejector{modbus};
+}
+
+namespace {
+
+void read_limits(TomlTable& table, drivers::LightLimits& limits) {
+    us(table, "max_on_us", limits.max_on, 1, 1'000'000);
+    ms(table, "min_rest_ms", limits.min_rest, 0, 60'000);
+    table.number("max_duty", limits.max_duty, 0.0001, 1);
+}
+
+// Checks the limits of one channel against the pulses of the station.
+void check_light(TomlTable& table, const CoreConfig& core, const drivers::LightLimits& limits) {
+    if (core.strobe > limits.max_on) {
+        table.problem("max_on_us", "is shorter than timing.strobe_us", "shorten the pulse; the limit protects the LED");
+    }
+    const Duration least = core.min_gap - core.strobe;
+    if (least < limits.min_rest) {
+        table.problem("min_rest_ms", "is longer than parts that follow at line.min_gap_ms leave",
+                      "raise line.min_gap_ms or shorten the pulse");
+    }
+    if (static_cast<double>(core.strobe.count()) > limits.max_duty * static_cast<double>(core.min_gap.count())) {
+        table.problem("max_duty", "is exceeded by parts that follow at line.min_gap_ms",
+                      "raise line.min_gap_ms or shorten the pulse");
+    }
+}
+
+}  // namespace
+
+void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
+    constexpr std::array<std::string_view, 2> kinds{"simulated", "gpio"};
+    const auto kind = strobe.choice("backend", kinds);
+    strobe.integer("channels", value.channels, 1, 32);
+    read_limits(strobe, value.limits);
+    std::vector<TomlTable> channels = strobe.tables("channel");
+    std::vector<drivers::GpioStrobeChannel> gpio;
+    for (TomlTable& table : channels) {
+        auto& channel = gpio.emplace_back(drivers::GpioStrobeChannel{gpio_line(table, false), value.limits});
+        read_limits(table, channel.limits);
+        if (kind != 1) continue;
+        check_gpio_line(table, channel.line);
+        for (std::size_t k = 0; k + 1 < gpio.size(); ++k) {
+            if (gpio[k].line.chip == channel.line.chip && gpio[k].line.line == channel.line.line) {
+                table.problem("line", "lights another channel, too", "give each channel a line of its own");
+            }
+        }
+    }
+    if (kind == 1) {
+        if (gpio.empty() || gpio.size() > 32)
+            strobe.problem("channel", "must be there 1 to 32 times",
+                           "describe every collimator in a [[strobe.channel]]");
+        const int described = static_cast<int>(gpio.size());
+        if (strobe.has("channels") && value.channels != described) {
+            strobe.problem("channels", "differs from the number of [[strobe.channel]]",
+                           "leave it out: they are counted");
+        }
+        value.channels = std::max(1, described);
+        value.gpio = std::move(gpio);
+    }
+    std::vector<double> lit{0};
+    strobe.numbers("lit", lit, 1, 32);
+    core.strobe_channels = 0;
+    for (const double channel : lit) {
+        if (channel < 0 || channel >= value.channels || channel != std::floor(channel)) {
+            strobe.problem("lit", "names a channel that does not exist", "use 0 to strobe.channels less one");
+            continue;
+        }
+        core.strobe_channels |= 1U << static_cast<unsigned>(channel);
+    }
+    if (value.gpio.empty()) return check_light(strobe, core, value.limits);
+    for (std::size_t k = 0; k < value.gpio.size(); ++k) {
+        if (((core.strobe_channels >> k) & 1U) != 0) check_light(channels[k], core, value.gpio[k].limits);
+    }
+}
+
+void read_part_sensor(TomlTable sensor, PartSensorConfig& value, const CoreConfig& core) {
+    constexpr std::array<std::string_view, 2> kinds{"simulated", "gpio"};
+    const auto kind = sensor.choice("backend", kinds);
+    drivers::GpioPartSensorOptions gpio;
+    gpio.line = gpio_line(sensor, true);
+    us(sensor, "debounce_us", gpio.debounce, 0, 100'000);
+    const bool has_encoder = sensor.has("encoder");
+    TomlTable encoder = sensor.table("encoder");
+    const drivers::GpioLine encoder_line = gpio_line(encoder, true);
+    ms(encoder, "every_ms", gpio.encoder_every, 1, 1000);
+    if (has_encoder) gpio.encoder = encoder_line;
+    if (kind != 1) return;
+    check_gpio_line(sensor, gpio.line);
+    if (has_encoder) check_gpio_line(encoder, encoder_line);
+    if (core.by_encoder && !has_encoder) {
+        sensor.problem("encoder", "is missing, and line.tracking is \"encoder\"",
+                       "describe it in [part_sensor.encoder], or track by time");
+    }
+    if (!core.by_encoder && core.exposure_delay <= gpio.debounce) {
+        sensor.problem("debounce_us", "ends after the exposure has begun",
+                       "shorten it, or raise line.exposure_delay_ms");
+    }
+    value = gpio;
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,20 @@
+// The configuration's sections of devices. Problems go to the table's list.
+#pragma once
+
+#include <filesystem>
+
+#include "common/toml_fields.h"
+#include "firmware/config/config.h"
+
+namespace hord::firmware {
+
+// `folder`: relative paths start there.
+void read_sensor(common::TomlTable sensor, SensorConfig& value, const std::filesystem::path& folder);
+
+// These also check the devices against the timing in `core`; read [line] and [timing] first. [rejector] and [strobe]
+// hold keys of the core as well.
+void read_rejector(common::TomlTable rejector, RejectorConfig& value, CoreConfig& core);
+void read_strobe(common::TomlTable strobe, StrobeConfig& value, CoreConfig& core);
+void read_part_sensor(common::TomlTable sensor, PartSensorConfig& value, const CoreConfig& core);
+
+}  // namespace hord::firmware
