@@ -4,16 +4,14 @@
 #include <cctype>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/core/faults.h"
 
 namespace hord::firmware::page {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
-std::string dumped(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+using store::Json;
+using store::to_text;
 
 std::string lower(std::string_view name) {
     std::string out(name);
@@ -67,20 +65,20 @@ void LatencyHistogram::add(double seconds) {
 
 std::string SeenResult::key() const { return fmt::format("{:08x}-{}", boot, part); }
 
-std::string SeenResult::json() const {
+Json SeenResult::json() const {
     Json json{{"key", key()},     {"sequence", sequence}, {"part", part},       {"verdict", verdict},
               {"reason", reason}, {"reject", reject},     {"defects", defects}, {"verdict_ms", verdict_ms}};
     json["score"] = score ? Json(*score) : Json();
     json["latency_us"] = latency_us ? Json(*latency_us) : Json();
     json["reject_latency_us"] = reject_latency_us ? Json(*reject_latency_us) : Json();
-    return dumped(json);
+    return json;
 }
 
 void Live::saw(const RegisterSnapshot& moment) {
     const std::lock_guard lock(mutex_);
     up_ = true;
     moment_ = moment;
-    viewers_.tell("state", state_locked());
+    viewers_.tell("state", to_text(state_locked()));
 }
 
 void Live::saw(const SeenResult& result) {
@@ -90,7 +88,7 @@ void Live::saw(const SeenResult& result) {
     if (result.latency_us) verdict_.add(*result.latency_us / 1e6);
     if (result.reject == "confirmed" && result.reject_latency_us) reject_.add(*result.reject_latency_us / 1e6);
     ++by_reason_[result.reason];
-    viewers_.tell("result", result.json());
+    viewers_.tell("result", to_text(result.json()));
 }
 
 void Live::missed(std::uint32_t results) {
@@ -103,13 +101,13 @@ void Live::lost(const Error& error) {
     const bool news = up_ || error.what != trouble_.what;
     up_ = false;
     trouble_ = error;
-    if (news) viewers_.tell("state", state_locked());
+    if (news) viewers_.tell("state", to_text(state_locked()));
 }
 
 void Live::saw_picture(std::uint32_t boot, std::uint32_t part, std::int64_t verdict_ms) {
     const std::lock_guard lock(mutex_);
-    picture_ = fmt::format("{{\"key\":\"{:08x}-{}\",\"part\":{},\"verdict_ms\":{}}}", boot, part, part, verdict_ms);
-    viewers_.tell("picture", picture_);
+    picture_ = {{"key", fmt::format("{:08x}-{}", boot, part)}, {"part", part}, {"verdict_ms", verdict_ms}};
+    viewers_.tell("picture", to_text(picture_));
 }
 
 void Live::saw_light(double share) {
@@ -146,7 +144,7 @@ void Live::sample(std::int64_t now_s) {
     history_.add(now_s, v);
 }
 
-std::string Live::state_locked() const {
+Json Live::state_locked() const {
     Json json{{"up", up_}};
     if (!up_) json["trouble"] = {{"what", trouble_.what}, {"cure", trouble_.cure}};
     const std::uint32_t active = up_ ? moment_.bits(BlockId::status, "faults_active") : 0,
@@ -160,23 +158,19 @@ std::string Live::state_locked() const {
     json["faults_latched"] = faults_of(latched & ~active);
     json["light_share"] = light_ ? Json(*light_) : Json();
     json["rows"] = rows_of(moment_);
-    return dumped(json);
+    return json;
 }
 
-std::string Live::state_json() const {
+Json Live::state_json() const {
     const std::lock_guard lock(mutex_);
     return state_locked();
 }
 
-std::string Live::page_json() const {
+Json Live::page_json() const {
     const std::lock_guard lock(mutex_);
-    std::string out = "{\"state\":" + state_locked() + ",\"results\":[";
-    const char* comma = "";
-    for (const SeenResult& result : strip_) {
-        out += comma + result.json();
-        comma = ",";
-    }
-    return out + "],\"picture\":" + picture_ + "}";
+    Json results = Json::array();
+    for (const SeenResult& result : strip_) results.push_back(result.json());
+    return {{"state", state_locked()}, {"results", std::move(results)}, {"picture", picture_}};
 }
 
 std::string Live::history_json(bool long_steps) const {

@@ -15,6 +15,7 @@
 #include "firmware/page/history.h"
 #include "firmware/page/register_snapshot.h"
 #include "firmware/page/viewers.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::page {
 
@@ -26,7 +27,7 @@ struct SeenResult {
     std::optional<double> latency_us, reject_latency_us;
     std::int64_t verdict_ms = 0;  // UTC; when the page runs on another machine than the station: when the page saw it
     [[nodiscard]] std::string key() const;  // "0a1b2c3d-42", as in the page's addresses
-    [[nodiscard]] std::string json() const;
+    [[nodiscard]] store::Json json() const;
 };
 
 // Seconds, as Prometheus counts: how many were at most so long.
@@ -56,9 +57,9 @@ class Live {
     void sample(std::int64_t now_s);  // a row of the charts, once every History::kShortStep_s
 
     // Everything that a page begins with: state, and the newest results, oldest first.
-    [[nodiscard]] std::string page_json() const;
+    [[nodiscard]] store::Json page_json() const;
     // State alone: what viewers are told every second and whenever it changes.
-    [[nodiscard]] std::string state_json() const;
+    [[nodiscard]] store::Json state_json() const;
     [[nodiscard]] std::string history_json(bool long_steps) const;
 
     struct Figures {
@@ -72,7 +73,7 @@ class Live {
     [[nodiscard]] Figures figures() const;
 
   private:
-    [[nodiscard]] std::string state_locked() const;
+    [[nodiscard]] store::Json state_locked() const;
 
     Viewers& viewers_;
     mutable std::mutex mutex_;
@@ -83,7 +84,7 @@ class Live {
     LatencyHistogram verdict_, reject_;
     std::map<std::string, std::uint64_t> by_reason_;
     std::uint64_t missed_ = 0;
-    std::string picture_ = "null";  // the newest that was kept, as JSON
+    store::Json picture_;  // the newest that was kept; null: none
     std::optional<double> light_;
     History history_;
     struct Counted {

@@ -5,7 +5,6 @@
 #include <chrono>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/page/site.h"
 #include "firmware/store/results/export.h"
@@ -13,17 +12,16 @@
 namespace hord::firmware::page {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using store::Json;
+using store::to_text;
 
 constexpr std::string_view kBearer = "Bearer ";
 constexpr auto kFramePatience = std::chrono::seconds(5);
 
-std::string dumped(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
-
 Reply refusal(int status, std::string_view what, std::string_view cure) {
     Reply reply;
     reply.status = status;
-    reply.body = dumped({{"error", what}, {"cure", cure}});
+    reply.body = to_text({{"error", what}, {"cure", cure}});
     return reply;
 }
 
@@ -36,12 +34,13 @@ Reply refusal(const Error& error) {
     return refusal(status, error.what, error.cure);
 }
 
-Reply json(Result<std::string> text) {
-    if (!text) return refusal(text.error());
+Reply json_text(std::string text) {
     Reply reply;
-    reply.body = std::move(*text);
+    reply.body = std::move(text);
     return reply;
 }
+
+Reply json(const Result<Json>& json) { return json ? json_text(to_text(*json)) : refusal(json.error()); }
 
 Reply file(std::string type, std::string body) {
     Reply reply;
@@ -169,9 +168,10 @@ Reply Pages::get(const Request& request) {
     }
     if (path == "/metrics") return metrics();
     if (path == "/api/page") {
-        std::string text = works_.live.page_json();
-        text.pop_back();
-        return json(text + fmt::format(",\"actions\":{},\"version\":\"{}\"}}", !works_.tokens.empty(), works_.version));
+        Json page = works_.live.page_json();
+        page["actions"] = !works_.tokens.empty();
+        page["version"] = works_.version;
+        return json(page);
     }
     if (path == "/api/state") return json(works_.live.state_json());
     if (path == "/api/events") {
@@ -183,7 +183,7 @@ Reply Pages::get(const Request& request) {
         const std::string span = field(request.query, "span");
         if (!span.empty() && span != "15m" && span != "24h")
             return refusal(400, "there is no such span", "ask for 15m or 24h");
-        return json(works_.live.history_json(span == "24h"));
+        return json_text(works_.live.history_json(span == "24h"));
     }
     if (path == "/api/results") return json(works_.results.search(request.query));
     if (path == "/api/recipe") return json(works_.results.recipe_in_use());
@@ -227,7 +227,7 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
     auto kept = works_.frames.find(named.boot, named.part);
     if (what.starts_with("record")) {
         // All that is known: the row; what stands in the frame, with the whole recipe; or why there is no frame.
-        Json record{{"result", Json::parse(store::to_json_line(*row), nullptr, false)}};
+        Json record{{"result", store::to_json(*row)}};
         record["boot"] = fmt::format("{:08x}", named.boot);
         if (kept) {
             record["frame"] = kept->name;
@@ -235,7 +235,7 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
         } else {
             record["no_frame"] = kept.error().message();
         }
-        const std::string text = record.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+        const std::string text = to_text(record, 2) + "\n";
         if (what == "record.json") return download(file("application/json", text), base + ".json");
         const std::string frame = kept ? bytes(kept->bytes) : std::string();
         const std::int64_t time_s = row->time_us / 1'000'000;
@@ -249,7 +249,7 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
     if (what == "frame.png") return download(file("image/png", bytes(kept->bytes)), base + ".png");
     const auto drawn = works_.pictures.draw(*kept, field(request.query, "map"));
     if (!drawn) return refusal(drawn.error());
-    if (what == "found.json") return json((*drawn)->found);
+    if (what == "found.json") return json_text((*drawn)->found);
     return file("image/png", bytes((*drawn)->png));
 }
 
@@ -321,9 +321,7 @@ Reply Pages::answer_command(const Request& request) {
     if (!completed)
         return counted(refusal(409, "the station refuses " + std::string(command->name) + ": " + done->error_name,
                                cure_of(done->error)));
-    Reply reply;
-    reply.body = dumped({{"done", command->name}, {"result", done->result}});
-    return counted(std::move(reply));
+    return counted(json(Json{{"done", command->name}, {"result", done->result}}));
 }
 
 }  // namespace hord::firmware::page

@@ -4,18 +4,19 @@
 #include <optional>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "algo/inspection/pipeline.h"
 #include "firmware/diagnostics/map_images.h"
 #include "firmware/diagnostics/verdict_text.h"
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/store/frames/frame_retention.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::page {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using store::Json;
+using store::to_text;
 
 struct Shown {
     std::string name, title, unit;
@@ -153,8 +154,7 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
     }
     found["defects"] = std::move(list);
     found["defect_count"] = labels.size();
-    auto drawn = std::make_shared<const DrawnPart>(
-        DrawnPart{kept.name, std::move(*png), found.dump(-1, ' ', false, Json::error_handler_t::replace)});
+    auto drawn = std::make_shared<const DrawnPart>(DrawnPart{kept.name, std::move(*png), to_text(found)});
     drawn_.emplace_front(id, drawn);
     if (drawn_.size() > kRemembered) drawn_.pop_back();
     return drawn;

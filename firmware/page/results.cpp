@@ -6,7 +6,6 @@
 #include <cstring>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/store/results/export.h"
 #include "firmware/store/results/records.h"
@@ -14,7 +13,7 @@
 namespace hord::firmware::page {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using store::Json;
 using store::StoredChange;
 using store::StoredResult;
 
@@ -101,7 +100,7 @@ Result<std::unique_ptr<store::StoreReader>> Results::open() const {
     return reader;
 }
 
-Result<std::string> Results::search(const Fields& fields) {
+Result<Json> Results::search(const Fields& fields) {
     auto filter = filter_of(fields);
     if (!filter) return tl::unexpected(filter.error());
     const std::unique_lock lock(one_at_a_time_, kPatience);
@@ -110,19 +109,14 @@ Result<std::string> Results::search(const Fields& fields) {
     if (!reader) return tl::unexpected(reader.error());
     const auto limit = static_cast<std::size_t>(*filter->newest);
     filter->newest = *filter->newest + 1;  // whether there are more
-    std::vector<std::string> rows;
+    Json rows = Json::array();
     const auto done =
-        (*reader)->each_result(*filter, [&](const StoredResult& r) { rows.push_back(store::to_json_line(r)); });
+        (*reader)->each_result(*filter, [&](const StoredResult& r) { rows.push_back(store::to_json(r)); });
     if (!done) return tl::unexpected(done.error());
     const bool more = rows.size() > limit;
-    std::string out = "{\"rows\":[";
-    const char* comma = "";
-    for (auto row = rows.rbegin(); row != rows.rend() && row != rows.rbegin() + static_cast<std::ptrdiff_t>(limit);
-         ++row) {
-        out += comma + *row;
-        comma = ",";
-    }
-    return out + fmt::format("],\"more\":{}}}", more);
+    if (more) rows.erase(rows.begin());  // the oldest
+    std::reverse(rows.begin(), rows.end());
+    return Json{{"rows", std::move(rows)}, {"more", more}};
 }
 
 Result<StoredResult> Results::one(const PartKey& key) {
@@ -146,7 +140,7 @@ Result<StoredResult> Results::one(const PartKey& key) {
     return std::move(*found);
 }
 
-Result<std::string> Results::changes(std::int64_t most) {
+Result<Json> Results::changes(std::int64_t most) {
     const std::unique_lock lock(one_at_a_time_, kPatience);
     if (!lock) return busy();
     auto reader = open();
@@ -167,10 +161,10 @@ Result<std::string> Results::changes(std::int64_t most) {
         rows.insert(rows.begin(), std::move(row));
     });
     if (!done) return tl::unexpected(done.error());
-    return Json{{"rows", std::move(rows)}}.dump(-1, ' ', false, Json::error_handler_t::replace);
+    return Json{{"rows", std::move(rows)}};
 }
 
-Result<std::string> Results::recipe_in_use() {
+Result<Json> Results::recipe_in_use() {
     const std::unique_lock lock(one_at_a_time_, kPatience);
     if (!lock) return busy();
     auto reader = open();
@@ -186,8 +180,7 @@ Result<std::string> Results::recipe_in_use() {
     return Json{{"name", newest->name},
                 {"time", store::format_utc(newest->time_us)},
                 {"peer", newest->peer},
-                {"text", newest->after}}
-        .dump(-1, ' ', false, Json::error_handler_t::replace);
+                {"text", newest->after}};
 }
 
 std::string tar_of(std::initializer_list<ArchiveMember> members, std::int64_t time_s) {

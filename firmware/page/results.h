@@ -12,6 +12,7 @@
 #include <string_view>
 
 #include "common/result.h"
+#include "firmware/store/results/json_text.h"
 #include "firmware/store/results/store_reader.h"
 
 namespace hord::firmware::page {
@@ -36,16 +37,16 @@ class Results {
     // verdict, reason, kind, recipe, part, since, until (as `hordctl results`), before (a number: older ones), limit.
     // {"rows":[newest first],"more":true}. Fails with invalid_argument, naming the field; not_found, timeout, busy, and
     // as the store.
-    Result<std::string> search(const Fields& fields);
+    Result<store::Json> search(const Fields& fields);
 
     // Fails with not_found.
     Result<store::StoredResult> one(const PartKey& key);
 
     // The text of the recipe that came into use last, and who brought it: {"name","time","peer","text"}.
-    Result<std::string> recipe_in_use();
+    Result<store::Json> recipe_in_use();
 
     // The newest changes and commands: {"rows":[newest first]}.
-    Result<std::string> changes(std::int64_t most);
+    Result<store::Json> changes(std::int64_t most);
 
   private:
     Result<std::unique_ptr<store::StoreReader>> open() const;

@@ -7,7 +7,6 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/store/frames/frame_png.h"
 #include "firmware/store/results/hash_chain.h"
@@ -255,22 +254,25 @@ void FrameRetention::write(Buffer& buffer) {
 }
 
 std::string FrameRetention::metadata_of(const Buffer& buffer) const {
-    std::string trigger = buffer.trigger != 0 ? fmt::format("\"trigger\":{},", buffer.trigger) : std::string();
     const algo::Extents& e = options_.extents;
-    std::string defects = "[";
-    for (const algo::Defect& d : buffer.defects) {
-        if (defects.size() > 1) defects += ',';
-        defects += to_json(d);
-    }
-    return fmt::format(
-        "{{\"hord\":1,\"station\":\"{}\",\"software\":\"{}\",\"boot\":{},\"part\":{},\"time_us\":{},\"role\":\"{}\",{}"
-        "\"grid\":{{\"m\":{},\"n\":{},\"i\":{},\"j\":{}}},\"bits\":{},\"verdict\":\"{}\",\"reason\":\"{}\",\"score\":{}"
-        ",\"defects\":{}],"
-        "\"maps_sha256\":\"{}\",\"samples_sha256\":\"{}\",\"recipe\":\"{}\"}}",
-        json_escaped(options_.station), json_escaped(options_.software), options_.boot, buffer.part, buffer.time_us,
-        buffer.role, trigger, e.m, e.n, e.i, e.j, buffer.bits, algo::name_of(buffer.verdict),
-        algo::name_of(buffer.reason), buffer.score, defects, to_hex(sha256(buffer.maps)),
-        digest_of_samples(buffer.view()), json_escaped(*buffer.recipe));
+    Json json{{"hord", 1},
+              {"station", options_.station},
+              {"software", options_.software},
+              {"boot", options_.boot},
+              {"part", buffer.part},
+              {"time_us", buffer.time_us},
+              {"role", buffer.role}};
+    if (buffer.trigger != 0) json["trigger"] = buffer.trigger;
+    json["grid"] = {{"m", e.m}, {"n", e.n}, {"i", e.i}, {"j", e.j}};
+    json["bits"] = buffer.bits;
+    json["verdict"] = algo::name_of(buffer.verdict);
+    json["reason"] = algo::name_of(buffer.reason);
+    json["score"] = float_number(buffer.score);
+    json["defects"] = to_json(buffer.defects);
+    json["maps_sha256"] = to_hex(sha256(buffer.maps));
+    json["samples_sha256"] = digest_of_samples(buffer.view());
+    json["recipe"] = *buffer.recipe;
+    return to_text(json);
 }
 
 }  // namespace hord::firmware::store

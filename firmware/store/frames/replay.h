@@ -11,6 +11,7 @@
 
 #include "algo/inspection/pipeline.h"
 #include "common/result.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::store {
 
@@ -18,7 +19,7 @@ namespace hord::firmware::store {
 struct Judgement {
     std::string verdict, reason;
     float score = 0;
-    std::string defects;      // JSON, all of them
+    Json defects;             // all of them
     std::string maps_sha256;  // of everything behind it
     bool operator==(const Judgement&) const = default;
 };

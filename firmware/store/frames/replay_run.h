@@ -29,7 +29,11 @@ constexpr std::uint64_t kMaxShards = 100'000;
 // "2/4"; nothing else. Fails with invalid_argument.
 Result<Shard> parse_shard(std::string_view text);
 
-// In the order in which they are judged and written. Fails with invalid_argument when two have one name.
+// The file's name as it stands in a line of a replay: JSON, without the quotes around it.
+std::string written_name(const ArchivedFile& frame);
+
+// In the order in which they are judged and written (of written_name). Fails with invalid_argument when two have one
+// name.
 Result<void> put_in_order(std::vector<ArchivedFile>& frames);
 
 // Judges `frames` and gives them to `take` on this thread, in their order, while up to `jobs` threads judge the next

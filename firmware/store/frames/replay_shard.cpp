@@ -12,20 +12,18 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <sha256.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "firmware/store/results/hash_chain.h"
-#include "firmware/store/results/records.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::store {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 constexpr std::string_view kFrame = "{\"frame\":\"", kTrailer = "{\"records\":", kHeader = "{\"hord_replay\":";
 constexpr std::size_t kLongestLine = 16U << 20U;  // a frame with every defect there can be
@@ -48,15 +46,21 @@ class Sum {
 };
 
 std::string header_of(const ReplayIdentity& id, const Shard& shard) {
-    return fmt::format(
-        "{}1,\"archive\":\"{}\",\"frames\":{},\"recipe\":\"{}\",\"software\":\"{}\",\"program\":\"{}\",\"shard\":\"{}"
-        "\"}}",
-        kHeader, id.archive, id.frames, id.recipe, json_escaped(id.software), id.program, shard.text());
+    return to_text({{"hord_replay", 1},
+                    {"archive", id.archive},
+                    {"frames", id.frames},
+                    {"recipe", id.recipe},
+                    {"software", id.software},
+                    {"program", id.program},
+                    {"shard", shard.text()}});
 }
 
 std::string trailer_of(const ReplayTally& tally, const std::string& sum) {
-    return fmt::format("{}{},\"same\":{},\"verdicts\":{},\"unreadable\":{},\"sha256\":\"{}\"}}", kTrailer,
-                       tally.records, tally.same, tally.verdicts, tally.unreadable, sum);
+    return to_text({{"records", tally.records},
+                    {"same", tally.same},
+                    {"verdicts", tally.verdicts},
+                    {"unreadable", tally.unreadable},
+                    {"sha256", sum}});
 }
 
 // A line's frame, as it is written; empty: it is no line of a frame.
@@ -82,8 +86,7 @@ void count(std::string_view line, ReplayTally& tally) {
 
 std::string archive_identity(const std::vector<ArchivedFile>& frames) {
     Sum sum;
-    for (const ArchivedFile& frame : frames)
-        sum.add(fmt::format("{} {}\n", json_escaped(frame.file.filename().string()), frame.bytes));
+    for (const ArchivedFile& frame : frames) sum.add(fmt::format("{} {}\n", written_name(frame), frame.bytes));
     return sum.hex();
 }
 
@@ -104,8 +107,8 @@ Result<std::string> program_identity() {
 }
 
 std::string unreadable_line(const std::string& frame, ErrorCode why) {
-    return fmt::format("{}{}\",\"unreadable\":\"{}\"}}", kFrame, json_escaped(frame),
-                       why == ErrorCode::unreadable ? "damaged" : "the recipe does not fit it");
+    return to_text(
+        {{"frame", frame}, {"unreadable", why == ErrorCode::unreadable ? "damaged" : "the recipe does not fit it"}});
 }
 
 // -- writing

@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "common/result.h"
+#include "firmware/store/results/json_text.h"
 #include "firmware/store/results/store_reader.h"
 
 namespace hord::firmware::store {
@@ -22,8 +23,8 @@ std::string csv_head_of_results();
 std::string csv_head_of_changes();
 std::string to_csv(const StoredResult& result);  // without line end
 std::string to_csv(const StoredChange& change);
-std::string to_json_line(const StoredResult& result);
-std::string to_json_line(const StoredChange& change);
+Json to_json(const StoredResult& result);
+Json to_json(const StoredChange& change);
 
 std::string table_head_of_results();
 std::string table_head_of_changes();

@@ -46,39 +46,22 @@ std::string_view name_of(RejectState state) {
     return "unknown";
 }
 
-std::string to_json(const algo::Defect& d) {
-    return fmt::format("{{\"m\":{},\"n\":{},\"area\":{},\"peak\":{},\"kind\":\"{}\"}}", d.m, d.n, d.area, d.peak,
-                       algo::name_of(d.kind));
-}
+Json float_number(float value) { return std::isfinite(value) ? Json::parse(fmt::format("{}", value)) : Json(); }
 
-std::string to_json(std::span<const algo::Defect> defects) {
-    std::string json = "[";
-    for (const algo::Defect& d : defects.first(std::min(defects.size(), kDefectsKept))) {
-        if (json.size() > 1) json += ',';
-        json += to_json(d);
+Json to_json(std::span<const algo::Defect> defects) {
+    Json list = Json::array();
+    for (const algo::Defect& d : defects) {
+        list.push_back({{"m", float_number(d.m)},
+                        {"n", float_number(d.n)},
+                        {"area", d.area},
+                        {"peak", float_number(d.peak)},
+                        {"kind", algo::name_of(d.kind)}});
     }
-    return json + "]";
+    return list;
 }
 
-std::string json_escaped(std::string_view text) {
-    std::string escaped;
-    for (const char c : text) {
-        if (c == '"' || c == '\\') {
-            escaped += '\\';
-            escaped += c;
-        } else if (c == '\n') {
-            escaped += "\\n";
-        } else if (static_cast<unsigned char>(c) < 0x20) {
-            escaped += fmt::format("\\u{:04x}", static_cast<unsigned>(static_cast<unsigned char>(c)));
-        } else {
-            escaped += c;
-        }
-    }
-    return escaped;
-}
-
-std::string to_json(const StartRecord& start) {
-    return fmt::format("{{\"boot\":{},\"software\":\"{}\"}}", start.boot, json_escaped(start.software));
+std::string to_json_line(const StartRecord& start) {
+    return to_text({{"boot", start.boot}, {"software", start.software}});
 }
 
 std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, const Value& calibration) {
@@ -89,7 +72,7 @@ std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, co
             text(name_of(r.reason)),
             real(r.score),
             integer(r.defects),
-            to_json(record.defects),
+            to_text(to_json(std::span(record.defects).first(std::min(record.defects.size(), kDefectsKept)))),
             integer(r.latency_us),
             integer(r.reject_latency_us),
             text(name_of(r.reject)),
@@ -107,7 +90,7 @@ std::vector<Value> values_of(const ChangeRecord& record) {
 }
 
 std::vector<Value> values_of(const StartRecord& record, const std::string& before) {
-    return {text("start"), text(""), integer(0), text(record.station), text(before), to_json(record)};
+    return {text("start"), text(""), integer(0), text(record.station), text(before), to_json_line(record)};
 }
 
 }  // namespace hord::firmware::store

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "firmware/store/results/database.h"
+#include "firmware/store/results/json_text.h"
 #include "firmware/store/results/result_store.h"
 
 namespace hord::firmware::store {
@@ -17,16 +18,11 @@ constexpr std::size_t kDefectsKept = 64;
 std::string_view name_of(PartVerdict verdict);
 std::string_view name_of(RejectState state);
 
-// {"m":12.5,...}, numbers such that they read back to the bit.
-std::string to_json(const algo::Defect& defect);
-// As a list, of those that are kept: [{"m":12.5,"n":3,"area":4,"peak":1.25,"kind":"scratch"}]
-std::string to_json(std::span<const algo::Defect> defects);
+// [{"m":12.5,"n":3,"area":4,"peak":1.25,"kind":"scratch"}], each number read back to the bit.
+Json to_json(std::span<const algo::Defect> defects);
 
-// What a start row says in `after`: {"boot":1234,"software":"0.1.0"}
-std::string to_json(const StartRecord& start);
-
-// `text` inside the quotes of a JSON string.
-std::string json_escaped(std::string_view text);
+// The text in column `after` of a start row: {"boot":1234,"software":"0.1.0"}
+std::string to_json_line(const StartRecord& start);
 
 // The values of a row from `sequence` or `what` or `peer` on, in the order of the table's columns.
 std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, const Value& calibration);

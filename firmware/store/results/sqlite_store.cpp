@@ -272,7 +272,7 @@ Result<void> SqliteStore::Parts::store(std::uint64_t entry, const StartRecord& s
     adopted = false;
     if (*row) {
         before = std::get<std::string>(newest->value(2));
-        if (std::get<std::int64_t>(newest->value(1)) == start.time_us && before == to_json(start)) {
+        if (std::get<std::int64_t>(newest->value(1)) == start.time_us && before == to_json_line(start)) {
             run = std::get<std::int64_t>(newest->value(0));
             for (const char* sql : {"SELECT iif(run = ?1, entry, 0) FROM results ORDER BY number DESC LIMIT 1",
                                     "SELECT iif(run = ?1, entry, 0) FROM commands ORDER BY number DESC LIMIT 1",
@@ -391,8 +391,8 @@ Result<bool> SqliteStore::Parts::prune(const ChainTable& table, const Retention&
     if (!remove) return tl::unexpected(remove.error());
     if (auto done = remove->run(std::array<Value, 1>{remove_to}); !done) return tl::unexpected(done.error());
     // verify asks for this row where the chain begins later than at 1.
-    const std::string what = fmt::format("{{\"from\":{},\"to\":{},\"hash\":\"{}\"}}", first, remove_to,
-                                         bytes != nullptr ? to_hex(*bytes) : "");
+    const std::string what =
+        to_text({{"from", first}, {"to", remove_to}, {"hash", bytes != nullptr ? to_hex(*bytes) : ""}});
     if (auto done = changes->append(
             run, 0, now_us, {std::string("retention"), std::string(), std::int64_t{0}, name, std::string(), what});
         !done) {

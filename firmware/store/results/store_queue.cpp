@@ -5,6 +5,8 @@
 
 #include <fmt/format.h>
 
+#include "firmware/store/results/json_text.h"
+
 namespace hord::firmware::store {
 namespace {
 
@@ -189,8 +191,8 @@ void StoreQueue::report_losses() {
     lost.what = ChangeRecord::What::lost;
     lost.time_us = utc_now_();
     lost.name = "results";
-    lost.after = fmt::format("{{\"records\":{},\"from_sequence\":{},\"to_sequence\":{}}}", lost_ - lost_reported_,
-                             lost_from_, lost_to_);
+    lost.after =
+        to_text({{"records", lost_ - lost_reported_}, {"from_sequence", lost_from_}, {"to_sequence", lost_to_}});
     waiting_.push_back({++counted_, std::move(lost)});
     lost_reported_ = lost_;
     reported_to_ = std::max(reported_to_, lost_to_);

@@ -3,8 +3,8 @@
 #include <array>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
+#include "firmware/store/results/json_text.h"
 #include "firmware/store/results/schema.h"
 #include "firmware/store/results/store_reader_parts.h"
 
@@ -67,7 +67,7 @@ class ChainCheck {
         if (!last) return tl::unexpected(last.error());
         const auto* text = std::get_if<std::string>(&*last);
         if (text == nullptr) return {};
-        const auto json = nlohmann::json::parse(*text, nullptr, false);
+        const Json json = Json::parse(*text, nullptr, false);
         const bool whole = json.is_object() && json.contains("to") && json["to"].is_number_integer() &&
             json.contains("hash") && json["hash"].is_string();
         const auto hash = whole ? hash_from_hex(json["hash"].get<std::string>()) : std::nullopt;
