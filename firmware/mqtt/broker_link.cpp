@@ -124,7 +124,7 @@ struct BrokerLink::Parts {
         Event event;
         event.kind = Event::Kind::confirmed;
         event.token = at->second;
-        event.heard = code != MQTT_RC_NO_MATCHING_SUBSCRIBERS;
+        event.had_subscriber = code != MQTT_RC_NO_MATCHING_SUBSCRIBERS;
         tokens.erase(at);
         if (event.token != 0) events.push_back(std::move(event));
     }

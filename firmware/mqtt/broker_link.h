@@ -35,7 +35,7 @@ class BrokerLink {
         std::string topic, payload;  // message
         std::uint64_t token = 0;     // confirmed
         bool retained = false;       // message: the broker had kept it
-        bool heard = true;           // confirmed: somebody was there to pass it to
+        bool had_subscriber = true;  // confirmed: somebody was there to pass it to
         Error error = {};            // closed
     };
 

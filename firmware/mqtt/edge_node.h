@@ -53,28 +53,28 @@ class EdgeNode {
     void connected(UtcMs now);                              // and subscribed
     void disconnected();
     void message(const std::string& topic, std::string_view payload, UtcMs now, bool retained = false);
-    // `heard`: the broker had somebody to pass it to.
-    void confirmed(std::uint64_t token, bool heard, UtcMs now);
+    // `had_subscriber`: the broker had somebody to pass it to.
+    void confirmed(std::uint64_t token, bool had_subscriber, UtcMs now);
 
     // -- what is told
 
     // The store that results come from, and its newest number: before the first wish, and whenever it is another.
     // `is_new`: it did not exist before, so that nothing in it is older than this node.
     void use_store(const std::string& id, std::int64_t newest, bool is_new = false);
-    struct Wish {
+    struct Demand {
         std::int64_t after = 0;
         std::size_t count = 0;
     };
     // Results that can be taken now, in the order of their numbers from after + 1 on.
-    [[nodiscard]] std::optional<Wish> wish(UtcMs now);
+    [[nodiscard]] std::optional<Demand> demand(UtcMs now);
     void offer(std::span<const store::StoredResult> results, std::int64_t newest, UtcMs now);
 
     // What the station says of itself; empty: it is not reached. What changed is published.
-    void tell(const std::vector<Reading>& readings, UtcMs now);
-    void step(UtcMs now);     // time passes
-    void goodbye(UtcMs now);  // publishes the death certificate
+    void set_readings(const std::vector<Reading>& readings, UtcMs now);
+    void step(UtcMs now);           // time passes
+    void publish_death(UtcMs now);  // publishes the death certificate
 
-    [[nodiscard]] std::vector<Outgoing> take() { return std::exchange(outbox_, {}); }
+    [[nodiscard]] std::vector<Outgoing> take_outgoing() { return std::exchange(outbox_, {}); }
     // The primary host is gone: the connection is to be ended, and begun anew.
     [[nodiscard]] bool wants_to_leave() const { return leaving_; }
 
@@ -93,11 +93,11 @@ class EdgeNode {
 
   private:
     enum class Session : std::uint8_t { none, waiting, born };
-    enum class Fate : std::uint8_t { unknown, taken, unheard };
+    enum class Delivery : std::uint8_t { pending, confirmed, no_subscriber };
     struct Open {
         std::uint64_t token;
         std::int64_t number;
-        Fate fate;
+        Delivery delivery;
     };
     [[nodiscard]] std::string topic(const char* type) const;
     [[nodiscard]] std::string state_topic() const;
@@ -125,7 +125,7 @@ class EdgeNode {
     std::int64_t host_time_ = 0;  // of the newest word about the primary host
 
     std::vector<Reading> readings_;
-    std::vector<Metric> told_;  // as the last birth or change said it
+    std::vector<Metric> published_;  // as the last birth or change said it
 
     bool store_known_ = false;
     std::int64_t next_ = 1, newest_ = 0;
@@ -134,8 +134,8 @@ class EdgeNode {
     std::uint64_t token_ = 0;
     double allowance_ = 0;
     UtcMs allowance_at_ = 0;
-    bool unheard_ = false;
-    UtcMs ask_again_at_ = 0;
+    bool no_subscriber_ = false;
+    UtcMs probe_at_ = 0;
 };
 
 }  // namespace hord::firmware::mqtt

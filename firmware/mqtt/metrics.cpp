@@ -52,7 +52,7 @@ std::uint64_t natural(std::int64_t value) { return static_cast<std::uint64_t>(st
 
 }  // namespace
 
-std::vector<BlockId> blocks_told() {
+std::vector<BlockId> published_blocks() {
     return {BlockId::ident, BlockId::status, BlockId::counters, BlockId::recipe, BlockId::health, BlockId::calibration};
 }
 
@@ -60,7 +60,7 @@ std::vector<Metric> station_metrics(const std::vector<Reading>& readings) {
     std::map<const Register*, const Reading*> known;
     for (const Reading& reading : readings) known[reading.what] = &reading;
     std::vector<Metric> metrics;
-    for (const BlockId id : blocks_told()) {
+    for (const BlockId id : published_blocks()) {
         const Block& block = *find_block(id);
         for (const Register& row : block.registers) {
             if (is_noise(row)) continue;

@@ -17,7 +17,7 @@ namespace hord::firmware::mqtt {
 constexpr std::uint64_t kNodeAlias = 20'000, kResultAlias = 20'100;
 
 // Blocks that are told: everything but results, which come from the store, and the PLC's commands, which are not ours.
-std::vector<BlockId> blocks_told();
+std::vector<BlockId> published_blocks();
 
 // One metric a register of these blocks, with name ("Station/STATUS/state"), alias, type, unit and value; null without
 // a reading. Heartbeats and ages, which change with every look, are left out.

@@ -21,8 +21,8 @@ using namespace hord::firmware;
 using namespace hord::firmware::page;
 
 constexpr int kBadConfiguration = 78, kCannotRun = 2;
-constexpr auto kCommandPatience = std::chrono::seconds(10);
-constexpr auto kModbusPatience = std::chrono::milliseconds(1000);
+constexpr auto kCommandTimeout = std::chrono::seconds(10);
+constexpr auto kModbusTimeout = std::chrono::milliseconds(1000);
 
 struct Options {
     std::string config = "/etc/hord/page.toml", modbus, store, listen;
@@ -74,16 +74,16 @@ int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint
     PartPictures pictures;
     const auto command = [&](CommandCode code, std::uint32_t argument, std::uint32_t argument2,
                              const std::string& who) -> Result<modbus::Client::Reply> {
-        auto client = modbus::Client::connect(station, kModbusPatience);
+        auto client = modbus::Client::connect(station, kModbusTimeout);
         if (!client) return tl::unexpected(client.error());
-        return client->command(code, argument, argument2, kCommandPatience, who);
+        return client->command(code, argument, argument2, kCommandTimeout, who);
     };
     Pages pages({config, tokens, viewers, live, results, frames, pictures, command, log, HORD_VERSION});
     auto server = PageServer::open(config, pages, viewers);
     if (!server) return complain(server.error(), kCannotRun);
 
     LatestPicture latest(live, viewers, frames, pictures);
-    StationWatch watch(station, config.poll, live, [&] { latest.look(); });
+    StationWatch watch(station, config.poll, live, [&] { latest.poll(); });
     std::thread answering([&] { (*server)->run(); });
     log(fmt::format("http://{}:{}/ shows the station at {}{}", config.host, (*server)->port(), config.modbus,
                     tokens.empty() ? "" : "; commands need a token"));

@@ -37,21 +37,21 @@ class KeptFrames {
     std::optional<KeptFrame> newest_reject();
 
   private:
-    struct Known {
+    struct ListedFile {
         std::uint64_t number;
         std::uint32_t part;
         std::string name;
     };
-    void look();
-    std::optional<KeptFrame> newest(std::string_view ending, std::string& given);
+    void refresh();
+    std::optional<KeptFrame> newest(std::string_view ending, std::string& last);
     Result<KeptFrame> read(const std::string& name) const;
 
     const std::filesystem::path folder_;
     std::mutex mutex_;
-    std::vector<Known> known_;  // by number
+    std::vector<ListedFile> files_;  // by number
     std::filesystem::file_time_type changed_{};
-    std::chrono::steady_clock::time_point look_again_{};
-    std::string given_, given_reject_;
+    std::chrono::steady_clock::time_point next_refresh_{};
+    std::string last_newest_, last_reject_;
 };
 
 }  // namespace hord::firmware::page

@@ -18,7 +18,7 @@ class LatestPicture {
     LatestPicture(Live& live, Viewers& viewers, KeptFrames& frames, PartPictures& pictures)
         : live_(live), viewers_(viewers), frames_(frames), pictures_(pictures) {}
 
-    void look();
+    void poll();
 
   private:
     static constexpr auto kLightEvery = std::chrono::seconds(2);

@@ -13,14 +13,14 @@
 
 #include "common/result.h"
 #include "firmware/page/history.h"
-#include "firmware/page/register_snapshot.h"
 #include "firmware/page/viewers.h"
+#include "firmware/registers/register_snapshot.h"
 #include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::page {
 
 // One of the ring's results, as people are told of it.
-struct SeenResult {
+struct RingResult {
     std::uint32_t boot = 0, sequence = 0, part = 0, defects = 0;
     std::string verdict, reason, reject;
     std::optional<double> score;
@@ -46,14 +46,14 @@ class Live {
     explicit Live(Viewers& viewers) : viewers_(viewers) {}
 
     // The station's answers, from the thread that asks.
-    void saw(const RegisterSnapshot& moment);
-    void saw(const SeenResult& result);
-    void missed(std::uint32_t results);  // the ring had gone round
-    void lost(const Error& error);       // nobody answers
+    void set_station(const RegisterSnapshot& snapshot);
+    void add_result(const RingResult& result);
+    void add_missed(std::uint32_t results);    // the ring had gone round
+    void set_unreachable(const Error& error);  // nobody answers
     // The frame of a part that did not pass is kept and can be drawn. It comes before the result, which is whole when
     // the part is past the ejector.
-    void saw_picture(std::uint32_t boot, std::uint32_t part, std::int64_t verdict_ms);
-    void saw_light(double share);     // of a kept frame's brightest samples, 1: full scale
+    void set_picture(std::uint32_t boot, std::uint32_t part, std::int64_t verdict_ms);
+    void set_light(double share);     // of a kept frame's brightest samples, 1: full scale
     void sample(std::int64_t now_s);  // a row of the charts, once every History::kShortStep_s
 
     // Everything that a page begins with: state, and the newest results, oldest first.
@@ -64,7 +64,7 @@ class Live {
 
     struct Figures {
         bool up = false;
-        RegisterSnapshot moment;
+        RegisterSnapshot snapshot;
         LatencyHistogram verdict, reject;
         std::map<std::string, std::uint64_t> by_reason;
         std::uint64_t missed = 0;
@@ -79,8 +79,8 @@ class Live {
     mutable std::mutex mutex_;
     bool up_ = false;
     Error trouble_{ErrorCode::disconnected, "the station was not asked yet", ""};
-    RegisterSnapshot moment_;
-    std::deque<SeenResult> strip_;
+    RegisterSnapshot snapshot_;
+    std::deque<RingResult> strip_;
     LatencyHistogram verdict_, reject_;
     std::map<std::string, std::uint64_t> by_reason_;
     std::uint64_t missed_ = 0;

@@ -67,7 +67,7 @@ class Pages {
         std::function<void(const std::string&)> log;  // one line: a command, a wrong token
         std::string version;
     };
-    explicit Pages(Dependencies works) : works_(std::move(works)) {}
+    explicit Pages(Dependencies dependencies) : deps_(std::move(dependencies)) {}
 
     // What must be known before a body is read: the reply, or nothing when the body decides. A body is read for
     // /api/command alone.
@@ -86,8 +86,8 @@ class Pages {
     [[nodiscard]] Reply refuse_command(int status, const char* what, const char* cure, const Request& request);
     Reply counted(Reply reply);
 
-    const Dependencies works_;
-    std::timed_mutex frame_turn_;  // frames are large: one is in memory at a time
+    const Dependencies deps_;
+    std::timed_mutex frame_mutex_;  // frames are large: one is in memory at a time
     std::mutex mutex_;
     std::map<int, std::uint64_t> replies_;
     std::map<std::string, std::uint64_t> commands_{{"completed", 0}, {"failed", 0}, {"refused", 0}};

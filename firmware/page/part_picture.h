@@ -33,7 +33,7 @@ class PartPictures {
     ~PartPictures();
 
   private:
-    static constexpr std::size_t kRemembered = 12;
+    static constexpr std::size_t kMaxCached = 12;
     struct Parts;
     std::mutex mutex_;
     std::unique_ptr<Parts> parts_;

@@ -17,7 +17,7 @@ using store::Json;
 using store::StoredChange;
 using store::StoredResult;
 
-constexpr auto kPatience = std::chrono::milliseconds(3000);  // of one question
+constexpr auto kTimeout = std::chrono::milliseconds(3000);  // of one question
 constexpr std::size_t kLongestValue = 100;
 
 template <class Int>
@@ -96,14 +96,14 @@ Result<std::unique_ptr<store::StoreReader>> Results::open() const {
     if (folder_.empty())
         return fail(ErrorCode::not_found, "this page knows no store", "name it in page.toml: [station] store");
     auto reader = store::StoreReader::open(folder_);
-    if (reader) (*reader)->limit_time(kPatience);
+    if (reader) (*reader)->limit_time(kTimeout);
     return reader;
 }
 
 Result<Json> Results::search(const Fields& fields) {
     auto filter = filter_of(fields);
     if (!filter) return tl::unexpected(filter.error());
-    const std::unique_lock lock(one_at_a_time_, kPatience);
+    const std::unique_lock lock(mutex_, kTimeout);
     if (!lock) return busy();
     auto reader = open();
     if (!reader) return tl::unexpected(reader.error());
@@ -120,7 +120,7 @@ Result<Json> Results::search(const Fields& fields) {
 }
 
 Result<StoredResult> Results::one(const PartKey& key) {
-    const std::unique_lock lock(one_at_a_time_, kPatience);
+    const std::unique_lock lock(mutex_, kTimeout);
     if (!lock) return busy();
     auto reader = open();
     if (!reader) return tl::unexpected(reader.error());
@@ -141,7 +141,7 @@ Result<StoredResult> Results::one(const PartKey& key) {
 }
 
 Result<Json> Results::changes(std::int64_t most) {
-    const std::unique_lock lock(one_at_a_time_, kPatience);
+    const std::unique_lock lock(mutex_, kTimeout);
     if (!lock) return busy();
     auto reader = open();
     if (!reader) return tl::unexpected(reader.error());
@@ -165,7 +165,7 @@ Result<Json> Results::changes(std::int64_t most) {
 }
 
 Result<Json> Results::recipe_in_use() {
-    const std::unique_lock lock(one_at_a_time_, kPatience);
+    const std::unique_lock lock(mutex_, kTimeout);
     if (!lock) return busy();
     auto reader = open();
     if (!reader) return tl::unexpected(reader.error());

@@ -51,7 +51,7 @@ class Results {
   private:
     Result<std::unique_ptr<store::StoreReader>> open() const;
     const std::filesystem::path folder_;
-    std::timed_mutex one_at_a_time_;
+    std::timed_mutex mutex_;
 };
 
 // A tar archive of whole files, in memory.

@@ -25,7 +25,7 @@ class StationWatch {
 
   private:
     void work();
-    Result<void> look();
+    Result<void> poll();
     Result<void> read(BlockId id);
     Result<void> follow(std::uint32_t newest, std::uint32_t oldest);
     bool wait(std::chrono::milliseconds time);  // false: it ends
@@ -37,7 +37,7 @@ class StationWatch {
 
     std::optional<modbus::Client> client_;
     std::vector<modbus::Client::Place> places_;
-    RegisterSnapshot moment_;
+    RegisterSnapshot snapshot_;
     std::string last_status_;
     std::chrono::steady_clock::time_point slow_blocks_at_{}, sample_at_{};
     std::uint32_t boot_ = 0, seen_ = 0;

@@ -27,16 +27,16 @@ class Tokens {
     static Result<Tokens> load(const std::filesystem::path& file);
     static Result<Tokens> parse(std::string_view text, const std::string& name);
 
-    [[nodiscard]] bool empty() const { return all_.empty(); }
+    [[nodiscard]] bool empty() const { return entries_.empty(); }
     // Whose it is; nothing when it is nobody's.
     [[nodiscard]] std::optional<std::string> owner(std::string_view token) const;
 
   private:
-    struct One {
+    struct Entry {
         std::string name;
         std::array<std::uint8_t, 32> digest;
     };
-    std::vector<One> all_;
+    std::vector<Entry> entries_;
 };
 
 }  // namespace hord::firmware::page

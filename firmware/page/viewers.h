@@ -47,7 +47,7 @@ class Viewers {
     }
 
     // `data` is one line.
-    void tell(std::string_view event, std::string_view data) {
+    void publish(std::string_view event, std::string_view data) {
         const auto text = std::make_shared<const std::string>("event: " + std::string(event) +
                                                               "\ndata: " + std::string(data) + "\n\n");
         {

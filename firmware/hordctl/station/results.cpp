@@ -50,7 +50,7 @@ template <class Row>
 void print(const std::string& format, const Row& row) {
     fmt::print("{}\n",
                format == "csv"        ? store::to_csv(row)
-                   : format == "json" ? store::to_text(store::to_json(row))
+                   : format == "json" ? store::to_line(store::to_json(row))
                                       : store::to_table(row));
 }
 void print_head(const std::string& format, const std::string& csv, const std::string& table) {

@@ -267,12 +267,12 @@ std::string FrameRetention::metadata_of(const Buffer& buffer) const {
     json["bits"] = buffer.bits;
     json["verdict"] = algo::name_of(buffer.verdict);
     json["reason"] = algo::name_of(buffer.reason);
-    json["score"] = float_number(buffer.score);
+    json["score"] = buffer.score;
     json["defects"] = to_json(buffer.defects);
     json["maps_sha256"] = to_hex(sha256(buffer.maps));
     json["samples_sha256"] = digest_of_samples(buffer.view());
     json["recipe"] = *buffer.recipe;
-    return to_text(json);
+    return to_line(json);
 }
 
 }  // namespace hord::firmware::store

@@ -18,10 +18,10 @@ namespace {
 Json defects_in(const Json& archived) {
     Json list = Json::array();
     for (const Json& d : archived) {
-        list.push_back({{"m", float_number(d.at("m").get<float>())},
-                        {"n", float_number(d.at("n").get<float>())},
+        list.push_back({{"m", d.at("m").get<float>()},
+                        {"n", d.at("n").get<float>()},
                         {"area", d.at("area").get<std::uint32_t>()},
-                        {"peak", float_number(d.at("peak").get<float>())},
+                        {"peak", d.at("peak").get<float>()},
                         {"kind", d.at("kind").get<std::string>()}});
     }
     return list;
@@ -30,7 +30,7 @@ Json defects_in(const Json& archived) {
 Json to_json(const Judgement& j) {
     return {{"verdict", j.verdict},
             {"reason", j.reason},
-            {"score", float_number(j.score)},
+            {"score", j.score},
             {"defects", j.defects},
             {"maps_sha256", j.maps_sha256}};
 }
@@ -70,7 +70,7 @@ std::string to_json_line(const Replayed& r) {
     if (r.then.score != r.now.score) changes.push_back("score");
     if (r.then.defects != r.now.defects) changes.push_back("defects");
     if (r.then.maps_sha256 != r.now.maps_sha256) changes.push_back("maps");
-    return to_text({{"frame", r.frame},
+    return to_line({{"frame", r.frame},
                     {"part", r.part},
                     {"role", r.role},
                     {"recipe_then", r.recipe_then},

@@ -125,7 +125,7 @@ Json to_json(const StoredResult& r) {
             {"part", r.part},
             {"verdict", r.verdict},
             {"reason", r.reason},
-            {"score", r.score ? float_number(static_cast<float>(*r.score)) : Json()},
+            {"score", r.score ? Json(static_cast<float>(*r.score)) : Json()},
             {"defect_count", r.defect_count},
             {"defects", std::move(defects)},
             {"latency_us", r.latency_us},

@@ -14,8 +14,9 @@ inline std::string to_text(const Json& json, int indent = -1) {
     return json.dump(indent, ' ', false, Json::error_handler_t::replace);
 }
 
-// A float with its own shortest digits, which read back to the bit: 0.1 and 40. nlohmann-json alone would write those
-// of its double: 0.10000000149011612 and 40.0. Null for NaN and infinity.
-Json float_number(float value);
+// One line, each number that is not whole written with the shortest digits of a float: 0.1 and 40. These are the digits
+// in every store and archive. nlohmann-json would write those of a double, 0.10000000149011612 and 40.0, and its digits
+// are not always the shortest.
+std::string to_line(const Json& json);
 
 }  // namespace hord::firmware::store

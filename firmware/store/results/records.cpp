@@ -46,16 +46,19 @@ std::string_view name_of(RejectState state) {
     return "unknown";
 }
 
-Json float_number(float value) { return std::isfinite(value) ? Json::parse(fmt::format("{}", value)) : Json(); }
+std::string to_line(const Json& json) {
+    if (json.is_number_float()) return fmt::format("{}", static_cast<float>(json.get<double>()));
+    if (!json.is_structured()) return to_text(json);
+    std::string line;
+    for (const auto& [key, value] : json.items())
+        line += (line.empty() ? "" : ",") + (json.is_object() ? to_text(key) + ":" : "") + to_line(value);
+    return json.is_object() ? "{" + line + "}" : "[" + line + "]";
+}
 
 Json to_json(std::span<const algo::Defect> defects) {
     Json list = Json::array();
     for (const algo::Defect& d : defects) {
-        list.push_back({{"m", float_number(d.m)},
-                        {"n", float_number(d.n)},
-                        {"area", d.area},
-                        {"peak", float_number(d.peak)},
-                        {"kind", algo::name_of(d.kind)}});
+        list.push_back({{"m", d.m}, {"n", d.n}, {"area", d.area}, {"peak", d.peak}, {"kind", algo::name_of(d.kind)}});
     }
     return list;
 }
@@ -72,7 +75,7 @@ std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, co
             text(name_of(r.reason)),
             real(r.score),
             integer(r.defects),
-            to_text(to_json(std::span(record.defects).first(std::min(record.defects.size(), kDefectsKept)))),
+            to_line(to_json(std::span(record.defects).first(std::min(record.defects.size(), kDefectsKept)))),
             integer(r.latency_us),
             integer(r.reject_latency_us),
             text(name_of(r.reject)),

@@ -64,14 +64,14 @@ std::string insert_sql(const ChainTable& table) {
 }
 
 // Appends rows to one chain.
-class Chain {
+class HashChain {
   public:
-    static Result<Chain> open(Database& database, const ChainTable& table, const std::string& store_id) {
+    static Result<HashChain> open(Database& database, const ChainTable& table, const std::string& store_id) {
         auto insert = database.prepare(insert_sql(table));
         if (!insert) return tl::unexpected(insert.error());
         auto set_head = database.prepare("INSERT OR REPLACE INTO heads VALUES (?1, ?2, ?3)");
         if (!set_head) return tl::unexpected(set_head.error());
-        Chain chain(table, std::move(*insert), std::move(*set_head));
+        HashChain chain(table, std::move(*insert), std::move(*set_head));
         chain.hash_ = genesis(store_id, table.name);
         const std::array<Value, 1> name{std::string(table.name)};
         auto number = database.get_integer("SELECT number FROM heads WHERE chain = ?1", name);
@@ -107,7 +107,7 @@ class Chain {
     }
 
   private:
-    Chain(const ChainTable& table, Statement insert, Statement set_head)
+    HashChain(const ChainTable& table, Statement insert, Statement set_head)
         : table_(&table), insert_(std::move(insert)), set_head_(std::move(set_head)) {}
     const ChainTable* table_;
     Statement insert_, set_head_;
@@ -129,7 +129,7 @@ struct SqliteStore::Parts {
     FolderLock lock;
     SqliteStoreOptions options;
     std::unique_ptr<Database> database;
-    std::optional<Chain> results, commands, changes;
+    std::optional<HashChain> results, commands, changes;
     bool broken = false;
 
     std::int64_t run = 0;
@@ -208,7 +208,7 @@ Result<void> SqliteStore::Parts::prepare() {
     }
     for (auto [chain, table] :
          {std::pair(&results, &kResults), std::pair(&commands, &kCommands), std::pair(&changes, &kChanges)}) {
-        auto opened = Chain::open(*database, *table, text != nullptr ? *text : "");
+        auto opened = HashChain::open(*database, *table, text != nullptr ? *text : "");
         if (!opened) return tl::unexpected(opened.error());
         chain->emplace(std::move(*opened));
     }
@@ -253,7 +253,7 @@ Result<void> SqliteStore::do_write(std::span<const Entry> entries) {
 }
 
 Result<void> SqliteStore::Parts::close_batch(Transaction& transaction) {
-    for (std::optional<Chain>* chain : {&results, &commands, &changes}) {
+    for (std::optional<HashChain>* chain : {&results, &commands, &changes}) {
         if (auto done = (*chain)->write_head(); !done) return done;
     }
     return transaction.commit();
