@@ -1,4 +1,4 @@
-// One edge node at work: its connection, its results and its station, carried forward a step at a time on one thread.
+// Runs an edge node: broker connection, results of the store, station's registers. One thread, one step at a time.
 #pragma once
 
 #include <chrono>
@@ -27,20 +27,19 @@ struct AgentOptions {
 class Agent {
   public:
     using Clock = std::chrono::steady_clock;
-    // What the station says of itself now; empty: it is not reached. May block for as long as a Modbus answer takes.
+    // The station's registers; empty: it does not answer. May block as long as a Modbus request.
     using ReadStation = std::function<std::vector<Reading>()>;
-    // Told what a person should know: the same line once in ten minutes or a session, and no more than about one a
-    // second, whoever sends what.
+    // Log lines: the same line at most once in ten minutes or a session; ten at once, then one a second.
     using Log = std::function<void(const std::string&)>;
 
     // Reads the state file. Fails as read_cursor() does.
     static Result<std::unique_ptr<Agent>> open(AgentOptions options, std::unique_ptr<ResultSource> results,
                                                ReadStation read_station, Log log);
 
-    // Everything that is due, and at most `wait` for the broker.
+    // Does what is due; waits at most `wait` for the broker.
     void step(std::chrono::milliseconds wait);
 
-    // Death certificate, goodbye, and the cursor written down.
+    // Publishes the death certificate, disconnects, saves the cursor.
     void close();
 
     [[nodiscard]] const EdgeNode& node() const { return node_; }
@@ -56,8 +55,8 @@ class Agent {
     void poll_station();
     void send();
     bool save_cursor(bool now);
-    void log(const std::string& line);        // if there is room for it
-    void log_event(const std::string& line);  // in any case; what follows is new
+    void log(const std::string& line);        // subject to the limits of Log
+    void log_event(const std::string& line);  // always; resets the repetition
 
     const AgentOptions options_;
     const std::unique_ptr<ResultSource> results_;
@@ -69,7 +68,7 @@ class Agent {
 
     Clock::time_point connect_at_{}, station_at_{}, read_at_{}, write_at_{};
     std::chrono::milliseconds backoff_{0};  // before the next attempt
-    bool useful_ = false;                   // this connection took a result
+    bool useful_ = false;                   // this connection delivered a result
     std::string store_;
     std::deque<std::pair<std::string, Clock::time_point>> recent_lines_;  // the newest few
     double lines_left_ = 10;

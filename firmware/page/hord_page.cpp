@@ -1,5 +1,5 @@
-// hord-page: the station's page for people, and /metrics. A process of its own that only reads: kill it, and the line
-// goes on.
+// hord-page: the station's web page, and /metrics. A process of its own that only reads: the line does not depend on
+// it.
 #include <csignal>
 #include <cstdio>
 #include <string>

@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
-constexpr int kMaxCandidates = 8;  // frames of parts with the same number, of other starts
+constexpr int kMaxCandidates = 8;  // frames of equal part numbers from different starts
 
 // "000000000123-20261121T071500Z-p42-reject.png"
 std::optional<std::pair<std::uint64_t, std::uint32_t>> number_and_part_of(const std::string& name) {
@@ -35,8 +35,7 @@ std::optional<std::pair<std::uint64_t, std::uint32_t>> number_and_part_of(const 
 
 }  // namespace
 
-// With the lock. The folder's time tells whether anything came or went; a large folder is not listed more often than it
-// bears.
+// With the lock. Lists the folder when its modification time has changed, and spends at most a tenth of the time on it.
 void KeptFrames::refresh() {
     const auto now = std::chrono::steady_clock::now();
     if (now < next_refresh_) return;
@@ -46,7 +45,7 @@ void KeptFrames::refresh() {
         files_.clear();
         return;
     }
-    // Times of a folder have a grain: what changed just now may change again within it.
+    // The modification time has a limited resolution: a second change soon after may not show.
     const bool settled = fs::file_time_type::clock::now() - changed > std::chrono::seconds(2);
     if (changed == changed_ && settled && !files_.empty()) return;
     std::vector<ListedFile> found;

@@ -1,6 +1,5 @@
-// The store as the page reads it: results found by filters, page by page, one part's record, and what was changed by
-// whom. Each question opens the store read-only, takes a bounded time and gives a bounded number of rows. Any thread;
-// one question at a time.
+// Queries of the page to the store: results by filters, page by page; one part's record; changes. Each query opens the
+// store read-only and is limited in time and rows. Any thread; one query at a time.
 #pragma once
 
 #include <cstdint>
@@ -17,16 +16,15 @@
 
 namespace hord::firmware::page {
 
-// A part as addresses name it: by its result's number in the store ("4711"), or by the station's start and its number
-// since then
-// ("0a1b2c3d-42").
+// A part in an address: the number of its result in the store ("4711"), or the station's start and the part's number
+// since then ("0a1b2c3d-42").
 struct PartKey {
     std::optional<std::int64_t> number;
     std::uint32_t boot = 0, part = 0;
 };
 std::optional<PartKey> parse_part_key(std::string_view text);
 
-using Fields = std::multimap<std::string, std::string>;  // of an address, decoded
+using Fields = std::multimap<std::string, std::string>;  // the decoded query of an address
 
 class Results {
   public:
@@ -42,7 +40,7 @@ class Results {
     // Fails with not_found.
     Result<store::StoredResult> one(const PartKey& key);
 
-    // The text of the recipe that came into use last, and who brought it: {"name","time","peer","text"}.
+    // The newest recipe of the store and who set it: {"name","time","peer","text"}.
     Result<store::Json> recipe_in_use();
 
     // The newest changes and commands: {"rows":[newest first]}.

@@ -1,5 +1,5 @@
-// Asks the station what it does, over Modbus, as any other client would, and tells Live. A thread of its own; when
-// nobody answers it says so and asks again.
+// Polls the station over Modbus, as any other client, and updates Live. A thread of its own; connects again when the
+// station does not answer.
 #pragma once
 
 #include <atomic>
@@ -16,7 +16,7 @@ namespace hord::firmware::page {
 
 class StationWatch {
   public:
-    // `every_round` is called after each look, on this thread: for what else follows the station's pace.
+    // `every_round` is called after each poll, on the polling thread.
     StationWatch(modbus::Endpoint endpoint, std::chrono::milliseconds poll, Live& live,
                  std::function<void()> every_round);
     ~StationWatch();

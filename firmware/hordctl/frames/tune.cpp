@@ -1,4 +1,4 @@
-// hordctl tune: which features should judge a user's parts, from frames of good and of bad ones; writes the recipe.
+// hordctl tune: chooses the features that separate a user's good parts from bad ones, and writes the recipe.
 #include "lab/tune/tune.h"
 
 #include <ctime>

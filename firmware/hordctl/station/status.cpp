@@ -1,4 +1,4 @@
-// hordctl status: what a running station says of itself, over Modbus, local or remote.
+// hordctl status: prints the registers of a running station, over Modbus, local or remote.
 #include <fmt/format.h>
 
 #include "firmware/core/faults.h"

@@ -1,4 +1,4 @@
-// Records as rows, and what rows hold as text: shared by who writes and who reads.
+// Records as rows of the database, and the texts in them: shared by writer and reader.
 #pragma once
 
 #include <span>
@@ -12,7 +12,7 @@
 
 namespace hord::firmware::store {
 
-// A result keeps so many of its defects, the largest peaks; defect_count says how many there were.
+// A row keeps at most so many defects, those with the largest peaks; defect_count counts all.
 constexpr std::size_t kDefectsKept = 64;
 
 std::string_view name_of(PartVerdict verdict);
@@ -24,7 +24,7 @@ Json to_json(std::span<const algo::Defect> defects);
 // The text in column `after` of a start row: {"boot":1234,"software":"0.1.0"}
 std::string to_json_line(const StartRecord& start);
 
-// The values of a row from `sequence` or `what` or `peer` on, in the order of the table's columns.
+// The values of a row after the shared columns (schema.h), in the order of the table.
 std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, const Value& calibration);
 std::vector<Value> values_of(const CommandRecord& record);
 std::vector<Value> values_of(const ChangeRecord& record);
