@@ -84,7 +84,7 @@ void Agent::step(milliseconds wait) {
 
 void Agent::connect() {
     const Outgoing will = node_.begin_session(utc_now());
-    // bdSeq is written down before anybody can see it, so that no two sessions share one.
+    // bdSeq is saved before it is used, so that no two sessions share one.
     if (!save_cursor(true)) return drop_connection({ErrorCode::io, "", ""});
     auto link = BrokerLink::connect(options_.broker, will, node_.topics());
     if (!link) return drop_connection(link.error());
@@ -95,8 +95,8 @@ void Agent::drop_connection(const Error& error) {
     link_.reset();
     node_.disconnected();
     if (!error.what.empty()) log(error.message());
-    // A broker that comes back meets a whole fleet: everybody waits for a time of their own. Two stations of one name
-    // would push each other out for ever.
+    // A random delay: a whole fleet reconnects to a broker that comes back. The longest one when another client has
+    // taken the session: two stations of one name would disconnect each other forever.
     backoff_ = std::clamp(std::exchange(useful_, false) ? kFirstBackoff : backoff_ * 2, kFirstBackoff, kLongestBackoff);
     if (error.code == ErrorCode::busy) backoff_ = kLongestBackoff;
     connect_at_ = Clock::now() +

@@ -147,7 +147,7 @@ void EdgeNode::refuse(const std::string& why) {
     trouble_ = "refused: " + why;
 }
 
-// Only a new birth can be asked for. A command that holds anything else is refused whole.
+// The only command is a rebirth. A payload with any other metric is refused as a whole.
 void EdgeNode::command(std::string_view bytes) {
     const auto payload = decode_command(bytes);
     if (!payload) return refuse(payload.error().message());
@@ -240,7 +240,7 @@ void EdgeNode::offer(std::span<const store::StoredResult> results, std::int64_t 
     if (!old_until_) old_until_ = newest;
     for (const store::StoredResult& result : results) {
         if (result.number < next_) continue;
-        // Numbers have no gaps: what is missing and was not handed over is gone.
+        // Numbers have no gaps: missing results that were not delivered are lost.
         const std::int64_t missing = std::max({next_, cursor_.confirmed + 1, cursor_.lost_until + 1});
         if (result.number > missing) {
             cursor_.lost += static_cast<std::uint64_t>(result.number - missing);
@@ -280,7 +280,7 @@ void EdgeNode::settle(UtcMs now) {
         no_subscriber_ = false;
     }
     if (open_.empty() || open_.front().delivery != Delivery::no_subscriber) return;
-    // Nobody listens. Once every answer is in, one result at a time asks whether somebody does.
+    // No subscriber. When all results are answered, one result at a time probes for a subscriber.
     if (std::any_of(open_.begin(), open_.end(), [](const Open& open) { return open.delivery == Delivery::pending; }))
         return;
     if (!no_subscriber_) trouble_ = "the broker has nobody who reads results: they wait in the store";

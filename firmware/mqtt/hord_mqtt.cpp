@@ -1,5 +1,5 @@
-// hord-mqtt: hands a station's results and health to an MQTT broker, as a Sparkplug B edge node. A process of its own
-// beside hordd: it reads registers and store, and can change neither.
+// hord-mqtt: publishes a station's results and state to an MQTT broker, as a Sparkplug B edge node. A process of its
+// own beside hordd: it only reads registers and store.
 #include <algorithm>
 #include <csignal>
 #include <cstdio>
@@ -79,7 +79,7 @@ class Station {
     bool silent_ = false;
 };
 
-// What the configuration leaves to the service: the state file's place, the password, credentials.
+// Completes the configuration from the environment: folder of the state file, password, credentials.
 Result<MqttConfig> complete(MqttConfig config) {
     if (config.state_file.empty()) {
         const char* folder = std::getenv("STATE_DIRECTORY");

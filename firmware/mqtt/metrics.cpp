@@ -34,7 +34,7 @@ MetricValue value_of(const Register& row, const Reading& reading) {
     }
 }
 
-// The worst of a result's defects: the list is in the order of their peaks.
+// The defect with the largest peak, which is the first of the list.
 struct Worst {
     MetricValue kind, m, n;
 };
@@ -95,7 +95,7 @@ std::vector<Metric> result_metrics(const StoredResult* result, const std::string
     static const StoredResult kNone;
     const StoredResult& r = result != nullptr ? *result : kNone;
     const Worst worst = worst_of(r);
-    // Only ever appended to: the order is the alias.
+    // Only append: the position is the alias.
     add("Number", DataType::uint64, "", natural(r.number));
     add("Store", DataType::text, "", store_id);
     add("Time", DataType::int64, "us", r.time_us);

@@ -35,7 +35,7 @@ int complain(const Error& error, int status) {
     return status;
 }
 
-// The file, where there is one (it must be there when it was named), and what the command line says instead.
+// The configuration file (it may be missing unless it was named), overridden by the command line.
 Result<PageConfig> configuration(const Options& options) {
     PageConfig config;
     if (options.config_given->count() > 0 || std::filesystem::exists(options.config)) {
@@ -61,7 +61,7 @@ Result<PageConfig> configuration(const Options& options) {
 void log(const std::string& line) { fmt::print(stderr, "hord-page: {}\n", line); }
 
 int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint& station) {
-    // Taken by sigwait() below; no thread may be interrupted by them.
+    // Blocked in all threads; sigwait() below receives them.
     sigset_t ends;
     sigemptyset(&ends);
     for (const int signal : {SIGINT, SIGTERM}) sigaddset(&ends, signal);

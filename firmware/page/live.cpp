@@ -29,7 +29,7 @@ Json faults_of(std::uint32_t bits) {
     return list;
 }
 
-// Every row of every block that was read: numbers where there are any, names of values as text beside them.
+// All rows of all blocks: numbers, or the names of named values.
 Json rows_of(const RegisterSnapshot& snapshot) {
     Json json = Json::object();
     for (const auto& [id, readings] : snapshot.blocks()) {

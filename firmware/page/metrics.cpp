@@ -72,7 +72,7 @@ class Families {
 constexpr auto kGauge = MetricType::Gauge;
 constexpr auto kCounter = MetricType::Counter;
 
-// Of the register map, as it is: one row, one metric.
+// Registers that are exported unchanged: one row, one metric.
 struct Row {
     BlockId block;
     const char* row;

@@ -56,7 +56,7 @@ std::string field(const Fields& fields, const std::string& name) {
     return at == fields.end() ? std::string() : at->second;
 }
 
-// "localhost:8070", "[::1]:8070" without its port, in small letters.
+// "localhost:8070", "[::1]:8070" without its port, in lower case.
 std::string host_alone(std::string_view host) {
     if (host.starts_with('[')) {
         const auto end = host.find(']');
@@ -70,7 +70,7 @@ std::string host_alone(std::string_view host) {
     return out;
 }
 
-// Those that the page offers; a recipe is chosen by number, and its limits are not set from here.
+// The commands of the page: all but commit_recipe and teach.
 const NamedValue* command_of(std::string_view name) {
     for (const NamedValue& value : find_register(BlockId::command, "code")->values) {
         const auto code = static_cast<CommandCode>(value.value);
@@ -229,7 +229,7 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
     if (!turn) return refusal(503, "others are looking at parts", "try again in a moment");
     auto kept = deps_.frames.find(named.boot, named.part);
     if (what.starts_with("record")) {
-        // All that is known: the row; what stands in the frame, with the whole recipe; or why there is no frame.
+        // The row, the frame's metadata with the whole recipe, or the reason why there is no frame.
         Json record{{"result", Json::parse(store::to_line(store::to_json(*row)))}};
         record["boot"] = fmt::format("{:08x}", named.boot);
         if (kept) {
@@ -281,7 +281,7 @@ Reply Pages::refuse_command(int status, const char* what, const char* cure, cons
 }
 
 Reply Pages::answer_command(const Request& request) {
-    // A browser says where a request comes from; a page of another site may not make it act.
+    // Browsers name the origin of a request: refuse commands from pages of other sites.
     const bool foreign_site =
         !request.fetch_site.empty() && request.fetch_site != "same-origin" && request.fetch_site != "none";
     const bool foreign_origin = !request.origin.empty() && request.origin != "http://" + request.host &&

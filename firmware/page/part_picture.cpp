@@ -33,8 +33,7 @@ std::string_view title_of(algo::Feature distance) {
     }
 }
 
-// What the recipe judges by; where that is the reference alone, how the part differs from it (`nothing`, if nothing was
-// compared).
+// The maps of the recipe's features; with a reference alone the z-scores (`nothing`, zeros, if nothing was compared).
 std::vector<FeatureView> views_of(const algo::Inspection& found, const algo::Recipe& recipe,
                                   std::vector<float>& nothing) {
     std::vector<FeatureView> views;
@@ -58,7 +57,7 @@ std::vector<FeatureView> views_of(const algo::Inspection& found, const algo::Rec
     return views;
 }
 
-// Nothing when there is no map of that name.
+// Empty: no map of that name.
 std::optional<FeatureView> chosen(const std::vector<FeatureView>& views, const std::string& feature,
                                   algo::Reason reason) {
     const auto named = [&](std::string_view name) { return std::ranges::find(views, name, &FeatureView::name); };

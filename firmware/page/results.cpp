@@ -41,7 +41,7 @@ bool is_word(std::string_view text) {
     return std::all_of(text.begin(), text.end(), [](unsigned char c) { return c >= 0x20 && c != 0x7F; });
 }
 
-// Anything that is not understood is refused: a filter that is left out by mistake would show the wrong rows.
+// Refuses unknown and malformed filters: ignoring one would show wrong rows.
 Result<store::ResultFilter> filter_of(const Fields& fields) {
     store::ResultFilter filter;
     filter.newest = 50;

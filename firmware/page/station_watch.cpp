@@ -37,7 +37,7 @@ RingResult result_from(const std::vector<Reading>& readings, std::uint32_t boot)
     result.score = number("score");
     result.latency_us = number("latency");
     if (result.reject == "confirmed" || result.reject == "late") result.reject_latency_us = number("reject_latency");
-    // The station's monotonic clock is this machine's when they are the same machine.
+    // On the station's machine both have the same monotonic clock.
     const double arrived_s = number("arrived_s").value_or(0), arrived_us = number("arrived_us").value_or(0);
     const auto verdict_ns = static_cast<std::int64_t>(arrived_s) * 1'000'000'000 +
         static_cast<std::int64_t>(arrived_us + result.latency_us.value_or(0)) * 1000;
@@ -78,7 +78,7 @@ void StationWatch::work() {
         }
         const auto now = Steady::now();
         if (now - sample_at_ >= std::chrono::seconds(History::kShortStep_s)) {
-            // In step, but after a long silence not many at once.
+            // Keeps its rhythm, but does not catch up after a long silence.
             sample_at_ = now - sample_at_ > std::chrono::seconds(10)
                 ? now
                 : sample_at_ + std::chrono::seconds(History::kShortStep_s);
@@ -124,7 +124,7 @@ Result<void> StationWatch::poll() {
             if (auto done = read(id); !done) return done;
         }
     }
-    // Between two full looks viewers are told what an alarm depends on, and only when it changes.
+    // Between two full polls only a change of state, bits or faults is published.
     std::string status = snapshot_.text(BlockId::status, "state");
     for (const char* row : {"bits", "faults_active", "faults_latched"})
         status += " " + snapshot_.text(BlockId::status, row);

@@ -14,7 +14,7 @@
 namespace hord::firmware::store {
 namespace {
 
-// Defects as they were archived: numbers are read as floats and written again, which keeps them to the bit.
+// Archived defects with their numbers as floats, as the inspection gave them.
 Json defects_in(const Json& archived) {
     Json list = Json::array();
     for (const Json& d : archived) {
@@ -41,7 +41,7 @@ struct Archived {
     std::string recipe, samples_sha256;
 };
 
-// Throws what nlohmann throws: caught by who calls it.
+// Throws Json::exception; the caller catches it.
 Archived read_metadata(const std::string& metadata) {
     const Json json = Json::parse(metadata);
     Archived archived;
@@ -82,7 +82,7 @@ std::string to_json_line(const Replayed& r) {
 
 struct Replay::Parts {
     std::optional<algo::Recipe> recipe;
-    // One pipeline a kind of frame; frames of one recipe follow each other, so the last one is enough.
+    // The pipeline of the last frame is reused while recipe and extents stay the same.
     std::string known;  // recipe text and extents that `pipeline` was made for
     std::string known_name;
     std::optional<algo::Pipeline> pipeline;

@@ -71,7 +71,7 @@ void replay_all(const std::vector<ArchivedFile>& frames, const std::optional<alg
         }
         return;
     }
-    // A block at a time: its frames are shared out, and taken in order when all are judged.
+    // Block by block: the threads share its frames; `take` gets the results in order when all are there.
     const std::size_t block = std::size_t{64} * jobs;
     std::vector<std::optional<Result<Replayed>>> judged(block);
     for (std::size_t begin = 0; begin < frames.size(); begin += block) {

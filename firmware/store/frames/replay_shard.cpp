@@ -63,7 +63,7 @@ std::string trailer_of(const ReplayTally& tally, const std::string& sum) {
                     {"sha256", sum}});
 }
 
-// A line's frame, as it is written; empty: it is no line of a frame.
+// The frame's name in a line, still escaped; empty: not a line of a frame.
 std::string_view frame_of(std::string_view line) {
     if (!line.starts_with(kFrame)) return {};
     line.remove_prefix(kFrame.size());
@@ -148,8 +148,7 @@ ShardWriter::~ShardWriter() = default;
 Result<ShardWriter> ShardWriter::create(const fs::path& file, const ReplayIdentity& identity, const Shard& shard) {
     auto parts = std::make_unique<Parts>();
     parts->file = file;
-    // A name of its own: a second worker at the same shard, started because the first one seemed dead, writes
-    // elsewhere.
+    // A unique temporary name: two workers may write the same shard when one was believed dead.
     std::string beside = file.string() + ".part.XXXXXX";
     const int fd = ::mkostemp(beside.data(), O_CLOEXEC);
     if (fd < 0) return parts->failed(errno);
@@ -191,7 +190,7 @@ Result<ReplayTally> ShardWriter::finish() {
 
 namespace {
 
-// One shard, line by line.
+// Reads one shard line by line.
 class ShardReader {
   public:
     static Result<ShardReader> open(const fs::path& file) {
@@ -225,7 +224,7 @@ class ShardReader {
         return reader;
     }
 
-    // The next frame's line is there (true), or the shard is at its end and whole (false).
+    // True: line() is the next frame's. False: the end of a complete shard.
     Result<bool> next() {
         Sum before = sum_;
         if (auto read = next_line(); !read) return tl::unexpected(read.error());
@@ -293,7 +292,7 @@ Result<void> belongs(const ShardReader& one, const ShardReader& other) {
     return {};
 }
 
-// Each shard once, all of one replay.
+// Checks that each shard is there once and all are of one replay.
 Result<void> check_set(const std::vector<ShardReader>& shards) {
     std::map<std::uint64_t, const ShardReader*> by_index;
     for (const ShardReader& shard : shards) {

@@ -10,7 +10,7 @@
 namespace hord::firmware::store {
 namespace {
 
-// Changes and commands are few and explain the results: they still find room when these do not.
+// Extra capacity for changes and commands: they are few, and explain the results.
 constexpr std::size_t kRoomForChanges = 1024;
 
 hal::TimePoint steady_now() { return hal::TimePoint(std::chrono::steady_clock::now().time_since_epoch()); }
@@ -81,7 +81,7 @@ void StoreQueue::work() {
         if (failing_) {
             wake_.wait_for(lock, options_.retry_every, [this] { return ending_; });
         } else {
-            // Something comes; then a batch's time passes, unless somebody is in a hurry or much waits.
+            // Wait for a record, then for commit_every, unless an acknowledgement or a full batch waits.
             wake_.wait_for(lock, options_.prune_every, [this] { return ending_ || urgent_ || !waiting_.empty(); });
             wake_.wait_for(lock, options_.commit_every,
                            [this] { return ending_ || urgent_ || waiting_.size() >= options_.batch; });
@@ -184,7 +184,7 @@ void StoreQueue::fail_with(std::unique_lock<std::mutex>& lock, const Error& erro
     lock.lock();
 }
 
-// With the lock. There is room again: the store is to know what it does not have.
+// With the lock. Records the lost results in the store once it works again.
 void StoreQueue::report_losses() {
     if (lost_ == lost_reported_ || failing_) return;
     ChangeRecord lost;

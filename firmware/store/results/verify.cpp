@@ -1,4 +1,4 @@
-// Whether every row of a store is as it was written: no row edited, removed, inserted or moved.
+// Verifies the hash chains of a store: finds rows that were edited, removed, inserted or moved.
 #include <algorithm>
 #include <array>
 
@@ -57,7 +57,7 @@ class ChainCheck {
         if (++problems_ <= kProblemsTold) told_.push_back(name_ + ": " + what);
     }
 
-    // Row 1 follows from genesis; a later first row from what retention removed last, and said so.
+    // Row 1 follows genesis; a later first row follows the last row that retention removed, whose hash it recorded.
     Result<void> find_begin() {
         before_ = genesis(store_id_, table_.name);
         head_.chain = name_;
@@ -114,7 +114,7 @@ class ChainCheck {
             problem(number == expected ? fmt::format("row {} is not as it was written", number)
                                        : fmt::format("row {} does not follow from the row before it", number));
         }
-        // What follows is compared with what stands here, so that one edited row is one problem.
+        // Continue from the stored hash, so that one edited row is one problem.
         before_ = hash;
         if (const auto* blob = std::get_if<Blob>(&stored); blob != nullptr && blob->size() == before_.size()) {
             std::copy(blob->begin(), blob->end(), before_.begin());
@@ -162,7 +162,7 @@ class ChainCheck {
 Result<Verification> StoreReader::verify(const std::vector<ChainHead>& noted) {
     Verification verification;
     Database& database = *parts_->database;
-    // One moment, however long it takes and whatever the station writes meanwhile.
+    // One read transaction: a consistent view while the station writes.
     if (auto done = database.execute("BEGIN"); !done) return tl::unexpected(done.error());
     const auto checked = [&]() -> Result<void> {
         auto pages = database.prepare("PRAGMA integrity_check");
