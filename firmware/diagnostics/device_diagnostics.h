@@ -1,5 +1,4 @@
-// A cell, device by device: what is there, whether it works, and what to do where it does not. For a person who sets a
-// cell up.
+// Tests the devices of a cell, one by one, with a cure for each that does not work. For the set-up of a cell.
 #pragma once
 
 #include <functional>
@@ -18,7 +17,7 @@
 
 namespace hord::firmware {
 
-// A device that was opened, or why it could not be.
+// An opened device, or the error of opening it.
 template <class Device>
 struct DeviceUnderTest {
     Result<Device*> device = nullptr;  // null: simulated, not tested
@@ -30,8 +29,8 @@ struct CellUnderTest {
     DeviceUnderTest<hal::Strobe> strobe;
     DeviceUnderTest<hal::Sensor> sensor;
     DeviceUnderTest<hal::Rejector> rejector;
-    // Asks the rejector's module what it is and how its outputs stand, over a link of its own; moves nothing. May
-    // block. Empty: a rejector that is no module.
+    // Reads the identity and outputs of the rejector's module over its own connection; moves nothing. May block. Empty:
+    // the rejector is not a module.
     std::function<Result<std::string>()> ask_module;
     bool encoder = false;  // the part sensor has one
 
@@ -50,9 +49,9 @@ struct CheckRow {
 
 struct DeviceDiagnosticsOptions {
     bool actuate = false;  // the ejector is pulsed once
-    // Lets the loop run until `done` says so, and for `patience` at most; whether it did.
+    // Runs the loop until `done` returns true, for at most `patience`. Returns whether it was done.
     std::function<bool(const std::function<bool()>& done, hal::Duration patience)> wait;
-    std::function<void(const CheckRow&)> row;  // told as soon as it is known; may be empty
+    std::function<void(const CheckRow&)> row;  // called for each row when it is known; may be empty
 };
 
 // Loop thread, outside of its callbacks. Pulses each light once, takes one frame with light and one without, and asks

@@ -1,5 +1,4 @@
-// Whether a frame of the empty, lit field is fit to be judged: exposure, saturation, and the focus of the lenslets'
-// spots.
+// Quality of a frame of the empty, lit field: exposure, saturation, and focus of the lenslets' spots.
 #pragma once
 
 #include <string>
@@ -23,7 +22,7 @@ struct FrameQuality {
 // `frame` is a macro-pixel frame of these extents. Fails with invalid_argument where it is not.
 Result<FrameQuality> quality_of(const FrameView& frame, const algo::Extents& extents, const algo::Recipe& recipe);
 
-// What is said of a finding: good, or what is wrong and how to cure it.
+// One check: good, or what is wrong and its cure.
 struct Judgement {
     bool good = true;
     std::string found, cure;

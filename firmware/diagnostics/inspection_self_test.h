@@ -1,11 +1,11 @@
-// Whether this build on this processor still tells a good part from a bad one.
+// Self-test: this build on this processor distinguishes a good part from a bad one.
 #pragma once
 
 #include "common/result.h"
 
 namespace hord::firmware {
 
-// Judges two drawn parts of 15 x 15 lenslets, a smooth one and one with light thrown aside in its middle, with the
+// Inspects two synthetic parts of 15 x 15 lenslets, one smooth and one that scatters light in its middle, with the
 // default recipe. Takes a few milliseconds. Fails with internal (a wrong verdict; names it), invalid_argument (bins out
 // of range).
 Result<void> check_judgement(int bins_i, int bins_j, int bits);

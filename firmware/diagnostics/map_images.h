@@ -1,4 +1,4 @@
-// Maps as files a person or a program opens: float TIFF, pseudocolour PNG with a scale, montage.
+// Maps as image files: float TIFF, pseudocolour PNG with a scale, montage.
 #pragma once
 
 #include <filesystem>

@@ -1,4 +1,4 @@
-// Why a part was judged as it was, in words: one sentence a part, one line a defect.
+// The reason of a verdict in words: one sentence a part, one label a defect.
 #pragma once
 
 #include <string>

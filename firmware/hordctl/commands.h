@@ -5,7 +5,7 @@
 
 namespace hord::firmware {
 
-// Each adds its sub-command; when that command is parsed and run, it leaves its status in `status`.
+// Each adds its sub-command, whose callback runs it and sets `status`.
 void add_inspect(CLI::App& program, Exit& status);
 void add_learn(CLI::App& program, Exit& status);
 void add_tune(CLI::App& program, Exit& status);
@@ -22,7 +22,7 @@ void add_latency(CLI::App& program, Exit& status);
 void add_results(CLI::App& program, Exit& status);
 void add_replay(CLI::App& program, Exit& status);  // and merge
 
-// Where the service keeps what outlives it.
+// The service's store.
 constexpr const char* kDefaultStore = "/var/lib/hord/store";
 
 }  // namespace hord::firmware

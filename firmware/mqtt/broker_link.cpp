@@ -19,7 +19,7 @@ constexpr std::uint32_t kLargestPacket = 16'384;
 constexpr std::size_t kMaxUnanswered = 1100;              // more than results may be in flight
 constexpr auto kAnswerWithin = std::chrono::seconds(15);  // from the connection to the last subscription
 
-// libmosquitto wants to be told once a process.
+// libmosquitto is initialised once a process.
 struct Library {
     Library() { mosquitto_lib_init(); }
     ~Library() { mosquitto_lib_cleanup(); }
@@ -35,7 +35,7 @@ struct FreeProperties {
     void operator()(mosquitto_property* all) const { mosquitto_property_free_all(&all); }
 };
 
-// No terminal to ask at: a key with a passphrase cannot be used.
+// A key with a passphrase cannot be used: there is no terminal.
 int no_passphrase(char*, int, int, void*) { return 0; }
 
 Result<void> check_readable(const std::filesystem::path& file, const char* what) {
@@ -124,7 +124,7 @@ struct BrokerLink::Parts {
         Event event;
         event.kind = Event::Kind::confirmed;
         event.token = at->second;
-        event.heard = code != MQTT_RC_NO_MATCHING_SUBSCRIBERS;
+        event.had_subscriber = code != MQTT_RC_NO_MATCHING_SUBSCRIBERS;
         tokens.erase(at);
         if (event.token != 0) events.push_back(std::move(event));
     }
@@ -140,7 +140,7 @@ struct BrokerLink::Parts {
         event.kind = Event::Kind::message;
         event.topic = message->topic;
         event.retained = message->retain;
-        // What is too large is refused by its size; nobody reads on.
+        // One byte above the limit is enough to refuse a payload that is too large.
         event.payload.assign(
             static_cast<const char*>(message->payload),
             std::min<std::size_t>(static_cast<std::size_t>(message->payloadlen), kMaxCommandBytes + 1));

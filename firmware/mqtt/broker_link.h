@@ -1,9 +1,7 @@
-// One connection to an MQTT broker over libmosquitto. Made anew for every session, so that nothing of an old one is
-// sent again.
+// One connection to an MQTT broker over libmosquitto. Each session has a new one, so nothing of an old one is resent.
 //
-// One thread; serve() does all the work. Memory: what the caller has in flight, and one incoming packet, which the
-// broker is told to keep below 16 kB (MQTT 5 only: with 3.1.1 there is no way to say so, and the service's MemoryMax is
-// the limit).
+// One thread; serve() does all the work. Memory: the caller's messages in flight, and one incoming packet of at most 16
+// kB (MQTT 5 announces that limit to the broker; 3.1.1 cannot, and the service's MemoryMax is the limit).
 #pragma once
 
 #include <chrono>
@@ -34,8 +32,8 @@ class BrokerLink {
         Kind kind = Kind::closed;
         std::string topic, payload;  // message
         std::uint64_t token = 0;     // confirmed
-        bool retained = false;       // message: the broker had kept it
-        bool heard = true;           // confirmed: somebody was there to pass it to
+        bool retained = false;       // message: a retained one
+        bool had_subscriber = true;  // confirmed: somebody is subscribed to it
         Error error = {};            // closed
     };
 
@@ -51,11 +49,11 @@ class BrokerLink {
 
     // Fails with disconnected.
     Result<void> publish(const Outgoing& message);
-    // The broker does not read, or does not answer: a good moment to send nothing that can wait.
+    // The broker does not read or answer: send nothing that can wait.
     [[nodiscard]] bool congested() const;
 
-    // Says goodbye once everything is answered, so that the broker does not publish the will. Blocks for at most
-    // `patience`; when that is over the connection is dropped without a word, and the will stands.
+    // Disconnects when everything is answered, so the broker does not publish the will. Blocks for at most `patience`;
+    // after that the connection is dropped and the broker publishes the will.
     void leave(std::chrono::milliseconds patience);
 
   private:

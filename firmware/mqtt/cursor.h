@@ -1,4 +1,4 @@
-// How far the results of a store have been handed over: a small file that outlives the process.
+// How far the results of a store have been delivered: a small file that survives the process.
 #pragma once
 
 #include <cstdint>
@@ -11,19 +11,19 @@
 namespace hord::firmware::mqtt {
 
 struct Cursor {
-    std::string store;            // the store's id; another one begins anew
-    std::int64_t origin = 0;      // results up to this number are none of ours: they are older than the first start
-    std::int64_t confirmed = 0;   // every result from origin + 1 up to this number has been taken
-    std::uint8_t bd_seq = 255;    // of the session before: the next one's is one more
-    std::uint64_t lost = 0;       // results that retention removed before they were handed over
-    std::int64_t lost_until = 0;  // up to this number these are counted
+    std::string store;            // the store's id; with another one it begins again
+    std::int64_t origin = 0;      // results up to this number are older than the first start and not delivered
+    std::int64_t confirmed = 0;   // every result from origin + 1 to this number is delivered
+    std::uint8_t bd_seq = 255;    // of the last session; the next one's is one more
+    std::uint64_t lost = 0;       // results that retention removed before delivery
+    std::int64_t lost_until = 0;  // lost results are counted up to this number
     bool operator==(const Cursor&) const = default;
 };
 
-// Empty: there is no such file yet. Fails with unreadable (damaged: nothing is guessed), io.
+// Empty: no such file. Fails with unreadable (damaged), io.
 Result<std::optional<Cursor>> read_cursor(const std::filesystem::path& file);
 
-// Durable when it returns; the old one stays whole on failure. Fails with io.
+// Durable when it returns; a failure keeps the old file. Fails with io.
 Result<void> write_cursor(const std::filesystem::path& file, const Cursor& cursor);
 
 }  // namespace hord::firmware::mqtt

@@ -10,8 +10,8 @@ namespace hord::firmware::mqtt {
 namespace {
 
 constexpr std::string_view kRebirth = "Node Control/Rebirth";
-constexpr UtcMs kBirthEvery = 1000;     // requests for a birth that come faster share one
-constexpr UtcMs kAskAgainAfter = 2000;  // nobody listens: one result is tried so often
+constexpr UtcMs kBirthEvery = 1000;  // requests for a birth that come faster share one
+constexpr UtcMs kProbeEvery = 2000;  // nobody listens: one result is tried so often
 constexpr std::size_t kMaxStateBytes = 1024;
 
 Metric named(std::string name, DataType type, MetricValue value) {
@@ -60,12 +60,12 @@ void EdgeNode::connected(UtcMs now) {
 
 void EdgeNode::disconnected() {
     session_ = Session::none;
-    leaving_ = rebirth_ = unheard_ = false;
+    leaving_ = rebirth_ = no_subscriber_ = false;
     outbox_.clear();
     open_.clear();
 }
 
-void EdgeNode::goodbye(UtcMs now) {
+void EdgeNode::publish_death(UtcMs now) {
     if (session_ == Session::born) outbox_.push_back({topic("NDEATH"), encode(death(now)), 1, 0, false});
     session_ = Session::none;
 }
@@ -93,8 +93,8 @@ void EdgeNode::birth(UtcMs now) {
     payload.metrics.push_back(named("bdSeq", DataType::int64, std::int64_t{cursor_.bd_seq}));
     payload.metrics.push_back(
         named(std::string(kRebirth), DataType::boolean, false));  // has no alias: hosts write it by name
-    told_ = node_metrics();
-    payload.metrics.insert(payload.metrics.end(), told_.begin(), told_.end());
+    published_ = node_metrics();
+    payload.metrics.insert(payload.metrics.end(), published_.begin(), published_.end());
     const auto declared = result_metrics(nullptr, {}, false);
     payload.metrics.insert(payload.metrics.end(), declared.begin(), declared.end());
     for (Metric& metric : payload.metrics) metric.time_ms = now;
@@ -108,20 +108,20 @@ void EdgeNode::publish(const char* type, Payload payload, std::uint64_t token, U
     outbox_.push_back({topic(type), encode(payload), options_.qos, token, false});
 }
 
-void EdgeNode::tell(const std::vector<Reading>& readings, UtcMs now) {
+void EdgeNode::set_readings(const std::vector<Reading>& readings, UtcMs now) {
     readings_ = readings;
     if (session_ != Session::born) return;
     const auto metrics = node_metrics();
     Payload payload;
     for (std::size_t k = 0; k < metrics.size(); ++k) {
-        if (metrics[k].value == told_[k].value) continue;
+        if (metrics[k].value == published_[k].value) continue;
         Metric change;
         change.alias = metrics[k].alias;
         change.time_ms = now;
         change.value = metrics[k].value;
         payload.metrics.push_back(std::move(change));
     }
-    told_ = metrics;
+    published_ = metrics;
     if (!payload.metrics.empty()) publish("NDATA", std::move(payload), 0, now);
 }
 
@@ -147,7 +147,7 @@ void EdgeNode::refuse(const std::string& why) {
     trouble_ = "refused: " + why;
 }
 
-// Only a new birth can be asked for. A command that holds anything else is refused whole.
+// The only command is a rebirth. A payload with any other metric is refused as a whole.
 void EdgeNode::command(std::string_view bytes) {
     const auto payload = decode_command(bytes);
     if (!payload) return refuse(payload.error().message());
@@ -179,7 +179,7 @@ void EdgeNode::host_state(std::string_view text, UtcMs now) {
     const bool online = json["online"].get<bool>();
     if (online && session_ == Session::waiting) birth(now);
     if (!online && session_ == Session::born) {
-        goodbye(now);
+        publish_death(now);
         leaving_ = true;
     }
 }
@@ -213,14 +213,14 @@ void EdgeNode::use_store(const std::string& id, std::int64_t newest, bool is_new
 void EdgeNode::begin_results() {
     next_ = std::max(cursor_.origin, cursor_.confirmed - options_.repeat) + 1;
     old_until_.reset();
-    ask_again_at_ = 0;
+    probe_at_ = 0;
     allowance_ = static_cast<double>(options_.in_flight);
 }
 
-std::optional<EdgeNode::Wish> EdgeNode::wish(UtcMs now) {
+std::optional<EdgeNode::Demand> EdgeNode::demand(UtcMs now) {
     if (session_ != Session::born || !store_known_) return std::nullopt;
-    const std::size_t window = unheard_ ? 1 : options_.in_flight;
-    const bool too_early = now < ask_again_at_ && ask_again_at_ - now <= kAskAgainAfter;
+    const std::size_t window = no_subscriber_ ? 1 : options_.in_flight;
+    const bool too_early = now < probe_at_ && probe_at_ - now <= kProbeEvery;
     if (open_.size() >= window || too_early) return std::nullopt;
     std::size_t count = window - open_.size();
     const bool old = !old_until_ || next_ <= *old_until_;
@@ -231,7 +231,7 @@ std::optional<EdgeNode::Wish> EdgeNode::wish(UtcMs now) {
         count = std::min(count, static_cast<std::size_t>(allowance_));
         if (count == 0) return std::nullopt;
     }
-    return Wish{next_ - 1, count};
+    return Demand{next_ - 1, count};
 }
 
 void EdgeNode::offer(std::span<const store::StoredResult> results, std::int64_t newest, UtcMs now) {
@@ -240,7 +240,7 @@ void EdgeNode::offer(std::span<const store::StoredResult> results, std::int64_t 
     if (!old_until_) old_until_ = newest;
     for (const store::StoredResult& result : results) {
         if (result.number < next_) continue;
-        // Numbers have no gaps: what is missing and was not handed over is gone.
+        // Numbers have no gaps: missing results that were not delivered are lost.
         const std::int64_t missing = std::max({next_, cursor_.confirmed + 1, cursor_.lost_until + 1});
         if (result.number > missing) {
             cursor_.lost += static_cast<std::uint64_t>(result.number - missing);
@@ -257,7 +257,7 @@ void EdgeNode::offer(std::span<const store::StoredResult> results, std::int64_t 
         if (historical) allowance_ -= 1;
         next_ = result.number + 1;
         if (options_.qos > 0 || &result == results.data()) ++token_;
-        open_.push_back({token_, result.number, Fate::unknown});
+        open_.push_back({token_, result.number, Delivery::pending});
         Payload payload;
         payload.metrics = result_metrics(&result, cursor_.store, historical);
         publish("NDATA", std::move(payload), options_.qos > 0 ? token_ : 0, now);
@@ -265,28 +265,29 @@ void EdgeNode::offer(std::span<const store::StoredResult> results, std::int64_t 
     if (options_.qos == 0 && !results.empty()) outbox_.push_back({topics().front(), {}, 1, token_, true});
 }
 
-void EdgeNode::confirmed(std::uint64_t token, bool heard, UtcMs now) {
+void EdgeNode::confirmed(std::uint64_t token, bool had_subscriber, UtcMs now) {
     for (Open& open : open_) {
-        if (open.token == token) open.fate = heard ? Fate::taken : Fate::unheard;
+        if (open.token == token) open.delivery = had_subscriber ? Delivery::confirmed : Delivery::no_subscriber;
     }
-    figures_.unheard += heard ? 0U : 1U;
+    figures_.unheard += had_subscriber ? 0U : 1U;
     settle(now);
 }
 
 void EdgeNode::settle(UtcMs now) {
-    while (!open_.empty() && open_.front().fate == Fate::taken) {
+    while (!open_.empty() && open_.front().delivery == Delivery::confirmed) {
         cursor_.confirmed = std::max(cursor_.confirmed, open_.front().number);
         open_.pop_front();
-        unheard_ = false;
+        no_subscriber_ = false;
     }
-    if (open_.empty() || open_.front().fate != Fate::unheard) return;
-    // Nobody listens. Once every answer is in, one result at a time asks whether somebody does.
-    if (std::any_of(open_.begin(), open_.end(), [](const Open& open) { return open.fate == Fate::unknown; })) return;
-    if (!unheard_) trouble_ = "the broker has nobody who reads results: they wait in the store";
+    if (open_.empty() || open_.front().delivery != Delivery::no_subscriber) return;
+    // No subscriber. When all results are answered, one result at a time probes for a subscriber.
+    if (std::any_of(open_.begin(), open_.end(), [](const Open& open) { return open.delivery == Delivery::pending; }))
+        return;
+    if (!no_subscriber_) trouble_ = "the broker has nobody who reads results: they wait in the store";
     open_.clear();
-    unheard_ = true;
+    no_subscriber_ = true;
     next_ = cursor_.confirmed + 1;
-    ask_again_at_ = now + kAskAgainAfter;
+    probe_at_ = now + kProbeEvery;
 }
 
 }  // namespace hord::firmware::mqtt

@@ -1,13 +1,13 @@
-// A station as a Sparkplug B edge node, without I/O: what happened goes in, what is to be published comes out.
-// docs/mqtt.md says what it promises.
+// A station as a Sparkplug B edge node, without I/O: events in, messages to publish out. docs/mqtt.md has its
+// guarantees.
 //
 // A session is one MQTT connection. It begins with a birth certificate (all metrics, seq 0), ends with a death
 // certificate that the broker holds as its will, and both carry the same bdSeq. In between every message counts seq on,
 // 0 to 255 and again.
 //
-// Results are published in the order of their numbers and stay open until they are confirmed; the cursor follows the
-// oldest one that is open. What was not confirmed when a session ends is published again in the next: nothing is lost,
-// and who reads knows a repeat by its store and number.
+// Results are published in the order of their numbers and stay open until confirmed; the cursor is below the oldest
+// open one. Results not confirmed at the end of a session are published again in the next: none is lost, and a
+// subscriber recognises a repeat by its store and number.
 #pragma once
 
 #include <cstdint>
@@ -25,20 +25,20 @@ namespace hord::firmware::mqtt {
 
 struct NodeOptions {
     std::string group = "hord", node;
-    std::string primary_host;     // its host id; empty: nobody is waited for
+    std::string primary_host;     // its host id; empty: none
     std::string software;         // version
-    int qos = 1;                  // of everything that counts seq: with two of them, brokers would change the order
-    std::size_t in_flight = 64;   // results that may be open
-    int repeat = 100;             // confirmed results that every birth is followed by, once more
-    int history_per_s = 500;      // pace of what is not new; 0: no limit
-    bool begin_with_all = false;  // at the very first start: what the store holds already, too
+    int qos = 1;                  // of all messages with seq: brokers may reorder messages of different QoS
+    std::size_t in_flight = 64;   // most open results
+    int repeat = 100;             // newest confirmed results published again after each birth
+    int history_per_s = 500;      // rate of results older than the birth; 0: no limit
+    bool begin_with_all = false;  // at the first start: also the results already in the store
 };
 
 struct Outgoing {
     std::string topic, payload;
     int qos = 0;
-    std::uint64_t token = 0;  // not 0: EdgeNode::confirmed() wants to know
-    bool fence = false;       // nothing is published: `token` is confirmed once the broker has read what came before
+    std::uint64_t token = 0;  // not 0: confirmed() must be called with it
+    bool fence = false;       // publishes nothing: confirms `token` when the broker has read all before it
 };
 
 class EdgeNode {
@@ -47,38 +47,38 @@ class EdgeNode {
 
     // -- the connection. Times are UTC; the clock may be set meanwhile.
 
-    // Before each attempt: counts bdSeq on (to be written down before the attempt) and gives the will.
+    // Before each attempt to connect: increments bdSeq (save it before the attempt) and returns the will.
     Outgoing begin_session(UtcMs now);
-    [[nodiscard]] std::vector<std::string> topics() const;  // to be subscribed with QoS 1
+    [[nodiscard]] std::vector<std::string> topics() const;  // to subscribe to, with QoS 1
     void connected(UtcMs now);                              // and subscribed
     void disconnected();
     void message(const std::string& topic, std::string_view payload, UtcMs now, bool retained = false);
-    // `heard`: the broker had somebody to pass it to.
-    void confirmed(std::uint64_t token, bool heard, UtcMs now);
+    // `had_subscriber`: the broker passed it to somebody.
+    void confirmed(std::uint64_t token, bool had_subscriber, UtcMs now);
 
-    // -- what is told
+    // -- the data
 
-    // The store that results come from, and its newest number: before the first wish, and whenever it is another.
-    // `is_new`: it did not exist before, so that nothing in it is older than this node.
+    // The store of the results and its newest number: before the first demand(), and whenever the store changes.
+    // `is_new`: it did not exist before, so nothing in it is older than this node.
     void use_store(const std::string& id, std::int64_t newest, bool is_new = false);
-    struct Wish {
+    struct Demand {
         std::int64_t after = 0;
         std::size_t count = 0;
     };
-    // Results that can be taken now, in the order of their numbers from after + 1 on.
-    [[nodiscard]] std::optional<Wish> wish(UtcMs now);
+    // The results to offer() now: `count` from number after + 1 on.
+    [[nodiscard]] std::optional<Demand> demand(UtcMs now);
     void offer(std::span<const store::StoredResult> results, std::int64_t newest, UtcMs now);
 
-    // What the station says of itself; empty: it is not reached. What changed is published.
-    void tell(const std::vector<Reading>& readings, UtcMs now);
-    void step(UtcMs now);     // time passes
-    void goodbye(UtcMs now);  // publishes the death certificate
+    // The station's registers; empty: it does not answer. Publishes the changes.
+    void set_readings(const std::vector<Reading>& readings, UtcMs now);
+    void step(UtcMs now);           // call regularly
+    void publish_death(UtcMs now);  // publishes the death certificate
 
-    [[nodiscard]] std::vector<Outgoing> take() { return std::exchange(outbox_, {}); }
-    // The primary host is gone: the connection is to be ended, and begun anew.
+    [[nodiscard]] std::vector<Outgoing> take_outgoing() { return std::exchange(outbox_, {}); }
+    // The primary host is offline: disconnect and connect again.
     [[nodiscard]] bool wants_to_leave() const { return leaving_; }
 
-    // -- what is known
+    // -- the state
 
     struct Figures {
         std::uint64_t births = 0, results = 0, repeats = 0, historical = 0, refused = 0, unheard = 0;
@@ -88,16 +88,16 @@ class EdgeNode {
     [[nodiscard]] bool born() const { return session_ == Session::born; }
     [[nodiscard]] bool waits_for_host() const { return session_ == Session::waiting; }
     [[nodiscard]] std::size_t open() const { return open_.size(); }
-    // What a person should know, once: "a command of 9999 bytes: ...". Empty: nothing new.
+    // A new problem to log, once: "a command of 9999 bytes: ...". Empty: none.
     [[nodiscard]] std::string trouble() { return std::exchange(trouble_, {}); }
 
   private:
     enum class Session : std::uint8_t { none, waiting, born };
-    enum class Fate : std::uint8_t { unknown, taken, unheard };
+    enum class Delivery : std::uint8_t { pending, confirmed, no_subscriber };
     struct Open {
         std::uint64_t token;
         std::int64_t number;
-        Fate fate;
+        Delivery delivery;
     };
     [[nodiscard]] std::string topic(const char* type) const;
     [[nodiscard]] std::string state_topic() const;
@@ -122,20 +122,20 @@ class EdgeNode {
     std::uint8_t seq_ = 0;
     UtcMs born_at_ = 0;
     bool rebirth_ = false;
-    std::int64_t host_time_ = 0;  // of the newest word about the primary host
+    std::int64_t host_time_ = 0;  // of the newest state of the primary host
 
     std::vector<Reading> readings_;
-    std::vector<Metric> told_;  // as the last birth or change said it
+    std::vector<Metric> published_;  // as last published
 
     bool store_known_ = false;
     std::int64_t next_ = 1, newest_ = 0;
-    std::optional<std::int64_t> old_until_;  // results up to this number were there before the birth: historical
+    std::optional<std::int64_t> old_until_;  // results up to this number are older than the birth: historical
     std::deque<Open> open_;
     std::uint64_t token_ = 0;
     double allowance_ = 0;
     UtcMs allowance_at_ = 0;
-    bool unheard_ = false;
-    UtcMs ask_again_at_ = 0;
+    bool no_subscriber_ = false;
+    UtcMs probe_at_ = 0;
 };
 
 }  // namespace hord::firmware::mqtt

@@ -1,5 +1,5 @@
-// hord-mqtt: hands a station's results and health to an MQTT broker, as a Sparkplug B edge node. A process of its own
-// beside hordd: it reads registers and store, and can change neither.
+// hord-mqtt: publishes a station's results and state to an MQTT broker, as a Sparkplug B edge node. A process of its
+// own beside hordd: it only reads registers and store.
 #include <algorithm>
 #include <csignal>
 #include <cstdio>
@@ -37,7 +37,7 @@ int complain(const Error& error, int status) {
     return status;
 }
 
-// The station's registers, asked again at every look; a station that is not there is told of once.
+// The station's registers, read anew by every look(). A station that does not answer is reported once.
 class Station {
   public:
     explicit Station(modbus::Endpoint endpoint) : endpoint_(std::move(endpoint)) {}
@@ -64,18 +64,10 @@ class Station {
             if (!places) return tl::unexpected(places.error());
             places_ = std::move(*places);
         }
-        // One request a block: the station has better things to do.
         std::vector<Reading> all;
         for (const modbus::Client::Place& place : places_) {
-            const auto told = blocks_told();
-            if (std::none_of(told.begin(), told.end(),
-                             [&](BlockId id) { return static_cast<std::uint16_t>(id) == place.id; }))
-                continue;
-            const Block& block = *find_block(static_cast<BlockId>(place.id));
-            auto image = client_->read(
-                place.base, std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block.size(), kMaxRead}));
-            if (!image) return tl::unexpected(image.error());
-            auto readings = decode(block, *image);
+            if (std::ranges::count(published_blocks(), static_cast<BlockId>(place.id)) == 0) continue;
+            const auto readings = client_->read_block(place);
             if (!readings) return tl::unexpected(readings.error());
             all.insert(all.end(), readings->begin(), readings->end());
         }
@@ -87,7 +79,7 @@ class Station {
     bool silent_ = false;
 };
 
-// What the configuration leaves to the service: the state file's place, the password, credentials.
+// Completes the configuration from the environment: folder of the state file, password, credentials.
 Result<MqttConfig> complete(MqttConfig config) {
     if (config.state_file.empty()) {
         const char* folder = std::getenv("STATE_DIRECTORY");

@@ -34,7 +34,7 @@ MetricValue value_of(const Register& row, const Reading& reading) {
     }
 }
 
-// The worst of a result's defects: the list is in the order of their peaks.
+// The defect with the largest peak, which is the first of the list.
 struct Worst {
     MetricValue kind, m, n;
 };
@@ -52,7 +52,7 @@ std::uint64_t natural(std::int64_t value) { return static_cast<std::uint64_t>(st
 
 }  // namespace
 
-std::vector<BlockId> blocks_told() {
+std::vector<BlockId> published_blocks() {
     return {BlockId::ident, BlockId::status, BlockId::counters, BlockId::recipe, BlockId::health, BlockId::calibration};
 }
 
@@ -60,7 +60,7 @@ std::vector<Metric> station_metrics(const std::vector<Reading>& readings) {
     std::map<const Register*, const Reading*> known;
     for (const Reading& reading : readings) known[reading.what] = &reading;
     std::vector<Metric> metrics;
-    for (const BlockId id : blocks_told()) {
+    for (const BlockId id : published_blocks()) {
         const Block& block = *find_block(id);
         for (const Register& row : block.registers) {
             if (is_noise(row)) continue;
@@ -95,7 +95,7 @@ std::vector<Metric> result_metrics(const StoredResult* result, const std::string
     static const StoredResult kNone;
     const StoredResult& r = result != nullptr ? *result : kNone;
     const Worst worst = worst_of(r);
-    // Only ever appended to: the order is the alias.
+    // Only append: the position is the alias.
     add("Number", DataType::uint64, "", natural(r.number));
     add("Store", DataType::text, "", store_id);
     add("Time", DataType::int64, "us", r.time_us);

@@ -1,4 +1,4 @@
-// What a station tells as Sparkplug metrics: their names, aliases, types and units.
+// Registers and results as Sparkplug metrics: names, aliases, types and units.
 //
 // Alias of a register is its address in the register map, which never changes; those of results begin at kResultAlias.
 #pragma once
@@ -16,11 +16,11 @@ namespace hord::firmware::mqtt {
 
 constexpr std::uint64_t kNodeAlias = 20'000, kResultAlias = 20'100;
 
-// Blocks that are told: everything but results, which come from the store, and the PLC's commands, which are not ours.
-std::vector<BlockId> blocks_told();
+// All blocks but the results (they come from the store) and the PLC's commands.
+std::vector<BlockId> published_blocks();
 
 // One metric a register of these blocks, with name ("Station/STATUS/state"), alias, type, unit and value; null without
-// a reading. Heartbeats and ages, which change with every look, are left out.
+// a reading. Heartbeats and ages are left out: they change at every poll.
 std::vector<Metric> station_metrics(const std::vector<Reading>& readings);
 
 // A result's metrics: with values at its time, by alias alone; without one, as a birth declares them: names, types,

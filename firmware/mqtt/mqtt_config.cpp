@@ -23,7 +23,7 @@ std::string host_name() {
     return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "station";
 }
 
-// A part of a topic: neither a level of its own nor a wildcard.
+// One level of a topic: no separator, no wildcard.
 bool can_be_in_topic(const std::string& name) {
     for (const char c : name) {
         if (c == '/' || c == '+' || c == '#' || static_cast<unsigned char>(c) < 0x20 || c == 0x7F) return false;

@@ -28,9 +28,9 @@ struct MqttConfig {
 Result<MqttConfig> load_mqtt_config(const std::filesystem::path& file);
 Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view name, const std::filesystem::path& folder);
 
-// The first line of a file that nobody but its owner may read. A file of that name among the service's credentials
-// ($CREDENTIALS_DIRECTORY, systemd's LoadCredential=) is taken instead, so that only root need be able to read the
-// original. Fails with not_found, refused (others may read it).
+// The first line of a file that only its owner may read. A file of that name among the service's credentials
+// ($CREDENTIALS_DIRECTORY, systemd's LoadCredential=) has precedence: then only root needs to read the original. Fails
+// with not_found, refused (others may read it).
 Result<std::string> read_secret(const std::filesystem::path& file);
 
 // The path of that name among the service's credentials if there is one, else `file`.

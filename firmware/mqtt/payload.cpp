@@ -7,7 +7,7 @@
 namespace hord::firmware::mqtt {
 namespace {
 
-// Protobuf: a field is its number and the kind of what follows, then that.
+// Protobuf's wire types: a field is a key (number and wire type) and a value.
 enum class Wire : std::uint8_t { varint = 0, eight_bytes = 1, length = 2, four_bytes = 5 };
 
 // Field numbers of sparkplug_b.proto.
@@ -93,7 +93,7 @@ struct Field {
     std::string_view bytes = {};  // of length
 };
 
-// Takes fields off the front of some bytes; `broken` once these are no protobuf.
+// Parses fields one by one; `broken` when the bytes are no protobuf.
 class Fields {
   public:
     explicit Fields(std::string_view bytes) : left_(bytes) {}

@@ -1,8 +1,8 @@
-// Sparkplug B payloads as bytes (sparkplug_b.proto): written for what a station sends, read for the commands that it is
-// sent.
+// Sparkplug B payloads as bytes (sparkplug_b.proto): encodes what a station publishes, decodes the commands it
+// receives. docs/adr/0006-sparkplug-payload-by-hand.md says why without libprotobuf.
 //
-// Integers of every width travel as Int64 or UInt64, about whose field no two readers disagree. Pure functions; any
-// thread.
+// Integers of every width are sent as Int64 or UInt64: readers disagree on the fields of shorter ones. Pure functions;
+// any thread.
 #pragma once
 
 #include <cstdint>
@@ -29,11 +29,11 @@ enum class DataType : std::uint32_t {
     date_time = 13
 };
 
-// monostate: null. Which field it travels in follows from the type here, not from DataType.
+// monostate: null. This type, not DataType, selects the protobuf field.
 using MetricValue = std::variant<std::monostate, bool, std::int64_t, std::uint64_t, double, std::string>;
 
 struct Metric {
-    std::string name;  // empty: left out, the alias says which
+    std::string name;  // empty: left out, the alias names the metric
     std::optional<std::uint64_t> alias;
     std::optional<UtcMs> time_ms;
     DataType type = DataType::none;
@@ -52,11 +52,11 @@ struct Payload {
 
 std::string encode(const Payload& payload);
 
-// What a stranger may send: bytes beyond these are refused before anything is copied.
+// Limits for commands, which anybody may send: checked before anything is copied.
 constexpr std::size_t kMaxCommandBytes = 4096, kMaxCommandMetrics = 32;
 
-// Fields that a station does not know are skipped, values of other kinds read as null. Fails with unreadable (cut off,
-// no protobuf, too large, too many metrics); never reads outside `bytes`, never allocates more than they hold.
+// Skips unknown fields; reads values of other types as null. Fails with unreadable (truncated, no protobuf, too large,
+// too many metrics). Never reads outside `bytes`, never allocates more than their size.
 Result<Payload> decode_command(std::string_view bytes);
 
 }  // namespace hord::firmware::mqtt

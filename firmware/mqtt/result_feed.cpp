@@ -7,7 +7,7 @@
 namespace hord::firmware::mqtt {
 
 Result<ResultSource::Where> ResultFeed::do_look() {
-    // A damaged file is moved away and the station makes a new one: the old one would be read for ever.
+    // The station may have replaced a damaged file: without reopening, the old one would be read forever.
     struct stat now {};
     const bool there = ::stat((folder_ / store::kStoreFile).c_str(), &now) == 0;
     if (!there || static_cast<std::uint64_t>(now.st_ino) != file_) reader_.reset();

@@ -12,7 +12,7 @@
 
 namespace hord::firmware::mqtt {
 
-// Where results come from: a store, or a bench's own.
+// A source of results: a store, or a test's own.
 class ResultSource {
   public:
     struct Where {
@@ -20,9 +20,9 @@ class ResultSource {
         std::int64_t newest = 0;
     };
     virtual ~ResultSource() = default;
-    // Opens what is not open yet, and notices when there is another store. Fails as StoreReader::open() does.
+    // Opens the store if necessary, and again if it was replaced. Fails as StoreReader::open().
     Result<Where> look() { return do_look(); }
-    // The first `count` with a higher number than `after`. Fails as StoreReader::each_result() does.
+    // The first `count` results with numbers above `after`. Fails as StoreReader::each_result().
     Result<std::vector<store::StoredResult>> read(std::int64_t after, std::size_t count) {
         return do_read(after, count);
     }

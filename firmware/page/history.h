@@ -11,7 +11,7 @@
 
 namespace hord::firmware::page {
 
-// What a sample holds, in this order. Of a long step: the middle of its samples, of latencies the worst.
+// Fields of a sample, in this order. A long step holds the mean of its samples; for the p99 latencies the maximum.
 constexpr std::array<std::string_view, 12> kHistoryFields{"parts_per_minute", "pass_per_minute",   "reject_per_minute",
                                                           "unfit_per_minute", "latency_p50_ms",    "latency_p99_ms",
                                                           "reject_p99_ms",    "drift_px",          "residual_px",
@@ -23,7 +23,7 @@ class History {
     static constexpr int kShortStep_s = 2, kLongStep_s = 240;
     static constexpr std::size_t kShortKept = 450, kLongKept = 360;
 
-    // Once every kShortStep_s; nothing in it where the station was silent.
+    // Call every kShortStep_s; values are empty while the station does not answer.
     void add(std::int64_t time_s, const HistoryValues& values);
 
     // {"step_s":2,"fields":[...],"rows":[[time_s,value or null,...],...]}, oldest first.

@@ -1,5 +1,5 @@
-// hord-page: the station's page for people, and /metrics. A process of its own that only reads: kill it, and the line
-// goes on.
+// hord-page: the station's web page, and /metrics. A process of its own that only reads: the line does not depend on
+// it.
 #include <csignal>
 #include <cstdio>
 #include <string>
@@ -21,8 +21,8 @@ using namespace hord::firmware;
 using namespace hord::firmware::page;
 
 constexpr int kBadConfiguration = 78, kCannotRun = 2;
-constexpr auto kCommandPatience = std::chrono::seconds(10);
-constexpr auto kModbusPatience = std::chrono::milliseconds(1000);
+constexpr auto kCommandTimeout = std::chrono::seconds(10);
+constexpr auto kModbusTimeout = std::chrono::milliseconds(1000);
 
 struct Options {
     std::string config = "/etc/hord/page.toml", modbus, store, listen;
@@ -35,7 +35,7 @@ int complain(const Error& error, int status) {
     return status;
 }
 
-// The file, where there is one (it must be there when it was named), and what the command line says instead.
+// The configuration file (it may be missing unless it was named), overridden by the command line.
 Result<PageConfig> configuration(const Options& options) {
     PageConfig config;
     if (options.config_given->count() > 0 || std::filesystem::exists(options.config)) {
@@ -61,7 +61,7 @@ Result<PageConfig> configuration(const Options& options) {
 void log(const std::string& line) { fmt::print(stderr, "hord-page: {}\n", line); }
 
 int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint& station) {
-    // Taken by sigwait() below; no thread may be interrupted by them.
+    // Blocked in all threads; sigwait() below receives them.
     sigset_t ends;
     sigemptyset(&ends);
     for (const int signal : {SIGINT, SIGTERM}) sigaddset(&ends, signal);
@@ -74,16 +74,16 @@ int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint
     PartPictures pictures;
     const auto command = [&](Command code, std::uint32_t argument, std::uint32_t argument2,
                              const std::string& who) -> Result<modbus::Client::Reply> {
-        auto client = modbus::Client::connect(station, kModbusPatience);
+        auto client = modbus::Client::connect(station, kModbusTimeout);
         if (!client) return tl::unexpected(client.error());
-        return client->command(code, argument, argument2, kCommandPatience, who);
+        return client->command(code, argument, argument2, kCommandTimeout, who);
     };
     Pages pages({config, tokens, viewers, live, results, frames, pictures, command, log, HORD_VERSION});
     auto server = PageServer::open(config, pages, viewers);
     if (!server) return complain(server.error(), kCannotRun);
 
     LatestPicture latest(live, viewers, frames, pictures);
-    StationWatch watch(station, config.poll, live, [&] { latest.look(); });
+    StationWatch watch(station, config.poll, live, [&] { latest.poll(); });
     std::thread answering([&] { (*server)->run(); });
     log(fmt::format("http://{}:{}/ shows the station at {}{}", config.host, (*server)->port(), config.modbus,
                     tokens.empty() ? "" : "; commands need a token"));

@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
-constexpr int kMaxTried = 8;  // frames of parts with the same number, of other starts
+constexpr int kMaxCandidates = 8;  // frames of equal part numbers from different starts
 
 // "000000000123-20261121T071500Z-p42-reject.png"
 std::optional<std::pair<std::uint64_t, std::uint32_t>> number_and_part_of(const std::string& name) {
@@ -35,37 +35,36 @@ std::optional<std::pair<std::uint64_t, std::uint32_t>> number_and_part_of(const 
 
 }  // namespace
 
-// With the lock. The folder's time tells whether anything came or went; a large folder is not listed more often than it
-// bears.
-void KeptFrames::look() {
+// With the lock. Lists the folder when its modification time has changed, and spends at most a tenth of the time on it.
+void KeptFrames::refresh() {
     const auto now = std::chrono::steady_clock::now();
-    if (now < look_again_) return;
+    if (now < next_refresh_) return;
     std::error_code error;
     const auto changed = fs::last_write_time(folder_, error);
     if (error) {
-        known_.clear();
+        files_.clear();
         return;
     }
-    // Times of a folder have a grain: what changed just now may change again within it.
+    // The modification time has a limited resolution: a second change soon after may not show.
     const bool settled = fs::file_time_type::clock::now() - changed > std::chrono::seconds(2);
-    if (changed == changed_ && settled && !known_.empty()) return;
-    std::vector<Known> found;
+    if (changed == changed_ && settled && !files_.empty()) return;
+    std::vector<ListedFile> found;
     for (fs::directory_iterator entry(folder_, error); !error && entry != fs::directory_iterator();
          entry.increment(error)) {
         std::string name = entry->path().filename().string();
         if (const auto is = number_and_part_of(name)) found.push_back({is->first, is->second, std::move(name)});
         if (found.size() >= 2 * kMaxFiles) {  // the oldest half goes
             std::nth_element(found.begin(), found.begin() + kMaxFiles, found.end(),
-                             [](const Known& a, const Known& b) { return a.number > b.number; });
+                             [](const ListedFile& a, const ListedFile& b) { return a.number > b.number; });
             found.resize(kMaxFiles);
         }
     }
-    std::sort(found.begin(), found.end(), [](const Known& a, const Known& b) { return a.number < b.number; });
+    std::sort(found.begin(), found.end(), [](const ListedFile& a, const ListedFile& b) { return a.number < b.number; });
     if (found.size() > kMaxFiles) found.erase(found.begin(), found.end() - kMaxFiles);
-    known_ = std::move(found);
+    files_ = std::move(found);
     changed_ = changed;
     const auto took = std::chrono::steady_clock::now() - now;
-    look_again_ = now + took * 10 + std::chrono::milliseconds(30);
+    next_refresh_ = now + took * 10 + std::chrono::milliseconds(30);
 }
 
 Result<KeptFrame> KeptFrames::read(const std::string& name) const {
@@ -94,8 +93,8 @@ Result<KeptFrame> KeptFrames::find(std::uint32_t boot, std::uint32_t part) {
     std::vector<std::string> names;
     {
         const std::lock_guard lock(mutex_);
-        look();
-        for (auto at = known_.rbegin(); at != known_.rend() && names.size() < kMaxTried; ++at) {
+        refresh();
+        for (auto at = files_.rbegin(); at != files_.rend() && names.size() < kMaxCandidates; ++at) {
             if (at->part == part) names.push_back(at->name);
         }
     }
@@ -118,18 +117,19 @@ Result<KeptFrame> KeptFrames::find(std::uint32_t boot, std::uint32_t part) {
                 "frames are kept of parts that did not pass, of some around them, and of samples, while there is room");
 }
 
-std::optional<KeptFrame> KeptFrames::newest() { return newest(".png", given_); }
-std::optional<KeptFrame> KeptFrames::newest_reject() { return newest("-reject.png", given_reject_); }
+std::optional<KeptFrame> KeptFrames::newest() { return newest(".png", last_newest_); }
+std::optional<KeptFrame> KeptFrames::newest_reject() { return newest("-reject.png", last_reject_); }
 
-std::optional<KeptFrame> KeptFrames::newest(std::string_view ending, std::string& given) {
+std::optional<KeptFrame> KeptFrames::newest(std::string_view ending, std::string& last) {
     std::string name;
     {
         const std::lock_guard lock(mutex_);
-        look();
-        const auto found = std::find_if(known_.rbegin(), known_.rend(),
-                                        [&](const Known& k) { return std::string_view(k.name).ends_with(ending); });
-        if (found == known_.rend() || found->name == given) return std::nullopt;
-        name = given = found->name;
+        refresh();
+        const auto found = std::find_if(files_.rbegin(), files_.rend(), [&](const ListedFile& k) {
+            return std::string_view(k.name).ends_with(ending);
+        });
+        if (found == files_.rend() || found->name == last) return std::nullopt;
+        name = last = found->name;
     }
     auto kept = read(name);
     if (!kept) return std::nullopt;

@@ -1,5 +1,4 @@
-// The picture ring as the page reads it: which frame belongs to which part, and what is in it. Only reads; a frame that
-// is being written, was removed meanwhile or is torn is told as that. Any thread.
+// Read access to the archive of frames: finds the frame of a part. Frames may be removed meanwhile. Any thread.
 #pragma once
 
 #include <chrono>
@@ -23,35 +22,34 @@ struct KeptFrame {
 
 class KeptFrames {
   public:
-    static constexpr std::size_t kMaxFiles = 200'000;  // the newest ones are known
+    static constexpr std::size_t kMaxFiles = 200'000;  // older ones are ignored
     static constexpr std::uintmax_t kLargestFile = 64 * 1024 * 1024;
 
     explicit KeptFrames(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
-    // The frame of this part of this start of the station. Fails with not_found (none is kept), unreadable (torn), io.
+    // The frame of `part` since the station's start `boot`. Fails with not_found, unreadable (damaged), io.
     Result<KeptFrame> find(std::uint32_t boot, std::uint32_t part);
 
-    // The newest one, whatever it shows or of a part that did not pass; nothing when it is the one that was given last,
-    // or there is none.
+    // The newest frame, of any part or of a rejected one. Empty if it is the one of the last call, or there is none.
     std::optional<KeptFrame> newest();
     std::optional<KeptFrame> newest_reject();
 
   private:
-    struct Known {
+    struct ListedFile {
         std::uint64_t number;
         std::uint32_t part;
         std::string name;
     };
-    void look();
-    std::optional<KeptFrame> newest(std::string_view ending, std::string& given);
+    void refresh();
+    std::optional<KeptFrame> newest(std::string_view ending, std::string& last);
     Result<KeptFrame> read(const std::string& name) const;
 
     const std::filesystem::path folder_;
     std::mutex mutex_;
-    std::vector<Known> known_;  // by number
+    std::vector<ListedFile> files_;  // by number
     std::filesystem::file_time_type changed_{};
-    std::chrono::steady_clock::time_point look_again_{};
-    std::string given_, given_reject_;
+    std::chrono::steady_clock::time_point next_refresh_{};
+    std::string last_newest_, last_reject_;
 };
 
 }  // namespace hord::firmware::page

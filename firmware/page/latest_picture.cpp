@@ -4,7 +4,7 @@
 
 namespace hord::firmware::page {
 
-void LatestPicture::look() {
+void LatestPicture::poll() {
     if (const auto kept = frames_.newest_reject()) {
         const auto metadata = nlohmann::json::parse(kept->frame.metadata, nullptr, false);
         const auto number = [&](const char* key) {
@@ -14,13 +14,13 @@ void LatestPicture::look() {
         };
         if (viewers_.count() > 0)
             (void)pictures_.draw(*kept, "");  // ready when they ask; why it fails they are told then
-        live_.saw_picture(static_cast<std::uint32_t>(number("boot")), static_cast<std::uint32_t>(number("part")),
+        live_.set_picture(static_cast<std::uint32_t>(number("boot")), static_cast<std::uint32_t>(number("part")),
                           number("time_us") / 1000);
     }
     const auto now = Clock::now();
     if (now - light_at_ < kLightEvery) return;
     light_at_ = now;
-    if (const auto kept = frames_.newest()) live_.saw_light(brightest_share(kept->frame.frame.view()));
+    if (const auto kept = frames_.newest()) live_.set_light(brightest_share(kept->frame.frame.view()));
 }
 
 }  // namespace hord::firmware::page

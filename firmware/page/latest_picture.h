@@ -1,8 +1,6 @@
-// Looks, after each round of asking the station, whether the frame of another reject has come, and how bright kept
-// frames are.
+// After each poll of the station: announces the frame of a new reject, and measures the brightness of kept frames.
 //
-// A frame is kept at its verdict; its result can be read when the part is past the ejector. So people see a reject
-// before that.
+// A frame is archived at its verdict, its result is published past the ejector: the page shows a reject earlier.
 #pragma once
 
 #include <chrono>
@@ -18,7 +16,7 @@ class LatestPicture {
     LatestPicture(Live& live, Viewers& viewers, KeptFrames& frames, PartPictures& pictures)
         : live_(live), viewers_(viewers), frames_(frames), pictures_(pictures) {}
 
-    void look();
+    void poll();
 
   private:
     static constexpr auto kLightEvery = std::chrono::seconds(2);

@@ -4,16 +4,14 @@
 #include <cctype>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/core/faults.h"
 
 namespace hord::firmware::page {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
-std::string dumped(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+using store::Json;
+using store::to_text;
 
 std::string lower(std::string_view name) {
     std::string out(name);
@@ -31,10 +29,10 @@ Json faults_of(std::uint32_t bits) {
     return list;
 }
 
-// Every row of every block that was read: numbers where there are any, names of values as text beside them.
-Json rows_of(const RegisterSnapshot& moment) {
+// All rows of all blocks: numbers, or the names of named values.
+Json rows_of(const RegisterSnapshot& snapshot) {
     Json json = Json::object();
-    for (const auto& [id, readings] : moment.blocks()) {
+    for (const auto& [id, readings] : snapshot.blocks()) {
         Json block = Json::object();
         for (const Reading& r : readings) {
             const std::string name(r.what->name);
@@ -65,54 +63,54 @@ void LatencyHistogram::add(double seconds) {
     sum_s += seconds;
 }
 
-std::string SeenResult::key() const { return fmt::format("{:08x}-{}", boot, part); }
+std::string RingResult::key() const { return fmt::format("{:08x}-{}", boot, part); }
 
-std::string SeenResult::json() const {
+Json RingResult::json() const {
     Json json{{"key", key()},     {"sequence", sequence}, {"part", part},       {"verdict", verdict},
               {"reason", reason}, {"reject", reject},     {"defects", defects}, {"verdict_ms", verdict_ms}};
     json["score"] = score ? Json(*score) : Json();
     json["latency_us"] = latency_us ? Json(*latency_us) : Json();
     json["reject_latency_us"] = reject_latency_us ? Json(*reject_latency_us) : Json();
-    return dumped(json);
+    return json;
 }
 
-void Live::saw(const RegisterSnapshot& moment) {
+void Live::set_station(const RegisterSnapshot& snapshot) {
     const std::lock_guard lock(mutex_);
     up_ = true;
-    moment_ = moment;
-    viewers_.tell("state", state_locked());
+    snapshot_ = snapshot;
+    viewers_.publish("state", to_text(state_locked()));
 }
 
-void Live::saw(const SeenResult& result) {
+void Live::add_result(const RingResult& result) {
     const std::lock_guard lock(mutex_);
     strip_.push_back(result);
     if (strip_.size() > kStrip) strip_.pop_front();
     if (result.latency_us) verdict_.add(*result.latency_us / 1e6);
     if (result.reject == "confirmed" && result.reject_latency_us) reject_.add(*result.reject_latency_us / 1e6);
     ++by_reason_[result.reason];
-    viewers_.tell("result", result.json());
+    viewers_.publish("result", to_text(result.json()));
 }
 
-void Live::missed(std::uint32_t results) {
+void Live::add_missed(std::uint32_t results) {
     const std::lock_guard lock(mutex_);
     missed_ += results;
 }
 
-void Live::lost(const Error& error) {
+void Live::set_unreachable(const Error& error) {
     const std::lock_guard lock(mutex_);
     const bool news = up_ || error.what != trouble_.what;
     up_ = false;
     trouble_ = error;
-    if (news) viewers_.tell("state", state_locked());
+    if (news) viewers_.publish("state", to_text(state_locked()));
 }
 
-void Live::saw_picture(std::uint32_t boot, std::uint32_t part, std::int64_t verdict_ms) {
+void Live::set_picture(std::uint32_t boot, std::uint32_t part, std::int64_t verdict_ms) {
     const std::lock_guard lock(mutex_);
-    picture_ = fmt::format("{{\"key\":\"{:08x}-{}\",\"part\":{},\"verdict_ms\":{}}}", boot, part, part, verdict_ms);
-    viewers_.tell("picture", picture_);
+    picture_ = {{"key", fmt::format("{:08x}-{}", boot, part)}, {"part", part}, {"verdict_ms", verdict_ms}};
+    viewers_.publish("picture", to_text(picture_));
 }
 
-void Live::saw_light(double share) {
+void Live::set_light(double share) {
     const std::lock_guard lock(mutex_);
     light_ = share;
 }
@@ -121,9 +119,9 @@ void Live::sample(std::int64_t now_s) {
     const std::lock_guard lock(mutex_);
     HistoryValues v;
     if (up_) {
-        const auto health = [&](std::string_view row) { return moment_.number(BlockId::health, row); };
-        const auto count = [&](std::string_view row) { return moment_.number(BlockId::counters, row).value_or(0); };
-        const Counted now{moment_.bits(BlockId::ident, "boot_id"), count("pass"), count("reject"), count("unfit")};
+        const auto health = [&](std::string_view row) { return snapshot_.number(BlockId::health, row); };
+        const auto count = [&](std::string_view row) { return snapshot_.number(BlockId::counters, row).value_or(0); };
+        const Counted now{snapshot_.bits(BlockId::ident, "boot_id"), count("pass"), count("reject"), count("unfit")};
         v[0] = as_is(health("parts_per_minute"));
         if (counted_ && counted_->boot == now.boot) {
             const double per_minute = 60.0 / History::kShortStep_s;
@@ -135,8 +133,8 @@ void Live::sample(std::int64_t now_s) {
         v[4] = in_ms(health("latency_p50"));
         v[5] = in_ms(health("latency_p99"));
         v[6] = in_ms(health("reject_p99"));
-        v[7] = as_is(moment_.number(BlockId::calibration, "drift"));
-        v[8] = as_is(moment_.number(BlockId::calibration, "residual"));
+        v[7] = as_is(snapshot_.number(BlockId::calibration, "drift"));
+        v[8] = as_is(snapshot_.number(BlockId::calibration, "residual"));
         if (light_) v[9] = static_cast<float>(100 * *light_);
         v[10] = as_is(health("processor"));
         v[11] = as_is(health("disk_free"));
@@ -146,37 +144,30 @@ void Live::sample(std::int64_t now_s) {
     history_.add(now_s, v);
 }
 
-std::string Live::state_locked() const {
+Json Live::state_locked() const {
     Json json{{"up", up_}};
     if (!up_) json["trouble"] = {{"what", trouble_.what}, {"cure", trouble_.cure}};
-    const std::uint32_t active = up_ ? moment_.bits(BlockId::status, "faults_active") : 0,
-                        latched = up_ ? moment_.bits(BlockId::status, "faults_latched") : 0;
-    const std::uint32_t bits = moment_.bits(BlockId::status, "bits");
-    json["line_stop"] = up_ && (bits >> 2U & 1U) != 0;
-    json["run_permit"] = up_ && (bits >> 1U & 1U) != 0;
-    json["plc_lost"] = up_ && (bits >> 7U & 1U) != 0;
-    json["results_overrun"] = up_ && (bits >> 6U & 1U) != 0;
+    const std::uint32_t active = up_ ? snapshot_.bits(BlockId::status, "faults_active") : 0,
+                        latched = up_ ? snapshot_.bits(BlockId::status, "faults_latched") : 0;
+    for (const char* bit : {"line_stop", "run_permit", "plc_lost", "results_overrun"})
+        json[bit] = up_ && snapshot_.status_bit(bit);
     json["faults_active"] = faults_of(active);
     json["faults_latched"] = faults_of(latched & ~active);
     json["light_share"] = light_ ? Json(*light_) : Json();
-    json["rows"] = rows_of(moment_);
-    return dumped(json);
+    json["rows"] = rows_of(snapshot_);
+    return json;
 }
 
-std::string Live::state_json() const {
+Json Live::state_json() const {
     const std::lock_guard lock(mutex_);
     return state_locked();
 }
 
-std::string Live::page_json() const {
+Json Live::page_json() const {
     const std::lock_guard lock(mutex_);
-    std::string out = "{\"state\":" + state_locked() + ",\"results\":[";
-    const char* comma = "";
-    for (const SeenResult& result : strip_) {
-        out += comma + result.json();
-        comma = ",";
-    }
-    return out + "],\"picture\":" + picture_ + "}";
+    Json results = Json::array();
+    for (const RingResult& result : strip_) results.push_back(result.json());
+    return {{"state", state_locked()}, {"results", std::move(results)}, {"picture", picture_}};
 }
 
 std::string Live::history_json(bool long_steps) const {
@@ -186,7 +177,7 @@ std::string Live::history_json(bool long_steps) const {
 
 Live::Figures Live::figures() const {
     const std::lock_guard lock(mutex_);
-    return {up_, moment_, verdict_, reject_, by_reason_, missed_, light_};
+    return {up_, snapshot_, verdict_, reject_, by_reason_, missed_, light_};
 }
 
 }  // namespace hord::firmware::page

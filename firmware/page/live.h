@@ -1,4 +1,4 @@
-// What the page knows of the station now and of the last while. Any thread; memory does not grow.
+// The page's data of the station: now and recently. Any thread; memory is bounded.
 #pragma once
 
 #include <array>
@@ -13,23 +13,24 @@
 
 #include "common/result.h"
 #include "firmware/page/history.h"
-#include "firmware/page/register_snapshot.h"
 #include "firmware/page/viewers.h"
+#include "firmware/registers/register_snapshot.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::page {
 
-// One of the ring's results, as people are told of it.
-struct SeenResult {
+// One result of the register ring, for the page.
+struct RingResult {
     std::uint32_t boot = 0, sequence = 0, part = 0, defects = 0;
     std::string verdict, reason, reject;
     std::optional<double> score;
     std::optional<double> latency_us, reject_latency_us;
-    std::int64_t verdict_ms = 0;  // UTC; when the page runs on another machine than the station: when the page saw it
+    std::int64_t verdict_ms = 0;            // UTC; time of reading if the page runs on another machine
     [[nodiscard]] std::string key() const;  // "0a1b2c3d-42", as in the page's addresses
-    [[nodiscard]] std::string json() const;
+    [[nodiscard]] store::Json json() const;
 };
 
-// Seconds, as Prometheus counts: how many were at most so long.
+// A histogram of seconds with Prometheus's buckets.
 class LatencyHistogram {
   public:
     static constexpr std::array<double, 12> kBounds_s{0.005, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.75, 1, 2};
@@ -40,30 +41,29 @@ class LatencyHistogram {
 
 class Live {
   public:
-    static constexpr std::size_t kStrip = 120;  // results that a page begins with
+    static constexpr std::size_t kStrip = 120;  // results shown when a page is opened
 
     explicit Live(Viewers& viewers) : viewers_(viewers) {}
 
-    // The station's answers, from the thread that asks.
-    void saw(const RegisterSnapshot& moment);
-    void saw(const SeenResult& result);
-    void missed(std::uint32_t results);  // the ring had gone round
-    void lost(const Error& error);       // nobody answers
-    // The frame of a part that did not pass is kept and can be drawn. It comes before the result, which is whole when
-    // the part is past the ejector.
-    void saw_picture(std::uint32_t boot, std::uint32_t part, std::int64_t verdict_ms);
-    void saw_light(double share);     // of a kept frame's brightest samples, 1: full scale
+    // From the polling thread.
+    void set_station(const RegisterSnapshot& snapshot);
+    void add_result(const RingResult& result);
+    void add_missed(std::uint32_t results);    // overwritten in the ring before they were read
+    void set_unreachable(const Error& error);  // the station does not answer
+    // The frame of a rejected part is in the archive. Comes before the part's result.
+    void set_picture(std::uint32_t boot, std::uint32_t part, std::int64_t verdict_ms);
+    void set_light(double share);     // brightest_share() of a kept frame
     void sample(std::int64_t now_s);  // a row of the charts, once every History::kShortStep_s
 
-    // Everything that a page begins with: state, and the newest results, oldest first.
-    [[nodiscard]] std::string page_json() const;
-    // State alone: what viewers are told every second and whenever it changes.
-    [[nodiscard]] std::string state_json() const;
+    // The data of a page that opens: state, and the newest results, oldest first.
+    [[nodiscard]] store::Json page_json() const;
+    // The state alone: the event that is sent every second and at each change.
+    [[nodiscard]] store::Json state_json() const;
     [[nodiscard]] std::string history_json(bool long_steps) const;
 
     struct Figures {
         bool up = false;
-        RegisterSnapshot moment;
+        RegisterSnapshot snapshot;
         LatencyHistogram verdict, reject;
         std::map<std::string, std::uint64_t> by_reason;
         std::uint64_t missed = 0;
@@ -72,18 +72,18 @@ class Live {
     [[nodiscard]] Figures figures() const;
 
   private:
-    [[nodiscard]] std::string state_locked() const;
+    [[nodiscard]] store::Json state_locked() const;
 
     Viewers& viewers_;
     mutable std::mutex mutex_;
     bool up_ = false;
     Error trouble_{ErrorCode::disconnected, "the station was not asked yet", ""};
-    RegisterSnapshot moment_;
-    std::deque<SeenResult> strip_;
+    RegisterSnapshot snapshot_;
+    std::deque<RingResult> strip_;
     LatencyHistogram verdict_, reject_;
     std::map<std::string, std::uint64_t> by_reason_;
     std::uint64_t missed_ = 0;
-    std::string picture_ = "null";  // the newest that was kept, as JSON
+    store::Json picture_;  // of the newest reject; null: none
     std::optional<double> light_;
     History history_;
     struct Counted {

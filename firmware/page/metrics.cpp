@@ -72,7 +72,7 @@ class Families {
 constexpr auto kGauge = MetricType::Gauge;
 constexpr auto kCounter = MetricType::Counter;
 
-// Of the register map, as it is: one row, one metric.
+// Registers that are exported unchanged: one row, one metric.
 struct Row {
     BlockId block;
     const char* row;
@@ -148,7 +148,7 @@ void add_station(Families& f, const Live::Figures& s) {
     f.one("hord_light_peak_ratio", "Brightest samples of the frame that was kept last, of full scale.", kGauge,
           s.light);
     if (!s.up) return;  // what the station said before is not what it is
-    const RegisterSnapshot& m = s.moment;
+    const RegisterSnapshot& m = s.snapshot;
     f.begin("hord_station_info", "Who the station is.", kGauge);
     f.add(1,
           {{"vendor", m.text(BlockId::ident, "vendor")},
@@ -164,10 +164,10 @@ void add_station(Families& f, const Live::Figures& s) {
     const auto state = m.number(BlockId::status, "state");
     for (const NamedValue& value : find_register(BlockId::status, "state")->values)
         f.add(state == double{static_cast<double>(value.value)} ? 1 : 0, {{"state", std::string(value.name)}});
-    const std::uint32_t bits = m.bits(BlockId::status, "bits");
-    f.one("hord_run_permit", "1 while the conveyor may run.", kGauge, bits >> 1U & 1U);
-    f.one("hord_line_stop", "1 while the conveyor must stand.", kGauge, bits >> 2U & 1U);
-    f.one("hord_plc_lost", "1 while the PLC's heartbeat is missing.", kGauge, bits >> 7U & 1U);
+    const auto status_bit = [&](const char* name) { return m.status_bit(name) ? 1 : 0; };
+    f.one("hord_run_permit", "1 while the conveyor may run.", kGauge, status_bit("run_permit"));
+    f.one("hord_line_stop", "1 while the conveyor must stand.", kGauge, status_bit("line_stop"));
+    f.one("hord_plc_lost", "1 while the PLC's heartbeat is missing.", kGauge, status_bit("plc_lost"));
     const auto faults = [&](const char* name, const char* help, std::uint32_t set) {
         f.begin(name, help, kGauge);
         for (const FaultInfo& fault : kFaultTable)

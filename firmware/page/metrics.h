@@ -1,5 +1,4 @@
-// What Prometheus reads at /metrics: names and units by its conventions, from what the page knows of the station and of
-// itself. docs/page.md lists them.
+// The metrics of station and page for Prometheus (/metrics). docs/page.md lists them.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +15,7 @@ struct PageFigures {
     std::size_t viewers = 0;
     std::map<int, std::uint64_t> replies;           // by status
     std::map<std::string, std::uint64_t> commands;  // by outcome: "completed", "failed", "refused"
-    std::uint64_t turned_away = 0;                  // connections beyond those that may be
+    std::uint64_t turned_away = 0;                  // connections beyond the limit
 };
 
 std::string metrics_text(const Live::Figures& station, const PageFigures& page);

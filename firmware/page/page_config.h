@@ -1,4 +1,4 @@
-// What people may choose about the page: page.toml, strictly read.
+// The configuration of hord-page: page.toml, read strictly.
 #pragma once
 
 #include <chrono>
@@ -14,17 +14,17 @@ namespace hord::firmware::page {
 struct PageConfig {
     std::string host = "127.0.0.1";  // the page listens here
     std::uint16_t port = 8070;       // 0: any free one
-    std::vector<std::string> names;  // further names and addresses by which browsers and Prometheus may call it
-    int viewers = 16;  // browsers that are told of changes at the same time; further ones ask every two seconds
+    std::vector<std::string> names;  // further host names and addresses that requests may name
+    int viewers = 16;  // browsers that receive events at the same time; further ones poll every two seconds
 
     std::string modbus = "127.0.0.1:502";                 // the station's register server
     std::filesystem::path store = "/var/lib/hord/store";  // its store; "": none
-    std::chrono::milliseconds poll{100};                  // the station is asked so often
+    std::chrono::milliseconds poll{100};                  // period of polling the station
 
-    std::filesystem::path tokens;  // who may command; empty: nobody, the page only shows
+    std::filesystem::path tokens;  // file of people who may command; empty: commands are refused
 };
 
-// Relative files are relative to the file. Fails with invalid_argument, every problem with its line, and not_found.
+// Relative paths are relative to the file. Fails with invalid_argument (all problems, with their lines), not_found.
 Result<PageConfig> load_page_config(const std::filesystem::path& file);
 Result<PageConfig> parse_page_config(std::string_view text, const std::filesystem::path& file);
 

@@ -5,7 +5,6 @@
 #include <chrono>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/page/site.h"
 #include "firmware/store/results/export.h"
@@ -13,17 +12,16 @@
 namespace hord::firmware::page {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using store::Json;
+using store::to_text;
 
 constexpr std::string_view kBearer = "Bearer ";
-constexpr auto kFramePatience = std::chrono::seconds(5);
-
-std::string dumped(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+constexpr auto kFrameTimeout = std::chrono::seconds(5);
 
 Reply refusal(int status, std::string_view what, std::string_view cure) {
     Reply reply;
     reply.status = status;
-    reply.body = dumped({{"error", what}, {"cure", cure}});
+    reply.body = to_text({{"error", what}, {"cure", cure}});
     return reply;
 }
 
@@ -36,12 +34,13 @@ Reply refusal(const Error& error) {
     return refusal(status, error.what, error.cure);
 }
 
-Reply json(Result<std::string> text) {
-    if (!text) return refusal(text.error());
+Reply json_text(std::string text) {
     Reply reply;
-    reply.body = std::move(*text);
+    reply.body = std::move(text);
     return reply;
 }
+
+Reply json(const Result<Json>& json) { return json ? json_text(to_text(*json)) : refusal(json.error()); }
 
 Reply file(std::string type, std::string body) {
     Reply reply;
@@ -57,7 +56,7 @@ std::string field(const Fields& fields, const std::string& name) {
     return at == fields.end() ? std::string() : at->second;
 }
 
-// "localhost:8070", "[::1]:8070" without its port, in small letters.
+// "localhost:8070", "[::1]:8070" without its port, in lower case.
 std::string host_alone(std::string_view host) {
     if (host.starts_with('[')) {
         const auto end = host.find(']');
@@ -123,9 +122,9 @@ Reply Pages::counted(Reply reply) {
 
 bool Pages::may_be_called(std::string_view given) const {
     const std::string host = host_alone(given);
-    if (host == "localhost" || host == "127.0.0.1" || host == "[::1]" || host == host_alone(works_.config.host))
+    if (host == "localhost" || host == "127.0.0.1" || host == "[::1]" || host == host_alone(deps_.config.host))
         return true;
-    return std::find(works_.config.names.begin(), works_.config.names.end(), host) != works_.config.names.end();
+    return std::find(deps_.config.names.begin(), deps_.config.names.end(), host) != deps_.config.names.end();
 }
 
 Reply Pages::answer(const Request& request) {
@@ -141,7 +140,7 @@ std::optional<Reply> Pages::answer_without_body(const Request& request) {
     if (request.path.find('\0') != std::string::npos || request.path.empty() || request.path[0] != '/')
         return counted(refusal(400, "that is no address of this page", "begin at /"));
     if (request.method == "POST" && request.path == "/api/command") {
-        if (works_.tokens.empty())
+        if (deps_.tokens.empty())
             return counted(refuse_command(403, "this page only shows",
                                           "to allow commands, name a file of tokens in page.toml: [actions] tokens",
                                           request));
@@ -166,11 +165,12 @@ Reply Pages::get(const Request& request) {
     }
     if (path == "/metrics") return metrics();
     if (path == "/api/page") {
-        std::string text = works_.live.page_json();
-        text.pop_back();
-        return json(text + fmt::format(",\"actions\":{},\"version\":\"{}\"}}", !works_.tokens.empty(), works_.version));
+        Json page = deps_.live.page_json();
+        page["actions"] = !deps_.tokens.empty();
+        page["version"] = deps_.version;
+        return json(page);
     }
-    if (path == "/api/state") return json(works_.live.state_json());
+    if (path == "/api/state") return json(deps_.live.state_json());
     if (path == "/api/events") {
         Reply reply = file("text/event-stream", "retry: 1000\n\n");
         reply.events = true;
@@ -180,11 +180,14 @@ Reply Pages::get(const Request& request) {
         const std::string span = field(request.query, "span");
         if (!span.empty() && span != "15m" && span != "24h")
             return refusal(400, "there is no such span", "ask for 15m or 24h");
-        return json(works_.live.history_json(span == "24h"));
+        return json_text(deps_.live.history_json(span == "24h"));
     }
-    if (path == "/api/results") return json(works_.results.search(request.query));
-    if (path == "/api/recipe") return json(works_.results.recipe_in_use());
-    if (path == "/api/changes") return json(works_.results.changes(30));
+    if (path == "/api/results") {
+        const auto rows = deps_.results.search(request.query);
+        return rows ? json_text(store::to_line(*rows)) : refusal(rows.error());
+    }
+    if (path == "/api/recipe") return json(deps_.results.recipe_in_use());
+    if (path == "/api/changes") return json(deps_.results.changes(30));
     constexpr std::string_view kParts = "/parts/";
     if (path.starts_with(kParts)) {
         const std::string_view rest = path.substr(kParts.size());
@@ -208,7 +211,7 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
     std::optional<store::StoredResult> row;
     const bool wants_row = what.starts_with("record") || named.number;
     if (wants_row) {
-        auto found = works_.results.one(*key);
+        auto found = deps_.results.one(*key);
         if (!found) return refusal(found.error());
         row = std::move(*found);
         named.boot = row->boot;
@@ -219,12 +222,12 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
         reply.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + as + "\"");
         return reply;
     };
-    const std::unique_lock turn(frame_turn_, kFramePatience);
+    const std::unique_lock turn(frame_mutex_, kFrameTimeout);
     if (!turn) return refusal(503, "others are looking at parts", "try again in a moment");
-    auto kept = works_.frames.find(named.boot, named.part);
+    auto kept = deps_.frames.find(named.boot, named.part);
     if (what.starts_with("record")) {
-        // All that is known: the row; what stands in the frame, with the whole recipe; or why there is no frame.
-        Json record{{"result", Json::parse(store::to_json_line(*row), nullptr, false)}};
+        // The row, the frame's metadata with the whole recipe, or the reason why there is no frame.
+        Json record{{"result", Json::parse(store::to_line(store::to_json(*row)))}};
         record["boot"] = fmt::format("{:08x}", named.boot);
         if (kept) {
             record["frame"] = kept->name;
@@ -232,7 +235,7 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
         } else {
             record["no_frame"] = kept.error().message();
         }
-        const std::string text = record.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+        const std::string text = to_text(record, 2) + "\n";
         if (what == "record.json") return download(file("application/json", text), base + ".json");
         const std::string frame = kept ? bytes(kept->bytes) : std::string();
         const std::int64_t time_s = row->time_us / 1'000'000;
@@ -244,23 +247,23 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
     }
     if (!kept) return refusal(kept.error());
     if (what == "frame.png") return download(file("image/png", bytes(kept->bytes)), base + ".png");
-    const auto drawn = works_.pictures.draw(*kept, field(request.query, "map"));
+    const auto drawn = deps_.pictures.draw(*kept, field(request.query, "map"));
     if (!drawn) return refusal(drawn.error());
-    if (what == "found.json") return json((*drawn)->found);
+    if (what == "found.json") return json_text((*drawn)->found);
     return file("image/png", bytes((*drawn)->png));
 }
 
 Reply Pages::metrics() {
     PageFigures figures;
-    figures.version = works_.version;
-    figures.viewers = works_.viewers.count();
+    figures.version = deps_.version;
+    figures.viewers = deps_.viewers.count();
     figures.turned_away = turned_away_;
     {
         const std::lock_guard lock(mutex_);
         figures.replies = replies_;
         figures.commands = commands_;
     }
-    return file("text/plain; version=0.0.4; charset=utf-8", metrics_text(works_.live.figures(), figures));
+    return file("text/plain; version=0.0.4; charset=utf-8", metrics_text(deps_.live.figures(), figures));
 }
 
 // -- commands
@@ -270,12 +273,12 @@ Reply Pages::refuse_command(int status, const char* what, const char* cure, cons
         const std::lock_guard lock(mutex_);
         ++commands_["refused"];
     }
-    if (works_.log) works_.log(fmt::format("a command from {} is refused: {}", request.peer, what));
+    if (deps_.log) deps_.log(fmt::format("a command from {} is refused: {}", request.peer, what));
     return refusal(status, what, cure);
 }
 
 Reply Pages::answer_command(const Request& request) {
-    // A browser says where a request comes from; a page of another site may not make it act.
+    // Browsers name the origin of a request: refuse commands from pages of other sites.
     const bool foreign_site =
         !request.fetch_site.empty() && request.fetch_site != "same-origin" && request.fetch_site != "none";
     const bool foreign_origin = !request.origin.empty() && request.origin != "http://" + request.host &&
@@ -284,7 +287,7 @@ Reply Pages::answer_command(const Request& request) {
         return counted(refuse_command(403, "another site may not command the station",
                                       "give the command on the page itself", request));
     const std::string_view shown = request.authorization;
-    const auto who = shown.starts_with(kBearer) ? works_.tokens.owner(shown.substr(kBearer.size())) : std::nullopt;
+    const auto who = shown.starts_with(kBearer) ? deps_.tokens.owner(shown.substr(kBearer.size())) : std::nullopt;
     if (!who) {
         Reply reply =
             refuse_command(401, "the token is not known", "enter a token of the file that page.toml names", request);
@@ -301,14 +304,14 @@ Reply Pages::answer_command(const Request& request) {
         return counted(refuse_command(400, "there is no such command, or its arguments are no whole numbers",
                                       "use start_continuous, stop, abort, reset, self_test, use_recipe ...", request));
     }
-    const auto done = works_.command(*command, *argument, *argument2, *who);
+    const auto done = deps_.command(*command, *argument, *argument2, *who);
     const bool completed = done && done->state == CommandState::completed;
     {
         const std::lock_guard lock(mutex_);
         ++commands_[completed ? "completed" : "failed"];
     }
-    if (works_.log)
-        works_.log(fmt::format("{} for {} from {}: {}", name_of(*command), *who, request.peer,
+    if (deps_.log)
+        deps_.log(fmt::format("{} for {} from {}: {}", name_of(*command), *who, request.peer,
                                completed  ? "done"
                                    : done ? done->error_name
                                           : done.error().message()));
@@ -318,9 +321,7 @@ Reply Pages::answer_command(const Request& request) {
     if (!completed)
         return counted(refusal(409, "the station refuses " + std::string(name_of(*command)) + ": " + done->error_name,
                                cure_of(done->error)));
-    Reply reply;
-    reply.body = dumped({{"done", name_of(*command)}, {"result", done->result}});
-    return counted(std::move(reply));
+    return counted(json(Json{{"done", name_of(*command)}, {"result", done->result}}));
 }
 
 }  // namespace hord::firmware::page

@@ -1,15 +1,16 @@
-// Which address gives what: from a request to a reply, without a socket. Any thread.
+// From a request to a reply, without a socket. Any thread.
 //
-//   /  and the site's files       firmware/page/site
-//   /metrics                      for Prometheus
-//   /api/page                     state and newest results, as JSON; /api/state: state alone; /api/events: both as they
-//   happen /api/history?span=15m|24h     for the charts /api/results, /api/recipe, /api/changes   from the store
-//   /parts/KEY/FILE               record.json, record.tar, frame.png, map.png, found.json of one part
-//   /api/command                  POST {"command":"stop"}, with a token
+//   / and the site's files               firmware/page/site
+//   /metrics                             for Prometheus
+//   /api/page, /api/state                state and newest results, as JSON; state alone
+//   /api/events                          both, as events
+//   /api/history?span=15m|24h            for the charts
+//   /api/results, /api/recipe, /api/changes   from the store
+//   /parts/KEY/FILE                      record.json, record.tar, frame.png, map.png, found.json of one part
+//   /api/command                         POST {"command":"stop"}, with a token
 //
-// Everything but /api/command only reads. A request that names a host by which this page is not called is refused (a
-// foreign site may make a browser ask us under its own name), and so is a command that another site made the browser
-// send.
+// Everything but /api/command only reads. Refused are requests with an unknown Host (DNS rebinding), and commands that
+// another site made the browser send (cross-site request forgery).
 #pragma once
 
 #include <atomic>
@@ -45,10 +46,10 @@ struct Reply {
     std::string type = "application/json";
     std::string body;
     std::vector<std::pair<std::string, std::string>> headers;  // beside those of every reply
-    bool events = false;  // what follows is Viewers' to tell; body is the beginning
+    bool events = false;                                       // Viewers sends the rest; body is the beginning
 };
 
-// In every reply: nothing from elsewhere, in nobody's frame, believed to be what its type says.
+// Security headers of every reply: no content of other sites, no framing, no guessing of types.
 const std::vector<std::pair<std::string, std::string>>& headers_of_every_reply();
 
 class Pages {
@@ -67,10 +68,10 @@ class Pages {
         std::function<void(const std::string&)> log;  // one line: a command, a wrong token
         std::string version;
     };
-    explicit Pages(Dependencies works) : works_(std::move(works)) {}
+    explicit Pages(Dependencies dependencies) : deps_(std::move(dependencies)) {}
 
-    // What must be known before a body is read: the reply, or nothing when the body decides. A body is read for
-    // /api/command alone.
+    // The reply to a request whose body is not needed. Empty: read the body and call answer_command(); only
+    // /api/command has one.
     [[nodiscard]] std::optional<Reply> answer_without_body(const Request& request);
     [[nodiscard]] Reply answer_command(const Request& request);
     // Both.
@@ -86,8 +87,8 @@ class Pages {
     [[nodiscard]] Reply refuse_command(int status, const char* what, const char* cure, const Request& request);
     Reply counted(Reply reply);
 
-    const Dependencies works_;
-    std::timed_mutex frame_turn_;  // frames are large: one is in memory at a time
+    const Dependencies deps_;
+    std::timed_mutex frame_mutex_;  // frames are large: one in memory at a time
     std::mutex mutex_;
     std::map<int, std::uint64_t> replies_;
     std::map<std::string, std::uint64_t> commands_{{"completed", 0}, {"failed", 0}, {"refused", 0}};

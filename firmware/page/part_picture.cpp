@@ -4,26 +4,27 @@
 #include <optional>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "algo/inspection/pipeline.h"
 #include "firmware/diagnostics/map_images.h"
 #include "firmware/diagnostics/verdict_text.h"
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/store/frames/frame_retention.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::page {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using store::Json;
+using store::to_text;
 
-struct Shown {
+struct FeatureView {
     std::string name, title, unit;
     algo::Map map;
     float limit;
 };
 
-std::string_view words_for(algo::Feature distance) {
+std::string_view title_of(algo::Feature distance) {
     switch (distance) {
         case algo::Feature::emd: return "earth mover's distance";
         case algo::Feature::marginal: return "distance of the marginals";
@@ -32,14 +33,14 @@ std::string_view words_for(algo::Feature distance) {
     }
 }
 
-// What the recipe judges by; where that is the reference alone, how the part differs from it (`nothing`, if nothing was
-// compared).
-std::vector<Shown> views_of(const algo::Inspection& found, const algo::Recipe& recipe, std::vector<float>& nothing) {
-    std::vector<Shown> views;
+// The maps of the recipe's features; with a reference alone the z-scores (`nothing`, zeros, if nothing was compared).
+std::vector<FeatureView> views_of(const algo::Inspection& found, const algo::Recipe& recipe,
+                                  std::vector<float>& nothing) {
+    std::vector<FeatureView> views;
     if (found.compares) {
         const std::string_view unit = algo::unit_of(*found.compares);
         views.push_back({std::string(name_of(*found.compares)),
-                         fmt::format("neighbours disagree ({})", words_for(*found.compares)), std::string(unit),
+                         fmt::format("neighbours disagree ({})", title_of(*found.compares)), std::string(unit),
                          found.gradient, limit_of_gradient(recipe)});
     }
     if (recipe.slopes)
@@ -56,9 +57,10 @@ std::vector<Shown> views_of(const algo::Inspection& found, const algo::Recipe& r
     return views;
 }
 
-// Nothing when there is no map of that name.
-std::optional<Shown> chosen(const std::vector<Shown>& views, const std::string& feature, algo::Reason reason) {
-    const auto named = [&](std::string_view name) { return std::ranges::find(views, name, &Shown::name); };
+// Empty: no map of that name.
+std::optional<FeatureView> chosen(const std::vector<FeatureView>& views, const std::string& feature,
+                                  algo::Reason reason) {
+    const auto named = [&](std::string_view name) { return std::ranges::find(views, name, &FeatureView::name); };
     auto found = named(!feature.empty()                         ? std::string_view(feature)
                            : reason == algo::Reason::slope      ? "slope"
                            : reason == algo::Reason::absorption ? "transmission"
@@ -71,7 +73,7 @@ std::optional<Shown> chosen(const std::vector<Shown>& views, const std::string& 
 }  // namespace
 
 struct PartPictures::Parts {
-    std::string known;  // extents, depth and recipe that `pipeline` was made for
+    std::string pipeline_key;  // extents, depth and recipe that `pipeline` was made for
     algo::Recipe recipe;
     std::optional<algo::Pipeline> pipeline;
 };
@@ -82,10 +84,10 @@ PartPictures::~PartPictures() = default;
 Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kept, const std::string& feature) {
     const std::lock_guard lock(mutex_);
     const std::string id = kept.name + " " + feature;
-    for (const auto& [known, drawn] : drawn_) {
-        if (known == id) return drawn;
+    for (const auto& [cached_id, drawn] : drawn_) {
+        if (cached_id == id) return drawn;
     }
-    const auto strange = [&](const std::string& why) {
+    const auto unreadable = [&](const std::string& why) {
         return fail(ErrorCode::unreadable, kept.name + " has metadata that cannot be read (" + why + ")",
                     "it is no frame that a station has kept");
     };
@@ -101,13 +103,13 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
         maps_then = metadata.at("maps_sha256").get<std::string>();
         part = metadata.at("part").get<std::uint32_t>();
     } catch (const Json::exception& error) {
-        return strange(error.what());
+        return unreadable(error.what());
     }
     const FrameView frame = kept.frame.frame.view();
     Parts& p = *parts_;
-    std::string wanted =
+    std::string key =
         fmt::format("{}x{} {}x{} {} {}", extents.m, extents.n, extents.i, extents.j, frame.bits, recipe_text);
-    if (!p.pipeline || p.known != wanted) {
+    if (!p.pipeline || p.pipeline_key != key) {
         p.pipeline.reset();
         auto recipe = parse_recipe(recipe_text, kept.name);
         if (!recipe) return tl::unexpected(recipe.error());
@@ -115,16 +117,16 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
         if (!pipeline) return tl::unexpected(pipeline.error());
         p.recipe = std::move(*recipe);
         p.pipeline.emplace(std::move(*pipeline));
-        p.known = std::move(wanted);
+        p.pipeline_key = std::move(key);
     }
     const auto inspection = p.pipeline->inspect(frame);
     if (!inspection) return tl::unexpected(inspection.error());
     std::vector<float> nothing;
-    const std::vector<Shown> views = views_of(*inspection, p.recipe, nothing);
+    const std::vector<FeatureView> views = views_of(*inspection, p.recipe, nothing);
     const auto shown = chosen(views, feature, inspection->reason);
     if (!shown) {
         std::string names;
-        for (const Shown& view : views) names += (names.empty() ? "" : ", ") + view.name;
+        for (const FeatureView& view : views) names += (names.empty() ? "" : ", ") + view.name;
         return fail(ErrorCode::invalid_argument, "there is no map of that name", "ask for one of " + names);
     }
 
@@ -153,10 +155,9 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
     }
     found["defects"] = std::move(list);
     found["defect_count"] = labels.size();
-    auto drawn = std::make_shared<const DrawnPart>(
-        DrawnPart{kept.name, std::move(*png), found.dump(-1, ' ', false, Json::error_handler_t::replace)});
+    auto drawn = std::make_shared<const DrawnPart>(DrawnPart{kept.name, std::move(*png), to_text(found)});
     drawn_.emplace_front(id, drawn);
-    if (drawn_.size() > kRemembered) drawn_.pop_back();
+    if (drawn_.size() > kMaxCached) drawn_.pop_back();
     return drawn;
 }
 

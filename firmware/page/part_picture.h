@@ -1,5 +1,5 @@
-// What the inspection saw in a kept frame: its feature map with the defects marked, and the same in words. The frame is
-// judged again, in this process, with the recipe that is written in it; the station is not asked.
+// The feature map of a kept frame with its defects marked, and a description in words. The frame is inspected again, in
+// this process, with the recipe of its metadata.
 #pragma once
 
 #include <cstdint>
@@ -23,8 +23,8 @@ struct DrawnPart {
 
 class PartPictures {
   public:
-    // Feature: "" (the one that decided), or one of those that the recipe judges by: "emd" (or another distance's
-    // name), "slope", "transmission"; "z_score" with a reference and no distance. Fails with invalid_argument (another
+    // `feature`: "" (the one that decided), or one of the recipe's: "emd" (or another distance's name), "slope",
+    // "transmission"; "surprise" (z-score) with a reference and no distance. Fails with invalid_argument (another
     // feature), unreadable (metadata that are not a station's), and what the pipeline says of the recipe. One is drawn
     // at a time.
     Result<std::shared_ptr<const DrawnPart>> draw(const KeptFrame& kept, const std::string& feature);
@@ -33,14 +33,14 @@ class PartPictures {
     ~PartPictures();
 
   private:
-    static constexpr std::size_t kRemembered = 12;
+    static constexpr std::size_t kMaxCached = 12;
     struct Parts;
     std::mutex mutex_;
     std::unique_ptr<Parts> parts_;
     std::deque<std::pair<std::string, std::shared_ptr<const DrawnPart>>> drawn_;  // newest first
 };
 
-// Of the brightest samples (all but a thousandth are darker), 1: full scale.
+// The 99.9th percentile of the samples, as a share of the full scale.
 double brightest_share(const FrameView& frame);
 
 }  // namespace hord::firmware::page

@@ -6,7 +6,6 @@
 #include <cstring>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/store/results/export.h"
 #include "firmware/store/results/records.h"
@@ -14,11 +13,11 @@
 namespace hord::firmware::page {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using store::Json;
 using store::StoredChange;
 using store::StoredResult;
 
-constexpr auto kPatience = std::chrono::milliseconds(3000);  // of one question
+constexpr auto kTimeout = std::chrono::milliseconds(3000);  // of one question
 constexpr std::size_t kLongestValue = 100;
 
 template <class Int>
@@ -42,7 +41,7 @@ bool is_word(std::string_view text) {
     return std::all_of(text.begin(), text.end(), [](unsigned char c) { return c >= 0x20 && c != 0x7F; });
 }
 
-// Anything that is not understood is refused: a filter that is left out by mistake would show the wrong rows.
+// Refuses unknown and malformed filters: ignoring one would show wrong rows.
 Result<store::ResultFilter> filter_of(const Fields& fields) {
     store::ResultFilter filter;
     filter.newest = 50;
@@ -97,36 +96,31 @@ Result<std::unique_ptr<store::StoreReader>> Results::open() const {
     if (folder_.empty())
         return fail(ErrorCode::not_found, "this page knows no store", "name it in page.toml: [station] store");
     auto reader = store::StoreReader::open(folder_);
-    if (reader) (*reader)->limit_time(kPatience);
+    if (reader) (*reader)->limit_time(kTimeout);
     return reader;
 }
 
-Result<std::string> Results::search(const Fields& fields) {
+Result<Json> Results::search(const Fields& fields) {
     auto filter = filter_of(fields);
     if (!filter) return tl::unexpected(filter.error());
-    const std::unique_lock lock(one_at_a_time_, kPatience);
+    const std::unique_lock lock(mutex_, kTimeout);
     if (!lock) return busy();
     auto reader = open();
     if (!reader) return tl::unexpected(reader.error());
     const auto limit = static_cast<std::size_t>(*filter->newest);
     filter->newest = *filter->newest + 1;  // whether there are more
-    std::vector<std::string> rows;
+    Json rows = Json::array();
     const auto done =
-        (*reader)->each_result(*filter, [&](const StoredResult& r) { rows.push_back(store::to_json_line(r)); });
+        (*reader)->each_result(*filter, [&](const StoredResult& r) { rows.push_back(store::to_json(r)); });
     if (!done) return tl::unexpected(done.error());
     const bool more = rows.size() > limit;
-    std::string out = "{\"rows\":[";
-    const char* comma = "";
-    for (auto row = rows.rbegin(); row != rows.rend() && row != rows.rbegin() + static_cast<std::ptrdiff_t>(limit);
-         ++row) {
-        out += comma + *row;
-        comma = ",";
-    }
-    return out + fmt::format("],\"more\":{}}}", more);
+    if (more) rows.erase(rows.begin());  // the oldest
+    std::reverse(rows.begin(), rows.end());
+    return Json{{"rows", std::move(rows)}, {"more", more}};
 }
 
 Result<StoredResult> Results::one(const PartKey& key) {
-    const std::unique_lock lock(one_at_a_time_, kPatience);
+    const std::unique_lock lock(mutex_, kTimeout);
     if (!lock) return busy();
     auto reader = open();
     if (!reader) return tl::unexpected(reader.error());
@@ -146,8 +140,8 @@ Result<StoredResult> Results::one(const PartKey& key) {
     return std::move(*found);
 }
 
-Result<std::string> Results::changes(std::int64_t most) {
-    const std::unique_lock lock(one_at_a_time_, kPatience);
+Result<Json> Results::changes(std::int64_t most) {
+    const std::unique_lock lock(mutex_, kTimeout);
     if (!lock) return busy();
     auto reader = open();
     if (!reader) return tl::unexpected(reader.error());
@@ -167,11 +161,11 @@ Result<std::string> Results::changes(std::int64_t most) {
         rows.insert(rows.begin(), std::move(row));
     });
     if (!done) return tl::unexpected(done.error());
-    return Json{{"rows", std::move(rows)}}.dump(-1, ' ', false, Json::error_handler_t::replace);
+    return Json{{"rows", std::move(rows)}};
 }
 
-Result<std::string> Results::recipe_in_use() {
-    const std::unique_lock lock(one_at_a_time_, kPatience);
+Result<Json> Results::recipe_in_use() {
+    const std::unique_lock lock(mutex_, kTimeout);
     if (!lock) return busy();
     auto reader = open();
     if (!reader) return tl::unexpected(reader.error());
@@ -186,8 +180,7 @@ Result<std::string> Results::recipe_in_use() {
     return Json{{"name", newest->name},
                 {"time", store::format_utc(newest->time_us)},
                 {"peer", newest->peer},
-                {"text", newest->after}}
-        .dump(-1, ' ', false, Json::error_handler_t::replace);
+                {"text", newest->after}};
 }
 
 std::string tar_of(std::initializer_list<ArchiveMember> members, std::int64_t time_s) {

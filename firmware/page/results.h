@@ -1,6 +1,5 @@
-// The store as the page reads it: results found by filters, page by page, one part's record, and what was changed by
-// whom. Each question opens the store read-only, takes a bounded time and gives a bounded number of rows. Any thread;
-// one question at a time.
+// Queries of the page to the store: results by filters, page by page; one part's record; changes. Each query opens the
+// store read-only and is limited in time and rows. Any thread; one query at a time.
 #pragma once
 
 #include <cstdint>
@@ -12,20 +11,20 @@
 #include <string_view>
 
 #include "common/result.h"
+#include "firmware/store/results/json_text.h"
 #include "firmware/store/results/store_reader.h"
 
 namespace hord::firmware::page {
 
-// A part as addresses name it: by its result's number in the store ("4711"), or by the station's start and its number
-// since then
-// ("0a1b2c3d-42").
+// A part in an address: the number of its result in the store ("4711"), or the station's start and the part's number
+// since then ("0a1b2c3d-42").
 struct PartKey {
     std::optional<std::int64_t> number;
     std::uint32_t boot = 0, part = 0;
 };
 std::optional<PartKey> parse_part_key(std::string_view text);
 
-using Fields = std::multimap<std::string, std::string>;  // of an address, decoded
+using Fields = std::multimap<std::string, std::string>;  // the decoded query of an address
 
 class Results {
   public:
@@ -36,21 +35,21 @@ class Results {
     // verdict, reason, kind, recipe, part, since, until (as `hordctl results`), before (a number: older ones), limit.
     // {"rows":[newest first],"more":true}. Fails with invalid_argument, naming the field; not_found, timeout, busy, and
     // as the store.
-    Result<std::string> search(const Fields& fields);
+    Result<store::Json> search(const Fields& fields);
 
     // Fails with not_found.
     Result<store::StoredResult> one(const PartKey& key);
 
-    // The text of the recipe that came into use last, and who brought it: {"name","time","peer","text"}.
-    Result<std::string> recipe_in_use();
+    // The newest recipe of the store and who set it: {"name","time","peer","text"}.
+    Result<store::Json> recipe_in_use();
 
     // The newest changes and commands: {"rows":[newest first]}.
-    Result<std::string> changes(std::int64_t most);
+    Result<store::Json> changes(std::int64_t most);
 
   private:
     Result<std::unique_ptr<store::StoreReader>> open() const;
     const std::filesystem::path folder_;
-    std::timed_mutex one_at_a_time_;
+    std::timed_mutex mutex_;
 };
 
 // A tar archive of whole files, in memory.

@@ -1,4 +1,3 @@
-// The only file that includes cpp-httplib.
 #include "firmware/page/server.h"
 
 #include <algorithm>
@@ -14,209 +13,19 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <httplib.h>
-#include <poll.h>
+
+#include "firmware/page/http_connection.h"
 
 namespace hord::firmware::page {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-constexpr std::size_t kLargestHead = 8 * 1024, kLargestBody = 4 * 1024;
-constexpr auto kHeadPatience = std::chrono::seconds(5), kIdlePatience = std::chrono::seconds(3),
-               kWritePatience = std::chrono::seconds(5), kReplyPatience = std::chrono::seconds(30);
-constexpr auto kPressedPatience = std::chrono::milliseconds(400);  // with who is silent while others wait
-constexpr auto kSlice = std::chrono::milliseconds(200);            // a page that ends is not kept waiting longer
-constexpr auto kStillHere = std::chrono::milliseconds(3000);
 constexpr int kRequestsOfOneConnection = 100, kBacklog = 128;
 constexpr std::size_t kThreadsBesideViewers = 12, kMaxWaiting = 32;
+constexpr auto kHeadTimeout = std::chrono::seconds(5), kIdleTimeout = std::chrono::seconds(3);
+constexpr auto kKeepAlive = std::chrono::milliseconds(3000);  // comment to a browser without an event
 
-// Where bytes come from and go to.
-class Wire {
-  public:
-    virtual ~Wire() = default;
-    virtual ssize_t receive(char* into, std::size_t size,
-                            Clock::time_point until) = 0;  // 0: ended; -1: error or too late
-    virtual ssize_t send(const char* bytes, std::size_t size, Clock::time_point until) = 0;
-    virtual bool alive() = 0;
-    virtual std::pair<std::string, int> peer() const = 0;
-    virtual socket_t socket() const = 0;
-};
-
-class SocketWire final : public Wire {
-  public:
-    // `waiting`: connections that no thread has time for yet.
-    SocketWire(socket_t fd, const std::atomic<bool>& ending, const std::atomic<int>& waiting)
-        : fd_(fd), ending_(ending), waiting_(waiting) {}
-    ssize_t receive(char* into, std::size_t size, Clock::time_point until) override {
-        return wait(POLLIN, until) ? ::recv(fd_, into, size, MSG_DONTWAIT) : -1;
-    }
-    ssize_t send(const char* bytes, std::size_t size, Clock::time_point until) override {
-        return wait(POLLOUT, until) ? ::send(fd_, bytes, size, MSG_NOSIGNAL | MSG_DONTWAIT) : -1;
-    }
-    bool alive() override {
-        pollfd state{fd_, POLLRDHUP, 0};
-        return !ending_ && ::poll(&state, 1, 0) >= 0 && (state.revents & (POLLRDHUP | POLLHUP | POLLERR)) == 0;
-    }
-    std::pair<std::string, int> peer() const override {
-        sockaddr_storage address{};
-        socklen_t size = sizeof address;
-        char host[NI_MAXHOST] = "", port[NI_MAXSERV] = "0";
-        if (::getpeername(fd_, reinterpret_cast<sockaddr*>(&address), &size) != 0) return {"?", 0};
-        if (::getnameinfo(reinterpret_cast<sockaddr*>(&address), size, host, sizeof host, port, sizeof port,
-                          NI_NUMERICHOST | NI_NUMERICSERV) != 0)
-            return {"?", 0};
-        return {host, std::atoi(port)};
-    }
-    socket_t socket() const override { return fd_; }
-
-  private:
-    bool wait(short what, Clock::time_point until) {
-        const auto began = Clock::now();
-        while (!ending_) {
-            if (what == POLLIN && waiting_ > 0 && Clock::now() - began > kPressedPatience) return false;
-            const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
-            if (left.count() <= 0) return false;
-            pollfd state{fd_, what, 0};
-            const int ready =
-                ::poll(&state, 1, static_cast<int>(std::min<std::chrono::milliseconds>(left, kSlice).count()));
-            if (ready > 0) return true;
-            if (ready < 0 && errno != EINTR) return false;
-        }
-        return false;
-    }
-    const socket_t fd_;
-    const std::atomic<bool>& ending_;
-    const std::atomic<int>& waiting_;
-};
-
-class MemoryWire final : public Wire {
-  public:
-    explicit MemoryWire(std::string_view bytes) : bytes_(bytes) {}
-    ssize_t receive(char* into, std::size_t size, Clock::time_point) override {
-        const std::size_t count = std::min(size, bytes_.size());
-        std::memcpy(into, bytes_.data(), count);
-        bytes_.remove_prefix(count);
-        return static_cast<ssize_t>(count);
-    }
-    ssize_t send(const char* bytes, std::size_t size, Clock::time_point) override {
-        answer.append(bytes, size);
-        return static_cast<ssize_t>(size);
-    }
-    bool alive() override {
-        return answer.find("event: page") == std::string::npos;
-    }  // a viewer leaves after the first event
-    std::pair<std::string, int> peer() const override { return {"memory", 0}; }
-    socket_t socket() const override { return -1; }
-    std::string answer;
-
-  private:
-    std::string_view bytes_;
-};
-
-// One connection as cpp-httplib sees it: heads come whole and checked, and every wait has an end.
-class Connection final : public httplib::Stream {
-  public:
-    explicit Connection(Wire& wire) : wire_(wire) {}
-
-    enum class Head : std::uint8_t { whole, none, too_large, malformed };
-    // Reads the next request's head. Whole: read() gives it, without what this page does not serve.
-    Head next(std::chrono::seconds patience) {
-        const auto until = Clock::now() + patience;
-        std::size_t end = std::string::npos;
-        while ((end = buffer_.find("\r\n\r\n")) == std::string::npos) {
-            if (buffer_.size() > kLargestHead) return Head::too_large;
-            char bytes[4096];
-            const ssize_t got = wire_.receive(bytes, sizeof bytes, until);
-            if (got <= 0) return Head::none;
-            buffer_.append(bytes, static_cast<std::size_t>(got));
-        }
-        if (end > kLargestHead) return Head::too_large;
-        end += 4;
-        auto checked = checked_head(std::string_view(buffer_).substr(0, end));
-        if (!checked) return Head::malformed;
-        buffer_.replace(0, end, *checked);
-        may_read_ = checked->size() + kLargestBody + 1;  // one more than allowed: httplib finds that it is too much
-        read_until_ = Clock::now() + kHeadPatience;
-        reply_until_ = Clock::now() + kReplyPatience;
-        events_ = false;
-        return Head::whole;
-    }
-    [[nodiscard]] bool has_body() const { return has_body_; }
-    void begin_events() { events_ = true; }
-    void say(std::string_view text) { (void)wire_.send(text.data(), text.size(), Clock::now() + kSlice); }
-
-    bool is_readable() const override { return !buffer_.empty(); }
-    bool is_writable() const override { return wire_.alive(); }
-    ssize_t read(char* into, std::size_t size) override {
-        size = std::min(size, may_read_);
-        if (size == 0) return -1;
-        ssize_t got = 0;
-        if (!buffer_.empty()) {
-            got = static_cast<ssize_t>(std::min(size, buffer_.size()));
-            std::memcpy(into, buffer_.data(), static_cast<std::size_t>(got));
-            buffer_.erase(0, static_cast<std::size_t>(got));
-        } else {
-            got = wire_.receive(into, size, read_until_);
-        }
-        if (got > 0) may_read_ -= static_cast<std::size_t>(got);
-        return got;
-    }
-    ssize_t write(const char* bytes, std::size_t size) override {
-        const auto soon = Clock::now() + kWritePatience;
-        return wire_.send(bytes, size, events_ ? soon : std::min(soon, reply_until_));
-    }
-    void get_remote_ip_and_port(std::string& ip, int& port) const override { std::tie(ip, port) = wire_.peer(); }
-    void get_local_ip_and_port(std::string& ip, int& port) const override {
-        ip.clear();
-        port = 0;
-    }
-    socket_t socket() const override { return wire_.socket(); }
-
-  private:
-    // Nothing for what no browser sends: control characters, folded lines, a head without a colon, Host or
-    // Content-Length twice. Range is left out: replies are small and whole.
-    std::optional<std::string> checked_head(std::string_view head) {
-        std::string out;
-        int hosts = 0, lengths = 0, number = 0;
-        has_body_ = false;
-        while (head != "\r\n") {
-            const auto end = head.find("\r\n");
-            const std::string_view line = head.substr(0, end);
-            head.remove_prefix(end + 2);
-            for (const char c : line) {
-                if ((static_cast<unsigned char>(c) < 0x20 && c != '\t') || c == 0x7F) return std::nullopt;
-            }
-            if (number++ == 0) {
-                if (line.find('\t') != std::string_view::npos) return std::nullopt;
-                out.append(line).append("\r\n");
-                continue;
-            }
-            const auto colon = line.find(':');
-            if (colon == std::string_view::npos || colon == 0 ||
-                line.substr(0, colon).find_first_of(" \t") != std::string_view::npos)
-                return std::nullopt;
-            std::string name(line.substr(0, colon));
-            std::transform(name.begin(), name.end(), name.begin(),
-                           [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-            hosts += name == "host" ? 1 : 0;
-            lengths += name == "content-length" ? 1 : 0;
-            has_body_ = has_body_ || name == "content-length" || name == "transfer-encoding";
-            if (name == "range" || name == "if-range") continue;
-            out.append(line).append("\r\n");
-        }
-        if (hosts > 1 || lengths > 1) return std::nullopt;
-        return out + "\r\n";
-    }
-
-    Wire& wire_;
-    std::string buffer_;
-    std::size_t may_read_ = 0;
-    Clock::time_point read_until_{}, reply_until_{};
-    bool has_body_ = false, events_ = false;
-};
-
-thread_local Connection* here = nullptr;  // the connection that this thread serves
-thread_local bool turning_away = false;
+thread_local Connection* current_connection = nullptr;  // the connection that this thread serves
+thread_local bool rejecting = false;
 
 Request request_from(const httplib::Request& from) {
     Request request;
@@ -233,7 +42,8 @@ Request request_from(const httplib::Request& from) {
     return request;
 }
 
-// A fixed number of threads; what none of them has time for soon is run here and now, marked.
+// A fixed number of threads with a bounded queue. A connection beyond the queue is served at once by the accepting
+// thread, with `rejecting` set: it is answered 503.
 class Threads final : public httplib::TaskQueue {
   public:
     Threads(std::size_t count, std::atomic<int>& waiting) : count_(waiting) {
@@ -251,9 +61,9 @@ class Threads final : public httplib::TaskQueue {
                 return static_cast<Taken>(true);
             }
         }
-        turning_away = true;
+        rejecting = true;
         task();
-        turning_away = false;
+        rejecting = false;
         return static_cast<Taken>(true);
     }
     void shutdown() override {
@@ -289,16 +99,16 @@ class Threads final : public httplib::TaskQueue {
     std::vector<std::thread> threads_;
 };
 
-class Door final : public httplib::Server {
+class HttpServer final : public httplib::Server {
   public:
-    Door(Pages& pages, Viewers& viewers) : pages_(pages), viewers_(viewers) {
+    HttpServer(Pages& pages, Viewers& viewers) : pages_(pages), viewers_(viewers) {
         httplib::Headers headers;
         for (const auto& [name, value] : headers_of_every_reply()) headers.emplace(name, value);
         set_default_headers(headers);
         set_payload_max_length(kLargestBody);
         set_tcp_nodelay(true);
-        set_keep_alive_max_count(kRequestsOfOneConnection);  // what replies say; serve() sees to it
-        set_keep_alive_timeout(kIdlePatience.count());
+        set_keep_alive_max_count(kRequestsOfOneConnection);  // for the header Keep-Alive; serve() enforces it
+        set_keep_alive_timeout(kIdleTimeout.count());
         set_socket_options([](socket_t fd) {
             const int yes = 1;
             ::setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
@@ -306,21 +116,22 @@ class Door final : public httplib::Server {
         set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
             if (!request.get_header_value("Content-Encoding").empty() ||
                 !request.get_header_value("Transfer-Encoding").empty()) {
-                give({415,
-                      "application/json",
-                      R"({"error":"a packed or chunked body is not read","cure":"send it plainly, with its length"})",
-                      {},
-                      false},
-                     response);
+                send_reply(
+                    {415,
+                     "application/json",
+                     R"({"error":"a packed or chunked body is not read","cure":"send it plainly, with its length"})",
+                     {},
+                     false},
+                    response);
                 return HandlerResponse::Handled;
             }
             auto reply = pages_.answer_without_body(request_from(request));
             if (!reply) return HandlerResponse::Unhandled;
-            give(std::move(*reply), response);
+            send_reply(std::move(*reply), response);
             return HandlerResponse::Handled;
         });
         Post("/api/command", [this](const httplib::Request& request, httplib::Response& response) {
-            give(pages_.answer_command(request_from(request)), response);
+            send_reply(pages_.answer_command(request_from(request)), response);
         });
         set_error_handler(Handler([](const httplib::Request&, httplib::Response& response) {
             if (response.body.empty())
@@ -334,7 +145,7 @@ class Door final : public httplib::Server {
         });
     }
 
-    // cpp-httplib asked the stream itself who is at its ends (0.11); later it is told (0.18).
+    // cpp-httplib 0.11 asks the stream for its addresses; 0.18 takes them as arguments.
     template <class Stream>
     bool answer(Stream& stream, bool last, bool& closed) {
         if constexpr (requires { this->process_request(stream, last, closed, nullptr); }) {
@@ -348,55 +159,55 @@ class Door final : public httplib::Server {
         }
     }
 
-    void serve(Wire& wire) {
-        Connection connection(wire);
-        here = &connection;
-        auto patience = kHeadPatience;
-        for (int k = 0; k < kRequestsOfOneConnection; ++k, patience = kIdlePatience) {
-            const auto head = connection.next(patience);
+    void serve(ByteStream& stream) {
+        Connection connection(stream);
+        current_connection = &connection;
+        auto timeout = kHeadTimeout;
+        for (int k = 0; k < kRequestsOfOneConnection; ++k, timeout = kIdleTimeout) {
+            const auto head = connection.next(timeout);
             if (head == Connection::Head::none) break;
             if (head != Connection::Head::whole) {
-                connection.say(head == Connection::Head::too_large
-                                   ? "HTTP/1.1 431 Request Header Fields Too Large\r\nContent-Length: 0\r\nConnection: "
-                                     "close\r\n\r\n"
-                                   : "HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\nConnection: close\r\n\r\n");
+                connection.send_text(
+                    head == Connection::Head::too_large
+                        ? "HTTP/1.1 431 Request Header Fields Too Large\r\nContent-Length: 0\r\nConnection: "
+                          "close\r\n\r\n"
+                        : "HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\nConnection: close\r\n\r\n");
                 break;
             }
-            // A body that was refused unread would be taken for the next request.
+            // The bytes of a body that was not read would be parsed as the next request.
             const bool last = connection.has_body() || k + 1 == kRequestsOfOneConnection || ending;
             bool closed = false;
             if (!answer(connection, last, closed) || closed || last) break;
         }
-        here = nullptr;
+        current_connection = nullptr;
     }
 
-    // cpp-httplib ends the streams of a server that does not listen; without a socket it is to be told otherwise.
-    void seem_to_listen() { svr_sock_ = 0; }
+    // For answer_bytes(): cpp-httplib ends the streams of a server that does not listen.
+    void pretend_to_listen() { svr_sock_ = 0; }
 
-    // The library lets five connections wait for the system; a browser opens six at once, and what does not fit waits a
-    // second.
-    void let_more_wait() { (void)::listen(svr_sock_, kBacklog); }
+    // cpp-httplib's backlog is 5 connections. A browser opens 6 at once, and one beyond the backlog waits a second.
+    void raise_backlog() { (void)::listen(svr_sock_, kBacklog); }
 
     std::atomic<bool> ending{false};
     std::atomic<int> waiting{0};
 
   private:
     bool process_and_close_socket(socket_t fd) override {
-        SocketWire wire(fd, ending, waiting);
-        if (turning_away) {
+        SocketStream stream(fd, ending, waiting);
+        if (rejecting) {
             pages_.count_turned_away();
             constexpr std::string_view kFull =
                 "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 2\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
             (void)::send(fd, kFull.data(), kFull.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
         } else {
-            serve(wire);
+            serve(stream);
         }
         ::shutdown(fd, SHUT_RDWR);
         ::close(fd);
         return true;
     }
 
-    void give(Reply reply, httplib::Response& response) {
+    void send_reply(Reply reply, httplib::Response& response) {
         response.status = reply.status;
         for (const auto& [name, value] : reply.headers) response.set_header(name, value);
         if (!reply.events) {
@@ -412,8 +223,8 @@ class Door final : public httplib::Server {
                 "application/json");
             return;
         }
-        if (here != nullptr) here->begin_events();
-        // Entered first, then told everything: nothing falls between.
+        if (current_connection != nullptr) current_connection->begin_events();
+        // The viewer is registered before it loads the page's data: no event is lost in between.
         auto beginning = std::make_shared<std::string>(std::move(reply.body) + "event: page\ndata: {}\n\n");
         response.set_chunked_content_provider(reply.type, [viewer, beginning](std::size_t, httplib::DataSink& sink) {
             if (!beginning->empty()) {
@@ -421,7 +232,7 @@ class Door final : public httplib::Server {
                 return sink.write(text.data(), text.size());
             }
             if (!sink.is_writable()) return false;  // the browser has left
-            const auto text = viewer->next(kStillHere);
+            const auto text = viewer->next(kKeepAlive);
             if (!text) {
                 sink.done();
                 return true;
@@ -437,8 +248,8 @@ class Door final : public httplib::Server {
 }  // namespace
 
 struct PageServer::Parts {
-    Parts(Pages& pages, Viewers& all) : door(pages, all), viewers(all) {}
-    Door door;
+    Parts(Pages& pages, Viewers& all) : http(pages, all), viewers(all) {}
+    HttpServer http;
     Viewers& viewers;
     int port = 0;
     std::atomic<bool> started{false}, ended{false};
@@ -450,10 +261,10 @@ PageServer::~PageServer() = default;
 Result<std::unique_ptr<PageServer>> PageServer::open(const PageConfig& config, Pages& pages, Viewers& viewers) {
     auto parts = std::make_unique<Parts>(pages, viewers);
     const auto threads = static_cast<std::size_t>(config.viewers) + kThreadsBesideViewers;
-    parts->door.new_task_queue = [threads, door = &parts->door] { return new Threads(threads, door->waiting); };
+    parts->http.new_task_queue = [threads, http = &parts->http] { return new Threads(threads, http->waiting); };
     errno = 0;
-    if (config.port == 0) parts->port = parts->door.bind_to_any_port(config.host);
-    else parts->port = parts->door.bind_to_port(config.host, config.port) ? config.port : -1;
+    if (config.port == 0) parts->port = parts->http.bind_to_any_port(config.host);
+    else parts->port = parts->http.bind_to_port(config.host, config.port) ? config.port : -1;
     if (parts->port <= 0) {
         const bool taken = errno == EADDRINUSE;
         return fail(taken ? ErrorCode::busy : ErrorCode::invalid_argument,
@@ -462,7 +273,7 @@ Result<std::unique_ptr<PageServer>> PageServer::open(const PageConfig& config, P
                     taken ? "end the program that has this port, or choose another in page.toml: [page] port"
                           : "name an address of this machine in page.toml: [page] host");
     }
-    parts->door.let_more_wait();
+    parts->http.raise_backlog();
     return std::unique_ptr<PageServer>(new PageServer(std::move(parts)));
 }
 
@@ -470,25 +281,25 @@ std::uint16_t PageServer::port() const { return static_cast<std::uint16_t>(parts
 
 void PageServer::run() {
     parts_->started = true;
-    if (!parts_->door.ending) parts_->door.listen_after_bind();
+    if (!parts_->http.ending) parts_->http.listen_after_bind();
     parts_->ended = true;
 }
 
 void PageServer::stop() {
-    parts_->door.ending = true;
+    parts_->http.ending = true;
     parts_->viewers.end();
-    // A door that is about to listen would not hear that it shall not.
-    while (parts_->started && !parts_->ended && !parts_->door.is_running())
+    // stop() has no effect on a server that has not begun to listen: wait until it has.
+    while (parts_->started && !parts_->ended && !parts_->http.is_running())
         std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    parts_->door.stop();
+    parts_->http.stop();
 }
 
 std::string answer_bytes(Pages& pages, Viewers& viewers, std::string_view bytes) {
-    Door door(pages, viewers);
-    door.seem_to_listen();
-    MemoryWire wire(bytes);
-    door.serve(wire);
-    return std::move(wire.answer);
+    HttpServer http(pages, viewers);
+    http.pretend_to_listen();
+    MemoryStream stream(bytes);
+    http.serve(stream);
+    return std::move(stream.answer);
 }
 
 }  // namespace hord::firmware::page

@@ -1,9 +1,8 @@
-// The page's door: HTTP over sockets (cpp-httplib), with bounds of its own on what a connection may cost.
+// The page's HTTP server (cpp-httplib), with limits on the cost of a connection.
 //
-// A head must arrive within 5 s and have at most 8 KiB, a body at most 4 KiB, each line of a reply be taken within 5 s
-// and a whole reply within 30 s. So many connections as threads, some more wait (who is silent meanwhile is sent away
-// after 0.4 s), further ones are answered 503 at once. A slow, broken or hostile client costs its own connection and
-// nothing else.
+// Limits: a head of 8 KiB within 5 s, a body of 4 KiB, 5 s for each write, 30 s for a whole reply. Each connection has
+// a thread; 32 more wait (a silent client is closed after 0.4 s while others wait), further ones are answered 503 at
+// once. A slow, broken or hostile client affects its own connection only.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +17,7 @@ namespace hord::firmware::page {
 
 class PageServer {
   public:
-    // Listens; nothing is answered before run(). Fails with busy (the port is taken), invalid_argument (no such
+    // Listens; requests are answered from run() on. Fails with busy (the port is taken), invalid_argument (no such
     // address).
     static Result<std::unique_ptr<PageServer>> open(const PageConfig& config, Pages& pages, Viewers& viewers);
     ~PageServer();
@@ -33,7 +32,7 @@ class PageServer {
     std::unique_ptr<Parts> parts_;
 };
 
-// What one connection on which these bytes arrive is answered: the same parsing, without a socket. For tests.
+// The reply to the bytes of one connection, by the same parser, without a socket. For tests.
 std::string answer_bytes(Pages& pages, Viewers& viewers, std::string_view bytes);
 
 }  // namespace hord::firmware::page

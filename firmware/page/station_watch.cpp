@@ -9,7 +9,7 @@ namespace hord::firmware::page {
 namespace {
 
 using Steady = std::chrono::steady_clock;
-constexpr auto kPatience = std::chrono::milliseconds(1000);
+constexpr auto kTimeout = std::chrono::milliseconds(1000);
 constexpr auto kAskAgain = std::chrono::milliseconds(500);
 constexpr auto kSlowBlocks = std::chrono::milliseconds(1000);
 constexpr std::uint32_t kResultsInOneRead = kMaxRead / kResultWords;
@@ -22,11 +22,11 @@ std::int64_t nanoseconds_of(clockid_t clock) {
     return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
 }
 
-SeenResult seen_from(const std::vector<Reading>& readings, std::uint32_t boot) {
+RingResult result_from(const std::vector<Reading>& readings, std::uint32_t boot) {
     RegisterSnapshot m;
     m.set(BlockId::ring, readings);
     const auto number = [&](std::string_view row) { return m.number(BlockId::ring, row); };
-    SeenResult result;
+    RingResult result;
     result.boot = boot;
     result.sequence = static_cast<std::uint32_t>(number("sequence").value_or(0));
     result.part = static_cast<std::uint32_t>(number("part").value_or(0));
@@ -37,7 +37,7 @@ SeenResult seen_from(const std::vector<Reading>& readings, std::uint32_t boot) {
     result.score = number("score");
     result.latency_us = number("latency");
     if (result.reject == "confirmed" || result.reject == "late") result.reject_latency_us = number("reject_latency");
-    // The station's monotonic clock is this machine's when they are the same machine.
+    // On the station's machine both have the same monotonic clock.
     const double arrived_s = number("arrived_s").value_or(0), arrived_us = number("arrived_us").value_or(0);
     const auto verdict_ns = static_cast<std::int64_t>(arrived_s) * 1'000'000'000 +
         static_cast<std::int64_t>(arrived_us + result.latency_us.value_or(0)) * 1000;
@@ -71,14 +71,14 @@ bool StationWatch::wait(std::chrono::milliseconds time) {
 void StationWatch::work() {
     std::chrono::milliseconds pause{0};
     while (wait(pause)) {
-        const auto looked = look();
+        const auto looked = poll();
         if (!looked) {
             client_.reset();
-            live_.lost(looked.error());
+            live_.set_unreachable(looked.error());
         }
         const auto now = Steady::now();
         if (now - sample_at_ >= std::chrono::seconds(History::kShortStep_s)) {
-            // In step, but after a long silence not many at once.
+            // Keeps its rhythm, but does not catch up after a long silence.
             sample_at_ = now - sample_at_ > std::chrono::seconds(10)
                 ? now
                 : sample_at_ + std::chrono::seconds(History::kShortStep_s);
@@ -90,34 +90,29 @@ void StationWatch::work() {
 }
 
 Result<void> StationWatch::read(BlockId id) {
-    const Block& block = *find_block(id);
     for (const auto& place : places_) {
         if (place.id != static_cast<std::uint16_t>(id)) continue;
-        const std::size_t count =
-            std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block.size(), kMaxRead});
-        const auto words = client_->read(place.base, count);
-        if (!words) return tl::unexpected(words.error());
-        auto readings = decode(block, *words);
+        auto readings = client_->read_block(place);
         if (!readings) return tl::unexpected(readings.error());
-        moment_.set(id, std::move(*readings));
+        snapshot_.set(id, std::move(*readings));
     }
     return {};  // an older station does not have it
 }
 
-Result<void> StationWatch::look() {
+Result<void> StationWatch::poll() {
     const auto now = Steady::now();
     if (!client_) {
-        auto client = modbus::Client::connect(endpoint_, kPatience);
+        auto client = modbus::Client::connect(endpoint_, kTimeout);
         if (!client) return tl::unexpected(client.error());
         client_.emplace(std::move(*client));
         auto places = client_->walk();
         if (!places) return tl::unexpected(places.error());
         places_ = std::move(*places);
-        moment_ = {};
+        snapshot_ = {};
         if (auto done = read(BlockId::ident); !done) return done;
         slow_blocks_at_ = {};
         last_status_.clear();
-        const std::uint32_t boot = moment_.bits(BlockId::ident, "boot_id");
+        const std::uint32_t boot = snapshot_.bits(BlockId::ident, "boot_id");
         if (boot != std::exchange(boot_, boot)) began_ = false;
     }
     if (auto done = read(BlockId::status); !done) return done;
@@ -129,13 +124,13 @@ Result<void> StationWatch::look() {
             if (auto done = read(id); !done) return done;
         }
     }
-    // Between two full looks viewers are told what an alarm depends on, and only when it changes.
-    std::string status = moment_.text(BlockId::status, "state");
+    // Between two full polls only a change of state, bits or faults is published.
+    std::string status = snapshot_.text(BlockId::status, "state");
     for (const char* row : {"bits", "faults_active", "faults_latched"})
-        status += " " + moment_.text(BlockId::status, row);
-    if (all || status != last_status_) live_.saw(moment_);
+        status += " " + snapshot_.text(BlockId::status, row);
+    if (all || status != last_status_) live_.set_station(snapshot_);
     last_status_ = std::move(status);
-    return follow(moment_.bits(BlockId::status, "last_sequence"), moment_.bits(BlockId::status, "oldest_sequence"));
+    return follow(snapshot_.bits(BlockId::status, "last_sequence"), snapshot_.bits(BlockId::status, "oldest_sequence"));
 }
 
 Result<void> StationWatch::follow(std::uint32_t newest, std::uint32_t oldest) {
@@ -143,7 +138,7 @@ Result<void> StationWatch::follow(std::uint32_t newest, std::uint32_t oldest) {
     if (!began_ || newest < seen_)
         seen_ = std::max(newest > kFirstResults ? newest - kFirstResults : 0, oldest > 0 ? oldest - 1 : 0);
     else if (oldest > seen_ + 1) {
-        live_.missed(oldest - seen_ - 1);
+        live_.add_missed(oldest - seen_ - 1);
         seen_ = oldest - 1;
     }
     began_ = true;
@@ -156,9 +151,9 @@ Result<void> StationWatch::follow(std::uint32_t newest, std::uint32_t oldest) {
         for (std::uint32_t k = 0; k < count; ++k) {
             const auto readings =
                 decode_slot(ring, std::span(*words).subspan(std::size_t{k} * kResultWords, kResultWords));
-            const SeenResult result = readings ? seen_from(*readings, boot_) : SeenResult{};
-            if (result.sequence == next + k) live_.saw(result);
-            else live_.missed(1);  // overwritten meanwhile
+            const RingResult result = readings ? result_from(*readings, boot_) : RingResult{};
+            if (result.sequence == next + k) live_.add_result(result);
+            else live_.add_missed(1);  // overwritten meanwhile
         }
         seen_ += count;
     }

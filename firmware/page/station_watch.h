@@ -1,5 +1,5 @@
-// Asks the station what it does, over Modbus, as any other client would, and tells Live. A thread of its own; when
-// nobody answers it says so and asks again.
+// Polls the station over Modbus, as any other client, and updates Live. A thread of its own; connects again when the
+// station does not answer.
 #pragma once
 
 #include <atomic>
@@ -16,7 +16,7 @@ namespace hord::firmware::page {
 
 class StationWatch {
   public:
-    // `every_round` is called after each look, on this thread: for what else follows the station's pace.
+    // `every_round` is called after each poll, on the polling thread.
     StationWatch(modbus::Endpoint endpoint, std::chrono::milliseconds poll, Live& live,
                  std::function<void()> every_round);
     ~StationWatch();
@@ -25,7 +25,7 @@ class StationWatch {
 
   private:
     void work();
-    Result<void> look();
+    Result<void> poll();
     Result<void> read(BlockId id);
     Result<void> follow(std::uint32_t newest, std::uint32_t oldest);
     bool wait(std::chrono::milliseconds time);  // false: it ends
@@ -37,7 +37,7 @@ class StationWatch {
 
     std::optional<modbus::Client> client_;
     std::vector<modbus::Client::Place> places_;
-    RegisterSnapshot moment_;
+    RegisterSnapshot snapshot_;
     std::string last_status_;
     std::chrono::steady_clock::time_point slow_blocks_at_{}, sample_at_{};
     std::uint32_t boot_ = 0, seen_ = 0;

@@ -79,15 +79,15 @@ Result<Tokens> Tokens::parse(std::string_view text, const std::string& file) {
             return wrong(fmt::format("the token of {} has fewer than {} characters", name, kShortestToken),
                          "make one with: openssl rand -hex 24");
         }
-        const One one{name, digest_of(token)};
-        for (const One& other : tokens.all_) {
+        const Entry one{name, digest_of(token)};
+        for (const Entry& other : tokens.entries_) {
             if (other.name == one.name || other.digest == one.digest)
                 return wrong(fmt::format("the name or the token of {} is there twice", name),
                              "give everybody a token of their own");
         }
-        tokens.all_.push_back(one);
+        tokens.entries_.push_back(one);
     }
-    if (tokens.all_.empty())
+    if (tokens.entries_.empty())
         return fail(ErrorCode::invalid_argument, file + " holds no token",
                     "write one line \"NAME TOKEN\" for each person, or leave actions.tokens empty");
     return tokens;
@@ -96,7 +96,7 @@ Result<Tokens> Tokens::parse(std::string_view text, const std::string& file) {
 std::optional<std::string> Tokens::owner(std::string_view token) const {
     const auto shown = digest_of(token.substr(0, kLongestToken + 1));
     std::optional<std::string> name;
-    for (const One& one : all_) {  // all of them, whatever is found
+    for (const Entry& one : entries_) {  // all of them, whatever is found
         unsigned differs = 0;
         for (std::size_t k = 0; k < shown.size(); ++k) differs |= static_cast<unsigned>(one.digest[k] ^ shown[k]);
         if (differs == 0) name = one.name;

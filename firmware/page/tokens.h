@@ -1,7 +1,7 @@
-// Who may command the station from the page.
+// The people who may command the station from the page.
 //
-// A file of lines "NAME TOKEN"; '#' begins a comment. The name is recorded with each command. Only digests are kept in
-// memory, and a token that is shown is compared with every one of them in a time that does not depend on what it holds.
+// A file of lines "NAME TOKEN"; '#' begins a comment. The name is recorded with each command. Memory holds digests
+// only. A token is compared with all of them in constant time.
 #pragma once
 
 #include <array>
@@ -27,16 +27,16 @@ class Tokens {
     static Result<Tokens> load(const std::filesystem::path& file);
     static Result<Tokens> parse(std::string_view text, const std::string& name);
 
-    [[nodiscard]] bool empty() const { return all_.empty(); }
-    // Whose it is; nothing when it is nobody's.
+    [[nodiscard]] bool empty() const { return entries_.empty(); }
+    // The name of the token's owner; empty for an unknown token.
     [[nodiscard]] std::optional<std::string> owner(std::string_view token) const;
 
   private:
-    struct One {
+    struct Entry {
         std::string name;
         std::array<std::uint8_t, 32> digest;
     };
-    std::vector<One> all_;
+    std::vector<Entry> entries_;
 };
 
 }  // namespace hord::firmware::page

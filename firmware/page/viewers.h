@@ -1,5 +1,4 @@
-// Browsers that are told of changes as they happen (server-sent events): so many at once, each with a queue of its own
-// that does not grow. Any thread.
+// Browsers that receive events (server-sent events): a limited number, each with a queue of limited length. Any thread.
 #pragma once
 
 #include <chrono>
@@ -16,7 +15,8 @@ namespace hord::firmware::page {
 
 class Viewers {
   public:
-    static constexpr std::size_t kQueue = 256;  // events; a browser that is slower is told to ask for everything anew
+    static constexpr std::size_t kQueue =
+        256;  // events; beyond it the queue is dropped and the browser reloads everything
 
     explicit Viewers(std::size_t most) : most_(most) {}
 
@@ -25,8 +25,8 @@ class Viewers {
         ~Viewer() { all_.remove(*this); }
         Viewer(const Viewer&) = delete;
         Viewer& operator=(const Viewer&) = delete;
-        // What is to be sent: one or more whole events, or after `patience` a comment that keeps the line alive.
-        // Nothing: the page ends.
+        // The text to send: one or more whole events, or a comment without an event within `patience`. Empty: the page
+        // ends.
         std::optional<std::string> next(std::chrono::milliseconds patience) { return all_.next(*this, patience); }
 
       private:
@@ -37,7 +37,7 @@ class Viewers {
         bool overrun_ = false;
     };
 
-    // Null: there are as many as may be.
+    // Null: the limit is reached.
     std::unique_ptr<Viewer> enter() {
         const std::lock_guard lock(mutex_);
         if (ended_ || inside_.size() >= most_) return nullptr;
@@ -47,7 +47,7 @@ class Viewers {
     }
 
     // `data` is one line.
-    void tell(std::string_view event, std::string_view data) {
+    void publish(std::string_view event, std::string_view data) {
         const auto text = std::make_shared<const std::string>("event: " + std::string(event) +
                                                               "\ndata: " + std::string(data) + "\n\n");
         {

@@ -182,16 +182,19 @@ Result<std::vector<Reading>> Client::read_block(BlockId id) {
     const auto places = walk();
     if (!places) return tl::unexpected(places.error());
     for (const Place& place : *places) {
-        if (block == nullptr || place.id != static_cast<std::uint16_t>(id)) continue;
-        const std::size_t count =
-            std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block->size(), kMaxRead});
-        auto image = read(place.base, count);
-        if (!image) return tl::unexpected(image.error());
-        return decode(*block, *image);
+        if (block != nullptr && place.id == static_cast<std::uint16_t>(id)) return read_block(place);
     }
     return fail(ErrorCode::not_found,
                 fmt::format("{} has no block {}", impl_->where(), block != nullptr ? block->name : "of that id"),
                 "update the station's firmware");
+}
+
+Result<std::vector<Reading>> Client::read_block(const Place& place) {
+    const Block& block = *find_block(static_cast<BlockId>(place.id));
+    auto image =
+        read(place.base, std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block.size(), kMaxRead}));
+    if (!image) return tl::unexpected(image.error());
+    return decode(block, *image);
 }
 
 Result<std::vector<Reading>> Client::read_result(std::uint32_t sequence) {

@@ -45,6 +45,8 @@ class Client {
     // One block found by walking the chain, read in one request and decoded. Fails with not_found when the
     // station does not have it.
     [[nodiscard]] Result<std::vector<Reading>> read_block(BlockId id);
+    // The same without the walk: `place` is one of walk()'s, with an id of the register map.
+    [[nodiscard]] Result<std::vector<Reading>> read_block(const Place& place);
 
     // One result of the ring, by its sequence. Fails as read() does, and with not_found when its slot holds
     // another result.

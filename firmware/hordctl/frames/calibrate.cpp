@@ -9,7 +9,6 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "calib/calibrate/calibrate_grid.h"
 #include "calib/files/accept_calibration.h"
@@ -18,11 +17,12 @@
 #include "drivers/files/frame_file.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/frames/calibrate_pictures.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using store::Json;
 
 struct CalibrateArguments {
     std::string white, dark, flat, tilts, out, centres, pictures, camera = "unnamed";
@@ -197,7 +197,7 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
         if (auto done = calib::write_centres(arguments.centres, *found); !done) return complain(done.error());
     }
     if (arguments.json) {
-        fmt::print("{}\n", to_json(arguments, *found, directions).dump());
+        fmt::print("{}\n", store::to_text(to_json(arguments, *found, directions)));
         return Exit::good;
     }
     const calib::GridFit& fit = found->fit;

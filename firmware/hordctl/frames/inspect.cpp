@@ -9,7 +9,6 @@
 #include <set>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "algo/inspection/pipeline.h"
 #include "algo/maps/feature_map.h"
@@ -19,12 +18,13 @@
 #include "firmware/hordctl/frames/frame_reader.h"
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/recipes/reference_file.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
+using store::Json;
 
 struct InspectOptions {
     std::vector<std::string> frames;
@@ -198,7 +198,7 @@ Result<void> write_results(const fs::path& out, const std::string& frame, const 
     }
     const fs::path file = out / (name + ".json");
     std::ofstream stream(file);
-    stream << json.dump(2) << '\n';
+    stream << store::to_text(json, 2) << '\n';
     if (!stream.flush())
         return fail(ErrorCode::io, file.string() + " cannot be written",
                     "check that the folder may be written to and has space");
@@ -300,7 +300,7 @@ class Inspector {
         if (!feature) return tl::unexpected(named(feature.error()));
         const Json json = to_json(file, extents_, *found, *feature, reader_.bin_rad(), recipe_);
         if (options_.json) {
-            fmt::print("{}\n", json.dump());
+            fmt::print("{}\n", store::to_text(json));
         } else {
             print_for_people(file, *found);
             if (recipe_.reference) fmt::print("    {}\n", explain(*found, recipe_, extents_));

@@ -95,8 +95,8 @@ Exit status_of(const store::ReplayTally& tally) {
     return tally.same == tally.records ? Exit::good : Exit::rejected;
 }
 
-// To a file, with everything that says what it is: a frame that is gone meanwhile ends it, for the archive is another
-// one then.
+// Replays one shard to a file with its identity. Ends with an error when a frame was removed meanwhile: the archive is
+// another one then.
 Exit write_shard(const ReplayOptions& options, const store::Shard& shard, const Chosen& chosen,
                  const std::vector<store::ArchivedFile>& all, const std::vector<store::ArchivedFile>& mine) {
     auto program = store::program_identity();
@@ -137,7 +137,7 @@ Exit write_shard(const ReplayOptions& options, const store::Shard& shard, const 
     return status_of(*tally);
 }
 
-// To people, or as JSON.
+// Replays to standard output: as text, or as JSON lines.
 Exit print_replay(const ReplayOptions& options, const Chosen& chosen, const std::vector<store::ArchivedFile>& mine) {
     store::ReplayTally tally;
     Progress progress("frames", mine.size() < 50);

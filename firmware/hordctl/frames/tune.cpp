@@ -1,4 +1,4 @@
-// hordctl tune: which features should judge a user's parts, from frames of good and of bad ones; writes the recipe.
+// hordctl tune: chooses the features that separate a user's good parts from bad ones, and writes the recipe.
 #include "lab/tune/tune.h"
 
 #include <ctime>
@@ -14,6 +14,7 @@
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/frames/frame_reader.h"
 #include "firmware/recipes/reference_file.h"
+#include "firmware/store/results/json_text.h"
 #include "lab/tune/tune_report.h"
 
 namespace hord::firmware {
@@ -174,7 +175,7 @@ Exit run_tune(const TuneArguments& arguments) {
     progress.reset();
     if (!tuned) return complain(tuned.error());
 
-    nlohmann::ordered_json json = to_json(*tuned);
+    store::Json json = to_json(*tuned);
     if (!arguments.json) {
         for (const LeftOut& out : tuned->left_out) fmt::print("left out: {}: {}\n", out.file, out.why);
         print_table(table_of(*tuned));
@@ -196,7 +197,7 @@ Exit run_tune(const TuneArguments& arguments) {
             else fmt::print("{}\n", file.string());
         }
     }
-    if (arguments.json) fmt::print("{}\n", json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    if (arguments.json) fmt::print("{}\n", store::to_text(json));
     if (tuned->chosen) return Exit::good;
     const auto fastest = std::ranges::min_element(
         tuned->rungs, {}, [](const RungMeasured& m) { return m.no_limit.empty() ? m.wall_ms : 1e300; });

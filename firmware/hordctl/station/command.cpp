@@ -1,4 +1,4 @@
-// hordctl command: what a PLC would ask of a station, asked by a person.
+// hordctl command: sends a station a command, as a PLC does.
 #include <algorithm>
 #include <chrono>
 

@@ -1,10 +1,8 @@
-// hordctl latency: how soon after an edge this machine turns a light on and has a reject command at the module, idle
-// and with the pipeline busy. The drivers are the station's own; what stands behind them is said with every number.
+// hordctl latency: measures, on this machine, the time from a part sensor's edge to the light and to the reject
+// command, idle and with the pipeline busy. The drivers are the station's; the report names the devices behind them.
 #include <algorithm>
 #include <atomic>
-#include <bit>
 #include <cmath>
-#include <fstream>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -16,7 +14,6 @@
 #include <sched.h>
 #include <semaphore.h>
 #include <sys/eventfd.h>
-#include <sys/utsname.h>
 #include <unistd.h>
 
 #include "algo/inspection/pipeline.h"
@@ -28,6 +25,7 @@
 #include "drivers/modbus/modbus_rejector.h"
 #include "firmware/config/config.h"
 #include "firmware/hordctl/commands.h"
+#include "firmware/hordctl/station/latency_report.h"
 #include "firmware/service/realtime.h"
 #include "hal_sim/coil_module/coil_module.h"
 
@@ -37,10 +35,10 @@ namespace {
 using hal::TimePoint;
 
 constexpr Duration kPulse = milliseconds(1);  // of the light
-constexpr Duration kAhead = milliseconds(3);  // a pulse that was planned begins so long after its edge
+constexpr Duration kAhead = milliseconds(3);  // from the edge to a planned pulse
 constexpr Duration kRejectWindow = milliseconds(4);
 constexpr Duration kApart = milliseconds(12), kSpread = milliseconds(10);  // from one edge's end to the next one
-constexpr Duration kGivenUp = milliseconds(1000);                          // an edge without all its reports by then
+constexpr Duration kReportTimeout = milliseconds(1000);                    // of all reports on one edge
 
 struct LatencyOptions {
     std::string config;
@@ -48,83 +46,17 @@ struct LatencyOptions {
     int edges = 1000, priority = 50;
 };
 
-// ---- what is measured, and how it is told
+// ---- stand-ins for devices
 
-struct Series {
-    std::string what;
-    std::vector<Duration> samples;
-    int missed = 0;
-};
-
-// What p of the samples do not exceed.
-double quantile_us(const std::vector<Duration>& sorted, double p) {
-    const auto rank = static_cast<std::size_t>(std::ceil(p * static_cast<double>(sorted.size())));
-    return static_cast<double>(sorted[std::clamp<std::size_t>(rank, 1, sorted.size()) - 1].count()) / 1e3;
-}
-
-std::string text_of(Series series) {
-    std::string out = fmt::format("{}: {} measured, {} missed", series.what, series.samples.size(), series.missed);
-    if (series.samples.empty()) return out + "\n";
-    std::ranges::sort(series.samples);
-    const auto& s = series.samples;
-    out += fmt::format("; p50 {:.0f} us, p99 {:.0f} us, ", quantile_us(s, 0.5), quantile_us(s, 0.99));
-    out +=
-        s.size() >= 1000 ? fmt::format("p99.9 {:.0f} us, ", quantile_us(s, 0.999)) : std::string("p99.9 needs 1000, ");
-    out += fmt::format("max {:.0f} us\n", quantile_us(s, 1));
-    // A bar an octave of microseconds.
-    std::vector<int> bars;
-    for (const Duration sample : s) {
-        const auto us = static_cast<std::uint64_t>(std::max<std::int64_t>(0, sample.count() / 1000));
-        const auto octave = static_cast<std::size_t>(std::bit_width(us));
-        if (bars.size() <= octave) bars.resize(octave + 1);
-        ++bars[octave];
-    }
-    const auto first = static_cast<std::size_t>(std::ranges::find_if(bars, [](int n) { return n > 0; }) - bars.begin());
-    const int most = *std::ranges::max_element(bars);
-    for (std::size_t k = first; k < bars.size(); ++k) {
-        const std::uint64_t from = k == 0 ? 0 : std::uint64_t{1} << (k - 1), to = std::uint64_t{1} << k;
-        out += fmt::format("  {:>7} to {:>7} us  {:<40} {}\n", from, to,
-                           std::string(static_cast<std::size_t>((bars[k] * 40 + most - 1) / most), '#'), bars[k]);
-    }
-    return out;
-}
-
-std::string line_of(const char* file) {
-    std::ifstream in(file);
-    std::string line;
-    std::getline(in, line);
-    return line.empty() ? "unknown" : line;
-}
-
-// What decides the numbers, as far as a program can see it.
-std::string machine_text() {
-    utsname system{};
-    uname(&system);
-    const std::string version = system.version;
-    const char* preemption = version.find("PREEMPT_RT") != std::string::npos ? "fully preemptible (PREEMPT_RT)"
-        : version.find("PREEMPT_DYNAMIC") != std::string::npos
-        ? "PREEMPT_DYNAMIC: chosen at boot (preempt=), which a program cannot see"
-        : version.find("PREEMPT") != std::string::npos ? "preemptible (PREEMPT)"
-                                                       : "not said by the kernel: probably none or voluntary";
-    return fmt::format(
-        "machine: {} processors for this program, Linux {}\nkernel preemption: {}\nclock source: {} (hpet and acpi_pm "
-        "take a microsecond a read)\nprocessor speed governor: {}\n",
-        std::thread::hardware_concurrency(), system.release, preemption,
-        line_of("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
-        line_of("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"));
-}
-
-// ---- what stands behind the drivers when there are no devices
-
-// A line that nobody sees: the strobe's thread works for it as for a real one.
-class NoLine final : public drivers::GpioOutputs {
+// A GPIO line without hardware: the strobe's thread does the same work for it.
+class NullLine final : public drivers::GpioOutputs {
     Result<void> set(std::uint32_t) override { return {}; }
 };
 
-// Edges of a thread of this program: it sleeps, takes the time, and rings.
+// Makes edges in a thread of its own: sleeps, stores the time, and signals an eventfd.
 class EdgeThread {
   public:
-    explicit EdgeThread(const hal::Clock& clock) : clock_(clock), bell_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
+    explicit EdgeThread(const hal::Clock& clock) : clock_(clock), event_fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
         sem_init(&wanted_, 0, 0);
         thread_ = std::thread([this] { run(); });
     }
@@ -136,11 +68,11 @@ class EdgeThread {
     }
     EdgeThread(const EdgeThread&) = delete;
     EdgeThread& operator=(const EdgeThread&) = delete;
-    [[nodiscard]] int bell() const { return bell_.get(); }
+    [[nodiscard]] int event_fd() const { return event_fd_.get(); }
     void ask() { sem_post(&wanted_); }
     TimePoint answer() const {
         std::uint64_t count = 0;
-        [[maybe_unused]] const auto bytes = read(bell_.get(), &count, sizeof count);
+        [[maybe_unused]] const auto bytes = read(event_fd_.get(), &count, sizeof count);
         return TimePoint(Duration(at_.load()));
     }
 
@@ -154,29 +86,29 @@ class EdgeThread {
                 kApart + Duration(static_cast<std::int64_t>(random() % static_cast<unsigned>(kSpread.count()))));
             at_ = clock_.now().time_since_epoch().count();
             const std::uint64_t one = 1;
-            [[maybe_unused]] const auto bytes = write(bell_.get(), &one, sizeof one);
+            [[maybe_unused]] const auto bytes = write(event_fd_.get(), &one, sizeof one);
         }
     }
     const hal::Clock& clock_;
-    common::UniqueFd bell_;
+    common::UniqueFd event_fd_;
     sem_t wanted_{};
     std::atomic<bool> stopping_{false};
     std::atomic<std::int64_t> at_{0};
     std::thread thread_;
 };
 
-// Inspects one frame over and over, under the normal policy, as the station's inspecting threads do.
-class Work {
+// Load: inspects one frame again and again, under the normal policy, as the station's inspection threads do.
+class InspectionLoad {
   public:
-    Work(int threads, int bins_i, int bins_j) {
+    InspectionLoad(int threads, int bins_i, int bins_j) {
         for (int k = 0; k < threads; ++k) threads_.emplace_back([this, bins_i, bins_j] { run(bins_i, bins_j); });
     }
-    ~Work() {
+    ~InspectionLoad() {
         stopping_ = true;
         for (std::thread& thread : threads_) thread.join();
     }
-    Work(const Work&) = delete;
-    Work& operator=(const Work&) = delete;
+    InspectionLoad(const InspectionLoad&) = delete;
+    InspectionLoad& operator=(const InspectionLoad&) = delete;
     [[nodiscard]] int frames() const { return frames_; }
 
   private:
@@ -209,7 +141,7 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
   public:
     Measurement(const LatencyOptions& options, const Config& config) : options_(options), config_(config) {}
 
-    Exit go() {
+    Exit run() {
         auto loop = SdEventLoop::open();
         if (!loop) return complain(loop.error());
         loop_ = std::move(*loop);
@@ -261,7 +193,7 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         }
         auto opened = drivers::GpioStrobe::open(
             *loop_, {{.max_on = milliseconds(2), .min_rest = microseconds(100), .max_duty = 1}},
-            [] { return Result<std::unique_ptr<drivers::GpioOutputs>>(std::make_unique<NoLine>()); });
+            [] { return Result<std::unique_ptr<drivers::GpioOutputs>>(std::make_unique<NullLine>()); });
         if (!opened) return tl::unexpected(opened.error());
         strobe_ = std::move(*opened);
         light_text_ = "the strobe driver's own thread, without a GPIO line behind it";
@@ -306,7 +238,7 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         }
         edge_thread_ = std::make_unique<EdgeThread>(*loop_);
         edges_text_ = "a thread of this program: no interrupt, no GPIO";
-        auto watched = loop_->watch(edge_thread_->bell(), hal::EventLoop::Readiness::readable,
+        auto watched = loop_->watch(edge_thread_->event_fd(), hal::EventLoop::Readiness::readable,
                                     [this] { begin(edge_thread_->answer()); });
         if (!watched) return tl::unexpected(watched.error());
         watch_ = *watched;
@@ -328,10 +260,10 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         command_ = {fmt::format("edge to reject command at the module, {}", load), {}, 0};
         acknowledged_ = {fmt::format("edge to reject command acknowledged and read back, {}", load), {}, 0};
         done_ = 0;
-        std::unique_ptr<Work> work;
+        std::unique_ptr<InspectionLoad> work;
         if (busy)
-            work = std::make_unique<Work>(config_.inspection.threads, config_.inspection.bins_i,
-                                          config_.inspection.bins_j);
+            work = std::make_unique<InspectionLoad>(config_.inspection.threads, config_.inspection.bins_i,
+                                                    config_.inspection.bins_j);
         progress_ = std::make_unique<Progress>(load);
         next();
         const auto ran = loop_->run();
@@ -350,7 +282,7 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         if (edge_thread_) edge_thread_->ask();
     }
 
-    // An edge: every second one lights at once, the others as a station does, at a time that was planned.
+    // Odd and even edges alternate: light at once, and light at a planned time, as a station does.
     void begin(TimePoint edge) {
         if (!std::exchange(waiting_, false)) return;
         edge_ = edge;
@@ -370,7 +302,7 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
             ++acknowledged_.missed;
             ++command_.missed;
         }
-        overdue_ = loop_->call_after(kGivenUp, [this] {
+        overdue_ = loop_->call_after(kReportTimeout, [this] {
             if (!lit_) ++series_of_light().missed;
             if (!rejected_) ++acknowledged_.missed, ++command_.missed;
             settle(true, true);
@@ -462,7 +394,7 @@ Exit measure_latency(const LatencyOptions& options) {
         return complain({ErrorCode::invalid_argument, "latency needs --config FILE or --simulate",
                          "--simulate measures this machine without any device"});
     }
-    return Measurement(options, config).go();
+    return Measurement(options, config).run();
 }
 
 }  // namespace

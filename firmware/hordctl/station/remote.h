@@ -1,4 +1,4 @@
-// A station at the other end of Modbus, local or remote: how to name it, and how to command it.
+// Connects to a station over Modbus, local or remote, and sends it commands.
 #pragma once
 
 #include <string>
@@ -18,12 +18,12 @@ struct RemoteOptions {
 // --modbus and --timeout.
 void add_remote_options(CLI::App& command, RemoteOptions& options);
 
-// What a person does about a refused command.
+// The cure of a refused command, for people.
 const char* cure_of(CommandError error);
 
 Result<modbus::Client> connect(const RemoteOptions& options);
 
-// Sends one command and prints what came of it; a refusal goes to stderr with its name. 0 done, 2 refused or not
+// Sends one command and prints the result; a refusal is printed to stderr with its name. 0 done, 2 refused or not
 // reached.
 Exit send_command(const RemoteOptions& options, Command code, std::uint32_t argument = 0, std::uint32_t argument2 = 0);
 

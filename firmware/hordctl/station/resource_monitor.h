@@ -1,6 +1,6 @@
-// A station's vital signs over a long run: latencies of each stretch of time, memory, descriptors and processor time.
+// Records a station's resources over a long run: latencies, memory, descriptors and processor time of each interval.
 //
-// Needs the same memory however long the run is: latencies are counted in steps of 10 us.
+// Memory does not grow with the run: latencies are counted in steps of 10 us.
 #pragma once
 
 #include <cstddef>
@@ -34,7 +34,7 @@ class ResourceMonitor {
   public:
     struct Sample {
         double at_s = 0;                               // since the first part
-        std::uint64_t parts = 0, late = 0, unfit = 0;  // in this stretch; late: no verdict by the deadline
+        std::uint64_t parts = 0, late = 0, unfit = 0;  // in this interval; late: no verdict by the deadline
         double p50_ms = 0, p99_ms = 0, max_ms = 0;     // part sensor to verdict
         std::uint64_t memory_kb = 0;                   // resident
         std::uint64_t descriptors = 0, threads = 0;
@@ -42,12 +42,11 @@ class ResourceMonitor {
     };
 
     void add(const PartResult& result);
-    void sample(double at_s);  // ends a stretch
+    void sample(double at_s);  // ends an interval
 
     [[nodiscard]] const std::vector<Sample>& samples() const { return samples_; }
 
-    // Some lines for people: at most ten stretches, and what memory, descriptors and latency did from the first to the
-    // last.
+    // A summary: at most ten intervals, and the change of memory, descriptors and latency from the first to the last.
     [[nodiscard]] std::string text() const;
     // All of them, as CSV. Fails with io.
     Result<void> write(const std::string& file) const;

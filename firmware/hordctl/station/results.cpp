@@ -1,4 +1,4 @@
-// hordctl results: what a station has kept: list, filter, export, verify.
+// hordctl results: lists, filters, exports and verifies the results in a store.
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -45,12 +45,12 @@ Result<void> complete(ResultsOptions& options) {
     return {};
 }
 
-// Prints rows as they come: a year of results is more than memory holds.
+// Prints row by row: a year of results does not fit in memory.
 template <class Row>
 void print(const std::string& format, const Row& row) {
     fmt::print("{}\n",
                format == "csv"        ? store::to_csv(row)
-                   : format == "json" ? store::to_json_line(row)
+                   : format == "json" ? store::to_line(store::to_json(row))
                                       : store::to_table(row));
 }
 void print_head(const std::string& format, const std::string& csv, const std::string& table) {

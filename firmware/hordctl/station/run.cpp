@@ -7,7 +7,6 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "common/cli/progress.h"
 #include "firmware/hordctl/commands.h"
@@ -16,11 +15,12 @@
 #include "firmware/registers/register_client.h"
 #include "firmware/service/realtime.h"
 #include "firmware/service/service.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using store::Json;
 
 struct RunOptions {
     std::string config, modbus, out, store, state, vitals;
@@ -203,7 +203,7 @@ class Run {
         const auto fate = fates_.find(arrived);
         if (result == results_.end() || fate == fates_.end()) return;
         report_.add(result->second, fate->second.kind, fate->second.ejected, fate->second.taken_off);
-        if (options_.json) fmt::print("{}\n", to_json(result->second, &fate->second).dump());
+        if (options_.json) fmt::print("{}\n", store::to_text(to_json(result->second, &fate->second)));
         gallery_.settle(result->second.part, fate->second.kind);
         ++settled_;
         if (options_.parts > 0 && progress_) {

@@ -1,16 +1,16 @@
-// hordctl status: what a running station says of itself, over Modbus, local or remote.
+// hordctl status: prints the registers of a running station, over Modbus, local or remote.
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/core/faults.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/station/remote.h"
 #include "firmware/registers/register_map.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using store::Json;
 
 struct StatusOptions {
     RemoteOptions remote;
@@ -56,7 +56,7 @@ Exit run_status(const StatusOptions& options) {
                 active = static_cast<std::uint32_t>(*reading.number);
         }
     }
-    if (options.json) fmt::print("{}\n", json.dump());
+    if (options.json) fmt::print("{}\n", store::to_text(json));
     for (const FaultInfo& fault : kFaultTable) {
         if (!options.json && (active & fault.bit) != 0)
             fmt::print("FAULT {}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);

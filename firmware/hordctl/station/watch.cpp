@@ -1,7 +1,7 @@
-// hordctl watch: a station as it lives, on a terminal; over Modbus, local or remote.
+// hordctl watch: shows a running station on a terminal, over Modbus, local or remote.
 //
-// Everything comes from five coherent reads (STATUS, COUNTERS, HEALTH, PLC, RECIPE) and the newest results of the ring.
-// A station that does not answer is shown as that, and asked again.
+// Each update reads five blocks (STATUS, COUNTERS, HEALTH, PLC, RECIPE) and the new results of the ring. Without an
+// answer the error is shown, and the station is asked again.
 #include <algorithm>
 #include <chrono>
 #include <csignal>
@@ -16,6 +16,7 @@
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/station/remote.h"
 #include "firmware/registers/register_map.h"
+#include "firmware/registers/register_snapshot.h"
 
 namespace hord::firmware {
 namespace {
@@ -31,48 +32,43 @@ struct WatchOptions {
 
 volatile std::sig_atomic_t interrupted = 0;
 
-// One moment of a station, by the names of the register map.
-class Moment {
+// A station's readings by their names alone, without their blocks.
+class RowsByName {
   public:
     void add(const std::vector<Reading>& readings) {
         for (const Reading& reading : readings) rows_.insert_or_assign(std::string(reading.what->name), reading);
     }
-    [[nodiscard]] double number(const char* name, double otherwise = 0) const {
-        const auto at = rows_.find(name);
-        return at != rows_.end() && at->second.number ? *at->second.number : otherwise;
-    }
-    // "6 Ready" is "Ready" here.
+    [[nodiscard]] bool has(const char* name) const { return find(name) != nullptr && find(name)->number; }
+    // 0 and "-" when the station does not know it.
+    [[nodiscard]] double number(const char* name) const { return has(name) ? *find(name)->number : 0; }
     [[nodiscard]] std::string text(const char* name) const {
-        const auto at = rows_.find(name);
-        if (at == rows_.end()) return "-";
-        const std::string& all = at->second.text;
-        const auto space = all.find(' ');
-        return at->second.what->type == RegisterType::u16 && !at->second.what->values.empty() &&
-                space != std::string::npos
-            ? all.substr(space + 1)
-            : all;
+        return find(name) != nullptr ? RegisterSnapshot::plain_text(*find(name)) : "-";
     }
-    [[nodiscard]] bool has(const char* name) const {
-        const auto at = rows_.find(name);
-        return at != rows_.end() && at->second.number.has_value();
+    [[nodiscard]] bool status_bit(const char* name) const {
+        return has("bits") && RegisterSnapshot::has_bit(*find("bits"), name);
     }
 
   private:
+    [[nodiscard]] const Reading* find(const char* name) const {
+        const auto at = rows_.find(name);
+        return at != rows_.end() ? &at->second : nullptr;
+    }
     std::map<std::string, Reading> rows_;
 };
 
-Result<Moment> look(modbus::Client& client) {
-    Moment moment;
+Result<RowsByName> read_station(modbus::Client& client) {
+    RowsByName rows;
     for (const BlockId id :
-         {BlockId::counters, BlockId::health, BlockId::plc, BlockId::recipe, BlockId::status}) {  // STATUS's names win
+         // STATUS last: where two blocks have a row of one name, STATUS's is kept.
+         {BlockId::counters, BlockId::health, BlockId::plc, BlockId::recipe, BlockId::status}) {
         const auto readings = client.read_block(id);
         if (!readings) return tl::unexpected(readings.error());
-        moment.add(*readings);
+        rows.add(*readings);
     }
-    return moment;
+    return rows;
 }
 
-std::string milliseconds_of(const Moment& m, const char* name) {
+std::string milliseconds_of(const RowsByName& m, const char* name) {
     return m.has(name) ? fmt::format("{:.1f}", m.number(name) / 1000) : "-";
 }
 
@@ -83,13 +79,13 @@ std::string bar(double share) {
     return out;
 }
 
-std::string counted(const Moment& m, const char* name) {
+std::string verdict_row(const RowsByName& m, const char* name) {
     const double seen = std::max(m.number("seen"), 1.0);
     return fmt::format("  {:<8} {:>10.0f}  {}\n", name, m.number(name), bar(m.number(name) / seen));
 }
 
-// The newest results, newest first; what was read before is not read again.
-class Results {
+// Lines of the newest results, newest first. Each result is read once.
+class NewestResults {
   public:
     void follow(modbus::Client& client, std::uint32_t newest) {
         if (newest < newest_) shown_.clear();  // restarted
@@ -99,7 +95,7 @@ class Results {
         for (; next <= newest; ++next) {
             const auto result = client.read_result(next);
             if (!result) continue;
-            Moment m;
+            RowsByName m;
             m.add(*result);
             shown_.push_front(fmt::format("  {:>8} {:<7} {:<20} score {:>7}  {:>8} ms  reject {}", next,
                                           m.text("verdict"), m.text("reason"), m.text("score"),
@@ -115,8 +111,8 @@ class Results {
     std::deque<std::string> shown_;
 };
 
-// How light and optics age; "-" until enough parts were seen.
-std::string optics(const Moment& m) {
+// Ageing of light and optics; "-" until the station has enough parts.
+std::string optics(const RowsByName& m) {
     std::string out =
         fmt::format("light {} %, dark level {} DN, unevenness {} %, ", m.text("light_output"),
                     m.has("dark_drift") ? fmt::format("{:+.2f}", m.number("dark_drift")) : "-", m.text("uneven"));
@@ -128,18 +124,17 @@ std::string optics(const Moment& m) {
     return out;
 }
 
-std::string page(const RemoteOptions& remote, const Moment& m, const Results& results) {
-    const auto bits = static_cast<unsigned>(m.number("bits"));
-    const auto lamp = [&](unsigned bit, const char* name) {
-        return (bits >> bit & 1U) != 0 ? fmt::format("[{}] ", name) : std::string();
+std::string page(const RemoteOptions& remote, const RowsByName& m, const NewestResults& results) {
+    const auto lamp = [&](const char* bit, const char* name) {
+        return m.status_bit(bit) ? fmt::format("[{}] ", name) : std::string();
     };
-    std::string out =
-        fmt::format("HORD station {}   {}   {}{}{}{}\n\n", remote.modbus, m.text("state"), lamp(1, "run permit"),
-                    lamp(2, "LINE STOP"), lamp(6, "RESULTS LOST"), lamp(7, "PLC LOST"));
+    std::string out = fmt::format("HORD station {}   {}   {}{}{}{}\n\n", remote.modbus, m.text("state"),
+                                  lamp("run_permit", "run permit"), lamp("line_stop", "LINE STOP"),
+                                  lamp("results_overrun", "RESULTS LOST"), lamp("plc_lost", "PLC LOST"));
     out += fmt::format("  {} parts a minute, {:.0f} on the line, {:.0f} seen; recipe {} \"{}\"\n\n",
                        m.text("parts_per_minute"), m.number("parts_on_line"), m.number("seen"), m.text("recipe"),
                        m.text("name"));
-    for (const char* name : {"pass", "reject", "unfit"}) out += counted(m, name);
+    for (const char* name : {"pass", "reject", "unfit"}) out += verdict_row(m, name);
     out += fmt::format("  {:<8} {:>10.0f}  confirmed {:.0f}, failed {:.0f}, late {:.0f}\n\n", "rejected",
                        m.number("reject_commanded"), m.number("reject_confirmed"), m.number("reject_failed"),
                        m.number("reject_late"));
@@ -165,7 +160,7 @@ std::string page(const RemoteOptions& remote, const Moment& m, const Results& re
     return out;
 }
 
-std::string line(const Moment& m) {
+std::string line(const RowsByName& m) {
     return fmt::format(
         "{} parts/min {} seen {:.0f} pass {:.0f} reject {:.0f} unfit {:.0f} latency-p99-ms {} light-percent {} dust {} "
         "faults {}\n",
@@ -181,18 +176,18 @@ Exit run_watch(const WatchOptions& options) {
     ::sigaction(SIGINT, &quit, nullptr);
     auto client = connect(options.remote);
     if (!client) return complain(client.error());
-    Results results;
+    NewestResults results;
     Exit status = Exit::good;
     for (int k = 0; interrupted == 0 && (options.count == 0 || k < options.count); ++k) {
         if (k > 0) std::this_thread::sleep_for(std::chrono::milliseconds(options.every_ms));  // cut short by SIGINT
-        const auto moment = look(*client);  // connects again when the connection was lost
-        status = moment ? Exit::good : Exit::bad_input;
+        const auto rows = read_station(*client);  // connects again when the connection was lost
+        status = rows ? Exit::good : Exit::bad_input;
         std::string out;
-        if (moment) {
-            if (terminal) results.follow(*client, static_cast<std::uint32_t>(moment->number("last_sequence")));
-            out = terminal ? page(options.remote, *moment, results) : line(*moment);
+        if (rows) {
+            if (terminal) results.follow(*client, static_cast<std::uint32_t>(rows->number("last_sequence")));
+            out = terminal ? page(options.remote, *rows, results) : line(*rows);
         } else {
-            out = fmt::format("no answer: {}\n", moment.error().message());
+            out = fmt::format("no answer: {}\n", rows.error().message());
         }
         if (terminal) fmt::print("\x1b[H\x1b[2J");
         fmt::print("{}", out);

@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kUnfinished = ".part";
 
-// The number that a frame's name begins with; 0: it is no frame of ours.
+// The number at the beginning of a frame's name; 0: not a frame of an archive.
 std::uint64_t number_of(const fs::path& file) {
     const std::string name = file.filename().string();
     std::uint64_t number = 0;

@@ -1,7 +1,7 @@
-// A ring of frames on a disk: the oldest make room, by bytes and by what the disk has left.
+// A ring of frames on a disk: the oldest are removed beyond a total size or below a free space of the disk.
 //
-// A file appears whole or not at all: it is written beside, synced and renamed. Its name begins with a number that
-// counts over restarts, so that names sort by age whatever the clock did:
+// A file appears whole or not at all: it is written under another name, synced and renamed. Its name begins with a
+// number that counts over restarts, so names sort by age even if the clock was set:
 //     000000000123-20261121T071500Z-p42-reject.png
 #pragma once
 
@@ -26,7 +26,7 @@ struct ArchivedFile {
     std::uint64_t bytes = 0;
 };
 
-// The frames of an archive, oldest first; anything else in the folder is left out. Fails with not_found.
+// The frames of an archive, oldest first; other files are skipped. Fails with not_found.
 Result<std::vector<ArchivedFile>> list_frames(const std::filesystem::path& folder);
 
 // The disk, replaceable in tests. Each blocks.
@@ -39,22 +39,22 @@ ArchiveDisk real_disk();
 
 struct ArchiveLimits {
     std::uint64_t max_bytes = 4'000'000'000;       // of all frames together
-    std::uint64_t min_free_bytes = 1'000'000'000;  // what the disk keeps, for results and for others
+    std::uint64_t min_free_bytes = 1'000'000'000;  // of the disk, for results and other programs
 };
 
 class FrameArchive {
   public:
-    // Makes the folder (not its parents), removes what was left unfinished. Blocks. Fails with io.
+    // Creates the folder (not its parents), removes unfinished files. Blocks. Fails with io.
     static Result<std::unique_ptr<FrameArchive>> open(const std::filesystem::path& folder, const ArchiveLimits& limits,
                                                       ArchiveDisk disk = real_disk());
 
     [[nodiscard]] std::uint64_t next_number() const { return next_; }
 
-    // Stores under next_number(); `label` follows it in the name. Fails with io (no room, however much was removed;
-    // read-only; broken disk).
+    // Stores under next_number(), followed by `label`. Fails with io (no room even without other frames; read-only;
+    // broken disk).
     Result<void> add(const std::string& label, std::span<const std::uint8_t> bytes);
 
-    // Removes the oldest until the limits hold: others use the disk, too. Fails with io when nothing is left to remove.
+    // Removes the oldest until the limits hold; other programs fill the disk, too. Fails with io when none is left.
     Result<void> trim() { return make_room(0); }
 
     [[nodiscard]] std::uint64_t bytes() const { return bytes_; }

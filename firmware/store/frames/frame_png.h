@@ -1,4 +1,4 @@
-// A frame with everything that is known of it, as one lossless PNG.
+// A frame and its metadata as one lossless PNG.
 //
 // Grey, 8 or 16 bits; 9- to 15-bit samples are right-aligned and their depth stands in sBIT. The metadata is UTF-8 text
 // (JSON, frame_retention.h) in an iTXt chunk "hord". Any thread.
@@ -24,8 +24,7 @@ struct AnnotatedFrame {
 // `level` is zlib's, 1 (fast) to 9 (small). Fails with invalid_argument (an empty frame), internal.
 Result<std::vector<std::uint8_t>> encode_png(const FrameView& frame, std::string_view metadata, int level = 1);
 
-// Fails with unreadable when a byte is missing, changed or too many: every chunk's checksum is compared. `name` is for
-// the message.
+// Checks every chunk's checksum. Fails with unreadable (a byte missing, changed or added). `name`: for the message.
 Result<AnnotatedFrame> decode_png(std::span<const std::uint8_t> bytes, const std::string& name);
 
 // Fails with not_found and as decode_png().

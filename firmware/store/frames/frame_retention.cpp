@@ -7,7 +7,6 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/store/frames/frame_png.h"
 #include "firmware/store/results/hash_chain.h"
@@ -16,7 +15,7 @@
 namespace hord::firmware::store {
 namespace {
 
-// Other programs fill disks, too: looked at even while no frame is kept.
+// Also without new frames: other programs fill the disk, too.
 constexpr std::chrono::seconds kTrimEvery{10};
 constexpr std::size_t kMissedKept = 64;
 
@@ -36,7 +35,7 @@ std::vector<std::uint8_t> bytes_of_maps(const algo::Inspection& inspection) {
     std::vector<std::uint8_t> bytes;
     bytes.reserve(inspection.mask.size() * (3 * sizeof(float) + 1));
     for (const algo::Map map : {inspection.gradient, inspection.frobenius, inspection.transmission}) append(bytes, map);
-    // Where neighbours are not compared, the reference's scores may be all there is.
+    // Without a comparison of neighbours only the z-scores may be there.
     if (!inspection.compares) append(bytes, inspection.z_score);
     bytes.insert(bytes.end(), inspection.mask.begin(), inspection.mask.end());
     return bytes;
@@ -46,7 +45,7 @@ std::vector<std::uint8_t> bytes_of_maps(const algo::Inspection& inspection) {
 
 std::string digest_of_maps(const algo::Inspection& inspection) { return to_hex(sha256(bytes_of_maps(inspection))); }
 
-// One frame and what was found in it. Its memory is taken when it is first used and then kept.
+// A frame and its inspection. Allocates at its first use and keeps the memory.
 struct FrameRetention::Buffer {
     std::uint32_t part = 0, trigger = 0;
     const char* role = "";
@@ -153,7 +152,7 @@ void FrameRetention::on_inspection(std::uint32_t part, const FrameView& frame, c
 }
 
 void FrameRetention::on_result(const PartResult& result) {
-    // What the inspection rejected is kept already; what was never inspected has no frame.
+    // Frames of rejected inspections are kept already; a part without inspection has no frame.
     if (result.verdict == PartVerdict::pass || result.reason < PartReason::verdict_late) return;
     const std::lock_guard lock(mutex_);
     const auto found =
@@ -164,7 +163,7 @@ void FrameRetention::on_result(const PartResult& result) {
         if (missed_.size() > kMissedKept) missed_.pop_front();
         return;
     }
-    // Those that came later stay where they are.
+    // Frames of later parts stay.
     std::deque<Handle> later(std::make_move_iterator(found + 1), std::make_move_iterator(recent_.end()));
     Handle buffer = std::move(*found);
     recent_.erase(found, recent_.end());
@@ -172,7 +171,7 @@ void FrameRetention::on_result(const PartResult& result) {
     recent_ = std::move(later);
 }
 
-// With the lock. What is in recent_ came before.
+// With the lock. recent_ holds the frames before the rejected one.
 void FrameRetention::trigger(std::uint32_t part, Handle buffer) {
     while (recent_.size() > static_cast<std::size_t>(options_.before)) {
         free_.push_back(std::move(recent_.front()));
@@ -193,7 +192,7 @@ void FrameRetention::enqueue(Handle buffer, const char* role, std::uint32_t trig
     wake_.notify_one();
 }
 
-// With the lock, which is open while somebody is told.
+// With the lock, which is released while the listener is called.
 void FrameRetention::drop(std::unique_lock<std::mutex>& lock, const Error& error) {
     ++counts_.dropped;
     if (std::exchange(counts_.failing, true) || !listener_.failed) return;
@@ -255,22 +254,25 @@ void FrameRetention::write(Buffer& buffer) {
 }
 
 std::string FrameRetention::metadata_of(const Buffer& buffer) const {
-    std::string trigger = buffer.trigger != 0 ? fmt::format("\"trigger\":{},", buffer.trigger) : std::string();
     const algo::Extents& e = options_.extents;
-    std::string defects = "[";
-    for (const algo::Defect& d : buffer.defects) {
-        if (defects.size() > 1) defects += ',';
-        defects += to_json(d);
-    }
-    return fmt::format(
-        "{{\"hord\":1,\"station\":\"{}\",\"software\":\"{}\",\"boot\":{},\"part\":{},\"time_us\":{},\"role\":\"{}\",{}"
-        "\"grid\":{{\"m\":{},\"n\":{},\"i\":{},\"j\":{}}},\"bits\":{},\"verdict\":\"{}\",\"reason\":\"{}\",\"score\":{}"
-        ",\"defects\":{}],"
-        "\"maps_sha256\":\"{}\",\"samples_sha256\":\"{}\",\"recipe\":\"{}\"}}",
-        json_escaped(options_.station), json_escaped(options_.software), options_.boot, buffer.part, buffer.time_us,
-        buffer.role, trigger, e.m, e.n, e.i, e.j, buffer.bits, algo::name_of(buffer.verdict),
-        algo::name_of(buffer.reason), buffer.score, defects, to_hex(sha256(buffer.maps)),
-        digest_of_samples(buffer.view()), json_escaped(*buffer.recipe));
+    Json json{{"hord", 1},
+              {"station", options_.station},
+              {"software", options_.software},
+              {"boot", options_.boot},
+              {"part", buffer.part},
+              {"time_us", buffer.time_us},
+              {"role", buffer.role}};
+    if (buffer.trigger != 0) json["trigger"] = buffer.trigger;
+    json["grid"] = {{"m", e.m}, {"n", e.n}, {"i", e.i}, {"j", e.j}};
+    json["bits"] = buffer.bits;
+    json["verdict"] = algo::name_of(buffer.verdict);
+    json["reason"] = algo::name_of(buffer.reason);
+    json["score"] = buffer.score;
+    json["defects"] = to_json(buffer.defects);
+    json["maps_sha256"] = to_hex(sha256(buffer.maps));
+    json["samples_sha256"] = digest_of_samples(buffer.view());
+    json["recipe"] = *buffer.recipe;
+    return to_line(json);
 }
 
 }  // namespace hord::firmware::store

@@ -1,16 +1,16 @@
-// Which frames are kept: those of parts that did not pass, some before and after each of them, and chosen samples.
+// Keeps frames: those of parts that did not pass, some before and after each of them, and samples.
 //
-// on_inspection() copies what is inspected into one of a fixed number of buffers and never waits for the disk; a thread
-// of its own makes PNGs and puts them into the archive. When the disk is slower than the frames that are to be kept,
-// frames are dropped and counted; verdicts and results are not concerned.
+// on_inspection() copies the frame into one of a fixed number of buffers and never waits for the disk; a thread encodes
+// PNGs and adds them to the archive. When the disk is too slow, frames are dropped and counted; verdicts and results
+// are not affected.
 //
-// The metadata of a frame is one JSON object, everything that replay needs:
-//   station, software, boot, part, time_us   who saw what, when
+// The metadata of a frame is one JSON object with everything that replay needs:
+//   station, software, boot, part, time_us
 //   role         "reject" (the part did not pass), "before" and "after" such a part (`trigger`), "sample"
 //   grid, bits   extents of the light field, bits a sample
-//   recipe       the whole text that judged it
-//   verdict, reason, score, defects          what the inspection said, to the bit
-//   maps_sha256, samples_sha256              of the maps behind it, and of the samples
+//   recipe       the whole text of the recipe that judged it
+//   verdict, reason, score, defects          of the inspection, to the bit
+//   maps_sha256, samples_sha256              of the feature maps, and of the frame's samples
 #pragma once
 
 #include <condition_variable>
@@ -30,7 +30,7 @@
 
 namespace hord::firmware::store {
 
-// SHA-256 over the maps that a verdict rests on, lenslet by lenslet, to the bit.
+// SHA-256 of the feature maps of an inspection.
 std::string digest_of_maps(const algo::Inspection& inspection);
 
 struct FrameRetentionOptions {
@@ -46,25 +46,25 @@ struct FrameRetentionOptions {
 class FrameRetention {
   public:
     using Open = std::function<Result<std::unique_ptr<FrameArchive>>()>;
-    // Told on the keeper's thread or an inspecting one.
+    // Called on the writing thread or an inspection thread.
     struct Listener {
-        std::function<void(const Error&)> failed;  // frames are dropped; once until it works again
+        std::function<void(const Error&)> failed;  // frames are dropped; called once a failure
         std::function<void()> works_again;
     };
 
     FrameRetention(Open open, FrameRetentionOptions options, std::function<UtcMicros()> utc_now,
                    Listener listener = {});
-    ~FrameRetention();  // writes what waits, if the disk works
+    ~FrameRetention();  // writes the waiting frames if the disk works
     FrameRetention(const FrameRetention&) = delete;
     FrameRetention& operator=(const FrameRetention&) = delete;
 
-    // Any thread. The text of the recipe that judges from now on.
+    // Any thread. The text of the recipe in use from now on.
     void set_recipe(const std::string& text);
 
-    // Any thread; what is borrowed is copied.
+    // Any thread; copies the frame.
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection);
 
-    // Any thread. A part that passed the inspection and is rejected all the same (too late) is one that did not pass.
+    // Any thread. A part whose inspection passed but that is rejected (verdict too late) counts as not passed.
     void on_result(const PartResult& result);
 
     struct Counts {
@@ -90,14 +90,14 @@ class FrameRetention {
     const FrameRetentionOptions options_;
     const std::function<UtcMicros()> utc_now_;
     const Listener listener_;
-    std::unique_ptr<FrameArchive> archive_;  // the keeper's thread
+    std::unique_ptr<FrameArchive> archive_;  // used by the writing thread only
 
     mutable std::mutex mutex_;  // guards the rest
     std::condition_variable wake_;
     std::vector<Handle> free_;
-    std::deque<Handle> recent_;         // passed, not kept so far: the newest last
+    std::deque<Handle> recent_;         // passed and not kept so far, newest last
     std::deque<Handle> waiting_;        // to be written
-    std::deque<std::uint32_t> missed_;  // parts whose result said reject before their frame was here
+    std::deque<std::uint32_t> missed_;  // rejected parts whose frame has not come yet
     std::shared_ptr<const std::string> recipe_ = std::make_shared<std::string>();
     int after_ = 0;
     std::uint32_t trigger_ = 0;

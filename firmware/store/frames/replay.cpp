@@ -5,7 +5,6 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/store/frames/frame_png.h"
@@ -15,32 +14,25 @@
 namespace hord::firmware::store {
 namespace {
 
-using Json = nlohmann::json;
-
-std::string all_defects(std::span<const algo::Defect> defects) {
-    std::string json = "[";
-    for (const algo::Defect& d : defects) {
-        if (json.size() > 1) json += ',';
-        json += to_json(d);
+// Archived defects with their numbers as floats, as the inspection gave them.
+Json defects_in(const Json& archived) {
+    Json list = Json::array();
+    for (const Json& d : archived) {
+        list.push_back({{"m", d.at("m").get<float>()},
+                        {"n", d.at("n").get<float>()},
+                        {"area", d.at("area").get<std::uint32_t>()},
+                        {"peak", d.at("peak").get<float>()},
+                        {"kind", d.at("kind").get<std::string>()}});
     }
-    return json + "]";
+    return list;
 }
 
-// Defects as they were written: numbers are read and written again, which keeps them to the bit.
-std::string defects_of(const Json& list) {
-    std::string json = "[";
-    for (const Json& d : list) {
-        if (json.size() > 1) json += ',';
-        json += fmt::format("{{\"m\":{},\"n\":{},\"area\":{},\"peak\":{},\"kind\":\"{}\"}}", d.at("m").get<float>(),
-                            d.at("n").get<float>(), d.at("area").get<std::uint32_t>(), d.at("peak").get<float>(),
-                            d.at("kind").get<std::string>());
-    }
-    return json + "]";
-}
-
-std::string judgement_json(const Judgement& j) {
-    return fmt::format("{{\"verdict\":\"{}\",\"reason\":\"{}\",\"score\":{},\"defects\":{},\"maps_sha256\":\"{}\"}}",
-                       j.verdict, j.reason, j.score, j.defects, j.maps_sha256);
+Json to_json(const Judgement& j) {
+    return {{"verdict", j.verdict},
+            {"reason", j.reason},
+            {"score", j.score},
+            {"defects", j.defects},
+            {"maps_sha256", j.maps_sha256}};
 }
 
 struct Archived {
@@ -49,7 +41,7 @@ struct Archived {
     std::string recipe, samples_sha256;
 };
 
-// Throws what nlohmann throws: caught by who calls it.
+// Throws Json::exception; the caller catches it.
 Archived read_metadata(const std::string& metadata) {
     const Json json = Json::parse(metadata);
     Archived archived;
@@ -59,7 +51,7 @@ Archived read_metadata(const std::string& metadata) {
     then.verdict = json.at("verdict").get<std::string>();
     then.reason = json.at("reason").get<std::string>();
     then.score = json.at("score").get<float>();
-    then.defects = defects_of(json.at("defects"));
+    then.defects = defects_in(json.at("defects"));
     then.maps_sha256 = json.at("maps_sha256").get<std::string>();
     const Json& grid = json.at("grid");
     archived.extents = {grid.at("m").get<int>(), grid.at("n").get<int>(), grid.at("i").get<int>(),
@@ -72,25 +64,25 @@ Archived read_metadata(const std::string& metadata) {
 }  // namespace
 
 std::string to_json_line(const Replayed& r) {
-    std::string changes;
-    const auto changed = [&](const char* what, bool is) {
-        if (is) changes += fmt::format("{}\"{}\"", changes.empty() ? "" : ",", what);
-    };
-    changed("verdict", r.then.verdict != r.now.verdict);
-    changed("reason", r.then.reason != r.now.reason);
-    changed("score", r.then.score != r.now.score);
-    changed("defects", r.then.defects != r.now.defects);
-    changed("maps", r.then.maps_sha256 != r.now.maps_sha256);
-    return fmt::format(
-        "{{\"frame\":\"{}\",\"part\":{},\"role\":\"{}\",\"recipe_then\":\"{}\",\"recipe_now\":\"{}\",\"then\":{},"
-        "\"now\":{},\"changes\":[{}]}}",
-        json_escaped(r.frame), r.part, json_escaped(r.role), json_escaped(r.recipe_then), json_escaped(r.recipe_now),
-        judgement_json(r.then), judgement_json(r.now), changes);
+    Json changes = Json::array();
+    if (r.then.verdict != r.now.verdict) changes.push_back("verdict");
+    if (r.then.reason != r.now.reason) changes.push_back("reason");
+    if (r.then.score != r.now.score) changes.push_back("score");
+    if (r.then.defects != r.now.defects) changes.push_back("defects");
+    if (r.then.maps_sha256 != r.now.maps_sha256) changes.push_back("maps");
+    return to_line({{"frame", r.frame},
+                    {"part", r.part},
+                    {"role", r.role},
+                    {"recipe_then", r.recipe_then},
+                    {"recipe_now", r.recipe_now},
+                    {"then", to_json(r.then)},
+                    {"now", to_json(r.now)},
+                    {"changes", std::move(changes)}});
 }
 
 struct Replay::Parts {
     std::optional<algo::Recipe> recipe;
-    // One pipeline a kind of frame; frames of one recipe follow each other, so the last one is enough.
+    // The pipeline of the last frame is reused while recipe and extents stay the same.
     std::string known;  // recipe text and extents that `pipeline` was made for
     std::string known_name;
     std::optional<algo::Pipeline> pipeline;
@@ -137,7 +129,7 @@ Result<Replayed> Replay::judge(const std::filesystem::path& file) {
     const auto inspection = parts_->pipeline->inspect(frame);
     if (!inspection) return tl::unexpected(inspection.error());
     replayed.now = {std::string(algo::name_of(inspection->verdict)), std::string(algo::name_of(inspection->reason)),
-                    inspection->score, all_defects(inspection->defects), digest_of_maps(*inspection)};
+                    inspection->score, store::to_json(inspection->defects), digest_of_maps(*inspection)};
     return std::move(replayed);
 }
 

@@ -1,5 +1,5 @@
-// Judges archived frames again and compares with what was said then, bit for bit. No clock, no order but that of the
-// frames: the same frames, recipe and software give the same bytes.
+// Inspects archived frames again and compares the results with the archived ones, bit for bit. Deterministic: the same
+// frames, recipe and software give the same bytes.
 #pragma once
 
 #include <filesystem>
@@ -11,14 +11,15 @@
 
 #include "algo/inspection/pipeline.h"
 #include "common/result.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::store {
 
-// What an inspection says, as it was written down.
+// The archived result of an inspection.
 struct Judgement {
     std::string verdict, reason;
     float score = 0;
-    std::string defects;      // JSON, all of them
+    Json defects;             // all of them
     std::string maps_sha256;  // of everything behind it
     bool operator==(const Judgement&) const = default;
 };
@@ -32,13 +33,13 @@ struct Replayed {
     [[nodiscard]] bool verdict_changes() const { return then.verdict != now.verdict; }
 };
 
-// One JSON object, one line: {"frame",...,"then":{...},"now":{...},"changes":["verdict",...]}. Empty `changes`: bit for
-// bit.
+// One JSON object, one line: {"frame":...,"then":{...},"now":{...},"changes":["verdict",...]}. Empty `changes`: equal
+// to the bit.
 std::string to_json_line(const Replayed& replayed);
 
 class Replay {
   public:
-    // With this recipe; without one each frame is judged with its own, the one of then.
+    // With this recipe; without one each frame is inspected with the recipe in its metadata.
     explicit Replay(std::optional<algo::Recipe> recipe = std::nullopt);
     ~Replay();
 

@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 
 #include "common/crc32.h"
-#include "firmware/store/results/records.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::store {
 
@@ -42,12 +42,15 @@ Result<Shard> parse_shard(std::string_view text) {
     return shard;
 }
 
+std::string written_name(const ArchivedFile& frame) {
+    const std::string quoted = to_text(frame.file.filename().string());
+    return quoted.substr(1, quoted.size() - 2);
+}
+
 Result<void> put_in_order(std::vector<ArchivedFile>& frames) {
     std::vector<std::pair<std::string, ArchivedFile>> named;
     named.reserve(frames.size());
-    for (ArchivedFile& frame : frames)
-        named.emplace_back(json_escaped(frame.file.filename().string()),
-                           std::move(frame));  // as it stands in the lines
+    for (ArchivedFile& frame : frames) named.emplace_back(written_name(frame), std::move(frame));
     std::sort(named.begin(), named.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     frames.clear();
     for (auto& [name, frame] : named) frames.push_back(std::move(frame));
@@ -68,7 +71,7 @@ void replay_all(const std::vector<ArchivedFile>& frames, const std::optional<alg
         }
         return;
     }
-    // A block at a time: its frames are shared out, and taken in order when all are judged.
+    // Block by block: the threads share its frames; `take` gets the results in order when all are there.
     const std::size_t block = std::size_t{64} * jobs;
     std::vector<std::optional<Result<Replayed>>> judged(block);
     for (std::size_t begin = 0; begin < frames.size(); begin += block) {

@@ -1,4 +1,4 @@
-// Many frames judged again, by several threads: what comes out does not depend on how many.
+// Replays many frames on several threads. The results and their order do not depend on the number of threads.
 #pragma once
 
 #include <cstdint>
@@ -16,8 +16,8 @@
 
 namespace hord::firmware::store {
 
-// One of `count` parts of an archive, index from 1. A frame is in the same one whatever other frames there are: its
-// number decides, or without one a checksum of its name.
+// One of `count` parts of an archive, index from 1. A frame's shard follows from its number, or without one from the
+// CRC-32 of its name, never from other frames.
 struct Shard {
     std::uint64_t index = 1, count = 1;
     bool operator==(const Shard&) const = default;
@@ -29,11 +29,15 @@ constexpr std::uint64_t kMaxShards = 100'000;
 // "2/4"; nothing else. Fails with invalid_argument.
 Result<Shard> parse_shard(std::string_view text);
 
-// In the order in which they are judged and written. Fails with invalid_argument when two have one name.
+// The file's name as it stands in a line of a replay: JSON, without the quotes around it.
+std::string written_name(const ArchivedFile& frame);
+
+// In the order in which they are judged and written (of written_name). Fails with invalid_argument when two have one
+// name.
 Result<void> put_in_order(std::vector<ArchivedFile>& frames);
 
-// Judges `frames` and gives them to `take` on this thread, in their order, while up to `jobs` threads judge the next
-// ones: a few hundred wait at most. `take` returns false to end it. Without a recipe each frame is judged with its own.
+// Replays `frames` with `jobs` threads and calls `take` on this thread, in order; at most 64 results a thread wait.
+// `take` returns false to stop. Without a recipe each frame is inspected with its own.
 void replay_all(const std::vector<ArchivedFile>& frames, const std::optional<algo::Recipe>& recipe, unsigned jobs,
                 const std::function<bool(const ArchivedFile&, Result<Replayed>)>& take);
 

@@ -12,7 +12,6 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <sha256.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -20,13 +19,12 @@
 
 #include "common/file_writing.h"
 #include "firmware/store/results/hash_chain.h"
-#include "firmware/store/results/records.h"
+#include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::store {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 constexpr std::string_view kFrame = "{\"frame\":\"", kTrailer = "{\"records\":", kHeader = "{\"hord_replay\":";
 constexpr std::size_t kLongestLine = 16U << 20U;  // a frame with every defect there can be
@@ -49,18 +47,24 @@ class Sum {
 };
 
 std::string header_of(const ReplayIdentity& id, const Shard& shard) {
-    return fmt::format(
-        "{}1,\"archive\":\"{}\",\"frames\":{},\"recipe\":\"{}\",\"software\":\"{}\",\"program\":\"{}\",\"shard\":\"{}"
-        "\"}}",
-        kHeader, id.archive, id.frames, id.recipe, json_escaped(id.software), id.program, shard.text());
+    return to_text({{"hord_replay", 1},
+                    {"archive", id.archive},
+                    {"frames", id.frames},
+                    {"recipe", id.recipe},
+                    {"software", id.software},
+                    {"program", id.program},
+                    {"shard", shard.text()}});
 }
 
 std::string trailer_of(const ReplayTally& tally, const std::string& sum) {
-    return fmt::format("{}{},\"same\":{},\"verdicts\":{},\"unreadable\":{},\"sha256\":\"{}\"}}", kTrailer,
-                       tally.records, tally.same, tally.verdicts, tally.unreadable, sum);
+    return to_text({{"records", tally.records},
+                    {"same", tally.same},
+                    {"verdicts", tally.verdicts},
+                    {"unreadable", tally.unreadable},
+                    {"sha256", sum}});
 }
 
-// A line's frame, as it is written; empty: it is no line of a frame.
+// The frame's name in a line, still escaped; empty: not a line of a frame.
 std::string_view frame_of(std::string_view line) {
     if (!line.starts_with(kFrame)) return {};
     line.remove_prefix(kFrame.size());
@@ -83,8 +87,7 @@ void count(std::string_view line, ReplayTally& tally) {
 
 std::string archive_identity(const std::vector<ArchivedFile>& frames) {
     Sum sum;
-    for (const ArchivedFile& frame : frames)
-        sum.add(fmt::format("{} {}\n", json_escaped(frame.file.filename().string()), frame.bytes));
+    for (const ArchivedFile& frame : frames) sum.add(fmt::format("{} {}\n", written_name(frame), frame.bytes));
     return sum.hex();
 }
 
@@ -105,8 +108,8 @@ Result<std::string> program_identity() {
 }
 
 std::string unreadable_line(const std::string& frame, ErrorCode why) {
-    return fmt::format("{}{}\",\"unreadable\":\"{}\"}}", kFrame, json_escaped(frame),
-                       why == ErrorCode::unreadable ? "damaged" : "the recipe does not fit it");
+    return to_text(
+        {{"frame", frame}, {"unreadable", why == ErrorCode::unreadable ? "damaged" : "the recipe does not fit it"}});
 }
 
 // -- writing
@@ -146,8 +149,7 @@ ShardWriter::~ShardWriter() = default;
 Result<ShardWriter> ShardWriter::create(const fs::path& file, const ReplayIdentity& identity, const Shard& shard) {
     auto parts = std::make_unique<Parts>();
     parts->file = file;
-    // A name of its own: a second worker at the same shard, started because the first one seemed dead, writes
-    // elsewhere.
+    // A unique temporary name: two workers may write the same shard when one was believed dead.
     std::string beside = file.string() + ".part.XXXXXX";
     const int fd = ::mkostemp(beside.data(), O_CLOEXEC);
     if (fd < 0) return parts->failed(errno);
@@ -184,7 +186,7 @@ Result<ReplayTally> ShardWriter::finish() {
 
 namespace {
 
-// One shard, line by line.
+// Reads one shard line by line.
 class ShardReader {
   public:
     static Result<ShardReader> open(const fs::path& file) {
@@ -218,7 +220,7 @@ class ShardReader {
         return reader;
     }
 
-    // The next frame's line is there (true), or the shard is at its end and whole (false).
+    // True: line() is the next frame's. False: the end of a complete shard.
     Result<bool> next() {
         Sum before = sum_;
         if (auto read = next_line(); !read) return tl::unexpected(read.error());
@@ -286,7 +288,7 @@ Result<void> belongs(const ShardReader& one, const ShardReader& other) {
     return {};
 }
 
-// Each shard once, all of one replay.
+// Checks that each shard is there once and all are of one replay.
 Result<void> check_set(const std::vector<ShardReader>& shards) {
     std::map<std::uint64_t, const ShardReader*> by_index;
     for (const ShardReader& shard : shards) {

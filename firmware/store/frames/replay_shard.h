@@ -1,12 +1,11 @@
-// What a replay said, as a file that can be joined with those of the other shards, on other machines, at other times.
+// The results of one shard of a replay as a file; the shards of one replay, from any machine, are merged into one.
 //
 //     {"hord_replay":1,"archive":SHA-256,"frames":1000,"recipe":"own","software":"0.1.0","program":SHA-256,"shard":"2/4"}
-//     one line a frame (replay.h), in the order of their names; {"frame":...,"unreadable":"..."} for one that cannot be
-//     judged
+//     one line a frame (replay.h), in the order of their names; or {"frame":...,"unreadable":"..."}
 //     {"records":250,"same":249,"verdicts":1,"unreadable":0,"sha256":SHA-256 of everything before this line}
 //
-// A file appears whole or not at all, whoever is killed meanwhile. The same archive, recipe and program give the same
-// bytes, and merged shards are the same bytes as one replay of everything.
+// A file appears whole or not at all. The same archive, recipe and program give the same bytes, and merged shards are
+// the same bytes as one replay of the whole archive.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +21,7 @@
 
 namespace hord::firmware::store {
 
-// What must be the same for two shards to belong together.
+// Two shards belong to one replay if this is equal.
 struct ReplayIdentity {
     std::string archive;       // SHA-256 over the names and sizes of all its frames
     std::uint64_t frames = 0;  // of the whole archive
@@ -59,12 +58,11 @@ class ShardWriter {
     std::unique_ptr<Parts> parts_;
 };
 
-// The line of a frame that cannot be judged.
+// The line of a frame that cannot be replayed.
 std::string unreadable_line(const std::string& frame, ErrorCode why);
 
-// All shards of one replay, in any order, as one file. Every file is checked to its last byte. Fails with not_found,
-// unreadable (no shard, torn, changed), invalid_argument (missing, repeated, of another replay), io; nothing is written
-// then.
+// Merges all shards of one replay, in any order, into one file. Checks every byte. Fails with not_found, unreadable
+// (not a shard, truncated, changed), invalid_argument (missing, repeated, of another replay), io; writes nothing then.
 Result<ReplayTally> merge_shards(const std::vector<std::filesystem::path>& files, const std::filesystem::path& out);
 
 }  // namespace hord::firmware::store

@@ -1,7 +1,5 @@
-// The station's recorder over the store: turns what the service tells into records, and frames into pictures.
-//
-// Results go to a StoreQueue, frames to a FrameRetention (frame_retention.h). What an inspection found is put together
-// with the part's result here. Nothing waits for a disk.
+// The station's ResultSink over the store: results go to a StoreQueue, frames to a FrameRetention. Joins a part's
+// defects (known at its inspection) with its result (known past the ejector). Never waits for a disk.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +20,7 @@ namespace hord::firmware::store {
 struct StationRecorderOptions {
     StartRecord start = {};  // the run; its time is filled in
     StoreQueueOptions queue = {};
-    std::uint32_t ignored_part = 0xFFFFFFFF;  // of the station's own tests: nothing of it is kept
+    std::uint32_t ignored_part = 0xFFFFFFFF;  // part number of self-tests, which are not recorded
 };
 
 class StationRecorder final : public ResultSink {
@@ -33,7 +31,7 @@ class StationRecorder final : public ResultSink {
                     StationRecorderOptions options, StoreQueue::Listener queue_listener,
                     std::unique_ptr<FrameRetention> frames);
 
-    // Before the station runs: what is in use then. Written where the store does not know it already.
+    // Before the station runs: what is in use. Written if the store's newest differs.
     void in_use(ChangeRecord::What what, const std::string& name, const std::string& text);
 
     void on_result(const PartResult& result) override;
@@ -47,7 +45,7 @@ class StationRecorder final : public ResultSink {
     bool step() { return queue_.step(); }
 
   private:
-    // What an inspection found, until the part's result comes.
+    // Defects of an inspection, until the part's result comes.
     struct Found {
         std::uint32_t part = 0;
         std::vector<algo::Defect> defects;

@@ -25,7 +25,7 @@ std::string text_of(const std::filesystem::path& file) {
     return {std::istreambuf_iterator<char>(in), {}};
 }
 
-// The fault bits that two threads raise and clear, put together on the loop's thread.
+// Collects the fault bits of two threads on the loop's thread.
 struct Faults {
     hal::EventLoop& loop;
     RecordingWatchers watchers;

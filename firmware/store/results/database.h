@@ -1,7 +1,6 @@
-// SQLite, as little of it as the store needs: a connection, and statements that give values.
+// A thin layer over SQLite: connection, prepared statements, transactions.
 //
-// One thread at a time. Every error names the file and what a person should do about it (full disk, read-only,
-// damaged).
+// One thread at a time. Every error names the file and the cure (full disk, read-only, damaged).
 #pragma once
 
 #include <chrono>
@@ -27,21 +26,21 @@ using Value = std::variant<std::monostate, std::int64_t, double, std::string, Bl
 
 class Database;
 
-// Prepared once, run often. Dies before its database.
+// A prepared statement. Must be destroyed before its database.
 class Statement {
   public:
     Statement(Statement&& other) noexcept;
     Statement& operator=(Statement&&) = delete;
     ~Statement();
 
-    // Starts anew with these values for ?1, ?2 ...
+    // Resets the statement and binds ?1, ?2 ...
     Result<void> bind(std::span<const Value> values);
-    // True: a row is there, to be read by value(). False: there is none (any more).
+    // True: value() reads the next row. False: no more rows.
     Result<bool> step();
     [[nodiscard]] int columns() const;
     [[nodiscard]] Value value(int column) const;
 
-    // bind() and step() to the end, for what gives no rows.
+    // bind() and step() to the end, for statements without rows.
     Result<void> run(std::span<const Value> values);
 
   private:
@@ -53,10 +52,10 @@ class Statement {
 
 class Database {
   public:
-    // read_at_rest: nobody writes it while it is open; nothing is made beside it, no lock is taken.
+    // read_at_rest: no other process writes while it is open; makes no files and takes no lock.
     enum class Access : std::uint8_t { read, read_at_rest, write, create };
 
-    // `vfs` names another way to the disk (tests); empty: the system's. Fails with not_found, unreadable (damaged, or
+    // `vfs`: SQLite VFS, for tests; empty: the system's. Fails with not_found, unreadable (damaged, or
     // not a database), io (no permission, full disk).
     static Result<std::unique_ptr<Database>> open(const std::filesystem::path& file, Access access,
                                                   const std::string& vfs = {});
@@ -70,7 +69,7 @@ class Database {
     Result<Value> get(std::string_view sql, std::span<const Value> values = {});
     Result<std::int64_t> get_integer(std::string_view sql, std::span<const Value> values = {});
 
-    // Statements end within `most` from now, or fail with timeout.
+    // From now on, statements fail with timeout after `most`.
     void limit_time(std::chrono::milliseconds most);
 
     [[nodiscard]] const std::filesystem::path& file() const { return file_; }
@@ -91,7 +90,7 @@ class Transaction {
     Transaction(Transaction&& other) noexcept : database_(std::exchange(other.database_, nullptr)) {}
     Transaction& operator=(Transaction&&) = delete;
     ~Transaction();
-    // Durable when it returns. After a failure nothing has changed, or (an error of the disk while it synced) all has.
+    // Durable when it returns. After a failure either nothing has changed or, if the sync failed, everything.
     Result<void> commit();
 
   private:

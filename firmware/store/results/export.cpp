@@ -7,7 +7,6 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/store/results/records.h"
 
@@ -37,7 +36,7 @@ struct DefectSummary {
 };
 DefectSummary summary_of(const std::string& defects) {
     DefectSummary summary;
-    const auto list = nlohmann::json::parse(defects, nullptr, false);
+    const Json list = Json::parse(defects, nullptr, false);
     if (!list.is_array()) return summary;
     std::set<std::string> kinds;
     for (const auto& defect : list) {
@@ -116,16 +115,26 @@ std::string to_csv(const StoredResult& r) {
                        csv_field(r.recipe), r.recipe_change, csv_field(r.calibration), csv_field(r.software));
 }
 
-std::string to_json_line(const StoredResult& r) {
-    const std::string score = r.score ? score_text(r.score) : "null";
-    return fmt::format(
-        "{{\"number\":{},\"time\":\"{}\",\"boot\":{},\"sequence\":{},\"part\":{},\"verdict\":\"{}\",\"reason\":\"{}\","
-        "\"score\":{},\"defect_count\":{},\"defects\":{},"
-        "\"latency_us\":{},\"reject\":\"{}\",\"reject_latency_us\":{},\"recipe\":\"{}\",\"recipe_change\":{},"
-        "\"calibration\":\"{}\",\"software\":\"{}\"}}",
-        r.number, format_utc(r.time_us), r.boot, r.sequence, r.part, r.verdict, r.reason, score, r.defect_count,
-        r.defects, r.latency_us, r.reject, r.reject_latency_us, json_escaped(r.recipe), r.recipe_change,
-        json_escaped(r.calibration), json_escaped(r.software));
+Json to_json(const StoredResult& r) {
+    Json defects = Json::parse(r.defects, nullptr, false);
+    if (defects.is_discarded()) defects = r.defects;  // a row that was edited: hordctl verify reports it
+    return {{"number", r.number},
+            {"time", format_utc(r.time_us)},
+            {"boot", r.boot},
+            {"sequence", r.sequence},
+            {"part", r.part},
+            {"verdict", r.verdict},
+            {"reason", r.reason},
+            {"score", r.score ? Json(static_cast<float>(*r.score)) : Json()},
+            {"defect_count", r.defect_count},
+            {"defects", std::move(defects)},
+            {"latency_us", r.latency_us},
+            {"reject", r.reject},
+            {"reject_latency_us", r.reject_latency_us},
+            {"recipe", r.recipe},
+            {"recipe_change", r.recipe_change},
+            {"calibration", r.calibration},
+            {"software", r.software}};
 }
 
 std::string table_head_of_results() {
@@ -148,12 +157,12 @@ std::string to_csv(const StoredChange& c) {
                        c.token, csv_field(c.name), csv_field(c.before), csv_field(c.after));
 }
 
-std::string to_json_line(const StoredChange& c) {
-    return fmt::format(
-        "{{\"number\":{},\"time\":\"{}\",\"run\":{},\"what\":\"{}\",\"peer\":\"{}\",\"token\":{},\"name\":\"{}\","
-        "\"before\":\"{}\",\"after\":\"{}\"}}",
-        c.number, format_utc(c.time_us), c.run, c.what, json_escaped(c.peer), c.token, json_escaped(c.name),
-        json_escaped(c.before), json_escaped(c.after));
+Json to_json(const StoredChange& c) {
+    return {{"number", c.number}, {"time", format_utc(c.time_us)},
+            {"run", c.run},       {"what", c.what},
+            {"peer", c.peer},     {"token", c.token},
+            {"name", c.name},     {"before", c.before},
+            {"after", c.after}};
 }
 
 std::string table_head_of_changes() {

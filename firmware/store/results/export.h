@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "common/result.h"
+#include "firmware/store/results/json_text.h"
 #include "firmware/store/results/store_reader.h"
 
 namespace hord::firmware::store {
@@ -13,21 +14,21 @@ namespace hord::firmware::store {
 // "2026-11-21T07:15:00.250Z"
 std::string format_utc(UtcMicros time_us);
 
-// "2026-11-21", "2026-11-21T07:15", "2026-11-21T07:15:30", with or without Z, all UTC; or so long before `now_us`:
+// "2026-11-21", "2026-11-21T07:15", "2026-11-21T07:15:30", with or without Z, UTC; or a time before `now_us`:
 // "90s", "30m", "12h", "7d". Fails with invalid_argument.
 Result<UtcMicros> parse_utc(std::string_view text, UtcMicros now_us);
 
-// Columns are only ever added, at the end.
+// New columns are only appended.
 std::string csv_head_of_results();
 std::string csv_head_of_changes();
 std::string to_csv(const StoredResult& result);  // without line end
 std::string to_csv(const StoredChange& change);
-std::string to_json_line(const StoredResult& result);
-std::string to_json_line(const StoredChange& change);
+Json to_json(const StoredResult& result);
+Json to_json(const StoredChange& change);
 
 std::string table_head_of_results();
 std::string table_head_of_changes();
 std::string to_table(const StoredResult& result);
-std::string to_table(const StoredChange& change);  // texts of several lines are not shown, only that they changed
+std::string to_table(const StoredChange& change);  // for a text of several lines only its size
 
 }  // namespace hord::firmware::store

@@ -2,9 +2,9 @@
 //
 //     hash(row) = SHA-256( hash(row before) , each value as: one byte type, length or 8 bytes little-endian, bytes )
 //
-// The first row of a chain follows from genesis(), which differs from store to store and from chain to chain, so that
-// rows cannot be moved between them. Who changes, removes or inserts a row must recompute every later hash of the file;
-// who does that is found out by comparing with a head that was noted elsewhere (docs/store.md).
+// The chain begins with genesis(), which differs between stores and chains: rows cannot be moved between them. To hide
+// a changed, removed or inserted row, every later hash must be recomputed; a head noted elsewhere reveals that
+// (docs/store.md).
 #pragma once
 
 #include <array>

@@ -1,6 +1,5 @@
-// A store in memory whose disk does what it is told: for tests of what stands above a store, and for simulated days.
-//
-// The disk outlives the stores that are opened on it, as a real one does; it holds one run. One thread at a time.
+// A store in memory with a scripted disk: for tests and simulated days. The disk holds one run and outlives the stores
+// opened on it. One thread at a time.
 #pragma once
 
 #include <algorithm>
@@ -19,9 +18,9 @@ struct MemoryDisk {
     std::vector<Entry> entries;  // everything that is durable
     int opened = 0, batches = 0, pruned = 0;
 
-    // Each may be empty. Asked before it is done; an error is what the station sees.
+    // Called before the operation; a returned error makes it fail. May be empty.
     std::function<std::optional<Error>()> on_open, on_write, on_prune;
-    // Asked when a batch is durable already: an error that leaves its writer in doubt.
+    // Called when a batch is durable: an error here leaves the writer in doubt.
     std::function<std::optional<Error>()> on_written;
 };
 

@@ -26,39 +26,25 @@ std::string_view name_of(ChangeRecord::What what) {
     return "unknown";
 }
 
-std::string to_json(const algo::Defect& d) {
-    return fmt::format("{{\"m\":{},\"n\":{},\"area\":{},\"peak\":{},\"kind\":\"{}\"}}", d.m, d.n, d.area, d.peak,
-                       algo::name_of(d.kind));
+std::string to_line(const Json& json) {
+    if (json.is_number_float()) return fmt::format("{}", static_cast<float>(json.get<double>()));
+    if (!json.is_structured()) return to_text(json);
+    std::string line;
+    for (const auto& [key, value] : json.items())
+        line += (line.empty() ? "" : ",") + (json.is_object() ? to_text(key) + ":" : "") + to_line(value);
+    return json.is_object() ? "{" + line + "}" : "[" + line + "]";
 }
 
-std::string to_json(std::span<const algo::Defect> defects) {
-    std::string json = "[";
-    for (const algo::Defect& d : defects.first(std::min(defects.size(), kDefectsKept))) {
-        if (json.size() > 1) json += ',';
-        json += to_json(d);
+Json to_json(std::span<const algo::Defect> defects) {
+    Json list = Json::array();
+    for (const algo::Defect& d : defects) {
+        list.push_back({{"m", d.m}, {"n", d.n}, {"area", d.area}, {"peak", d.peak}, {"kind", algo::name_of(d.kind)}});
     }
-    return json + "]";
+    return list;
 }
 
-std::string json_escaped(std::string_view text) {
-    std::string escaped;
-    for (const char c : text) {
-        if (c == '"' || c == '\\') {
-            escaped += '\\';
-            escaped += c;
-        } else if (c == '\n') {
-            escaped += "\\n";
-        } else if (static_cast<unsigned char>(c) < 0x20) {
-            escaped += fmt::format("\\u{:04x}", static_cast<unsigned>(static_cast<unsigned char>(c)));
-        } else {
-            escaped += c;
-        }
-    }
-    return escaped;
-}
-
-std::string to_json(const StartRecord& start) {
-    return fmt::format("{{\"boot\":{},\"software\":\"{}\"}}", start.boot, json_escaped(start.software));
+std::string to_json_line(const StartRecord& start) {
+    return to_text({{"boot", start.boot}, {"software", start.software}});
 }
 
 std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, const Value& calibration) {
@@ -69,7 +55,7 @@ std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, co
             text(name_of(r.reason)),
             real(r.score),
             integer(r.defects),
-            to_json(record.defects),
+            to_line(to_json(std::span(record.defects).first(std::min(record.defects.size(), kDefectsKept)))),
             integer(r.latency_us),
             integer(r.reject_latency_us),
             text(name_of(r.reject)),
@@ -87,7 +73,7 @@ std::vector<Value> values_of(const ChangeRecord& record) {
 }
 
 std::vector<Value> values_of(const StartRecord& record, const std::string& before) {
-    return {text("start"), text(""), integer(0), text(record.station), text(before), to_json(record)};
+    return {text("start"), text(""), integer(0), text(record.station), text(before), to_json_line(record)};
 }
 
 }  // namespace hord::firmware::store

@@ -1,4 +1,4 @@
-// Records as rows, and what rows hold as text: shared by who writes and who reads.
+// Records as rows of the database, and the texts in them: shared by writer and reader.
 #pragma once
 
 #include <span>
@@ -7,25 +7,21 @@
 #include <vector>
 
 #include "firmware/store/results/database.h"
+#include "firmware/store/results/json_text.h"
 #include "firmware/store/results/result_store.h"
 
 namespace hord::firmware::store {
 
-// A result keeps so many of its defects, the largest peaks; defect_count says how many there were.
+// A row keeps at most so many defects, those with the largest peaks; defect_count counts all.
 constexpr std::size_t kDefectsKept = 64;
 
-// {"m":12.5,...}, numbers such that they read back to the bit.
-std::string to_json(const algo::Defect& defect);
-// As a list, of those that are kept: [{"m":12.5,"n":3,"area":4,"peak":1.25,"kind":"scratch"}]
-std::string to_json(std::span<const algo::Defect> defects);
+// [{"m":12.5,"n":3,"area":4,"peak":1.25,"kind":"scratch"}], each number read back to the bit.
+Json to_json(std::span<const algo::Defect> defects);
 
-// What a start row says in `after`: {"boot":1234,"software":"0.1.0"}
-std::string to_json(const StartRecord& start);
+// The text in column `after` of a start row: {"boot":1234,"software":"0.1.0"}
+std::string to_json_line(const StartRecord& start);
 
-// `text` inside the quotes of a JSON string.
-std::string json_escaped(std::string_view text);
-
-// The values of a row from `sequence` or `what` or `peer` on, in the order of the table's columns.
+// The values of a row after the shared columns (schema.h), in the order of the table.
 std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, const Value& calibration);
 std::vector<Value> values_of(const CommandRecord& record);
 std::vector<Value> values_of(const ChangeRecord& record);

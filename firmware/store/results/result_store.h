@@ -1,7 +1,7 @@
-// What a store keeps, and the seam behind which it is kept.
+// The records of a store, and the interface of a store.
 //
-// SqliteStore keeps it on a disk; StoreQueue (store_queue.h) stands between it and the line. Another implementation of
-// ResultStore takes its place in tests and in the soak: full disks, errors and slow disks are scripted there.
+// SqliteStore writes to a disk; StoreQueue (store_queue.h) queues for it. Tests and the soak use MemoryStore, which
+// simulates full, failing and slow disks.
 #pragma once
 
 #include <cstddef>
@@ -18,7 +18,7 @@
 
 namespace hord::firmware::store {
 
-// Microseconds since 1970-01-01T00:00:00 UTC, of the machine's clock at that moment (it may have been set since).
+// Microseconds since 1970-01-01T00:00:00 UTC, by the machine's clock (which may be set).
 using UtcMicros = std::int64_t;
 
 // The station was started. Everything that follows belongs to this run.
@@ -29,17 +29,16 @@ struct StartRecord {
     std::string software;    // version
 };
 
-// What the results that follow were made with, and who changed it from what.
+// A change of what the following results are made with.
 struct ChangeRecord {
     enum class What : std::uint8_t { recipe, configuration, calibration, lost };
     What what = What::recipe;
     UtcMicros time_us = 0;
-    std::string peer;           // address that asked for it; empty: the station itself
+    std::string peer;           // address of the client; empty: the station itself
     std::uint32_t token = 0;    // of the command
-    std::string name;           // of the recipe, of the configuration's file; lost: of what
+    std::string name;           // of the recipe or the configuration file; lost: "results"
     std::string before, after;  // whole texts
-    // Written only when `after` is not what the store knows already: what is in use when the station starts. `before`
-    // is then what the store knew.
+    // For the state at a start: written only if `after` differs from the store's newest one, which becomes `before`.
     bool if_new = false;
 };
 
@@ -48,7 +47,7 @@ struct CommandRecord {
     std::string peer;
     std::uint32_t token = 0;
     std::string name;
-    std::string before, after;  // the state, and what came of it
+    std::string before, after;  // the state before, and the outcome
 };
 
 struct ResultRecord {
@@ -57,7 +56,7 @@ struct ResultRecord {
     std::vector<algo::Defect> defects;  // largest peak first
 };
 
-// A PLC has taken the results up to `sequence` of this run.
+// A PLC has acknowledged the results of this run up to `sequence`.
 struct AcknowledgeRecord {
     UtcMicros time_us = 0;
     std::string peer;
@@ -66,9 +65,8 @@ struct AcknowledgeRecord {
 
 using Record = std::variant<StartRecord, ChangeRecord, CommandRecord, ResultRecord, AcknowledgeRecord>;
 
-// `number` counts the records of a run from 1, so that a batch can be repeated after an error without anything being
-// stored twice. 0: the run's start, and what was in use before the first entry that follows, stored where the store
-// does not know the run.
+// `number` counts the records of a run from 1: a batch repeated after an error stores no record twice. 0: the run's
+// start, and the changes in use at that time; stored only if the store does not have this run.
 struct Entry {
     std::uint64_t number = 0;
     Record record;
@@ -76,23 +74,23 @@ struct Entry {
 
 std::string_view name_of(ChangeRecord::What what);
 
-// How long results and commands are kept; changes are kept for good.
+// How long results and commands are kept. Changes are never removed.
 struct Retention {
     std::int64_t keep_us = 0;     // older ones are removed; 0: no limit
-    std::uint64_t max_bytes = 0;  // the oldest are removed until the store takes no more; 0: no limit
+    std::uint64_t max_bytes = 0;  // of the store; beyond it the oldest are removed; 0: no limit
 };
 
 class ResultStore {
   public:
     virtual ~ResultStore() = default;
 
-    // Blocks, on one thread. All of `entries`, in order, are durable when it returns: they outlive the process and a
-    // loss of power. On failure the store must not be used again: whether the batch was stored is known only to the
-    // next one that is opened, which leaves out what it has already. Fails with io (full, read-only, broken disk),
-    // unreadable (damaged), busy. The first entry of a run is its StartRecord.
+    // Blocks; one thread. When it returns, all of `entries` are durable, in order: they survive the process and a loss
+    // of power. After a failure the store must not be used again: the batch may have been stored or not, and the next
+    // store that is opened skips the entries it has. Fails with io (full, read-only, broken disk), unreadable
+    // (damaged), busy. The first entry of a run is its StartRecord.
     Result<void> write(std::span<const Entry> entries) { return do_write(entries); }
 
-    // Removes what is older or more than allowed, a bounded number of rows in one call. True: there is more to remove.
+    // Removes rows beyond `retention`, a bounded number in one call. True: there are more to remove.
     Result<bool> prune(const Retention& retention, UtcMicros now_us) { return do_prune(retention, now_us); }
 
   private:

@@ -1,15 +1,15 @@
 // The tables of a store, their versions, and how an older file becomes a newer one.
 //
-// results and commands grow fast and lose their oldest rows to retention; changes stay. Each of the three is a hash
-// chain of its own: `number` counts from 1 without gaps for the life of the store, over restarts. `v` is the schema
-// version that the row was written with; its hash covers the columns of that version, so that a migration never touches
-// a row that exists.
+//   results       one row a part; columns recipe and calibration: numbers of the rows of `changes` in use
+//   commands      one row a command of a PLC or a person
+//   changes       what = start (its number is the `run` of the rows that follow), recipe, configuration, calibration,
+//                 lost, retention, migration
+//   heads         the newest number and hash of each hash chain, written in the row's transaction
+//   acknowledged  the newest result of each run that a PLC has acknowledged
 //
-//   results   one row a part                            recipe, calibration: the row of changes that was in use
-//   commands  one row a command of a PLC or a person
-//   changes   what = start (its number is the `run` of what follows), recipe, configuration, calibration, lost,
-//   retention, migration heads     the newest number and hash of each chain, written with the row acknowledged  how far
-//   a PLC has taken the results of a run
+// results, commands and changes are three hash chains. `number` counts from 1 without gaps, over restarts. `v` is the
+// schema version of the row; its hash covers the columns of that version, so a migration changes no existing row.
+// Retention removes the oldest results and commands; changes are never removed.
 #pragma once
 
 #include <cstdint>
@@ -33,18 +33,19 @@ struct ChainTable {
 extern const ChainTable kResults, kCommands, kChanges;
 std::span<const ChainTable* const> chain_tables();
 
-// Places of columns that all three have.
+// Column indices that the three tables share.
 constexpr std::size_t kNumberColumn = 0, kVersionColumn = 1, kRunColumn = 2, kEntryColumn = 3, kTimeColumn = 4;
 
 enum class Age : std::uint8_t { empty, older, current };
 
-// Which schema the file has. Fails with unsupported (written by newer software), unreadable (not a store).
+// The file's schema against kSchemaVersion. Fails with unsupported (written by newer software), unreadable (not a
+// store).
 Result<Age> check_schema(Database& database);
 
-// Makes the tables of an empty file, in a transaction of its own. `id` is the store's name for itself, random.
+// Creates the tables of an empty file in one transaction. `id`: the store's random id.
 Result<void> create_schema(Database& database, const std::string& id);
 
-// Brings an older file to this version inside the caller's transaction; gives the version that it had.
+// Migrates an older file inside the caller's transaction. Returns its previous version.
 Result<int> migrate_schema(Database& database);
 
 }  // namespace hord::firmware::store

@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// One store, one writer: held as long as the store is open, by the process, so that a killed one leaves nothing behind.
+// One writer a store: a lock of the process (flock), which ends with it even when it is killed.
 Result<common::UniqueFd> lock_folder(const fs::path& folder) {
     const fs::path file = folder / "lock";
     common::UniqueFd fd(open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
@@ -53,14 +53,14 @@ std::string insert_sql(const ChainTable& table) {
 }
 
 // Appends rows to one chain.
-class Chain {
+class HashChain {
   public:
-    static Result<Chain> open(Database& database, const ChainTable& table, const std::string& store_id) {
+    static Result<HashChain> open(Database& database, const ChainTable& table, const std::string& store_id) {
         auto insert = database.prepare(insert_sql(table));
         if (!insert) return tl::unexpected(insert.error());
         auto set_head = database.prepare("INSERT OR REPLACE INTO heads VALUES (?1, ?2, ?3)");
         if (!set_head) return tl::unexpected(set_head.error());
-        Chain chain(table, std::move(*insert), std::move(*set_head));
+        HashChain chain(table, std::move(*insert), std::move(*set_head));
         chain.hash_ = genesis(store_id, table.name);
         const std::array<Value, 1> name{std::string(table.name)};
         auto number = database.get_integer("SELECT number FROM heads WHERE chain = ?1", name);
@@ -69,7 +69,7 @@ class Chain {
         if (!number) return tl::unexpected(number.error());
         if (!hash) return tl::unexpected(hash.error());
         if (!newest) return tl::unexpected(newest.error());
-        // Rows and head differ only after somebody's hand: no number is given twice, and verify finds it.
+        // Rows and head differ only if the file was edited: continue above both; verify reports it.
         chain.number_ = std::max(*number, *newest);
         if (const auto* blob = std::get_if<Blob>(&*hash); blob != nullptr && blob->size() == chain.hash_.size()) {
             std::copy(blob->begin(), blob->end(), chain.hash_.begin());
@@ -96,7 +96,7 @@ class Chain {
     }
 
   private:
-    Chain(const ChainTable& table, Statement insert, Statement set_head)
+    HashChain(const ChainTable& table, Statement insert, Statement set_head)
         : table_(&table), insert_(std::move(insert)), set_head_(std::move(set_head)) {}
     const ChainTable* table_;
     Statement insert_, set_head_;
@@ -105,7 +105,7 @@ class Chain {
     bool touched_ = false;
 };
 
-// A row of changes that is in use: the results that follow refer to it.
+// The change in use of one kind; the following results refer to it.
 struct InUse {
     std::int64_t number = 0;  // 0: none
     std::string after;
@@ -118,7 +118,7 @@ struct SqliteStore::Parts {
     common::UniqueFd lock;
     SqliteStoreOptions options;
     std::unique_ptr<Database> database;
-    std::optional<Chain> results, commands, changes;
+    std::optional<HashChain> results, commands, changes;
     bool broken = false;
 
     std::int64_t run = 0;
@@ -169,11 +169,10 @@ Result<void> SqliteStore::Parts::prepare() {
     const auto age = check_schema(*database);
     if (!age) return tl::unexpected(age.error());
     if (*age == Age::empty) {
-        // It decides how the file is laid out: before anything else.
+        // auto_vacuum sets the layout of the file: it must be the first statement.
         if (auto done = database->execute("PRAGMA auto_vacuum = INCREMENTAL"); !done) return done;
     }
-    // The log stays small: it is copied into the file every 1000 pages (SQLite's default) and cut to 16 MB after a
-    // burst.
+    // Bounds the write-ahead log: a checkpoint every 1000 pages (SQLite's default), and 16 MB after a burst.
     if (auto done = database->execute(
             "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA journal_size_limit = 16777216; "
             "PRAGMA temp_store = MEMORY");
@@ -186,7 +185,7 @@ Result<void> SqliteStore::Parts::prepare() {
     const auto id = database->get("SELECT value FROM meta WHERE key = 'id'");
     if (!id) return tl::unexpected(id.error());
     const auto* text = std::get_if<std::string>(&*id);
-    // Begun even if there is nothing to migrate: a store that cannot be written is found out now.
+    // Begun even without a migration: a store that cannot be written fails here.
     auto transaction = Transaction::begin(*database);
     if (!transaction) return tl::unexpected(transaction.error());
     int from = kSchemaVersion;
@@ -197,7 +196,7 @@ Result<void> SqliteStore::Parts::prepare() {
     }
     for (auto [chain, table] :
          {std::pair(&results, &kResults), std::pair(&commands, &kCommands), std::pair(&changes, &kChanges)}) {
-        auto opened = Chain::open(*database, *table, text != nullptr ? *text : "");
+        auto opened = HashChain::open(*database, *table, text != nullptr ? *text : "");
         if (!opened) return tl::unexpected(opened.error());
         chain->emplace(std::move(*opened));
     }
@@ -208,7 +207,7 @@ Result<void> SqliteStore::Parts::prepare() {
     return close_batch(*transaction);
 }
 
-// Where the run that wrote last had come to.
+// The state of the last run in the file.
 Result<void> SqliteStore::Parts::load() {
     for (std::size_t k = 0; k < in_use.size(); ++k) {
         auto newest =
@@ -242,13 +241,13 @@ Result<void> SqliteStore::do_write(std::span<const Entry> entries) {
 }
 
 Result<void> SqliteStore::Parts::close_batch(Transaction& transaction) {
-    for (std::optional<Chain>* chain : {&results, &commands, &changes}) {
+    for (std::optional<HashChain>* chain : {&results, &commands, &changes}) {
         if (auto done = (*chain)->write_head(); !done) return done;
     }
     return transaction.commit();
 }
 
-// A run that is known already goes on: its store was opened again after an error.
+// A run that the file already has continues: the store was opened again after an error.
 Result<void> SqliteStore::Parts::store(std::uint64_t entry, const StartRecord& start) {
     auto newest = database->prepare(
         "SELECT number, time_us, after FROM changes WHERE what = 'start' ORDER BY number DESC LIMIT 1");
@@ -261,7 +260,7 @@ Result<void> SqliteStore::Parts::store(std::uint64_t entry, const StartRecord& s
     adopted = false;
     if (*row) {
         before = std::get<std::string>(newest->value(2));
-        if (std::get<std::int64_t>(newest->value(1)) == start.time_us && before == to_json(start)) {
+        if (std::get<std::int64_t>(newest->value(1)) == start.time_us && before == to_json_line(start)) {
             run = std::get<std::int64_t>(newest->value(0));
             for (const char* sql : {"SELECT iif(run = ?1, entry, 0) FROM results ORDER BY number DESC LIMIT 1",
                                     "SELECT iif(run = ?1, entry, 0) FROM commands ORDER BY number DESC LIMIT 1",
@@ -323,7 +322,7 @@ Result<bool> SqliteStore::do_prune(const Retention& retention, UtcMicros now_us)
         if (!done) return done;
         more = more || *done;
     }
-    // Free pages go back to the file system, a few at a time.
+    // Returns free pages to the file system, a few at a time.
     if (auto done = parts_->database->execute("PRAGMA incremental_vacuum(4096)"); !done)
         return tl::unexpected(done.error());
     parts_->broken = false;
@@ -343,8 +342,7 @@ Result<bool> SqliteStore::Parts::prune(const ChainTable& table, const Retention&
     const auto [first, last, pages, free_pages, page_size] = known;
     if (first >= last) return false;  // the newest row stays, so that the chain can go on from it
 
-    // By age: the rows before the first that is young enough (a clock that was set back keeps rows, it never removes
-    // young ones).
+    // By age: all rows before the first one that is young enough. A clock that was set back only keeps rows longer.
     std::int64_t remove_to = first - 1;
     bool more = false;
     const std::int64_t furthest = std::min(last - 1, first + options.rows_in_one_prune - 1);
@@ -360,8 +358,7 @@ Result<bool> SqliteStore::Parts::prune(const ChainTable& table, const Retention&
         }
         more = remove_to == furthest && furthest < last - 1;
     }
-    // By size: the share of the rows that takes the store under its limit, and a hundredth more so that it is not asked
-    // every time.
+    // By size: the share of the rows above the limit, and 1 % more, so that not every call has to remove rows.
     const auto used = static_cast<double>((pages - free_pages) * page_size);
     if (retention.max_bytes > 0 && used > static_cast<double>(retention.max_bytes)) {
         const double share = std::min(1.0, (used - static_cast<double>(retention.max_bytes)) / used + 0.01);
@@ -379,9 +376,9 @@ Result<bool> SqliteStore::Parts::prune(const ChainTable& table, const Retention&
     auto remove = database->prepare("DELETE FROM " + name + " WHERE number <= ?1");
     if (!remove) return tl::unexpected(remove.error());
     if (auto done = remove->run(std::array<Value, 1>{remove_to}); !done) return tl::unexpected(done.error());
-    // verify asks for this row where the chain begins later than at 1.
-    const std::string what = fmt::format("{{\"from\":{},\"to\":{},\"hash\":\"{}\"}}", first, remove_to,
-                                         bytes != nullptr ? to_hex(*bytes) : "");
+    // verify needs this row when the chain begins after row 1.
+    const std::string what =
+        to_text({{"from", first}, {"to", remove_to}, {"hash", bytes != nullptr ? to_hex(*bytes) : ""}});
     if (auto done = changes->append(
             run, 0, now_us, {std::string("retention"), std::string(), std::int64_t{0}, name, std::string(), what});
         !done) {

@@ -12,20 +12,20 @@ namespace hord::firmware::store {
 constexpr const char* kStoreFile = "results.db";
 
 struct SqliteStoreOptions {
-    std::string vfs = {};  // another way to the disk, for tests; empty: the system's
+    std::string vfs = {};  // SQLite VFS, for tests; empty: the system's
     std::int64_t rows_in_one_prune = 20'000;
 };
 
 class SqliteStore final : public ResultStore {
   public:
-    // Makes the folder (not its parents) and the file where there is none, brings an older file to this version, and
-    // holds the folder for itself. Blocks. Fails with busy (another program writes this store), unsupported (written by
-    // newer software), unreadable (damaged), io (no permission, read-only, full disk, no such parent folder).
+    // Creates the folder (not its parents) and the file if missing, migrates an older file, and locks the folder.
+    // Blocks. Fails with busy (another program writes this store), unsupported (written by newer software), unreadable
+    // (damaged), io (no permission, read-only, full disk, no such parent folder).
     static Result<std::unique_ptr<SqliteStore>> open(const std::filesystem::path& folder,
                                                      const SqliteStoreOptions& options = {});
     ~SqliteStore() override;
 
-    // How far this run's results are stored; 0: none.
+    // The newest stored result of this run; 0: none.
     [[nodiscard]] std::uint32_t last_sequence() const;
 
   private:

@@ -5,10 +5,12 @@
 
 #include <fmt/format.h>
 
+#include "firmware/store/results/json_text.h"
+
 namespace hord::firmware::store {
 namespace {
 
-// Changes and commands are few and explain the results: they still find room when these do not.
+// Extra capacity for changes and commands: they are few, and explain the results.
 constexpr std::size_t kRoomForChanges = 1024;
 
 hal::TimePoint steady_now() { return hal::TimePoint(std::chrono::steady_clock::now().time_since_epoch()); }
@@ -79,7 +81,7 @@ void StoreQueue::work() {
         if (failing_) {
             wake_.wait_for(lock, options_.retry_every, [this] { return ending_; });
         } else {
-            // Something comes; then a batch's time passes, unless somebody is in a hurry or much waits.
+            // Wait for a record, then for commit_every, unless an acknowledgement or a full batch waits.
             wake_.wait_for(lock, options_.prune_every, [this] { return ending_ || urgent_ || !waiting_.empty(); });
             wake_.wait_for(lock, options_.commit_every,
                            [this] { return ending_ || urgent_ || waiting_.size() >= options_.batch; });
@@ -182,15 +184,15 @@ void StoreQueue::fail_with(std::unique_lock<std::mutex>& lock, const Error& erro
     lock.lock();
 }
 
-// With the lock. There is room again: the store is to know what it does not have.
+// With the lock. Records the lost results in the store once it works again.
 void StoreQueue::report_losses() {
     if (lost_ == lost_reported_ || failing_) return;
     ChangeRecord lost;
     lost.what = ChangeRecord::What::lost;
     lost.time_us = utc_now_();
     lost.name = "results";
-    lost.after = fmt::format("{{\"records\":{},\"from_sequence\":{},\"to_sequence\":{}}}", lost_ - lost_reported_,
-                             lost_from_, lost_to_);
+    lost.after =
+        to_text({{"records", lost_ - lost_reported_}, {"from_sequence", lost_from_}, {"to_sequence", lost_to_}});
     waiting_.push_back({++counted_, std::move(lost)});
     lost_reported_ = lost_;
     reported_to_ = std::max(reported_to_, lost_to_);

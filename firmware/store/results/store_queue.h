@@ -1,8 +1,8 @@
-// Between the line and the disk: takes records at once, writes them in batches on a thread of its own.
+// A queue between the line and the store: add() never waits for the disk; a thread writes batches.
 //
-// However slow, full or absent the disk is, add() costs a lock and a push. While the store fails it is opened again and
-// again; records wait meanwhile, and nothing is stored twice. Only when `capacity` results wait are further ones lost:
-// they are counted, reported, and entered into the store's changes ("lost") as soon as it works again.
+// While the store fails, records wait and the store is opened again every `retry_every`; no record is stored twice.
+// Once `capacity` results wait, further results are lost: counted, reported, and recorded as a change "lost" as soon as
+// the store works again.
 #pragma once
 
 #include <condition_variable>
@@ -28,18 +28,18 @@ struct StoreQueueOptions {
     hal::Duration retry_every = std::chrono::seconds(1);
     hal::Duration prune_every = std::chrono::seconds(60);
     Retention retention = {};
-    bool thread = true;  // false: nothing happens but in step()
+    bool thread = true;  // false: only step() works
 };
 
 enum class Kept : std::uint8_t {
     kept,     // durable: outlives a loss of power
-    not_yet,  // will be in a moment; ask again
+    not_yet,  // waits for its batch; ask again
     failing,  // the store cannot be written now
 };
 
 struct StoreQueueState {
     bool failing = false;
-    std::uint32_t durable_sequence = 0;  // every result of this run up to it is durable, or counted as lost
+    std::uint32_t durable_sequence = 0;  // all results of this run up to it are durable or counted as lost
     std::size_t waiting = 0;
     std::uint64_t lost = 0;  // records since the start
 };
@@ -48,28 +48,27 @@ class StoreQueue {
   public:
     using Open = std::function<Result<std::unique_ptr<ResultStore>>()>;
     struct Listener {
-        std::function<void(const Error&)>
-            failed;  // once, when it begins to fail; again when what fails is something else
+        std::function<void(const Error&)> failed;  // once a failure; again for another error
         std::function<void()> works_again;
     };
 
-    // `start` describes the run. `utc_now` is asked on the queue's thread, where `listener` is told, too.
+    // `start` describes the run. `utc_now` and `listener` are called on the queue's thread.
     StoreQueue(Open open, StoreQueueOptions options, StartRecord start, std::function<UtcMicros()> utc_now,
                Listener listener = {});
-    ~StoreQueue();  // writes what waits, if the store works
+    ~StoreQueue();  // writes the waiting records if the store works
     StoreQueue(const StoreQueue&) = delete;
     StoreQueue& operator=(const StoreQueue&) = delete;
 
     // Any thread.
     void add(Record record);
 
-    // Any thread. Asks whether every result up to `sequence` is durable; if so, enters that `peer` has taken them, else
-    // has them written without waiting for the batch's time.
+    // Any thread. If every result up to `sequence` is durable, records the acknowledgement by `peer`; else has them
+    // written without waiting for `commit_every`.
     Kept acknowledge(std::string peer, UtcMicros time_us, std::uint32_t sequence);
 
     [[nodiscard]] StoreQueueState state() const;
 
-    // Without a thread: opens if need be, writes one batch, prunes. False: it failed.
+    // Without a thread: opens the store if necessary, writes one batch, prunes. False: it failed.
     bool step();
 
   private:
@@ -86,9 +85,9 @@ class StoreQueue {
     const std::function<UtcMicros()> utc_now_;
     const Listener listener_;
 
-    // The queue's thread alone.
+    // Used by the queue's thread only.
     std::unique_ptr<ResultStore> store_;
-    std::vector<ChangeRecord> in_use_;  // of each kind the last that was written: what a fresh store must be told
+    std::vector<ChangeRecord> in_use_;  // the last change of each kind, for a new store file
     std::string last_error_;
     hal::TimePoint next_prune_{};
 
@@ -98,8 +97,8 @@ class StoreQueue {
     std::uint64_t counted_ = 0;
     std::size_t in_flight_ = 0;
     std::uint64_t lost_ = 0, lost_reported_ = 0;
-    std::uint32_t lost_from_ = 0, lost_to_ = 0;  // sequences that the next report names
-    std::uint32_t reported_to_ = 0;              // and the last one of the report that waits
+    std::uint32_t lost_from_ = 0, lost_to_ = 0;  // sequences of the next report
+    std::uint32_t reported_to_ = 0;              // last sequence of the waiting report
     std::uint32_t durable_ = 0;
     bool failing_ = false, urgent_ = false, ending_ = false;
     std::thread thread_;

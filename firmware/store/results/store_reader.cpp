@@ -2,8 +2,7 @@
 
 #include <array>
 
-#include <nlohmann/json.hpp>
-
+#include "firmware/store/results/json_text.h"
 #include "firmware/store/results/schema.h"
 #include "firmware/store/results/sqlite_store.h"
 #include "firmware/store/results/store_reader_parts.h"
@@ -139,7 +138,7 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
         result.time_us = integer(rows->value(2));
         if (result.run != known_run) {
             known_run = result.run;
-            const auto start = nlohmann::json::parse(text(rows->value(3)), nullptr, false);
+            const Json start = Json::parse(text(rows->value(3)), nullptr, false);
             boot = start.is_object() ? start.value("boot", 0U) : 0U;
             software = start.is_object() ? start.value("software", std::string()) : std::string();
         }

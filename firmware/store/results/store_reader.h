@@ -35,22 +35,22 @@ struct StoredChange {
     std::uint32_t token = 0;
 };
 
-// What is empty does not filter.
+// An empty member does not filter.
 struct ResultFilter {
     std::optional<UtcMicros> since, until;  // since <= time < until
     std::string verdict, reason;
-    std::string kind;    // at least one of the defects that were kept has it
+    std::string kind;    // of at least one stored defect
     std::string recipe;  // name
     std::optional<std::int64_t> run;
     std::optional<std::int64_t> number, before;  // exactly this number; numbers below it
     std::optional<std::uint32_t> boot, part;
     std::string what;                    // of changes: "recipe", "command", "start" ...
-    std::optional<std::int64_t> newest;  // so many, the last ones
-    std::optional<std::int64_t> after;   // of results: with a higher number
-    std::optional<std::int64_t> oldest;  // of results: so many, the first ones
+    std::optional<std::int64_t> newest;  // at most so many, the newest
+    std::optional<std::int64_t> after;   // of results: numbers above it
+    std::optional<std::int64_t> oldest;  // of results: at most so many, the oldest
 };
 
-// What a verified chain ends with: noted elsewhere, it shows later that nothing before it was exchanged.
+// The newest row of a chain. Noted outside of the store, it proves later that no row up to it was changed.
 struct ChainHead {
     std::string chain;  // "changes", "commands", "results"
     std::int64_t rows = 0, first = 0, number = 0;
@@ -69,10 +69,9 @@ class StoreReader {
     static Result<std::unique_ptr<StoreReader>> open(const std::filesystem::path& folder);
     ~StoreReader();
 
-    [[nodiscard]] const std::string& id() const;  // the store's name for itself: another store has another
+    [[nodiscard]] const std::string& id() const;  // random, of this store
     Result<std::int64_t> newest_number();         // of results; 0: none yet
-    // Whatever is asked from now on ends within this time, or fails with timeout: a long read keeps the station's log
-    // from being folded into its file.
+    // Later calls fail with timeout after `most`: a long read blocks the checkpoint of the station's write-ahead log.
     void limit_time(std::chrono::milliseconds most);
 
     // In the order of their numbers.
@@ -80,8 +79,8 @@ class StoreReader {
     Result<void> each_change(const ResultFilter& filter,
                              const std::function<void(const StoredChange&)>& take);  // time, run, what, newest
 
-    // Reads every row. `noted`: heads that were noted before ("results 4711 9f86..."): the row must have that hash
-    // still, or have been removed by retention. At most 100 problems a chain are told one by one.
+    // Reads every row. `noted`: heads of earlier verifications; each row must still have that hash, or have been
+    // removed by retention. Lists at most 100 problems a chain.
     Result<Verification> verify(const std::vector<ChainHead>& noted = {});
 
   private:

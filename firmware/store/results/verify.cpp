@@ -1,10 +1,10 @@
-// Whether every row of a store is as it was written: no row edited, removed, inserted or moved.
+// Verifies the hash chains of a store: finds rows that were edited, removed, inserted or moved.
 #include <algorithm>
 #include <array>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
+#include "firmware/store/results/json_text.h"
 #include "firmware/store/results/schema.h"
 #include "firmware/store/results/store_reader_parts.h"
 
@@ -57,7 +57,7 @@ class ChainCheck {
         if (++problems_ <= kProblemsTold) told_.push_back(name_ + ": " + what);
     }
 
-    // Row 1 follows from genesis; a later first row from what retention removed last, and said so.
+    // Row 1 follows genesis; a later first row follows the last row that retention removed, whose hash it recorded.
     Result<void> find_begin() {
         before_ = genesis(store_id_, table_.name);
         head_.chain = name_;
@@ -67,7 +67,7 @@ class ChainCheck {
         if (!last) return tl::unexpected(last.error());
         const auto* text = std::get_if<std::string>(&*last);
         if (text == nullptr) return {};
-        const auto json = nlohmann::json::parse(*text, nullptr, false);
+        const Json json = Json::parse(*text, nullptr, false);
         const bool whole = json.is_object() && json.contains("to") && json["to"].is_number_integer() &&
             json.contains("hash") && json["hash"].is_string();
         const auto hash = whole ? hash_from_hex(json["hash"].get<std::string>()) : std::nullopt;
@@ -114,7 +114,7 @@ class ChainCheck {
             problem(number == expected ? fmt::format("row {} is not as it was written", number)
                                        : fmt::format("row {} does not follow from the row before it", number));
         }
-        // What follows is compared with what stands here, so that one edited row is one problem.
+        // Continue from the stored hash, so that one edited row is one problem.
         before_ = hash;
         if (const auto* blob = std::get_if<Blob>(&stored); blob != nullptr && blob->size() == before_.size()) {
             std::copy(blob->begin(), blob->end(), before_.begin());
@@ -162,7 +162,7 @@ class ChainCheck {
 Result<Verification> StoreReader::verify(const std::vector<ChainHead>& noted) {
     Verification verification;
     Database& database = *parts_->database;
-    // One moment, however long it takes and whatever the station writes meanwhile.
+    // One read transaction: a consistent view while the station writes.
     if (auto done = database.execute("BEGIN"); !done) return tl::unexpected(done.error());
     const auto checked = [&]() -> Result<void> {
         auto pages = database.prepare("PRAGMA integrity_check");

@@ -112,15 +112,15 @@ struct World {
         node.connected(now);
     }
     void offer() {
-        const auto wish = node.wish(now);
-        if (!wish) return;
+        const auto demand = node.demand(now);
+        if (!demand) return;
         std::vector<store::StoredResult> some;
-        for (std::int64_t k = std::max(wish->after + 1, first); k <= newest && some.size() < wish->count; ++k)
+        for (std::int64_t k = std::max(demand->after + 1, first); k <= newest && some.size() < demand->count; ++k)
             some.push_back(result(k));
         node.offer(some, newest, now);
     }
     void carry() {
-        for (Outgoing& message : node.take()) {
+        for (Outgoing& message : node.take_outgoing()) {
             if (message.token != 0) waiting.push_back(message.token);
             for (auto& [token, number] : under_way) {
                 if (message.fence && token == 0) token = message.token;
@@ -178,7 +178,7 @@ TEST(EdgeNode, is_born_with_every_metric_and_dies_with_the_same_bdSeq) {
     ASSERT_THAT(death.metrics, SizeIs(1));
     EXPECT_EQ(bd_seq_of(world.will.payload), 0U);
 
-    const auto out = world.node.take();
+    const auto out = world.node.take_outgoing();
     ASSERT_THAT(out, SizeIs(1));
     EXPECT_EQ(out[0].topic, "spBv1.0/g/NBIRTH/n");
     EXPECT_EQ(out[0].qos, 1);
@@ -208,7 +208,7 @@ TEST(EdgeNode, is_born_with_every_metric_and_dies_with_the_same_bdSeq) {
     for (unsigned k = 1; k < 300; ++k) {
         world.connect();
         EXPECT_EQ(bd_seq_of(world.will.payload), k % 256);
-        EXPECT_EQ(bd_seq_of(world.node.take()[0].payload), k % 256);
+        EXPECT_EQ(bd_seq_of(world.node.take_outgoing()[0].payload), k % 256);
     }
 }
 
@@ -247,8 +247,8 @@ TEST(EdgeNode, tells_of_the_station_only_what_changed) {
     world.carry();
     const Block& block = *find_block(BlockId::counters);
     std::vector<Reading> readings{{&block.registers[0], 7.0, "7"}, {&block.registers[1], std::nullopt, "-"}};
-    world.node.tell(readings, kNow + 1000);
-    auto out = world.node.take();
+    world.node.set_readings(readings, kNow + 1000);
+    auto out = world.node.take_outgoing();
     ASSERT_THAT(out, SizeIs(1));
     EXPECT_EQ(out[0].qos, 1);  // as results: of two QoS a broker would change the order
     const Payload data = read(out[0].payload);
@@ -256,10 +256,10 @@ TEST(EdgeNode, tells_of_the_station_only_what_changed) {
     EXPECT_EQ(data.metrics[0].alias, kNodeAlias + 4);  // it is reached now
     EXPECT_EQ(data.metrics[1].alias, 142U);
     EXPECT_EQ(data.metrics[1].value, MetricValue(std::uint64_t{7}));
-    world.node.tell(readings, kNow + 2000);
-    EXPECT_THAT(world.node.take(), IsEmpty());
-    world.node.tell({}, kNow + 3000);  // not reached: unknown, not as before
-    EXPECT_EQ(read(world.node.take()[0].payload).metrics[1].value, MetricValue());
+    world.node.set_readings(readings, kNow + 2000);
+    EXPECT_THAT(world.node.take_outgoing(), IsEmpty());
+    world.node.set_readings({}, kNow + 3000);  // not reached: unknown, not as before
+    EXPECT_EQ(read(world.node.take_outgoing()[0].payload).metrics[1].value, MetricValue());
 }
 
 // -- results
@@ -272,13 +272,13 @@ TEST(EdgeNode, moves_its_cursor_only_over_what_is_confirmed_without_a_gap) {
     world.offer();
     world.carry();
     EXPECT_THAT(world.arrived, ElementsAre(1, 2, 3, 4));  // four may be in flight
-    EXPECT_FALSE(world.node.wish(kNow));
+    EXPECT_FALSE(world.node.demand(kNow));
     world.node.confirmed(world.waiting[1], true, kNow);
     EXPECT_EQ(world.node.cursor().confirmed, 0);
     world.node.confirmed(world.waiting[0], true, kNow);
     EXPECT_EQ(world.node.cursor().confirmed, 2);
-    EXPECT_EQ(world.node.wish(kNow)->after, 4);
-    EXPECT_EQ(world.node.wish(kNow)->count, 2U);
+    EXPECT_EQ(world.node.demand(kNow)->after, 4);
+    EXPECT_EQ(world.node.demand(kNow)->count, 2U);
     world.node.confirmed(12345, true, kNow);  // an answer that belongs to nothing
     EXPECT_EQ(world.node.cursor().confirmed, 2);
 }
@@ -394,9 +394,9 @@ TEST(EdgeNode, keeps_results_while_nobody_listens_and_asks_with_one_at_a_time) {
     world.answer(false);
     EXPECT_EQ(world.node.cursor().confirmed, 0);
     EXPECT_THAT(world.node.trouble(), HasSubstr("nobody who reads"));
-    EXPECT_FALSE(world.node.wish(world.now));
+    EXPECT_FALSE(world.node.demand(world.now));
     world.now += 2000;
-    EXPECT_EQ(world.node.wish(world.now)->count, 1U);
+    EXPECT_EQ(world.node.demand(world.now)->count, 1U);
     world.offer();
     world.carry();
     world.answer(false);
@@ -545,9 +545,10 @@ TEST(EdgeNode, refuses_and_counts_every_other_command) {
     world.node.message("spBv1.0/g/NCMD/n", rebirth(), world.now, true);  // kept by the broker: it would ask for ever
     EXPECT_EQ(world.node.figures().refused, ++refused);
     world.node.step(world.now + 5000);
-    EXPECT_THAT(world.node.take(), IsEmpty());
-    world.node.tell({}, world.now);
-    EXPECT_EQ(read(world.node.take()[0].payload).metrics[0].value, MetricValue(refused));  // and tells how many
+    EXPECT_THAT(world.node.take_outgoing(), IsEmpty());
+    world.node.set_readings({}, world.now);
+    EXPECT_EQ(read(world.node.take_outgoing()[0].payload).metrics[0].value,
+              MetricValue(refused));  // and tells how many
 }
 
 TEST(EdgeNode, waits_for_its_primary_host_and_leaves_when_that_goes) {
@@ -577,7 +578,7 @@ TEST(EdgeNode, waits_for_its_primary_host_and_leaves_when_that_goes) {
     EXPECT_FALSE(world.node.wants_to_leave());
     state("{\"online\":false,\"timestamp\":200}");  // the host's own will has the time of its birth
     EXPECT_TRUE(world.node.wants_to_leave());
-    const auto out = world.node.take();
+    const auto out = world.node.take_outgoing();
     ASSERT_THAT(out, SizeIs(1));
     EXPECT_EQ(out[0].topic, "spBv1.0/g/NDEATH/n");
     EXPECT_EQ(out[0].payload, world.will.payload);

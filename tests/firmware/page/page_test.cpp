@@ -132,11 +132,11 @@ TEST(PageViewers, are_so_many_and_no_more_and_a_slow_one_is_told_to_ask_anew) {
     EXPECT_FALSE(viewers.enter());
     two.reset();
     EXPECT_TRUE(viewers.enter());
-    for (std::size_t k = 0; k <= Viewers::kQueue; ++k) viewers.tell("result", "{}");
+    for (std::size_t k = 0; k <= Viewers::kQueue; ++k) viewers.publish("result", "{}");
     const auto told = one->next(std::chrono::milliseconds(0));
     ASSERT_TRUE(told);
     EXPECT_EQ(*told, "event: overrun\ndata: {}\n\n");
-    viewers.tell("state", "{}");
+    viewers.publish("state", "{}");
     EXPECT_EQ(one->next(std::chrono::milliseconds(0)), "event: state\ndata: {}\n\n");
     EXPECT_THAT(*one->next(std::chrono::milliseconds(0)), HasSubstr(": "));  // keeps the line alive
     viewers.end();
@@ -147,17 +147,17 @@ TEST(PageViewers, are_so_many_and_no_more_and_a_slow_one_is_told_to_ask_anew) {
 TEST(PageLive, keeps_a_strip_of_fixed_length_and_says_when_nobody_answers) {
     Viewers viewers(1);
     Live live(viewers);
-    for (std::uint32_t k = 1; k <= 1000; ++k) live.saw(seen(k, k % 4 == 0 ? "reject" : "pass"));
-    live.saw(example_moment());
-    Json page = Json::parse(live.page_json());
+    for (std::uint32_t k = 1; k <= 1000; ++k) live.add_result(seen(k, k % 4 == 0 ? "reject" : "pass"));
+    live.set_station(example_snapshot());
+    Json page = live.page_json();
     EXPECT_EQ(page["results"].size(), Live::kStrip);
     EXPECT_EQ(page["results"].back()["sequence"], 1000);
     EXPECT_EQ(page["state"]["rows"]["status"]["state"], "ContinuousExecution");
     ASSERT_EQ(page["state"]["faults_active"].size(), 1U);
     EXPECT_THAT(page["state"]["faults_active"][0]["cure"].get<std::string>(), ::testing::Not(::testing::IsEmpty()));
     EXPECT_EQ(page["state"]["faults_latched"].size(), 1U);  // what is active is not told twice
-    live.lost({ErrorCode::disconnected, "station 1 cannot be reached", "check the cable"});
-    const Json state = Json::parse(live.state_json());
+    live.set_unreachable({ErrorCode::disconnected, "station 1 cannot be reached", "check the cable"});
+    const Json state = live.state_json();
     EXPECT_EQ(state["up"], false);
     EXPECT_EQ(state["trouble"]["cure"], "check the cable");
     EXPECT_TRUE(state["faults_active"].empty());
@@ -187,14 +187,14 @@ TEST(PageResults, are_found_page_by_page) {
         if (before != 0) fields.emplace("before", std::to_string(before));
         const auto text = page.results.search(fields);
         ASSERT_TRUE(text) << text.error().message();
-        const Json found = Json::parse(*text);
+        const Json found = *text;
         for (const Json& row : found["rows"]) numbers.push_back(row["number"]);
         before = numbers.back();
         more = found["more"];
     }
     ASSERT_EQ(numbers.size(), 30U);
     for (std::size_t k = 0; k < numbers.size(); ++k) EXPECT_EQ(numbers[k], static_cast<std::int64_t>(30 - k));
-    const auto count = [&](Fields fields) { return Json::parse(*page.results.search(fields))["rows"].size(); };
+    const auto count = [&](Fields fields) { return page.results.search(fields)->at("rows").size(); };
     EXPECT_EQ(count({{"verdict", "reject"}}), 3U);
     EXPECT_EQ(count({{"kind", "scratch"}}), 3U);
     EXPECT_EQ(count({{"kind", "' OR 1=1 --"}}), 0U);
@@ -229,7 +229,7 @@ TEST(PageResults, are_read_while_a_station_writes) {
     SmallPage page;
     const auto store = store::test::open(page.folder);
     ASSERT_TRUE(store->write(store::test::Story(store::test::start(9)).add_results(1, 5).entries()));
-    EXPECT_EQ(Json::parse(*page.results.search({}))["rows"].size(), 35U);
+    EXPECT_EQ(page.results.search({})->at("rows").size(), 35U);
     EXPECT_EQ(page.results.one({std::nullopt, 9, 103})->number, 33);
     EXPECT_EQ(page.results.one({std::nullopt, kBoot, 103})->number, 3);  // the same number of an earlier start
     EXPECT_EQ(page.results.one({std::nullopt, 8, 103}).error().code, ErrorCode::not_found);
@@ -326,10 +326,10 @@ TEST(PageRecord, holds_everything_and_an_archive_that_tar_reads) {
 std::string example_metrics() {
     Viewers viewers(1);
     Live live(viewers);
-    live.saw(example_moment());
-    live.saw(seen(1));
-    live.saw(seen(2, "reject"));
-    live.saw_light(0.8);
+    live.set_station(example_snapshot());
+    live.add_result(seen(1));
+    live.add_result(seen(2, "reject"));
+    live.set_light(0.8);
     return metrics_text(live.figures(), {"0.0.1", 1, {{200, 3}}, {{"completed", 1}}, 2});
 }
 
@@ -355,8 +355,8 @@ TEST(PageMetrics, say_what_the_station_said) {
     }
     Viewers viewers(1);
     Live away(viewers);
-    away.saw(example_moment());
-    away.lost({ErrorCode::disconnected, "gone", ""});
+    away.set_station(example_snapshot());
+    away.set_unreachable({ErrorCode::disconnected, "gone", ""});
     const std::string without = metrics_text(away.figures(), {});
     EXPECT_THAT(without, HasSubstr("hord_station_up 0\n"));
     EXPECT_THAT(without, ::testing::Not(HasSubstr("hord_run_permit")));  // old news are no news

@@ -113,8 +113,8 @@ class SmallPage {
          [this](const std::string& line) { log.push_back(line); }, "0.0.1"}};
 };
 
-// A station's answers at one moment.
-inline RegisterSnapshot example_moment() {
+// A station's answers.
+inline RegisterSnapshot example_snapshot() {
     StationIdentity identity;
     identity.firmware = "0.1.0";
     identity.boot_id = kBoot;
@@ -136,19 +136,19 @@ inline RegisterSnapshot example_moment() {
     extras.statistics = {1, 2, 3, 4, 5, 6, 90.5};
     extras.plc.emplace();
     extras.plc->plc_heartbeat_age_ms = 20;
-    RegisterSnapshot moment;
+    RegisterSnapshot blocks;
     for (const BlockId id : {BlockId::ident, BlockId::status, BlockId::counters, BlockId::plc, BlockId::recipe,
                              BlockId::health, BlockId::calibration}) {
         const Block& block = *find_block(id);
         std::vector<std::uint16_t> image(block.size());
         encode(block, {identity, snapshot, snapshot.last, extras}, image);
-        moment.set(id, *decode(block, std::span(image).first(std::min<std::size_t>(image.size(), kMaxRead))));
+        blocks.set(id, *decode(block, std::span(image).first(std::min<std::size_t>(image.size(), kMaxRead))));
     }
-    return moment;
+    return blocks;
 }
 
-inline SeenResult seen(std::uint32_t sequence, const std::string& verdict = "pass") {
-    SeenResult result;
+inline RingResult seen(std::uint32_t sequence, const std::string& verdict = "pass") {
+    RingResult result;
     result.boot = kBoot;
     result.sequence = sequence;
     result.part = sequence + 100;

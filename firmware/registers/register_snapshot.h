@@ -1,4 +1,4 @@
-// A station's registers at one moment, by their names in the register map.
+// A station's registers as read at one time, by the names of the register map.
 #pragma once
 
 #include <map>
@@ -9,14 +9,14 @@
 
 #include "firmware/registers/register_map.h"
 
-namespace hord::firmware::page {
+namespace hord::firmware {
 
 class RegisterSnapshot {
   public:
     void set(BlockId block, std::vector<Reading> readings) { blocks_.insert_or_assign(block, std::move(readings)); }
     [[nodiscard]] const std::map<BlockId, std::vector<Reading>>& blocks() const { return blocks_; }
 
-    // Nothing when the station does not know it.
+    // Nothing when the station does not know the value, or was not asked for the block.
     [[nodiscard]] std::optional<double> number(BlockId block, std::string_view row) const {
         const Reading* reading = find(block, row);
         return reading != nullptr ? reading->number : std::nullopt;
@@ -26,10 +26,27 @@ class RegisterSnapshot {
         const Reading* reading = find(block, row);
         return reading != nullptr ? plain_text(*reading) : std::string("-");
     }
+    // 0 when it is not known.
     [[nodiscard]] std::uint32_t bits(BlockId block, std::string_view row) const {
         return static_cast<std::uint32_t>(number(block, row).value_or(0));
     }
 
+    // One bit of STATUS's row "bits" by its name ("line_stop"); false when it is not known.
+    [[nodiscard]] bool status_bit(std::string_view name) const {
+        const Reading* reading = find(BlockId::status, "bits");
+        return reading != nullptr && has_bit(*reading, name);
+    }
+
+    // The bit of this name in the register map is set in `reading`.
+    static bool has_bit(const Reading& reading, std::string_view name) {
+        const auto bits = static_cast<std::uint32_t>(reading.number.value_or(0));
+        for (const NamedValue& bit : reading.what->values) {
+            if (bit.name == name) return (bits >> bit.value & 1U) != 0;
+        }
+        return false;
+    }
+
+    // A reading's text without the number of a named value.
     static std::string plain_text(const Reading& reading) {
         const bool named = reading.what->type == RegisterType::u16 && !reading.what->values.empty();
         const auto space = reading.text.find(' ');
@@ -48,4 +65,4 @@ class RegisterSnapshot {
     std::map<BlockId, std::vector<Reading>> blocks_;
 };
 
-}  // namespace hord::firmware::page
+}  // namespace hord::firmware

@@ -1,0 +1,22 @@
+// JSON as the store and the programs that read it write it: with nlohmann-json, keys in the order of insertion.
+#pragma once
+
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+namespace hord::firmware::store {
+
+using Json = nlohmann::ordered_json;
+
+// One line for indent -1, otherwise `indent` blanks a level. Bytes that are not UTF-8 become U+FFFD.
+inline std::string to_text(const Json& json, int indent = -1) {
+    return json.dump(indent, ' ', false, Json::error_handler_t::replace);
+}
+
+// One line, each number that is not whole written with the shortest digits of a float: 0.1 and 40. These are the digits
+// in every store and archive. nlohmann-json would write those of a double, 0.10000000149011612 and 40.0, and its digits
+// are not always the shortest.
+std::string to_line(const Json& json);
+
+}  // namespace hord::firmware::store
