@@ -60,7 +60,7 @@ std::vector<Shown> views_of(const algo::Inspection& found, const algo::Recipe& r
 std::optional<Shown> chosen(const std::vector<Shown>& views, const std::string& feature, algo::Reason reason) {
     const auto named = [&](std::string_view name) { return std::ranges::find(views, name, &Shown::name); };
     auto found = named(!feature.empty()                         ? std::string_view(feature)
-                           : reason == algo::Reason::slope      ? "slope"
+                           : reason == algo::Reason::deflection_gradient      ? "slope"
                            : reason == algo::Reason::absorption ? "transmission"
                                                                 : "");
     if (found == views.end() && feature.empty()) found = views.begin();

@@ -182,11 +182,11 @@ TEST(Rungs, what_is_off_is_empty_and_judged_by_nobody) {
     Recipe chi2 = only(Feature::chi2, false, false);
     chi2.gradient_limit = 0.02F;
     const Case cases[] = {
-        {emd, true, true, false, false, worst(all->emd, 0.3F), Reason::deflection},
-        {slopes, false, false, true, false, worst(all->frobenius, 0.1F), Reason::slope},
+        {emd, true, true, false, false, worst(all->emd, 0.3F), Reason::neighbours_disagree},
+        {slopes, false, false, true, false, worst(all->frobenius, 0.1F), Reason::deflection_gradient},
         {only(std::nullopt, false, true), false, false, false, true,
          (1 - least_light) / (1 - Recipe{}.transmission_limit), Reason::absorption},
-        {chi2, false, true, false, false, 0, Reason::deflection},
+        {chi2, false, true, false, false, 0, Reason::neighbours_disagree},
     };
     for (const Case& c : cases) {
         Pipeline pipeline = pipeline_for(e, 8, c.recipe);

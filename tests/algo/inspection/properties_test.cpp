@@ -173,7 +173,7 @@ TEST(DefaultLimits, pass_a_lens_over_the_whole_range_in_40_lenslets_and_refuse_o
             << seed;
         const Seen steep = inspected(e, noisy(drawn(e, 8, 240, lens(e, 9, 3.8)), {10, 2, 1}, seed));
         EXPECT_EQ(steep.verdict, Verdict::reject) << seed;
-        EXPECT_EQ(steep.reason, Reason::slope);
+        EXPECT_EQ(steep.reason, Reason::deflection_gradient);
     }
 }
 
