@@ -408,7 +408,7 @@ TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
                 const ReferenceSampler::ReferenceHord a = reader.read(at.m, at.n, 0.8, alone.data());
                 with_hord += a.has_hord ? 1 : 0;
                 row.move_to(block);
-                if ((row.plain() >> lane & 1U) == 0) continue;
+                if ((row.complete() >> lane & 1U) == 0) continue;
                 ReferenceRowSampler::Lanes lanes{};
                 for (std::size_t c = 0; c < 4; ++c)
                     lanes.weights[c][lane] = static_cast<float>(cubic_at(at.m - column).of[c]);
@@ -514,7 +514,7 @@ TEST(Reference, the_comparison_has_the_same_bits_on_every_instruction_set) {
             const Difference &a = all[0][k], &b = other[k];
             const bool same = a.has_hord == b.has_hord && a.light == b.light && a.x == b.x && a.y == b.y &&
                 a.scattering == b.scattering && a.chi2 == b.chi2 && a.degrees == b.degrees &&
-                a.x_variance == b.x_variance && a.blur_variance == b.blur_variance;
+                a.x_variance == b.x_variance && a.scattering_variance == b.scattering_variance;
             ASSERT_TRUE(same) << k;
         }
     }
