@@ -7,13 +7,13 @@ namespace hord::algo {
 namespace {
 
 LensletGrid model_of(const DirectionMap& map) {
-    LensletGrid model;
-    model.rung = map.rung;
-    model.parameters = map.parameters;
-    model.middle_x_px = map.zero_px.x_px;  // distortion is about undeflected light
-    model.middle_y_px = map.zero_px.y_px;
-    model.radius_px = map.radius_px;
-    return model;
+    LensletGrid grid;
+    grid.model = map.model;
+    grid.parameters = map.parameters;
+    grid.middle_x_px = map.zero_px.x_px;  // distortion is about undeflected light
+    grid.middle_y_px = map.zero_px.y_px;
+    grid.radius_px = map.radius_px;
+    return grid;
 }
 
 double mean_pitch_px(const LensletGrid& grid) {
@@ -24,18 +24,18 @@ double mean_pitch_px(const LensletGrid& grid) {
 }  // namespace
 
 PixelPoint DirectionMap::place_px(DirectionRad direction) const {
-    const LensletGrid model = model_of(*this);
-    const PixelPoint at = model.at({direction.x_rad / span_rad, direction.y_rad / span_rad});
-    const PixelPoint zero = model.at({0, 0});
+    const LensletGrid grid = model_of(*this);
+    const PixelPoint at = grid.at({direction.x_rad / span_rad, direction.y_rad / span_rad});
+    const PixelPoint zero = grid.at({0, 0});
     return {at.x_px - zero.x_px + zero_px.x_px, at.y_px - zero.y_px + zero_px.y_px};
 }
 
 LensletGrid::Steps DirectionMap::px_a_rad(DirectionRad direction) const {
-    const LensletGrid model = model_of(*this);
+    const LensletGrid grid = model_of(*this);
     const double half = 0.5e-3;  // of the span
     const auto [u, v] = LensletGrid::Uv{direction.x_rad / span_rad, direction.y_rad / span_rad};
-    const PixelPoint right = model.at({u + half, v}), left = model.at({u - half, v});
-    const PixelPoint below = model.at({u, v + half}), above = model.at({u, v - half});
+    const PixelPoint right = grid.at({u + half, v}), left = grid.at({u - half, v});
+    const PixelPoint below = grid.at({u, v + half}), above = grid.at({u, v - half});
     const double a_step = 1 / (2 * half * span_rad);
     return {{a_step * (right.x_px - left.x_px), a_step * (right.y_px - left.y_px)},
             {a_step * (below.x_px - above.x_px), a_step * (below.y_px - above.y_px)}};
@@ -46,10 +46,10 @@ Result<void> check(const DirectionMap& map) {
         return fail(ErrorCode::invalid_argument, std::move(what),
                     "calibrate again, or use an unchanged calibration file");
     };
-    if (static_cast<int>(map.parameters.size()) != parameter_count(map.rung)) {
-        return bad("a " + std::string(name_of(map.rung)) + " direction map with " +
+    if (static_cast<int>(map.parameters.size()) != parameter_count(map.model)) {
+        return bad("a " + std::string(name_of(map.model)) + " direction map with " +
                    std::to_string(map.parameters.size()) + " parameters, not " +
-                   std::to_string(parameter_count(map.rung)));
+                   std::to_string(parameter_count(map.model)));
     }
     for (const double p : map.parameters) {
         if (!std::isfinite(p)) return bad("a parameter of the direction map that is not a number");

@@ -19,8 +19,8 @@ struct DirectionRad {
 };
 
 struct DirectionMap {
-    GridModelKind rung = GridModelKind::similarity;  // of the ladder of algo/frame/lenslet_grid.h, from direction /
-                                                     // span_rad to px from the lenslet's centre
+    GridModelKind model = GridModelKind::similarity;  // of the ladder of algo/frame/lenslet_grid.h, from direction /
+                                                      // span_rad to px from the lenslet's centre
     std::vector<double> parameters;
     double span_rad = 1;   // largest tilt it was calibrated at
     double radius_px = 1;  // where the radial terms are k1, k2

@@ -30,17 +30,17 @@ enum class GridModelKind : std::uint8_t {
     cubic,       // 20: two polynomials of order 3
     quintic,     // 42: two polynomials of order 5
 };
-inline constexpr std::array kGridRungs{GridModelKind::similarity, GridModelKind::affine,  GridModelKind::homography,
-                                       GridModelKind::radial1,    GridModelKind::radial2, GridModelKind::cubic,
-                                       GridModelKind::quintic};
+inline constexpr std::array kGridModels{GridModelKind::similarity, GridModelKind::affine,  GridModelKind::homography,
+                                        GridModelKind::radial1,    GridModelKind::radial2, GridModelKind::cubic,
+                                        GridModelKind::quintic};
 
-[[nodiscard]] std::string_view name_of(GridModelKind rung);
-[[nodiscard]] int parameter_count(GridModelKind rung);
+[[nodiscard]] std::string_view name_of(GridModelKind model);
+[[nodiscard]] int parameter_count(GridModelKind model);
 [[nodiscard]] std::string_view name_of(LatticeKind kind);
 [[nodiscard]] std::string_view name_of(Stagger stagger);
 
 // The name of a parameter: tx, ty, a, b ... or x_u2v1 for the factor of u^2 v in x.
-[[nodiscard]] std::string parameter_name(GridModelKind rung, int index);
+[[nodiscard]] std::string parameter_name(GridModelKind model, int index);
 
 struct PixelPoint {
     double x_px = 0, y_px = 0;
@@ -57,7 +57,7 @@ struct LensletGrid {
     int columns = 0, rows = 0;  // lenslets m in [0, columns), n in [0, rows); not all need lie inside the frame
     double origin_u = 0, origin_v = 0, span = 1;
 
-    GridModelKind rung = GridModelKind::similarity;
+    GridModelKind model = GridModelKind::similarity;
     std::vector<double> parameters;           // parameter_count(rung) of them
     double middle_x_px = 0, middle_y_px = 0;  // of radial distortion, before the fitted shift
     double radius_px = 1;                     // where the radial terms are k1, k2
@@ -75,11 +75,11 @@ struct LensletGrid {
     [[nodiscard]] Uv uv(int m, int n) const;
     [[nodiscard]] PixelPoint at(Uv where) const;
     [[nodiscard]] PixelPoint centre_px(int m, int n) const {
-        const PixelPoint model = at(uv(m, n));
-        if (shifts_px.empty() || m < 0 || n < 0 || m >= columns || n >= rows) return model;
+        const PixelPoint ideal = at(uv(m, n));
+        if (shifts_px.empty() || m < 0 || n < 0 || m >= columns || n >= rows) return ideal;
         const PixelPoint& shift =
             shifts_px[static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m)];
-        return {model.x_px + shift.x_px, model.y_px + shift.y_px};
+        return {ideal.x_px + shift.x_px, ideal.y_px + shift.y_px};
     }
 
     // The local step of one pitch along u and along v at (u, v), from central differences of half a pitch.

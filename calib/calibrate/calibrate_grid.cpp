@@ -42,7 +42,7 @@ LensletGrid grid_of(const Lattice& lattice, const WhiteImage& image) {
     grid.radius_px = 0.5 * std::max(image.width_px(), image.height_px());
     grid.span = std::max(1.0, grid.radius_px / lattice.pitch_px());
     grid.columns = grid.rows = 1;
-    grid.rung = algo::GridModelKind::affine;
+    grid.model = algo::GridModelKind::affine;
     const double s = grid.span;
     grid.parameters = {lattice.seed_px.x_px,    lattice.seed_px.y_px,    s * lattice.step_u.x_px,
                        s * lattice.step_v.x_px, s * lattice.step_u.y_px, s * lattice.step_v.y_px};

@@ -123,10 +123,10 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
                     "record the white frame again");
 
     GridFit fit;
-    Climbed climbed = climb(frame, part_of(points, kLadderCentres), options);
-    fit.ladder = std::move(climbed.ladder);
-    fit.blocks = climbed.blocks;
-    const auto& choice = climbed.choice;
+    ModelSelection selection = select_model(frame, part_of(points, kLadderCentres), options);
+    fit.candidates = std::move(selection.candidates);
+    fit.blocks = selection.blocks;
+    const auto& choice = selection.choice;
     if (!choice)
         return fail(ErrorCode::refused, "no grid model fits the lenslet centres", "record the white frame again");
 
@@ -139,17 +139,17 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
     if (auto done = finish(choice->grid, part_of(points, kFitCentres), fit); !done) return tl::unexpected(done.error());
     count_residuals(points, fit);
     fit.rejected = static_cast<int>(observations.size() - points.size());
-    const RungReport winner = fit.ladder[choice->rung];
+    const ModelReport winner = fit.candidates[choice->index];
     fit.cv_x_rms_px = winner.cv_x_rms_px;
     fit.cv_y_rms_px = winner.cv_y_rms_px;
     fit.reason = fmt::format("{}: {}; cross-validated over {} blocks {:.4f} px in x, {:.4f} px in y",
-                             name_of(winner.rung), winner.verdict, fit.blocks, fit.cv_x_rms_px, fit.cv_y_rms_px);
-    if (options.single_lenslets && !options.only) climb_to_single_lenslets(observations, fit);
+                             name_of(winner.model), winner.verdict, fit.blocks, fit.cv_x_rms_px, fit.cv_y_rms_px);
+    if (options.single_lenslets && !options.only) select_lenslet_shifts(observations, fit);
     return fit;
 }
 
-std::string_view name_of(const RungReport& report) {
-    return report.single_lenslets ? "single lenslets" : name_of(report.rung);
+std::string_view name_of(const ModelReport& report) {
+    return report.single_lenslets ? "single lenslets" : name_of(report.model);
 }
 
 }  // namespace hord::calib

@@ -28,8 +28,8 @@ struct Observation {
 };
 
 // One model of the ladder and why it was, or was not, taken.
-struct RungReport {
-    algo::GridModelKind rung = algo::GridModelKind::similarity;
+struct ModelReport {
+    algo::GridModelKind model = algo::GridModelKind::similarity;
     bool single_lenslets = false;  // the last rung: the one held, and each lenslet's own shift
     int parameters = 0;
     double rms_px = 0;                        // an axis, of the fit
@@ -39,7 +39,7 @@ struct RungReport {
     std::string verdict;  // one line for a person
 };
 
-[[nodiscard]] std::string_view name_of(const RungReport& report);
+[[nodiscard]] std::string_view name_of(const ModelReport& report);
 
 // What the last rung found; all 0 where it was not taken.
 struct LensletShifts {
@@ -55,7 +55,7 @@ struct Unobservable {
 
 struct GridFit {
     algo::LensletGrid grid;  // the chosen rung
-    std::vector<RungReport> ladder;
+    std::vector<ModelReport> candidates;
     std::string reason;                      // why this rung, one line
     std::vector<double> sigma;               // one a parameter; 0 where it is fixed
     std::vector<double> covariance;          // row by row, parameters x parameters; 0 where fixed

@@ -23,8 +23,8 @@ constexpr double kUnit = 0.001;           // px: shifts are whole thousandths, a
 struct Halves {
     double a, b;
 };
-Halves halves_of(const Validation& model, const std::vector<Point>& points, std::size_t point, int axis) {
-    const double left = -model.off(static_cast<Eigen::Index>(2 * point) + axis);
+Halves halves_of(const Validation& validation, const std::vector<Point>& points, std::size_t point, int axis) {
+    const double left = -validation.off(static_cast<Eigen::Index>(2 * point) + axis);
     const double split = axis == 0 ? points[point].split.x_px : points[point].split.y_px;
     return {left + split, left - split};
 }
@@ -47,9 +47,9 @@ double whole_units(double shift_px) { return std::round(shift_px / kUnit) * kUni
 
 }  // namespace
 
-void climb_to_single_lenslets(std::span<const Observation> observations, GridFit& fit) {
-    RungReport& report = fit.ladder.emplace_back();
-    report.rung = fit.grid.rung;
+void select_lenslet_shifts(std::span<const Observation> observations, GridFit& fit) {
+    ModelReport& report = fit.candidates.emplace_back();
+    report.model = fit.grid.model;
     report.single_lenslets = true;
     report.rms_px = std::sqrt(0.5 * (fit.rms_x_px * fit.rms_x_px + fit.rms_y_px * fit.rms_y_px));
     report.cv_x_rms_px = report.cv_y_rms_px = std::numeric_limits<double>::infinity();
@@ -63,8 +63,8 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
         return;
     }
     const auto solved = solve(fit.grid, points);
-    const Validation model = solved ? leave_blocks_out(*solved, blocks) : Validation{};
-    if (model.squared.empty()) {
+    const Validation validation = solved ? leave_blocks_out(*solved, blocks) : Validation{};
+    if (validation.squared.empty()) {
         report.verdict = "not taken: the fit did not settle";
         return;
     }
@@ -75,7 +75,7 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
     for (std::size_t b = 0; b < count; ++b) {
         for (std::size_t k = blocks.first[b]; k < blocks.first[b + 1]; ++k) {
             for (const int axis : {0, 1}) {
-                const Halves h = halves_of(model, points, k, axis);
+                const Halves h = halves_of(validation, points, k, axis);
                 sums[b].common += h.a * h.b;
                 sums[b].power += 0.5 * (h.a * h.a + h.b * h.b);
                 common[axis] += h.a * h.b;
@@ -92,7 +92,7 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
         const double share = std::max(0.0, (all.common - sums[b].common) / std::max(all.power - sums[b].power, 1e-300));
         for (std::size_t k = blocks.first[b]; k < blocks.first[b + 1]; ++k) {
             for (const int axis : {0, 1}) {
-                const Halves h = halves_of(model, points, k, axis);
+                const Halves h = halves_of(validation, points, k, axis);
                 without.squared[b] += h.a * h.a + h.b * h.b;
                 with.squared[b] +=
                     (h.b - share * h.a) * (h.b - share * h.a) + (h.a - share * h.b) * (h.a - share * h.b);
@@ -119,7 +119,7 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
         return;
     }
     report.verdict = "needed: " + agree;
-    for (RungReport& rung : fit.ladder) rung.chosen = false;
+    for (ModelReport& model : fit.candidates) model.chosen = false;
     report.chosen = true;
     fit.shifts = shifts;
     make_room_for_shifts(fit.grid);

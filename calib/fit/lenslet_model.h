@@ -18,6 +18,6 @@
 namespace hord::calib {
 
 // Adds the rung's report to the ladder of `fit`; where it is taken, its shifts to the grid, and why to the reason.
-void climb_to_single_lenslets(std::span<const Observation> observations, GridFit& fit);
+void select_lenslet_shifts(std::span<const Observation> observations, GridFit& fit);
 
 }  // namespace hord::calib

@@ -12,18 +12,18 @@
 
 namespace hord::calib {
 
-struct Choice {
+struct ChosenModel {
     algo::LensletGrid grid;
-    std::size_t rung = 0;  // index in the ladder
+    std::size_t index = 0;  // of the report in `candidates`
 };
-struct Climbed {
-    std::vector<RungReport> ladder;
+struct ModelSelection {
+    std::vector<ModelReport> candidates;
     int blocks = 0;
-    std::optional<Choice> choice;  // none: no rung could be fitted
+    std::optional<ChosenModel> choice;  // none: no rung could be fitted
 };
 
 // `frame` gives what the model is made of besides its parameters; the sample is sorted into blocks.
-Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
-              std::span<const algo::GridModelKind> rungs = algo::kGridRungs);
+ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
+                            std::span<const algo::GridModelKind> models = algo::kGridModels);
 
 }  // namespace hord::calib

@@ -130,7 +130,7 @@ class Autocorrelation {
         double height = 0;
     };
     // The local maximum nearest to `near`, climbed to within `reach` px, refined by parabolas; none if there is none.
-    [[nodiscard]] std::optional<Peak> climb(Vec near, int reach) const {
+    [[nodiscard]] std::optional<Peak> peak_near(Vec near, int reach) const {
         if (!within(near, reach + 2)) return std::nullopt;
         int x = static_cast<int>(std::lround(near.x));
         int y = static_cast<int>(std::lround(near.y));
@@ -196,7 +196,7 @@ std::vector<Autocorrelation::Peak> peaks_of(const Autocorrelation& correlation, 
                 for (int dx = -2; dx <= 2 && highest; ++dx) highest = correlation.at(x + dx, y + dy) <= here;
             }
             if (!highest) continue;
-            if (auto peak = correlation.climb({static_cast<double>(x), static_cast<double>(y)}, 2))
+            if (auto peak = correlation.peak_near({static_cast<double>(x), static_cast<double>(y)}, 2))
                 peaks.push_back(*peak);
         }
     }
@@ -232,7 +232,7 @@ Basis refine(const Autocorrelation& correlation, Basis basis, double least_heigh
                 const Vec lag = static_cast<double>(p) * basis.a + static_cast<double>(q) * basis.b;
                 if ((p == 0 && q == 0) || norm(lag) > reach || !correlation.within(lag, 6)) continue;
                 any = any || norm(lag) > reach / 1.6;
-                const auto peak = correlation.climb(lag, static_cast<int>(0.2 * pitch) + 1);
+                const auto peak = correlation.peak_near(lag, static_cast<int>(0.2 * pitch) + 1);
                 if (!peak || peak->height < least_height) continue;
                 pp += p * p;
                 pq += p * q;

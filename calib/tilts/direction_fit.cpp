@@ -14,8 +14,8 @@ namespace {
 
 using algo::GridModelKind;
 
-constexpr std::array kRungs{GridModelKind::similarity, GridModelKind::affine, GridModelKind::homography,
-                            GridModelKind::radial1, GridModelKind::cubic};
+constexpr std::array kModels{GridModelKind::similarity, GridModelKind::affine, GridModelKind::homography,
+                             GridModelKind::radial1, GridModelKind::cubic};
 constexpr std::size_t kMinTilts = 3;  // besides the empty field
 constexpr std::size_t kMinForCubic = 10;
 constexpr double kCaptureError = 0.02;  // px: what a capture is trusted to
@@ -103,12 +103,12 @@ Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt
     frame.middle_x_px = empty.offset_px.x_px;  // distortion is about undeflected light
     frame.middle_y_px = empty.offset_px.y_px;
     frame.radius_px = 0.5 * pitch_px;
-    const auto rungs = std::span(kRungs).first(tilts.size() >= kMinForCubic ? kRungs.size() : kRungs.size() - 1);
-    Climbed climbed = climb(frame, points, {}, rungs);
-    if (!climbed.choice) return refuse("no direction map fits the tilts", "check the angles in tilts.toml");
-    fit.ladder = std::move(climbed.ladder);
-    const RungReport& winner = fit.ladder[climbed.choice->rung];
-    const auto solved = solve(climbed.choice->grid, points);
+    const auto models = std::span(kModels).first(tilts.size() >= kMinForCubic ? kModels.size() : kModels.size() - 1);
+    ModelSelection selection = select_model(frame, points, {}, models);
+    if (!selection.choice) return refuse("no direction map fits the tilts", "check the angles in tilts.toml");
+    fit.candidates = std::move(selection.candidates);
+    const ModelReport& winner = fit.candidates[selection.choice->index];
+    const auto solved = solve(selection.choice->grid, points);
     if (!solved) return refuse("the direction map does not settle", "check the angles in tilts.toml");
     fit.left_out_x_px = winner.cv_x_rms_px;
     fit.left_out_y_px = winner.cv_y_rms_px;
@@ -120,9 +120,9 @@ Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt
     }
     fit.captures = static_cast<int>(points.size());
     fit.unobservable = solved->unobservable;
-    fit.map = {solved->grid.rung, solved->grid.parameters, span, frame.radius_px, empty.offset_px};
+    fit.map = {solved->grid.model, solved->grid.parameters, span, frame.radius_px, empty.offset_px};
     fit.reason = fmt::format("{}: {}; a capture left out is predicted to {:.4f} px in x, {:.4f} px in y",
-                             name_of(winner.rung), winner.verdict, fit.left_out_x_px, fit.left_out_y_px);
+                             name_of(winner.model), winner.verdict, fit.left_out_x_px, fit.left_out_y_px);
 
     const double variance = variance_of(*solved);
     fit.noise_px = std::sqrt(variance);

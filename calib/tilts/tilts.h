@@ -62,7 +62,7 @@ struct Tilt {
 
 struct DirectionFit {
     algo::DirectionMap map;
-    std::vector<RungReport> ladder;
+    std::vector<ModelReport> candidates;
     std::string reason;
     std::vector<double> sigma;  // one a parameter, px; 0 where fixed
     std::vector<Unobservable> unobservable;

@@ -18,7 +18,7 @@ LensletGrid lattice(double turn_rad) {
     grid.height_px = 288;
     grid.origin_u = 9.5;
     grid.origin_v = 8.5;
-    grid.rung = GridModelKind::similarity;
+    grid.model = GridModelKind::similarity;
     grid.parameters = {159.5, 143.5, 16 * std::cos(turn_rad), 16 * std::sin(turn_rad)};
     return grid;
 }

@@ -23,7 +23,7 @@ LensletGrid lattice(Stagger stagger, int parity = 0) {
     grid.origin_u = 0.5 * (grid.columns - 1) * (stagger == Stagger::columns ? 0.8660254037844386 : 1);
     grid.origin_v = 0.5 * (grid.rows - 1) * (stagger == Stagger::rows ? 0.8660254037844386 : 1);
     grid.span = 14;
-    grid.rung = GridModelKind::radial1;
+    grid.model = GridModelKind::radial1;
     grid.parameters = {199.3, 190.2, 14 * 16.4, -14 * 0.9, 14 * 0.8, 14 * 16.5, 0.002, -0.001, 0.004};
     grid.middle_x_px = 199.5;
     grid.middle_y_px = 189.5;

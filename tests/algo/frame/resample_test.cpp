@@ -16,7 +16,7 @@ LensletGrid upright(int columns, int rows, double pitch, double first) {
     grid.rows = rows;
     grid.width_px = static_cast<int>(pitch * columns);
     grid.height_px = static_cast<int>(pitch * rows);
-    grid.rung = GridModelKind::similarity;
+    grid.model = GridModelKind::similarity;
     grid.parameters = {first, first, pitch, 0};
     return grid;
 }
@@ -102,7 +102,7 @@ TEST(Resample, a_ramp_is_read_at_the_bins_own_places) {
         grid.kind = stagger == Stagger::none ? LatticeKind::square : LatticeKind::hexagonal;
         grid.stagger = stagger;
         grid.width_px = grid.height_px = 300;
-        grid.rung = GridModelKind::radial1;
+        grid.model = GridModelKind::radial1;
         grid.origin_u = grid.origin_v = 4;
         grid.span = 4;
         grid.parameters = {150, 150, 80, -4, 4, 80, 0.002, -0.001, -0.01};
@@ -141,7 +141,7 @@ TEST(Resample, bins_beyond_the_frame_hold_no_light) {
 TEST(Resample, the_same_bits_on_every_machine) {
     LensletGrid grid = upright(12, 11, 18.37, 0);
     grid.width_px = grid.height_px = 260;
-    grid.rung = GridModelKind::radial1;
+    grid.model = GridModelKind::radial1;
     grid.origin_u = grid.origin_v = 5.5;
     grid.span = 6;
     grid.parameters = {129.3, 131.2, 110.1, -5.7, 5.9, 110.6, 0.002, -0.001, -0.004};

@@ -123,10 +123,12 @@ TEST(CalibrateGrid, misplaced_lenslets_get_places_of_their_own) {
         const auto calibration = calibrate_grid(drawn.frame.view());
         ASSERT_TRUE(calibration) << calibration.error().message();
         const GridFit& fit = calibration->fit;
-        ASSERT_FALSE(fit.grid.shifts_px.empty()) << fit.ladder.back().verdict;
-        EXPECT_TRUE(fit.ladder.back().single_lenslets);
-        EXPECT_TRUE(fit.ladder.back().chosen);
-        EXPECT_EQ(std::count_if(fit.ladder.begin(), fit.ladder.end(), [](const RungReport& r) { return r.chosen; }), 1);
+        ASSERT_FALSE(fit.grid.shifts_px.empty()) << fit.candidates.back().verdict;
+        EXPECT_TRUE(fit.candidates.back().single_lenslets);
+        EXPECT_TRUE(fit.candidates.back().chosen);
+        EXPECT_EQ(
+            std::count_if(fit.candidates.begin(), fit.candidates.end(), [](const ModelReport& r) { return r.chosen; }),
+            1);
         EXPECT_THAT(fit.reason, HasSubstr("every lenslet's own shift"));
         EXPECT_NEAR(fit.shifts.rms_px, white.misplaced_px, 0.1 * white.misplaced_px);
         EXPECT_GT(fit.shifts.share, 0.98);
@@ -190,7 +192,7 @@ TEST(CalibrateGrid, centres_that_are_not_to_be_believed_get_no_place) {
     fit.grid.columns = 6;
     fit.grid.rows = 3;
     fit.grid.span = 1;
-    fit.grid.rung = algo::GridModelKind::affine;
+    fit.grid.model = algo::GridModelKind::affine;
     fit.grid.parameters = {10, 10, 20, 0, 0, 20};
     fit.rejected = 6;
     const auto off_by = [](int m, int n, double dx, double split) {
@@ -232,7 +234,7 @@ TEST(CalibrateGrid, lenslets_in_their_places_get_none) {
         const auto calibration = calibrate_grid(test::draw(one).frame.view());
         ASSERT_TRUE(calibration) << calibration.error().message();
         EXPECT_TRUE(calibration->fit.grid.shifts_px.empty()) << calibration->fit.reason;
-        EXPECT_THAT(calibration->fit.ladder.back().verdict, HasSubstr("not needed"));
+        EXPECT_THAT(calibration->fit.candidates.back().verdict, HasSubstr("not needed"));
     }
 }
 
