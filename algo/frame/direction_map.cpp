@@ -16,11 +16,6 @@ LensletGrid model_of(const DirectionMap& map) {
     return grid;
 }
 
-double mean_pitch_px(const LensletGrid& grid) {
-    const LensletGrid::Steps steps = grid.steps_px({0, 0});
-    return std::sqrt(std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px));
-}
-
 }  // namespace
 
 PixelPoint DirectionMap::place_px(DirectionRad direction) const {
@@ -57,14 +52,12 @@ Result<void> check(const DirectionMap& map) {
     if (!(map.span_rad > 0) || !(map.radius_px > 0)) return bad("a direction map whose scale is not positive");
     if (!std::isfinite(map.zero_px.x_px) || !std::isfinite(map.zero_px.y_px))
         return bad("a direction map without a place of undeflected light");
-    const LensletGrid::Steps steps = map.px_a_rad({});
-    const double area = steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px;
-    if (!(area > 0)) return bad("a direction map that folds directions onto one another");
+    if (!(map.px_a_rad({}).area_px2() > 0)) return bad("a direction map that folds directions onto one another");
     return {};
 }
 
 BinLayout even_layout(const LensletGrid& grid, int bins_i, int bins_j) {
-    const double pitch = mean_pitch_px(grid);
+    const double pitch = grid.steps_px({0, 0}).mean_px();
     BinLayout layout{bins_i, bins_j, {}, pitch / bins_i, pitch / bins_j, 0, 0};
     for (int j = 0; j < bins_j; ++j) {
         for (int i = 0; i < bins_i; ++i)
@@ -75,7 +68,7 @@ BinLayout even_layout(const LensletGrid& grid, int bins_i, int bins_j) {
 }
 
 BinLayout layout_of(const LensletGrid& grid, const DirectionMap& map, int bins_i, int bins_j) {
-    const double pitch = mean_pitch_px(grid);
+    const double pitch = grid.steps_px({0, 0}).mean_px();
     const LensletGrid::Steps steps = map.px_a_rad({});
     BinLayout layout{bins_i, bins_j, {}, pitch / bins_i, pitch / bins_j, 0, 0};
     layout.step_i_rad = layout.box_x_px / steps.along_u.x_px;

@@ -147,6 +147,7 @@ HORD_ALWAYS_INLINE void for_parts(int j, const BinRect& lit, const BinRect& wind
     run.template operator()<BinRole::reached>(window.right + 1);
 }
 
+// One function, though long: the sums stay in registers from the loop over bins to the solution.
 template <int Bytes>
 HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::Fits& fits) {
     constexpr int kWide = Bytes / static_cast<int>(sizeof(float));

@@ -13,10 +13,9 @@
 namespace hord::calib {
 namespace {
 
-constexpr std::size_t kLadderCentres = 4000;  // enough to choose by
-constexpr std::size_t kFitCentres =
-    12000;                         // that the chosen rung is fitted to: more add time and no accuracy that counts
-constexpr double kFarthest = 1e6;  // px
+constexpr std::size_t kSelectionCentres = 4000;  // for the selection of the model
+constexpr std::size_t kFitCentres = 12000;       // for the fit of the selected model: more add no useful accuracy
+constexpr double kFarthest = 1e6;                // px
 
 std::vector<Point> points_of(const algo::LensletGrid& frame, std::span<const Observation> observations) {
     std::vector<Point> points;
@@ -55,7 +54,7 @@ void reject_by(const algo::LensletGrid& grid, std::span<Observation> observation
     for (std::size_t k = 0; k < distance.size(); ++k) observations[k].used = distance[k] < most;
 }
 
-// The chosen rung on (nearly) all centres: parameters, their covariance, and what is not to be believed.
+// Fits the selected model to up to kFitCentres centres: parameters, covariance, unobservable parameters.
 Result<void> finish(const algo::LensletGrid& start, std::vector<Point> points, GridFit& fit) {
     const Blocks blocks = sort_into_blocks(points);
     auto solved = solve(start, points);
@@ -82,7 +81,7 @@ Result<void> finish(const algo::LensletGrid& start, std::vector<Point> points, G
     return {};
 }
 
-// What is left over at every centre that is used.
+// Statistics of the residuals of all used centres.
 void count_residuals(const std::vector<Point>& points, GridFit& fit) {
     double x = 0;
     double y = 0;
@@ -114,7 +113,7 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
         return fail(ErrorCode::invalid_argument, fmt::format("{} lenslet centres", observations.size()),
                     "give at least 4 of them");
     }
-    // Outliers are judged against a smooth surface, so that the choice of a rung does not decide who is one.
+    // Outliers are found with a smooth surface, independently of the selected model.
     const int order = observations.size() >= 60 ? 3 : observations.size() >= 20 ? 2 : 1;
     if (!robust_polynomial(frame, observations, order)) robust_polynomial(frame, observations, 1);
     std::vector<Point> points = points_of(frame, observations);
@@ -123,14 +122,14 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
                     "record the white frame again");
 
     GridFit fit;
-    ModelSelection selection = select_model(frame, part_of(points, kLadderCentres), options);
+    ModelSelection selection = select_model(frame, part_of(points, kSelectionCentres), options);
     fit.candidates = std::move(selection.candidates);
     fit.blocks = selection.blocks;
     const auto& choice = selection.choice;
     if (!choice)
         return fail(ErrorCode::refused, "no grid model fits the lenslet centres", "record the white frame again");
 
-    // The chosen model has the last word on outliers: the surface that judged them first is not exact.
+    // The smooth surface is not exact: outliers are found again with the selected model.
     reject_by(choice->grid, observations);
     points = points_of(frame, observations);
     if (points.size() < 4)

@@ -1,4 +1,4 @@
-// Derivatives of the ladder's models, and the robust linear start.
+// Derivatives of the grid models, and the robust linear start.
 #include <algorithm>
 #include <cmath>
 

@@ -12,7 +12,7 @@ using algo::GridModelKind;
 
 constexpr double kSingular = 1e-9;  // of the eigenvalues of the normalised normal equations, against 1
 
-// Models that are linear in their parameters have the same derivatives wherever they stand.
+// Linear in the parameters: the derivatives are constant.
 bool linear(GridModelKind model) {
     return model == GridModelKind::similarity || model == GridModelKind::affine || model == GridModelKind::cubic ||
         model == GridModelKind::quintic;
@@ -47,7 +47,7 @@ class GridCost final : public ceres::CostFunction {
     const std::vector<Point>& points_;
 };
 
-// Residuals, and derivatives too unless they are known.
+// Residuals, and derivatives unless they are known.
 void evaluate(Solved& solved, const std::vector<Point>& points, bool derivatives_known = false) {
     const auto count = static_cast<Eigen::Index>(parameter_count(solved.grid.model));
     solved.residuals.resize(static_cast<Eigen::Index>(2 * points.size()));
@@ -61,7 +61,7 @@ void evaluate(Solved& solved, const std::vector<Point>& points, bool derivatives
     }
 }
 
-// Fixes the parameters that the centres do not determine, one a null direction; true where it fixed any.
+// Fixes the parameters that the centres do not determine, one a null direction; true if it fixed any.
 bool fix_null_directions(Solved& solved) {
     bool any = false;
     const Eigen::MatrixXd normal = normal_of(solved);
@@ -93,7 +93,7 @@ bool fix_null_directions(Solved& solved) {
         }
         const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
         if (eigen.eigenvalues()(0) < kSingular) {
-            // The parameter with the largest share in the null direction; the later, more special one on a tie.
+            // The parameter with the largest share in the null direction; of equal ones the last.
             const Eigen::VectorXd null = eigen.eigenvectors().col(0).cwiseAbs();
             Eigen::Index worst = n - 1;
             for (Eigen::Index k = n - 1; k >= 0; --k) {
@@ -109,7 +109,7 @@ bool fix_null_directions(Solved& solved) {
     }
 }
 
-// One run of Ceres with the free parameters. The scale of every step is Ceres' own (Jacobi).
+// Runs Ceres on the free parameters, with its own (Jacobi) scaling.
 bool run(Solved& solved, const std::vector<Point>& points) {
     std::vector<double>& parameters = solved.grid.parameters;
     ceres::Problem::Options ownership;
@@ -128,7 +128,7 @@ bool run(Solved& solved, const std::vector<Point>& points) {
     ceres::Solver::Options options;
     options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;
     options.max_num_iterations = 30;
-    options.initial_trust_region_radius = 1e8;  // starts are near: the first step is Newton's, to eight digits
+    options.initial_trust_region_radius = 1e8;  // the start is near: the first step is a Newton step
     options.function_tolerance = 1e-12;
     options.gradient_tolerance = 1e-14;
     options.parameter_tolerance = 1e-12;

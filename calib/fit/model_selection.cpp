@@ -13,7 +13,7 @@ using algo::GridModelKind;
 constexpr double kNeededGain = 2.0;  // standard errors
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
-// A start for `rung` from the fit of a lower one.
+// A start for `model` from the fit of a simpler one.
 algo::LensletGrid lift(const algo::LensletGrid& from, GridModelKind model) {
     algo::LensletGrid grid = from;
     const std::vector<double>& p = from.parameters;
@@ -26,7 +26,7 @@ algo::LensletGrid lift(const algo::LensletGrid& from, GridModelKind model) {
         grid.parameters.resize(static_cast<std::size_t>(parameter_count(model)), 0.0);
         return grid;
     }
-    // Polynomials are linear: any start will do, so the affine part is enough.
+    // Polynomials are linear in their parameters: the affine part is a sufficient start.
     const int half = parameter_count(model) / 2;
     grid.parameters.assign(static_cast<std::size_t>(2 * half), 0.0);
     for (int axis = 0; axis < 2; ++axis) {

@@ -9,13 +9,12 @@
 namespace hord::calib {
 namespace {
 
-constexpr double kRing = 0.6;  // width of the rings that the profile is made of, px
-constexpr double kSmoothRing =
-    0.8;  // of those that the weight is made of: smooth enough to be sampled by pixels, however sharp a lenslet's edge
-constexpr double kStiffness = 1e-5;  // of neighbouring rings, against what is seen
-constexpr double kRingStep = 0.5;    // between them, px
-constexpr double kPlateau = 0.92;
-constexpr double kMaxVariance = 2.5;  // that an immunity may cost, against the most efficient weight
+constexpr double kRing = 0.6;         // px, width of the rings that represent the profile
+constexpr double kSmoothRing = 0.8;   // px, of those that the weight is made of: wide enough for sampling by pixels
+constexpr double kRingStep = 0.5;     // px, between rings
+constexpr double kStiffness = 1e-5;   // weight of smoothness between neighbouring rings
+constexpr double kPlateau = 0.92;     // of the top, half way to the half height
+constexpr double kMaxVariance = 2.5;  // of an immune weight, over that of the most efficient one
 
 Table window_table(double radius) {
     Table window(static_cast<std::size_t>(radius / kTableStep) + 2);
@@ -81,14 +80,15 @@ Profile measure_profile(const WhiteImage& image, std::span<const Spot> spots, do
     Eigen::VectorXd here(rings);
     for (std::size_t k = 0; k < count; ++k) {
         if (hits[k] == 0) continue;
-        const double weight = 1 / std::max(static_cast<double>(k) * kTableStep, 0.5);  // every radius counts alike
+        const double weight =
+            1 / std::max(static_cast<double>(k) * kTableStep, 0.5);  // every radius has the same weight
         for (Eigen::Index ring = 0; ring < rings; ++ring)
             here(ring) = ring_at(ring, static_cast<double>(k) * kTableStep).value;
         normal.selfadjointView<Eigen::Lower>().rankUpdate(here, weight * hits[k]);
         right += weight * sums[k] * here;
     }
     normal.triangularView<Eigen::StrictlyUpper>() = normal.transpose();
-    // Where the lattice falls on the pixels in step, some radii are never seen: rings there follow their neighbours.
+    // If the pitch is a whole number of pixels, some radii have no samples: rings there follow their neighbours.
     const double stiffness = kStiffness * normal.diagonal().mean();
     for (Eigen::Index ring = 1; ring + 1 < rings; ++ring) {
         for (int r = -1; r <= 1; ++r) {
@@ -133,8 +133,8 @@ Weights design_weights(const Profile& profile, double radius, bool against_gradi
         weights.shift[k] = steepness[k] * weights.window[k];
     }
     const Table efficient = weights.shift;
-    // Inner products over the disc: of a weight with a gradient of background (u), of light (u T), with a shift (-T'),
-    // and its noise with itself (shot noise of T over a floor).
+    // Inner products over the disc: of a weight with a gradient of background (u), with a gradient of light (u T), with
+    // a shift (-T'); its noise (shot noise of T over a floor).
     const auto sum = [&](auto&& term) {
         double total = 0;
         for (std::size_t k = 0; k < count; ++k) {
@@ -172,12 +172,12 @@ Weights design_weights(const Profile& profile, double radius, bool against_gradi
         return true;
     };
     if (!against_gradients) return weights;
-    // Only a lenslet with a plateau tells a gradient of its light from a shift: half way to its half height it is still
-    // full (a Gaussian has 0.84 there).
+    // A gradient of light can be separated from a shift only if the lenslet has a plateau: half way to its half height
+    // it has nearly its full height (a Gaussian has 0.84 there).
     std::size_t half = 0;
     while (half + 1 < count && weights.profile[half] > 0.5 * weights.profile[0]) ++half;
     const bool plateau = weights.profile[half / 2] > kPlateau * weights.profile[0];
-    // Both, then vignetting, then the background.
+    // Try both, then vignetting alone, then the background alone.
     const double ll = vignetting(light), lw = vignetting(weights.window);
     const double bl = background(light), bw = background(weights.window);
     const double le = vignetting(efficient), be = background(efficient);

@@ -14,12 +14,12 @@ namespace {
 
 constexpr std::size_t kMaxSeeds = 400;
 
-// What one window responses to the kernels of one phase (see CentreFinder::Kernels::bank).
+// Response of one window to the kernels of one phase (see CentreFinder::Kernels::bank).
 struct Responses {
     float x = 0, y = 0, amplitude = 0, power = 0;
 };
 
-// Always sixteen lanes, in whatever registers there are, so that every machine adds up in the same order.
+// Always sixteen lanes, in registers of any width: every machine sums in the same order.
 constexpr int kLanes = 16;
 typedef float Lanes __attribute__((vector_size(kLanes * sizeof(float))));
 
@@ -31,7 +31,7 @@ HORD_ALWAYS_INLINE Responses responses(const float* kernels, const float* light,
         sum += algo::load<Lanes>(of_window + k) * algo::load<Lanes>(light + k);
     float mean = 0;
     for (int lane = 0; lane < kLanes; ++lane) mean += sum[lane];
-    // Sums of differences to the mean: single precision then suffices.
+    // Sums of differences from the mean, for which single precision suffices.
     Lanes x{}, y{}, amplitude{}, power{};
     for (std::ptrdiff_t k = 0; k < size; k += kLanes) {
         const Lanes off = algo::load<Lanes>(light + k) - mean;
@@ -54,7 +54,7 @@ HORD_FOR_EACH_ISA(responses_for, Responses, responses, (const float* kernels, co
 
 }  // namespace
 
-// The weights sampled for every sub-pixel phase, each a window of `side` x `side` floats.
+// The weights, sampled for every sub-pixel phase; each a window of `side` x `side` floats.
 struct CentreFinder::Kernels {
     explicit Kernels(const WhiteImage& of) : image(&of) {}
 
@@ -63,7 +63,7 @@ struct CentreFinder::Kernels {
     int half = 0, side = 0, phases = 16;
     Eigen::Index size = 0;
     Responses (*respond)(const float*, const float*, std::ptrdiff_t) = responses_for(algo::best_isa());
-    double gain = 0;       // DN of first moment a pixel of shift and DN of amplitude
+    double gain = 0;       // first moment a pixel of shift and DN of amplitude
     double own_match = 1;  // keeps `match` in -1..1
     double typical_amplitude = 0;
     Table learned;
@@ -116,7 +116,7 @@ void CentreFinder::Kernels::sample(const Weights& from) {
                 mean += lookup(weights.profile, r) * window;
             }
         }
-        // The amplitude kernel responses 1 to the profile and 0 to a constant; the window kernel averages.
+        // The amplitude kernel responds with 1 to the profile and 0 to a constant; the window kernel averages.
         double own = 0;
         const double level = mean / share;
         for (Eigen::Index at = 0; at < side * side; ++at) {
@@ -128,7 +128,7 @@ void CentreFinder::Kernels::sample(const Weights& from) {
         }
         bank.col(first + 2) /= static_cast<float>(own);
         own_match = std::sqrt(own / share);
-        // On the pixel grid of this phase, too, the moments respond 0 to a constant and to the profile itself.
+        // On the pixel grid of this phase, too, the moments of a constant and of the profile are 0.
         for (int axis = 0; axis < 2; ++axis) {
             auto moment = bank.col(first + axis);
             moment -= moment.sum() * (bank.col(first + 3) - static_cast<float>(level) * bank.col(first + 2));
@@ -176,10 +176,9 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
             dy *= longest / length;
         }
         const algo::PixelPoint next{m.about.x_px + dx, m.about.y_px + dy};
-        // Done where the centre lies in the cell of the phase that it was measured with: what the gain is wrong by then
-        // hardly counts.
+        // Done if the centre lies in the cell of its phase: the error of the gain is then negligible.
         const bool settled = std::max(std::abs(dx), std::abs(dy)) < 0.6 / phases;
-        // Between two cells that each point into the other, the centre is half way.
+        // If two cells point into each other, the centre is half way.
         const double step = std::hypot(next.x_px - here.x_px, next.y_px - here.y_px);
         here = k + 1 == kMaxSteps && step < 2.0 / phases
             ? algo::PixelPoint{0.5 * (here.x_px + next.x_px), 0.5 * (here.y_px + next.y_px)}
@@ -191,12 +190,12 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
     return std::nullopt;
 }
 
-// Of one half, with the weight itself (no table of phases): the light is a + b T + s . dT, and the moment of what is
-// left after a and b responses to the shift s alone.
+// With the weight itself instead of sampled kernels. The light of a half is a + b T + s . dT; the moment of the
+// remainder after a and b depends on the shift s only.
 std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint centre) const {
     if (!complete(centre)) return std::nullopt;
     constexpr double kTurnX = 0.98006657784124163,
-                     kTurnY = 0.19866933079506122;  // sectors are turned by 0.2 rad: no pixel on their edges
+                     kTurnY = 0.19866933079506122;  // sectors are rotated by 0.2 rad: no pixel on their edges
     struct Pixel {
         double dx, dy, shape, window, light, weight, steepness;
         bool second;
@@ -255,7 +254,7 @@ std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint ce
     return algo::PixelPoint{0.5 * (place[0].x_px - place[1].x_px), 0.5 * (place[0].y_px - place[1].y_px)};
 }
 
-// The respond of the moments to a shift, from moments one phase to both sides of known centres.
+// Sets `gain`, from the moments one phase to either side of known centres.
 void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> centres) {
     const double step = 1.0 / phases;
     double answered = 0;

@@ -1,4 +1,4 @@
-// The pipeline's contract: what it refuses, what it says of extremes, its symmetries, its memory.
+// The pipeline's contract: refusals, extreme frames, symmetries, memory.
 #include "algo/inspection/pipeline.h"
 
 #include <cmath>

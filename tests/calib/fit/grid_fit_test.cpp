@@ -1,4 +1,4 @@
-// The ladder, its derivatives, its covariance and its refusals, on centres made from formulas.
+// Model selection, derivatives, covariance and refusals, on centres made from formulas.
 #include "calib/fit/grid_fit.h"
 
 #include <gmock/gmock.h>
@@ -29,7 +29,7 @@ LensletGrid frame_of(int columns, int rows) {
     return grid;
 }
 
-// A true grid of each rung, with every one of its terms in use.
+// A true grid of each model, with all of its terms in use.
 LensletGrid true_grid(GridModelKind model, int columns = 24, int rows = 20) {
     LensletGrid grid = frame_of(columns, rows);
     const double s = 20 * grid.span;

@@ -1,4 +1,4 @@
-// The direction map from captures at known tilts: against truth, and what it refuses.
+// The direction map from captures at known tilts: accuracy and refusals.
 #include "calib/tilts/tilts.h"
 
 #include <numbers>
@@ -232,7 +232,7 @@ TEST_F(TiltFrames, captured_frames_give_the_map_to_a_fiftieth_of_a_pixel) {
 }
 
 TEST_F(TiltFrames, a_flat_frame_takes_away_what_single_pixels_do) {
-    // Pixels whose answer rises by half across every lenslet pull all spots the same way; without the flat frame that
+    // Pixels whose response rises by half across every lenslet move all spots the same way; without the flat frame that
     // is a shift.
     const auto answer = [](double x, double) { return 0.75 + 0.5 * (std::fmod(x, 12.0) / 12.0); };
     Frame flat(kSide, kSide, 16);
