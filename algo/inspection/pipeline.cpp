@@ -56,7 +56,7 @@ std::string joined(const std::vector<std::string>& messages) {
     return text;
 }
 
-// Rows of EMD gradients that are submitted before the solver runs, so that it finds many small problems of one shape.
+// Rows of EMD gradients that are submitted together: the solver batches small problems of one shape.
 // Also the rows of a band in the comparison with a reference.
 constexpr int kBandRows = 16;
 
@@ -175,7 +175,7 @@ void Pipeline::Workspace::compute_maps(const FrameView& frame, Stopwatch& watch,
     watch.lap(times.feature_ns);
 }
 
-// Rows first..last-1, and of rows first-1 and last, as far as they exist, what the gradients need.
+// The maps of rows first..last-1. Rows first-1 and last, if they exist, are decoded for the gradients.
 template <class Rows>
 void Pipeline::Workspace::compute_band(Rows& rows, const FrameView& frame, int first, int last, Stopwatch& watch,
                                        StageTimes& times) {

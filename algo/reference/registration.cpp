@@ -154,11 +154,11 @@ struct Registrar::PartMaps {
 struct Registrar::Step {
     double turn, cosine;  // sine and cosine of the turn
     double light_noise, deflection_noise;
-    double light_own, deflection_own;  // what the reference's own noise seems to say of a shift (see noise_of_shift)
+    double light_own, deflection_own;  // a sample's share in noise_of_shift
     Normal normal{};
     double compared = 0, foreign = 0;  // samples
-    // What the reference's own noise seems to say of shift and turn (its slopes have half of a lenslet's variance), and
-    // all that its maps say if every change of theirs were seen in a turn.
+    // Normal-matrix entries of shift and turn that the reference's own noise makes (its slopes have half of a lenslet's
+    // variance), and that of the turn if every change of the maps showed in it.
     double noise_of_shift = 0, noise_of_turn = 0, all_of_turn = 0;
 
     Step(double sine, double electrons, std::uint32_t parts)
@@ -252,7 +252,7 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     double typical = 0;  // the reference's light, mean over the sample, DN
     double shorter = 1;  // factor of a step: less where the steps before swung to and fro
     std::array<double, 3> before{};
-    bool round = false;     // the part has no turn to be seen; decided at the first step
+    bool round = false;     // a turn of the part does not show in the maps; decided at the first step
     bool settling = false;  // the last steps, with the whole sample
     std::size_t used = sample_.size(), count = 0;
     for (const SamplePoint& s : sample_) {
