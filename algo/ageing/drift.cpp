@@ -12,7 +12,7 @@
 namespace hord::algo {
 namespace {
 
-constexpr float kMinSigma = 0.005F;  // bins: of a median, below which lenslets are trusted alike
+constexpr float kMinSigma = 0.005F;  // bins: least standard deviation of a lenslet's median
 constexpr int kRounds = 8;
 constexpr int kMinSeen = DriftEstimator::kWindow / 2;
 
@@ -43,7 +43,7 @@ Result<DriftEstimator> DriftEstimator::create(const Extents& extents, const Ligh
 }
 
 void DriftEstimator::restart() {
-    for (Sample& sample : samples_) sample.seen = 0;
+    for (Sample& sample : samples_) sample.values = 0;
     in_window_ = 0;
     has_base_ = from_calibration_ = false;
     parts_ = 0;
@@ -60,21 +60,21 @@ bool DriftEstimator::add(const FrameView& frame) {
             Sample& sample = samples_[k];
             if (row_.has_hord(m)) {
                 const Deflection d = mean_deflection(row_.sums()[at], row_.moments_x()[at], row_.moments_y()[at]);
-                const std::size_t place = k * kWindow + static_cast<std::size_t>(sample.seen);
+                const std::size_t place = k * kWindow + static_cast<std::size_t>(sample.values);
                 window_x_[place] = d.x.to_float_rounded();
                 window_y_[place] = d.y.to_float_rounded();
-                ++sample.seen;
+                ++sample.values;
                 ++lit;
             }
             ++k;
         }
     }
-    if (lit * 10 < samples_.size()) {  // a dark frame says nothing: take back what little it said
+    if (lit * 10 < samples_.size()) {  // a dark frame: remove its values again
         k = 0;
         for (const int n : rows_) {
             hord::algo::decode_row(frame, extents_, levels_, n, row_);
             for (const int m : columns_) {
-                if (row_.has_hord(m)) --samples_[k].seen;
+                if (row_.has_hord(m)) --samples_[k].values;
                 ++k;
             }
         }
@@ -89,26 +89,26 @@ bool DriftEstimator::add(const FrameView& frame) {
     return false;
 }
 
-// Of one lenslet over this window, its median and the variance of that; weight 0 where it was not seen often enough.
-DriftEstimator::Centre DriftEstimator::centre_of(std::size_t k) {
-    const int seen = samples_[k].seen;
-    if (seen < kMinSeen) return {};
+// The median of one lenslet over this window; weight 0 if there are too few values.
+DriftEstimator::WindowMedian DriftEstimator::median_of(std::size_t k) {
+    const int values = samples_[k].values;
+    if (values < kMinSeen) return {};
     const auto first = static_cast<std::ptrdiff_t>(k * kWindow);
     const auto middle_of = [&](const std::vector<float>& window) {
-        std::copy_n(window.begin() + first, seen, scratch_.begin());
-        return median(scratch_.data(), seen);
+        std::copy_n(window.begin() + first, values, scratch_.begin());
+        return median(scratch_.data(), values);
     };
-    Centre centre;
+    WindowMedian centre;
     centre.x = middle_of(window_x_);
     centre.y = middle_of(window_y_);
-    // The median distance from the median, as a standard deviation of the median of a window.
-    for (int part = 0; part < seen; ++part) {
+    // The standard deviation of the window's median, from the median distance to it.
+    for (int part = 0; part < values; ++part) {
         const auto place = k * kWindow + static_cast<std::size_t>(part);
         scratch_[static_cast<std::size_t>(part)] =
             std::max(std::abs(window_x_[place] - centre.x), std::abs(window_y_[place] - centre.y));
     }
-    const float sigma =
-        std::max(kMinSigma, 1.4826F * 1.2533F * median(scratch_.data(), seen) / std::sqrt(static_cast<float>(seen)));
+    const float sigma = std::max(
+        kMinSigma, 1.4826F * 1.2533F * median(scratch_.data(), values) / std::sqrt(static_cast<float>(values)));
     centre.weight = 1 / (sigma * sigma);
     return centre;
 }
@@ -117,8 +117,8 @@ void DriftEstimator::close_window() {
     const bool undecided = zero_ == DriftZero::calibration && !has_base_;
     for (std::size_t k = 0; k < samples_.size(); ++k) {
         Sample& sample = samples_[k];
-        const Centre centre = centre_of(k);
-        sample.seen = 0;
+        const WindowMedian centre = median_of(k);
+        sample.values = 0;
         trust_[k] = 0;
         if (!has_base_) {
             sample.base_x = centre.x;
@@ -148,7 +148,7 @@ void DriftEstimator::close_window() {
     has_base_ = true;
 }
 
-// Whether the outermost lenslets show free light: at least half of them, alike. Their median is where the fit starts.
+// True if the outermost lenslets show free light: at least half of them agree. Sets `start` to their median.
 bool DriftEstimator::outermost_agree(Drift& start) {
     int outermost = 0;
     const auto median_of = [&](const std::vector<double>& shifts) {
@@ -183,7 +183,8 @@ double DriftEstimator::residual(const Drift& drift, std::size_t k) const {
     return std::sqrt((rx * rx + ry * ry) * trust_[k]);
 }
 
-// One round of a reweighted similarity, in closed form; `scale` is the residuals' standard deviation, before and after.
+// One iteration of reweighted least squares for a similarity, in closed form. `scale`: the residuals' standard
+// deviation, updated.
 void DriftEstimator::fit_round(Drift& drift, double& scale, bool first, bool of_outermost) {
     double sum = 0, x = 0, y = 0, dx = 0, dy = 0;
     const auto weight_of = [&](std::size_t k) {
@@ -219,12 +220,11 @@ void DriftEstimator::fit_round(Drift& drift, double& scale, bool first, bool of_
     drift.noise_bins = scale / std::sqrt(sum);
 }
 
-// From the outermost lenslets alone first, where they are the free light; then all that follow the fit. Against a
-// baseline, all at once.
+// Against the calibration, first the outermost lenslets, then all that follow the fit. Against a baseline, all at once.
 void DriftEstimator::fit(Drift drift, bool from_outermost) {
     drift.parts = parts_;
     double scale = 0;
-    // The median normalised residual, as a standard deviation (of a Rayleigh distance).
+    // The standard deviation from the median residual (Rayleigh distribution).
     const auto measure_scale = [&] {
         residuals_.clear();
         for (std::size_t k = 0; k < samples_.size(); ++k) {
@@ -250,7 +250,7 @@ void DriftEstimator::fit(Drift drift, bool from_outermost) {
                                                      drift.shift_y_bins + drift.turn_rad * px + drift.growth * py));
         }
     }
-    // At a corner the fit is as uncertain as three parameters together: shift, turn and growth weigh about alike there.
+    // At a corner shift, turn and growth contribute about equally to the error of the fit.
     drift.noise_bins *= 2;
     latest_ = drift;
 }

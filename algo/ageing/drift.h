@@ -1,20 +1,8 @@
 // Drift of the lenslet grid, estimated from production frames: shift, turn and growth against the calibration, or
-// against the first parts after the start.
+// against the first parts after the start. A robust fit to the mean deflections of at most 24 x 24 lenslets, each the
+// median over a window of 25 parts. How: docs/notes/ageing.md.
 //
-// Where no part is in the way, light is undeflected and lands where the calibration puts it; a grid that has moved
-// shifts it by as much. Of a regular sample of lenslets (24 x 24 at most) the mean deflection of every part is kept.
-// The shifts, each the median of a lenslet over a window of 25 parts, are fitted robustly (Tukey) by
-//     d(m, n) = shift + (growth, -turn; turn, growth) * (position from the middle, bins)
-// A shift that happens at any moment fills a window after at most 50 parts.
-//
-// Against the first parts (DriftZero::first_parts): less the lenslet's median over the first 25, so that identical
-// parts cancel, and weighed by how little it varied over them (free light: photon noise; behind a part: as much as
-// parts differ). Against the calibration (DriftZero::calibration): undeflected light belongs at zero. Which light is
-// undeflected is told by the outermost sampled lenslets: at least half of them agree to a quarter of a bin, as
-// algo/inspection/rim.h asks of free light. The fit starts from them and takes in what follows it. Where a part fills
-// the field and they do not agree, the first window is the baseline instead, and Drift::since_calibration says so.
-//
-// All memory is taken by create(). Doubles: this watches the station, it judges no part.
+// create() allocates all memory. For monitoring only: no part is judged by it.
 #pragma once
 
 #include <cstdint>
@@ -31,11 +19,11 @@ namespace hord::algo {
 enum class DriftZero : std::uint8_t { first_parts, calibration };
 
 struct Drift {
-    double shift_x_bins = 0, shift_y_bins = 0;  // at the middle
+    double shift_x_bins = 0, shift_y_bins = 0;  // at the middle of the field
     double turn_rad = 0, growth = 0;            // growth 0.001: a thousandth larger
     double largest_bins = 0;                    // the largest shift anywhere in the field
-    double noise_bins = 0;                      // of that, one standard deviation, from the residuals
-    std::int64_t parts = 0;                     // seen until then
+    double noise_bins = 0;                      // standard deviation of largest_bins, from the residuals
+    std::int64_t parts = 0;                     // since the start or restart()
     bool since_calibration = false;             // else since the first parts
 };
 
@@ -44,39 +32,38 @@ class DriftEstimator {
     static constexpr int kWindow = 25;   // parts
     static constexpr int kSampled = 24;  // lenslets a side, at most
 
-    // `levels` as the pipeline's. Fails with invalid_argument for extents that check() refuses.
+    // `levels` are those of the pipeline. Fails with invalid_argument for extents that check() refuses.
     static Result<DriftEstimator> create(const Extents& extents, const LightLevels& levels,
                                          DriftZero zero = DriftZero::first_parts);
 
-    // One part's macro-pixel frame, of the extents' size. True when a window was completed and latest() is new. Frames
-    // with less than a tenth of the sampled lenslets lit are not looked at.
+    // Adds one part's macro-pixel frame, of the extents' size. True if it completed a window and latest() is new.
+    // Ignores frames with less than a tenth of the sampled lenslets lit.
     bool add(const FrameView& frame);
 
     // None until the first window, after the baseline if there is one.
     [[nodiscard]] const std::optional<Drift>& latest() const { return latest_; }
 
-    // Forgets everything: what comes next is the baseline (another calibration, another recipe).
+    // Starts again: the next parts are the baseline (after a change of calibration or recipe).
     void restart();
 
   private:
     DriftEstimator(const Extents& extents, const LightLevels& levels, DriftZero zero);
     struct Sample {
-        double x_bins = 0, y_bins = 0;  // position, from the middle of the field
-        float base_x = 0, base_y = 0,
-              weight = 0;  // median and 1 / variance of the baseline; weight 0: not seen often enough
-        int seen = 0;      // in this window
+        double x_bins = 0, y_bins = 0;             // position, from the middle of the field
+        float base_x = 0, base_y = 0, weight = 0;  // median and 1 / variance of the baseline; weight 0: too few values
+        int values = 0;                            // in this window
         bool outermost = false;
     };
-    struct Centre {
-        float x = 0, y = 0, weight = 0;  // median of a lenslet over a window, and 1 / variance of it
+    struct WindowMedian {
+        float x = 0, y = 0, weight = 0;  // of a lenslet; 1 / variance of the median
     };
-    Centre centre_of(std::size_t sample);
+    WindowMedian median_of(std::size_t sample);
     void close_window();
     bool outermost_agree(Drift& start);
     void fit(Drift start, bool of_outermost);
     void fit_round(Drift& drift, double& scale, bool first, bool of_outermost);
-    [[nodiscard]] double residual(const Drift& drift,
-                                  std::size_t sample) const;  // in standard deviations of the sample
+    // In standard deviations of the sample.
+    [[nodiscard]] double residual(const Drift& drift, std::size_t sample) const;
 
     Extents extents_;
     LightLevels levels_;
@@ -88,8 +75,8 @@ class DriftEstimator {
     std::vector<float> scratch_;
     DriftZero zero_;
     int in_window_ = 0;
-    bool has_base_ = false;          // there is something to compare with
-    bool from_calibration_ = false;  // and it is the calibration
+    bool has_base_ = false;          // there is a baseline
+    bool from_calibration_ = false;  // the baseline is the calibration
     std::int64_t parts_ = 0;
     std::optional<Drift> latest_;
 };

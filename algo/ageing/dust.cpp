@@ -9,10 +9,10 @@ namespace {
 
 constexpr int kTile = 16;     // lenslets a side, or a little more
 constexpr int kReach = 4;     // lenslets
-constexpr int kTogether = 2;  // lenslets so far apart belong to one speck
-constexpr int kLargest = 64;  // a defect of more than this part of the field is no speck
-enum Now : std::uint8_t { kLookedAt = 1, kHasLight = 2, kResponds = 4 };
-enum Found : std::uint8_t { kSpeck = 1, kWaits = 2 };
+constexpr int kTogether = 2;  // lenslets at most this far apart belong to one speck
+constexpr int kLargest = 64;  // a defect larger than 1/kLargest of the field is no speck
+enum LensletState : std::uint8_t { kChecked = 1, kHasLight = 2, kResponds = 4 };
+enum SpeckState : std::uint8_t { kSpeck = 1, kWaits = 2 };
 
 double square(double v) { return v * v; }
 
@@ -21,8 +21,8 @@ double square(double v) { return v * v; }
 DustEstimator::DustEstimator(const Extents& extents, int window)
     : extents_(extents), window_(window), reach_(std::clamp(std::min(extents.m, extents.n) / 6, 1, kReach)),
       tiles_m_(std::max(extents.m / kTile, 1)), tiles_n_(std::max(extents.n / kTile, 1)), now_(extents.lenslets()),
-      looked_at_(now_.size()), responded_(now_.size()), speck_(now_.size()),
-      tile_looked_at_(static_cast<std::size_t>(tiles_m_ * tiles_n_)), tile_responded_(tile_looked_at_.size()),
+      checked_(now_.size()), responded_(now_.size()), speck_(now_.size()),
+      tile_checked_(static_cast<std::size_t>(tiles_m_ * tiles_n_)), tile_responded_(tile_checked_.size()),
       evidence_(std::log(static_cast<double>(now_.size()) / kFalseAlarms)) {
     queue_.reserve(now_.size());
 }
@@ -37,7 +37,7 @@ Result<DustEstimator> DustEstimator::create(const Extents& extents, int window) 
 }
 
 void DustEstimator::restart() {
-    std::ranges::fill(looked_at_, std::uint16_t{0});
+    std::ranges::fill(checked_, std::uint16_t{0});
     std::ranges::fill(responded_, std::uint16_t{0});
     std::ranges::fill(speck_, std::uint8_t{0});
     in_window_ = posed_ = 0;
@@ -47,7 +47,7 @@ void DustEstimator::restart() {
     latest_.reset();
 }
 
-// Less light than the neighbours at both ends of a line through the lenslet, across or down.
+// Marks lenslets with less light than their neighbours at both ends of a line, across or down.
 void DustEstimator::mark_dips(const Inspection& inspection) {
     const auto row = static_cast<std::size_t>(extents_.m), far = static_cast<std::size_t>(reach_);
     const auto light = [&](std::size_t k) { return static_cast<float>(inspection.sums[k]); };
@@ -56,7 +56,7 @@ void DustEstimator::mark_dips(const Inspection& inspection) {
         const bool down = n >= reach_ && n < extents_.n - reach_;
         for (int m = 0; m < extents_.m; ++m) {
             const std::size_t k = static_cast<std::size_t>(n) * row + static_cast<std::size_t>(m);
-            if ((now_[k] & kLookedAt) == 0) continue;
+            if ((now_[k] & kChecked) == 0) continue;
             const bool across = m >= reach_ && m < extents_.m - reach_ && both(k - far, k + far);
             float expected = across ? light(k - far) + light(k + far) : 0;  // twice
             if (down && both(k - far * row, k + far * row)) {
@@ -94,16 +94,16 @@ bool DustEstimator::add(const Inspection& inspection) {
     const bool against_reference = inspection.z_score.size() == now_.size();
     for (std::size_t k = 0; k < now_.size(); ++k) {
         const std::uint8_t mask = inspection.mask[k];
-        now_[k] = static_cast<std::uint8_t>(((mask & (kSaturated | kNotJudged)) == 0 ? kLookedAt : 0) |
+        now_[k] = static_cast<std::uint8_t>(((mask & (kSaturated | kNotJudged)) == 0 ? kChecked : 0) |
                                             ((mask & (kNoHord | kNotJudged)) == 0 ? kHasLight : 0));
         if (against_reference && inspection.z_score[k] >= kNotable) now_[k] |= kResponds;
     }
     if (!against_reference) mark_dips(inspection);
     mark_defects(inspection);
     for (std::size_t k = 0; k < now_.size(); ++k) {
-        const bool looked_at = (now_[k] & kLookedAt) != 0;
-        looked_at_[k] = static_cast<std::uint16_t>(looked_at_[k] + (looked_at ? 1 : 0));
-        responded_[k] = static_cast<std::uint16_t>(responded_[k] + (looked_at && (now_[k] & kResponds) != 0 ? 1 : 0));
+        const bool checked = (now_[k] & kChecked) != 0;
+        checked_[k] = static_cast<std::uint16_t>(checked_[k] + (checked ? 1 : 0));
+        responded_[k] = static_cast<std::uint16_t>(responded_[k] + (checked && (now_[k] & kResponds) != 0 ? 1 : 0));
     }
     if (inspection.registered.found()) {
         const Pose& pose = inspection.registered.pose;
@@ -119,28 +119,28 @@ bool DustEstimator::add(const Inspection& inspection) {
 }
 
 void DustEstimator::count_tiles() {
-    std::ranges::fill(tile_looked_at_, 0U);
+    std::ranges::fill(tile_checked_, 0U);
     std::ranges::fill(tile_responded_, 0U);
-    std::uint64_t looked_at = 0, responded = 0;
+    std::uint64_t checked = 0, responded = 0;
     std::size_t k = 0;
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
             const auto tile = tile_of(m, n);
-            tile_looked_at_[tile] += looked_at_[k];
+            tile_checked_[tile] += checked_[k];
             tile_responded_[tile] += responded_[k];
-            looked_at += looked_at_[k];
+            checked += checked_[k];
             responded += responded_[k];
         }
     }
-    rate_ = static_cast<double>(responded) / static_cast<double>(std::max<std::uint64_t>(looked_at, 1));
+    rate_ = static_cast<double>(responded) / static_cast<double>(std::max<std::uint64_t>(checked, 1));
 }
 
 bool DustEstimator::is_speck(std::size_t k, std::size_t tile) const {
-    const double parts = looked_at_[k];
-    if (2 * looked_at_[k] < window_) return false;
+    const double parts = checked_[k];
+    if (2 * checked_[k] < window_) return false;
     const double share = responded_[k] / parts;
     if (share < (speck_[k] != 0 ? kShareToStay : kShare)) return false;
-    const double of_tile = static_cast<double>(tile_responded_[tile]) / std::max(1U, tile_looked_at_[tile]);
+    const double of_tile = static_cast<double>(tile_responded_[tile]) / std::max(1U, tile_checked_[tile]);
     const double rate = std::max(rate_, of_tile);
     if (!(share > rate) || rate <= 0) return false;
     const double divergence =
@@ -148,8 +148,8 @@ bool DustEstimator::is_speck(std::size_t k, std::size_t tile) const {
     return parts * divergence >= evidence_;
 }
 
-// The speck that `seed` belongs to: what is connected over kTogether lenslets.
-Speck DustEstimator::gather(std::size_t seed) {
+// The speck of `seed`: all lenslets connected over kTogether lenslets.
+Speck DustEstimator::grow_speck(std::size_t seed) {
     const auto row = static_cast<std::size_t>(extents_.m);
     Speck speck;
     double m_sum = 0, n_sum = 0, weights = 0, best = 0, parts = 1;
@@ -159,11 +159,11 @@ Speck DustEstimator::gather(std::size_t seed) {
     for (std::size_t next = 0; next < queue_.size(); ++next) {
         const std::size_t k = queue_[next];
         const int m = static_cast<int>(k % row), n = static_cast<int>(k / row);
-        const double share = static_cast<double>(responded_[k]) / looked_at_[k];
+        const double share = static_cast<double>(responded_[k]) / checked_[k];
         ++speck.lenslets;
         if (share > best) {
             best = share;
-            parts = looked_at_[k];
+            parts = checked_[k];
         }
         m_sum += share * m, n_sum += share * n, weights += share;
         for (int below = std::max(0, n - kTogether); below <= std::min(extents_.n - 1, n + kTogether); ++below) {
@@ -211,9 +211,9 @@ void DustEstimator::close_window() {
     }
     for (k = 0; k < speck_.size(); ++k) {
         if (speck_[k] != kWaits) continue;
-        list(gather(k));
+        list(grow_speck(k));
     }
-    std::ranges::fill(looked_at_, std::uint16_t{0});
+    std::ranges::fill(checked_, std::uint16_t{0});
     std::ranges::fill(responded_, std::uint16_t{0});
     in_window_ = posed_ = 0;
     x_ = y_ = xx_ = yy_ = 0;

@@ -11,8 +11,8 @@ namespace hord::algo {
 namespace {
 
 constexpr int kDarkSide = 16, kLightSide = 32, kTileSide = 8, kMinTile = 3;  // lenslets, lenslets, tiles, lenslets
-constexpr double kNews = 0.25;                                               // weight of a window
-constexpr float kBrightest = 2;  // times the part's typical light: brighter lenslets count as that
+constexpr double kSmoothing = 0.25;                                          // weight of a new window
+constexpr float kBrightest = 2;  // times the part's typical light; brighter lenslets are clipped to it
 
 }  // namespace
 
@@ -24,9 +24,9 @@ LightTrend::LightTrend(const Extents& extents, int window)
       dark_samples_(dark_columns_.size() * dark_rows_.size() * static_cast<std::size_t>(extents.bins())),
       light_(static_cast<std::size_t>(window)), dark_(light_.size()),
       tiles_(static_cast<std::size_t>(tiles_m_ * tiles_n_) * light_.size()),
-      tile_seen_(static_cast<std::size_t>(tiles_m_ * tiles_n_)), tile_sums_(tile_seen_.size()),
-      tile_counts_(tile_seen_.size()), tile_base_(tile_seen_.size()), tile_age_(tile_seen_.size()) {
-    ratios_.reserve(tile_seen_.size());
+      tile_values_(static_cast<std::size_t>(tiles_m_ * tiles_n_)), tile_sums_(tile_values_.size()),
+      tile_counts_(tile_values_.size()), tile_base_(tile_values_.size()), tile_age_(tile_values_.size()) {
+    ratios_.reserve(tile_values_.size());
 }
 
 Result<LightTrend> LightTrend::create(const Extents& extents, int window) {
@@ -39,7 +39,7 @@ Result<LightTrend> LightTrend::create(const Extents& extents, int window) {
 }
 
 void LightTrend::restart() {
-    std::ranges::fill(tile_seen_, 0);
+    std::ranges::fill(tile_values_, 0);
     std::ranges::fill(tile_base_, 0.0F);
     std::ranges::fill(tile_age_, 0.0F);
     in_window_ = 0;
@@ -49,7 +49,7 @@ void LightTrend::restart() {
     latest_.reset();
 }
 
-// The darkest quarter of the sampled lenslets' samples, their mean.
+// The mean of the darkest quarter of the sampled lenslets' samples.
 double LightTrend::dark_level(const FrameView& frame) {
     std::size_t count = 0;
     for (const int n : dark_rows_) {
@@ -69,7 +69,7 @@ double LightTrend::dark_level(const FrameView& frame) {
     return static_cast<double>(sum) / static_cast<double>(quarter);
 }
 
-// The median of sampled lenslets that are judged and have light; 0: there is none.
+// The median of the sampled lenslets that are judged and have light; 0 if there are none.
 float LightTrend::typical_light(const Inspection& inspection) {
     int count = 0;
     for (const int n : light_rows_) {
@@ -97,11 +97,11 @@ void LightTrend::add_tiles(const Inspection& inspection, float typical) {
             ++tile_counts_[tile];
         }
     }
-    for (std::size_t tile = 0; tile < tile_seen_.size(); ++tile) {
-        // A tile of which the part shows only a corner says more of where the part lies.
-        const auto lenslets = extents_.lenslets() / tile_seen_.size();
+    for (std::size_t tile = 0; tile < tile_values_.size(); ++tile) {
+        // A tile that the part covers in a corner only depends on the part's position.
+        const auto lenslets = extents_.lenslets() / tile_values_.size();
         if (4 * static_cast<std::size_t>(tile_counts_[tile]) < lenslets || tile_counts_[tile] == 0) continue;
-        tiles_[tile * light_.size() + static_cast<std::size_t>(tile_seen_[tile]++)] =
+        tiles_[tile * light_.size() + static_cast<std::size_t>(tile_values_[tile]++)] =
             static_cast<float>(tile_sums_[tile] / tile_counts_[tile]);
     }
 }
@@ -112,7 +112,7 @@ bool LightTrend::add(const FrameView& frame, const Inspection& inspection) {
     if (!(typical > 0)) return false;
     const bool with_reference = inspection.registered.found();
     if (parts_ == 0) with_reference_ = with_reference;
-    if (with_reference != with_reference_) return false;  // judged by a recipe that is on its way out
+    if (with_reference != with_reference_) return false;  // an inspection by the recipe before
     const auto part = static_cast<std::size_t>(in_window_);
     light_[part] = with_reference ? static_cast<float>(inspection.registered.light) : typical;
     dark_[part] = static_cast<float>(dark_level(frame));
@@ -130,31 +130,31 @@ void LightTrend::close_window() {
     if (!base_dark_) base_dark_ = dark;
     LightAge age;
     const double ratio = light / *base_light_;
-    age.light = latest_ ? latest_->light + kNews * (ratio - latest_->light) : ratio;
+    age.light = latest_ ? latest_->light + kSmoothing * (ratio - latest_->light) : ratio;
     age.since_reference = with_reference_;
     age.dark_dn = dark;
     age.dark_drift_dn = dark - *base_dark_;
     age.parts = parts_;
-    look_at_tiles(age);
+    find_uneven(age);
     latest_ = age;
     in_window_ = 0;
 }
 
-void LightTrend::look_at_tiles(LightAge& age) {
+void LightTrend::find_uneven(LightAge& age) {
     ratios_.clear();
-    for (std::size_t tile = 0; tile < tile_seen_.size(); ++tile) {
-        const int seen = std::exchange(tile_seen_[tile], 0);
-        if (2 * seen < window_) continue;
-        const float now = median(tiles_.data() + tile * light_.size(), seen);
+    for (std::size_t tile = 0; tile < tile_values_.size(); ++tile) {
+        const int values = std::exchange(tile_values_[tile], 0);
+        if (2 * values < window_) continue;
+        const float now = median(tiles_.data() + tile * light_.size(), values);
         if (tile_base_[tile] == 0) {
             tile_base_[tile] = std::max(now, 1e-3F);
             tile_age_[tile] = 1;
         }
-        tile_age_[tile] += static_cast<float>(kNews) * (now / tile_base_[tile] - tile_age_[tile]);
+        tile_age_[tile] += static_cast<float>(kSmoothing) * (now / tile_base_[tile] - tile_age_[tile]);
         ratios_.push_back(tile_age_[tile]);
     }
     if (ratios_.empty()) return;
-    // The part's typical lenslet is the measure, and may be one of those that changed.
+    // Relative to the median tile: the typical light itself may come from lenslets that changed.
     const float typical = std::max(median(ratios_.data(), static_cast<int>(ratios_.size())), 1e-3F);
     for (int tn = 0; tn < tiles_n_; ++tn) {
         for (int tm = 0; tm < tiles_m_; ++tm) {

@@ -1,4 +1,4 @@
-// What streaming estimators over the field share: which rows and columns they look at, and a median in place.
+// Subsampling and median, for the estimators of this folder.
 #pragma once
 
 #include <algorithm>
@@ -8,7 +8,7 @@
 
 namespace hord::algo {
 
-// `most` places at most among 0..count-1, evenly.
+// At most `most` indices of 0..count-1, evenly spaced.
 inline std::vector<int> spread(int count, int most) {
     std::vector<int> out;
     const int taken = std::min(count, most);
@@ -16,7 +16,7 @@ inline std::vector<int> spread(int count, int most) {
     return out;
 }
 
-// The upper median of `count` > 0 values, which are reordered.
+// The upper median of `count` > 0 values; reorders them.
 inline float median(float* values, int count) {
     return common::upper_median(std::span(values, static_cast<std::size_t>(count)));
 }

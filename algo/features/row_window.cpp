@@ -8,10 +8,6 @@ RowWindow::RowWindow(const Extents& extents, CompactFunction compact, Isa isa)
     for (auto& row : sparse_) row.resize(static_cast<std::size_t>(extents.m));
 }
 
-void RowWindow::load(const FrameView& frame, const LightLevels& levels, int n) {
-    decode_row(frame, extents_, levels, n, rows_[static_cast<std::size_t>(n % 3)], isa_);
-}
-
 RowWindow::Neighbours RowWindow::neighbours(int m, int n) const {
     Neighbours at;
     at.mask = row(n).mask()[static_cast<std::size_t>(m)];

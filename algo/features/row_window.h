@@ -23,19 +23,22 @@ class RowWindow {
     template <class Visit>
     void stream(const FrameView& frame, const LightLevels& levels, int first, int last, bool goes_on, Visit&& visit) {
         for (int n = goes_on ? first + 1 : std::max(first - 1, 0); n < std::min(last + 1, extents_.n); ++n) {
-            load(frame, levels, n);
-            if (compact_ != nullptr)
-                compact_(row(n).hord(0).mass, row(n).sums(), extents_.bins(),
-                         sparse_[static_cast<std::size_t>(n % 3)].data());
+            decode(frame, levels, n);
+            if (compact_ != nullptr) compact_row(n);
             if (n > first) visit(n - 1);
         }
         if (last == extents_.n) visit(last - 1);
     }
 
-    // Decodes one row.
+    // The steps of stream(), for callers with work of their own between them: decodes row n into its place; compacts
+    // the decoded row n (only of a window with `compact`).
     const HordRow& decode(const FrameView& frame, const LightLevels& levels, int n) {
-        load(frame, levels, n);
-        return row(n);
+        HordRow& row = rows_[static_cast<std::size_t>(n % 3)];
+        decode_row(frame, extents_, levels, n, row, isa_);
+        return row;
+    }
+    void compact_row(int n) {
+        compact_(row(n).hord(0).mass, row(n).sums(), extents_.bins(), sparse_[static_cast<std::size_t>(n % 3)].data());
     }
 
     [[nodiscard]] const HordRow& row(int n) const { return rows_[static_cast<std::size_t>(n % 3)]; }
@@ -53,8 +56,6 @@ class RowWindow {
     [[nodiscard]] Neighbours neighbours(int m, int n) const;
 
   private:
-    void load(const FrameView& frame, const LightLevels& levels, int n);
-
     Extents extents_;
     CompactFunction compact_;
     Isa isa_;

@@ -14,22 +14,20 @@
 namespace hord::algo {
 namespace {
 
-// A line of a macro-pixel is worked on sixteen samples at a time: its I bins and, to the right of them, whatever
-// follows. Those extra lanes are never looked at; in the row of masses they are overwritten by the line or the lenslet
-// that comes next.
+// A line of a macro-pixel is processed as a vector of sixteen samples: its I bins and the samples to the right of them.
+// The extra lanes are ignored; in the row of masses the next line or lenslet overwrites them.
 constexpr int kLanes = 16;
 static_assert(kLanes >= kMaxBins);
 
 template <class T>
 using Sixteen = Vector<T, kLanes * sizeof(T)>;
 
-// Of a column of masses: for 8-bit samples at most 15 * 255, and weighted with the row 120 * 255, below 2^15; for
-// 16-bit samples below 2^23.
+// Holds the sum of a column of masses, plain and weighted with the row (ranges: decode.h).
 template <class Sample>
 using Column = std::conditional_t<sizeof(Sample) == 1, std::int16_t, std::int32_t>;
 static_assert(kMaxBins * (kMaxBins + 1) / 2 * 255 < 1 << 15);
 
-// Where lenslets go, one after the other.
+// Output arrays, one entry a lenslet (mass: one a bin).
 struct Decoded {
     std::uint16_t* mass;
     std::uint32_t* sum;
@@ -37,7 +35,7 @@ struct Decoded {
     std::uint8_t* mask;
 };
 
-// Of lanes as wide as the instruction set has them.
+// Horizontal sum, in vectors of `Bytes` bytes.
 template <int Bytes, class Number>
 HORD_ALWAYS_INLINE std::int32_t sum_of(const Sixteen<Number>& numbers) {
     std::int32_t wide[kLanes];
@@ -49,7 +47,7 @@ HORD_ALWAYS_INLINE std::int32_t sum_of_products(const Sixteen<Number>& a, const 
     return sum_of<Bytes, std::int32_t>(__builtin_convertvector(a, Sixteen<std::int32_t>) * b);
 }
 
-// `samples` is the first lenslet's first; sixteen may be read from the start of each line of each lenslet.
+// `samples`: the first sample of the first lenslet. Reads sixteen samples from the start of each line of each lenslet.
 template <int Bytes, class Sample>
 HORD_ALWAYS_INLINE void lenslets(const Sample* samples, std::ptrdiff_t line_stride, const Extents& extents,
                                  const LightLevels& levels, int count, Decoded to) {
@@ -61,8 +59,8 @@ HORD_ALWAYS_INLINE void lenslets(const Sample* samples, std::ptrdiff_t line_stri
     const Sixteen<Sample> saturated = Sixteen<Sample>{} +
         static_cast<Sample>(std::min<std::uint32_t>(levels.saturated, std::numeric_limits<Sample>::max()));
     Sixteen<Sample> inside{};
-    Sums there{};                   // all bits of bins along the line
-    Sixteen<std::int32_t> place{};  // and where they are, in half bins from the centre
+    Sums there{};                   // all bits set in lanes that are bins
+    Sixteen<std::int32_t> place{};  // their positions, half bins from the centre
     for (int i = 0; i < bins_i; ++i) {
         inside[i] = std::numeric_limits<Sample>::max();
         there[i] = -1;
@@ -164,7 +162,7 @@ void decode_row(const FrameView& frame, const Extents& extents, const LightLevel
             return Decoded{row.masses_.data() + k * row.bins_, row.sums_.data() + k, row.moments_x_.data() + k,
                            row.moments_y_.data() + k, row.mask_.data() + k};
         };
-        // The last lenslets have fewer than sixteen samples before the end of the line: theirs are copied.
+        // The last lenslets have fewer than sixteen samples before the end of the line: their samples are copied.
         const int in_place =
             frame.width_px < kLanes ? 0 : std::min((frame.width_px - kLanes) / extents.i + 1, extents.m);
         kernel(first, stride, extents, levels, in_place, from(0));

@@ -1,19 +1,18 @@
-// First step: one row of lenslets of a macro-pixel frame becomes a row of HORDs.
+// Decodes one row of lenslets of a macro-pixel frame into a row of HORDs.
 //
 //     mass(m; i, j) = max(0, sample(m*I + i, n*J + j) - dark)        sum(m) = sum of its masses
 //
-// so that h = mass / sum (Eq. 8) is known exactly and nothing has been divided yet. While the samples pass by, their
-// first moments are gathered, exact integers in half bins times DN (half bins, because the centre of an even number of
-// bins lies between two):
+// h = mass / sum (Eq. 8) stays exact because nothing is divided. The first moments are exact integers, in half bins
+// times DN, because the centre of an even number of bins lies between two of them:
 //
 //     moment_x = sum of (2i - (I-1)) * mass        moment_y = sum of (2j - (J-1)) * mass
 //
 // Ranges: a mass fits 16 bits; at most 15 x 15 of them sum to less than 2^24, moments are below 14 * 2^24 < 2^28.
-// A column of 8-bit masses is gathered in 16 bits: at most 15 * 255, and, weighted with the row, 120 * 255 < 2^15; of
-// 16-bit masses in 32 bits: 120 * 65535 < 2^23.
+// The sum of a column of 8-bit masses fits 16 bits: at most 15 * 255, and weighted with the row 120 * 255 < 2^15; that
+// of 16-bit masses fits 32 bits: 120 * 65535 < 2^23.
 //
-// A lenslet whose sum is below `min_sum` is kDark, one with a sample at or above `saturated` is kSaturated (before
-// the dark level is subtracted): neither has a HORD.
+// A lenslet whose sum is below `min_sum` is kDark. One with a sample at or above `saturated`, before the dark level is
+// subtracted, is kSaturated. Neither has a HORD.
 #pragma once
 
 #include <cstdint>
@@ -34,7 +33,7 @@ struct LightLevels {
     std::uint32_t saturated = 0;  // DN
 };
 
-// Storage for one row of HORDs; all memory is taken by the constructor.
+// Storage for one row of HORDs. The constructor allocates all memory.
 class HordRow {
   public:
     explicit HordRow(const Extents& extents);
@@ -54,22 +53,22 @@ class HordRow {
     friend void decode_row(const FrameView&, const Extents&, const LightLevels&, int, HordRow&, Isa);
 
     std::size_t bins_;
-    std::vector<std::uint16_t> masses_;  // and room for one store of a whole vector past the end
+    std::vector<std::uint16_t> masses_;  // with room behind them for a store of a whole vector
     std::vector<std::uint32_t> sums_;
     std::vector<std::int32_t> moments_x_, moments_y_;
     std::vector<std::uint8_t> mask_;
 };
 
-// What decode_row asks of a frame: the extents' size, the bit depth (8..16), rows that hold it and, above 8 bits,
-// aligned two-byte samples. Both fail with invalid_argument.
+// Preconditions of decode_row: the extents' size, the bit depth (8..16), a sufficient stride and, above 8 bits, aligned
+// two-byte samples. Both fail with invalid_argument.
 Result<void> check_frame(const FrameView& frame, const Extents& extents, int bits);
 Result<void> check_bits(int bits);
 
-// One lenslet's HORD alone, to the bit that of decode_row; `masses` has room for all bins.
+// The HORD of one lenslet, identical to that of decode_row. `masses` has room for all bins.
 Hord decode_hord(const FrameView& frame, const Extents& extents, const LightLevels& levels, int m, int n,
                  std::span<std::uint16_t> masses);
 
-// Decodes lenslet row n of a frame that was checked. `isa`: one that this processor has; the same integers by any.
+// Decodes lenslet row n of a checked frame. The result does not depend on `isa`, which this processor must have.
 void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row,
                 Isa isa = best_isa());
 

@@ -1,8 +1,8 @@
-// The sizes of a light field: how many lenslets, and how many angular bins inside each.
+// The size of a light field: numbers of lenslets, and of angular bins in each.
 //
-// (m, n) counts lenslets to the right and downwards, (i, j) the bins inside a lenslet to the right and
-// downwards. The centre of the bins, ((I-1)/2, (J-1)/2), is zero deflection; it lies between two bins where
-// the count is even. Paper: Meyer et al., section 2.
+// (m, n) counts lenslets, (i, j) the bins inside a lenslet, both to the right and downwards. The centre of the bins,
+// ((I-1)/2, (J-1)/2), is zero deflection; it lies between two bins if their number is even. Paper: Meyer et al.,
+// section 2.
 #pragma once
 
 #include <cstddef>
@@ -36,10 +36,10 @@ constexpr int kMinBins = 3;
 constexpr int kMaxBins = 15;
 
 // The extents of a macro-pixel frame of width x height pixels with i x j bins a lenslet.
-// Fails with invalid_argument, naming the numbers, when the bins do not divide the frame or a limit is exceeded.
+// Fails with invalid_argument if the bins do not divide the frame or a limit is exceeded.
 Result<Extents> extents_of_frame(int width_px, int height_px, int bins_i, int bins_j);
 
-// Checks every limit above.
+// Checks the limits above. Fails with invalid_argument.
 Result<void> check(const Extents& extents);
 
 }  // namespace hord::algo

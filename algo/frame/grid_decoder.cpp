@@ -8,9 +8,8 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kMaxDropped = 4;  // outer columns and rows together: with more, the lattice counts as turned
-constexpr double kInsidePitches =
-    0.25;  // of a lenslet's centre from the frame's edge: undeflected light is then wholly in the frame
+constexpr int kMaxDropped = 4;           // outer columns and rows together; with more the lattice counts as rotated
+constexpr double kInsidePitches = 0.25;  // centre to frame edge: then all undeflected light is in the frame
 
 // The lenslets from (first_m, first_n), `columns` x `rows` of them, as a grid of their own.
 LensletGrid part_of(const LensletGrid& grid, int first_m, int first_n, int columns, int rows) {
@@ -28,8 +27,7 @@ LensletGrid part_of(const LensletGrid& grid, int first_m, int first_n, int colum
     return part;
 }
 
-// A square lattice without its outermost lenslets outside the frame; none where more than kMaxDropped columns and rows
-// would go.
+// A square lattice without outer columns and rows outside the frame; none if more than kMaxDropped would be removed.
 std::optional<LensletGrid> upright_part(const LensletGrid& grid, double pitch_px) {
     if (grid.stagger != Stagger::none) return std::nullopt;
     const double margin = kInsidePitches * pitch_px - 0.5;

@@ -1,13 +1,12 @@
-// Raw frames of one calibrated sensor as macro-pixel frames, whatever its lattice: what the pipeline judges.
+// Decodes raw frames of a calibrated sensor, with any lattice, into macro-pixel frames for the pipeline.
 //
-//     auto decoder = GridDecoder::create(grid, directions, 9, 9);   // all memory
-//     Frame frame = decoder->frame(raw.bits);                 // once
-//     decoder->decode(raw, frame);                                  // each frame, nothing allocated
+//     auto decoder = GridDecoder::create(grid, directions, 9, 9);  // allocates all memory
+//     Frame frame = decoder->frame(raw.bits);                      // once
+//     decoder->decode(raw, frame);                                 // each frame, no allocation
 //
-// The pipeline compares a lenslet with those to the right and below, and looks for free light along the field's
-// outermost lenslets. A square lattice that lies (nearly) along the frame is read as it is, lenslet by lenslet
-// (algo/frame/resample.h), without those of its outer columns and rows that are not inside the frame. Any other,
-// hexagonal or turned, is read onto a square, upright one (algo/frame/regrid.h).
+// A square lattice (nearly) parallel to the frame is decoded lenslet by lenslet (algo/frame/resample.h), without outer
+// columns and rows that are not inside the frame. Any other lattice, hexagonal or rotated, is interpolated onto a
+// square, upright one (algo/frame/regrid.h), because the pipeline compares neighbours to the right and below.
 #pragma once
 
 #include <cstdint>
@@ -27,23 +26,21 @@ namespace hord::algo {
 
 class GridDecoder {
   public:
-    // With a direction map, bins are equal steps of direction about undeflected light; without one they divide the
-    // pitch evenly about the lenslets' centres. Fails as Resampler::create and Regridder::create do.
+    // Bins as layout_of() with a direction map, as even_layout() without one. Fails as Resampler::create and
+    // Regridder::create do.
     static Result<GridDecoder> create(const LensletGrid& grid, const std::optional<DirectionMap>& directions,
                                       int bins_i, int bins_j);
 
     [[nodiscard]] const Extents& extents() const { return extents_; }
-    [[nodiscard]] double bin_px() const { return bin_px_; }  // one bin pitch on the sensor, mean of both axes
-    [[nodiscard]] double bin_rad() const {
-        return bin_rad_;
-    }  // the same as a direction; 0: not known, no direction map
+    [[nodiscard]] double bin_px() const { return bin_px_; }    // one bin pitch on the sensor, mean of both axes
+    [[nodiscard]] double bin_rad() const { return bin_rad_; }  // the same in radians; 0: no direction map
     [[nodiscard]] bool regrids() const { return std::holds_alternative<Regridder>(decoder_); }
 
     // A frame to decode into.
     [[nodiscard]] Frame frame(int bits) const { return {extents_.width_px(), extents_.height_px(), bits}; }
 
-    // `out` is one of frame(raw.bits). Allocates nothing. Fails with invalid_argument when the raw frame is not of the
-    // grid's size, its rows do not hold it, or `out` is another frame.
+    // `out` must be made by frame(raw.bits). Does not allocate. Fails with invalid_argument if the raw frame is not of
+    // the grid's size, its stride is too small, or `out` has another size or depth.
     Result<void> decode(const FrameView& raw, Frame& out);
     Result<Frame> decode(const FrameView& raw);
 

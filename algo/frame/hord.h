@@ -8,11 +8,11 @@
 
 namespace hord::algo {
 
-inline constexpr std::uint32_t kSumLimit = 1U << 24;  // above every sum: what the kernels' ranges are argued from
+inline constexpr std::uint32_t kSumLimit = 1U << 24;  // above every sum; the ranges of the kernels rely on it
 
 struct Hord {
     const std::uint16_t* mass = nullptr;  // I*J masses, j outer, i inner
-    std::uint32_t sum = 0;                // of the masses; 0: no light, and then no HORD
+    std::uint32_t sum = 0;                // of the masses; 0: no light, no HORD
 };
 
 }  // namespace hord::algo

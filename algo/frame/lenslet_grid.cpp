@@ -9,7 +9,7 @@ namespace {
 
 constexpr double kHalfSqrt3 = 0.86602540378443864676;
 
-int order_of(GridModelKind rung) { return rung == GridModelKind::quintic ? 5 : 3; }
+int order_of(GridModelKind model) { return model == GridModelKind::quintic ? 5 : 3; }
 
 int shifted(int index, int parity) { return static_cast<int>(static_cast<unsigned>(index + parity) & 1U); }
 
@@ -30,8 +30,8 @@ double polynomial(int order, const double* coefficients, double u, double v) {
 
 }  // namespace
 
-std::string_view name_of(GridModelKind rung) {
-    switch (rung) {
+std::string_view name_of(GridModelKind model) {
+    switch (model) {
         case GridModelKind::similarity: return "similarity";
         case GridModelKind::affine: return "affine";
         case GridModelKind::homography: return "homography";
@@ -43,8 +43,8 @@ std::string_view name_of(GridModelKind rung) {
     return "?";
 }
 
-int parameter_count(GridModelKind rung) {
-    switch (rung) {
+int parameter_count(GridModelKind model) {
+    switch (model) {
         case GridModelKind::similarity: return 4;
         case GridModelKind::affine: return 6;
         case GridModelKind::homography: return 8;
@@ -63,9 +63,9 @@ std::string_view name_of(Stagger stagger) {
     return stagger == Stagger::rows ? "rows" : "columns";
 }
 
-std::string parameter_name(GridModelKind rung, int index) {
-    if (rung == GridModelKind::cubic || rung == GridModelKind::quintic) {
-        const int half = parameter_count(rung) / 2;
+std::string parameter_name(GridModelKind model, int index) {
+    if (model == GridModelKind::cubic || model == GridModelKind::quintic) {
+        const int half = parameter_count(model) / 2;
         int term = index % half;
         int degree = 0;
         while (term > degree) term -= ++degree;
@@ -93,20 +93,20 @@ LensletGrid::Uv LensletGrid::uv(int m, int n) const {
 PixelPoint LensletGrid::at(Uv where) const {
     const auto [u, v] = where;
     const double* p = parameters.data();
-    switch (rung) {
+    switch (model) {
         case GridModelKind::similarity: return {p[0] + p[2] * u - p[3] * v, p[1] + p[3] * u + p[2] * v};
         case GridModelKind::affine: return {p[0] + p[2] * u + p[3] * v, p[1] + p[4] * u + p[5] * v};
         case GridModelKind::cubic:
         case GridModelKind::quintic: {
-            const int half = parameter_count(rung) / 2;
-            return {polynomial(order_of(rung), p, u, v), polynomial(order_of(rung), p + half, u, v)};
+            const int half = parameter_count(model) / 2;
+            return {polynomial(order_of(model), p, u, v), polynomial(order_of(model), p + half, u, v)};
         }
         default: break;
     }
     const double w = 1.0 + p[6] * u + p[7] * v;
     PixelPoint point{p[0] + (p[2] * u + p[3] * v) / w, p[1] + (p[4] * u + p[5] * v) / w};
-    if (rung == GridModelKind::homography) return point;
-    const bool full = rung == GridModelKind::radial2;
+    if (model == GridModelKind::homography) return point;
+    const bool full = model == GridModelKind::radial2;
     const double dx = (point.x_px - middle_x_px) / radius_px - (full ? p[10] : 0.0);
     const double dy = (point.y_px - middle_y_px) / radius_px - (full ? p[11] : 0.0);
     const double r2 = dx * dx + dy * dy;
@@ -128,9 +128,9 @@ Result<void> check(const LensletGrid& grid) {
         return fail(ErrorCode::invalid_argument, std::move(what),
                     "calibrate again, or use an unchanged calibration file");
     };
-    if (static_cast<int>(grid.parameters.size()) != parameter_count(grid.rung)) {
-        return bad("a " + std::string(name_of(grid.rung)) + " grid with " + std::to_string(grid.parameters.size()) +
-                   " parameters, not " + std::to_string(parameter_count(grid.rung)));
+    if (static_cast<int>(grid.parameters.size()) != parameter_count(grid.model)) {
+        return bad("a " + std::string(name_of(grid.model)) + " grid with " + std::to_string(grid.parameters.size()) +
+                   " parameters, not " + std::to_string(parameter_count(grid.model)));
     }
     for (const double p : grid.parameters) {
         if (!std::isfinite(p)) return bad("a grid parameter that is not a number");

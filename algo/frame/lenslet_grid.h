@@ -1,11 +1,12 @@
-// The lenslet grid of a real sensor: where in the raw frame the centre of lenslet (m, n) lies.
+// The lenslet grid of a sensor: the position of the centre of lenslet (m, n) in the raw frame.
 //
-// This is what a calibration file states and what the decode is built from; calib/ finds it. Pixel (0, 0) is the
-// centre of the top-left pixel, x to the right, y down. Only +, -, *, / are used, so that the same file gives the
-// same bits on every machine (the build forbids contraction to fused multiply-add).
+// calib/ finds it, a calibration file stores it, the decoders are built from it. (0, 0) is the centre of the top-left
+// pixel, x to the right, y down. Only + - * / is used: the same file gives the same bits on every machine (the build
+// disables fused multiply-add).
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <string_view>
 #include <vector>
@@ -16,11 +17,11 @@ namespace hord::algo {
 
 enum class LatticeKind : std::uint8_t { square, hexagonal };
 
-// Which lenslets of a hexagonal lattice are shifted by half a pitch: those of every second row (to the right), or
-// those of every second column (downwards).
+// The lenslets of a hexagonal lattice that are shifted by half a pitch: every second row (to the right) or every second
+// column (downwards).
 enum class Stagger : std::uint8_t { none, rows, columns };
 
-// The ladder of models, simplest first. Each maps normalised lattice coordinates (u, v) to pixels.
+// Models from normalised lattice coordinates (u, v) to pixels, with their numbers of parameters, simplest first.
 enum class GridModelKind : std::uint8_t {
     similarity,  // 4: shift, rotation, one pitch
     affine,      // 6: + two pitches, shear
@@ -30,17 +31,17 @@ enum class GridModelKind : std::uint8_t {
     cubic,       // 20: two polynomials of order 3
     quintic,     // 42: two polynomials of order 5
 };
-inline constexpr std::array kGridRungs{GridModelKind::similarity, GridModelKind::affine,  GridModelKind::homography,
-                                       GridModelKind::radial1,    GridModelKind::radial2, GridModelKind::cubic,
-                                       GridModelKind::quintic};
+inline constexpr std::array kGridModels{GridModelKind::similarity, GridModelKind::affine,  GridModelKind::homography,
+                                        GridModelKind::radial1,    GridModelKind::radial2, GridModelKind::cubic,
+                                        GridModelKind::quintic};
 
-[[nodiscard]] std::string_view name_of(GridModelKind rung);
-[[nodiscard]] int parameter_count(GridModelKind rung);
+[[nodiscard]] std::string_view name_of(GridModelKind model);
+[[nodiscard]] int parameter_count(GridModelKind model);
 [[nodiscard]] std::string_view name_of(LatticeKind kind);
 [[nodiscard]] std::string_view name_of(Stagger stagger);
 
 // The name of a parameter: tx, ty, a, b ... or x_u2v1 for the factor of u^2 v in x.
-[[nodiscard]] std::string parameter_name(GridModelKind rung, int index);
+[[nodiscard]] std::string parameter_name(GridModelKind model, int index);
 
 struct PixelPoint {
     double x_px = 0, y_px = 0;
@@ -57,16 +58,21 @@ struct LensletGrid {
     int columns = 0, rows = 0;  // lenslets m in [0, columns), n in [0, rows); not all need lie inside the frame
     double origin_u = 0, origin_v = 0, span = 1;
 
-    GridModelKind rung = GridModelKind::similarity;
-    std::vector<double> parameters;           // parameter_count(rung) of them
-    double middle_x_px = 0, middle_y_px = 0;  // of radial distortion, before the fitted shift
-    double radius_px = 1;                     // where the radial terms are k1, k2
+    GridModelKind model = GridModelKind::similarity;
+    std::vector<double> parameters;           // parameter_count(model) of them
+    double middle_x_px = 0, middle_y_px = 0;  // centre of radial distortion, before the fitted shift
+    double radius_px = 1;                     // unit of the radial terms k1, k2
 
     int width_px = 0, height_px = 0;  // of the raw frame
 
-    // Where single lenslets are not where the model has them: how far each is from there, row by row, columns x rows;
-    // empty: nowhere.
+    // Each lenslet's offset from the model, row by row, columns x rows; empty: all 0.
     std::vector<PixelPoint> shifts_px;
+
+    [[nodiscard]] bool contains(int m, int n) const { return m >= 0 && n >= 0 && m < columns && n < rows; }
+    // Of lenslet (m, n) in arrays of columns x rows, row by row.
+    [[nodiscard]] std::size_t index(int m, int n) const {
+        return static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m);
+    }
 
     // Normalised lattice coordinates of lenslet (m, n).
     struct Uv {
@@ -75,21 +81,24 @@ struct LensletGrid {
     [[nodiscard]] Uv uv(int m, int n) const;
     [[nodiscard]] PixelPoint at(Uv where) const;
     [[nodiscard]] PixelPoint centre_px(int m, int n) const {
-        const PixelPoint model = at(uv(m, n));
-        if (shifts_px.empty() || m < 0 || n < 0 || m >= columns || n >= rows) return model;
-        const PixelPoint& shift =
-            shifts_px[static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m)];
-        return {model.x_px + shift.x_px, model.y_px + shift.y_px};
+        const PixelPoint ideal = at(uv(m, n));
+        if (shifts_px.empty() || !contains(m, n)) return ideal;
+        const PixelPoint& shift = shifts_px[index(m, n)];
+        return {ideal.x_px + shift.x_px, ideal.y_px + shift.y_px};
     }
 
-    // The local step of one pitch along u and along v at (u, v), from central differences of half a pitch.
+    // The step of one pitch along u and along v at a point, by central differences of half a pitch.
     struct Steps {
         PixelPoint along_u, along_v;
+        [[nodiscard]] double area_px2() const {  // negative if the axes are mirrored
+            return along_u.x_px * along_v.y_px - along_u.y_px * along_v.x_px;
+        }
+        [[nodiscard]] double mean_px() const { return std::sqrt(std::abs(area_px2())); }
     };
     [[nodiscard]] Steps steps_px(Uv where) const;
 };
 
-// Counts, parameters and ranges; invalid_argument names the first thing that is wrong.
+// Checks counts, parameters and ranges. Fails with invalid_argument, naming the first problem.
 Result<void> check(const LensletGrid& grid);
 
 }  // namespace hord::algo

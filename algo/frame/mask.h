@@ -1,4 +1,4 @@
-// Why a lenslet carries no valid value, or is not judged. Bits combine.
+// Reasons why a lenslet has no valid value or is not judged. Bits combine.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ enum MaskBit : std::uint8_t {
 };
 
 constexpr std::uint8_t kNoHord = kDark | kSaturated;     // the lenslet itself has no HORD
-constexpr std::uint8_t kNoGradient = kNoHord | kBorder;  // and so no value of a neighbour gradient
+constexpr std::uint8_t kNoGradient = kNoHord | kBorder;  // it has no gradient over neighbours
 constexpr std::uint8_t kNotJudged = kRim | kOutside;
 
 }  // namespace hord::algo

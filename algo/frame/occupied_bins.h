@@ -1,4 +1,4 @@
-// Which bins of a HORD hold light, as a set of bits: a HORD of 81 bins has 7 lit ones.
+// The set of bins of a HORD that hold light, as bits. Typically 7 of 81.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +16,7 @@ constexpr int kMaxBinCount = kMaxBins * kMaxBins;
 
 class OccupiedBins {
   public:
-    // Lit in one HORD, or in either of two.
+    // Bins with light in one HORD, or in either of two.
     OccupiedBins(const std::uint16_t* mass, int bins) : OccupiedBins(mass, mass, bins) {}
     OccupiedBins(const std::uint16_t* a, const std::uint16_t* b, int bins) : words_((bins + 63) / 64) {
         for (int w = 0; w < words_; ++w) word_[w] = word_of(a + w * 64, b + w * 64, std::min(bins - w * 64, 64), w > 0);
@@ -26,7 +26,7 @@ class OccupiedBins {
     [[nodiscard]] std::uint64_t word(int w) const { return word_[w]; }
 
   private:
-    // The last sixteen overlap those before them.
+    // Sixteen bins at a time; the last sixteen overlap the previous ones.
     static std::uint64_t word_of(const std::uint16_t* a, const std::uint16_t* b, int count, bool more_before) {
         std::uint64_t bits = 0;
         int k = 0;

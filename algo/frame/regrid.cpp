@@ -13,7 +13,8 @@ constexpr double kHalfSqrt3 = 0.86602540378443864676;
 constexpr int kMaxSteps = 20;
 constexpr double kSettled = 1e-6;  // px
 
-// Newton from `start`; none where it does not settle (far outside the lattice, where a polynomial may fold).
+// Inverts the grid by Newton's method from `start`; none if it does not converge (far outside the lattice, where a
+// polynomial may fold).
 std::optional<LensletGrid::Uv> place_of(const LensletGrid& grid, PixelPoint wanted, LensletGrid::Uv start) {
     LensletGrid::Uv at = start;
     for (int k = 0; k < kMaxSteps; ++k) {
@@ -22,7 +23,7 @@ std::optional<LensletGrid::Uv> place_of(const LensletGrid& grid, PixelPoint want
         const double dy = wanted.y_px - here.y_px;
         if (dx < kSettled && dx > -kSettled && dy < kSettled && dy > -kSettled) return at;
         const LensletGrid::Steps steps = grid.steps_px(at);  // of one pitch, 1 / span of u and v
-        const double area = steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px;
+        const double area = steps.area_px2();
         if (!(area > 1e-9 || area < -1e-9)) return std::nullopt;
         at.u += (dx * steps.along_v.y_px - dy * steps.along_v.x_px) / area / grid.span;
         at.v += (dy * steps.along_u.x_px - dx * steps.along_u.y_px) / area / grid.span;
@@ -32,22 +33,18 @@ std::optional<LensletGrid::Uv> place_of(const LensletGrid& grid, PixelPoint want
 
 int shifted(int index, int parity) { return static_cast<int>(static_cast<unsigned>(index + parity) & 1U); }
 
-}  // namespace
-
-namespace {
-
 // (sum of w * sample + 128) >> 8, of four lenslets.
 template <int>
-HORD_ALWAYS_INLINE void mixed(const Regridder::Four& f, int bins, std::uint16_t* to) {
+HORD_ALWAYS_INLINE void mixed(const Regridder::WeightedSources& f, int bins, std::uint16_t* to) {
     const std::uint16_t *a = f.from[0], *b = f.from[1], *c = f.from[2], *d = f.from[3];
     for (int k = 0; k < bins; ++k)
         to[k] = static_cast<std::uint16_t>(
             (f.weight[0] * a[k] + f.weight[1] * b[k] + f.weight[2] * c[k] + f.weight[3] * d[k] + 128U) >> 8U);
 }
-// Of 8-bit samples, in 16 bits: at most 256 * 255 + 128 < 2^16. The last vector may reach beyond the bins: there is
-// room.
+// The same of 8-bit samples, in 16 bits: at most 256 * 255 + 128 < 2^16. The last vector may reach beyond the bins,
+// into kRoom.
 template <int>
-HORD_ALWAYS_INLINE void mixed_8bit(const Regridder::Four& f, int bins, std::uint16_t* to) {
+HORD_ALWAYS_INLINE void mixed_8bit(const Regridder::WeightedSources& f, int bins, std::uint16_t* to) {
     using Words = Vector<std::uint16_t, 32>;
     const auto w = [&f](int k) { return Words{} + static_cast<std::uint16_t>(f.weight[k]); };
     const Words w0 = w(0), w1 = w(1), w2 = w(2), w3 = w(3);
@@ -57,8 +54,9 @@ HORD_ALWAYS_INLINE void mixed_8bit(const Regridder::Four& f, int bins, std::uint
         store<Words>((sum + std::uint16_t{128}) >> 8, to + k);
     }
 }
-HORD_FOR_EACH_ISA(mixed_for, void, mixed, (const Regridder::Four& f, int bins, std::uint16_t* to), (f, bins, to))
-HORD_FOR_EACH_ISA(mixed_8bit_for, void, mixed_8bit, (const Regridder::Four& f, int bins, std::uint16_t* to),
+HORD_FOR_EACH_ISA(mixed_for, void, mixed, (const Regridder::WeightedSources& f, int bins, std::uint16_t* to),
+                  (f, bins, to))
+HORD_FOR_EACH_ISA(mixed_8bit_for, void, mixed_8bit, (const Regridder::WeightedSources& f, int bins, std::uint16_t* to),
                   (f, bins, to))
 
 }  // namespace
@@ -69,7 +67,7 @@ Regridder::Source Regridder::source_at(const LensletGrid& grid, LensletGrid::Uv 
     const bool by_columns = grid.stagger == Stagger::columns;
     if (by_columns) std::swap(along, across);
     const bool hexagonal = grid.stagger != Stagger::none;
-    // Skew coordinates in which the lattice is the whole numbers.
+    // Skew coordinates in which the lattice points are the integers.
     const double b = hexagonal ? across / kHalfSqrt3 : across;
     const double a = hexagonal ? along - 0.5 * (b + grid.parity) : along;
     const int first_a = static_cast<int>(std::floor(a));
@@ -105,7 +103,7 @@ Regridder::Source Regridder::source_at(const LensletGrid& grid, LensletGrid::Uv 
         left -= weight;
         if (weight > source.weight[largest]) largest = k;
     }
-    source.weight[largest] = static_cast<std::uint16_t>(source.weight[largest] + left);  // what rounding left over
+    source.weight[largest] = static_cast<std::uint16_t>(source.weight[largest] + left);  // remainder of rounding
     return source;
 }
 
@@ -113,12 +111,7 @@ Result<Regridder> Regridder::create(const LensletGrid& grid, const BinLayout& la
     auto resampler = Resampler::create(grid, layout);
     if (!resampler) return tl::unexpected(resampler.error());
     Regridder out(std::move(*resampler));
-    const LensletGrid::Steps steps = grid.steps_px({0, 0});
-    out.pitch_px_ =
-        std::sqrt(std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px));
-    out.width_px_ = grid.width_px;
-    out.height_px_ = grid.height_px;
-    // As many whole pitches as fit, in the middle of the frame.
+    out.pitch_px_ = grid.steps_px({0, 0}).mean_px();
     const int columns = static_cast<int>(std::floor(grid.width_px / out.pitch_px_));
     const int rows = static_cast<int>(std::floor(grid.height_px / out.pitch_px_));
     out.extents_ = {columns, rows, layout.bins_i, layout.bins_j};
@@ -179,7 +172,7 @@ void Regridder::decode_row(const FrameView& raw, int n, std::span<std::uint16_t>
     for (int m = 0; m < extents_.m; ++m) {
         const Source& source =
             sources_[static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m)];
-        // Places without a weight read what the first one does.
+        // Sources without a weight read the same samples as one with a weight.
         const std::uint16_t* from[kAround];
         std::uint32_t weight[kAround];
         bool dark = true;
@@ -197,39 +190,13 @@ void Regridder::decode_row(const FrameView& raw, int n, std::span<std::uint16_t>
         if (dark) {
             std::fill(mixed_.begin(), mixed_.end(), std::uint16_t{0});
         } else {
-            const std::uint16_t* const a = from[0];
-            const std::uint16_t* const b = from[1];
-            const std::uint16_t* const c = from[2];
-            const std::uint16_t* const d = from[3];
-            std::uint16_t* const to = mixed_.data();
-            const Four from_four{{a, b, c, d}, {weight[0], weight[1], weight[2], weight[3]}};
-            if (raw.bits > 8) mix_(from_four, bins, to);
-            else mix_8bit_(from_four, bins, to);
+            const WeightedSources sources{{from[0], from[1], from[2], from[3]},
+                                          {weight[0], weight[1], weight[2], weight[3]}};
+            (raw.bits > 8 ? mix_ : mix_8bit_)(sources, bins, mixed_.data());
         }
         for (int j = 0; j < extents_.j; ++j)
             std::copy_n(mixed_.data() + j * extents_.i, extents_.i, out.data() + j * stride + m * extents_.i);
     }
-}
-
-Result<Frame> Regridder::decode(const FrameView& raw) {
-    if (raw.width_px != width_px_ || raw.height_px != height_px_) {
-        return fail(ErrorCode::invalid_argument,
-                    "a frame of " + std::to_string(raw.width_px) + "x" + std::to_string(raw.height_px) +
-                        " px for a calibration of " + std::to_string(width_px_) + "x" + std::to_string(height_px_),
-                    "use the calibration of this camera and region");
-    }
-    begin_frame();
-    Frame frame(extents_.width_px(), extents_.height_px(), raw.bits);
-    std::vector<std::uint16_t> row_of(static_cast<std::size_t>(extents_.width_px()) *
-                                      static_cast<std::size_t>(extents_.j));
-    for (int n = 0; n < extents_.n; ++n) {
-        decode_row(raw, n, row_of);
-        std::size_t at = 0;
-        for (int j = 0; j < extents_.j; ++j) {
-            for (int x = 0; x < extents_.width_px(); ++x) frame.set(x, n * extents_.j + j, row_of[at++]);
-        }
-    }
-    return frame;
 }
 
 }  // namespace hord::algo

@@ -10,7 +10,7 @@ namespace {
 
 constexpr int kPhaseBits = 5;
 constexpr int kLanes = 16;
-constexpr int kWidestLenslet = 15 * 24 + 32;            // px: bins of the largest size, and the taps beyond
+constexpr int kWidestLenslet = 15 * 24 + 32;            // px: the largest bins, with their taps
 constexpr double kSmallestBin = 0.5, kLargestBin = 24;  // px
 
 std::int32_t fixed(double px) { return static_cast<std::int32_t>(std::floor(px * (1 << kPhaseBits) + 0.5)); }
@@ -28,7 +28,7 @@ void box_weights(double width, int phase, int phases, std::span<std::uint8_t> ou
         left -= out[k];
         if (out[k] > out[largest]) largest = k;
     }
-    out[largest] = static_cast<std::uint8_t>(out[largest] + left);  // what rounding left over
+    out[largest] = static_cast<std::uint8_t>(out[largest] + left);  // remainder of rounding
 }
 
 }  // namespace
@@ -103,7 +103,7 @@ Result<Resampler> Resampler::create(const LensletGrid& grid, const BinLayout& la
     return out;
 }
 
-// One bin, by its box alone: for bins at the frame's rim and layouts that are not rows and columns.
+// One bin: for bins at the frame's edge and layouts that are not rows and columns.
 template <class Sample>
 std::uint16_t Resampler::bin(const FrameView& raw, std::int32_t at_x, std::int32_t at_y) const {
     const int x = at_x >> kPhaseBits;
@@ -121,15 +121,15 @@ std::uint16_t Resampler::bin(const FrameView& raw, std::int32_t at_x, std::int32
     return static_cast<std::uint16_t>((sum + (1U << 13U)) >> 14U);
 }
 
-// A lenslet whose bins lie in rows and columns, wholly inside the frame: each row of bins first weighs whole raw rows,
-// sixteen pixels at a time, then its bins add up the columns. The sums are the same whole numbers as bin()'s.
+// A lenslet inside the frame whose bins lie in rows and columns. Each row of bins first sums weighted raw rows, sixteen
+// pixels at a time; then its bins sum the weighted columns. The same integers as bin().
 template <class Sample, class Sum>
 void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out,
                                int stride) const {
     typedef Sample Samples __attribute__((vector_size(kLanes * sizeof(Sample))));
     typedef Sum Sums __attribute__((vector_size(kLanes * sizeof(Sum))));
     const int first = (place_x + column_[0]) >> kPhaseBits;
-    Sum weighed[kWidestLenslet + kLanes];
+    Sum weighted[kWidestLenslet + kLanes];
     const std::uint8_t* across[kMaxBins];
     int from[kMaxBins];
     for (int i = 0; i < extents_.i; ++i) {
@@ -152,12 +152,12 @@ void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::
                             sizeof samples);
                 sum += __builtin_convertvector(samples, Sums) * static_cast<Sum>(down[row]);
             }
-            std::memcpy(weighed + x, &sum, sizeof sum);
+            std::memcpy(weighted + x, &sum, sizeof sum);
         }
         const auto add_up = [&](auto taps) {
             for (int i = 0; i < extents_.i; ++i) {
                 std::uint32_t sum = 1U << 13U;
-                for (int k = 0; k < taps; ++k) sum += static_cast<std::uint32_t>(across[i][k]) * weighed[from[i] + k];
+                for (int k = 0; k < taps; ++k) sum += static_cast<std::uint32_t>(across[i][k]) * weighted[from[i] + k];
                 out[i] = static_cast<std::uint16_t>(sum >> 14U);
             }
         };
@@ -167,8 +167,8 @@ void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::
     }
 }
 
-// The same by whole rows of bins (algo/frame/resample_avx2.h); false where it cannot be. `room`: each line of `out` may
-// be written 16 samples long.
+// The same by whole rows of bins (algo/frame/resample_avx2.h); false if that is not possible. `room`: 16 samples may be
+// written to each line of `out`.
 bool Resampler::decode_8bit(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out,
                             std::ptrdiff_t line_stride, bool room) const {
     if (lanes_.phases.empty()) return false;
@@ -206,8 +206,8 @@ void Resampler::decode_lenslets(const FrameView& raw, int n, std::uint16_t* out,
         const std::ptrdiff_t from_start = static_cast<std::ptrdiff_t>(m) * lenslet_stride;
         std::uint16_t* to = out + from_start;
         if constexpr (sizeof(Sample) == 1) {
-            // What is written beyond the bins is written over by those that follow, where there are enough of them: in
-            // the same line, or, with whole lenslets one after the other, below.
+            // Samples written beyond the bins are overwritten by those that follow, if there are enough of them: in the
+            // same line, or, lenslet after lenslet, in the next ones.
             const std::ptrdiff_t last_line =
                 line_stride < lenslet_stride ? std::ptrdiff_t{extents_.j - 1} * line_stride : 0;
             const bool room = from_start + last_line + kLanes <= std::ptrdiff_t{extents_.m} * lenslet_stride;
@@ -245,26 +245,6 @@ void Resampler::decode_row(const FrameView& raw, int n, std::span<std::uint16_t>
 
 void Resampler::decode_row_by_lenslet(const FrameView& raw, int n, std::span<std::uint16_t> out) const {
     decode_into(raw, n, out.data(), extents_.i, extents_.bins());
-}
-
-Result<Frame> Resampler::decode(const FrameView& raw) const {
-    if (raw.width_px != width_px_ || raw.height_px != height_px_) {
-        return fail(ErrorCode::invalid_argument,
-                    "a frame of " + std::to_string(raw.width_px) + "x" + std::to_string(raw.height_px) +
-                        " px for a calibration of " + std::to_string(width_px_) + "x" + std::to_string(height_px_),
-                    "use the calibration of this camera and region");
-    }
-    Frame frame(extents_.width_px(), extents_.height_px(), raw.bits);
-    std::vector<std::uint16_t> row(static_cast<std::size_t>(extents_.width_px()) *
-                                   static_cast<std::size_t>(extents_.j));
-    for (int n = 0; n < extents_.n; ++n) {
-        decode_row(raw, n, row);
-        std::size_t at = 0;
-        for (int j = 0; j < extents_.j; ++j) {
-            for (int x = 0; x < extents_.width_px(); ++x) frame.set(x, n * extents_.j + j, row[at++]);
-        }
-    }
-    return frame;
 }
 
 }  // namespace hord::algo

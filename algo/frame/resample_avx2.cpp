@@ -60,7 +60,7 @@ namespace {
     const bool two_pairs = lenslet.taps_x > 2;
     const int rows =
         ((lenslet.place_y_fraction + lenslet.row.back() - lenslet.row.front()) >> kPhaseBits) + lenslet.taps_y;
-    __m256i weighed[LanePlan::kMaxRows + 1];
+    __m256i weighted[LanePlan::kMaxRows + 1];
     const std::byte* from = lenslet.first;
     for (int y = 0; y < rows; ++y, from += lenslet.row_bytes) {
         const __m128i low = _mm_loadu_si128(reinterpret_cast<const __m128i*>(from));
@@ -69,13 +69,13 @@ namespace {
         __m256i sum = _mm256_maddubs_epi16(_mm256_shuffle_epi8(pixels, shuffle0), weight0);
         if (two_pairs)
             sum = _mm256_add_epi16(sum, _mm256_maddubs_epi16(_mm256_shuffle_epi8(pixels, shuffle1), weight1));
-        weighed[y] = sum;
+        weighted[y] = sum;
     }
-    weighed[rows] = _mm256_setzero_si256();
+    weighted[rows] = _mm256_setzero_si256();
     const __m256i half = _mm256_set1_epi32(1 << 13);
     for (const std::int32_t row : lenslet.row) {
         const int at = lenslet.place_y_fraction + row - lenslet.row.front();
-        const __m256i* lines = weighed + (at >> kPhaseBits);
+        const __m256i* lines = weighted + (at >> kPhaseBits);
         const std::uint8_t* down = lenslet.weights_y + (at & (LanePlan::kPhases - 1)) * lenslet.taps_y;
         __m256i low = half, high = half;
         for (int tap = 0; tap < lenslet.taps_y; tap += 2) {

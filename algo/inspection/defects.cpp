@@ -16,23 +16,23 @@ namespace {
 constexpr double kScratchLength = 8;  // lenslets
 constexpr double kScratchRatio = 4;
 
-// How far a lenslet exceeds each limit.
+// Value over limit, of each feature.
 struct Severity {
-    float deflection = 0, slope = 0, absorption = 0;
-    [[nodiscard]] float worst() const { return std::max({deflection, slope, absorption}); }
+    float neighbours = 0, slope = 0, absorption = 0;
+    [[nodiscard]] float worst() const { return std::max({neighbours, slope, absorption}); }
 };
 
-// One region while its lenslets are counted.
+// Sums and maxima over the flagged lenslets of a region.
 struct Region {
     std::uint32_t area = 0;
-    double m = 0, n = 0, mm = 0, nn = 0, mn = 0;  // sums of the flagged lenslets' positions and their products
+    double m = 0, n = 0, mm = 0, nn = 0, mn = 0;  // sums of positions and of their products
     Severity severity;
     Severity peak;  // in the features' own units
 };
 
 Reason reason_of(const Severity& s) {
-    if (s.absorption >= s.deflection && s.absorption >= s.slope) return Reason::absorption;
-    return s.slope >= s.deflection ? Reason::slope : Reason::deflection;
+    if (s.absorption >= s.neighbours && s.absorption >= s.slope) return Reason::absorption;
+    return s.slope >= s.neighbours ? Reason::deflection_gradient : Reason::neighbours_disagree;
 }
 
 // Length and width of a uniform bar with the region's second moments, lenslets.
@@ -50,10 +50,9 @@ std::pair<double, double> length_and_width(const Region& r) {
 DefectKind kind_of(const Region& r) {
     const auto [length, width] = length_and_width(r);
     if (length >= kScratchLength && length >= kScratchRatio * width) return DefectKind::scratch;
-    const bool dims = r.severity.absorption >= 1, deflection_shifts = r.severity.slope >= 1,
-               disturbs = r.severity.deflection >= 1;
-    if (dims) return deflection_shifts || disturbs ? DefectKind::unknown : DefectKind::absorbing;
-    return deflection_shifts ? DefectKind::surface : DefectKind::scattering;
+    const bool steep = r.severity.slope >= 1, disagrees = r.severity.neighbours >= 1;
+    if (r.severity.absorption >= 1) return steep || disagrees ? DefectKind::unknown : DefectKind::absorbing;
+    return steep ? DefectKind::surface : DefectKind::scattering;
 }
 
 }  // namespace
@@ -72,7 +71,7 @@ struct DefectFinder::Workspace {
         if ((f.mask[k] & kNotJudged) != 0) return {};
         Severity s;
         if ((f.mask[k] & kNoGradient) == 0) {
-            if (!f.gradient.empty()) s.deflection = f.gradient[k] / gradient_limit;
+            if (!f.gradient.empty()) s.neighbours = f.gradient[k] / gradient_limit;
             if (!f.frobenius.empty()) s.slope = f.frobenius[k] / frobenius_limit;
         }
         if ((f.mask[k] & kSaturated) == 0 && transmission_limit > 0) {
@@ -80,7 +79,7 @@ struct DefectFinder::Workspace {
         }
         return s;
     }
-    void gather(const Features& features);
+    void sum_regions(const Features& features);
 };
 
 DefectFinder::DefectFinder(const Extents& extents, const Recipe& recipe)
@@ -95,10 +94,9 @@ DefectFinder::DefectFinder(const Extents& extents, const Recipe& recipe)
                                                        {},
                                                        {},
                                                        {}})) {
-    // The library would start a pool of threads of its own, with the signals and the scheduling policy of whoever comes
-    // first.
-    static const bool alone = (cv::setNumThreads(1), true);
-    static_cast<void>(alone);
+    // Else OpenCV starts a thread pool, which inherits signal mask and scheduling policy of the first caller.
+    static const bool single_threaded = (cv::setNumThreads(1), true);
+    static_cast<void>(single_threaded);
 }
 DefectFinder::~DefectFinder() = default;
 DefectFinder::DefectFinder(DefectFinder&&) noexcept = default;
@@ -107,7 +105,7 @@ DefectFinder& DefectFinder::operator=(DefectFinder&&) noexcept = default;
 Result<FoundDefects> DefectFinder::find(const Features& features) {
     Workspace& w = *workspace_;
     w.defects.clear();
-    float below = 0;  // worst severity that is still good
+    float below = 0;  // the largest severity below 1
     bool any = false;
     for (std::size_t k = 0; k < features.mask.size(); ++k) {
         const float worst = w.severity(features, k).worst();
@@ -123,14 +121,14 @@ Result<FoundDefects> DefectFinder::find(const Features& features) {
     } catch (const cv::Exception& e) {
         return fail(ErrorCode::internal, "the search for defects", e.what());
     }
-    w.gather(features);
+    w.sum_regions(features);
     w.found.clear();
     for (const Region& r : w.regions) {
         if (r.area < std::max(w.min_area, 1U)) continue;
         const Reason reason = reason_of(r.severity);
         const float peak = reason == Reason::absorption ? r.peak.absorption
-            : reason == Reason::slope                   ? r.peak.slope
-                                                        : r.peak.deflection;
+            : reason == Reason::deflection_gradient     ? r.peak.slope
+                                                        : r.peak.neighbours;
         w.found.push_back(
             {{static_cast<float>(r.m / r.area), static_cast<float>(r.n / r.area), r.area, peak, kind_of(r)},
              r.severity});
@@ -146,7 +144,7 @@ Result<FoundDefects> DefectFinder::find(const Features& features) {
 }
 
 // Adds every flagged lenslet to its region.
-void DefectFinder::Workspace::gather(const Features& features) {
+void DefectFinder::Workspace::sum_regions(const Features& features) {
     std::size_t k = 0;
     for (int n = 0; n < extents.n; ++n) {
         for (int m = 0; m < extents.m; ++m, ++k) {
@@ -159,9 +157,9 @@ void DefectFinder::Workspace::gather(const Features& features) {
             r.mm += static_cast<double>(m) * m;
             r.nn += static_cast<double>(n) * n;
             r.mn += static_cast<double>(m) * n;
-            r.severity = {std::max(r.severity.deflection, s.deflection), std::max(r.severity.slope, s.slope),
+            r.severity = {std::max(r.severity.neighbours, s.neighbours), std::max(r.severity.slope, s.slope),
                           std::max(r.severity.absorption, s.absorption)};
-            r.peak = {std::max(r.peak.deflection, features.gradient.empty() ? 0 : features.gradient[k]),
+            r.peak = {std::max(r.peak.neighbours, features.gradient.empty() ? 0 : features.gradient[k]),
                       std::max(r.peak.slope, features.frobenius.empty() ? 0 : features.frobenius[k]),
                       std::max(r.peak.absorption, s.absorption * (1 - transmission_limit))};
         }

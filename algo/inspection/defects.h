@@ -1,21 +1,20 @@
-// Regions of lenslets that exceed a limit: the defects.
+// Defects of a part that is compared with itself: regions of lenslets at or above a limit.
 //
-// Severity is a lenslet's value over its limit, 1 and above is too much; the worst of three:
+// A lenslet's severity is the largest of its values over their limits, of the features that the recipe chooses:
 //
 //     gradient / its limit        frobenius / frobenius_limit        (1 - transmission) / (1 - transmission_limit)
 //
-// of those that the recipe chooses.
-// Flagged lenslets that touch, at sides or corners, or have one lenslet between them, are one region: central
-// differences skip a lenslet, so one defect may leave a ring or a double line. Regions with fewer flagged lenslets than
-// `min_area` are dropped. OpenCV finds the regions; the rest is ours.
+// Lenslets of severity 1 and above are flagged. Flagged lenslets that touch, at sides or corners, or have one lenslet
+// between them, are one region: central differences skip a lenslet, so one defect may leave a ring or a double line.
+// Regions with fewer flagged lenslets than `min_area` are dropped. OpenCV labels the regions.
 //
-// A defect's position is the centroid of its flagged lenslets, its peak the largest value of the feature that exceeds
-// its limit most (for missing light: the share that is missing, 0..1). Its kind is a guess for people:
+// A defect's position is the centroid of its flagged lenslets. Its peak is the largest value of the feature that
+// exceeds its limit most (for missing light: the missing share, 0..1). Its kind is for display only:
 //   scratch     at least 8 lenslets long and 4 times as long as wide
-//   absorbing   only light is missing: no gradient is above its limit
-//   scattering  neighbours disagree while the mean deflection and the light do not change too much
+//   absorbing   light is missing, no gradient is above its limit
+//   scattering  neighbours disagree; the mean deflection and the light are within their limits
 //   surface     the mean deflection changes too fast, no light is missing
-//   unknown     several of these: bubbles, cuts
+//   unknown     light is missing and a gradient is above its limit: bubbles, cuts
 #pragma once
 
 #include <cstdint>
@@ -28,9 +27,9 @@
 
 namespace hord::algo {
 
-// The features of one frame, one value a lenslet; empty: not judged. `mask`: MaskBit.
+// The features of one frame, one value a lenslet; empty if not judged. `mask`: MaskBit.
 struct Features {
-    std::span<const float> gradient;  // of the recipe's choice
+    std::span<const float> gradient;  // of the distance that the recipe chooses
     std::span<const float> frobenius;
     std::span<const float> transmission;
     std::span<const std::uint8_t> mask;
@@ -39,7 +38,7 @@ struct Features {
 struct FoundDefects {
     std::span<const Defect> defects;  // most severe first; valid until the next call
     Reason reason = Reason::none;     // of the most severe
-    float score = 0;                  // its severity; without defects, the worst severity below 1
+    float score = 0;                  // its severity; without defects the largest severity of the part, below 1
 };
 
 class DefectFinder {

@@ -11,6 +11,7 @@
 #include "algo/features/deflection.h"
 #include "algo/features/gradient.h"
 #include "algo/features/jacobian.h"
+#include "algo/features/row_window.h"
 #include "algo/features/transmission.h"
 #include "algo/frame/decode.h"
 #include "algo/inspection/defects.h"
@@ -23,7 +24,7 @@
 namespace hord::algo {
 namespace {
 
-// Reads the caller's clock and adds what has passed to a stage; without a clock, nothing.
+// Adds the time since the last call to a stage, by the caller's clock. Does nothing without a clock.
 class Stopwatch {
   public:
     explicit Stopwatch(NowNs now) : now_(now), last_(now ? now() : 0) {}
@@ -40,80 +41,84 @@ class Stopwatch {
 };
 
 std::vector<std::string> problems_of(const LightLevels& levels, int bits) {
-    std::vector<std::string> lines;
+    std::vector<std::string> messages;
     const std::uint32_t full_scale = (1U << bits) - 1U;
     const std::string of_bits = " of " + std::to_string(bits) + "-bit samples, " + std::to_string(full_scale);
-    if (levels.saturated > full_scale) lines.push_back("saturated_dn must be at most the full scale" + of_bits);
+    if (levels.saturated > full_scale) messages.push_back("saturated_dn must be at most the full scale" + of_bits);
     if (levels.dark >= levels.saturated)
-        lines.push_back("dark_dn must be below saturated_dn, or the full scale" + of_bits);
-    return lines;
+        messages.push_back("dark_dn must be below saturated_dn, or the full scale" + of_bits);
+    return messages;
 }
 
-std::string joined(const std::vector<std::string>& lines) {
+std::string joined(const std::vector<std::string>& messages) {
     std::string text;
-    for (const std::string& line : lines) text += (text.empty() ? "" : "; ") + line;
+    for (const std::string& message : messages) text += (text.empty() ? "" : "; ") + message;
     return text;
 }
 
-// Rows a band has when there are several threads; it decodes one row more at either end. As many rows of EMD gradients
-// are asked for before they are finished, so that the solver finds many small problems alike.
+// Rows of EMD gradients that are submitted together: the solver batches small problems of one shape.
+// Also the rows of a band in the comparison with a reference.
 constexpr int kBandRows = 16;
 
-// For the EMD: three rows of HORDs, closed up too, and their mean deflections, row n in place n % 3.
+// A thread's rows where neighbours are compared by the EMD.
 struct EmdRows {
     EmdRows(const Extents& e, EmdSolver emd_solver)
-        : solver(std::move(emd_solver)), hords{HordRow(e), HordRow(e), HordRow(e)},
+        : solver(std::move(emd_solver)), window(e, solver.compact()),
           gradients(static_cast<std::size_t>(kBandRows * e.m)) {
         for (auto& row : deflections) row.resize(static_cast<std::size_t>(e.m));
-        for (auto& row : closed) row.resize(static_cast<std::size_t>(e.m));
     }
     EmdSolver solver;
-    std::array<HordRow, 3> hords;
-    std::array<AlignedVector<SparseHord>, 3> closed;
-    std::array<std::vector<Deflection>, 3> deflections;
-    std::vector<EmdGradient> gradients;  // of the rows asked for, one after the other
-    std::size_t asked = 0;
+    RowWindow window;
+    std::array<std::vector<Deflection>, 3> deflections;  // of the window's rows, row n in place n % 3
+    std::vector<EmdGradient> gradients;                  // of the submitted rows, one after the other
+    std::size_t submitted = 0;                           // gradients
 
-    [[nodiscard]] HordRow& hords_of(int n) { return hords[static_cast<std::size_t>(n % 3)]; }
+    void decode(const FrameView& frame, const LightLevels& levels, int n) { window.decode(frame, levels, n); }
     [[nodiscard]] std::vector<Deflection>& deflections_of(int n) {
         return deflections[static_cast<std::size_t>(n % 3)];
     }
-    [[nodiscard]] AlignedVector<SparseHord>& sparse_of(int n) { return closed[static_cast<std::size_t>(n % 3)]; }
-    [[nodiscard]] const SparseHord& sparse_hord(int m, int n) { return sparse_of(n)[static_cast<std::size_t>(m)]; }
     [[nodiscard]] Deflection deflection(int m, int n) { return deflections_of(n)[static_cast<std::size_t>(m)]; }
 };
 
-// What one thread works with: rows of HORDs for the EMD, else rows of planes, which are read three times as fast.
+// A thread's rows where neighbours are compared by another distance or not at all: decoded into the SoA layout, which
+// is three times as fast.
+struct SoaRows {
+    SoaDistances distances;
+
+    void decode(const FrameView& frame, const LightLevels& levels, int n) { distances.load(frame, levels, n); }
+};
+
+// The working memory of one thread.
 struct Worker {
-    std::optional<EmdRows> rows;
-    std::optional<SoaDistances> planes;
-    std::optional<ReferenceComparer> comparer;  // where there is a reference
+    std::optional<EmdRows> emd;
+    std::optional<SoaRows> soa;
+    std::optional<ReferenceComparer> comparer;  // if the recipe has a reference
 };
 
 }  // namespace
 
 struct Pipeline::Workspace {
-    Workspace(const Extents& e, int sample_bits, const Recipe& r, MapSet maps, std::unique_ptr<RowThreadPool> the_crew,
-              std::vector<Worker> the_workers)
-        : extents(e), bits(sample_bits), recipe(r), levels(light_levels(r, sample_bits)), crew(std::move(the_crew)),
-          workers(std::move(the_workers)), zones(e.lenslets()), deflections(e.lenslets()), sums(e.lenslets()),
+    Workspace(const Extents& e, int sample_bits, const Recipe& r, MapSet maps,
+              std::unique_ptr<RowThreadPool> thread_pool, std::vector<Worker> thread_workers)
+        : extents(e), bits(sample_bits), recipe(r), levels(light_levels(r, sample_bits)), pool(std::move(thread_pool)),
+          workers(std::move(thread_workers)), zones(e.lenslets()), deflections(e.lenslets()), sums(e.lenslets()),
           scratch(e.lenslets()), mask(e.lenslets()), gradient(r.gradient ? e.lenslets() : 0),
           frobenius(r.slopes || maps == MapSet::all ? e.lenslets() : 0),
           transmission(r.light || maps == MapSet::all ? e.lenslets() : 0),
           spectral(maps == MapSet::all ? e.lenslets() : 0), nuclear(spectral.size()), anisotropy(spectral.size()),
           rim(e, r.rim_margin < 0 ? default_rim_margin(e) : r.rim_margin), defect_finder(e, r) {
         paint_zones(recipe.zones, extents, zones, recipe.lenslet_mm);
-        if (recipe.reference) against.emplace(e, recipe);
+        if (recipe.reference) comparison.emplace(e, recipe);
     }
 
     Extents extents;
     int bits;
     Recipe recipe;
     LightLevels levels;
-    std::unique_ptr<RowThreadPool> crew;
-    std::vector<Worker> workers;
+    std::unique_ptr<RowThreadPool> pool;
+    std::vector<Worker> workers;  // one a thread
 
-    // One value a lenslet; none of a map that is not wanted.
+    // One value a lenslet, row by row; empty if the map is not computed.
     std::vector<std::uint8_t> zones;
     std::vector<Deflection> deflections;
     std::vector<std::uint32_t> sums, scratch;
@@ -124,27 +129,30 @@ struct Pipeline::Workspace {
     RimFinder rim;
     DefectFinder defect_finder;
 
-    // What a reference needs.
-    struct AgainstReference {
-        AgainstReference(const Extents& e, const Recipe& r)
-            : registrar(e), judge(e, r), differences(e.lenslets()), z_score(e.lenslets()) {}
+    // The comparison with a reference.
+    struct Comparison {
+        Comparison(const Extents& e, const Recipe& r)
+            : registrar(e), defect_finder(e, r), differences(e.lenslets()), z_score(e.lenslets()) {}
         Registrar registrar;
-        ReferenceDefects judge;
+        ReferenceDefects defect_finder;
         std::vector<Difference> differences;
         std::vector<float> z_score;
     };
-    std::optional<AgainstReference> against;
+    std::optional<Comparison> comparison;  // if the recipe has a reference
 
     [[nodiscard]] std::size_t at(int m, int n) const {
         return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
     }
     void compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times);
-    void compute_band(EmdRows& rows, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
+    template <class Rows>
+    void compute_band(Rows& rows, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
+    void finish_decoding(EmdRows& rows, int n, bool in_band);
+    void finish_decoding(SoaRows& rows, int n, bool in_band);
     void compare_row(EmdRows& rows, int n);
-    void finish_rows(EmdRows& rows, int last);
-    void compute_band(SoaDistances& planes, const FrameView& frame, int first, int last, Stopwatch& watch,
-                      StageTimes& times);
-    void compare_row(SoaDistances& planes, int n);
+    void compare_row(SoaRows& rows, int n);
+    void finish_gradients(EmdRows& rows, int last);
+    void finish_gradients(SoaRows&, int) {}
+    void store_norms(std::size_t k, const Jacobian& jacobian);
     [[nodiscard]] std::span<const float> judged_slopes() const {
         return recipe.slopes ? std::span<const float>(frobenius) : std::span<const float>();
     }
@@ -152,128 +160,109 @@ struct Pipeline::Workspace {
     Registered compare_with_reference(const FrameView& frame);
 };
 
-// The gradients of every row, and what the rest needs of the HORDs.
+// Sums, mean deflections, mask and the features over neighbours, of every lenslet.
 void Pipeline::Workspace::compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times) {
-    const int rows = crew->rows_a_band(extents.n);
-    crew->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
+    const int rows = pool->rows_a_band(extents.n);
+    pool->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
         Stopwatch untimed(nullptr);
-        StageTimes nobodys;
+        StageTimes unused;
         const bool caller = worker == 0;
         const int first = band * rows, last = std::min(first + rows, extents.n);
         Worker& w = workers[static_cast<std::size_t>(worker)];
-        if (w.rows) compute_band(*w.rows, frame, first, last, caller ? watch : untimed, caller ? times : nobodys);
-        else compute_band(*w.planes, frame, first, last, caller ? watch : untimed, caller ? times : nobodys);
+        if (w.emd) compute_band(*w.emd, frame, first, last, caller ? watch : untimed, caller ? times : unused);
+        else compute_band(*w.soa, frame, first, last, caller ? watch : untimed, caller ? times : unused);
     });
     watch.lap(times.feature_ns);
 }
 
-// Streams rows first..last-1, and one more at either end to compare with, through three rows.
-void Pipeline::Workspace::compute_band(EmdRows& rows, const FrameView& frame, int first, int last, Stopwatch& watch,
+// The maps of rows first..last-1. Rows first-1 and last, if they exist, are decoded for the gradients.
+template <class Rows>
+void Pipeline::Workspace::compute_band(Rows& rows, const FrameView& frame, int first, int last, Stopwatch& watch,
                                        StageTimes& times) {
-    const auto ours = [&](int n) { return n >= first && n < last; };
+    const auto in_band = [&](int n) { return n >= first && n < last; };
     for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents.n); ++n) {
-        const HordRow& hords = rows.hords_of(n);
-        decode_row(frame, extents, levels, n, rows.hords_of(n));
+        rows.decode(frame, levels, n);
         watch.lap(times.decode_ns);
-        mean_deflections(hords, rows.deflections_of(n));
-        rows.solver.compact()(hords.hord(0).mass, hords.sums(), extents.bins(), rows.sparse_of(n).data());
-        if (ours(n)) {
-            const auto row = static_cast<std::ptrdiff_t>(at(0, n));
-            std::ranges::copy(rows.deflections_of(n), deflections.begin() + row);
-            std::ranges::copy(hords.sums(), sums.begin() + row);
-            std::ranges::copy(hords.mask(), mask.begin() + row);
-        }
+        finish_decoding(rows, n, in_band(n));
         watch.lap(times.hord_ns);
-        if (ours(n - 1)) compare_row(rows, n - 1);
+        if (in_band(n - 1)) compare_row(rows, n - 1);
         watch.lap(times.feature_ns);
     }
     if (last == extents.n) compare_row(rows, last - 1);
-    finish_rows(rows, last);
+    finish_gradients(rows, last);
     watch.lap(times.feature_ns);
 }
 
-// The gradients of row n, whose neighbours are among the rows; the EMD's are only asked for.
+// What compare_row() needs of row n, and the maps of sums and mean deflections if it is in the band.
+void Pipeline::Workspace::finish_decoding(EmdRows& rows, int n, bool in_band) {
+    const HordRow& hords = rows.window.row(n);
+    mean_deflections(hords, rows.deflections_of(n));
+    rows.window.compact_row(n);
+    if (!in_band) return;
+    const auto row = static_cast<std::ptrdiff_t>(at(0, n));
+    std::ranges::copy(rows.deflections_of(n), deflections.begin() + row);
+    std::ranges::copy(hords.sums(), sums.begin() + row);
+}
+
+void Pipeline::Workspace::finish_decoding(SoaRows& rows, int n, bool in_band) {
+    if (!in_band) return;
+    const SoaRow& row = rows.distances.loaded(n);
+    std::copy_n(row.sums().begin(), extents.m, sums.begin() + static_cast<std::ptrdiff_t>(at(0, n)));
+    for (int m = 0; m < extents.m; ++m) {
+        const bool dark = (row.mask()[static_cast<std::size_t>(m)] & kDark) != 0;
+        deflections[at(m, n)] = dark ? Deflection{} : rows.distances.deflection(m, n);
+    }
+}
+
+// Mask and features of row n; rows n-1 and n+1 are decoded. EMD gradients are submitted to the solver.
 void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
-    const bool edge_row = n == 0 || n == extents.n - 1;
-    const HordRow& row = rows.hords_of(n);
+    const RowWindow& window = rows.window;
     for (int m = 0; m < extents.m; ++m) {
         const std::size_t k = at(m, n);
-        EmdGradient& wanted = rows.gradients[rows.asked++];
-        wanted = {};
+        EmdGradient& submitted = rows.gradients[rows.submitted++];
+        submitted = {};
         Jacobian jacobian;
-        if (edge_row || m == 0 || m == extents.m - 1) {
-            mask[k] |= kBorder;
-        } else if ((mask[k] & kNoHord) == 0) {
-            const Stencil across = stencil(row.has_hord(m - 1), row.has_hord(m + 1));
-            const Stencil down = stencil(rows.hords_of(n - 1).has_hord(m), rows.hords_of(n + 1).has_hord(m));
-            if (across.valid() && down.valid()) {
-                const int left = m + across.before, right = m + across.after, above = n + down.before,
-                          below = n + down.after;
-                submit_emd_gradient(rows.solver, across, rows.sparse_hord(left, n), rows.sparse_hord(right, n), down,
-                                    rows.sparse_hord(m, above), rows.sparse_hord(m, below), wanted);
-                jacobian = jacobian_of(across, rows.deflection(left, n), rows.deflection(right, n), down,
-                                       rows.deflection(m, above), rows.deflection(m, below));
-            } else {
-                mask[k] |= kBorder;
-            }
+        const RowWindow::Neighbours next = window.neighbours(m, n);
+        mask[k] = next.mask;
+        if ((next.mask & kNoGradient) == 0) {
+            submit_emd_gradient(rows.solver, next.across, window.closed(next.left, n), window.closed(next.right, n),
+                                next.down, window.closed(m, next.above), window.closed(m, next.below), submitted);
+            jacobian = jacobian_of(next.across, rows.deflection(next.left, n), rows.deflection(next.right, n),
+                                   next.down, rows.deflection(m, next.above), rows.deflection(m, next.below));
         }
         if (!frobenius.empty()) frobenius[k] = frobenius_norm(jacobian).to_float_rounded();
-        if (spectral.empty()) continue;
-        const SingularNorms norms = singular_norms(jacobian);
-        spectral[k] = norms.spectral.to_float_rounded();
-        nuclear[k] = norms.nuclear.to_float_rounded();
-        anisotropy[k] = norms.anisotropy.to_float_rounded();
+        if (!spectral.empty()) store_norms(k, jacobian);
     }
-    if (rows.asked == rows.gradients.size()) finish_rows(rows, n + 1);
+    if (rows.submitted == rows.gradients.size()) finish_gradients(rows, n + 1);
 }
 
-// Writes the EMD gradients of the rows asked for; `last` is the row after them.
-void Pipeline::Workspace::finish_rows(EmdRows& rows, int last) {
-    rows.solver.finish();
-    float* out = gradient.data() + at(0, last) - rows.asked;
-    for (std::size_t k = 0; k < rows.asked; ++k) out[k] = static_cast<float>(rows.gradients[k].norm());
-    rows.asked = 0;
-}
-
-// The same where there is no EMD.
-void Pipeline::Workspace::compute_band(SoaDistances& planes, const FrameView& frame, int first, int last,
-                                       Stopwatch& watch, StageTimes& times) {
-    const auto ours = [&](int n) { return n >= first && n < last; };
-    for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents.n); ++n) {
-        planes.load(frame, levels, n);
-        watch.lap(times.decode_ns);
-        if (ours(n)) {
-            const SoaRow& row = planes.loaded(n);
-            std::copy_n(row.sums().begin(), extents.m, sums.begin() + static_cast<std::ptrdiff_t>(at(0, n)));
-            for (int m = 0; m < extents.m; ++m) {
-                deflections[at(m, n)] =
-                    (row.mask()[static_cast<std::size_t>(m)] & kDark) != 0 ? Deflection{} : planes.deflection(m, n);
-            }
-        }
-        watch.lap(times.hord_ns);
-        if (ours(n - 1)) compare_row(planes, n - 1);
-        watch.lap(times.feature_ns);
-    }
-    if (last == extents.n) compare_row(planes, last - 1);
-    watch.lap(times.feature_ns);
-}
-
-void Pipeline::Workspace::compare_row(SoaDistances& planes, int n) {
+void Pipeline::Workspace::compare_row(SoaRows& rows, int n) {
+    SoaDistances& distances = rows.distances;
     std::uint8_t* const of_row = mask.data() + at(0, n);
-    planes.mark_row(n, of_row);
-    if (!gradient.empty()) planes.compare_row(n, gradient.data() + at(0, n), of_row);
-    if (!frobenius.empty()) planes.slopes_row(n, frobenius.data() + at(0, n), of_row);
+    distances.mark_row(n, of_row);
+    if (!gradient.empty()) distances.compare_row(n, gradient.data() + at(0, n), of_row);
+    if (!frobenius.empty()) distances.slopes_row(n, frobenius.data() + at(0, n), of_row);
     if (spectral.empty()) return;
-    for (int m = 0; m < extents.m; ++m) {
-        const SingularNorms norms =
-            (of_row[m] & kNoGradient) == 0 ? singular_norms(planes.jacobian(m, n)) : SingularNorms{};
-        spectral[at(m, n)] = norms.spectral.to_float_rounded();
-        nuclear[at(m, n)] = norms.nuclear.to_float_rounded();
-        anisotropy[at(m, n)] = norms.anisotropy.to_float_rounded();
-    }
+    for (int m = 0; m < extents.m; ++m)
+        store_norms(at(m, n), (of_row[m] & kNoGradient) == 0 ? distances.jacobian(m, n) : Jacobian{});
 }
 
-// Why the frame does not allow a judgement; none if it does.
+// Solves the submitted EMD gradients and writes them to the map; `last` is the row after theirs.
+void Pipeline::Workspace::finish_gradients(EmdRows& rows, int last) {
+    rows.solver.finish();
+    float* out = gradient.data() + at(0, last) - rows.submitted;
+    for (std::size_t k = 0; k < rows.submitted; ++k) out[k] = static_cast<float>(rows.gradients[k].norm());
+    rows.submitted = 0;
+}
+
+void Pipeline::Workspace::store_norms(std::size_t k, const Jacobian& jacobian) {
+    const SingularNorms norms = singular_norms(jacobian);
+    spectral[k] = norms.spectral.to_float_rounded();
+    nuclear[k] = norms.nuclear.to_float_rounded();
+    anisotropy[k] = norms.anisotropy.to_float_rounded();
+}
+
+// Why the frame cannot be judged; none if it can.
 Reason Pipeline::Workspace::unfit_reason() const {
     std::size_t judged = 0, lit = 0, saturated = 0;
     for (const std::uint8_t bits_of_lenslet : mask) {
@@ -291,51 +280,52 @@ Reason Pipeline::Workspace::unfit_reason() const {
     return Reason::none;
 }
 
-// Where the part lies, and how every lenslet of it differs from the reference's there.
+// Finds the pose of the part. If it is found, computes how every lenslet differs from the reference there.
 Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
     const Reference& reference = *recipe.reference;
-    const Registered found =
-        against->registrar.find(reference.maps(), deflections, sums, mask,
-                                static_cast<double>(reference.sensor.electrons_per_dn), reference.parts);
-    if (!found.found()) return found;
-    const PoseMap pose(found.pose, extents);
-    crew->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
+    const Registered registered =
+        comparison->registrar.find(reference.maps(), deflections, sums, mask,
+                                   static_cast<double>(reference.sensor.electrons_per_dn), reference.parts);
+    if (!registered.found()) return registered;
+    const PoseMap pose(registered.pose, extents);
+    pool->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
         ReferenceComparer& comparer = *workers[static_cast<std::size_t>(worker)].comparer;
         const auto columns = static_cast<std::size_t>(extents.m);
         for (int n = band * kBandRows; n < std::min((band + 1) * kBandRows, extents.n); ++n) {
             comparer.compare_row(frame, std::span<const std::uint32_t>(sums).subspan(at(0, n), columns),
-                                 std::span<const std::uint8_t>(mask).subspan(at(0, n), columns), n, pose, found.light,
-                                 std::span(against->differences).subspan(at(0, n), columns));
+                                 std::span<const std::uint8_t>(mask).subspan(at(0, n), columns), n, pose,
+                                 registered.light, std::span(comparison->differences).subspan(at(0, n), columns));
         }
     });
-    return found;
+    return registered;
 }
 
 Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe& recipe, int threads, MapSet maps) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
-    std::vector<std::string> lines = problems(recipe, extents);
-    for (std::string& line : problems_of(light_levels(recipe, bits), bits)) lines.push_back(std::move(line));
-    for (std::string& line : problems_of_reference(recipe, extents, bits)) lines.push_back(std::move(line));
-    if (!lines.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(lines));
-    auto crew = RowThreadPool::create(threads);
-    if (!crew) return tl::unexpected(crew.error());
+    std::vector<std::string> messages = problems(recipe, extents);
+    for (std::string& message : problems_of(light_levels(recipe, bits), bits)) messages.push_back(std::move(message));
+    for (std::string& message : problems_of_reference(recipe, extents, bits)) messages.push_back(std::move(message));
+    if (!messages.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(messages));
+    auto pool = RowThreadPool::create(threads);
+    if (!pool) return tl::unexpected(pool.error());
     std::vector<Worker> workers;
-    const auto planes = recipe.reference ? std::make_shared<const ReferenceSoa>(*recipe.reference) : nullptr;
+    const auto reference_soa = recipe.reference ? std::make_shared<const ReferenceSoa>(*recipe.reference) : nullptr;
     for (int worker = 0; worker < threads; ++worker) {
         Worker& made = workers.emplace_back();
-        if (recipe.reference) made.comparer.emplace(*recipe.reference, widest_isa(), planes);
+        if (recipe.reference) made.comparer.emplace(*recipe.reference, widest_isa(), reference_soa);
         if (recipe.gradient != Feature::emd) {
-            made.planes.emplace(extents, recipe.gradient.value_or(Feature::jacobian_frobenius), best_isa(), true);
+            made.soa.emplace(
+                SoaDistances(extents, recipe.gradient.value_or(Feature::jacobian_frobenius), best_isa(), true));
             continue;
         }
         const auto ground = GroundDistance::between_bins(extents.i, extents.j);
         if (!ground) return tl::unexpected(ground.error());
         auto solver = EmdSolver::create(*ground);
         if (!solver) return tl::unexpected(solver.error());
-        made.rows.emplace(extents, std::move(*solver));
+        made.emd.emplace(extents, std::move(*solver));
     }
-    return Pipeline(std::make_unique<Workspace>(extents, bits, recipe, maps, std::move(*crew), std::move(workers)));
+    return Pipeline(std::make_unique<Workspace>(extents, bits, recipe, maps, std::move(*pool), std::move(workers)));
 }
 
 Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
@@ -362,27 +352,22 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     watch.lap(result.times.feature_ns);
 
     result.reason = w.unfit_reason();
-    if (result.reason == Reason::none && w.against) {
+    if (result.reason == Reason::none && w.comparison) {
         result.registered = w.compare_with_reference(frame);
         if (!result.registered.found()) result.reason = Reason::not_registered;
         watch.lap(result.times.feature_ns);
     }
-    if (result.reason == Reason::none && w.against) {
-        const FoundDefects found =
-            w.against->judge.find({w.against->differences, w.gradient, w.judged_slopes(), w.mask},
-                                  result.registered.pose, w.against->z_score);
-        result.defects = found.defects;
-        result.reason = found.reason;
-        result.score = found.score;
-        result.z_score = w.against->z_score;
-        result.verdict = found.defects.empty() ? Verdict::pass : Verdict::reject;
-    } else if (result.reason == Reason::none) {
-        auto found = w.defect_finder.find({w.gradient, w.judged_slopes(), w.transmission, w.mask});
+    if (result.reason == Reason::none) {
+        const Result<FoundDefects> found = w.comparison
+            ? w.comparison->defect_finder.find({w.comparison->differences, w.gradient, w.judged_slopes(), w.mask},
+                                               result.registered.pose, w.comparison->z_score)
+            : w.defect_finder.find({w.gradient, w.judged_slopes(), w.transmission, w.mask});
         if (!found) return tl::unexpected(found.error());
         result.defects = found->defects;
         result.reason = found->reason;
         result.score = found->score;
         result.verdict = found->defects.empty() ? Verdict::pass : Verdict::reject;
+        if (w.comparison) result.z_score = w.comparison->z_score;
     }
     watch.lap(result.times.decide_ns);
     total.lap(result.times.total_ns);

@@ -9,47 +9,46 @@
 namespace hord::algo {
 namespace {
 
-constexpr double kMaxOfIt = 0.6;
-constexpr double kSpreadOfIt = 0.25;
-// The EMD between two draws of one HORD, both ways of a gradient, is about so many bins over the root of the electrons.
+// Shares of a region's squared scores that decide its kind.
+constexpr double kMostShare = 0.6, kMuchShare = 0.25;
+// The EMD gradient that photon noise alone makes, in bins times the root of the electrons.
 constexpr float kEmdOfNoise = 10;
 
 float score(const Scores& s, Deviation which) { return s[static_cast<std::size_t>(which)]; }
 
-// The shape's score and that of the gradients are one-sided: less than expected is no defect.
+// The score of the shape is one-sided: less than expected is no defect.
 float worst_of(const Scores& s) {
     return std::max({std::abs(score(s, Deviation::light)), score(s, Deviation::deflection_shift),
                      std::abs(score(s, Deviation::scattering)), score(s, Deviation::shape), 0.0F});
 }
 
-// With operations alone that are rounded alike everywhere; x above 0.
+// ln(x), x above 0, by operations that IEEE 754 rounds alike on every machine.
 double exact_log(double x) {
     int exponent = 0;
-    const double mantissa = std::frexp(x, &exponent), t = (mantissa - 0.75) / (mantissa + 0.75),
-                 t2 = t * t;  // 0.5 to 1, of 0.75
+    const double mantissa = std::frexp(x, &exponent);  // 0.5 to 1
+    const double t = (mantissa - 0.75) / (mantissa + 0.75), t2 = t * t;
     constexpr double kLog2 = 0.6931471805599453, kLogOf075 = -0.2876820724517809;
     double sum = 0;
     for (int k = 21; k >= 1; k -= 2) sum = sum * t2 + 1.0 / k;
     return exponent * kLog2 + kLogOf075 + 2 * t * sum;
 }
 
-// How much surer than `d` over its standard deviation it is that light is missing: light is counted, and the root of
-// twice the logarithm of the Poisson likelihood ratio over that is sqrt(2 ((1 + d) ln(1 + d) - d)) / |d|. d from -1,
-// all of it is missing: 1.41, to below 0.
-float counted(float d) {
+// The root of the Poisson deviance over the z-score, for a relative change d of the light, -1 (all is missing) to below
+// 0: sqrt(2 ((1 + d) ln(1 + d) - d)) / |d|, from 1.41 to 1. Above -0.05 by its series.
+float poisson_ratio(float d) {
     const double v = static_cast<double>(d), left = 1 + v;
     if (v > -0.05) return 1 - d / 6;
     return static_cast<float>(std::sqrt(2 * ((left > 1e-9 ? left * exact_log(left) : 0) - v)) / -v);
 }
 
-// How much that is for a good part at this place, with all its light: where so much of it is missing that it is a
-// defect anyway, what is left is not excused for being noisy, and what is missing is counted.
+// The worst score of a lenslet. Where missing light is a defect by itself, it is scored by the Poisson deviance, and
+// the other scores are scaled up to the noise of the full light.
 float z_score_of(const Scores& s, const Difference& d, float reject_score) {
     const float light = score(s, Deviation::light);
     if (light > -reject_score) return worst_of(s);
     const float others = std::max({score(s, Deviation::deflection_shift), std::abs(score(s, Deviation::scattering)),
                                    score(s, Deviation::shape), 0.0F});
-    return std::max(-light * counted(d.light), others / std::sqrt(std::max(1 + d.light, 0.01F)));
+    return std::max(-light * poisson_ratio(d.light), others / std::sqrt(std::max(1 + d.light, 0.01F)));
 }
 
 double square(float v) { return static_cast<double>(v) * static_cast<double>(v); }
@@ -65,7 +64,7 @@ ReferenceDefects::ReferenceDefects(const Extents& extents, const Recipe& recipe)
 }
 
 // Scores and severities of all lenslets.
-void ReferenceDefects::look(const Compared& c, std::span<float> z_score) {
+void ReferenceDefects::score_lenslets(const ComparedFrame& c, std::span<float> z_score) {
     for (std::size_t k = 0; k < scores_.size(); ++k) {
         scores_[k] = {};
         severity_[k] = 0;
@@ -76,7 +75,7 @@ void ReferenceDefects::look(const Compared& c, std::span<float> z_score) {
         z_score[k] = z_score_of(scores_[k], d, recipe_.reject_score);
         severity_[k] = z_score[k] / recipe_.reject_score;
         if ((c.mask[k] & (kNoGradient | kNotJudged)) != 0 || !d.has_light) continue;
-        // Less light than the reference's has more noise; that is looked at where it matters.
+        // Less light than the reference's has more noise. This is computed only where it can change the result.
         float emd = c.emd.empty() ? 0 : (c.emd[k] - reference_.emd[d.at]) / recipe_.emd_limit_bins;
         if (emd > severity_[k]) {
             const float electrons = reference_.sensor.electrons_per_dn, here = std::max(d.sum, 1.0F),
@@ -91,7 +90,8 @@ void ReferenceDefects::look(const Compared& c, std::span<float> z_score) {
     }
 }
 
-ReferenceDefects::Region ReferenceDefects::gather(std::uint32_t seed, const Compared& c) {
+// The connected lenslets at or above grow_score, from `seed` on.
+ReferenceDefects::Region ReferenceDefects::grow_region(std::uint32_t seed, const ComparedFrame& c) {
     const float grow = recipe_.grow_score / recipe_.reject_score;
     Region r;
     std::size_t count = 0;
@@ -118,19 +118,19 @@ ReferenceDefects::Region ReferenceDefects::gather(std::uint32_t seed, const Comp
         r.m += weight * m, r.n += weight * n;
         r.mm += weight * m * m, r.nn += weight * n * n, r.mn += weight * m * n;
         r.squares += square(in_noise);
-        (score(s, Deviation::light) < 0 ? r.missing : r.added) += square(score(s, Deviation::light));
-        r.deflection_shift += square(score(s, Deviation::deflection_shift));
-        r.spread += square(std::max(0.0F, score(s, Deviation::scattering)));
+        (score(s, Deviation::light) < 0 ? r.missing_light : r.added_light) += square(score(s, Deviation::light));
+        r.shift += square(score(s, Deviation::deflection_shift));
+        r.scattering += square(std::max(0.0F, score(s, Deviation::scattering)));
         r.shape += square(std::max(0.0F, score(s, Deviation::shape)));
         if (in_noise > by_reference * 1.0001F) r.gradient += square(in_noise);
         r.worst = std::max(r.worst, severity_[k]);
         const Difference& d = c.differences[k];
-        r.least_light = std::min(r.least_light, d.light);
+        r.min_light = std::min(r.min_light, d.light);
         if (d.has_hord) {
-            r.most_bend = std::max(r.most_bend, std::sqrt(d.x * d.x + d.y * d.y));
-            r.most_blur = std::max(r.most_blur, std::sqrt(std::max(0.0F, d.scattering)));
+            r.max_shift = std::max(r.max_shift, std::sqrt(d.x * d.x + d.y * d.y));
+            r.max_scattering = std::max(r.max_scattering, std::sqrt(std::max(0.0F, d.scattering)));
         }
-        if (!c.emd.empty() && (c.mask[k] & kNoGradient) == 0) r.most_gradient = std::max(r.most_gradient, c.emd[k]);
+        if (!c.emd.empty() && (c.mask[k] & kNoGradient) == 0) r.max_gradient = std::max(r.max_gradient, c.emd[k]);
     }
     return r;
 }
@@ -148,25 +148,26 @@ Defect ReferenceDefects::describe(const Region& r, Reason& reason) const {
     const auto side = [](double variance) { return std::sqrt(12 * std::max(variance, 0.0) + 1); };
     d.length = static_cast<float>(side(middle + half));
     d.width = static_cast<float>(side(middle - half));
-    const double all = r.missing + r.added + r.deflection_shift + r.spread + r.shape;
-    const double bent = r.deflection_shift + r.shape;
-    const bool dims = r.missing >= kMaxOfIt * all, spreads = r.spread >= kSpreadOfIt * all && r.spread >= bent,
-               deflection_shifts = bent > r.spread && bent + r.spread >= kMaxOfIt * all;
+    const double all = r.missing_light + r.added_light + r.shift + r.scattering + r.shape;
+    const double shift_and_shape = r.shift + r.shape;
+    const bool absorbs = r.missing_light >= kMostShare * all,
+               scatters = r.scattering >= kMuchShare * all && r.scattering >= shift_and_shape,
+               shifts = shift_and_shape > r.scattering && shift_and_shape + r.scattering >= kMostShare * all;
     const double length = static_cast<double>(d.length), width = static_cast<double>(d.width);
     if (length >= kScratchLength && length >= kScratchRatio * width) d.kind = DefectKind::scratch;
     else if (all <= 0 || r.gradient > all) d.kind = DefectKind::unknown;
     else
-        d.kind = dims           ? DefectKind::absorbing
-            : spreads           ? DefectKind::scattering
-            : deflection_shifts ? DefectKind::surface
-                                : DefectKind::unknown;
-    reason = r.missing >= r.deflection_shift + r.shape && r.missing >= r.spread ? Reason::absorption
-        : r.deflection_shift + r.shape >= r.spread                              ? Reason::slope
-                                                                                : Reason::deflection;
-    if (all <= 0) reason = Reason::deflection;
-    d.peak = reason == Reason::absorption ? -r.least_light
-        : reason == Reason::slope         ? r.most_bend
-                                          : std::max(r.most_blur, all <= 0 ? r.most_gradient : 0.0F);
+        d.kind = absorbs ? DefectKind::absorbing
+            : scatters   ? DefectKind::scattering
+            : shifts     ? DefectKind::surface
+                         : DefectKind::unknown;
+    reason = r.missing_light >= shift_and_shape && r.missing_light >= r.scattering ? Reason::absorption
+        : shift_and_shape >= r.scattering                                          ? Reason::deflection_gradient
+                                                                                   : Reason::neighbours_disagree;
+    if (all <= 0) reason = Reason::neighbours_disagree;
+    d.peak = reason == Reason::absorption       ? -r.min_light
+        : reason == Reason::deflection_gradient ? r.max_shift
+                                                : std::max(r.max_scattering, all <= 0 ? r.max_gradient : 0.0F);
     return d;
 }
 
@@ -174,32 +175,33 @@ bool ReferenceDefects::tolerated(const Defect& d, const Region& r, const PoseMap
     const auto place = pose.to_reference(static_cast<double>(d.m), static_cast<double>(d.n));
     const float disc = 2 * std::sqrt(static_cast<float>(d.area) * std::numbers::inv_pi_v<float>);
     const float size_mm = (d.kind == DefectKind::scratch ? d.length : disc) * recipe_.lenslet_mm;
-    const float deep_rad = std::max(r.most_bend, r.most_blur) * recipe_.bin_rad;
+    const float depth_rad = std::max(r.max_shift, r.max_scattering) * recipe_.bin_rad;
     for (std::size_t t = 0; t < used_.size(); ++t) {
         const Tolerance& tolerance = recipe_.tolerances[t];
-        if (!tolerance.is_about(d.kind) || used_[t] >= tolerance.number) continue;
+        if (!tolerance.applies_to(d.kind) || used_[t] >= tolerance.number) continue;
         if (tolerance.where && !tolerance.where->contains(static_cast<float>(place.m), static_cast<float>(place.n)))
             continue;
-        if (size_mm > tolerance.largest_mm || (tolerance.deepest_rad > 0 && deep_rad > tolerance.deepest_rad)) continue;
+        if (size_mm > tolerance.largest_mm || (tolerance.deepest_rad > 0 && depth_rad > tolerance.deepest_rad))
+            continue;
         ++used_[t];
         return true;
     }
     return false;
 }
 
-FoundDefects ReferenceDefects::find(const Compared& compared, const Pose& pose, std::span<float> z_score) {
-    look(compared, z_score);
+FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& pose, std::span<float> z_score) {
+    score_lenslets(compared, z_score);
     std::ranges::fill(visited_, std::uint8_t{0});
     std::ranges::fill(used_, 0U);
     found_.clear();
     defects_.clear();
     const float grow = recipe_.grow_score / recipe_.reject_score;
     const PoseMap map(pose, extents_);
-    float below = 0;  // the worst that is still good
+    float below = 0;  // the largest severity that is no defect
     for (std::uint32_t k = 0; k < severity_.size(); ++k) {
         if (severity_[k] < grow) below = std::max(below, severity_[k]);
         if (severity_[k] < grow || visited_[k] != 0) continue;
-        const Region region = gather(k, compared);
+        const Region region = grow_region(k, compared);
         Reason reason = Reason::none;
         const Defect defect = describe(region, reason);
         if (defect.score < 1 || defect.area < std::max(recipe_.min_area, 1U) || tolerated(defect, region, map)) {
@@ -218,20 +220,20 @@ FoundDefects ReferenceDefects::find(const Compared& compared, const Pose& pose, 
 }
 
 std::vector<std::string> problems_of_reference(const Recipe& recipe, const Extents& extents, int bits) {
-    std::vector<std::string> lines;
+    std::vector<std::string> messages;
     const auto level = [&](float value, const char* name) {
-        if (!(value > 0 && value <= 1000)) lines.push_back(std::string(name) + " must be above 0, at most 1000");
+        if (!(value > 0 && value <= 1000)) messages.push_back(std::string(name) + " must be above 0, at most 1000");
     };
     level(recipe.reject_score, "reject_score");
     level(recipe.grow_score, "grow_score");
     level(recipe.cluster_score, "cluster_score");
-    if (recipe.grow_score > recipe.reject_score) lines.emplace_back("grow_score must be at most reject_score");
+    if (recipe.grow_score > recipe.reject_score) messages.emplace_back("grow_score must be at most reject_score");
     if (!(recipe.lenslet_mm >= 0) || !(recipe.bin_rad >= 0))
-        lines.emplace_back("lenslet_mm and bin_rad must be above 0, or 0: not known");
+        messages.emplace_back("lenslet_mm and bin_rad must be above 0, or 0: not known");
     for (const Tolerance& t : recipe.tolerances) {
-        if (!recipe.reference) lines.emplace_back("a tolerance needs a reference to tell kinds and sizes");
-        if (recipe.lenslet_mm == 0) lines.emplace_back("a tolerance in mm needs lenslet_mm");
-        if (t.deepest_rad > 0 && recipe.bin_rad == 0) lines.emplace_back("a tolerance in radians needs bin_rad");
+        if (!recipe.reference) messages.emplace_back("a tolerance needs a reference to tell kinds and sizes");
+        if (recipe.lenslet_mm == 0) messages.emplace_back("a tolerance in mm needs lenslet_mm");
+        if (t.deepest_rad > 0 && recipe.bin_rad == 0) messages.emplace_back("a tolerance in radians needs bin_rad");
     }
     if (recipe.reference) {
         const Reference& r = *recipe.reference;
@@ -240,19 +242,20 @@ std::vector<std::string> problems_of_reference(const Recipe& recipe, const Exten
                 std::to_string(e.j) + " bins";
         };
         if (!(r.extents == extents))
-            lines.push_back("the reference was learned from " + size(r.extents) + ", the frames have " + size(extents));
+            messages.push_back("the reference was learned from " + size(r.extents) + ", the frames have " +
+                               size(extents));
         if (r.bits != bits)
-            lines.push_back("the reference was learned from " + std::to_string(r.bits) +
-                            "-bit samples, the frames have " + std::to_string(bits) + " bits");
+            messages.push_back("the reference was learned from " + std::to_string(r.bits) +
+                               "-bit samples, the frames have " + std::to_string(bits) + " bits");
         const LightLevels levels = light_levels(recipe, bits);
         if (r.levels.dark != levels.dark || r.levels.saturated != levels.saturated ||
             r.levels.min_sum != levels.min_sum) {
-            lines.push_back("the reference was learned with other light levels (dark_dn " +
-                            std::to_string(r.levels.dark) + ", min_sum_dn " + std::to_string(r.levels.min_sum) +
-                            ", saturated_dn " + std::to_string(r.levels.saturated) + ")");
+            messages.push_back("the reference was learned with other light levels (dark_dn " +
+                               std::to_string(r.levels.dark) + ", min_sum_dn " + std::to_string(r.levels.min_sum) +
+                               ", saturated_dn " + std::to_string(r.levels.saturated) + ")");
         }
     }
-    return lines;
+    return messages;
 }
 
 }  // namespace hord::algo

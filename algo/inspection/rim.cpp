@@ -9,15 +9,15 @@
 namespace hord::algo {
 namespace {
 
-// What is known of a lenslet; bits combine.
-enum Place : std::uint8_t {
+// State of a lenslet; bits combine.
+enum State : std::uint8_t {
     kFree = 1,       // shows free light
-    kWide = 2,       // so do all its neighbours inside the field: free light may be followed through it
+    kWide = 2,       // all its neighbours in the field are kFree, too: the flood fill passes through it
     kReached = 4,    // free field
-    kUnreached = 8,  // anything else
+    kUnreached = 8,  // all else
     kPart = 16,      // in a region large enough to be a part
     kInside = 32,    // part, or enclosed by part
-    kSeen = 64,      // counted
+    kCounted = 64,   // in a region whose size is known
 };
 
 constexpr std::int64_t kFreeTolerance =
@@ -32,7 +32,7 @@ int default_rim_margin(const Extents& extents) {
 }
 
 RimFinder::RimFinder(const Extents& extents, int margin)
-    : extents_(extents), margin_(margin), place_(extents.lenslets()), queue_(extents.lenslets()),
+    : extents_(extents), margin_(margin), state_(extents.lenslets()), queue_(extents.lenslets()),
       first_(static_cast<std::size_t>(extents.m)), last_(static_cast<std::size_t>(extents.m)),
       part_in_column_(static_cast<std::size_t>(extents.m)) {
     for (int n = 0; n < extents.n; ++n) {
@@ -45,7 +45,7 @@ RimFinder::RimFinder(const Extents& extents, int margin)
 
 void RimFinder::mark(std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
                      std::span<std::uint8_t> mask) {
-    std::ranges::fill(place_, std::uint8_t{0});
+    std::ranges::fill(state_, std::uint8_t{0});
     if (find_free_light(deflections, sums, mask)) {
         reach_free_field();
         keep_large_parts();
@@ -54,7 +54,7 @@ void RimFinder::mark(std::span<const Deflection> deflections, std::span<const st
     mark_rim(mask);
 }
 
-// Step 1. Sets kFree everywhere where free light is seen; false where the ring shows none.
+// Step 1 (docs/notes/inspection.md). Sets kFree; false if the outermost lenslets show no free light.
 bool RimFinder::find_free_light(std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
                                 std::span<const std::uint8_t> mask) {
     const auto median_of_ring = [&](auto&& value_of) -> std::int64_t {
@@ -71,12 +71,12 @@ bool RimFinder::find_free_light(std::span<const Deflection> deflections, std::sp
     const auto y =
         DeflectionQ::from_raw(median_of_ring([&](std::uint32_t k) { return std::int64_t{deflections[k].y.raw()}; }));
 
-    for (std::size_t k = 0; k < place_.size(); ++k) {
+    for (std::size_t k = 0; k < state_.size(); ++k) {
         const bool free = (mask[k] & kDark) == 0 && close(deflections[k].x, x) && close(deflections[k].y, y) &&
             2 * std::int64_t{sums[k]} >= sum;
-        place_[k] = static_cast<std::uint8_t>(free ? kFree : 0);
+        state_[k] = static_cast<std::uint8_t>(free ? kFree : 0);
     }
-    const auto agreeing = std::ranges::count_if(ring_, [&](std::uint32_t k) { return place_[k] == kFree; });
+    const auto agreeing = std::ranges::count_if(ring_, [&](std::uint32_t k) { return state_[k] == kFree; });
     return 2 * static_cast<std::size_t>(agreeing) >= ring_.size();
 }
 
@@ -85,7 +85,7 @@ void RimFinder::reach_free_field() {
     const auto around = [&](int m, int n, auto&& holds) {  // for every lenslet of the field in the 3x3 around (m, n)
         for (int y = std::max(n - 1, 0); y <= std::min(n + 1, extents_.n - 1); ++y) {
             for (int x = std::max(m - 1, 0); x <= std::min(m + 1, extents_.m - 1); ++x) {
-                if (!holds(place_[static_cast<std::size_t>(y * extents_.m + x)])) return false;
+                if (!holds(state_[static_cast<std::size_t>(y * extents_.m + x)])) return false;
             }
         }
         return true;
@@ -93,44 +93,45 @@ void RimFinder::reach_free_field() {
     std::size_t k = 0;
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
-            if (around(m, n, [](std::uint8_t place) { return (place & kFree) != 0; })) place_[k] |= kWide;
+            if (around(m, n, [](std::uint8_t state) { return (state & kFree) != 0; })) state_[k] |= kWide;
         }
     }
     for (const std::uint32_t at : ring_) {
-        if ((place_[at] & kFree) != 0) place_[at] |= kWide;  // outside the field nothing is in the way
+        if ((state_[at] & kFree) != 0) state_[at] |= kWide;  // outside the field light is free
     }
     for (const std::uint32_t at : ring_) {
-        if ((place_[at] & (kWide | kReached)) == kWide) flood(at, kWide, kReached, false);
+        if ((state_[at] & (kWide | kReached)) == kWide) flood(at, kWide, kReached, false);
     }
     k = 0;
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
             const bool next_to_reached =
-                !around(m, n, [](std::uint8_t place) { return (place & (kWide | kReached)) != (kWide | kReached); });
-            if ((place_[k] & kFree) != 0 && next_to_reached) place_[k] |= kReached;
-            if ((place_[k] & kReached) == 0) place_[k] |= kUnreached;
+                !around(m, n, [](std::uint8_t state) { return (state & (kWide | kReached)) != (kWide | kReached); });
+            if ((state_[k] & kFree) != 0 && next_to_reached) state_[k] |= kReached;
+            if ((state_[k] & kReached) == 0) state_[k] |= kUnreached;
         }
     }
 }
 
 // Step 3, first half. Sets kPart.
 void RimFinder::keep_large_parts() {
-    for (std::uint32_t k = 0; k < place_.size(); ++k) {
-        if ((place_[k] & (kUnreached | kSeen)) != kUnreached) continue;
-        const std::size_t count = flood(k, kUnreached, kSeen, true);
-        if (count * kSmallestPart < place_.size()) continue;
-        for (std::size_t q = 0; q < count; ++q) place_[queue_[q]] |= kPart;
+    for (std::uint32_t k = 0; k < state_.size(); ++k) {
+        if ((state_[k] & (kUnreached | kCounted)) != kUnreached) continue;
+        const std::size_t count = flood(k, kUnreached, kCounted, true);
+        if (count * kSmallestPart < state_.size()) continue;
+        for (std::size_t q = 0; q < count; ++q) state_[queue_[q]] |= kPart;
     }
 }
 
-// Marks every lenslet that is connected to `seed` through lenslets with the bit `through`; they are left in queue_.
+// Marks every lenslet that is connected to `seed` through lenslets with the bit `through`. Returns their number; queue_
+// holds them.
 std::size_t RimFinder::flood(std::uint32_t seed, std::uint8_t through, std::uint8_t mark, bool diagonally) {
     std::size_t count = 0;
     const auto visit = [&](int m, int n) {
         if (m < 0 || n < 0 || m >= extents_.m || n >= extents_.n) return;
         const auto k = static_cast<std::uint32_t>(n * extents_.m + m);
-        if ((place_[k] & (through | mark)) != through) return;
-        place_[k] |= mark;
+        if ((state_[k] & (through | mark)) != through) return;
+        state_[k] |= mark;
         queue_[count++] = k;
     };
     visit(static_cast<int>(seed) % extents_.m, static_cast<int>(seed) / extents_.m);
@@ -145,17 +146,17 @@ std::size_t RimFinder::flood(std::uint32_t seed, std::uint8_t through, std::uint
     return count;
 }
 
-// Step 3, second half. Sets kInside: between part and part in a row or a column; everywhere if there is no part.
+// Step 3, second half. Sets kInside between lenslets of the part in a row or a column; everywhere if there is no part.
 void RimFinder::enclose() {
-    const bool any = std::ranges::any_of(place_, [](std::uint8_t place) { return (place & kPart) != 0; });
+    const bool any = std::ranges::any_of(state_, [](std::uint8_t state) { return (state & kPart) != 0; });
     if (!any) {
-        for (std::uint8_t& place : place_) place |= kInside | kPart;
+        for (std::uint8_t& state : state_) state |= kInside | kPart;
         return;
     }
     std::ranges::fill(first_, extents_.n);
     std::ranges::fill(last_, -1);
     for (int n = 0; n < extents_.n; ++n) {
-        std::uint8_t* row = place_.data() + static_cast<std::ptrdiff_t>(n) * extents_.m;
+        std::uint8_t* row = state_.data() + static_cast<std::ptrdiff_t>(n) * extents_.m;
         int first = extents_.m, last = -1;
         for (int m = 0; m < extents_.m; ++m) {
             if ((row[m] & kPart) == 0) continue;
@@ -170,17 +171,17 @@ void RimFinder::enclose() {
     std::size_t k = 0;
     for (int n = 0; n < extents_.n; ++n) {
         for (std::size_t m = 0; m < first_.size(); ++m, ++k) {
-            if (n >= first_[m] && n <= last_[m]) place_[k] |= kInside;
+            if (n >= first_[m] && n <= last_[m]) state_[k] |= kInside;
         }
     }
 }
 
-// Step 4. A window of the margin's size around each lenslet that holds both part and other, or leaves the field, is
-// rim.
+// Step 4. A lenslet is rim if the square window of `margin_` lenslets around it holds part and other lenslets, or
+// leaves the field. The window's count of part lenslets is updated from row to row and column to column.
 void RimFinder::mark_rim(std::span<std::uint8_t> mask) {
     const int side = 2 * margin_ + 1;
     const auto part_at = [&](int m, int n) {
-        return (place_[static_cast<std::size_t>(n * extents_.m + m)] & kPart) != 0 ? 1 : 0;
+        return (state_[static_cast<std::size_t>(n * extents_.m + m)] & kPart) != 0 ? 1 : 0;
     };
     std::ranges::fill(part_in_column_, 0);
     for (int n = 0; n < std::min(margin_, extents_.n); ++n) {
@@ -202,7 +203,7 @@ void RimFinder::mark_rim(std::span<std::uint8_t> mask) {
             const bool leaves_field =
                 m < margin_ || n < margin_ || m >= extents_.m - margin_ || n >= extents_.n - margin_;
             const bool across_outline = in_window != 0 && in_window != side * side;
-            if ((place_[k] & kInside) == 0) {
+            if ((state_[k] & kInside) == 0) {
                 mask[k] |= kOutside;
             } else if (leaves_field || across_outline) {
                 mask[k] |= kRim;

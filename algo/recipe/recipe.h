@@ -1,4 +1,4 @@
-// What is tolerated on a part: features, limits, masks and zones. Read from TOML by firmware/recipes/recipe_file.h.
+// What is tolerated on a part: features, limits, zones. Read from TOML by firmware/recipes/recipe_file.h.
 #pragma once
 
 #include <algorithm>
@@ -20,107 +20,105 @@ struct Point {
     float n = 0;
 };
 
-// A region of the part. `inspect` zones: only lenslets in at least one of them are judged (none: all are).
-// `ignore` zones: lenslets in any of them are not judged. They lie in the field and do not follow the part.
+// A region of the field; it does not follow the part. If there are `inspect` zones, only lenslets in at least one of
+// them are judged. Lenslets in an `ignore` zone are not judged.
 //
-// In lenslets, (0, 0) is the centre of the top-left lenslet; in mm, it is the middle of the field, ((M-1)/2, (N-1)/2)
-// in lenslets, of Recipe::lenslet_mm each. Both count to the right and down.
+// Coordinates grow to the right and down. In lenslets, (0, 0) is the centre of the top-left lenslet. In mm, (0, 0) is
+// the middle of the field, lenslet ((M-1)/2, (N-1)/2), and a lenslet is Recipe::lenslet_mm wide.
 struct Zone {
     enum class Shape : std::uint8_t { circle, polygon };
     enum class Use : std::uint8_t { inspect, ignore };
     enum class Unit : std::uint8_t { lenslets, mm };
     Shape shape = Shape::circle;
     Use use = Use::inspect;
-    Unit unit = Unit::lenslets;  // of all below
+    Unit unit = Unit::lenslets;  // of the members below
     Point centre;                // circle
     float radius = 0;            // circle
     std::vector<Point> corners;  // polygon, at least three
 
-    [[nodiscard]] bool contains(float m, float n) const;  // a place in the zone's unit
+    [[nodiscard]] bool contains(float m, float n) const;  // (m, n) in the zone's unit
 };
 
-// What is no reason to reject, though it is a defect: small ones of some kinds, not too many, somewhere on the part. A
-// defect that exceeds every tolerance it falls under is one too many.
+// Allows up to `number` defects of the given kinds, place and size. A defect that no tolerance allows rejects the part.
 struct Tolerance {
-    std::uint32_t kinds = 0xFFFFFFFFU;  // bit 1 << DefectKind: those that it is about
-    std::optional<Zone> where;          // on the reference's part, in lenslets; none: everywhere
-    float largest_mm = 0;               // diameter of a disc of the same area; of scratches the length
-    float deepest_rad = 0;              // the largest change of direction; 0: any
-    std::uint32_t number = 1;           // as many of them
+    std::uint32_t kinds = 0xFFFFFFFFU;  // bit 1 << DefectKind: the kinds it applies to
+    std::optional<Zone> where;          // in lenslets of the reference; none: everywhere
+    float largest_mm = 0;               // diameter of the disc of equal area; of scratches the length
+    float deepest_rad = 0;              // largest change of direction; 0: unlimited
+    std::uint32_t number = 1;           // defects allowed
 
-    [[nodiscard]] bool is_about(DefectKind kind) const { return (kinds >> static_cast<unsigned>(kind) & 1U) != 0; }
+    [[nodiscard]] bool applies_to(DefectKind kind) const { return (kinds >> static_cast<unsigned>(kind) & 1U) != 0; }
 };
 
 struct Reference;  // algo/reference/reference.h
 
-// The distances that a part can be judged by over neighbours, from the dearest down; why these and no others:
+// The distances between neighbours that can judge a part, the most expensive first. Why only these:
 // docs/adr/0004-rungs.md.
 inline constexpr std::array kJudgedGradients = {Feature::emd, Feature::marginal, Feature::hellinger, Feature::chi2};
 constexpr bool is_judged_gradient(Feature feature) {
     return std::ranges::find(kJudgedGradients, feature) != kJudgedGradients.end();
 }
 
-// Light levels at 8 bits; at b bits they are 2^(b-8) times as many DN, the same share of the full scale.
-// Dark: twelve times the rounding noise of 8 bits (0.29 DN) and five times a read noise of 0.6 DN, so dark bins stay
-// empty. Least sum: 1/16 of a bin at full scale. With ten or more electrons a DN that is 160 electrons or more, where
-// the EMD of two draws of one HORD is about half a bin; with less light a HORD is noise. A lenslet that dark is judged
-// by its transmission.
+// Default light levels at 8 bits, DN; at b bits 2^(b-8) times as many, the same share of the full scale.
+// Dark level: about ten times the rounding noise of 8 bits (0.29 DN) and five times a read noise of 0.6 DN, so dark
+// bins stay empty. Least sum: 1/16 of a bin at full scale. With ten or more electrons a DN that is at least
+// 160 electrons, where the EMD of two draws of one HORD is about half a bin. With less light a HORD is noise; such a
+// lenslet is judged by its transmission alone.
 constexpr std::uint32_t kDarkDn8Bit = 3;
 constexpr std::uint32_t kMinSumDn8Bit = 16;
 
 struct Recipe {
     std::string name = "default";
 
-    // Light. `dark_dn` is subtracted from every sample (what is at or below it counts as no light); a lenslet whose sum
-    // is then below `min_sum_dn` has no HORD (masked, never called 0); a lenslet with a sample at or above
-    // `saturated_dn` is masked as saturated. 0 follows the bit depth: the levels above, and the full scale. Where the
-    // camera has subtracted its dark level already, 1 is as good as none.
+    // Light levels. `dark_dn` is subtracted from every sample; negative differences count as 0. A lenslet whose sum is
+    // then below `min_sum_dn` is masked: it has no HORD. A lenslet with a sample at or above `saturated_dn` is masked
+    // as saturated. 0 selects the defaults: the levels above, and the full scale. Give dark_dn = 1 if the camera
+    // subtracts its dark level itself.
     std::uint32_t dark_dn = 0;
     std::uint32_t min_sum_dn = 0;
     std::uint32_t saturated_dn = 0;
 
-    // Features: what is computed of a part, and judged. What is not chosen costs nothing, its map is empty, and its
-    // limit stays as it is here.
-    std::optional<Feature> gradient =
-        Feature::emd;    // over neighbours: one of kJudgedGradients, or none; with a reference emd or none
-    bool slopes = true;  // the Jacobian of the mean deflection
-    bool light = true;   // the transmission; with a reference its own score of the light is judged instead
+    // Features that are computed and judged. A feature that is not chosen is not computed, its map is empty, and its
+    // limit must keep the default.
+    std::optional<Feature> gradient = Feature::emd;  // one of kJudgedGradients or none; with a reference: emd or none
+    bool slopes = true;                              // the Jacobian of the mean deflection
+    bool light = true;  // the transmission; with a reference the score of the light is judged instead
 
     // Limits. A region of lenslets at or above a limit, of at least `min_area` lenslets, is a defect.
     //
-    // Gradients: a good part may use the whole range of 9 bins smoothly over 40 lenslets, 0.2 bin a lenslet along each
-    // axis: 0.28 in the Frobenius norm, 0.57 in the EMD gradient (over two lenslets). Bins of finite width make that
-    // ripple: a spot 1.22 bins wide moves its mean up to 1.27 times as fast as itself over 0.4 bin, so 0.36 and 0.72.
-    // Noise adds less than 0.04 to the first from 500 electrons a lenslet on, and up to 0.3 to the second, where it
-    // does not average out. Set them lower for weaker parts. Transmission: at 500 electrons a lenslet photon noise
-    // is 4.5 %, 8-bit rounding with the dark level 2 %, together 25 % at five sigma; the light of a good lens varies by
-    // 4 % more. An opaque spot that covers 30 % of a lenslet is found. Measured on traced frames in
-    // tests/algo/inspection/real_frames_test.cpp, on drawn ones in properties_test.cpp.
+    // Why these defaults. Gradients: a good part may use the range of 9 bins smoothly over 40 lenslets, 0.2 bin a
+    // lenslet along each axis: 0.28 in the Frobenius norm, 0.57 in the EMD gradient (over two lenslets). Bins of finite
+    // width make the gradient ripple: the mean of a spot 1.22 bins wide moves up to 1.27 times as fast as the spot over
+    // 0.4 bin, which gives 0.36 and 0.72. From 500 electrons a lenslet on, noise adds less than 0.04 to the Frobenius
+    // norm and up to 0.3 to the EMD gradient, where it does not average out. Set lower limits for weaker parts.
+    // Transmission: at 500 electrons a lenslet photon noise is 4.5 % and 8-bit rounding with the dark level 2 %,
+    // together 25 % at five sigma; the light of a good lens varies by 4 % more. An opaque spot that covers 30 % of a
+    // lenslet is found. Tests: real_frames_test.cpp (traced frames) and properties_test.cpp (drawn ones) in
+    // tests/algo/inspection.
     float emd_limit_bins = 1.0F;        // neighbour EMD gradient, Euclidean ground, bin pitches (Eqs. 9-11)
     float frobenius_limit_bins = 0.4F;  // |Jacobian of the mean deflection|_F, bin pitches a lenslet (Eqs. 12-14)
     float transmission_limit = 0.7F;    // light relative to the part's own typical lenslet, 0 (off) to 1
     std::uint32_t min_area = 1;         // lenslets
-    // Of a gradient other than the EMD, in its own unit (unit_of). Good parts set it (hordctl tune), there is no usual
-    // one.
-    float gradient_limit = 0;
+    float gradient_limit = 0;           // of a gradient other than the EMD, in its unit (unit_of); from hordctl tune
 
-    // The part's own rim lights up in every gradient. `rim_margin` lenslets inside it are not judged; negative:
-    // chosen from the number of lenslets (documented in algo/inspection/rim.h).
+    // The part's rim has large gradients. `rim_margin` lenslets inside it are not judged; negative: computed from the
+    // number of lenslets (algo/inspection/rim.h).
     int rim_margin = -1;
 
-    // More than this share of the judged lenslets without light, or saturated, makes the frame unfit.
+    // Shares of the judged lenslets; beyond them the frame is unfit.
     float max_saturated_share = 0.02F;
     float min_lit_share = 0.05F;
 
     std::vector<Zone> zones;
 
-    // Of the measurement plane and of a bin; 0: not known. Needed where a zone or a tolerance is in mm or radians.
+    // Pitch of a lenslet on the measurement plane, and of a bin; 0: unknown. Needed where a zone or a tolerance is in
+    // mm or radians.
     float lenslet_mm = 0;
     float bin_rad = 0;
 
-    // Good parts to compare with (algo/inspection/reference_defects.h); none: parts are judged by themselves alone. The
-    // scores are in units of noise: a lenslet at `reject_score` is a defect, it grows over neighbours down to
-    // `grow_score`, and weaker ones that lie together count when the root of their sum of squares reaches
+    // Good parts to compare with (algo/inspection/reference_defects.h); none: a part is compared with itself only.
+    // Scores are in units of noise: a lenslet at `reject_score` is a defect; its region extends over neighbours down to
+    // `grow_score`; a region of weaker scores is a defect when the root of their sum of squares reaches
     // `cluster_score`.
     std::shared_ptr<const Reference> reference;
     float reject_score = 6.0F;
@@ -129,14 +127,14 @@ struct Recipe {
     std::vector<Tolerance> tolerances;
 };
 
-// The limit of the gradient that was chosen; 0 without one.
+// The limit of the chosen gradient; 0 if there is none.
 float limit_of_gradient(const Recipe& recipe);
 
 // The recipe's light levels at a bit depth, in DN.
 struct LightLevels;  // algo/frame/decode.h
 LightLevels light_levels(const Recipe& recipe, int bits);
 
-// All problems of a recipe for light fields of these extents, one line each; empty when it can be used.
+// All problems of a recipe for light fields of these extents, one message each; empty if it can be used.
 std::vector<std::string> problems(const Recipe& recipe, const Extents& extents);
 
 }  // namespace hord::algo

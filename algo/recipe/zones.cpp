@@ -29,16 +29,15 @@ void paint_zones(std::span<const Zone> zones, const Extents& extents, std::span<
     std::size_t k = 0;
     for (int n = 0; n < extents.n; ++n) {
         for (int m = 0; m < extents.m; ++m, ++k) {
-            bool wanted = !only_inside;
-            bool ignored = false;
+            bool inspected = !only_inside, ignored = false;
             for (const Zone& zone : zones) {
                 const bool in_mm = zone.unit == Zone::Unit::mm;
                 if (!zone.contains(in_mm ? mm(m, extents.m) : static_cast<float>(m),
                                    in_mm ? mm(n, extents.n) : static_cast<float>(n)))
                     continue;
-                (zone.use == Zone::Use::inspect ? wanted : ignored) = true;
+                (zone.use == Zone::Use::inspect ? inspected : ignored) = true;
             }
-            mask[k] = wanted && !ignored ? kValid : kOutside;
+            mask[k] = inspected && !ignored ? kValid : kOutside;
         }
     }
 }

@@ -1,8 +1,7 @@
-// The recipe's zones, painted: which lenslets may be judged at all (Zone::contains is in algo/recipe/recipe.h).
+// The mask of the recipe's zones (algo/recipe/recipe.h): which lenslets may be judged.
 //
-// A lenslet belongs to a zone when its centre does. A circle includes its edge. A polygon is filled by the even-odd
-// rule, its last corner joined to its first; a centre exactly on an edge belongs to the side that is to the right or
-// below.
+// A lenslet belongs to a zone if its centre does. A circle includes its edge. A polygon is closed and filled by the
+// even-odd rule; a centre exactly on an edge belongs to the side to the right or below.
 #pragma once
 
 #include <cstdint>
@@ -13,9 +12,8 @@
 
 namespace hord::algo {
 
-// Sets kOutside where no `inspect` zone is (if there are any) and where an `ignore` zone is; 0 elsewhere. `lenslet_mm`:
-// above 0 where a zone is in mm. A lenslet's centre in mm is (m - (M-1)/2) lenslet_mm, rounded to the nearest float
-// once.
+// Sets kOutside outside the `inspect` zones (if there are any) and inside the `ignore` zones; kValid elsewhere.
+// `lenslet_mm` must be above 0 if a zone is in mm. A centre in mm is (m - (M-1)/2) lenslet_mm, rounded once to float.
 void paint_zones(std::span<const Zone> zones, const Extents& extents, std::span<std::uint8_t> mask,
                  float lenslet_mm = 0);
 

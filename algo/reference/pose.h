@@ -1,9 +1,9 @@
-// Where a part lies compared with the reference parts: moved and turned a little.
+// Pose of a part relative to the reference: a small shift and turn.
 //
-// A place of the part's frame, in lenslets from the middle of the field, is at
+// A point p of the part's frame, in lenslets from the middle of the field, is at
 //     q = R(-turn) (p - shift)
-// in the reference. The turn is given by its sine, and the cosine is sqrt(1 - sine^2): operations that are rounded
-// alike everywhere.
+// in the reference. The turn is stored as its sine, the cosine is sqrt(1 - sine^2): IEEE 754 rounds both alike on every
+// machine.
 #pragma once
 
 #include <cmath>
@@ -16,10 +16,10 @@ struct Pose {
     double x = 0, y = 0;  // shift, lenslets, to the right and down
     double sine = 0;      // of the turn, from x towards y
 
-    [[nodiscard]] double turn_rad() const { return std::asin(sine); }  // for people
+    [[nodiscard]] double turn_rad() const { return std::asin(sine); }  // for display
 };
 
-// The map of one pose over a field: lenslet of the part -> place in the reference, and back.
+// The coordinate transform of one pose: lenslets of the part to lenslets of the reference, and back.
 class PoseMap {
   public:
     PoseMap(const Pose& pose, const Extents& extents)
@@ -37,7 +37,7 @@ class PoseMap {
         const double x = m - middle_m_, y = n - middle_n_;
         return {cosine_ * x - pose_.sine * y + middle_m_ + pose_.x, cosine_ * y + pose_.sine * x + middle_n_ + pose_.y};
     }
-    // A deflection of the reference as the turned part has it.
+    // A deflection of the reference, turned with the part.
     [[nodiscard]] Place turned(double x, double y) const {
         return {cosine_ * x - pose_.sine * y, cosine_ * y + pose_.sine * x};
     }
@@ -47,8 +47,8 @@ class PoseMap {
     double cosine_, middle_m_, middle_n_;
 };
 
-// Catmull-Rom weights of the four lenslets around a place that lies `t` (0..1) after the second of them: they reproduce
-// parabolas, so that a HORD that moves evenly from lenslet to lenslet keeps its mean and its spread in between.
+// Catmull-Rom weights of four lenslets, for a point `t` (0..1) after the second of them. They reproduce parabolas: a
+// HORD that moves linearly from lenslet to lenslet keeps its mean and its spread in between.
 struct CubicWeights {
     double of[4];
     static constexpr CubicWeights at(double t) {
@@ -61,23 +61,23 @@ struct CubicWeights {
             {0.5 * (4 * t - 1 - 3 * t2), 0.5 * (9 * t2 - 10 * t), 0.5 * (8 * t - 9 * t2 + 1), 0.5 * (3 * t2 - 2 * t)}};
     }
     static CubicWeights linear_at(double t) { return {{0, 1 - t, t, 0}}; }
-    // Parabolas through three of them: without the last, without the first.
+    // Parabolas through three of them: the first three; the last three.
     static CubicWeights before_at(double t) { return {{0.5 * t * (t - 1), (1 - t) * (1 + t), 0.5 * t * (t + 1), 0}}; }
     static CubicWeights after_at(double t) { return {{0, 0.5 * (1 - t) * (2 - t), t * (2 - t), 0.5 * t * (t - 1)}}; }
 };
 
-// The lenslets around a place that an interpolation may use, and how: 4x4 of them, or where some have no value 3x4,
-// 4x3, 3x3, at worst 2x2.
-struct Surroundings {
-    int m = 0, n = 0;            // of the first of 4x4
+// The lenslets around a point that an interpolation uses, with their weights: 4x4; where some have no value 3x4, 4x3,
+// 3x3 or 2x2.
+struct InterpolationWindow {
+    int m = 0, n = 0;            // of the top-left one of the 4x4
     CubicWeights along, across;  // by m, by n; 0: not used
     bool found = false;
 
-    // `usable(m, n)`: it has a value; asked inside the field only.
+    // `usable(m, n)`: the lenslet has a value; called inside the field only.
     template <class Usable>
-    static Surroundings of(double m, double n, const Extents& e, Usable&& usable) {
+    static InterpolationWindow of(double m, double n, const Extents& e, Usable&& usable) {
         const double floor_m = std::floor(m), floor_n = std::floor(n), t = m - floor_m, u = n - floor_n;
-        Surroundings s;
+        InterpolationWindow s;
         s.m = static_cast<int>(floor_m) - 1, s.n = static_cast<int>(floor_n) - 1;
         if (s.m < -1 || s.n < -1 || s.m + 2 >= e.m || s.n + 2 >= e.n) return s;
         unsigned bad[4];  // of each row; bit c: column c

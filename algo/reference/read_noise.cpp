@@ -15,13 +15,13 @@ constexpr int kFarBins = 3;
 constexpr std::uint32_t kBright = 8, kSupport = 16;
 constexpr std::size_t kFrames = 8;
 constexpr std::uint64_t kMinReadings = 1000;
-constexpr double kWithin = 5;  // standard deviations
-constexpr double kMin = 0.25;  // DN: below, rounding leaves too little
+constexpr double kMaxDeviations = 5;  // standard deviations from the median; beyond: outliers
+constexpr double kMin = 0.25;         // DN: less cannot be told from rounding
 
-// How often each reading was seen.
+// Count of each reading.
 using Histogram = std::vector<std::uint64_t>;
 
-void add_dark_bins(const FrameView& frame, const Extents& e, std::uint32_t dark, Histogram& seen) {
+void add_dark_bins(const FrameView& frame, const Extents& e, std::uint32_t dark, Histogram& histogram) {
     std::array<bool, kMaxBins * kMaxBins> far{};
     for (int n = 0; n < e.n; ++n) {
         for (int m = 0; m < e.m; ++m) {
@@ -44,14 +44,14 @@ void add_dark_bins(const FrameView& frame, const Extents& e, std::uint32_t dark,
             }
             for (int j = 0; j < e.j; ++j) {
                 for (int i = 0; i < e.i; ++i) {
-                    if (is_far(i, j)) ++seen[std::min<std::size_t>(sample(i, j), seen.size() - 1)];
+                    if (is_far(i, j)) ++histogram[std::min<std::size_t>(sample(i, j), histogram.size() - 1)];
                 }
             }
         }
     }
 }
 
-// Of a normal number of mean 0, rounded: the sum over k >= 1 of k^2 times how likely it is, twice.
+// Of a normal variable of mean 0, rounded to integers: twice the sum over k >= 1 of k^2 times its probability.
 double square_of_upper_half(double sigma) {
     const auto above = [&](double x) { return 0.5 * std::erfc(x / (sigma * std::numbers::sqrt2)); };
     double sum = 0;
@@ -70,22 +70,23 @@ double sigma_of(double square) {
     return low < kMin ? 0 : low;
 }
 
-double noise_of(const Histogram& seen, std::uint64_t readings) {
+double noise_of(const Histogram& histogram, std::uint64_t readings) {
     std::size_t median = 0;
-    for (std::uint64_t below = seen[0]; 2 * below < readings; below += seen[++median]) {
+    for (std::uint64_t below = histogram[0]; 2 * below < readings; below += histogram[++median]) {
     }
-    const bool cut_off = seen[0] * 100 > readings;
+    const bool clipped = histogram[0] * 100 > readings;
     double sigma = std::numeric_limits<double>::infinity();
     for (int round = 0; round < 5; ++round) {
-        const double reach = kWithin * sigma + 1;
+        const double reach = kMaxDeviations * sigma + 1;
         double count = 0, sum = 0, squares = 0, upper = 0;
-        for (std::size_t k = 0; k < seen.size(); ++k) {
-            const double off = static_cast<double>(k) - static_cast<double>(median), n = static_cast<double>(seen[k]);
+        for (std::size_t k = 0; k < histogram.size(); ++k) {
+            const double off = static_cast<double>(k) - static_cast<double>(median),
+                         n = static_cast<double>(histogram[k]);
             if (std::abs(off) > reach) continue;
             count += n, sum += n * off, squares += n * off * off;
             if (off > 0) upper += n * off * off;
         }
-        if (cut_off) {
+        if (clipped) {
             sigma = sigma_of(2 * upper / count);
         } else {
             const double mean = sum / count;
@@ -100,22 +101,22 @@ double noise_of(const Histogram& seen, std::uint64_t readings) {
 Result<float> read_noise_of(const Extents& extents, const LightLevels& levels, std::size_t count,
                             const std::function<Result<Frame>(std::size_t)>& frame_of) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    Histogram seen;
+    Histogram histogram;
     for (std::size_t k = 0; k < std::min(count, kFrames); ++k) {
         const auto frame = frame_of(k);
         if (!frame) return tl::unexpected(frame.error());
         if (auto fine = check_frame(frame->view(), extents, frame->bits()); !fine) return tl::unexpected(fine.error());
-        seen.resize(std::max(seen.size(), std::size_t{frame->view().full_scale()} + 1));
-        add_dark_bins(frame->view(), extents, levels.dark, seen);
+        histogram.resize(std::max(histogram.size(), std::size_t{frame->view().full_scale()} + 1));
+        add_dark_bins(frame->view(), extents, levels.dark, histogram);
     }
     std::uint64_t readings = 0;
-    for (const std::uint64_t n : seen) readings += n;
+    for (const std::uint64_t n : histogram) readings += n;
     if (readings < kMinReadings) {
         return fail(ErrorCode::invalid_argument,
                     "too few bins of these frames are without light to tell the read noise from them",
                     "give the sensor's, in DN, with --read-dn");
     }
-    return static_cast<float>(noise_of(seen, readings));
+    return static_cast<float>(noise_of(histogram, readings));
 }
 
 }  // namespace hord::algo

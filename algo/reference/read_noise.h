@@ -1,14 +1,12 @@
-// The sensor's read noise, from frames of a part: what the bins read that no light reaches.
+// Estimates the sensor's read noise from frames of a part: the spread of the dark bins about their median.
 //
-// Those are the bins that lie kFarBins and more from every bin of their lenslet that has a sixteenth of its brightest
-// one's reading or more; lenslets whose brightest bin is below kBright times the dark level have none, for what lights
-// them faintly may be anywhere. Their readings spread about their median. Where most are 0 the sensor cut off what was
-// below, and the upper half tells: the standard deviation s of the normal number whose rounded upper half has the mean
-// square that is seen. Readings further than five standard deviations from the median do not count: scattered light,
-// hot pixels.
+// A bin is dark if it lies kFarBins or more from every bin of its lenslet that reads at least 1/16 of the lenslet's
+// brightest bin. Lenslets whose brightest bin is below kBright times the dark level are left out: faint light may be
+// anywhere. If the sensor clips readings at 0, only the upper half is used: the result is the standard deviation of the
+// normal distribution whose rounded upper half has the measured mean square. Readings more than five standard
+// deviations from the median are left out (scattered light, hot pixels).
 //
-// Good to about a tenth from 0.3 DN on; noise of less than that does not show in whole DN, and is given as 0. Doubles:
-// this judges no part.
+// Error about 10 % from 0.3 DN on. Less noise than that cannot be seen in whole DN; the result is then 0.
 #pragma once
 
 #include <cstddef>
@@ -21,8 +19,8 @@
 
 namespace hord::algo {
 
-// DN, from the first eight of `count` macro-pixel frames. `levels`: the dark level is used. Fails with invalid_argument
-// where too few such bins are seen; an error of `frame_of` ends it.
+// DN, from the first eight of `count` macro-pixel frames. Uses the dark level of `levels`. Fails with invalid_argument
+// if there are too few dark bins, and with any error of `frame_of`.
 Result<float> read_noise_of(const Extents& extents, const LightLevels& levels, std::size_t count,
                             const std::function<Result<Frame>(std::size_t)>& frame_of);
 

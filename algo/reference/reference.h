@@ -1,5 +1,6 @@
-// What good parts look like, lenslet by lenslet: learned once (algo/reference/reference_learner.h), kept in a file
-// (firmware/recipes/reference_file.h), never changed while parts are inspected.
+// The reference: light, HORD and spread of good parts, lenslet by lenslet. Learned once
+// (algo/reference/reference_learner.h), stored in a file (firmware/recipes/reference_file.h), constant during
+// inspection.
 #pragma once
 
 #include <array>
@@ -13,27 +14,27 @@
 
 namespace hord::algo {
 
-// The sensor's noise, in DN: a sample of x DN above the dark level varies by x / electrons_per_dn + read_dn^2 + 1/12.
+// The sensor's noise: a sample of x DN above the dark level has the variance x / electrons_per_dn + read_dn^2 + 1/12
+// DN^2.
 struct SensorModel {
     float electrons_per_dn = 10;
     float read_dn = 0.6F;
     float clip_dn =
-        0;  // of light that the dark level cuts off every lit bin: the dark level, less the camera's own pedestal
+        0;  // light that the dark level removes from every lit bin: the dark level less the camera's pedestal
 };
 
-// By how much a lenslet may differ from the reference HORD; one number each.
+// The ways in which a lenslet is compared with the reference HORD; one number each.
 enum class Deviation : std::uint8_t {
-    light,             // missing or additional light, of what is expected
-    deflection_shift,  // the mean deflection, bin pitches
-    scattering,        // the spread of the deflections: the share of the light that is scattered by about a bin
-    shape,             // all that these do not describe
+    light,             // missing or additional light, relative to the expected light
+    deflection_shift,  // change of the mean deflection, bin pitches
+    scattering,        // change of the spread of deflections: the share of the light that is scattered by about a bin
+    shape,             // the remainder of the HORD's difference
 };
 inline constexpr std::size_t kDeviations = 4;
 
 struct Reference {
-    static constexpr int kShareBits = 15;  // a share of the light, Q0.15,
-    static constexpr std::uint16_t kMaxShare =
-        (1U << kShareBits) - 1;  // below 1: it is multiplied as a signed number, too
+    static constexpr int kShareBits = 15;                               // a share of the light is Q0.15,
+    static constexpr std::uint16_t kMaxShare = (1U << kShareBits) - 1;  // below 1, so that it fits std::int16_t
     static constexpr std::uint32_t kMinParts = 8;
 
     Extents extents;
@@ -42,16 +43,17 @@ struct Reference {
     SensorModel sensor;
     std::uint32_t parts = 0;  // learned from
 
-    // Reference HORDs: `stride()` shares a lenslet, bin (i, j) at place(i, j); a border of dark bins around them, and
-    // the rest, are 0.
+    // Reference HORDs: `stride()` shares a lenslet, bin (i, j) at place(i, j), with a border of dark bins around them.
+    // Border and padding are 0.
     std::vector<std::uint16_t> shares;
     // One value a lenslet.
     std::vector<float> light;        // DN: the typical part's sum
     std::vector<float> x, y;         // mean deflection, bin pitches
-    std::vector<std::uint8_t> mask;  // kDark: no reference HORD; kOutside: not seen often enough to say anything
-    std::array<std::vector<float>, kDeviations> spread;  // variance of good parts beyond noise, in the deviation's unit
-                                                         // squared; of shape: excess of chi-square a DN of light
-    std::vector<float> emd, frobenius;                   // the gradients of a typical good part
+    std::vector<std::uint8_t> mask;  // kDark: no reference HORD; kOutside: too few parts show this lenslet
+    // Variance of good parts beyond noise, in the deviation's unit squared; of shape: excess of chi-square a DN of
+    // light.
+    std::array<std::vector<float>, kDeviations> spread;
+    std::vector<float> emd, frobenius;  // the gradients of a typical good part
 
     [[nodiscard]] std::size_t stride() const {
         return (static_cast<std::size_t>((extents.i + 2) * (extents.j + 2)) + 15) / 16 * 16;
@@ -62,7 +64,7 @@ struct Reference {
     [[nodiscard]] ReferenceMaps maps() const { return {light, x, y, mask}; }
 };
 
-// Sizes and ranges; invalid_argument names the first thing that is wrong.
+// Checks sizes and ranges. Fails with invalid_argument, naming the first problem.
 Result<void> check(const Reference& reference);
 
 }  // namespace hord::algo

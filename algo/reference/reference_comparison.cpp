@@ -11,15 +11,15 @@ namespace {
 
 constexpr int kCopiedLine = 16, kCopied = kCopiedLine * kMaxBins;  // samples: of a copied lenslet's line; of all
 static_assert(kCopiedLine >= (kMaxBins + 7) / 8 * 8);
-constexpr float kEdgeBins = 0.2F,
-                kEdgeLight = 0.1F;  // second differences of a reference map: what interpolation cannot follow
+constexpr float kEdgeCurvatureBins = 0.2F,
+                kEdgeCurvatureLight = 0.1F;  // second differences of a reference map: what interpolation cannot follow
 
 constexpr int floor_of(double v) {
     const int towards_zero = static_cast<int>(v);
     return towards_zero - (v < towards_zero ? 1 : 0);
 }
 
-// With operations alone that are rounded alike everywhere.
+// e^x, x >= 0, by operations that IEEE 754 rounds alike on every machine.
 double exact_exp(double x) {
     int halved = 0;
     for (; x > 0.5; x *= 0.5) ++halved;
@@ -29,7 +29,7 @@ double exact_exp(double x) {
     return sum;
 }
 
-// The variance of what a normal number of this variance has above `clip`, nothing where it has not.
+// The variance of max(0, z - clip), z normal with this variance.
 double clipped_variance(double variance, double clip) {
     const double from = clip / std::sqrt(variance), step = 1.0 / 32;
     double mean = 0, square = 0;
@@ -43,10 +43,10 @@ double clipped_variance(double variance, double clip) {
 
 }  // namespace
 
-ReferenceComparer::ReferenceComparer(const Reference& reference, Isa isa, std::shared_ptr<const ReferenceSoa> planes)
-    : reference_(reference), planes_(planes ? std::move(planes) : std::make_shared<const ReferenceSoa>(reference)),
-      row_(reference, *planes_, isa), reader_(reference, isa), fitter_(reference.extents, isa),
-      edge_(reference.extents.lenslets()), read_(kLanes * reference.stride()),
+ReferenceComparer::ReferenceComparer(const Reference& reference, Isa isa, std::shared_ptr<const ReferenceSoa> soa)
+    : reference_(reference), soa_(soa ? std::move(soa) : std::make_shared<const ReferenceSoa>(reference)),
+      row_sampler_(reference, *soa_, isa), sampler_(reference, isa), fitter_(reference.extents, isa),
+      edge_(reference.extents.lenslets()), sampled_bins_(kLanes * reference.stride()),
       copied_(static_cast<std::size_t>(kLanes * kCopied)) {
     const double clip = static_cast<double>(reference.sensor.clip_dn),
                  gain = static_cast<double>(reference.sensor.electrons_per_dn),
@@ -77,16 +77,16 @@ void ReferenceComparer::find_edges() {
         for (int m = 0; m < e.m; ++m) {
             if (reference_.mask[at(m, n)] == kOutside) continue;
             bool edge = reference_.mask[at(m, n)] != kValid;
-            const auto deflection_shifts = [&](std::size_t before, std::size_t k, std::size_t after) {
+            const auto check_curvature = [&](std::size_t before, std::size_t k, std::size_t after) {
                 if ((reference_.mask[before] | reference_.mask[k] | reference_.mask[after]) != kValid) return;
                 const auto second = [&](const std::vector<float>& map) {
                     return std::abs(map[before] - 2 * map[k] + map[after]);
                 };
-                edge = edge || second(reference_.x) > kEdgeBins || second(reference_.y) > kEdgeBins ||
-                    second(reference_.light) > kEdgeLight * reference_.light[k];
+                edge = edge || second(reference_.x) > kEdgeCurvatureBins || second(reference_.y) > kEdgeCurvatureBins ||
+                    second(reference_.light) > kEdgeCurvatureLight * reference_.light[k];
             };
-            if (m > 0 && m + 1 < e.m) deflection_shifts(at(m - 1, n), at(m, n), at(m + 1, n));
-            if (n > 0 && n + 1 < e.n) deflection_shifts(at(m, n - 1), at(m, n), at(m, n + 1));
+            if (m > 0 && m + 1 < e.m) check_curvature(at(m - 1, n), at(m, n), at(m + 1, n));
+            if (n > 0 && n + 1 < e.n) check_curvature(at(m, n - 1), at(m, n), at(m, n + 1));
             for (int y = std::max(0, n - 2); edge && y <= std::min(e.n - 1, n + 2); ++y) {
                 for (int x = std::max(0, m - 2); x <= std::min(e.m - 1, m + 2); ++x) edge_[at(x, y)] = 1;
             }
@@ -94,11 +94,11 @@ void ReferenceComparer::find_edges() {
     }
 }
 
-// Of a part at `light_` times the reference's light.
+// The noise of a part at `light_` times the reference's light.
 BinNoise ReferenceComparer::at_light(const BinNoise& noise) const {
     BinNoise here = noise;
-    here.a_dn = static_cast<float>(golden_share_ / static_cast<double>(reference_.sensor.electrons_per_dn));
-    // Of a spot's fringes, weaker light leaves below the dark level what is not quiet.
+    here.a_dn = static_cast<float>(variance_factor_ / static_cast<double>(reference_.sensor.electrons_per_dn));
+    // With less light the fringes of a spot fall below the dark level in part: dark bins vary more.
     if (light_ < 1) here.empty = std::max(here.empty, static_cast<float>(floor_ * (1 - light_) * (1 - light_)));
     return here;
 }
@@ -106,10 +106,10 @@ BinNoise ReferenceComparer::at_light(const BinNoise& noise) const {
 void ReferenceComparer::start_row(const PoseMap& pose, int n, double light) {
     pose_ = &pose;
     light_ = (light + clipped_) / (1 + clipped_);
-    row_.start_row(pose, n, light_);
+    row_sampler_.start_row(pose, n, light_);
     group_.live = 0;
-    golden_share_ = 1 + light_ / reference_.parts;  // less light than its own: less of its noise
-    noise_now_ = at_light(noise_), noise_at_edges_now_ = at_light(noise_at_edges_);
+    variance_factor_ = 1 + light_ / reference_.parts;  // the reference's own noise scales with the light
+    row_noise_ = at_light(noise_), row_noise_at_edges_ = at_light(noise_at_edges_);
 }
 
 std::uint32_t ReferenceComparer::nearest(const PoseMap::Place& at) const {
@@ -118,13 +118,13 @@ std::uint32_t ReferenceComparer::nearest(const PoseMap::Place& at) const {
                                       std::clamp(floor_of(at.m + 0.5), 0, e.m - 1));
 }
 
-// The lane of a lenslet among those that wait; -1: those that do are to be compared first.
-int ReferenceComparer::join(int m, int n, std::uint32_t sum, bool has_hord, Difference& out) {
+// Adds a lenslet to the group and returns its lane; -1 if the group must be compared first.
+int ReferenceComparer::add_to_group(int m, int n, std::uint32_t sum, bool has_hord, Difference& out) {
     const auto at = pose_->to_reference(m, n);
     const int column = floor_of(at.m), block = (column - 1) >> 4, lane = (column - 1) & (kLanes - 1);
     static_assert(kLanes == 16);
     Group& g = group_;
-    // A turned part's lenslets lie less than one apart in the reference: once in a while two share a column.
+    // Lenslets of a turned part lie less than one apart in the reference: sometimes two share a column.
     if (g.live != 0 && (block != g.block || lane <= g.last)) return -1;
     if (g.live == 0) g.with_hord = 0;
     g.block = block;
@@ -135,11 +135,12 @@ int ReferenceComparer::join(int m, int n, std::uint32_t sum, bool has_hord, Diff
     g.sum[lane] = sum;
     g.out[lane] = &out;
     const QuantisedCubic& along = cubic_at(at.m - column);
-    for (int c = 0; c < ReferenceSoa::kAcross; ++c) reference_hords_.weights[c][lane] = static_cast<float>(along.of[c]);
+    for (int c = 0; c < ReferenceSoa::kCubicRows; ++c)
+        reference_hords_.weights[c][lane] = static_cast<float>(along.of[c]);
     return lane;
 }
 
-// Of lenslets at the ends of the frame's lines: so that behind each line can be read.
+// A copy with room behind each line, for lenslets at the ends of the frame's lines.
 template <class Sample>
 LensletSamples<Sample> ReferenceComparer::copy_of(const LensletSamples<Sample>& samples, int lane) {
     auto* const copied = reinterpret_cast<Sample*>(copied_.data() + std::ptrdiff_t{lane} * kCopied);
@@ -157,10 +158,10 @@ void ReferenceComparer::compare_row(const HordRow& row, int n, const PoseMap& po
         const auto k = static_cast<std::size_t>(m);
         out[k] = {};
         if ((row.mask()[k] & kSaturated) != 0) continue;
-        int lane = join(m, n, row.sums()[k], row.has_hord(m), out[k]);
+        int lane = add_to_group(m, n, row.sums()[k], row.has_hord(m), out[k]);
         if (lane < 0) {
             compare(group_.wide, 0);
-            lane = join(m, n, row.sums()[k], row.has_hord(m), out[k]);
+            lane = add_to_group(m, n, row.sums()[k], row.has_hord(m), out[k]);
         }
         const LensletSamples<std::uint16_t> samples{row.hord(m).mass, e.i};
         group_.wide[lane] = m + 1 < e.m ? samples : copy_of(samples, lane);
@@ -181,10 +182,10 @@ void ReferenceComparer::compare_row(const FrameView& frame, std::span<const std:
             if ((mask[k] & kOutside) != 0) continue;
             out[k] = {};
             if ((mask[k] & kSaturated) != 0) continue;
-            int lane = join(m, n, sums[k], (mask[k] & kNoHord) == 0, out[k]);
+            int lane = add_to_group(m, n, sums[k], (mask[k] & kNoHord) == 0, out[k]);
             if (lane < 0) {
                 compare(waiting, reference_.levels.dark);
-                lane = join(m, n, sums[k], (mask[k] & kNoHord) == 0, out[k]);
+                lane = add_to_group(m, n, sums[k], (mask[k] & kNoHord) == 0, out[k]);
             }
             const LensletSamples<Sample> samples{first + std::ptrdiff_t{m} * e.i, stride};
             waiting[lane] = m * e.i + fitter_.readable() <= frame.width_px ? samples : copy_of(samples, lane);
@@ -195,21 +196,21 @@ void ReferenceComparer::compare_row(const FrameView& frame, std::span<const std:
     else compare_samples(group_.narrow);
 }
 
-// All that wait.
+// Compares the group and empties it.
 template <class Sample>
 void ReferenceComparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::uint32_t dark) {
     Group& g = group_;
     if (g.live == 0) return;
-    row_.move_to(g.block);
-    const std::uint32_t plain = row_.plain() & g.live;
+    row_sampler_.move_to(g.block);
+    const std::uint32_t complete = row_sampler_.complete() & g.live;
     BinRect lit;
-    if (plain != 0) lit = row_.lit();
+    if (complete != 0) lit = row_sampler_.lit();
     ReferenceSampler::ReferenceHord alone[kLanes];
-    for (std::uint32_t left = g.live & ~plain; left != 0; left &= left - 1) {
+    for (std::uint32_t left = g.live & ~complete; left != 0; left &= left - 1) {
         const int l = __builtin_ctz(left);
         ReferenceSampler::ReferenceHord& reference_hord = alone[l];
-        reference_hord = reader_.read(g.at[l].m, g.at[l].n, light_,
-                                      read_.data() + static_cast<std::size_t>(l) * reference_.stride());
+        reference_hord = sampler_.read(g.at[l].m, g.at[l].n, light_,
+                                       sampled_bins_.data() + static_cast<std::size_t>(l) * reference_.stride());
         if (!reference_hord.has_hord) continue;
         const auto bin = [](int place) { return static_cast<std::int16_t>(place - 1); };
         lit.cover({bin(reference_hord.lit.left()), bin(reference_hord.lit.right()), bin(reference_hord.lit.top()),
@@ -219,29 +220,29 @@ void ReferenceComparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::
     if (!lit.none()) {
         const LensletSamples<Sample> any = samples[__builtin_ctz(g.live)];
         for (std::uint32_t dead = ~g.live & 0xFFFFU; dead != 0; dead &= dead - 1) samples[__builtin_ctz(dead)] = any;
-        fitter_.take(samples, dark);
+        fitter_.load_masses(samples, dark);
     }
     for (int first = 0; first < kLanes; first += at_once) {
-        const std::uint32_t ours = g.live & ((1U << at_once) - 1U) << first;
-        if (ours == 0) continue;
+        const std::uint32_t lanes = g.live & ((1U << at_once) - 1U) << first;
+        if (lanes == 0) continue;
         if (!lit.none()) {
             fitter_.start(first, lit);
-            row_.interpolate(first, lit, reference_hords_, fitter_.reference_hord(lit.left, lit.top),
-                             fitter_.reference_pitch());
+            row_sampler_.interpolate(first, lit, reference_hords_, fitter_.reference_hord(lit.left, lit.top),
+                                     fitter_.reference_pitch());
         }
         std::uint32_t fitted = 0;
-        for (std::uint32_t left = ours; left != 0; left &= left - 1) {
+        for (std::uint32_t left = lanes; left != 0; left &= left - 1) {
             const int l = __builtin_ctz(left);
             bool has_hord = true;
-            if ((plain >> l & 1U) != 0) {
-                has_hord = look_at_light(l, static_cast<double>(reference_hords_.light[l]),
+            if ((complete >> l & 1U) != 0) {
+                has_hord = compare_light(l, static_cast<double>(reference_hords_.light[l]),
                                          static_cast<double>(reference_hords_.share[l]));
             } else {
                 const ReferenceSampler::ReferenceHord& reference_hord = alone[l];
-                has_hord = reference_hord.known && look_at_light(l, reference_hord.light, reference_hord.share) &&
+                has_hord = reference_hord.has_light && compare_light(l, reference_hord.light, reference_hord.share) &&
                     reference_hord.has_hord;
                 if (!has_hord) continue;
-                const float* bins = read_.data() + static_cast<std::size_t>(l) * reference_.stride();
+                const float* bins = sampled_bins_.data() + static_cast<std::size_t>(l) * reference_.stride();
                 for (int j = lit.top; j <= lit.bottom; ++j) {
                     for (int i = lit.left; i <= lit.right; ++i) {
                         const auto place = static_cast<int>(reference_.place(i, j));
@@ -256,17 +257,17 @@ void ReferenceComparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::
         }
         if (fitted == 0) continue;
         for (int l = first; l < first + at_once; ++l) {
-            if ((fitted >> l & 1U) == 0) fits_.light[l] = 1, fits_.empty[l] = noise_now_.empty;
+            if ((fitted >> l & 1U) == 0) fits_.light[l] = 1, fits_.empty[l] = row_noise_.empty;
         }
-        fits_.noise = noise_now_;
+        fits_.noise = row_noise_;
         fitter_.fit(fits_, fitted);
         for (; fitted != 0; fitted &= fitted - 1) finish(__builtin_ctz(fitted));
     }
     g.live = 0;
 }
 
-// Whether there is light to be expected.
-bool ReferenceComparer::look_at_light(int lane, double light, double share) {
+// Compares the light of a lane; false if the reference expects none.
+bool ReferenceComparer::compare_light(int lane, double light, double share) {
     Difference& out = *group_.out[lane];
     const std::uint32_t sum = group_.sum[lane];
     out.at = nearest(group_.at[lane]);
@@ -274,13 +275,13 @@ bool ReferenceComparer::look_at_light(int lane, double light, double share) {
     const double expected = light * share;
     if (!(light > 0) || expected < static_cast<double>(reference_.levels.min_sum)) return false;
     out.has_light = true;
-    const double per_expected = 1 / expected, a_dn = static_cast<double>(noise_now_.a_dn);
+    const double per_expected = 1 / expected, a_dn = static_cast<double>(row_noise_.a_dn);
     out.light = static_cast<float>(static_cast<double>(sum) * per_expected - 1);
-    constexpr double kBinsLit = 9;  // that add their floor to the sum
+    constexpr double kBinsLit = 9;  // typical number of lit bins; each adds its reading noise to the sum
     out.light_variance =
-        static_cast<float>((a_dn * expected + kBinsLit * floor_ * golden_share_) * per_expected * per_expected);
+        static_cast<float>((a_dn * expected + kBinsLit * floor_ * variance_factor_) * per_expected * per_expected);
     fits_.light[lane] = static_cast<float>(static_cast<double>(sum) / share);
-    fits_.empty[lane] = (edge_[out.at] != 0 ? noise_at_edges_now_ : noise_now_).empty;
+    fits_.empty[lane] = (edge_[out.at] != 0 ? row_noise_at_edges_ : row_noise_).empty;
     return true;
 }
 
@@ -290,38 +291,38 @@ void ReferenceComparer::finish(int l) {
     out.has_hord = true;
     out.x = fits_.x[l], out.y = fits_.y[l], out.scattering = fits_.scattering[l];
     out.x_variance = fits_.x_variance[l], out.y_variance = fits_.y_variance[l],
-    out.blur_variance = fits_.blur_variance[l];
+    out.scattering_variance = fits_.scattering_variance[l];
     out.chi2 = fits_.chi2[l];
     out.degrees = std::max(1.0F, fits_.degrees[l] - 3);
-    if (std::sqrt(2 * out.chi2) > std::sqrt(2 * out.degrees) + kMuch) look_how_far(l, out);
-    // The turn of the part turns its deflections: that is no deviation.
+    if (std::sqrt(2 * out.chi2) > std::sqrt(2 * out.degrees) + kLargeRest) measure_large_shift(l, out);
+    // The turn of the part turns its deflections, which is no deviation.
     const auto gx = static_cast<double>(reference_.x[out.at]), gy = static_cast<double>(reference_.y[out.at]);
     const auto turned = pose_->turned(gx, gy);
     out.x -= static_cast<float>(turned.m - gx);
     out.y -= static_cast<float>(turned.n - gy);
 }
 
-// Where a fit of small shifts does not say how far light went: by the mean of all bins.
-void ReferenceComparer::look_how_far(int lane, Difference& out) const {
-    const double a_dn = golden_share_ / static_cast<double>(reference_.sensor.electrons_per_dn),
+// Measures a shift that is too large for the fit: by the mean over all bins.
+void ReferenceComparer::measure_large_shift(int lane, Difference& out) const {
+    const double a_dn = variance_factor_ / static_cast<double>(reference_.sensor.electrons_per_dn),
                  quiet = static_cast<double>(noise_.quiet);
     struct Moments {
         double light = 0, x = 0, y = 0, xx = 0, yy = 0;
         void add(double v, double at_x, double at_y) {
             light += v, x += v * at_x, y += v * at_y, xx += v * at_x * at_x, yy += v * at_y * at_y;
         }
-    } seen, wanted, places;
+    } measured, expected, places;
     for (int j = 0; j < reference_.extents.j; ++j) {
         for (int i = 0; i < reference_.extents.i; ++i) {
             const double x = i - 0.5 * (reference_.extents.i - 1), y = j - 0.5 * (reference_.extents.j - 1);
-            seen.add(static_cast<double>(fitter_.mass(lane, i, j)), x, y), places.add(1, x, y);
-            wanted.add(static_cast<double>(fitter_.reference_hord(lane, i, j)), x, y);
+            measured.add(static_cast<double>(fitter_.mass(lane, i, j)), x, y), places.add(1, x, y);
+            expected.add(static_cast<double>(fitter_.reference_hord(lane, i, j)), x, y);
         }
     }
-    if (!(seen.light > 0) || !(wanted.light > 0)) return;
-    const double mean_x = wanted.x / wanted.light, mean_y = wanted.y / wanted.light;
-    const double moved_x = seen.x / seen.light - mean_x, moved_y = seen.y / seen.light - mean_y;
-    // At an edge the mean moves with how the edge lies in the lenslet.
+    if (!(measured.light > 0) || !(expected.light > 0)) return;
+    const double mean_x = expected.x / expected.light, mean_y = expected.y / expected.light;
+    const double moved_x = measured.x / measured.light - mean_x, moved_y = measured.y / measured.light - mean_y;
+    // Next to an edge the mean depends on where in the lenslet the edge lies.
     const int columns = reference_.extents.m, at_m = static_cast<int>(out.at) % columns,
               at_n = static_cast<int>(out.at) / columns;
     float least_x = 8, most_x = -8, least_y = 8, most_y = -8;
@@ -333,18 +334,19 @@ void ReferenceComparer::look_how_far(int lane, Difference& out) const {
             least_y = std::min(least_y, reference_.y[k]), most_y = std::max(most_y, reference_.y[k]);
         }
     }
-    const double far = kFarBins + static_cast<double>(std::max(0.0F, std::max(most_x - least_x, most_y - least_y)));
+    const double far =
+        kLargeShiftBins + static_cast<double>(std::max(0.0F, std::max(most_x - least_x, most_y - least_y)));
     if (moved_x * moved_x + moved_y * moved_y <= far * far) return;
     out.x = static_cast<float>(moved_x);
     out.y = static_cast<float>(moved_y);
     const auto variance = [&](double squares, double mean, double of_places) {
-        return (squares / wanted.light - mean * mean) * a_dn / seen.light +
-            quiet * of_places / (seen.light * seen.light);
+        return (squares / expected.light - mean * mean) * a_dn / measured.light +
+            quiet * of_places / (measured.light * measured.light);
     };
     out.x_variance =
-        static_cast<float>(std::max(variance(wanted.xx, mean_x, places.xx), static_cast<double>(out.x_variance)));
+        static_cast<float>(std::max(variance(expected.xx, mean_x, places.xx), static_cast<double>(out.x_variance)));
     out.y_variance =
-        static_cast<float>(std::max(variance(wanted.yy, mean_y, places.yy), static_cast<double>(out.y_variance)));
+        static_cast<float>(std::max(variance(expected.yy, mean_y, places.yy), static_cast<double>(out.y_variance)));
 }
 
 Scores scores_of(const Difference& d, const Reference& reference) {
@@ -356,8 +358,8 @@ Scores scores_of(const Difference& d, const Reference& reference) {
     const float deflection_shift = spread(Deviation::deflection_shift);
     set(Deviation::deflection_shift,
         std::sqrt(d.x * d.x / (d.x_variance + deflection_shift) + d.y * d.y / (d.y_variance + deflection_shift)));
-    set(Deviation::scattering, d.scattering / std::sqrt(d.blur_variance + spread(Deviation::scattering)));
-    // sqrt(2 chi2) is about normal; the good parts' own excess widens it.
+    set(Deviation::scattering, d.scattering / std::sqrt(d.scattering_variance + spread(Deviation::scattering)));
+    // sqrt(2 chi2) is about normal; the excess of good parts widens it.
     const float excess = spread(Deviation::shape) * d.sum, expected = d.degrees + excess;
     const float width = std::sqrt((d.degrees + 2 * excess + excess * excess) / expected);
     set(Deviation::shape, (std::sqrt(2 * d.chi2) - std::sqrt(2 * expected)) / width);

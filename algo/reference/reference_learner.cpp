@@ -8,28 +8,24 @@
 #include "algo/frame/mask.h"
 #include "algo/maps/feature_map.h"
 #include "algo/reference/reference_comparison.h"
-#include "common/statistics.h"
+#include "algo/reference/spread_estimate.h"
 
 namespace hord::algo {
 namespace {
 
 constexpr double kShareOne = 1 << Reference::kShareBits;
-// A part is not strange for less: so much good parts differ where they are interpolated between lenslets, each by how
-// it lies.
-constexpr float kStrange[kDeviations] = {0.05F, 0.05F, 0.02F, 0.05F};
-// Standard deviations of a bin's mean, with a sixteenth of the reading noise in dark bins
-// (algo/reference/reference_comparison.h), that noise alone has seldom.
+// Standard deviations of a bin's mean; less is noise. The variance of dark bins is a sixteenth of the reading noise
+// (docs/notes/reference.md).
 constexpr double kNoise = 3;
-constexpr float kMinSpread[kDeviations] = {1e-6F, 1e-5F, 1e-5F, 0};  // 0.1 % of light, 0.003 bin: rounding
 
-// Gives a vector's memory back: the sums and shares of a large light field are most of what learning takes, and no pass
-// needs all of them.
+// Frees a vector's memory. Sums and shares of a large light field are most of the memory of learning, and no pass needs
+// all of them.
 template <class T>
-void release(std::vector<T>& what) {
-    std::vector<T>().swap(what);
+void release(std::vector<T>& values) {
+    std::vector<T>().swap(values);
 }
 
-// A part's light, and, where asked for, its HORDs as shares.
+// A decoded part; `shares` only on request.
 struct Part {
     std::vector<std::uint32_t> sums;
     std::vector<Deflection> deflections;
@@ -39,15 +35,6 @@ struct Part {
 
     [[nodiscard]] ReferenceMaps maps() const { return {light, x, y, mask}; }
 };
-
-double median_or_0(std::vector<double> values) { return values.empty() ? 0 : common::upper_median(std::span(values)); }
-
-// What share of the sum of `parts` squared normal numbers the largest may have (Grubbs; about one in a thousand
-// lenslets has more).
-double grubbs_share(double parts) {
-    const double t = 4.4 + 28 / (parts - 2), t2 = t * t;
-    return (parts - 1) / parts * t2 / (parts - 2 + t2);
-}
 
 class Learner {
   public:
@@ -73,8 +60,6 @@ class Learner {
     void finish_mean_hords(double parts, double light);
     void drop_noise(std::size_t k, double least);
     Result<void> learn_spread();
-    void add_spread(std::uint32_t part, const Difference& d);
-    void finish_spread(double parts);
     bool name_outliers();
     void leave_out(std::size_t part, std::string why);
     [[nodiscard]] std::size_t left() const { return count_ - left_out_list_.size(); }
@@ -96,21 +81,12 @@ class Learner {
     std::vector<LeftOut> left_out_list_;
     std::size_t ticks_ = 0;
 
-    // Sums while reference HORDs are learned.
+    // Sums over the parts while mean HORDs are learned.
     std::vector<float> reference_hords_;
     std::vector<double> light_;
-    std::vector<std::uint16_t> seen_light_, seen_hord_;
+    std::vector<std::uint16_t> light_count_, hord_count_;  // parts
 
-    // And while their spread is.
-    struct Spread {
-        std::array<float, kDeviations> squares{}, largest{}, variance{};
-        float scores = 0, largest_score = 0;
-        std::uint32_t largest_part = 0;
-        std::uint16_t count = 0, hords = 0;
-        float emd = 0, frobenius = 0;
-    };
-    std::vector<Spread> spread_;
-    std::vector<double> chi2_ratios_;
+    std::optional<SpreadEstimate> spread_;
 };
 
 Result<Frame> Learner::frame(std::size_t part) {
@@ -163,18 +139,18 @@ Result<void> Learner::enough() const {
                 "give at least " + std::to_string(Reference::kMinParts) + " frames of good parts that lie alike");
 }
 
-// Pass 1: false when most parts do not lie where this one does.
+// Pass 1, with part `origin` as the reference. False if most parts cannot be registered to it.
 Result<bool> Learner::find_poses_from(std::size_t origin) {
     auto first = frame(origin);
     if (!first) return tl::unexpected(first.error());
-    Part wanted, part;
-    decode(first->view(), wanted, false);
+    Part reference, part;
+    decode(first->view(), reference, false);
     std::vector<LeftOut> out;
     for (std::size_t k = 0; k < count_; ++k) {
         auto one = frame(k);
         if (!one) return tl::unexpected(one.error());
         decode(one->view(), part, false);
-        const Registered found = registrar_.find(wanted.maps(), part.deflections, part.sums, part.mask,
+        const Registered found = registrar_.find(reference.maps(), part.deflections, part.sums, part.mask,
                                                  static_cast<double>(reference_.sensor.electrons_per_dn), 1);
         if (!found.found()) {
             out.push_back({k, explain(found.outcome)});
@@ -188,7 +164,7 @@ Result<bool> Learner::find_poses_from(std::size_t origin) {
     return true;
 }
 
-// Poses compared with the middle one.
+// Makes poses relative to their median.
 void Learner::centre_poses() {
     std::vector<double> x, y, turn;
     for (const auto& pose : poses_) {
@@ -213,12 +189,12 @@ void Learner::add_reference_hord(const Part& part, const PoseMap& pose, double l
             const auto at = [&](int x, int y) {
                 return static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x);
             };
-            auto near = Surroundings::of(p.m, p.n, extents_,
-                                         [&](int x, int y) { return (part.mask[at(x, y)] & kNoHord) == 0; });
+            auto near = InterpolationWindow::of(p.m, p.n, extents_,
+                                                [&](int x, int y) { return (part.mask[at(x, y)] & kNoHord) == 0; });
             const bool dark = !near.found;
             if (dark) {
-                near = Surroundings::of(p.m, p.n, extents_,
-                                        [&](int x, int y) { return (part.mask[at(x, y)] & kSaturated) == 0; });
+                near = InterpolationWindow::of(p.m, p.n, extents_,
+                                               [&](int x, int y) { return (part.mask[at(x, y)] & kSaturated) == 0; });
                 if (!near.found) continue;
                 near.along = CubicWeights::linear_at(p.m - std::floor(p.m)),
                 near.across = CubicWeights::linear_at(p.n - std::floor(p.n));
@@ -238,14 +214,14 @@ void Learner::add_reference_hord(const Part& part, const PoseMap& pose, double l
                 }
             }
             light_[k] += sum / light;
-            ++seen_light_[k];
-            if (!dark) ++seen_hord_[k];
+            ++light_count_[k];
+            if (!dark) ++hord_count_[k];
         }
     }
 }
 
-// Forgets what single readings left in bins far from all light, for the comparison need not look where nothing is
-// expected: of the sums of shares, those below `least` but beside none that is as large, and those below a third of it.
+// Sets bins of a sum of shares to 0 that hold noise only, which makes the comparison faster: bins below `least` without
+// a neighbour at or above it, and bins below a third of `least`.
 void Learner::drop_noise(std::size_t k, double least) {
     float* const bins = reference_hords_.data() + k * reference_.stride();
     const auto limit = static_cast<float>(least);
@@ -279,11 +255,11 @@ void Learner::finish_mean_hords(double parts, double light) {
     const double read = static_cast<double>(r.sensor.read_dn),
                  least_dn = kNoise * std::sqrt((read * read + 1.0 / 12) / 16 / parts);
     for (std::size_t k = 0; k < count; ++k) {
-        if (2 * seen_light_[k] < parts) continue;
+        if (2 * light_count_[k] < parts) continue;
         r.mask[k] = kDark;
-        r.light[k] = static_cast<float>(std::max(0.0, light_[k] / seen_light_[k] * light));
-        if (2 * seen_hord_[k] < parts) continue;
-        if (r.light[k] > 0) drop_noise(k, seen_hord_[k] * least_dn / static_cast<double>(r.light[k]) * kShareOne);
+        r.light[k] = static_cast<float>(std::max(0.0, light_[k] / light_count_[k] * light));
+        if (2 * hord_count_[k] < parts) continue;
+        if (r.light[k] > 0) drop_noise(k, hord_count_[k] * least_dn / static_cast<double>(r.light[k]) * kShareOne);
         double sum = 0, x = 0, y = 0;
         for (int b = 0; b < extents_.bins(); ++b) {
             const double share = std::max(
@@ -307,13 +283,12 @@ void Learner::finish_mean_hords(double parts, double light) {
 // Passes 2 and 3.
 Result<void> Learner::learn_mean_hords(bool register_again) {
     const std::size_t count = extents_.lenslets();
-    release(reference_.shares);  // found anew; registering needs its maps alone
-    release(spread_);
-    release(chi2_ratios_);
+    release(reference_.shares);  // registration needs only the maps
+    spread_.reset();
     reference_hords_.assign(count * reference_.stride(), 0);
     light_.assign(count, 0);
-    seen_light_.assign(count, 0);
-    seen_hord_.assign(count, 0);
+    light_count_.assign(count, 0);
+    hord_count_.assign(count, 0);
     Part part;
     std::vector<double> lights;
     for (std::size_t k = 0; k < count_; ++k) {
@@ -342,95 +317,6 @@ Result<void> Learner::learn_mean_hords(bool register_again) {
     return {};
 }
 
-void Learner::add_spread(std::uint32_t part, const Difference& d) {
-    if (!d.has_light) return;
-    Spread& s = spread_[d.at];
-    double score = 0;
-    const auto add = [&](Deviation which, float square, float variance) {
-        const auto w = static_cast<std::size_t>(which);
-        s.squares[w] += square;
-        s.largest[w] = std::max(s.largest[w], square);
-        s.variance[w] += variance;
-        score += static_cast<double>(square / (variance + kStrange[w] * kStrange[w]));
-    };
-    ++s.count;
-    add(Deviation::light, d.light * d.light, d.light_variance);
-    if (d.has_hord) {
-        ++s.hords;
-        add(Deviation::deflection_shift, (d.x * d.x + d.y * d.y) / 2, (d.x_variance + d.y_variance) / 2);
-        add(Deviation::scattering, d.scattering * d.scattering, d.blur_variance);
-        const auto w = static_cast<std::size_t>(Deviation::shape);
-        const float excess = (d.chi2 - d.degrees) / d.sum;
-        s.squares[w] += excess;
-        s.largest[w] = std::max(s.largest[w], excess);
-        score += static_cast<double>(std::max(0.0F, excess / (std::sqrt(2 * d.degrees) / d.sum + kStrange[w])));
-        if (chi2_ratios_.size() < 4'000'000) chi2_ratios_.push_back(static_cast<double>(d.chi2 / d.degrees));
-    }
-    s.scores += static_cast<float>(score);
-    if (static_cast<float>(score) > s.largest_score) {
-        s.largest_score = static_cast<float>(score);
-        s.largest_part = part;
-    }
-}
-
-void Learner::finish_spread(double parts) {
-    const std::size_t count = extents_.lenslets();
-    const double own = parts / (parts - 1);            // each part is part of the mean
-    const double largest = 2 * std::log(parts) - 0.6;  // of squared normal numbers
-    const double trimmed = 1 / (parts - largest);      // and of their sum without it
-    std::vector<float> tail(count, 0);                 // the excess that the largest alone would mean
-    std::vector<double> tails;
-    std::array<std::vector<float>, kDeviations> alone;
-    for (std::size_t w = 0; w < kDeviations; ++w) {
-        alone[w].assign(count, -1);
-        std::ranges::fill(tail, 0.0F);
-        for (std::size_t k = 0; k < count; ++k) {
-            const Spread& s = spread_[k];
-            const double seen = w == 0 ? s.count : s.hords;
-            if (2 * seen < parts) continue;
-            double excess = 0;
-            if (w == static_cast<std::size_t>(Deviation::shape)) {
-                excess = static_cast<double>(s.squares[w] - s.largest[w]) / std::max(1.0, seen - 1);
-            } else {
-                const double noise = static_cast<double>(s.variance[w]) / seen;
-                // By as much as it may be larger than it looks (two standard deviations of nine lenslets): with more
-                // light that is what is left.
-                const double unsure = 2 * noise * std::sqrt(2 / (9 * parts));
-                excess =
-                    unsure + own * static_cast<double>(s.squares[w] - s.largest[w]) * trimmed * parts / seen - noise;
-                tail[k] = static_cast<float>(own * static_cast<double>(s.largest[w]) / largest - noise + unsure);
-            }
-            alone[w][k] = static_cast<float>(excess);
-        }
-        auto& spread = reference_.spread[w];
-        spread.assign(count, 0);
-        for (int n = 0; n < extents_.n; ++n) {
-            for (int m = 0; m < extents_.m; ++m) {
-                double sum = 0, number = 0;
-                tails.clear();
-                for (int y = std::max(0, n - 1); y <= std::min(extents_.n - 1, n + 1); ++y) {
-                    for (int x = std::max(0, m - 1); x <= std::min(extents_.m - 1, m + 1); ++x) {
-                        const auto k = static_cast<std::size_t>(y * extents_.m + x);
-                        if (2 * (w == 0 ? spread_[k].count : spread_[k].hords) < parts) continue;
-                        sum += static_cast<double>(alone[w][k]);
-                        number += 1;
-                        tails.push_back(static_cast<double>(tail[k]));
-                    }
-                }
-                spread[static_cast<std::size_t>(n * extents_.m + m)] = std::max(
-                    kMinSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median_or_0(tails)) : 0));
-            }
-        }
-    }
-    reference_.emd.assign(count, 0);
-    reference_.frobenius.assign(count, 0);
-    for (std::size_t k = 0; k < count; ++k) {
-        if (spread_[k].hords == 0) continue;
-        reference_.emd[k] = spread_[k].emd / spread_[k].hords;
-        reference_.frobenius[k] = spread_[k].frobenius / spread_[k].hords;
-    }
-}
-
 // Pass 4.
 Result<void> Learner::learn_spread() {
     std::array<std::optional<FeatureMapper>, 2> mappers;
@@ -444,8 +330,7 @@ Result<void> Learner::learn_spread() {
     ReferenceComparer comparer(reference_);
     std::vector<Difference> differences(static_cast<std::size_t>(extents_.m));
     Part part;
-    spread_.assign(extents_.lenslets(), {});
-    chi2_ratios_.clear();
+    spread_.emplace(extents_);
     for (std::size_t p = 0; p < count_; ++p) {
         if (left_out_[p]) continue;
         auto one = frame(p);
@@ -468,28 +353,19 @@ Result<void> Learner::learn_spread() {
             decode_row(one->view(), extents_, reference_.levels, n, row_);
             comparer.compare_row(row_, n, pose, found.light, differences);
             for (std::size_t m = 0; m < differences.size(); ++m) {
-                const Difference& d = differences[m];
-                add_spread(static_cast<std::uint32_t>(p), d);
-                if (!d.has_hord) continue;
                 const std::size_t k = static_cast<std::size_t>(n) * differences.size() + m;
-                spread_[d.at].emd += emd->values[k];
-                spread_[d.at].frobenius += frobenius->values[k];
+                spread_->add(static_cast<std::uint32_t>(p), differences[m], emd->values[k], frobenius->values[k]);
             }
         }
     }
     if (auto fine = enough(); !fine) return fine;
-    finish_spread(static_cast<double>(left()));
+    spread_->finish(static_cast<double>(left()), reference_);
     return {};
 }
 
-// Leaves out the parts that alone make the spread of many lenslets; false when there is none.
+// Leaves out the parts that alone make the spread of many lenslets; false if there is none.
 bool Learner::name_outliers() {
-    const double most = grubbs_share(static_cast<double>(left()));
-    std::vector<double> alone(count_, 0);
-    for (const Spread& s : spread_) {
-        if (s.largest_score > 25 && static_cast<double>(s.largest_score) > most * static_cast<double>(s.scores))
-            ++alone[s.largest_part];
-    }
+    const std::vector<double> alone = spread_->sole_deviations(count_, static_cast<double>(left()));
     std::vector<double> counts;
     for (std::size_t p = 0; p < count_; ++p) {
         if (!left_out_[p]) counts.push_back(alone[p]);
@@ -524,10 +400,10 @@ Result<Learned> Learner::run() {
     for (;;) {
         if (auto done = learn_mean_hords(true); !done) return tl::unexpected(done.error());
         if (auto done = learn_spread(); !done) return tl::unexpected(done.error());
-        if (!calibrated && !chi2_ratios_.empty()) {
-            // Twice: the floor of read noise does not scale.
+        if (!calibrated && !spread_->empty()) {
+            // Twice, because read noise does not scale with the light.
             for (int again = 0; again < 2; ++again) {
-                const double ratio = std::clamp(median_or_0(chi2_ratios_), 1e-3, 1e3);
+                const double ratio = std::clamp(spread_->median_chi2_ratio(), 1e-3, 1e3);
                 reference_.sensor.electrons_per_dn = static_cast<float>(
                     std::clamp(static_cast<double>(reference_.sensor.electrons_per_dn) / ratio, 1e-3, 1e5));
                 if (auto done = learn_spread(); !done) return tl::unexpected(done.error());

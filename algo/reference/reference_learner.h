@@ -1,24 +1,17 @@
 // Learns a Reference from frames of good parts.
 //
-// Frames are asked for again and again, in order, and one is held at a time: any number of parts, the same memory. The
-// passes:
-//   1  where each part lies, compared with one of them; the middle of these poses becomes the reference's
-//   2  reference HORDs: the mean of all parts' HORDs at the same place of the part (cubic interpolation between
-//   lenslets) 3  poses and reference HORDs again, now registered to the reference ones, which are free of noise 4
-//   spread: how much the parts differ from the reference HORDs, beyond what their light explains. Trimmed: the largest
-//   of a lenslet's
-//      squared deviations is left out and the mean corrected for it (as if normal), then averaged over 3x3 lenslets.
-//      Where the largest ones of most of the 3x3 say more (at edges deviations are not normal: they are how an edge
-//      lies between lenslets), that.
-// A part is left out, with the reason, and passes 3 and 4 are made again,
-//   - when it cannot be registered, or its frame has too little light;
-//   - when, in more than kOutlierLenslets lenslets and four times as many as the median part, it alone makes the
-//   deviation: its share of
-//     the sum of squared scores is what Grubbs' test does not allow.
-// Where the sensor's electrons a DN are not given they are estimated in pass 4: so that the median lenslet's chi-square
-// is what noise gives.
-//
-// Doubles: learning judges no part.
+// The frames are read once in each pass, in order, and one is held at a time: the memory does not depend on the number
+// of parts. The passes:
+//   1  poses of the parts, relative to one of them; the median pose becomes that of the reference
+//   2  reference HORDs: the mean of the HORDs of all parts at the same place of the part (cubic interpolation)
+//   3  poses and reference HORDs again, now registered to the mean HORDs of pass 2
+//   4  spread: how much the parts differ from the reference HORDs beyond noise (algo/reference/spread_estimate.h)
+// A part is left out, with the reason, and passes 3 and 4 are repeated, if
+//   - it cannot be registered, or its frame has too little light;
+//   - it alone makes the deviation (Grubbs' test on its share of the sum of squared scores) in more lenslets than
+//     kOutlierLenslets plus four times the median of all parts.
+// If the sensor's electrons a DN are not given, pass 4 estimates them: the median lenslet's chi-square becomes that of
+// noise.
 #pragma once
 
 #include <cstdint>
@@ -38,25 +31,25 @@ struct LearnOptions {
     LightLevels levels;
     std::optional<float> electrons_per_dn;  // none: estimated
     float read_dn = 0.6F;
-    float pedestal_dn = 0;  // what the camera adds to every sample
+    float pedestal_dn = 0;  // the camera adds it to every sample
     int threads = 1;
     std::function<void(double)> progress = [](double) {};  // 0..1
 };
 
 struct LeftOut {
-    std::size_t part = 0;  // of the frames, from 0
+    std::size_t part = 0;  // index of its frame, from 0
     std::string why;
 };
 struct Learned {
     Reference reference;
     std::vector<LeftOut> left_out;
-    std::vector<std::optional<Pose>> poses;  // of the parts, compared with the reference; none where left out
+    std::vector<std::optional<Pose>> poses;  // of the parts, relative to the reference; none if left out
 };
 
 // The frame of part 0..count-1, macro-pixels. Any error ends the learning.
 using FrameOfPart = std::function<Result<Frame>(std::size_t part)>;
 
-// Fails with invalid_argument when frames are not of one size and depth, or fewer than Reference::kMinParts are left.
+// Fails with invalid_argument if frames differ in size or depth, or fewer than Reference::kMinParts parts are left.
 Result<Learned> learn_reference(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
                                 const LearnOptions& options);
 

@@ -9,8 +9,8 @@ namespace hord::algo {
 
 namespace {
 
-constexpr int kLanes = kGoldenLanes, kSides = ReferenceRowSampler::kSides, kAcross = ReferenceSoa::kAcross,
-              kRowsTogether = ReferenceSoa::kRowsTogether;
+constexpr int kLanes = kReferenceLanes, kBlockPair = ReferenceRowSampler::kBlockPair,
+              kCubicRows = ReferenceSoa::kCubicRows, kMaxRows = ReferenceSoa::kMaxRows;
 
 constexpr int floor_of(double v) {
     const int towards_zero = static_cast<int>(v);
@@ -37,15 +37,15 @@ struct CubicTable {
 };
 constexpr CubicTable kCubic;
 
-// The bins `bins` of a block's columns where the line crosses them: sums over the rows where `lit`, else nothing.
+// Interpolates `bins` of a block's columns between rows; bins outside `lit` become 0.
 template <int Bytes>
-HORD_ALWAYS_INLINE void join(const ReferenceRowSampler::Join& from, const BinRect& bins, const BinRect& lit,
-                             int bin_columns, float* __restrict out) {
+HORD_ALWAYS_INLINE void interpolate_rows(const ReferenceRowSampler::RowTaps& from, const BinRect& bins,
+                                         const BinRect& lit, int bin_columns, float* __restrict out) {
     constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
     using Floats = Vector<float, Bytes>;
     const auto clear = [&](int j, int left, int right) {
-        float* to = out + std::ptrdiff_t{j * bin_columns + left} * kSides;
-        for (int i = left; i <= right; ++i, to += kSides) {
+        float* to = out + std::ptrdiff_t{j * bin_columns + left} * kBlockPair;
+        for (int i = left; i <= right; ++i, to += kBlockPair) {
             for (int l = 0; l < kLanes; l += kWide) store(Floats{}, to + l);
         }
     };
@@ -54,58 +54,58 @@ HORD_ALWAYS_INLINE void join(const ReferenceRowSampler::Join& from, const BinRec
         else clear(j, bins.left, lit.left - 1), clear(j, lit.right + 1, bins.right);
     }
     for (int l = 0; l < kLanes; l += kWide) {
-        Floats weights[kRowsTogether];
-        for (int r = 0; r < kRowsTogether; ++r) weights[r] = load<Floats>(from.weights[r] + l);
+        Floats weights[kMaxRows];
+        for (int r = 0; r < kMaxRows; ++r) weights[r] = load<Floats>(from.weights[r] + l);
         for (int j = lit.top; j <= lit.bottom; ++j) {
-            const float* at[kRowsTogether];
+            const float* at[kMaxRows];
             for (int r = 0; r < from.rows; ++r)
                 at[r] = from.from[r] +
                     std::ptrdiff_t{(j - from.stored[r].top) * from.stored[r].columns() + lit.left -
                                    from.stored[r].left} *
                         kLanes +
                     l;
-            float* to = out + std::ptrdiff_t{j * bin_columns + lit.left} * kSides + l;
+            float* to = out + std::ptrdiff_t{j * bin_columns + lit.left} * kBlockPair + l;
             const int end = lit.columns() * kLanes;
             const auto four = [&](int k) __attribute__((always_inline)) {
                 return (weights[0] * load<Floats>(at[0] + k) + weights[1] * load<Floats>(at[1] + k)) +
                     (weights[2] * load<Floats>(at[2] + k) + weights[3] * load<Floats>(at[3] + k));
             };
-            if (from.rows == kAcross) {
-                for (int k = 0; k < end; k += kLanes, to += kSides) store(four(k), to);
+            if (from.rows == kCubicRows) {
+                for (int k = 0; k < end; k += kLanes, to += kBlockPair) store(four(k), to);
             } else {
-                for (int k = 0; k < end; k += kLanes, to += kSides)
+                for (int k = 0; k < end; k += kLanes, to += kBlockPair)
                     store(four(k) + weights[4] * load<Floats>(at[4] + k), to);
             }
         }
     }
 }
 
-// Between four columns: the share at the part's light. Nothing where the dark level leaves nothing.
+// Interpolates lenslets between four columns, at the part's light (docs/notes/reference.md); not below 0.
 template <int Bytes>
-HORD_ALWAYS_INLINE void interpolate(const ReferenceRowSampler::Between& between, int first, const BinRect& bins,
-                                    const float* light, ReferenceRowSampler::Lanes& lanes, float* __restrict out,
-                                    int pitch) {
+HORD_ALWAYS_INLINE void interpolate_columns(const ReferenceRowSampler::ColumnTaps& taps, int first, const BinRect& bins,
+                                            const float* light, ReferenceRowSampler::Lanes& lanes,
+                                            float* __restrict out, int pitch) {
     constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
     using Floats = Vector<float, Bytes>;
     const Floats nothing{};
-    Floats weights[kAcross], sum{};
-    for (int c = 0; c < kAcross; ++c) weights[c] = load<Floats>(lanes.weights[c] + first);
+    Floats weights[kCubicRows], sum{};
+    for (int c = 0; c < kCubicRows; ++c) weights[c] = load<Floats>(lanes.weights[c] + first);
     const auto along = [&](const float* columns) {
         return (weights[0] * load<Floats>(columns) + weights[1] * load<Floats>(columns + 1)) +
             (weights[2] * load<Floats>(columns + 2) + weights[3] * load<Floats>(columns + 3));
     };
     const Floats light_dn = along(light + first) * 0x1p-14F;
     store(light_dn, lanes.light + first);
-    const Floats clip = between.clip_dn / (light_dn > nothing ? light_dn : nothing + 1.0F);
+    const Floats clip = taps.clip_dn / (light_dn > nothing ? light_dn : nothing + 1.0F);
     for (Floats& w : weights) w *= 0x1p-29F;
-    const float missing = 1.0F - between.light;
+    const float missing = 1.0F - taps.light;
     for (int j = bins.top; j <= bins.bottom; ++j, out += std::ptrdiff_t{pitch} * kWide) {
-        const float* columns = between.columns + std::ptrdiff_t{j * between.bin_columns + bins.left} * kSides + first;
+        const float* columns = taps.columns + std::ptrdiff_t{j * taps.bin_columns + bins.left} * kBlockPair + first;
         float* to = out;
-        for (int i = bins.left; i <= bins.right; ++i, columns += kSides, to += kWide) {
+        for (int i = bins.left; i <= bins.right; ++i, columns += kBlockPair, to += kWide) {
             Floats g = along(columns);
             g = g > nothing ? g : nothing;
-            Floats seen = between.light * g - missing * (g < clip ? g : clip);
+            Floats seen = taps.light * g - missing * (g < clip ? g : clip);
             seen = seen > nothing ? seen : nothing;
             store(seen, to);
             sum += seen;
@@ -114,14 +114,14 @@ HORD_ALWAYS_INLINE void interpolate(const ReferenceRowSampler::Between& between,
     store(sum, lanes.share + first);
 }
 
-HORD_FOR_EACH_ISA(join_for, void, join,
-                  (const ReferenceRowSampler::Join& from, const BinRect& bins, const BinRect& lit, int bin_columns,
+HORD_FOR_EACH_ISA(interpolate_rows_for, void, interpolate_rows,
+                  (const ReferenceRowSampler::RowTaps& from, const BinRect& bins, const BinRect& lit, int bin_columns,
                    float* out),
                   (from, bins, lit, bin_columns, out))
-HORD_FOR_EACH_ISA(interpolate_for, void, interpolate,
-                  (const ReferenceRowSampler::Between& between, int first, const BinRect& bins, const float* light,
+HORD_FOR_EACH_ISA(interpolate_columns_for, void, interpolate_columns,
+                  (const ReferenceRowSampler::ColumnTaps& taps, int first, const BinRect& bins, const float* light,
                    ReferenceRowSampler::Lanes& lanes, float* out, int pitch),
-                  (between, first, bins, light, lanes, out, pitch))
+                  (taps, first, bins, light, lanes, out, pitch))
 
 }  // namespace
 
@@ -156,21 +156,21 @@ ReferenceSoa::ReferenceSoa(const Reference& reference)
                 has_hord[at] = static_cast<std::uint16_t>(has_hord[at] | 1U << (m % kLanes));
         }
     }
-    const auto last = [&](int n) { return std::min(n + kRowsTogether, e.n); };
+    const auto last = [&](int n) { return std::min(n + kMaxRows, e.n); };
     std::size_t vectors = 0;
     for (int n = 0; n < e.n; ++n) {
         for (int b = 0; b < blocks_; ++b) {
             Block& block = blocks_of_[index(n, b)];
             for (int row = n; row < last(n); ++row) block.lit.cover(own[index(row, b)]);
-            block.plain = n + kAcross <= e.n ? 0xFFFF : 0;
-            for (int row = n; row < std::min(n + kAcross, e.n); ++row) block.plain &= has_hord[index(row, b)];
-            for (int row = std::max(0, n - kRowsTogether + 1); row <= n; ++row)
+            block.complete = n + kCubicRows <= e.n ? 0xFFFF : 0;
+            for (int row = n; row < std::min(n + kCubicRows, e.n); ++row) block.complete &= has_hord[index(row, b)];
+            for (int row = std::max(0, n - kMaxRows + 1); row <= n; ++row)
                 block.stored.cover(blocks_of_[index(row, b)].lit);
             block.first = static_cast<std::uint32_t>(vectors);
             vectors += static_cast<std::size_t>(block.stored.columns() * block.stored.rows());
         }
     }
-    shares_.resize(vectors + 1);  // a block without light has a place, too
+    shares_.resize(vectors + 1);  // + 1: `first` of a last block without light is valid
     auto to = shares_.begin();
     for (int n = 0; n < e.n; ++n) {
         for (int b = 0; b < blocks_; ++b) {
@@ -187,9 +187,9 @@ ReferenceSoa::ReferenceSoa(const Reference& reference)
     }
 }
 
-ReferenceRowSampler::ReferenceRowSampler(const Reference& reference, const ReferenceSoa& planes, Isa isa)
-    : reference_(reference), planes_(planes), columns_(static_cast<std::size_t>(reference.extents.bins() * 2)),
-      join_(join_for(isa)), interpolate_(interpolate_for(isa)) {}
+ReferenceRowSampler::ReferenceRowSampler(const Reference& reference, const ReferenceSoa& soa, Isa isa)
+    : reference_(reference), soa_(soa), columns_(static_cast<std::size_t>(reference.extents.bins() * 2)),
+      interpolate_rows_(interpolate_rows_for(isa)), interpolate_columns_(interpolate_columns_for(isa)) {}
 
 void ReferenceRowSampler::start_row(const PoseMap& pose, int n, double light) {
     const auto first = pose.to_reference(0, n), last = pose.to_reference(reference_.extents.m - 1, n);
@@ -199,14 +199,14 @@ void ReferenceRowSampler::start_row(const PoseMap& pose, int n, double light) {
     here_.block = next_.block = kNone;
 }
 
-// Where the line crosses the block's columns, and with which weights.
-void ReferenceRowSampler::find(int block, Side& side, int lane) {
+// The rows and weights of a block's columns where the line crosses them, and its light.
+void ReferenceRowSampler::set_up(int block, ColumnBlock& side, int lane) {
     side.block = block;
-    side.plain = 0;
+    side.complete = 0;
     side.lit = side.ready = {};
     float* const light = light_ + lane;
     std::fill_n(light, kLanes, 0.0F);
-    if (block < 0 || block >= planes_.blocks()) return;
+    if (block < 0 || block >= soa_.blocks()) return;
     const int rows = reference_.extents.n;
     int row[kLanes], top = rows;
     double past[kLanes];
@@ -214,34 +214,34 @@ void ReferenceRowSampler::find(int block, Side& side, int lane) {
         const double n = line_n_ + line_slope_ * (block * kLanes + c - line_m_);
         const int floor_n = n > 0 && n < rows ? floor_of(n) : -1;
         row[c] = -1, past[c] = n - floor_n;
-        if (floor_n < 1 || floor_n + 2 >= rows || (planes_.block(floor_n - 1, block).plain >> c & 1U) == 0) continue;
+        if (floor_n < 1 || floor_n + 2 >= rows || (soa_.block(floor_n - 1, block).complete >> c & 1U) == 0) continue;
         row[c] = floor_n - 1;
         top = std::min(top, row[c]);
     }
-    Join& join = side.join;
-    for (auto& weights : join.weights) std::fill_n(weights, kLanes, 0.0F);
-    join.rows = kAcross;
+    RowTaps& taps = side.taps;
+    for (auto& weights : taps.weights) std::fill_n(weights, kLanes, 0.0F);
+    taps.rows = kCubicRows;
     for (int c = 0; c < kLanes; ++c) {
         const int below = row[c] - top;
-        if (row[c] < 0 || below > 1) continue;  // steeper than a part may lie: lenslet by lenslet
-        side.plain |= 1U << c;
-        if (below == 1) join.rows = kRowsTogether;
+        if (row[c] < 0 || below > 1) continue;  // steeper than a part may lie: left to ReferenceSampler
+        side.complete |= 1U << c;
+        if (below == 1) taps.rows = kMaxRows;
         const QuantisedCubic& across = cubic_at(past[c]);
-        for (int r = 0; r < kAcross; ++r) join.weights[below + r][c] = static_cast<float>(across.of[r]);
+        for (int r = 0; r < kCubicRows; ++r) taps.weights[below + r][c] = static_cast<float>(across.of[r]);
     }
-    if (side.plain == 0) return;
-    side.lit = planes_.block(top, block).lit;
-    for (int r = 0; r < join.rows; ++r) {
-        const ReferenceSoa::Block& from = planes_.block(top + r, block);
-        join.from[r] = planes_.shares(from);
-        join.stored[r] = from.stored;
-        const float* of_row = planes_.light(top + r, block);
-        for (int c = 0; c < kLanes; ++c) light[c] += join.weights[r][c] * of_row[c];
+    if (side.complete == 0) return;
+    side.lit = soa_.block(top, block).lit;
+    for (int r = 0; r < taps.rows; ++r) {
+        const ReferenceSoa::Block& from = soa_.block(top + r, block);
+        taps.from[r] = soa_.shares(from);
+        taps.stored[r] = from.stored;
+        const float* of_row = soa_.light(top + r, block);
+        for (int c = 0; c < kLanes; ++c) light[c] += taps.weights[r][c] * of_row[c];
     }
 }
 
-void ReferenceRowSampler::write(const BinRect& bins, Side& side, int lane) {
-    join_(side.join, bins, side.lit, reference_.extents.i, columns_.front().of + lane);
+void ReferenceRowSampler::interpolate_rows(const BinRect& bins, ColumnBlock& side, int lane) {
+    interpolate_rows_(side.taps, bins, side.lit, reference_.extents.i, columns_.front().of + lane);
     side.ready = bins;
 }
 
@@ -251,28 +251,28 @@ void ReferenceRowSampler::move_to(int block) {
         here_ = next_;
         const BinRect& ready = here_.ready;
         for (int j = ready.top; j <= ready.bottom; ++j) {
-            LaneLine* at = columns_.data() + std::ptrdiff_t{j * reference_.extents.i + ready.left} * 2;
+            LaneFloats* at = columns_.data() + std::ptrdiff_t{j * reference_.extents.i + ready.left} * 2;
             for (int i = ready.left; i <= ready.right; ++i, at += 2) at[0] = at[1];
         }
         std::copy_n(light_ + kLanes, kLanes, light_);
     } else {
-        find(block, here_, 0);
+        set_up(block, here_, 0);
     }
-    find(block + 1, next_, kLanes);
-    const std::uint32_t columns = here_.plain | next_.plain << kLanes;
-    plain_ = columns & columns >> 1 & columns >> 2 & columns >> 3 & 0xFFFFU;
+    set_up(block + 1, next_, kLanes);
+    const std::uint32_t columns = here_.complete | next_.complete << kLanes;
+    complete_ = columns & columns >> 1 & columns >> 2 & columns >> 3 & 0xFFFFU;
     lit_ = {};
-    if (plain_ == 0) return;
+    if (complete_ == 0) return;
     lit_ = here_.lit;
     lit_.cover(next_.lit);
 }
 
 void ReferenceRowSampler::interpolate(int first, const BinRect& bins, Lanes& lanes, float* out, int pitch) {
-    if (!here_.ready.has(bins)) write(bins, here_, 0);
-    if (!next_.ready.has(bins)) write(bins, next_, kLanes);
-    const Between between{columns_.front().of, reference_.extents.i, static_cast<float>(row_light_),
+    if (!here_.ready.has(bins)) interpolate_rows(bins, here_, 0);
+    if (!next_.ready.has(bins)) interpolate_rows(bins, next_, kLanes);
+    const ColumnTaps taps{columns_.front().of, reference_.extents.i, static_cast<float>(row_light_),
                           reference_.sensor.clip_dn};
-    interpolate_(between, first, bins, light_, lanes, out, pitch);
+    interpolate_columns_(taps, first, bins, light_, lanes, out, pitch);
 }
 
 }  // namespace hord::algo

@@ -1,16 +1,16 @@
-// The reference HORDs along a row of a part, sixteen lenslets side by side: the same bin of neighbouring lenslets lies
-// together, so that one instruction works on as many lenslets as it has lanes.
+// The reference HORDs along a row of a part, sixteen lenslets at a time, in the SoA layout (the same bin of
+// neighbouring lenslets is contiguous).
 //
-// A part's row lies on a straight line in the reference, its lenslets all but a lenslet apart. Every column of the
-// reference is interpolated once where the line crosses it (a cubic of the four lenslets above and below), and a
-// lenslet between four such columns along the line (another cubic). Columns come in blocks of sixteen, and with a block
-// the lenslets whose four columns begin in it.
+// A part's row is a straight line in the reference, its lenslets almost one lenslet apart. Two cubic interpolations:
+// between rows, every column of the reference where the line crosses it, from the four lenslets above and below;
+// between columns, every lenslet along the line, from four such columns. Columns are processed in blocks of sixteen; a
+// lenslet belongs to the block in which its four columns begin.
 //
-// ReferenceSoa is the reference stored for that, made once: of every row and block of columns the bins that have light
-// there or up to four rows away, column by column, as floats. At the paper's size 56 MB; threads share it.
+// ReferenceSoa is the reference in that layout, made once: for every row and block of columns the bins that have light
+// there or up to four rows away, as floats. 56 MB at the paper's size; threads share it.
 //
 // Formats. Shares are Q0.15 below 1, cubic weights Q1.7: the sum over four lenslets stays below 1.25 * 2^7 * 2^15 <
-// 2^23, exact as floats in whatever order. Then floats, lane by lane: the same bits on every instruction set.
+// 2^23 and is exact in floats, in any order. Then floats, lane by lane: the same bits on every instruction set.
 #pragma once
 
 #include <algorithm>
@@ -23,7 +23,7 @@
 
 namespace hord::algo {
 
-// Some columns and rows of bins, the last ones included; by default none.
+// A rectangle of bins, both ends included; empty by default.
 struct BinRect {
     std::int16_t left = 0, right = -1, top = 0, bottom = -1;
 
@@ -43,29 +43,28 @@ struct BinRect {
     friend bool operator==(const BinRect&, const BinRect&) = default;
 };
 
-// Lanes that are worked on together, and columns of a block.
-inline constexpr int kGoldenLanes = 16;
-// Of these an instruction takes so many.
+// Lenslets that are compared together, and columns of a block.
+inline constexpr int kReferenceLanes = 16;
+// Floats in a vector of an instruction set.
 constexpr int lanes_at_once(Isa isa) { return isa == Isa::avx512 ? 16 : isa == Isa::avx2 ? 8 : 4; }
 
-struct alignas(kGoldenLanes * sizeof(float)) LaneLine {
-    float of[kGoldenLanes];
+struct alignas(kReferenceLanes * sizeof(float)) LaneFloats {
+    float of[kReferenceLanes];
 };
 
 class ReferenceSoa {
   public:
-    static constexpr int kAcross = 4,
-                         kRowsTogether = kAcross +
-        1;  // a cubic's rows; those that a block's columns may need, where the line is not level
+    static constexpr int kCubicRows = 4;             // of an interpolation
+    static constexpr int kMaxRows = kCubicRows + 1;  // of all columns of a block, where the line is not horizontal
 
     explicit ReferenceSoa(const Reference& reference);
 
     struct Block {
-        std::uint32_t first = 0;  // of shares, in vectors of sixteen
-        BinRect stored;           // these bins, row by row
-        BinRect lit;              // with light in this row or one of the four below it
-        std::uint16_t plain =
-            0;  // columns where this lenslet and the three below it have a reference HORD; bit c: column c
+        std::uint32_t first = 0;  // index of its shares, in vectors of sixteen
+        BinRect stored;           // the bins stored, row by row
+        BinRect lit;              // bins with light in this row or one of the four below it
+        // Bit c: in column c, this lenslet and the three below it have a reference HORD.
+        std::uint16_t complete = 0;
     };
     [[nodiscard]] int blocks() const { return blocks_; }
     [[nodiscard]] const Block& block(int row, int block) const { return blocks_of_[index(row, block)]; }
@@ -78,75 +77,76 @@ class ReferenceSoa {
     }
     int blocks_;
     std::vector<Block> blocks_of_;
-    std::vector<LaneLine> light_;
-    std::vector<LaneLine> shares_;
+    std::vector<LaneFloats> light_;
+    std::vector<LaneFloats> shares_;
 };
 
 class ReferenceRowSampler {
   public:
-    // Both outlive it.
-    ReferenceRowSampler(const Reference& reference, const ReferenceSoa& planes, Isa isa);
+    // `reference` and `soa` outlive it.
+    ReferenceRowSampler(const Reference& reference, const ReferenceSoa& soa, Isa isa);
 
-    // Begins row n of a part that lies so, at `light` times the reference's light.
+    // Begins row n of a part with this pose, at `light` times the reference's light.
     void start_row(const PoseMap& pose, int n, double light);
 
-    // To a block of columns, fastest from left to right. Lane l is then the lenslet between columns 16 block + l and
-    // the three that follow, the first of which is beyond it; any block, but those outside the reference have no such
-    // lenslets.
+    // Moves to a block of columns; fastest from left to right. Lane l is the lenslet between the second and the third
+    // of the columns 16 block + l and the three that follow. Blocks outside the reference are allowed: no lane is
+    // complete.
     void move_to(int block);
-    [[nodiscard]] std::uint32_t plain() const { return plain_; }  // bit l: lane l can be interpolated
-    [[nodiscard]] const BinRect& lit() const { return lit_; }     // of the plain ones
+    [[nodiscard]] std::uint32_t complete() const { return complete_; }  // bit l: lane l can be interpolated
+    [[nodiscard]] const BinRect& lit() const { return lit_; }           // bins with light in the complete lanes
 
-    // What lanes_at_once() lanes from `first` on expect.
+    // Weights and results of lanes_at_once() lanes from `first` on.
     struct Lanes {
-        alignas(64) float weights[ReferenceSoa::kAcross][kGoldenLanes];  // in: cubic along the row, Q1.7
-        alignas(64) float light[kGoldenLanes];                           // out: DN, at the reference's light
-        alignas(
-            64) float share[kGoldenLanes];  // out: of it the part has, at its light: what the reference bins add up to
+        alignas(64) float weights[ReferenceSoa::kCubicRows][kReferenceLanes];  // in: cubic along the row, Q1.7
+        alignas(64) float light[kReferenceLanes];                              // out: DN, at the reference's light
+        alignas(64) float share[kReferenceLanes];  // out: sum of the reference bins, at the part's light
     };
-    // `out`: the reference bins of `bins`, which has lit(), as shares at the part's light; lane by lane, the next bin
-    // so many lanes further, the next row of bins `pitch` bins.
+    // Writes the reference bins of `bins`, which contains lit(), to `out`, as shares at the part's light:
+    // lanes_at_once() lanes of a bin, then the next bin; rows of bins are `pitch` bins apart.
     void interpolate(int first, const BinRect& bins, Lanes& lanes, float* out, int pitch);
 
-    static constexpr int kSides = 2 * kGoldenLanes;  // a block, and the next one
-    struct Join {                                    // a block's columns where the line crosses them
-        const float* from[ReferenceSoa::kRowsTogether];
-        BinRect stored[ReferenceSoa::kRowsTogether];
+    static constexpr int kBlockPair = 2 * kReferenceLanes;  // lanes of a block and the next one
+    struct RowTaps {                                        // input of the interpolation between rows
+        const float* from[ReferenceSoa::kMaxRows];
+        BinRect stored[ReferenceSoa::kMaxRows];
         int rows = 0;
-        alignas(64) float weights[ReferenceSoa::kRowsTogether][kGoldenLanes];
+        alignas(64) float weights[ReferenceSoa::kMaxRows][kReferenceLanes];
     };
-    struct Between {
-        const float* columns;  // of bin (0, 0); the next bin is kSides further
+    struct ColumnTaps {        // input of the interpolation between columns
+        const float* columns;  // of bin (0, 0); the next bin is kBlockPair further
         int bin_columns;
         float light, clip_dn;  // the part's over the reference's
     };
 
   private:
-    struct Side {
+    struct ColumnBlock {
         int block = kNone;
-        std::uint32_t plain = 0;
-        BinRect lit, ready;  // bins with light; bins that are written
-        Join join;
+        std::uint32_t complete = 0;
+        BinRect lit, ready;  // bins with light; bins that are interpolated already
+        RowTaps taps;
     };
     static constexpr int kNone = -1000;
-    void find(int block, Side& side, int lane);
-    void write(const BinRect& bins, Side& side, int lane);
+    void set_up(int block, ColumnBlock& columns, int lane);
+    void interpolate_rows(const BinRect& bins, ColumnBlock& columns, int lane);
 
     const Reference& reference_;
-    const ReferenceSoa& planes_;
-    double line_m_ = 0, line_n_ = 0, line_slope_ = 0, row_light_ = 1;  // a place on the row's line, and how it falls
-    Side here_, next_;
-    std::uint32_t plain_ = 0;
+    const ReferenceSoa& soa_;
+    double line_m_ = 0, line_n_ = 0, line_slope_ = 0, row_light_ = 1;  // a point of the row's line, and its slope
+    ColumnBlock here_, next_;
+    std::uint32_t complete_ = 0;
     BinRect lit_;
-    std::vector<LaneLine> columns_;  // two a bin: of the block and of the next, sums in Q0.15 times Q1.7
-    alignas(64) float light_[kSides] = {};
+    std::vector<LaneFloats> columns_;  // two a bin: of the block and of the next one; Q0.15 times Q1.7
+    alignas(64) float light_[kBlockPair] = {};
 
-    void (*join_)(const Join& join, const BinRect& bins, const BinRect& lit, int bin_columns, float* out);
-    void (*interpolate_)(const Between& between, int first, const BinRect& bins, const float* light, Lanes& lanes,
-                         float* out, int pitch);
+    void (*interpolate_rows_)(const RowTaps& taps, const BinRect& bins, const BinRect& lit, int bin_columns,
+                              float* out);
+    void (*interpolate_columns_)(const ColumnTaps& taps, int first, const BinRect& bins, const float* light,
+                                 Lanes& lanes, float* out, int pitch);
 };
 
-// Cubic weights as integers in 1/128 which sum to 128, of a place `t` (0..1) after the second of four, to a 1024th.
+// Cubic weights as integers in 1/128 that sum to 128. cubic_at: for a point `t` (0..1) after the second of four
+// lenslets, rounded to 1/1024.
 struct QuantisedCubic {
     std::int16_t of[4];
 };

@@ -16,12 +16,12 @@ namespace hord::algo {
 
 namespace {
 
-constexpr int kLanes = 8, kLine = ReferenceLines::kLine;
+constexpr int kLanes = 8, kLine = PlaceRange::kLine;
 
 using Eight = Vector<float, kLanes * sizeof(float)>;
 using EightInts = Vector<std::int32_t, kLanes * sizeof(std::int32_t)>;
 
-// What eight shares mean at the part's light. Nothing where the dark level leaves nothing.
+// Eight shares at the part's light (docs/notes/reference.md); not below 0.
 HORD_ALWAYS_INLINE Eight at_light(const Eight& share, float light, float clip) {
     const Eight nothing{};
     const Eight g = share > nothing ? share : nothing;
@@ -36,7 +36,7 @@ HORD_ALWAYS_INLINE float total(const Eight& lanes) {
     return (pair(0) + pair(1)) + (pair(2) + pair(3));
 }
 
-float gather_portable(const ReferenceSampler::Taps& taps, ReferenceLines lines, float* __restrict out) {
+float gather_portable(const ReferenceSampler::Taps& taps, PlaceRange lines, float* __restrict out) {
     Eight all{};
     for (int k = lines.first; k < lines.end(); k += kLanes) {
         EightInts sum{};
@@ -54,8 +54,7 @@ float gather_portable(const ReferenceSampler::Taps& taps, ReferenceLines lines, 
 
 #if defined(__x86_64__)
 // The same integers, two taps in one multiplication.
-[[gnu::target("avx2")]] float gather_avx2(const ReferenceSampler::Taps& taps, ReferenceLines lines,
-                                          float* __restrict out) {
+[[gnu::target("avx2")]] float gather_avx2(const ReferenceSampler::Taps& taps, PlaceRange lines, float* __restrict out) {
     const auto sixteen = [](const std::uint16_t* from) __attribute__((target("avx2"), always_inline)) {
         return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from));
     };
@@ -119,12 +118,12 @@ ReferenceSampler::ReferenceHord ReferenceSampler::read(double m, double n, doubl
     double sum = 0;
     std::uint8_t mask = 0;
     ReferenceHord reference_hord;
-    const auto near = Surroundings::of(
+    const auto near = InterpolationWindow::of(
         m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & (kOutside | kDark)) == 0; });
-    // Dark ones nearby: the light alone, evenly.
-    const auto around = near.found
-        ? near
-        : Surroundings::of(m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & kOutside) == 0; });
+    // With dark lenslets around: the light alone, by linear interpolation.
+    const auto around = near.found ? near : InterpolationWindow::of(m, n, e, [&](int x, int y) {
+        return (reference_.mask[index(x, y)] & kOutside) == 0;
+    });
     if (!around.found) return reference_hord;
     const QuantisedCubic along = quantised(near.found ? around.along : CubicWeights::linear_at(m - floor_m)),
                          across = quantised(near.found ? around.across : CubicWeights::linear_at(n - floor_n));
@@ -143,7 +142,7 @@ ReferenceSampler::ReferenceHord ReferenceSampler::read(double m, double n, doubl
     }
     for (int t = count; t < 16; ++t) taps.from[t] = reference_.shares.data(), taps.weights[t] = 0;
     if ((mask & kOutside) != 0) return reference_hord;
-    reference_hord.known = true;
+    reference_hord.has_light = true;
     reference_hord.light = sum * 0x1p-14;
     reference_hord.share = light;
     if ((mask & kDark) != 0 || !(reference_hord.light > 0) || reference_hord.lit.none()) return reference_hord;

@@ -13,19 +13,19 @@ namespace {
 
 constexpr int kSampledSide = 40;
 constexpr int kSteps = 30;
-constexpr double kSettled = 5e-3;        // lenslets, at the field's rim
-constexpr double kSwings = 1.0 / 8;      // of a step, after three that turned back
-constexpr double kNearlySettled = 0.03;  // where a quarter of the sample has done its part
+constexpr double kSettled = 5e-3;        // lenslets that a step moves the field's rim: the end
+constexpr double kSwings = 1.0 / 8;      // of a step: after three that turned back the halved step decides
+constexpr double kNearlySettled = 0.03;  // lenslets: from here on with the whole sample
 constexpr int kCoarseSteps = 12;
 constexpr std::size_t kMinCoarse = 64;
 constexpr double kShiftPrior = 1, kTurnPrior = 0.02;  // lenslets, radians
 constexpr double kLightFloor = 0.05,
-                 kDeflectionFloor = 0.03;  // of the typical light; bin pitches: what good parts differ by
-constexpr double kBendNoise = 0.3;         // of the slope's change over a lenslet
-constexpr double kTail = 3;                // noises
-constexpr double kNoiseRidge = 4;          // priors count the reference's own noise so many times
-constexpr double kTurnShare = 0.05;        // of the maps' changes, to be seen in a turn: else the part is round
-constexpr double kForeignLight = 0.25, kForeignBins = 0.4;
+                 kDeflectionFloor = 0.03;  // spread of good parts: of the typical light; bin pitches
+constexpr double kCurvatureNoise = 0.3;    // noise, of the slope's change over a lenslet
+constexpr double kTail = 3;                // standard deviations from which a residual loses weight
+constexpr double kNoiseRidge = 4;          // weight of the prior that the reference's own noise needs
+constexpr double kTurnShare = 0.05;        // of the maps' changes that a turn must show: else the part is round
+constexpr double kForeignLight = 0.25, kForeignBins = 0.4;  // a sample that differs by more disagrees
 
 // Sums of a weighted least-squares problem in (shift x, shift y, turn).
 struct Normal {
@@ -38,7 +38,7 @@ struct Normal {
             b[r] += weight * slope[r] * residual;
         }
     }
-    // By Cholesky; the priors keep it positive.
+    // By Cholesky decomposition; the priors keep the matrix positive definite.
     [[nodiscard]] std::array<double, 3> solved() const {
         std::array<std::array<double, 3>, 3> l{};
         for (std::size_t r = 0; r < 3; ++r) {
@@ -118,7 +118,7 @@ MapAt CubicReader::read(std::span<const float> map) const {
     const auto outer = [&](int r) { return (row[r][0] - row[r][1]) - (row[r][2] - row[r][3]); };
     const auto inner = [&](int r) { return row[r][1] + row[r][2]; };
     const float along = outer(1) + outer(2), across = (inner(0) - inner(1)) - (inner(2) - inner(3));
-    at.deflection_shift = 0.25 * static_cast<double>(std::max(std::abs(along), std::abs(across)));
+    at.curvature = 0.25 * static_cast<double>(std::max(std::abs(along), std::abs(across)));
     return at;
 }
 
@@ -138,153 +138,173 @@ Registrar::Registrar(const Extents& extents) : extents_(extents) {
     ratios_.resize(sample_.size());
 }
 
+// One frame of a part.
+struct Registrar::PartMaps {
+    std::span<const Deflection> deflections;
+    std::span<const std::uint32_t> sums;
+    std::span<const std::uint8_t> mask;
+};
+
+// The sums of one Gauss-Newton step over the sample.
+struct Registrar::Step {
+    double turn, cosine;  // sine and cosine of the turn
+    double light_noise, deflection_noise;
+    double light_own, deflection_own;  // a sample's share in noise_of_shift
+    Normal normal{};
+    double compared = 0, foreign = 0;  // samples
+    // Normal-matrix entries of shift and turn that the reference's own noise makes (its slopes have half of a lenslet's
+    // variance), and that of the turn if every change of the maps showed in it.
+    double noise_of_shift = 0, noise_of_turn = 0, all_of_turn = 0;
+
+    Step(double sine, double electrons, std::uint32_t parts)
+        : turn(sine), cosine(std::sqrt(1 - sine * sine)),
+          light_noise(std::sqrt(1 / electrons + kLightFloor * kLightFloor)),
+          deflection_noise(std::sqrt(0.3 / electrons + kDeflectionFloor * kDeflectionFloor)),
+          light_own(0.5 / (electrons * parts * light_noise * light_noise)),
+          deflection_own(0.15 / (electrons * parts * deflection_noise * deflection_noise)) {}
+
+    // One value of the part against the reference's map at (x, y) from the middle. `turned`: its change by the turn of
+    // the deflection itself.
+    void add(double part, const MapAt& at, double x, double y, double turned, double plain_noise, double own) {
+        const double curvature = kCurvatureNoise * at.curvature,
+                     noise = std::sqrt(plain_noise * plain_noise + curvature * curvature);
+        // Of the reference at q by the pose: dq/dx = -R(-turn) e_x, dq/dturn = (y', -x') with (x', y') = q.
+        const std::array<double, 3> slope{(-at.by_m * cosine + at.by_n * turn) / noise,
+                                          (-at.by_m * turn - at.by_n * cosine) / noise,
+                                          (at.by_m * y - at.by_n * x + turned) / noise};
+        const double r = (part - at.value) / noise, tail = r / kTail;
+        const double weight = 1 / (1 + tail * tail);
+        normal.add(slope, r, weight);
+        const double radius2 = x * x + y * y;
+        noise_of_shift += weight * own;
+        noise_of_turn += weight * own * radius2;
+        all_of_turn += weight * ((at.by_m * at.by_m + at.by_n * at.by_n) * radius2 + turned * turned) / (noise * noise);
+    }
+};
+
+// The ratio of both typical lights, from the `count` ratios that the last step left; false if they are too few.
+bool Registrar::update_light(std::size_t count, std::size_t used, double& typical, double& light) {
+    if (count < 16 || count * 50 < used) return false;
+    typical /= static_cast<double>(count);
+    light = std::max(common::lower_median(std::span(ratios_).first(count)), 1e-6);
+    return true;
+}
+
+// Compares the first `used` samples with the reference. Returns how many ratios of light it has left in ratios_, and in
+// `next_typical` the sum of the reference's light there.
+std::size_t Registrar::compare(const ReferenceMaps& reference, const PartMaps& part, const PoseMap& map,
+                               std::size_t used, double typical, double light_ratio, Step& step, double& next_typical) {
+    CubicReader reader(extents_, reference.mask);
+    const double middle_m = 0.5 * (extents_.m - 1), middle_n = 0.5 * (extents_.n - 1);
+    const auto bins = [](DeflectionQ q) { return q.to_double_rounded(); };
+    const double cosine = step.cosine, turn = step.turn;
+    std::size_t count = 0;
+    for (std::size_t k = 0; k < used; ++k) {
+        const SamplePoint& s = sample_[k];
+        if ((part.mask[s.k] & kSaturated) != 0) continue;
+        const auto q = map.to_reference(s.m, s.n);
+        if (!reader.move_to(q.m, q.n)) continue;
+        const std::uint8_t around = reader.mask();
+        if ((around & (kOutside | kSaturated)) != 0) continue;
+        const bool has_hord = ((part.mask[s.k] | around) & kDark) == 0;
+        const double x = q.m - middle_m, y = q.n - middle_n;
+        MapAt light = reader.read(reference.light);
+        if (has_hord && light.value > 0) {
+            ratios_[count++] = static_cast<double>(part.sums[s.k]) / light.value;
+            next_typical += light.value;
+        }
+        light = {light.value / typical, light.by_m / typical, light.by_n / typical, light.curvature / typical};
+        const double measured = static_cast<double>(part.sums[s.k]) / (light_ratio * typical);
+        step.add(measured, light, x, y, 0, step.light_noise, step.light_own);
+        step.compared += 1;
+        bool foreign = std::abs(measured - light.value) > kForeignLight;
+        if (has_hord) {
+            const MapAt dx = reader.read(reference.x), dy = reader.read(reference.y);
+            const auto expected = map.turned(dx.value, dy.value);
+            const Deflection& d = part.deflections[s.k];
+            // Turning the part turns its deflections, too.
+            const MapAt along_x{expected.m, dx.by_m * cosine - dy.by_m * turn, dx.by_n * cosine - dy.by_n * turn,
+                                dx.curvature};
+            const MapAt along_y{expected.n, dy.by_m * cosine + dx.by_m * turn, dy.by_n * cosine + dx.by_n * turn,
+                                dy.curvature};
+            step.add(bins(d.x), along_x, x, y, -expected.n, step.deflection_noise, step.deflection_own);
+            step.add(bins(d.y), along_y, x, y, expected.m, step.deflection_noise, step.deflection_own);
+            foreign =
+                foreign || std::max(std::abs(bins(d.x) - expected.m), std::abs(bins(d.y) - expected.n)) > kForeignBins;
+        }
+        step.foreign += foreign ? 1 : 0;
+    }
+    return count;
+}
+
 Registered Registrar::find(const ReferenceMaps& reference, std::span<const Deflection> deflections,
                            std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
                            double electrons_per_dn, std::uint32_t parts) {
-    Registered found;
-    CubicReader reader(extents_, reference.mask);
-    const double middle_m = 0.5 * (extents_.m - 1), middle_n = 0.5 * (extents_.n - 1),
-                 reach = std::max(middle_m, middle_n);
-    const auto bins = [](DeflectionQ q) { return q.to_double_rounded(); };
-    double turn = 0, typical = 0;
-    double shorter = 1;  // of a step, where the ones before went to and fro
+    Registered result;
+    Pose& pose = result.pose;
+    const double reach = std::max(0.5 * (extents_.m - 1), 0.5 * (extents_.n - 1));
+    double turn = 0;     // its sine
+    double typical = 0;  // the reference's light, mean over the sample, DN
+    double shorter = 1;  // factor of a step: less where the steps before swung to and fro
     std::array<double, 3> before{};
-    bool round = false;     // decided at the first step
-    bool settling = false;  // the last steps
+    bool round = false;     // a turn of the part does not show in the maps; decided at the first step
+    bool settling = false;  // the last steps, with the whole sample
     std::size_t used = sample_.size(), count = 0;
-    // The light: the parts' typical ones are to be equal. Each step finds it anew for the next.
-    const auto weigh_light = [&]() -> bool {
-        if (count < 16 || count * 50 < used) return false;
-        typical /= static_cast<double>(count);
-        found.light = std::max(common::lower_median(std::span(ratios_).first(count)), 1e-6);
-        return true;
-    };
-    for (const Sampled& s : sample_) {
+    for (const SamplePoint& s : sample_) {
         if ((mask[s.k] & kNoHord) != 0 || (reference.mask[s.k] & (kOutside | kNoHord)) != 0 ||
             !(reference.light[s.k] > 0))
             continue;
         ratios_[count++] = static_cast<double>(sums[s.k]) / static_cast<double>(reference.light[s.k]);
         typical += static_cast<double>(reference.light[s.k]);
     }
-    if (!weigh_light()) return found;
-    for (int step = 0;; ++step) {
-        found.pose.sine = turn;
-        const PoseMap map(found.pose, extents_);
-        const double electrons = typical * found.light * electrons_per_dn;
-        const double light_noise = std::sqrt(1 / electrons + kLightFloor * kLightFloor);
-        const double deflection_noise = std::sqrt(0.3 / electrons + kDeflectionFloor * kDeflectionFloor);
+    if (!update_light(count, used, typical, result.light)) return result;
+    const auto outcome = [&](Registered::Outcome unless_foreign) {
+        result.outcome = result.disagreeing > kForeignShare ? Registered::Outcome::foreign : unless_foreign;
+        return result;
+    };
+    for (int k = 0;; ++k) {
+        pose.sine = turn;
+        Step step(turn, typical * result.light * electrons_per_dn, parts);
         double next_typical = 0;
-        count = 0;
-
-        Normal normal;
-        double compared = 0, foreign = 0;
-        // What the reference's own noise seems to say of shift and turn (its slopes have half of a lenslet's variance),
-        // and all that its maps say if every change of theirs were seen in a turn.
-        double noise_of_shift = 0, noise_of_turn = 0, all_of_turn = 0;
-        const double light_in = 0.5 / (electrons * parts * light_noise * light_noise),
-                     deflection_in = 0.15 / (electrons * parts * deflection_noise * deflection_noise);
-        const double cosine = std::sqrt(1 - turn * turn);
-        const auto add = [&](double part, const MapAt& at, double x, double y, double turned, double plain_noise,
-                             double own) {
-            const double deflection_shift = kBendNoise * at.deflection_shift,
-                         noise = std::sqrt(plain_noise * plain_noise + deflection_shift * deflection_shift);
-            // Of the reference at q by the pose: dq/dx = -R(-turn) e_x, dq/dturn = (y', -x') with (x', y') = q.
-            const std::array<double, 3> slope{(-at.by_m * cosine + at.by_n * turn) / noise,
-                                              (-at.by_m * turn - at.by_n * cosine) / noise,
-                                              (at.by_m * y - at.by_n * x + turned) / noise};
-            const double r = (part - at.value) / noise, tail = r / kTail;
-            const double weight = 1 / (1 + tail * tail);
-            normal.add(slope, r, weight);
-            const double radius2 = x * x + y * y;
-            noise_of_shift += weight * own;
-            noise_of_turn += weight * own * radius2;
-            all_of_turn +=
-                weight * ((at.by_m * at.by_m + at.by_n * at.by_n) * radius2 + turned * turned) / (noise * noise);
+        count = compare(reference, {deflections, sums, mask}, PoseMap(pose, extents_), used, typical, result.light,
+                        step, next_typical);
+        result.disagreeing = step.compared > 0 ? step.foreign / step.compared : 1;
+        const auto add_prior = [&](std::size_t unknown, double weight, double at) {
+            step.normal.a[unknown][unknown] += weight;
+            step.normal.b[unknown] -= weight * at;
         };
-        for (std::size_t k = 0; k < used; ++k) {
-            const Sampled& s = sample_[k];
-            if ((mask[s.k] & kSaturated) != 0) continue;
-            const auto q = map.to_reference(s.m, s.n);
-            if (!reader.move_to(q.m, q.n)) continue;
-            const std::uint8_t around = reader.mask();
-            if ((around & (kOutside | kSaturated)) != 0) continue;
-            const double x = q.m - middle_m, y = q.n - middle_n;
-            MapAt light = reader.read(reference.light);
-            if (((mask[s.k] | around) & kDark) == 0 && light.value > 0) {
-                ratios_[count++] = static_cast<double>(sums[s.k]) / light.value;
-                next_typical += light.value;
-            }
-            light = {light.value / typical, light.by_m / typical, light.by_n / typical,
-                     light.deflection_shift / typical};
-            const double seen = static_cast<double>(sums[s.k]) / (found.light * typical);
-            add(seen, light, x, y, 0, light_noise, light_in);
-            compared += 1;
-            bool strange = std::abs(seen - light.value) > kForeignLight;
-            if (((mask[s.k] | around) & kDark) == 0) {
-                const MapAt dx = reader.read(reference.x), dy = reader.read(reference.y);
-                const auto wanted = map.turned(dx.value, dy.value);
-                const Deflection& d = deflections[s.k];
-                // Turning the part turns its deflections, too.
-                const MapAt along_x{wanted.m, dx.by_m * cosine - dy.by_m * turn, dx.by_n * cosine - dy.by_n * turn,
-                                    dx.deflection_shift};
-                const MapAt along_y{wanted.n, dy.by_m * cosine + dx.by_m * turn, dy.by_n * cosine + dx.by_n * turn,
-                                    dy.deflection_shift};
-                add(bins(d.x), along_x, x, y, -wanted.n, deflection_noise, deflection_in);
-                add(bins(d.y), along_y, x, y, wanted.m, deflection_noise, deflection_in);
-                strange =
-                    strange || std::max(std::abs(bins(d.x) - wanted.m), std::abs(bins(d.y) - wanted.n)) > kForeignBins;
-            }
-            foreign += strange ? 1 : 0;
-        }
-        found.disagreeing = compared > 0 ? foreign / compared : 1;
-        const auto give = [&](std::size_t k, double prior, double at) {
-            normal.a[k][k] += prior;
-            normal.b[k] -= prior * at;
-        };
-        give(0, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * noise_of_shift, found.pose.x);
-        give(1, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * noise_of_shift, found.pose.y);
-        if (step == 0) round = normal.a[2][2] < kTurnShare * all_of_turn;
-        give(2, round ? 1e12 : 1 / (kTurnPrior * kTurnPrior) + kNoiseRidge * noise_of_turn, turn);
-        const auto by = normal.solved();
+        add_prior(0, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * step.noise_of_shift, pose.x);
+        add_prior(1, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * step.noise_of_shift, pose.y);
+        if (k == 0) round = step.normal.a[2][2] < kTurnShare * step.all_of_turn;
+        add_prior(2, round ? 1e12 : 1 / (kTurnPrior * kTurnPrior) + kNoiseRidge * step.noise_of_turn, turn);
+        const auto by = step.normal.solved();
         const double moved = std::max(std::abs(by[0]), std::abs(by[1])) + std::abs(by[2]) * reach;
         typical = next_typical;
-        if (!weigh_light()) return found;
-        // Where the reference's interpolation has a kink, at its own lenslets, each full step leads across it, again
-        // and again.
+        if (!update_light(count, used, typical, result.light)) return result;
+        // The reference's interpolation has kinks at its own lenslets: full steps would cross one to and fro for ever.
         const double turned_back = by[0] * before[0] + by[1] * before[1] + reach * reach * by[2] * before[2];
         shorter = moved < kNearlySettled && turned_back < 0 ? 0.5 * shorter : std::min(1.0, 2 * shorter);
         before = by;
         if (settling && (moved < kSettled || (shorter <= kSwings && shorter * moved < kSettled))) break;
-        if (step == kSteps) {
+        if (k == kSteps) {
             if (moved < 0.1) break;  // it swings within a tenth of a lenslet, and the last steps were a quarter of that
-            found.outcome =
-                found.disagreeing > kForeignShare ? Registered::Outcome::foreign : Registered::Outcome::unsettled;
-            return found;
+            return outcome(Registered::Outcome::unsettled);
         }
-        // At most a lenslet a step; less and less where the weights make it swing.
-        const double shortened = shorter *
-            std::min(step < 6        ? 1.0
-                         : step < 12 ? 0.5
-                                     : 0.25,
-                     1.0 / std::max(moved, 1e-9));
-        found.pose.x += shortened * by[0];
-        found.pose.y += shortened * by[1];
+        // At most a lenslet a step, and shorter in later steps, where the weights may make it swing.
+        const double damping = k < 6 ? 1.0 : k < 12 ? 0.5 : 0.25;
+        const double shortened = shorter * std::min(damping, 1.0 / std::max(moved, 1e-9));
+        pose.x += shortened * by[0];
+        pose.y += shortened * by[1];
         turn += shortened * by[2];
-        settling = settling || moved < kNearlySettled || step >= kCoarseSteps;
+        settling = settling || moved < kNearlySettled || k >= kCoarseSteps;
         used = settling ? sample_.size() : coarse_;
-        if (!(std::abs(found.pose.x) < 2 * kFarthestLenslets && std::abs(found.pose.y) < 2 * kFarthestLenslets &&
-              std::abs(turn) < 2 * kFarthestSine)) {
-            found.outcome =
-                found.disagreeing > kForeignShare ? Registered::Outcome::foreign : Registered::Outcome::too_far;
-            return found;
-        }
+        if (!(std::abs(pose.x) < 2 * kFarthestLenslets && std::abs(pose.y) < 2 * kFarthestLenslets &&
+              std::abs(turn) < 2 * kFarthestSine))
+            return outcome(Registered::Outcome::too_far);
     }
-    const bool far = std::abs(found.pose.x) > kFarthestLenslets || std::abs(found.pose.y) > kFarthestLenslets ||
-        std::abs(turn) > kFarthestSine;
-    found.outcome = found.disagreeing > kForeignShare ? Registered::Outcome::foreign
-        : far                                         ? Registered::Outcome::too_far
-                                                      : Registered::Outcome::found;
-    return found;
+    const bool far =
+        std::abs(pose.x) > kFarthestLenslets || std::abs(pose.y) > kFarthestLenslets || std::abs(turn) > kFarthestSine;
+    return outcome(far ? Registered::Outcome::too_far : Registered::Outcome::found);
 }
 
 }  // namespace hord::algo

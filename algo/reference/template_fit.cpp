@@ -10,22 +10,22 @@ namespace hord::algo {
 namespace {
 
 constexpr int kLanes = TemplateFitter::kLanes;
-constexpr int kReach = 2;       // bins that scattering reaches
+constexpr int kReach = 2;       // bins, of scattering
 constexpr int kCacheLine = 64;  // bytes
 constexpr int kMaxBinCount = kMaxBins * kMaxBins;
-// Reference bins have room for the reach around them, along their rows for that of the bins which are reached; rows
-// that are scattered, twice the reach above and below.
+// Buffers have room for the reach around the bins: reference bins once above and below and twice to the left and right,
+// rows scattered along x twice above and below.
 constexpr int kMaxReference = (kMaxBins + 2 * kReach) * (kMaxBins + 4 * kReach),
               kMaxHalf = (kMaxBins + 4 * kReach) * kMaxBins;
 
 }  // namespace
 
-// Of the lanes that are fitted at once, `lanes` floats a bin.
+// Buffers of the lanes that are fitted together, `lanes` floats a bin.
 struct TemplateFitter::Work {
     int lanes = 0, first = 0;
-    BinRect lit, window;               // what scattering reaches, within the HORD
-    int reference_pitch = 0;           // bins
-    BinRect golden_clear, half_clear;  // of this size what is around the bins is 0
+    BinRect lit, window;                  // lit bins; the bins that scattering reaches, within the HORD
+    int reference_pitch = 0;              // bins
+    BinRect reference_clear, half_clear;  // the sizes for which the buffers' borders are 0
     alignas(64) float reference_hord[kMaxReference * kLanes];
     alignas(64) float half[kMaxHalf * kLanes];            // scattered along the rows
     alignas(64) float scattering[kMaxBinCount * kLanes];  // of the window: the template b,
@@ -43,7 +43,7 @@ namespace {
 using Work = TemplateFitter::Work;
 using Eight = Vector<std::uint16_t, 16>;
 
-// Eight vectors of eight become their columns, by three perfect shuffles.
+// Transposes 8x8, by three perfect shuffles.
 HORD_ALWAYS_INLINE void transpose(Eight (&v)[8]) {
     for (int shuffle = 0; shuffle < 3; ++shuffle) {
         Eight out[8];
@@ -71,9 +71,9 @@ HORD_ALWAYS_INLINE void store_floats(const Eight& v, float* to) {
 }
 
 template <int Bytes, class Sample>
-HORD_ALWAYS_INLINE void take(const LensletSamples<Sample> (&samples)[kLanes], const Extents& extents,
-                             std::uint32_t dark_dn, Work& work) {
-    constexpr int kFew = 2;  // columns that are not worth a transposition
+HORD_ALWAYS_INLINE void load_masses(const LensletSamples<Sample> (&samples)[kLanes], const Extents& extents,
+                                    std::uint32_t dark_dn, Work& work) {
+    constexpr int kFew = 2;  // columns: with no more, scalar code is faster than a transposition
     const auto dark = static_cast<std::uint16_t>(dark_dn);
     const Eight dark_all = Eight{} + dark;
     const int columns = extents.i, rows = extents.j;
@@ -98,7 +98,7 @@ HORD_ALWAYS_INLINE void take(const LensletSamples<Sample> (&samples)[kLanes], co
                     out[i][half + l] = static_cast<float>(std::max(sample, dark) - dark);
                 }
             }
-            // The next sixteen lenslets' line.
+            // Prefetch the line of the next sixteen lenslets.
             const char* const ahead = reinterpret_cast<const char*>(line[0] + (kLanes - half) * columns);
             for (int at = 0; half == 0 && at <= kLanes * columns * static_cast<int>(sizeof(Sample)); at += kCacheLine)
                 __builtin_prefetch(ahead + at);
@@ -124,29 +124,30 @@ HORD_ALWAYS_INLINE void scatter(Work& work) {
     }
 }
 
-// Which of the templates is not 0 in a bin, and whether light is expected there, depends on where it lies.
-enum class Part : std::uint8_t {
-    reached,
-    beside,
-    above,
-    bright
-};  // by scattering alone; a row's ends, next to the light; the rows next to it
+// The role of a bin decides which templates are not 0 there, and whether light is expected.
+enum class BinRole : std::uint8_t {
+    reached,  // by scattering only
+    beside,   // left or right of the lit bins
+    above,    // above or below them
+    bright    // lit
+};
 
-// run<Part>(end) for the parts of row j of the window, from left to right.
+// Calls run<role>(end) for the runs of bins of one role in row j of the window, from left to right.
 template <class Run>
 HORD_ALWAYS_INLINE void for_parts(int j, const BinRect& lit, const BinRect& window, const Run& run) {
     if (j >= lit.top && j <= lit.bottom) {
-        run.template operator()<Part::reached>(lit.left - 1);
-        run.template operator()<Part::beside>(lit.left);
-        run.template operator()<Part::bright>(lit.right + 1);
-        run.template operator()<Part::beside>(std::min(lit.right + 2, window.right + 1));
+        run.template operator()<BinRole::reached>(lit.left - 1);
+        run.template operator()<BinRole::beside>(lit.left);
+        run.template operator()<BinRole::bright>(lit.right + 1);
+        run.template operator()<BinRole::beside>(std::min(lit.right + 2, window.right + 1));
     } else if (j == lit.top - 1 || j == lit.bottom + 1) {
-        run.template operator()<Part::reached>(lit.left);
-        run.template operator()<Part::above>(lit.right + 1);
+        run.template operator()<BinRole::reached>(lit.left);
+        run.template operator()<BinRole::above>(lit.right + 1);
     }
-    run.template operator()<Part::reached>(window.right + 1);
+    run.template operator()<BinRole::reached>(window.right + 1);
 }
 
+// One function, though long: the sums stay in registers from the loop over bins to the solution.
 template <int Bytes>
 HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::Fits& fits) {
     constexpr int kWide = Bytes / static_cast<int>(sizeof(float));
@@ -163,14 +164,14 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::
     // The bin's variance, e a + empty + lit e / (e + soft), times (e + soft).
     const Floats linear = (a_dn * soft + empty) + noise.lit, constant = empty * soft, dark_weight = 1.0F / empty;
     Floats rx{}, ry{}, rb{}, xx{}, xy{}, xb{}, yy{}, yb{}, bb{};
-    // What a bin adds to the sums.
-    const auto add = [&]<Part part>(int bin, const float* g, const float* half, float* scattering, float* residual)
+    // Adds a bin to the sums.
+    const auto add = [&]<BinRole part>(int bin, const float* g, const float* half, float* scattering, float* residual)
         __attribute__((always_inline)) {
         const Floats outer = load<Floats>(half - 2 * half_pitch) + load<Floats>(half + 2 * half_pitch),
                      inner = load<Floats>(half - half_pitch) + load<Floats>(half + half_pitch);
         Floats b = (outer + 6.0F * load<Floats>(half)) + 4.0F * inner;
         Floats r = mass_of(bin), w = dark_weight;
-        if constexpr (part == Part::bright) {
+        if constexpr (part == BinRole::bright) {
             const auto here = load<Floats>(g);
             const Floats e = n * here;
             w = (e + soft) / ((a_dn * e + linear) * e + constant);
@@ -182,14 +183,14 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::
         const Floats wb = w * b;
         rb += wb * r;
         bb += wb * b;
-        if constexpr (part == Part::bright || part == Part::beside) {
+        if constexpr (part == BinRole::bright || part == BinRole::beside) {
             const Floats x = load<Floats>(g - kWide) - load<Floats>(g + kWide), wx = w * x;
             rx += wx * r;
             xx += wx * x;
             xb += wx * b;
-            if constexpr (part == Part::bright) xy += wx * (load<Floats>(g - pitch) - load<Floats>(g + pitch));
+            if constexpr (part == BinRole::bright) xy += wx * (load<Floats>(g - pitch) - load<Floats>(g + pitch));
         }
-        if constexpr (part == Part::bright || part == Part::above) {
+        if constexpr (part == BinRole::bright || part == BinRole::above) {
             const Floats y = load<Floats>(g - pitch) - load<Floats>(g + pitch), wy = w * y;
             ry += wy * r;
             yy += wy * y;
@@ -201,7 +202,7 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::
     for (int j = window.top; j <= window.bottom; ++j) {
         int i = window.left, bin = j * bin_columns + i;
         const float* g = work.reference_hord_at(i, j);
-        const auto run = [&]<Part part>(int end) __attribute__((always_inline)) {
+        const auto run = [&]<BinRole part>(int end) __attribute__((always_inline)) {
             for (; i < end; ++i, ++bin, g += kWide, half += kWide, scattering += kWide, residual += kWide)
                 add.template operator()<part>(bin, g, half, scattering, residual);
         };
@@ -242,7 +243,7 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::
             halves(of_c * per_dn, fits.scattering + at);
         const Doubles to_shift = inverse * of_shift, to_variance = to_shift * of_shift;
         halves(c_xx * to_variance, fits.x_variance + at), halves(c_yy * to_variance, fits.y_variance + at),
-            halves(c_bb * inverse * (per_dn * per_dn), fits.blur_variance + at);
+            halves(c_bb * inverse * (per_dn * per_dn), fits.scattering_variance + at);
         halves(c_xx * to_shift, fits.xx + at), halves(c_xy * to_shift, fits.xy + at),
             halves(c_xb * to_shift, fits.xb + at), halves(c_yy * to_shift, fits.yy + at),
             halves(c_yb * to_shift, fits.yb + at);
@@ -251,8 +252,8 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::
         for (int l = 0; l < kHalf; ++l) fits.found[at + l] = found[l] != 0 ? 1 : 0;
     }
 
-    // Chi-square of what is left. In dark bins it is weighed with the whole reading noise: one outlying reading does
-    // not move it far. `narrowed`: by how much, in units of lit soft, noise alone makes it less than one a lit bin.
+    // Chi-square of the rest. Dark bins are weighted with the whole reading noise: one outlier changes it little.
+    // `narrowed`: how much less than one a lit bin noise alone contributes, in units of lit * soft.
     const auto of_a = load<Floats>(a), of_b = load<Floats>(b), of_c = load<Floats>(c);
     const float read = noise.quiet + noise.lit, per_read = 1.0F / read;
     Floats squares{}, dark{}, narrowed{};
@@ -260,15 +261,15 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::
     for (int j = window.top; j <= window.bottom; ++j) {
         int i = window.left;
         const float* g = work.reference_hord_at(i, j);
-        const auto run = [&]<Part part>(int end) __attribute__((always_inline)) {
+        const auto run = [&]<BinRole part>(int end) __attribute__((always_inline)) {
             for (; i < end; ++i, g += kWide, scattering += kWide, residual += kWide) {
                 Floats rest = load<Floats>(residual);
-                if constexpr (part == Part::bright || part == Part::beside)
+                if constexpr (part == BinRole::bright || part == BinRole::beside)
                     rest -= of_a * (load<Floats>(g - kWide) - load<Floats>(g + kWide));
-                if constexpr (part == Part::bright || part == Part::above)
+                if constexpr (part == BinRole::bright || part == BinRole::above)
                     rest -= of_b * (load<Floats>(g - pitch) - load<Floats>(g + pitch));
                 rest -= of_c * load<Floats>(scattering);
-                if constexpr (part == Part::bright) {
+                if constexpr (part == BinRole::bright) {
                     const Floats e = n * load<Floats>(g), more = e + soft, w = 1.0F / ((a_dn * e + read) * more);
                     squares += (w * more) * (rest * rest);
                     narrowed += w;
@@ -297,11 +298,11 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::
     store(all - noise.lit * (not_lit * per_read + soft * narrowed), fits.degrees + first);
 }
 
-HORD_FOR_EACH_ISA(take8_for, void, take,
+HORD_FOR_EACH_ISA(load8_for, void, load_masses,
                   (const LensletSamples<std::uint8_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,
                    Work& work),
                   (samples, extents, dark, work))
-HORD_FOR_EACH_ISA(take16_for, void, take,
+HORD_FOR_EACH_ISA(load16_for, void, load_masses,
                   (const LensletSamples<std::uint16_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,
                    Work& work),
                   (samples, extents, dark, work))
@@ -312,18 +313,18 @@ HORD_FOR_EACH_ISA(fit_for, void, fit, (Work & work, const Extents& extents, Temp
 }  // namespace
 
 TemplateFitter::TemplateFitter(const Extents& extents, Isa isa)
-    : extents_(extents), at_once_(lanes_at_once(isa)), work_(std::make_unique<Work>()), take8_(take8_for(isa)),
-      take16_(take16_for(isa)), scatter_(scatter_for(isa)), fit_(fit_for(isa)) {
+    : extents_(extents), at_once_(lanes_at_once(isa)), work_(std::make_unique<Work>()), load8_(load8_for(isa)),
+      load16_(load16_for(isa)), scatter_(scatter_for(isa)), fit_(fit_for(isa)) {
     work_->lanes = at_once_;
 }
 TemplateFitter::TemplateFitter(TemplateFitter&&) noexcept = default;
 TemplateFitter::~TemplateFitter() = default;
 
-void TemplateFitter::take(const LensletSamples<std::uint8_t> (&samples)[kLanes], std::uint32_t dark) {
-    take8_(samples, extents_, dark, *work_);
+void TemplateFitter::load_masses(const LensletSamples<std::uint8_t> (&samples)[kLanes], std::uint32_t dark) {
+    load8_(samples, extents_, dark, *work_);
 }
-void TemplateFitter::take(const LensletSamples<std::uint16_t> (&samples)[kLanes], std::uint32_t dark) {
-    take16_(samples, extents_, dark, *work_);
+void TemplateFitter::load_masses(const LensletSamples<std::uint16_t> (&samples)[kLanes], std::uint32_t dark) {
+    load16_(samples, extents_, dark, *work_);
 }
 
 void TemplateFitter::start(int first, const BinRect& lit) {
@@ -337,9 +338,9 @@ void TemplateFitter::start(int first, const BinRect& lit) {
     const auto same_size = [](const BinRect& a, const BinRect& b) {
         return a.columns() == b.columns() && a.rows() == b.rows();
     };
-    if (!same_size(w.golden_clear, lit)) {
+    if (!same_size(w.reference_clear, lit)) {
         std::fill_n(w.reference_hord, w.reference_pitch * (lit.rows() + 2 * kReach) * w.lanes, 0.0F);
-        w.golden_clear = lit;
+        w.reference_clear = lit;
     }
     const BinRect half{w.window.left, w.window.right, lit.top, lit.bottom};
     if (!same_size(w.half_clear, half)) {
@@ -362,7 +363,7 @@ float TemplateFitter::scattering_of(int lane, int i, int j) const {
         ->scattering[((j - window.top) * window.columns() + i - window.left) * work_->lanes + lane - work_->first];
 }
 
-// The deflection_shift as if the largest reading of the dark bins that scattering reaches were the second largest.
+// Corrects the shift as if the largest reading of the dark bins that scattering reaches were the second largest.
 void TemplateFitter::limit_largest_dark(Fits& fits, int lane) const {
     const BinRect& window = work_->window;
     float largest = 0, second = 0;
@@ -395,8 +396,8 @@ void TemplateFitter::fit(Fits& fits, std::uint32_t wanted) {
     fit_(*work_, extents_, fits);
     for (int l = work_->first; l < work_->first + at_once_; ++l) {
         if ((wanted >> l & 1U) == 0 || fits.found[l] == 0) continue;
-        const float bent = fits.x[l] * fits.x[l] / fits.x_variance[l] + fits.y[l] * fits.y[l] / fits.y_variance[l];
-        if (bent > static_cast<float>(kNotable * kNotable)) limit_largest_dark(fits, l);
+        const float shift2 = fits.x[l] * fits.x[l] / fits.x_variance[l] + fits.y[l] * fits.y[l] / fits.y_variance[l];
+        if (shift2 > static_cast<float>(kSignificant * kSignificant)) limit_largest_dark(fits, l);
     }
 }
 

@@ -1,4 +1,4 @@
-// What an inspection says of a part.
+// The result of an inspection: verdict, reason, defects. The one table of their codes and printed names.
 #pragma once
 
 #include <cstdint>
@@ -6,19 +6,20 @@
 
 namespace hord::algo {
 
-// `unfit`: the frame does not allow a judgement (no light, saturated, no part in it); the station rejects it.
+// `unfit`: the frame cannot be judged (no light, saturated, no part in it). The station rejects the part.
 enum class Verdict : std::uint8_t { pass, reject, unfit };
 
-// Why. One reason a part: the first of `unfit`'s that applies, else the most severe of `reject`'s.
+// One reason a part: the first that applies of those of `unfit`, else that of the most severe defect.
+// Registers and stored results hold the numbers: append, never renumber.
 enum class Reason : std::uint8_t {
-    none,            // passed
-    deflection,      // neighbouring HORDs disagree (a distance above its limit)
-    slope,           // the mean deflection changes too fast (Jacobian norm above its limit)
-    absorption,      // light is missing (transmission below its limit)
-    too_dark,        // unfit: too few lenslets with light
-    saturated,       // unfit: too many saturated lenslets
-    nothing_to_see,  // unfit: no lenslet is left to judge after masks and zones
-    not_registered,  // unfit: it does not lie where the reference's parts did, or does not look like them
+    none,                 // passed
+    neighbours_disagree,  // neighbouring HORDs differ too much (a distance at or above its limit)
+    deflection_gradient,  // the mean deflection changes too fast (Jacobian norm at or above its limit)
+    absorption,           // light is missing (transmission below its limit)
+    too_dark,             // unfit: too few lenslets with light
+    saturated,            // unfit: too many saturated lenslets
+    nothing_to_see,       // unfit: masks and zones leave no lenslet to judge
+    not_registered,       // unfit: the part is not where the reference's parts were, or does not resemble them
 };
 
 enum class DefectKind : std::uint8_t { unknown, scattering, absorbing, surface, scratch };
@@ -28,22 +29,25 @@ struct Defect {
     float m = 0;  // centroid, lenslets
     float n = 0;
     std::uint32_t area = 0;  // lenslets
-    float peak = 0;          // largest value of the feature that found it, in that feature's unit
+    float peak = 0;          // largest value of the feature that exceeds its limit most, in that feature's unit
     DefectKind kind = DefectKind::unknown;
-    float length = 0;  // lenslets: of a bar with the region's second moments; 0: not known
-    float width = 0;
-    float score = 0;  // over its limit; 0: not known
+    float length = 0;  // lenslets, of a uniform bar with the region's second moments; 0: unknown
+    float width = 0;   // the same
+    float score = 0;   // severity: value over limit; 0: unknown
 };
 
 constexpr std::string_view name_of(Verdict v) {
     constexpr std::string_view names[] = {"pass", "reject", "unfit"};
     return names[static_cast<unsigned>(v)];
 }
+
+// The printed names of the first two reasons are older than their enumerators; archives and clients know them.
 constexpr std::string_view name_of(Reason r) {
     constexpr std::string_view names[] = {"none",     "deflection", "slope",          "absorption",
                                           "too-dark", "saturated",  "nothing-to-see", "not-registered"};
     return names[static_cast<unsigned>(r)];
 }
+
 constexpr std::string_view name_of(DefectKind k) {
     constexpr std::string_view names[] = {"unknown", "scattering", "absorbing", "surface", "scratch"};
     return names[static_cast<unsigned>(k)];

@@ -15,22 +15,22 @@ namespace {
 using algo::LensletGrid;
 using algo::PixelPoint;
 
-constexpr double kMinMatch = 0.5;       // correlation with the frame's own lenslets
+constexpr double kMinMatch = 0.5;       // correlation with the profile of the frame's lenslets
 constexpr double kMinAmplitude = 0.08;  // of the typical lenslet
-constexpr double kMinNeighbours = 0.5;  // of measured lenslets, measured, too; random blots: their own share
-// Of the model where it was not fitted, an axis, against the pitch. Three standard deviations of a lenslet's place stay
-// within half a bin of the finest decode, so that its centre bin is the centre bin. What scatters more is no white
-// frame: structure in the light, seen through a part, moves centres by tenths of a pixel.
+constexpr double kMinNeighbours = 0.5;  // share of the neighbours of measured lenslets that are measured, too
+// Cross-validated error an axis, over the pitch. Three standard deviations of a lenslet's position stay within half a
+// bin of the finest decode, so that its centre bin is correct. Larger errors mean that the frame is no white frame:
+// light with structure, such as through a part, moves centres by tenths of a pixel.
 constexpr double kMaxError = 0.5 / algo::kMaxBins / 3;
 constexpr double kGrowCentres = 900;
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
-constexpr double kSplitPixels = 400'000;  // of all of them: what it may cost
+constexpr double kSplitPixels = 400'000;  // of all their windows together, to limit the time
 
 bool inside(const WhiteImage& image, PixelPoint p) {
     return p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < image.width_px() - 0.5 && p.y_px < image.height_px() - 0.5;
 }
 
-// A grid with the lattice's steps, its lenslet (0, 0) at the seed, u and v about 1 at the frame's corners.
+// A grid with the lattice's steps, lenslet (0, 0) at the seed; u and v are about 1 at the frame's corners.
 LensletGrid grid_of(const Lattice& lattice, const WhiteImage& image) {
     LensletGrid grid;
     grid.kind = lattice.kind;
@@ -42,7 +42,7 @@ LensletGrid grid_of(const Lattice& lattice, const WhiteImage& image) {
     grid.radius_px = 0.5 * std::max(image.width_px(), image.height_px());
     grid.span = std::max(1.0, grid.radius_px / lattice.pitch_px());
     grid.columns = grid.rows = 1;
-    grid.rung = algo::GridModelKind::affine;
+    grid.model = algo::GridModelKind::affine;
     const double s = grid.span;
     grid.parameters = {lattice.seed_px.x_px,    lattice.seed_px.y_px,    s * lattice.step_u.x_px,
                        s * lattice.step_v.x_px, s * lattice.step_u.y_px, s * lattice.step_v.y_px};
@@ -51,12 +51,11 @@ LensletGrid grid_of(const Lattice& lattice, const WhiteImage& image) {
 
 struct Index {
     int m = 0, n = 0;
-    PixelPoint at;  // where a grid places it
+    PixelPoint at;  // position by a grid
 };
 
-// The lenslets that `grid` places inside the frame. `steps` bounds the search: the model is smooth, so a lenslet that
-// lies far outside by the lattice's own steps is not folded back in by a polynomial. Only every `every`-th row and
-// column.
+// Every `every`-th row and column of the lenslets that `grid` places inside the frame. `steps` bounds the search: a
+// polynomial may fold lenslets far outside, by the lattice's own steps, back into the frame.
 std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& steps, const WhiteImage& image,
                                    double reach_px = 1e9, int every = 1) {
     const std::vector<double>& p = steps.parameters;  // affine
@@ -74,7 +73,7 @@ std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& s
             high_v = std::max(high_v, v);
         }
     }
-    // Lenslet (0, 0) is the seed: what is far from it by the steps is far by the model, to a third.
+    // Distances from the seed, lenslet (0, 0), by `steps` and by the model differ by a third at most.
     const double reach = 1.4 * reach_px / std::hypot(p[2], p[4]);
     low_u = std::max(low_u, -reach);
     high_u = std::min(high_u, reach);
@@ -109,7 +108,8 @@ std::optional<Observation> observe(const CentreFinder& finder, const Index& k, d
     return Observation{k.m, k.n, spot->centre_px, true};
 }
 
-// From the seed outwards: centres within reach, a smooth surface through them, a longer reach, until all is covered.
+// Grows the grid from the seed: measures centres within reach, fits a smooth surface, extends the reach, until the
+// frame is covered.
 Result<Growth> grow(const WhiteImage& image, const Lattice& lattice) {
     const LensletGrid steps = grid_of(lattice, image);
     const double pitch = lattice.pitch_px();
@@ -129,7 +129,7 @@ Result<Growth> grow(const WhiteImage& image, const Lattice& lattice) {
     LensletGrid grid = steps;
     const double farthest = std::hypot(image.width_px(), image.height_px());
     for (double reach = std::max(0.7 * lattice.reach_px, 3 * pitch);; reach *= 1.6) {
-        // A regular part of the lenslets within reach: every k-th column of every k-th row.
+        // A regular sample of the lenslets within reach.
         const double area =
             std::min(std::numbers::pi * reach * reach, static_cast<double>(image.width_px()) * image.height_px());
         const int every = std::max(1, static_cast<int>(std::sqrt(area / (pitch * pitch * kGrowCentres))));
@@ -150,7 +150,7 @@ Result<Growth> grow(const WhiteImage& image, const Lattice& lattice) {
     return Growth{std::move(grid), std::move(*finder)};
 }
 
-// Lenslets are counted from the first column and row with one inside the frame.
+// Renumbers lenslets: (0, 0) is the first column and row with one inside the frame.
 void count_from_zero(LensletGrid& grid, std::vector<Observation>& observations, const std::vector<Index>& all) {
     int low_m = all.front().m, high_m = low_m, low_n = all.front().n, high_n = low_n;
     for (const Index& k : all) {
@@ -161,7 +161,7 @@ void count_from_zero(LensletGrid& grid, std::vector<Observation>& observations, 
     }
     const bool by_rows = grid.stagger == algo::Stagger::rows;
     const int turned = by_rows ? low_n : low_m;
-    // Counting from an odd row (or column) exchanges those that are shifted, and so shifts the whole by half a pitch.
+    // Counting from an odd row (or column) exchanges the shifted ones, which moves the whole grid by half a pitch.
     const LensletGrid::Uv before = grid.uv(low_m, low_n);
     if (grid.stagger != algo::Stagger::none) grid.parity = (grid.parity + turned) & 1;
     const LensletGrid::Uv after = grid.uv(0, 0);
@@ -175,28 +175,59 @@ void count_from_zero(LensletGrid& grid, std::vector<Observation>& observations, 
     }
 }
 
-// Of the complete neighbours of measured lenslets, the share that is measured, too. Lenslets of a lattice come
-// together, also where only a part of the frame is lit; what was taken for lenslets in a picture does not.
+// The share of the complete neighbours of measured lenslets that is measured, too. It is high for a lattice, even if
+// only a part of the frame is lit, and low for structures of a picture that resemble lenslets.
 double neighbours_found(const LensletGrid& grid, const CentreFinder& finder,
                         const std::vector<Observation>& observations) {
     std::vector<bool> found(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
-    const auto at = [&](int m, int n) {
-        return static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m);
-    };
-    for (const Observation& seen : observations) found[at(seen.m, seen.n)] = true;
-    std::int64_t asked = 0;
-    std::int64_t answered = 0;
+    for (const Observation& seen : observations) found[grid.index(seen.m, seen.n)] = true;
+    std::int64_t neighbours = 0, measured = 0;
     for (const Observation& seen : observations) {
         for (const auto& [dm, dn] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
             const int m = seen.m + dm;
             const int n = seen.n + dn;
-            if (m < 0 || n < 0 || m >= grid.columns || n >= grid.rows || !finder.complete(grid.centre_px(m, n)))
-                continue;
-            ++asked;
-            if (found[at(m, n)]) ++answered;
+            if (!grid.contains(m, n) || !finder.complete(grid.centre_px(m, n))) continue;
+            ++neighbours;
+            if (found[grid.index(m, n)]) ++measured;
         }
     }
-    return asked > 0 ? static_cast<double>(answered) / static_cast<double>(asked) : 0;
+    return neighbours > 0 ? static_cast<double>(measured) / static_cast<double>(neighbours) : 0;
+}
+
+// Measures all lenslets of `all`; a sample of them also by halves, for the shifts of single lenslets.
+void measure_all(const WhiteImage& image, const CentreFinder& finder, const std::vector<Index>& all, double pitch,
+                 GridCalibration& out) {
+    for (const Index& k : all) {
+        if (!finder.complete(k.at)) continue;
+        if (auto seen = observe(finder, k, 0.25 * pitch)) {
+            out.observations.push_back(*seen);
+            if (image.any_saturated() && finder.saturated_share(seen->centre_px) > 0) ++out.saturated;
+        }
+    }
+    const double window_px = std::numbers::pi * finder.window_radius_px() * finder.window_radius_px();
+    const std::size_t split =
+        std::clamp(static_cast<std::size_t>(kSplitPixels / window_px), kFewestSplit, kSplitCentres);
+    const std::size_t every = std::max<std::size_t>(1, out.observations.size() / split);
+    for (std::size_t k = 0; k < out.observations.size(); k += every)
+        out.observations[k].split_px = finder.split(out.observations[k].centre_px);
+}
+
+// Finds the displaced lenslets among the outliers of the fit, and counts the fully lit lenslets.
+void place_and_count(const CentreFinder& finder, GridCalibration& out) {
+    for (Observation& seen : out.observations) {
+        if (!seen.used && !seen.split_px) seen.split_px = finder.split(seen.centre_px);
+    }
+    const LensletGrid& grid = out.fit.grid;
+    const std::vector<std::uint8_t> whole = lenslet_coverage(
+        grid, out.observations, [&](PixelPoint at) { return finder.complete(at); },
+        [&](PixelPoint at) { return finder.amplitude_dn(at); }, finder.typical_amplitude_dn());
+    place_displaced(out.observations, whole, out.fit);
+    out.whole = static_cast<int>(std::count(whole.begin(), whole.end(), 1));
+    for (const Observation& seen : out.observations) {
+        if (!grid.contains(seen.m, seen.n) || whole[grid.index(seen.m, seen.n)] == 0) continue;
+        ++out.whole_found;
+        if (seen.used || seen.displaced) ++out.whole_placed;
+    }
 }
 
 }  // namespace
@@ -223,20 +254,7 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     const LensletGrid steps = grid_of(*lattice, *image);
     const std::vector<Index> all = lenslets_inside(grid, steps, *image);
     const double pitch = lattice->pitch_px();
-    for (const Index& k : all) {
-        if (!grown->finder.complete(k.at)) continue;
-        if (auto seen = observe(grown->finder, k, 0.25 * pitch)) {
-            out.observations.push_back(*seen);
-            if (image->any_saturated() && grown->finder.saturated_share(seen->centre_px) > 0) ++out.saturated;
-        }
-    }
-    // Some of them twice, by halves: whether single lenslets have places of their own is asked of these.
-    const double window_px = std::numbers::pi * grown->finder.window_radius_px() * grown->finder.window_radius_px();
-    const std::size_t asked =
-        std::clamp(static_cast<std::size_t>(kSplitPixels / window_px), kFewestSplit, kSplitCentres);
-    const std::size_t every = std::max<std::size_t>(1, out.observations.size() / asked);
-    for (std::size_t k = 0; k < out.observations.size(); k += every)
-        out.observations[k].split_px = grown->finder.split(out.observations[k].centre_px);
+    measure_all(*image, grown->finder, all, pitch, out);
     report(0.7);
     count_from_zero(grid, out.observations, all);
     const double together = neighbours_found(grid, grown->finder, out.observations);
@@ -258,29 +276,11 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
                                 100 * pitches, 100 * kMaxError),
                     "record evenly lit lenslets, without a part in the light, in focus");
     }
-    // Lenslets that do not fit are asked by halves, too, before they are left out: they may lie where they were seen.
-    for (Observation& seen : out.observations) {
-        if (!seen.used && !seen.split_px) seen.split_px = grown->finder.split(seen.centre_px);
-    }
-    const std::vector<std::uint8_t> whole = lenslet_coverage(
-        out.fit.grid, out.observations, [&](PixelPoint at) { return grown->finder.complete(at); },
-        [&](PixelPoint at) { return grown->finder.amplitude_dn(at); }, grown->finder.typical_amplitude_dn());
-    place_displaced(out.observations, whole, out.fit);
-    out.whole = static_cast<int>(std::count(whole.begin(), whole.end(), 1));
-    for (const Observation& seen : out.observations) {
-        const bool in_grid = seen.m >= 0 && seen.n >= 0 && seen.m < out.fit.grid.columns && seen.n < out.fit.grid.rows;
-        if (!in_grid ||
-            whole[static_cast<std::size_t>(seen.n) * static_cast<std::size_t>(out.fit.grid.columns) +
-                  static_cast<std::size_t>(seen.m)] == 0)
-            continue;
-        ++out.whole_found;
-        if (seen.used || seen.displaced) ++out.whole_placed;
-    }
+    place_and_count(grown->finder, out);
     report(0.95);
 
     const LensletGrid::Steps middle = out.fit.grid.steps_px({0, 0});
-    out.pitch_px =
-        std::sqrt(std::abs(middle.along_u.x_px * middle.along_v.y_px - middle.along_u.y_px * middle.along_v.x_px));
+    out.pitch_px = middle.mean_px();
     out.rotation_rad = lattice->stagger == algo::Stagger::columns
         ? std::atan2(-middle.along_v.x_px, middle.along_v.y_px)
         : std::atan2(middle.along_u.y_px, middle.along_u.x_px);

@@ -1,3 +1,4 @@
+// A file of its own, so that readers of calibration files do not link Ceres.
 #include "calib/calibrate/calibrate_grid.h"
 
 namespace hord::calib {
@@ -8,19 +9,15 @@ using algo::PixelPoint;
 std::vector<GridCalibration::Node> GridCalibration::nodes() const {
     const LensletGrid& grid = fit.grid;
     std::vector<bool> measured(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
-    const auto at = [&](int m, int n) {
-        return static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m);
-    };
     for (const Observation& seen : observations) {
-        if (seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows)
-            measured[at(seen.m, seen.n)] = seen.used || seen.displaced;
+        if (grid.contains(seen.m, seen.n)) measured[grid.index(seen.m, seen.n)] = seen.used || seen.displaced;
     }
     std::vector<Node> out;
     for (int n = 0; n < grid.rows; ++n) {
         for (int m = 0; m < grid.columns; ++m) {
             const PixelPoint p = grid.centre_px(m, n);
             if (p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < grid.width_px - 0.5 && p.y_px < grid.height_px - 0.5) {
-                out.push_back({m, n, p, measured[at(m, n)]});
+                out.push_back({m, n, p, measured[grid.index(m, n)]});
             }
         }
     }

@@ -8,12 +8,12 @@
 namespace hord::calib {
 namespace {
 
-constexpr double kFewer = 0.01;
+constexpr double kFewer = 0.01;  // share of the complete lenslets
 
-// How much larger an RMS may be by chance, each being made of that many independent pairs.
+// The factor by which an RMS may be larger by chance, for these numbers of independent pairs.
 double chance(int fresh, int held) { return 1 + 2 * std::sqrt(0.25 / std::max(1, fresh) + 0.25 / std::max(1, held)); }
 
-// Of a lenslet's centre in another frame.
+// Expected error of a lenslet's centre in another frame, px.
 double expected_error(const GridFile& file) {
     const GridStatistics& s = file.statistics;
     return s.shifts.share > 0 ? std::hypot(s.shifts.left_x_px, s.shifts.left_y_px)

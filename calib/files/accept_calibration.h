@@ -1,4 +1,4 @@
-// Whether a fresh calibration may take the place of one in use.
+// Decides whether a new calibration may replace the one in use.
 #pragma once
 
 #include "calib/files/grid_toml.h"
@@ -6,13 +6,13 @@
 
 namespace hord::calib {
 
-// Fails with `refused`, with the reason, where `fresh` is worse than `held`:
-//   - it is of a frame of another size;
-//   - it predicts lenslets that it has not seen worse than `held` does, by more than chance: the RMS of B blocks, two
-//   axes, is known
-//     to 1 / sqrt(4 B) of itself; two standard errors of the difference of both count as chance;
-//   - it measured fewer of the complete lenslets, by more than one in a hundred;
-//   - it has no direction map where `held` has one, or one that predicts captures worse by more than chance.
+// Fails with `refused`, with the reason, if `fresh` is worse than `held`:
+//   - its frame has another size;
+//   - its cross-validated error is larger by more than chance: two standard errors of the difference, where the RMS of
+//   B
+//     blocks, two axes, has the relative standard error 1 / sqrt(4 B);
+//   - its share of measured lenslets is lower by more than 0.01;
+//   - it has no direction map and `held` has one, or its map predicts captures worse by more than chance.
 Result<void> accept_calibration(const GridFile& fresh, const GridFile& held);
 
 }  // namespace hord::calib

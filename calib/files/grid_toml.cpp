@@ -56,22 +56,22 @@ std::string directions_to_toml(const algo::DirectionMap& map, const DirectionSta
         "{}\nzero_x_px = {}\nzero_y_px = {}\n"
         "captures = {}\nleft_out_x_px = {}\nleft_out_y_px = {}\nnoise_px = {}\nscale_px_a_rad = {}\nscale_sigma = {}\n"
         "stage_rotation_rad = {}\nstage_rotation_sigma = {}\nmirrored = {}\n",
-        name_of(map.rung), toml_string(s.reason), list(map.parameters), list(s.sigma), number(map.span_rad),
+        name_of(map.model), toml_string(s.reason), list(map.parameters), list(s.sigma), number(map.span_rad),
         number(map.radius_px), number(map.zero_px.x_px), number(map.zero_px.y_px), s.captures, number(s.left_out_x_px),
         number(s.left_out_y_px), number(s.noise_px), number(s.scale_px_a_rad), number(s.scale_sigma),
         number(s.stage_rotation_rad), number(s.stage_rotation_sigma), s.mirrored);
 }
 
-void read_rung(common::TomlTable& table, algo::GridModelKind& to) {
-    std::array<std::string_view, algo::kGridRungs.size()> rungs;
-    for (std::size_t k = 0; k < rungs.size(); ++k) rungs[k] = name_of(algo::kGridRungs[k]);
-    if (const auto rung = table.choice("name", rungs)) to = algo::kGridRungs[*rung];
+void read_model(common::TomlTable& table, algo::GridModelKind& to) {
+    std::array<std::string_view, algo::kGridModels.size()> models;
+    for (std::size_t k = 0; k < models.size(); ++k) models[k] = name_of(algo::kGridModels[k]);
+    if (const auto model = table.choice("name", models)) to = algo::kGridModels[*model];
 }
 
 void read_directions(common::TomlTable table, GridFile& file) {
     algo::DirectionMap& map = file.directions.emplace();
     DirectionStatistics& s = file.direction_statistics;
-    read_rung(table, map.rung);
+    read_model(table, map.model);
     table.text("reason", s.reason);
     table.numbers("parameters", map.parameters, 4, 64);
     table.numbers("sigma", s.sigma, 0, 64);
@@ -180,7 +180,7 @@ std::string to_toml(const GridFile& file) {
     body += fmt::format(
         "[model]\nname = \"{}\"\nreason = {}\nparameters = {}\nsigma = {}\nfixed = {}\nmiddle_x_px = {}\nmiddle_y_px = "
         "{}\nradius_px = {}\n\n",
-        name_of(grid.rung), toml_string(file.reason), list(grid.parameters), list(file.sigma), toml_string(file.fixed),
+        name_of(grid.model), toml_string(file.reason), list(grid.parameters), list(file.sigma), toml_string(file.fixed),
         number(grid.middle_x_px), number(grid.middle_y_px), number(grid.radius_px));
     body += fmt::format(
         "[residuals]\ncomplete = {}\nfound = {}\nmissing = {}\nrejected = {}\nsaturated = {}\nblocks = {}\nrms_x_px = "
@@ -242,15 +242,15 @@ Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
     lattice.number("origin_u", grid.origin_u, -kAny, kAny);
     lattice.number("origin_v", grid.origin_v, -kAny, kAny);
     lattice.number("span", grid.span, 1e-9, kAny);
-    auto model = root.table("model");
-    read_rung(model, grid.rung);
-    model.text("reason", file.reason);
-    model.numbers("parameters", grid.parameters, 4, 64);
-    model.numbers("sigma", file.sigma, 0, 64);
-    model.text("fixed", file.fixed);
-    model.number("middle_x_px", grid.middle_x_px, -kAny, kAny);
-    model.number("middle_y_px", grid.middle_y_px, -kAny, kAny);
-    model.number("radius_px", grid.radius_px, 1e-9, kAny);
+    auto model_table = root.table("model");
+    read_model(model_table, grid.model);
+    model_table.text("reason", file.reason);
+    model_table.numbers("parameters", grid.parameters, 4, 64);
+    model_table.numbers("sigma", file.sigma, 0, 64);
+    model_table.text("fixed", file.fixed);
+    model_table.number("middle_x_px", grid.middle_x_px, -kAny, kAny);
+    model_table.number("middle_y_px", grid.middle_y_px, -kAny, kAny);
+    model_table.number("radius_px", grid.radius_px, 1e-9, kAny);
     auto residuals = root.table("residuals");
     GridStatistics& s = file.statistics;
     for (const auto& [key, value] : {std::pair<const char*, int*>{"complete", &s.complete},

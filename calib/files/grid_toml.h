@@ -1,8 +1,8 @@
-// The calibration file: a lenslet grid as TOML that a person can read, with where it comes from and how good it is.
+// The calibration file: lenslet grid, origin and quality, as readable TOML.
 //
-// The first line is a checksum (FNV-1a, 64 bits) over every byte after it: a file edited by hand is refused, not
-// decoded with. `version` is 1, or 2 where single lenslets have shifts of their own (table [lenslets]: thousandths of a
-// pixel, a line a lattice row, where one was measured); a file of another version is refused with that reason.
+// The first line is a checksum (FNV-1a, 64 bits) over all bytes after it: an edited file is refused. `version` is 1, or
+// 2 if lenslets have shifts of their own (table [lenslets]: thousandths of a pixel, one line a lattice row). Files of
+// other versions are refused.
 #pragma once
 
 #include <filesystem>
@@ -21,7 +21,7 @@ namespace hord::calib {
 
 inline constexpr int kGridFileVersion = 2;
 
-// What the frames cannot say; given by the caller, written as it is.
+// Origin, given by the caller; written unchanged.
 struct GridStamp {
     std::string camera;       // identity: model and serial number
     std::string date;         // ISO 8601
@@ -32,13 +32,13 @@ struct GridStatistics {
     int complete = 0, found = 0, missing = 0, rejected = 0, saturated = 0, blocks = 0;
     double rms_x_px = 0, rms_y_px = 0, max_px = 0, cv_x_rms_px = 0, cv_y_rms_px = 0;
     double noise_px = 0, correlation_inflation = 1;
-    LensletShifts shifts = {};  // all 0 where the grid has none
+    LensletShifts shifts = {};  // all 0 if the grid has none
 };
 
-// How well the direction map is known; px.
+// Quality of the direction map; px.
 struct DirectionStatistics {
-    std::vector<double> sigma;  // of its parameters; 0 where fixed
-    int captures = 0;           // the empty field's included
+    std::vector<double> sigma;  // of its parameters; 0 if fixed
+    int captures = 0;           // including the empty field
     double left_out_x_px = 0, left_out_y_px = 0, noise_px = 0;
     double scale_px_a_rad = 0, scale_sigma = 0, stage_rotation_rad = 0, stage_rotation_sigma = 0;
     bool mirrored = false;
@@ -53,17 +53,17 @@ struct GridFile {
     GridStatistics statistics;
     std::string reason;         // why this model
     std::vector<double> sigma;  // of the parameters, px; 0 where fixed
-    std::string fixed;          // names of parameters that could not be observed, comma separated; mostly empty
+    std::string fixed;          // names of unobservable parameters, comma separated
 };
 
 [[nodiscard]] GridFile file_of(const GridCalibration& calibration, const GridStamp& stamp);
 void add_directions(GridFile& file, const DirectionFit& fit);
 [[nodiscard]] std::string to_toml(const GridFile& file);
 
-// Fails with invalid_argument (all problems, each with file and line) or `unsupported` (another version).
+// Fails with invalid_argument (all problems, with file and line) or `unsupported` (another version).
 Result<GridFile> parse_grid(std::string_view text, std::string_view name);
 
-// Writes beside the target and renames: a reader sees the old file or the new one, whole. Fails with io.
+// Writes a temporary file and renames it: readers see the old file or the complete new one. Fails with io.
 Result<void> write_grid(const std::filesystem::path& path, const GridFile& file);
 Result<GridFile> read_grid(const std::filesystem::path& path);
 

@@ -23,7 +23,7 @@ Rows rows_of(const Blocks& blocks, std::size_t b) {
 Blocks sort_into_blocks(std::vector<Point>& points) {
     Blocks blocks;
     const int side = std::clamp(static_cast<int>(std::sqrt(static_cast<double>(points.size()) / 12.0)), 1, 8);
-    if (side < 3) {  // too few for blocks: every lenslet is its own
+    if (side < 3) {  // too few for blocks: one a lenslet
         for (std::size_t k = 0; k < points.size(); ++k) blocks.first.push_back(k + 1);
         return blocks;
     }
@@ -43,8 +43,7 @@ Blocks sort_into_blocks(std::vector<Point>& points) {
     std::vector<std::size_t> next(static_cast<std::size_t>(side * side) + 1);
     for (const Point& p : points) ++next[cell_of(p) + 1];
     for (std::size_t cell = 1; cell < next.size(); ++cell) {
-        if (next[cell] > 0)
-            blocks.first.push_back(blocks.first.back() + next[cell]);  // of cells without a point there is none
+        if (next[cell] > 0) blocks.first.push_back(blocks.first.back() + next[cell]);  // no block of an empty cell
     }
     std::partial_sum(next.begin(), next.end(), next.begin());
     std::vector<Point> sorted(points.size());

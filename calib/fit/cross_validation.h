@@ -1,5 +1,4 @@
-// Choosing between rungs: what a fit would say about blocks of lenslets that it has not seen.
-// Used by calib/fit/grid_fit.cpp only.
+// Cross-validation of a fit by leaving out blocks of lenslets.
 #pragma once
 
 #include <limits>
@@ -15,26 +14,25 @@ struct Blocks {
     [[nodiscard]] int count() const { return static_cast<int>(first.size()) - 1; }
 };
 
-// Sorts the points by block. Up to 8 x 8 blocks of about 12 points or more; of fewer than about 108, every one is its
-// own.
+// Sorts the points by block. Up to 8 x 8 blocks of about 12 points or more; below about 108 points, each is a block.
 Blocks sort_into_blocks(std::vector<Point>& points);
 
 struct Validation {
-    std::vector<double> squared;  // error a block, px^2
-    Eigen::VectorXd off;          // model less seen of every point, x, y, x, y ..., its block not having been fitted
+    std::vector<double> squared;  // sum of squared errors of each block, px^2
+    Eigen::VectorXd off;          // model minus measurement of every point, its block left out; x, y, x, y ...
     double x_rms = std::numeric_limits<double>::infinity(), y_rms = std::numeric_limits<double>::infinity();
 };
 
-// What each block's error would be had the block not been fitted: one Newton step from the full fit with the block's
-// own part of the normal equations taken away (exact for models linear in their parameters). The points of `solved` are
-// sorted by block.
+// The errors of each block when it is left out of the fit, by one Newton step from the full fit without the block's
+// part of the normal equations (exact for models linear in their parameters). The points of `solved` are sorted by
+// block.
 Validation leave_blocks_out(const Solved& solved, const Blocks& blocks);
 
-// The improvement of `next` over `held`, in standard errors of its sum over the blocks.
+// The improvement of `next` over `held`: sum over the blocks, in its standard errors.
 double gain_of(const Validation& held, const Validation& next);
 
-// How much more the fit may be wrong than independent residuals would make it: the spread of the blocks' pulls on the
-// parameters against what it would be. Below 1.5 it is chance: 1.
+// Factor for the covariance because neighbouring residuals are correlated: the spread of the blocks' gradients over
+// that of independent residuals. Values below 1.5 are chance and become 1.
 double inflation_of(const Solved& solved, const Blocks& blocks, const Eigen::MatrixXd& inverse, double variance);
 
 }  // namespace hord::calib

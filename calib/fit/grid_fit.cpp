@@ -14,10 +14,9 @@
 namespace hord::calib {
 namespace {
 
-constexpr std::size_t kLadderCentres = 4000;  // enough to choose by
-constexpr std::size_t kFitCentres =
-    12000;                         // that the chosen rung is fitted to: more add time and no accuracy that counts
-constexpr double kFarthest = 1e6;  // px
+constexpr std::size_t kSelectionCentres = 4000;  // for the selection of the model
+constexpr std::size_t kFitCentres = 12000;       // for the fit of the selected model: more add no useful accuracy
+constexpr double kFarthest = 1e6;                // px
 
 std::vector<Point> points_of(const algo::LensletGrid& frame, std::span<const Observation> observations) {
     std::vector<Point> points;
@@ -54,7 +53,7 @@ void reject_by(const algo::LensletGrid& grid, std::span<Observation> observation
     for (std::size_t k = 0; k < distance.size(); ++k) observations[k].used = distance[k] < most;
 }
 
-// The chosen rung on (nearly) all centres: parameters, their covariance, and what is not to be believed.
+// Fits the selected model to up to kFitCentres centres: parameters, covariance, unobservable parameters.
 Result<void> finish(const algo::LensletGrid& start, std::vector<Point> points, GridFit& fit) {
     const Blocks blocks = sort_into_blocks(points);
     auto solved = solve(start, points);
@@ -81,7 +80,7 @@ Result<void> finish(const algo::LensletGrid& start, std::vector<Point> points, G
     return {};
 }
 
-// What is left over at every centre that is used.
+// Statistics of the residuals of all used centres.
 void count_residuals(const std::vector<Point>& points, GridFit& fit) {
     double x = 0;
     double y = 0;
@@ -113,7 +112,7 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
         return fail(ErrorCode::invalid_argument, fmt::format("{} lenslet centres", observations.size()),
                     "give at least 4 of them");
     }
-    // Outliers are judged against a smooth surface, so that the choice of a rung does not decide who is one.
+    // Outliers are found with a smooth surface, independently of the selected model.
     const int order = observations.size() >= 60 ? 3 : observations.size() >= 20 ? 2 : 1;
     if (!robust_polynomial(frame, observations, order)) robust_polynomial(frame, observations, 1);
     std::vector<Point> points = points_of(frame, observations);
@@ -122,14 +121,14 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
                     "record the white frame again");
 
     GridFit fit;
-    Climbed climbed = climb(frame, part_of(points, kLadderCentres), options);
-    fit.ladder = std::move(climbed.ladder);
-    fit.blocks = climbed.blocks;
-    const auto& choice = climbed.choice;
+    ModelSelection selection = select_model(frame, part_of(points, kSelectionCentres), options);
+    fit.candidates = std::move(selection.candidates);
+    fit.blocks = selection.blocks;
+    const auto& choice = selection.choice;
     if (!choice)
         return fail(ErrorCode::refused, "no grid model fits the lenslet centres", "record the white frame again");
 
-    // The chosen model has the last word on outliers: the surface that judged them first is not exact.
+    // The smooth surface is not exact: outliers are found again with the selected model.
     reject_by(choice->grid, observations);
     points = points_of(frame, observations);
     if (points.size() < 4)
@@ -138,17 +137,17 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
     if (auto done = finish(choice->grid, part_of(points, kFitCentres), fit); !done) return tl::unexpected(done.error());
     count_residuals(points, fit);
     fit.rejected = static_cast<int>(observations.size() - points.size());
-    const RungReport winner = fit.ladder[choice->rung];
+    const ModelReport winner = fit.candidates[choice->index];
     fit.cv_x_rms_px = winner.cv_x_rms_px;
     fit.cv_y_rms_px = winner.cv_y_rms_px;
     fit.reason = fmt::format("{}: {}; cross-validated over {} blocks {:.4f} px in x, {:.4f} px in y",
-                             name_of(winner.rung), winner.verdict, fit.blocks, fit.cv_x_rms_px, fit.cv_y_rms_px);
-    if (options.single_lenslets && !options.only) climb_to_single_lenslets(observations, fit);
+                             name_of(winner.model), winner.verdict, fit.blocks, fit.cv_x_rms_px, fit.cv_y_rms_px);
+    if (options.single_lenslets && !options.only) select_lenslet_shifts(observations, fit);
     return fit;
 }
 
-std::string_view name_of(const RungReport& report) {
-    return report.single_lenslets ? "single lenslets" : name_of(report.rung);
+std::string_view name_of(const ModelReport& report) {
+    return report.single_lenslets ? "single lenslets" : name_of(report.model);
 }
 
 }  // namespace hord::calib

@@ -1,4 +1,4 @@
-// Derivatives of the ladder's models, and the robust linear start.
+// Derivatives of the grid models, and the robust linear start.
 #include <algorithm>
 #include <cmath>
 
@@ -30,24 +30,24 @@ void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, dou
     using algo::GridModelKind;
     const auto [u, v] = where;
     const double* p = grid.parameters.data();
-    const int count = parameter_count(grid.rung);
+    const int count = parameter_count(grid.model);
     std::fill(of_x, of_x + count, 0.0);
     std::fill(of_y, of_y + count, 0.0);
-    if (grid.rung == GridModelKind::cubic || grid.rung == GridModelKind::quintic) {
-        const int half = monomials(grid.rung == GridModelKind::cubic ? 3 : 5, u, v, of_x);
+    if (grid.model == GridModelKind::cubic || grid.model == GridModelKind::quintic) {
+        const int half = monomials(grid.model == GridModelKind::cubic ? 3 : 5, u, v, of_x);
         std::copy(of_x, of_x + half, of_y + half);
         return;
     }
     of_x[0] = 1;
     of_y[1] = 1;
-    if (grid.rung == GridModelKind::similarity) {
+    if (grid.model == GridModelKind::similarity) {
         of_x[2] = u;
         of_x[3] = -v;
         of_y[2] = v;
         of_y[3] = u;
         return;
     }
-    const bool perspective = grid.rung != GridModelKind::affine;
+    const bool perspective = grid.model != GridModelKind::affine;
     const double w = perspective ? 1.0 + p[6] * u + p[7] * v : 1.0;
     of_x[2] = of_y[4] = u / w;
     of_x[3] = of_y[5] = v / w;
@@ -58,8 +58,8 @@ void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, dou
     of_x[7] = -v * px / w;
     of_y[6] = -u * py / w;
     of_y[7] = -v * py / w;
-    if (grid.rung == GridModelKind::homography) return;
-    const bool full = grid.rung == GridModelKind::radial2;
+    if (grid.model == GridModelKind::homography) return;
+    const bool full = grid.model == GridModelKind::radial2;
     const double radius = grid.radius_px;
     const double dx = (p[0] + px - grid.middle_x_px) / radius - (full ? p[10] : 0.0);
     const double dy = (p[1] + py - grid.middle_y_px) / radius - (full ? p[11] : 0.0);
@@ -136,8 +136,8 @@ std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& fram
         if (settled) break;
     }
     algo::LensletGrid grid = frame;
-    grid.rung = order == 1 ? algo::GridModelKind::affine : algo::GridModelKind::cubic;
-    grid.parameters.assign(static_cast<std::size_t>(parameter_count(grid.rung)), 0.0);
+    grid.model = order == 1 ? algo::GridModelKind::affine : algo::GridModelKind::cubic;
+    grid.parameters.assign(static_cast<std::size_t>(parameter_count(grid.model)), 0.0);
     const auto value = [&](int term, int axis) { return solution(term, axis) / size(term); };
     if (order == 1) {
         grid.parameters = {value(0, 0), value(0, 1), value(1, 0), value(2, 0), value(1, 1), value(2, 1)};

@@ -12,10 +12,10 @@ using algo::GridModelKind;
 
 constexpr double kSingular = 1e-9;  // of the eigenvalues of the normalised normal equations, against 1
 
-// Models that are linear in their parameters have the same derivatives wherever they stand.
-bool linear(GridModelKind rung) {
-    return rung == GridModelKind::similarity || rung == GridModelKind::affine || rung == GridModelKind::cubic ||
-        rung == GridModelKind::quintic;
+// Linear in the parameters: the derivatives are constant.
+bool linear(GridModelKind model) {
+    return model == GridModelKind::similarity || model == GridModelKind::affine || model == GridModelKind::cubic ||
+        model == GridModelKind::quintic;
 }
 
 // All residuals of a grid in one block, with their analytic derivatives.
@@ -23,11 +23,11 @@ class GridCost final : public ceres::CostFunction {
   public:
     GridCost(const algo::LensletGrid& frame, const std::vector<Point>& points) : grid_(frame), points_(points) {
         set_num_residuals(static_cast<int>(2 * points.size()));
-        mutable_parameter_block_sizes()->push_back(parameter_count(frame.rung));
+        mutable_parameter_block_sizes()->push_back(parameter_count(frame.model));
     }
     bool Evaluate(const double* const* parameters, double* residuals, double** jacobians) const override {
         algo::LensletGrid grid = grid_;
-        const auto count = static_cast<std::size_t>(parameter_count(grid.rung));
+        const auto count = static_cast<std::size_t>(parameter_count(grid.model));
         grid.parameters.assign(parameters[0], parameters[0] + count);
         double* jacobian = jacobians != nullptr ? jacobians[0] : nullptr;
         for (std::size_t k = 0; k < points_.size(); ++k) {
@@ -47,9 +47,9 @@ class GridCost final : public ceres::CostFunction {
     const std::vector<Point>& points_;
 };
 
-// Residuals, and derivatives too unless they are known.
+// Residuals, and derivatives unless they are known.
 void evaluate(Solved& solved, const std::vector<Point>& points, bool derivatives_known = false) {
-    const auto count = static_cast<Eigen::Index>(parameter_count(solved.grid.rung));
+    const auto count = static_cast<Eigen::Index>(parameter_count(solved.grid.model));
     solved.residuals.resize(static_cast<Eigen::Index>(2 * points.size()));
     solved.jacobian.resize(solved.residuals.size(), count);
     const GridCost cost(solved.grid, points);
@@ -61,7 +61,7 @@ void evaluate(Solved& solved, const std::vector<Point>& points, bool derivatives
     }
 }
 
-// Fixes the parameters that the centres do not determine, one a null direction; true where it fixed any.
+// Fixes the parameters that the centres do not determine, one a null direction; true if it fixed any.
 bool fix_null_directions(Solved& solved) {
     bool any = false;
     const Eigen::MatrixXd normal = normal_of(solved);
@@ -79,7 +79,7 @@ bool fix_null_directions(Solved& solved) {
             }
             solved.fixed[static_cast<std::size_t>(k)] = any = true;
             solved.unobservable.push_back(
-                {parameter_name(solved.grid.rung, static_cast<int>(k)), "no centre depends on it"});
+                {parameter_name(solved.grid.model, static_cast<int>(k)), "no centre depends on it"});
         }
         const auto n = static_cast<Eigen::Index>(free.size());
         if (n == 0) return any;
@@ -93,7 +93,7 @@ bool fix_null_directions(Solved& solved) {
         }
         const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
         if (eigen.eigenvalues()(0) < kSingular) {
-            // The parameter with the largest share in the null direction; the later, more special one on a tie.
+            // The parameter with the largest share in the null direction; of equal ones the last.
             const Eigen::VectorXd null = eigen.eigenvectors().col(0).cwiseAbs();
             Eigen::Index worst = n - 1;
             for (Eigen::Index k = n - 1; k >= 0; --k) {
@@ -103,13 +103,13 @@ bool fix_null_directions(Solved& solved) {
             solved.fixed[static_cast<std::size_t>(k)] = any = again = true;
             solved.jacobian.col(k).setZero();
             solved.unobservable.push_back(
-                {parameter_name(solved.grid.rung, static_cast<int>(k)), "the others can stand in for it"});
+                {parameter_name(solved.grid.model, static_cast<int>(k)), "the others can stand in for it"});
         }
         if (!again) return any;
     }
 }
 
-// One run of Ceres with the free parameters. The scale of every step is Ceres' own (Jacobi).
+// Runs Ceres on the free parameters, with its own (Jacobi) scaling.
 bool run(Solved& solved, const std::vector<Point>& points) {
     std::vector<double>& parameters = solved.grid.parameters;
     ceres::Problem::Options ownership;
@@ -128,7 +128,7 @@ bool run(Solved& solved, const std::vector<Point>& points) {
     ceres::Solver::Options options;
     options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;
     options.max_num_iterations = 30;
-    options.initial_trust_region_radius = 1e8;  // starts are near: the first step is Newton's, to eight digits
+    options.initial_trust_region_radius = 1e8;  // the start is near: the first step is a Newton step
     options.function_tolerance = 1e-12;
     options.gradient_tolerance = 1e-14;
     options.parameter_tolerance = 1e-12;
@@ -190,15 +190,15 @@ std::optional<Solved> solve(algo::LensletGrid start, const std::vector<Point>& p
     Solved solved;
     solved.grid = std::move(start);
     solved.fixed.assign(solved.grid.parameters.size(), false);
-    const bool full = solved.grid.rung == GridModelKind::radial2;
+    const bool full = solved.grid.model == GridModelKind::radial2;
     const bool know_centre = full && (solved.grid.parameters[10] != 0 || solved.grid.parameters[11] != 0);
     if (full && !know_centre) solved.fixed[10] = solved.fixed[11] = true;
     evaluate(solved, points);
     if (!solved.residuals.allFinite() || !solved.jacobian.allFinite()) return std::nullopt;
     fix_null_directions(solved);
     if (!run(solved, points)) return std::nullopt;
-    evaluate(solved, points, linear(solved.grid.rung));
-    if (linear(solved.grid.rung)) return solved;
+    evaluate(solved, points, linear(solved.grid.model));
+    if (linear(solved.grid.model)) return solved;
     if (full && !know_centre) {
         const Eigen::MatrixXd inverse = inverse_normal(normal_of(solved), solved.fixed);
         const double k1 = std::abs(solved.grid.parameters[8]);

@@ -1,5 +1,4 @@
-// One rung of the ladder, fitted to centres with Ceres: the parameters, what the centres do not determine, and what is
-// left over. Used by calib/fit/grid_fit.cpp and calib/fit/cross_validation.cpp only.
+// Fits one grid model to centres with Ceres: parameters, those that the centres do not determine, residuals.
 #pragma once
 
 #include <optional>
@@ -12,11 +11,11 @@
 
 namespace hord::calib {
 
-// One centre: where it lies in the lattice, and in the frame.
+// One centre: its lattice coordinates and its measured position.
 struct Point {
     algo::LensletGrid::Uv uv;
     algo::PixelPoint seen;
-    algo::PixelPoint split = {};  // Observation::split_px, where it is needed
+    algo::PixelPoint split = {};  // Observation::split_px, if needed
 };
 
 struct Solved {
@@ -24,19 +23,19 @@ struct Solved {
     std::vector<bool> fixed;  // one a parameter
     std::vector<Unobservable> unobservable;
     Eigen::VectorXd residuals;  // x, y, x, y ... px
-    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>
-        jacobian;  // of them; columns of fixed parameters are 0
+    // Of the residuals; columns of fixed parameters are 0.
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> jacobian;
 };
 
-// Fits the parameters of `start`, fixing those that the points do not determine. The centre of distortion is held while
-// k1 is not known to three of its standard errors. None where Ceres finds no usable answer.
+// Fits the parameters of `start`; fixes those that the points do not determine. The centre of distortion is fixed
+// unless k1 exceeds three of its standard errors. None if Ceres finds no usable solution.
 std::optional<Solved> solve(algo::LensletGrid start, const std::vector<Point>& points);
 
-// J^T J, and its inverse over the free parameters, 0 elsewhere; empty where it cannot be inverted.
+// J^T J, and its inverse over the free parameters, 0 elsewhere; empty if singular.
 Eigen::MatrixXd normal_of(const Solved& solved);
 Eigen::MatrixXd inverse_normal(const Eigen::MatrixXd& normal, const std::vector<bool>& fixed);
 
-// Of one residual, from all of them, px^2.
+// Variance of one residual, px^2.
 double variance_of(const Solved& solved);
 
 }  // namespace hord::calib

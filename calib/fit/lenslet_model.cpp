@@ -12,19 +12,20 @@
 namespace hord::calib {
 namespace {
 
-constexpr double kNeededGain = 2.0;                          // standard errors, as for every rung
-constexpr double kMinShift = 1.0 / 32 / 3.4641016151377544;  // px: rms of what algo/frame/resample.h rounds places by
+constexpr double kNeededGain = 2.0;  // standard errors, as for every model
+constexpr double kMinShift =
+    1.0 / 32 / 3.4641016151377544;  // px: rms rounding error of positions in algo/frame/resample.h
 constexpr int kMinBlocks = 9;
-constexpr double kMinDisplaced = 0.002, kMaxDisplaced = 0.05;  // of a pitch: less is noise or not worth a place
-constexpr double kMaxDisagreement = 0.5;  // of a displacement: how far each half may lie from it, along it
-constexpr double kUnit = 0.001;           // px: shifts are whole thousandths, as the calibration file has them
+constexpr double kMinDisplaced = 0.002, kMaxDisplaced = 0.05;  // of a pitch: less is noise or too small to matter
+constexpr double kMaxDisagreement = 0.5;  // of a displacement: distance of each half from it, along it
+constexpr double kUnit = 0.001;           // px: resolution of shifts in the calibration file
 
-// The halves' residuals of one point along one axis.
+// Residuals of both halves of one point along one axis.
 struct Halves {
     double a, b;
 };
-Halves halves_of(const Validation& model, const std::vector<Point>& points, std::size_t point, int axis) {
-    const double left = -model.off(static_cast<Eigen::Index>(2 * point) + axis);
+Halves halves_of(const Validation& validation, const std::vector<Point>& points, std::size_t point, int axis) {
+    const double left = -validation.off(static_cast<Eigen::Index>(2 * point) + axis);
     const double split = axis == 0 ? points[point].split.x_px : points[point].split.y_px;
     return {left + split, left - split};
 }
@@ -34,22 +35,28 @@ struct Sums {
     double common = 0, power = 0;  // a b, and (a^2 + b^2) / 2
 };
 
-std::size_t index_of(const algo::LensletGrid& grid, const Observation& seen) {
-    return static_cast<std::size_t>(seen.n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(seen.m);
-}
-bool in_grid(const algo::LensletGrid& grid, const Observation& seen) {
-    return seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows;
-}
 void make_room_for_shifts(algo::LensletGrid& grid) {
     grid.shifts_px.resize(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
 }
 double whole_units(double shift_px) { return std::round(shift_px / kUnit) * kUnit; }
 
+// Adds the lenslets' shifts to the grid.
+void add_shifts(std::span<const Observation> observations, GridFit& fit) {
+    make_room_for_shifts(fit.grid);
+    for (const Observation& seen : observations) {
+        if (!seen.used || !fit.grid.contains(seen.m, seen.n)) continue;
+        const algo::PixelPoint model_px = fit.grid.at(fit.grid.uv(seen.m, seen.n));
+        fit.grid.shifts_px[fit.grid.index(seen.m, seen.n)] = {
+            whole_units(fit.shifts.share * (seen.centre_px.x_px - model_px.x_px)),
+            whole_units(fit.shifts.share * (seen.centre_px.y_px - model_px.y_px))};
+    }
+}
+
 }  // namespace
 
-void climb_to_single_lenslets(std::span<const Observation> observations, GridFit& fit) {
-    RungReport& report = fit.ladder.emplace_back();
-    report.rung = fit.grid.rung;
+void select_lenslet_shifts(std::span<const Observation> observations, GridFit& fit) {
+    ModelReport& report = fit.candidates.emplace_back();
+    report.model = fit.grid.model;
     report.single_lenslets = true;
     report.rms_px = std::sqrt(0.5 * (fit.rms_x_px * fit.rms_x_px + fit.rms_y_px * fit.rms_y_px));
     report.cv_x_rms_px = report.cv_y_rms_px = std::numeric_limits<double>::infinity();
@@ -63,19 +70,19 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
         return;
     }
     const auto solved = solve(fit.grid, points);
-    const Validation model = solved ? leave_blocks_out(*solved, blocks) : Validation{};
-    if (model.squared.empty()) {
+    const Validation validation = solved ? leave_blocks_out(*solved, blocks) : Validation{};
+    if (validation.squared.empty()) {
         report.verdict = "not taken: the fit did not settle";
         return;
     }
     const auto count = static_cast<std::size_t>(blocks.count());
     std::vector<Sums> sums(count);
     Sums all;
-    double common[2] = {}, noise[2] = {};  // of S and N, an axis
+    double common[2] = {}, noise[2] = {};  // sums of S and N, an axis
     for (std::size_t b = 0; b < count; ++b) {
         for (std::size_t k = blocks.first[b]; k < blocks.first[b + 1]; ++k) {
             for (const int axis : {0, 1}) {
-                const Halves h = halves_of(model, points, k, axis);
+                const Halves h = halves_of(validation, points, k, axis);
                 sums[b].common += h.a * h.b;
                 sums[b].power += 0.5 * (h.a * h.a + h.b * h.b);
                 common[axis] += h.a * h.b;
@@ -92,7 +99,7 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
         const double share = std::max(0.0, (all.common - sums[b].common) / std::max(all.power - sums[b].power, 1e-300));
         for (std::size_t k = blocks.first[b]; k < blocks.first[b + 1]; ++k) {
             for (const int axis : {0, 1}) {
-                const Halves h = halves_of(model, points, k, axis);
+                const Halves h = halves_of(validation, points, k, axis);
                 without.squared[b] += h.a * h.a + h.b * h.b;
                 with.squared[b] +=
                     (h.b - share * h.a) * (h.b - share * h.a) + (h.a - share * h.b) * (h.a - share * h.b);
@@ -104,7 +111,7 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
     LensletShifts shifts;
     shifts.rms_px = std::sqrt(std::max(0.0, all.common / (2 * n)));
     shifts.share = std::max(0.0, all.common / std::max(all.common + noise[0] + noise[1], 1e-300));
-    // Another frame's centre: the model's error there, less what is now known of it.
+    // Error of a centre in another frame: that of the model, less the known shift.
     const auto left = [&](double cv, double of_axis) {
         return std::sqrt(std::max(0.0, cv * cv - shifts.share * std::max(0.0, of_axis / n)));
     };
@@ -119,42 +126,33 @@ void climb_to_single_lenslets(std::span<const Observation> observations, GridFit
         return;
     }
     report.verdict = "needed: " + agree;
-    for (RungReport& rung : fit.ladder) rung.chosen = false;
+    for (ModelReport& model : fit.candidates) model.chosen = false;
     report.chosen = true;
     fit.shifts = shifts;
-    make_room_for_shifts(fit.grid);
-    for (const Observation& seen : observations) {
-        if (!seen.used || !in_grid(fit.grid, seen)) continue;
-        const algo::PixelPoint model_px = fit.grid.at(fit.grid.uv(seen.m, seen.n));
-        fit.grid.shifts_px[index_of(fit.grid, seen)] = {
-            whole_units(shifts.share * (seen.centre_px.x_px - model_px.x_px)),
-            whole_units(shifts.share * (seen.centre_px.y_px - model_px.y_px))};
-    }
+    add_shifts(observations, fit);
     fit.reason += fmt::format("; and every lenslet's own shift: {}, {:.0f} % of a residual is taken for true", agree,
                               100 * shifts.share);
 }
 
 void place_displaced(std::span<Observation> observations, std::span<const std::uint8_t> whole, GridFit& fit) {
     algo::LensletGrid& grid = fit.grid;
-    const algo::LensletGrid::Steps steps = grid.steps_px({0, 0});
-    const double pitch =
-        std::sqrt(std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px));
+    const double pitch = grid.steps_px({0, 0}).mean_px();
     std::vector<std::uint8_t> off_model(whole.size());
     for (const Observation& seen : observations) {
-        if (!seen.used && in_grid(grid, seen)) off_model[index_of(grid, seen)] = 1;
+        if (!seen.used && grid.contains(seen.m, seen.n)) off_model[grid.index(seen.m, seen.n)] = 1;
     }
     const auto alone = [&](const Observation& seen) {
         int off = 0;
         for (int n = std::max(0, seen.n - 1); n <= std::min(grid.rows - 1, seen.n + 1); ++n) {
             for (int m = std::max(0, seen.m - 1); m <= std::min(grid.columns - 1, seen.m + 1); ++m) {
-                off += off_model[static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) +
-                                 static_cast<std::size_t>(m)];
+                off += off_model[grid.index(m, n)];
             }
         }
         return off == 1;
     };
     for (Observation& seen : observations) {
-        if (seen.used || !seen.split_px || !in_grid(grid, seen) || whole[index_of(grid, seen)] == 0 || !alone(seen))
+        if (seen.used || !seen.split_px || !grid.contains(seen.m, seen.n) || whole[grid.index(seen.m, seen.n)] == 0 ||
+            !alone(seen))
             continue;
         const algo::PixelPoint model_px = grid.at(grid.uv(seen.m, seen.n));
         const double off_x = seen.centre_px.x_px - model_px.x_px;
@@ -164,7 +162,7 @@ void place_displaced(std::span<Observation> observations, std::span<const std::u
         if (!(off >= kMinDisplaced * pitch && off <= kMaxDisplaced * pitch) || !(along <= kMaxDisagreement * off))
             continue;
         make_room_for_shifts(grid);
-        grid.shifts_px[index_of(grid, seen)] = {whole_units(off_x), whole_units(off_y)};
+        grid.shifts_px[grid.index(seen.m, seen.n)] = {whole_units(off_x), whole_units(off_y)};
         seen.displaced = true;
         ++fit.displaced;
         --fit.rejected;

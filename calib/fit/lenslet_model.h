@@ -1,14 +1,13 @@
-// The last rung of the ladder: every lenslet has a place of its own, as far from the model's as it was measured,
-// shrunk.
+// The last candidate model: every lenslet has a shift of its own, its measured residual times a factor below 1.
 //
-// A block that was left out cannot tell where its lenslets are, so here each lenslet is asked twice: two halves of its
-// light (calib/ centres.h) say where it is, with noise of their own. Each half predicts the other, its residual from
-// the model (fitted without the block) shrunk by a share learned from the other blocks. The rung is taken when that
-// beats the model alone by two standard errors over the blocks, and when the shifts exceed what the decode's places are
-// rounded by. What moves one half only (dust, a scratch on a lenslet) counts as noise.
+// Leaving out a block says nothing about shifts of its lenslets. So each lenslet is measured twice, by two halves of
+// its light with independent noise (CentreFinder::split). Each half predicts the other: its residual from the model
+// (fitted without the block) times a factor learned from the other blocks. The candidate is selected if that beats the
+// model alone by two standard errors over the blocks, and if the shifts exceed the rounding of positions in the decode.
+// A shift of one half only (dust, a scratch on a lenslet) counts as noise.
 //
 // With r_a, r_b the halves' residuals: S = mean(r_a r_b) is the variance of true shifts, N = mean((r_a - r_b)^2) / 4
-// that of a whole centre's noise, and S / (S + N) of a residual is taken for true. Used by calib/fit/grid_fit.cpp only.
+// that of the noise of a centre, and S / (S + N) is the factor. Used by calib/fit/grid_fit.cpp only.
 #pragma once
 
 #include <span>
@@ -17,7 +16,7 @@
 
 namespace hord::calib {
 
-// Adds the rung's report to the ladder of `fit`; where it is taken, its shifts to the grid, and why to the reason.
-void climb_to_single_lenslets(std::span<const Observation> observations, GridFit& fit);
+// Adds the report to the candidates of `fit`. If selected, adds the shifts to the grid and the reason to `fit.reason`.
+void select_lenslet_shifts(std::span<const Observation> observations, GridFit& fit);
 
 }  // namespace hord::calib

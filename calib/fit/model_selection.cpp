@@ -13,21 +13,21 @@ using algo::GridModelKind;
 constexpr double kNeededGain = 2.0;  // standard errors
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
-// A start for `rung` from the fit of a lower one.
-algo::LensletGrid lift(const algo::LensletGrid& from, GridModelKind rung) {
+// A start for `model` from the fit of a simpler one.
+algo::LensletGrid lift(const algo::LensletGrid& from, GridModelKind model) {
     algo::LensletGrid grid = from;
     const std::vector<double>& p = from.parameters;
-    grid.rung = rung;
-    if (rung == GridModelKind::similarity) return grid;
+    grid.model = model;
+    if (model == GridModelKind::similarity) return grid;
     std::vector<double> six(p.begin(), p.begin() + std::min<std::ptrdiff_t>(6, static_cast<std::ptrdiff_t>(p.size())));
-    if (from.rung == GridModelKind::similarity) six = {p[0], p[1], p[2], -p[3], p[3], p[2]};
-    if (rung != GridModelKind::cubic && rung != GridModelKind::quintic) {
-        if (from.rung == GridModelKind::similarity) grid.parameters = six;
-        grid.parameters.resize(static_cast<std::size_t>(parameter_count(rung)), 0.0);
+    if (from.model == GridModelKind::similarity) six = {p[0], p[1], p[2], -p[3], p[3], p[2]};
+    if (model != GridModelKind::cubic && model != GridModelKind::quintic) {
+        if (from.model == GridModelKind::similarity) grid.parameters = six;
+        grid.parameters.resize(static_cast<std::size_t>(parameter_count(model)), 0.0);
         return grid;
     }
-    // Polynomials are linear: any start will do, so the affine part is enough.
-    const int half = parameter_count(rung) / 2;
+    // Polynomials are linear in their parameters: the affine part is a sufficient start.
+    const int half = parameter_count(model) / 2;
     grid.parameters.assign(static_cast<std::size_t>(2 * half), 0.0);
     for (int axis = 0; axis < 2; ++axis) {
         const auto first = static_cast<std::size_t>(axis * half);
@@ -58,45 +58,45 @@ algo::LensletGrid first_similarity(const algo::LensletGrid& frame, const std::ve
     }
     a /= std::max(uu, 1e-12), b /= std::max(uu, 1e-12);
     algo::LensletGrid grid = frame;
-    grid.rung = GridModelKind::similarity;
+    grid.model = GridModelKind::similarity;
     grid.parameters = {x - a * u + b * v, y - b * u - a * v, a, b};
     return grid;
 }
 
 }  // namespace
 
-Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
-              std::span<const GridModelKind> rungs) {
-    Climbed out;
+ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
+                            std::span<const GridModelKind> models) {
+    ModelSelection out;
     const Blocks blocks = sort_into_blocks(sample);
     out.blocks = blocks.count();
     algo::LensletGrid previous = first_similarity(frame, sample);
     std::optional<Validation> best;
-    for (const GridModelKind rung : rungs) {
-        if (rung > options.highest ||
-            (options.only && rung != *options.only && (rung > *options.only || rung >= GridModelKind::cubic)))
+    for (const GridModelKind model : models) {
+        if (model > options.highest ||
+            (options.only && model != *options.only && (model > *options.only || model >= GridModelKind::cubic)))
             continue;
-        RungReport& report = out.ladder.emplace_back();
-        report.rung = rung;
-        report.parameters = parameter_count(rung);
+        ModelReport& report = out.candidates.emplace_back();
+        report.model = model;
+        report.parameters = parameter_count(model);
         report.cv_x_rms_px = report.cv_y_rms_px = kInfinite;
         if (2 * sample.size() < static_cast<std::size_t>(report.parameters) + 2 && !options.only) {
             report.verdict = "not tried: too few lenslets";
             continue;
         }
-        auto solved = solve(lift(previous, rung), sample);
+        auto solved = solve(lift(previous, model), sample);
         if (!solved) {
             report.verdict = "not taken: the fit did not settle";
             continue;
         }
-        if (rung < GridModelKind::cubic) previous = solved->grid;
+        if (model < GridModelKind::cubic) previous = solved->grid;
         const Validation validation = leave_blocks_out(*solved, blocks);
         report.rms_px = std::sqrt(solved->residuals.squaredNorm() / static_cast<double>(solved->residuals.size()));
         report.cv_x_rms_px = validation.x_rms;
         report.cv_y_rms_px = validation.y_rms;
         const bool first = !best;
         report.gain_t = first ? 0 : gain_of(*best, validation);
-        const bool take = options.only ? rung == *options.only : first || report.gain_t > kNeededGain;
+        const bool take = options.only ? model == *options.only : first || report.gain_t > kNeededGain;
         if (options.only) report.verdict = take ? "asked for" : "a step on the way to the one asked for";
         else if (first) report.verdict = "the simplest";
         else if (take)
@@ -107,11 +107,11 @@ Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const F
                 fmt::format("not needed: predicts unseen blocks better by {:.1f} standard errors, less than {:.0f}",
                             report.gain_t, kNeededGain);
         if (take || first) {
-            out.choice = Choice{solved->grid, out.ladder.size() - 1};
+            out.choice = ChosenModel{solved->grid, out.candidates.size() - 1};
             best = validation;
         }
     }
-    if (out.choice) out.ladder[out.choice->rung].chosen = true;
+    if (out.choice) out.candidates[out.choice->index].chosen = true;
     return out;
 }
 

@@ -1,5 +1,5 @@
-// Climbs the ladder of models, simplest first: fits each rung, lets it predict blocks of points that it has not seen,
-// and keeps it where it does so better than the one held. Used for lenslet grids and for direction maps.
+// Selects a model: fits the candidates, simplest first, and selects one over the model selected before if it predicts
+// blocks of points that were left out better. Used for lenslet grids and for direction maps.
 #pragma once
 
 #include <optional>
@@ -12,18 +12,18 @@
 
 namespace hord::calib {
 
-struct Choice {
+struct ChosenModel {
     algo::LensletGrid grid;
-    std::size_t rung = 0;  // index in the ladder
+    std::size_t index = 0;  // of the report in `candidates`
 };
-struct Climbed {
-    std::vector<RungReport> ladder;
+struct ModelSelection {
+    std::vector<ModelReport> candidates;
     int blocks = 0;
-    std::optional<Choice> choice;  // none: no rung could be fitted
+    std::optional<ChosenModel> choice;  // none: no model could be fitted
 };
 
-// `frame` gives what the model is made of besides its parameters; the sample is sorted into blocks.
-Climbed climb(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
-              std::span<const algo::GridModelKind> rungs = algo::kGridRungs);
+// `frame`: everything but model and parameters. The sample is sorted into blocks.
+ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
+                            std::span<const algo::GridModelKind> models = algo::kGridModels);
 
 }  // namespace hord::calib

@@ -2,49 +2,37 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
-#include <numeric>
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
 
 #include "algo/simd/multiversion.h"
 #include "common/statistics.h"
+#include "calib/lattice/centre_weights.h"
 
 namespace hord::calib {
 namespace {
 
-constexpr double kStep = 0.05;  // of radial tables, px
-constexpr double kRing = 0.6;   // width of the rings that the profile is made of, px
-constexpr double kSmoothRing =
-    0.8;  // of those that the weight is made of: smooth enough to be sampled by pixels, however sharp a lenslet's edge
-constexpr double kStiffness = 1e-5;  // of neighbouring rings, against what is seen
-constexpr double kRingStep = 0.5;    // between them, px
-constexpr double kTaper = 2.0;       // over which the weight falls to zero at the window's rim, px
-constexpr double kPlateau = 0.92;
-constexpr double kMaxVariance = 2.5;  // that an immunity may cost, against the most efficient weight
 constexpr std::size_t kMaxSeeds = 400;
 
-using Table = std::vector<double>;
-
-// What one window answers to the kernels of one phase (see CentreFinder::Kernels::bank).
-struct Answers {
+// Response of one window to the kernels of one phase (see CentreFinder::Kernels::bank).
+struct Responses {
     float x = 0, y = 0, amplitude = 0, power = 0;
 };
 
-// Always sixteen lanes, in whatever registers there are, so that every machine adds up in the same order.
+// Always sixteen lanes, in registers of any width: every machine sums in the same order.
 constexpr int kLanes = 16;
 using Floats = algo::Vector<float, kLanes * sizeof(float)>;
 
 template <int>
-HORD_ALWAYS_INLINE Answers answers(const float* kernels, const float* light, std::ptrdiff_t size) {
+HORD_ALWAYS_INLINE Responses responses(const float* kernels, const float* light, std::ptrdiff_t size) {
     const float* of_window = kernels + 3 * size;
     Floats sum{};
     for (std::ptrdiff_t k = 0; k < size; k += kLanes)
         sum += algo::load<Floats>(of_window + k) * algo::load<Floats>(light + k);
     float mean = 0;
     for (int lane = 0; lane < kLanes; ++lane) mean += sum[lane];
-    // Sums of differences to the mean: single precision then suffices.
+    // Sums of differences from the mean, for which single precision suffices.
     Floats x{}, y{}, amplitude{}, power{};
     for (std::ptrdiff_t k = 0; k < size; k += kLanes) {
         const Floats off = algo::load<Floats>(light + k) - mean;
@@ -53,7 +41,7 @@ HORD_ALWAYS_INLINE Answers answers(const float* kernels, const float* light, std
         amplitude += algo::load<Floats>(kernels + 2 * size + k) * off;
         power += algo::load<Floats>(of_window + k) * off * off;
     }
-    Answers out;
+    Responses out;
     for (int lane = 0; lane < kLanes; ++lane) {
         out.x += x[lane];
         out.y += y[lane];
@@ -62,133 +50,12 @@ HORD_ALWAYS_INLINE Answers answers(const float* kernels, const float* light, std
     }
     return out;
 }
-HORD_FOR_EACH_ISA(answers_for, Answers, answers, (const float* kernels, const float* light, std::ptrdiff_t size),
+HORD_FOR_EACH_ISA(responses_for, Responses, responses, (const float* kernels, const float* light, std::ptrdiff_t size),
                   (kernels, light, size))
-
-double lookup(const Table& table, double r) {
-    const double at = r / kStep;
-    const auto k = static_cast<std::size_t>(at);
-    if (k + 1 >= table.size()) return 0;
-    const double part = at - static_cast<double>(k);
-    return table[k] + part * (table[k + 1] - table[k]);
-}
-
-// T(r), 0..1, and -T'(r) / r.
-struct Profile {
-    Table value, steepness;
-};
-
-// The radial tables of one weight: the shift weight w(r), the profile over its level at the rim, and the window.
-struct Weights {
-    double radius = 0;
-    Table shift, profile, window, steepness;
-    Immunity immunity;
-};
-
-Table window_table(double radius) {
-    Table window(static_cast<std::size_t>(radius / kStep) + 2);
-    for (std::size_t k = 0; k < window.size(); ++k) {
-        const double left = (radius - static_cast<double>(k) * kStep) / kTaper;
-        window[k] = left <= 0 ? 0 : left >= 1 ? 1 : 0.5 - 0.5 * std::cos(std::numbers::pi * left);
-    }
-    return window;
-}
-
-struct Ring {
-    double value = 0, steepness = 0;  // and -d value / dr / r, smoothed
-};
-// A Gaussian ring of radius `index` steps with its mirror image.
-Ring ring_at(Eigen::Index index, double r) {
-    r = std::max(r, 0.25 * kStep);
-    const double radius = static_cast<double>(index) * kRingStep;
-    const auto gauss = [](double at) { return std::exp(-0.5 * at * at); };
-    const double near = (r - radius) / kSmoothRing;
-    const double far = (r + radius) / kSmoothRing;
-    const double share = kRing / kSmoothRing;  // of height: smoothing keeps the ring's area
-    return {gauss((r - radius) / kRing) + gauss((r + radius) / kRing),
-            share * (near * gauss(near) + far * gauss(far)) / (kSmoothRing * r)};
-}
-
-// The most efficient weight for `profile` inside `radius`, less the parts that answer to gradients.
-Weights design(const Profile& profile, double radius, bool against_gradients) {
-    Weights weights;
-    weights.radius = radius;
-    weights.window = window_table(radius);
-    const std::size_t count = weights.window.size();
-    const Table& value = profile.value;
-    const double floor = value[std::min(count, value.size()) - 1];
-    weights.profile.resize(count);
-    weights.shift.resize(count);
-    Table& steepness = weights.steepness;
-    steepness.resize(count);
-    for (std::size_t k = 0; k < std::min(count, value.size()); ++k) {
-        weights.profile[k] = value[k] - floor;
-        steepness[k] = profile.steepness[k];
-        weights.shift[k] = steepness[k] * weights.window[k];
-    }
-    const Table efficient = weights.shift;
-    // Inner products over the disc: of a weight with a gradient of background (u), of light (u T), with a shift (-T'),
-    // and its noise with itself (shot noise of T over a floor).
-    const auto sum = [&](auto&& term) {
-        double total = 0;
-        for (std::size_t k = 0; k < count; ++k) {
-            const double r = static_cast<double>(k) * kStep;
-            total += term(k, r);
-        }
-        return total;
-    };
-    const auto background = [&](const Table& w) {
-        return sum([&](std::size_t k, double r) { return w[k] * r * r * r; });
-    };
-    const auto vignetting = [&](const Table& w) {
-        return sum([&](std::size_t k, double r) { return w[k] * weights.profile[k] * r * r * r; });
-    };
-    const auto gain = [&](const Table& w) {
-        return sum([&](std::size_t k, double r) { return w[k] * steepness[k] * r * r * r; });
-    };
-    const auto variance = [&](const Table& w) {
-        const double g = gain(w);
-        return sum([&](std::size_t k, double r) { return w[k] * w[k] * (weights.profile[k] + 0.05) * r * r * r; }) /
-            (g * g);
-    };
-    Table light(count);
-    for (std::size_t k = 0; k < count; ++k) light[k] = weights.profile[k] * weights.window[k];
-    const double best = variance(efficient);
-    const auto minus = [&](const Table& w, double alpha, const Table& a, double beta, const Table& b) {
-        Table out(count);
-        for (std::size_t k = 0; k < count; ++k) out[k] = w[k] - alpha * a[k] - beta * b[k];
-        return out;
-    };
-    const auto accept = [&](const Table& w, bool against_background, bool against_vignetting) {
-        if (!(gain(w) > 0) || !(variance(w) <= kMaxVariance * best)) return false;
-        weights.shift = w;
-        weights.immunity = {against_background, against_vignetting};
-        return true;
-    };
-    if (!against_gradients) return weights;
-    // Only a lenslet with a plateau tells a gradient of its light from a shift: half way to its half height it is still
-    // full (a Gaussian has 0.84 there).
-    std::size_t half = 0;
-    while (half + 1 < count && weights.profile[half] > 0.5 * weights.profile[0]) ++half;
-    const bool plateau = weights.profile[half / 2] > kPlateau * weights.profile[0];
-    // Both, then vignetting, then the background.
-    const double ll = vignetting(light), lw = vignetting(weights.window);
-    const double bl = background(light), bw = background(weights.window);
-    const double le = vignetting(efficient), be = background(efficient);
-    const double determinant = ll * bw - lw * bl;
-    if (plateau && std::abs(determinant) > 1e-9 * std::abs(ll * bw)) {
-        const double alpha = (le * bw - lw * be) / determinant;
-        const double beta = (ll * be - le * bl) / determinant;
-        if (accept(minus(efficient, alpha, light, beta, weights.window), true, true)) return weights;
-    }
-    if (plateau && ll > 0 && accept(minus(efficient, le / ll, light, 0, light), false, true)) return weights;
-    if (bw > 0 && accept(minus(efficient, be / bw, weights.window, 0, light), true, false)) return weights;
-    return weights;
-}
 
 }  // namespace
 
-// The weights sampled for every sub-pixel phase, each a window of `side` x `side` floats.
+// The weights, sampled for every sub-pixel phase; each a window of `side` x `side` floats.
 struct CentreFinder::Kernels {
     explicit Kernels(const WhiteImage& of) : image(&of) {}
 
@@ -196,8 +63,8 @@ struct CentreFinder::Kernels {
     Weights weights;
     int half = 0, side = 0, phases = 16;
     Eigen::Index size = 0;
-    Answers (*answer)(const float*, const float*, std::ptrdiff_t) = answers_for(algo::best_isa());
-    double gain = 0;       // DN of first moment a pixel of shift and DN of amplitude
+    Responses (*respond)(const float*, const float*, std::ptrdiff_t) = responses_for(algo::best_isa());
+    double gain = 0;       // first moment a pixel of shift and DN of amplitude
     double own_match = 1;  // keeps `match` in -1..1
     double typical_amplitude = 0;
     Table learned;
@@ -215,7 +82,6 @@ struct CentreFinder::Kernels {
     [[nodiscard]] std::optional<Spot> measure(algo::PixelPoint at, double most_px) const;
     [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
     void calibrate_gain(std::span<const algo::PixelPoint> centres);
-    [[nodiscard]] Profile measure_profile(std::span<const Spot> spots, double reach) const;
 };
 
 void CentreFinder::Kernels::sample(const Weights& from) {
@@ -251,7 +117,7 @@ void CentreFinder::Kernels::sample(const Weights& from) {
                 mean += lookup(weights.profile, r) * window;
             }
         }
-        // The amplitude kernel answers 1 to the profile and 0 to a constant; the window kernel averages.
+        // The amplitude kernel responds with 1 to the profile and 0 to a constant; the window kernel averages.
         double own = 0;
         const double level = mean / share;
         for (Eigen::Index at = 0; at < side * side; ++at) {
@@ -263,7 +129,7 @@ void CentreFinder::Kernels::sample(const Weights& from) {
         }
         bank.col(first + 2) /= static_cast<float>(own);
         own_match = std::sqrt(own / share);
-        // On the pixel grid of this phase, too, the moments answer 0 to a constant and to the profile itself.
+        // On the pixel grid of this phase, too, the moments of a constant and of the profile are 0.
         for (int axis = 0; axis < 2; ++axis) {
             auto moment = bank.col(first + axis);
             moment -= moment.sum() * (bank.col(first + 3) - static_cast<float>(level) * bank.col(first + 2));
@@ -279,12 +145,12 @@ CentreFinder::Kernels::Moments CentreFinder::Kernels::moments(algo::PixelPoint a
     const int phase_y = std::min(phases - 1, static_cast<int>((at.y_px + 0.5 - fy) * phases));
     image->window(static_cast<int>(fx) - half, static_cast<int>(fy) - half, side, side, light.data(), side);
     const auto first = static_cast<Eigen::Index>(4) * (phase_y * phases + phase_x);
-    const Answers seen = answer(bank.col(first).data(), light.data(), size);
+    const Responses response = respond(bank.col(first).data(), light.data(), size);
     Moments out;
-    out.x = seen.x;
-    out.y = seen.y;
-    out.amplitude = seen.amplitude;
-    out.match = seen.power > 0 ? out.amplitude * own_match / std::sqrt(seen.power) : 0;
+    out.x = response.x;
+    out.y = response.y;
+    out.amplitude = response.amplitude;
+    out.match = response.power > 0 ? out.amplitude * own_match / std::sqrt(response.power) : 0;
     out.about = {fx + (phase_x + 0.5) / phases - 0.5, fy + (phase_y + 0.5) / phases - 0.5};
     return out;
 }
@@ -311,10 +177,9 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
             dy *= longest / length;
         }
         const algo::PixelPoint next{m.about.x_px + dx, m.about.y_px + dy};
-        // Done where the centre lies in the cell of the phase that it was measured with: what the gain is wrong by then
-        // hardly counts.
+        // Done if the centre lies in the cell of its phase: the error of the gain is then negligible.
         const bool settled = std::max(std::abs(dx), std::abs(dy)) < 0.6 / phases;
-        // Between two cells that each point into the other, the centre is half way.
+        // If two cells point into each other, the centre is half way.
         const double step = std::hypot(next.x_px - here.x_px, next.y_px - here.y_px);
         here = k + 1 == kMaxSteps && step < 2.0 / phases
             ? algo::PixelPoint{0.5 * (here.x_px + next.x_px), 0.5 * (here.y_px + next.y_px)}
@@ -326,12 +191,12 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
     return std::nullopt;
 }
 
-// Of one half, with the weight itself (no table of phases): the light is a + b T + s . dT, and the moment of what is
-// left after a and b answers to the shift s alone.
+// With the weight itself instead of sampled kernels. The light of a half is a + b T + s . dT; the moment of the
+// remainder after a and b depends on the shift s only.
 std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint centre) const {
     if (!complete(centre)) return std::nullopt;
     constexpr double kTurnX = 0.98006657784124163,
-                     kTurnY = 0.19866933079506122;  // sectors are turned by 0.2 rad: no pixel on their edges
+                     kTurnY = 0.19866933079506122;  // sectors are rotated by 0.2 rad: no pixel on their edges
     struct Pixel {
         double dx, dy, shape, window, light, weight, steepness;
         bool second;
@@ -345,7 +210,7 @@ std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint ce
             Pixel p{};
             p.dx = x - centre.x_px;
             p.dy = y - centre.y_px;
-            const double at = std::sqrt(p.dx * p.dx + p.dy * p.dy) / kStep;
+            const double at = std::sqrt(p.dx * p.dx + p.dy * p.dy) / kTableStep;
             const auto k = static_cast<std::size_t>(at);
             if (k + 1 >= weights.window.size()) continue;
             const double part = at - static_cast<double>(k);
@@ -390,7 +255,7 @@ std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint ce
     return algo::PixelPoint{0.5 * (place[0].x_px - place[1].x_px), 0.5 * (place[0].y_px - place[1].y_px)};
 }
 
-// The answer of the moments to a shift, from moments one phase to both sides of known centres.
+// Sets `gain`, from the moments one phase to either side of known centres.
 void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> centres) {
     const double step = 1.0 / phases;
     double answered = 0;
@@ -409,90 +274,18 @@ void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> cen
     gain = shift > 0 ? answered / shift : 0;
 }
 
-// The mean radial profile about known centres, 1 at its top: a sum of rings, each as wide as kRing, by least squares.
-// Rings are smooth and even in r, so that the weight made of them is smooth on the pixel grid wherever a centre lies in
-// it.
-Profile CentreFinder::Kernels::measure_profile(std::span<const Spot> spots, double reach) const {
-    const auto count = static_cast<std::size_t>((reach + 2) / kStep) + 2;
-    Table sums(count), hits(count);
-    const int box = static_cast<int>(reach) + 3;
-    for (const Spot& spot : spots) {
-        const auto cx = static_cast<int>(std::lround(spot.centre_px.x_px));
-        const auto cy = static_cast<int>(std::lround(spot.centre_px.y_px));
-        for (int y = std::max(0, cy - box); y <= std::min(image->height_px() - 1, cy + box); ++y) {
-            for (int x = std::max(0, cx - box); x <= std::min(image->width_px() - 1, cx + box); ++x) {
-                const double dx = x - spot.centre_px.x_px;
-                const double dy = y - spot.centre_px.y_px;
-                const double r = std::sqrt(dx * dx + dy * dy);
-                const auto k = static_cast<std::size_t>(std::lround(r / kStep));
-                if (k >= count) continue;
-                sums[k] += image->at(x, y) / spot.amplitude_dn;
-                hits[k] += 1;
-            }
-        }
-    }
-    const auto rings = static_cast<Eigen::Index>((reach + 2) / kRingStep) + 2;
-    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(rings, rings);
-    Eigen::VectorXd right = Eigen::VectorXd::Zero(rings);
-    Eigen::VectorXd here(rings);
-    for (std::size_t k = 0; k < count; ++k) {
-        if (hits[k] == 0) continue;
-        const double weight = 1 / std::max(static_cast<double>(k) * kStep, 0.5);  // every radius counts alike
-        for (Eigen::Index ring = 0; ring < rings; ++ring)
-            here(ring) = ring_at(ring, static_cast<double>(k) * kStep).value;
-        normal.selfadjointView<Eigen::Lower>().rankUpdate(here, weight * hits[k]);
-        right += weight * sums[k] * here;
-    }
-    normal.triangularView<Eigen::StrictlyUpper>() = normal.transpose();
-    // Where the lattice falls on the pixels in step, some radii are never seen: rings there follow their neighbours.
-    const double stiffness = kStiffness * normal.diagonal().mean();
-    for (Eigen::Index ring = 1; ring + 1 < rings; ++ring) {
-        for (int r = -1; r <= 1; ++r) {
-            for (int c = -1; c <= 1; ++c)
-                normal(ring + r, ring + c) += stiffness * (r == 0 ? -2 : 1) * (c == 0 ? -2 : 1);
-        }
-    }
-    normal.diagonal().array() += 1e-9 * normal.diagonal().mean();
-    const Eigen::VectorXd height = normal.ldlt().solve(right);
-    Profile profile;
-    profile.value.resize(static_cast<std::size_t>(reach / kStep) + 2);
-    profile.steepness.resize(profile.value.size());
-    for (std::size_t k = 0; k < profile.value.size(); ++k) {
-        for (Eigen::Index ring = 0; ring < rings; ++ring) {
-            const Ring part = ring_at(ring, static_cast<double>(k) * kStep);
-            profile.value[k] += height(ring) * part.value;
-            profile.steepness[k] += height(ring) * part.steepness;
-        }
-    }
-    const auto [bottom, top] = std::minmax_element(profile.value.begin(), profile.value.end());
-    const double low = *bottom;
-    const double range = std::max(*top - low, 1e-12);
-    for (double& value : profile.value) value = (value - low) / range;
-    for (double& steepness : profile.steepness) steepness /= range;
-    return profile;
-}
-
 Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds,
                                          double pitch_px) {
     auto kernels = std::make_unique<Kernels>(image);
     std::vector<algo::PixelPoint> starts(seeds.begin(), seeds.end());
     if (starts.size() > kMaxSeeds) starts.resize(kMaxSeeds);
 
-    // A first weight that knows nothing: a raised cosine as wide as the lenslet.
     const double widest = 0.5 * pitch_px;
-    Profile profile;
-    profile.value.resize(static_cast<std::size_t>(widest / kStep) + 2);
-    profile.steepness.resize(profile.value.size());
-    for (std::size_t k = 0; k < profile.value.size(); ++k) {
-        const double r = std::max(static_cast<double>(k), 0.25) * kStep;
-        const double angle = std::numbers::pi * std::min(1.0, r / widest);
-        profile.value[k] = 0.5 + 0.5 * std::cos(angle);
-        profile.steepness[k] = 0.5 * std::numbers::pi / widest * std::sin(angle) / r;
-    }
+    Profile profile = raised_cosine(widest);
     double radius = widest;
     std::vector<Spot> spots;
     for (int round = 0; round < 3; ++round) {
-        kernels->sample(design(profile, radius, round > 0));
+        kernels->sample(design_weights(profile, radius, round > 0));
         kernels->calibrate_gain(starts);
         if (!(kernels->gain > 0)) break;
         spots.clear();
@@ -514,11 +307,11 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
             kernels->learned = profile.value;
             return CentreFinder(std::move(kernels));
         }
-        profile = kernels->measure_profile(spots, widest);
+        profile = measure_profile(image, spots, widest);
         // A small spot needs no more than its own surroundings.
         std::size_t last = profile.value.size() - 1;
         while (last > 0 && profile.value[last] < 0.02) --last;
-        radius = std::min(widest, static_cast<double>(last) * kStep + 1.5 + kTaper);
+        radius = std::min(widest, static_cast<double>(last) * kTableStep + 1.5 + kTaper);
     }
     return fail(ErrorCode::refused,
                 fmt::format("only {} of {} lenslets near the middle look like one another", spots.size(), seeds.size()),

@@ -1,12 +1,11 @@
-// Sub-pixel centres of lenslets, by one matched, radially symmetric weight that is learned from the frame itself.
+// Sub-pixel centres of lenslets, by a matched, radially symmetric weight that is learned from the frame.
 //
-// The mean radial profile T(r) of the frame's own lenslets gives the weight w(r); the centre c is where
-// sum w(|x - c|) (x - c) I(x) = 0. Because the weight is symmetric about the centre that it finds, a constant
-// background drops out exactly. w starts as -T'(r)/r, the most efficient weight for a shift of T, and is made
-// orthogonal to what is not a shift: to a gradient of the background, u, and to a gradient of light inside the
-// lenslet (vignetting), u T(r), of which a plain centre of gravity would make an error of g R / 8. Where the
-// profile does not let them be told apart (a spot as small as its own blur), the condition is left away, and
-// `immunity()` says so.
+// The mean radial profile T(r) of the frame's lenslets gives the weight w(r); the centre c solves
+// sum w(|x - c|) (x - c) I(x) = 0. The weight is symmetric about the centre, so a constant background cancels exactly.
+// w starts as -T'(r)/r, the most efficient weight for a shift of T, and is made orthogonal to a gradient of the
+// background, u, and to a gradient of light inside the lenslet (vignetting), u T(r), which shifts a plain centre of
+// gravity by g R / 8. If the profile does not separate them from a shift (a spot as small as its blur), the condition
+// is dropped; `immunity()` tells.
 #pragma once
 
 #include <memory>
@@ -34,29 +33,27 @@ struct Immunity {
 
 class CentreFinder {
   public:
-    // Learns the profile from the lenslets near `seeds` (predicted to within a quarter pitch; at most 400 are used).
-    // Fails with `refused` when fewer than 4 of them look like one another.
+    // Learns the profile from the lenslets near `seeds` (predicted to a quarter of a pitch; at most 400 are used).
+    // Fails with `refused` if fewer than 4 of them are alike.
     static Result<CentreFinder> learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds,
                                       double pitch_px);
 
-    // The lenslet predicted at `at`, iterated until it moves less than 0.02 px. None where its window is not wholly
-    // inside the frame, it holds no light, or it moved further than `most_px`.
+    // Measures the lenslet predicted at `at`, iterating until it moves less than 0.02 px. None if its window is not
+    // inside the frame, it has no light, or it moved by more than `most_px`.
     [[nodiscard]] std::optional<Spot> measure(algo::PixelPoint at, double most_px) const;
 
-    // What two halves of the lenslet's light say of its centre, each for itself: half of their difference, the first
-    // less the second. The halves are every second of eight sectors about the centre, so that each sees a shift along x
-    // and y alike and no pixel is in both: they share the lenslet's true place, and not their noise. None where it
-    // cannot be said.
+    // Measures the centre by each of two halves of the lenslet's light; half of the difference, first minus second. The
+    // halves are alternate sectors of eight about the centre: both respond to x and y alike, and share no pixel and no
+    // noise. None if it cannot be measured.
     [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
 
-    // Whether the window of a lenslet at `at` lies wholly inside the frame.
+    // True if the window of a lenslet at `at` is inside the frame.
     [[nodiscard]] bool complete(algo::PixelPoint at) const;
 
-    // The light of a lenslet at `at`, in DN: how much of the profile is there, over the background. Outside the frame
-    // it is dark.
+    // The light of a lenslet at `at`, DN: amplitude of the profile over the background; 0 light outside the frame.
     [[nodiscard]] double amplitude_dn(algo::PixelPoint at) const;
 
-    // Saturated samples inside the window, as a share of it.
+    // Share of the samples in the window that are saturated.
     [[nodiscard]] double saturated_share(algo::PixelPoint at) const;
 
     [[nodiscard]] double window_radius_px() const;

@@ -31,7 +31,7 @@ struct Part {
     int x = 0, y = 0, width = 0, height = 0;
 };
 
-// The part of the frame that is analysed: all of it, or the most structured of five parts of a large frame.
+// The part of the frame to analyse: all of it, or the most structured of five parts of a large frame.
 Part choose_part(const WhiteImage& image) {
     Part whole{0, 0, image.width_px(), image.height_px()};
     const int width = std::min(whole.width, kLargestSide);
@@ -50,7 +50,7 @@ Part choose_part(const WhiteImage& image) {
                 score += std::abs(image.at(part.x + x + 5, part.y + y) - image.at(part.x + x, part.y + y));
             }
         }
-        if (best_score < 0) score *= 1.5;  // the middle, unless another is much better
+        if (best_score < 0) score *= 1.5;  // prefers the middle, unless another is much better
         if (score > best_score) {
             best_score = score;
             best = part;
@@ -68,7 +68,7 @@ std::vector<float> hann(int count) {
     return window;
 }
 
-// The part as square roots of light over the local mean, windowed: hot pixels and bright corners count less.
+// The part as square roots of light, less the local mean, windowed: reduces hot pixels and bright corners.
 cv::Mat1f flatten(const WhiteImage& image, const Part& part) {
     cv::Mat1f light(part.height, part.width);
     image.window(part.x, part.y, part.width, part.height, light.ptr<float>(0), part.width);
@@ -129,8 +129,8 @@ class Autocorrelation {
         Vec lag;
         double height = 0;
     };
-    // The local maximum nearest to `near`, climbed to within `reach` px, refined by parabolas; none if there is none.
-    [[nodiscard]] std::optional<Peak> climb(Vec near, int reach) const {
+    // The local maximum within `reach` px of `near`, by hill climbing, refined by parabolas; none if there is none.
+    [[nodiscard]] std::optional<Peak> peak_near(Vec near, int reach) const {
         if (!within(near, reach + 2)) return std::nullopt;
         int x = static_cast<int>(std::lround(near.x));
         int y = static_cast<int>(std::lround(near.y));
@@ -154,8 +154,8 @@ class Autocorrelation {
             if (std::abs(x - start_x) > reach || std::abs(y - start_y) > reach) return std::nullopt;
         }
         const auto vertex = [](double left, double middle, double right) {
-            const double bend = left - 2 * middle + right;
-            return bend < 0 ? std::clamp(0.5 * (left - right) / bend, -0.5, 0.5) : 0.0;
+            const double curvature = left - 2 * middle + right;
+            return curvature < 0 ? std::clamp(0.5 * (left - right) / curvature, -0.5, 0.5) : 0.0;
         };
         return Peak{
             {x + vertex(at(x - 1, y), at(x, y), at(x + 1, y)), y + vertex(at(x, y - 1), at(x, y), at(x, y + 1))},
@@ -196,7 +196,7 @@ std::vector<Autocorrelation::Peak> peaks_of(const Autocorrelation& correlation, 
                 for (int dx = -2; dx <= 2 && highest; ++dx) highest = correlation.at(x + dx, y + dy) <= here;
             }
             if (!highest) continue;
-            if (auto peak = correlation.climb({static_cast<double>(x), static_cast<double>(y)}, 2))
+            if (auto peak = correlation.peak_near({static_cast<double>(x), static_cast<double>(y)}, 2))
                 peaks.push_back(*peak);
         }
     }
@@ -219,7 +219,8 @@ Basis reduce(Basis basis) {
     return basis;
 }
 
-// Least squares over the peaks at p a + q b, at ever longer lags: the steps become known to a small part of a pixel.
+// Refines the steps to a small fraction of a pixel: least squares over the peaks at p a + q b, at longer and longer
+// lags.
 Basis refine(const Autocorrelation& correlation, Basis basis, double least_height) {
     const double pitch = std::min(norm(basis.a), norm(basis.b));
     for (double reach = 2.3 * pitch; reach < 3.0 * kLargestSide; reach *= 1.6) {
@@ -232,7 +233,7 @@ Basis refine(const Autocorrelation& correlation, Basis basis, double least_heigh
                 const Vec lag = static_cast<double>(p) * basis.a + static_cast<double>(q) * basis.b;
                 if ((p == 0 && q == 0) || norm(lag) > reach || !correlation.within(lag, 6)) continue;
                 any = any || norm(lag) > reach / 1.6;
-                const auto peak = correlation.climb(lag, static_cast<int>(0.2 * pitch) + 1);
+                const auto peak = correlation.peak_near(lag, static_cast<int>(0.2 * pitch) + 1);
                 if (!peak || peak->height < least_height) continue;
                 pp += p * p;
                 pq += p * q;
@@ -251,7 +252,7 @@ Basis refine(const Autocorrelation& correlation, Basis basis, double least_heigh
     return basis;
 }
 
-// The phases of the two fundamentals place a lenslet: the one nearest to the middle of the part.
+// The position of the lenslet nearest to the middle of the part, from the phases of the two fundamentals.
 Vec place(const cv::Mat1f& windowed, const Basis& basis) {
     const double area = cross(basis.a, basis.b);
     const Vec frequency[2] = {{basis.b.y / area, -basis.b.x / area}, {-basis.a.y / area, basis.a.x / area}};
@@ -288,7 +289,7 @@ Vec turned(Vec a, double degrees) {
     return {std::cos(angle) * a.x - std::sin(angle) * a.y, std::sin(angle) * a.x + std::cos(angle) * a.y};
 }
 
-// The vector of the lattice, in any sign, nearest to a direction.
+// The lattice vector, of either sign, nearest to a direction.
 Vec nearest(const std::vector<Vec>& vectors, Vec direction) {
     Vec best;
     double most = -1e300;

@@ -1,8 +1,8 @@
 // Finds the lattice of lenslets in a white image, from its spectrum and without hints.
 //
-// The windowed power spectrum is turned back into an autocorrelation: all harmonics of the lattice then agree on the
-// same peaks, the lattice vectors themselves, whatever the shape of the spots. The shortest two strong ones, reduced
-// and refined at ever longer lags, give pitch, angle and kind; the phase of the two fundamentals gives the offset.
+// The autocorrelation (from the windowed power spectrum) has peaks at the lattice vectors, for any shape of the spots.
+// The shortest two strong ones, reduced and refined at longer and longer lags, give pitch, angle and kind; the phase of
+// the two fundamentals gives the offset.
 #pragma once
 
 #include <optional>
@@ -21,8 +21,8 @@ struct Lattice {
     algo::Stagger stagger = algo::Stagger::none;
     algo::PixelPoint step_u, step_v;  // one pitch along the ideal axes U and V (see algo/frame/lenslet_grid.h), px
     algo::PixelPoint seed_px;         // the centre of a lenslet near the middle of the analysed part of the frame
-    double reach_px = 0;              // half the side of the analysed part: how far from the seed the steps are trusted
-    double strength = 0;              // autocorrelation at the nearest lattice vectors, 0..1, noise included
+    double reach_px = 0;              // half the side of the analysed part: range of the steps from the seed
+    double strength = 0;              // autocorrelation at the nearest lattice vectors, 0..1, including noise
 
     [[nodiscard]] double pitch_px() const;
     [[nodiscard]] double rotation_rad() const;  // of the U axis, x towards y
@@ -30,11 +30,11 @@ struct Lattice {
 
 struct LatticeHint {
     std::optional<algo::LatticeKind> kind;
-    double pitch_px = 0;  // 0: none; else good to +-20 %
+    double pitch_px = 0;  // 0: none; else to +-20 %
 };
 
-// Fails with `refused`, with the reason, when there is no lattice (a blank or fully saturated frame), when it is
-// periodic in one direction only, or when it is neither square (within 15 % and 6 degrees) nor hexagonal.
+// Fails with `refused`, with the reason, if there is no lattice (a blank or fully saturated frame), if it is periodic
+// in one direction only, or if it is neither square (within 15 % and 6 degrees) nor hexagonal.
 Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint = {});
 
 }  // namespace hord::calib

@@ -9,7 +9,7 @@ using algo::PixelPoint;
 
 constexpr double kDark = 0.25;  // of the light of a typical lenslet
 
-// The lattice's places, row by row; those outside the frame are not there.
+// State of each lenslet of the grid, row by row.
 struct Places {
     int columns, rows;
     std::vector<std::uint8_t> inside, dark;
@@ -21,8 +21,7 @@ struct Places {
         return static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m);
     }
 
-    // Whether `test` holds for every place (or, with `any`, for some) about (m, n) that is inside the frame, (m, n)
-    // among them.
+    // True if `test` holds for all (with `any`: for one) of the 3x3 lenslets around (m, n) that are inside the frame.
     template <class Test>
     [[nodiscard]] bool about(int m, int n, bool any, Test test) const {
         for (int row = std::max(0, n - 1); row <= std::min(rows - 1, n + 1); ++row) {
@@ -43,8 +42,7 @@ std::vector<std::uint8_t> lenslet_coverage(const algo::LensletGrid& grid, std::s
     Places places(grid);
     std::vector<std::uint8_t> found(places.inside.size()), whole(found);
     for (const Observation& seen : observations) {
-        if (seen.m >= 0 && seen.n >= 0 && seen.m < grid.columns && seen.n < grid.rows)
-            found[places.at(seen.m, seen.n)] = 1;
+        if (grid.contains(seen.m, seen.n)) found[places.at(seen.m, seen.n)] = 1;
     }
     for (int n = 0; n < places.rows; ++n) {
         for (int m = 0; m < places.columns; ++m) {
@@ -58,7 +56,7 @@ std::vector<std::uint8_t> lenslet_coverage(const algo::LensletGrid& grid, std::s
             places.dark[k] = found[k] == 0 && light(at) < kDark * typical_dn ? 1 : 0;
         }
     }
-    // Dark with all about it; then what touches that: a dark region; then what touches the region: its edge.
+    // The core of dark regions; the dark lenslets that touch it; then their edge is cleared.
     std::vector<std::uint8_t> core(places.inside.size()), region(core);
     const auto each_place = [&](auto&& action) {
         for (int n = 0; n < places.rows; ++n) {

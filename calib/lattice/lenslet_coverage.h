@@ -1,10 +1,9 @@
-// Which lenslets a calibration can be expected to measure: those in the frame with their whole window, that light
-// reaches whole.
+// The lenslets that a calibration is expected to measure: complete in the frame and fully lit.
 //
-// Light that fills only a part of the array (a telescope's pupil, a round stop) leaves lenslets without any, and those
-// at its edge with a part of theirs, whose centre says where the light ends and not where the lenslet is. A lenslet
-// that is dark alone, or in a row one wide, among lit ones is dead or dirty, and missing: that is the array's fault,
-// and is not left out.
+// Light may fill only a part of the array (a telescope's pupil, a round stop). At its edge lenslets are lit in part,
+// and their measured centres are those of the light. Lenslets in and at the edge of dark regions are therefore not
+// expected. A dark lenslet among lit ones, or a row of them one wide, is dead or dirty: it is expected and counts as
+// missing.
 #pragma once
 
 #include <cstdint>
@@ -17,19 +16,13 @@
 
 namespace hord::calib {
 
-struct LensletCoverage {
-    int lenslets = 0;  // complete, and light reaches them whole
-    int found = 0;     // of these, measured
-    int used = 0;      // of these, measured and fitting the grid
-};
-
-// How much light a lenslet at a place has, in DN: its share of the lenslets' own profile (CentreFinder::amplitude_dn).
+// The light of a lenslet at a position, DN (CentreFinder::amplitude_dn).
 using LensletLight = std::function<double(algo::PixelPoint)>;
 
-// One a lenslet of the grid, row by row: 1 where it lies in the frame with its whole window (`complete` says so of a
-// place) and light reaches it whole, 0 elsewhere. A lenslet without an observation is dark where it has less than a
-// quarter of the light that is `typical_dn`; a dark region is where it and all its neighbours in rows and columns are
-// dark, and what touches them.
+// One a lenslet of the grid, row by row: 1 if it is complete in the frame (`complete`) and fully lit, else 0. A lenslet
+// without an observation is dark if its light is below a quarter of `typical_dn`. A dark region consists of lenslets
+// that are dark with all their neighbours, and of dark lenslets that touch these; its edge are the lenslets that touch
+// it.
 std::vector<std::uint8_t> lenslet_coverage(const algo::LensletGrid& grid, std::span<const Observation> observations,
                                            const std::function<bool(algo::PixelPoint)>& complete,
                                            const LensletLight& light, double typical_dn);

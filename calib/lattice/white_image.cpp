@@ -10,7 +10,7 @@ namespace {
 
 constexpr int kSmallestSide = 24;
 
-// Eight samples at a time: GCC does not do so by itself at -O2.
+// Eight samples at a time: GCC does not vectorise this at -O2.
 template <class Sample, class Action>
 void each_of_row(const Sample* from, float* to, int count, Action action) {
     typedef Sample Samples __attribute__((vector_size(8 * sizeof(Sample))));
@@ -35,8 +35,8 @@ void subtract_row(const Sample* from, float* to, int count) {
     each_of_row(from, to, count, [](auto light, auto sample) { return light - sample; });
 }
 
-// Clipping below full scale: every 4th pixel is looked at; a maximum shared by more than 1 in 2000 of them is a
-// ceiling.
+// The saturation level, from every 4th pixel: a maximum below full scale that more than 1 in 2000 of them have is
+// clipping. `any`: there are saturated samples.
 std::uint32_t ceiling(const FrameView& frame, bool& any) {
     std::uint32_t top = 0;
     std::int64_t count = 0;
@@ -93,7 +93,7 @@ float WhiteImage::at(int x, int y) const {
         : net * gain_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_px()) + static_cast<std::size_t>(x)];
 }
 
-// Pixels that answer less than a tenth of the mean are dead: they count as no light.
+// Pixels below a tenth of the mean are dead: their gain is 0.
 bool WhiteImage::learn_gain(const FrameView& flat) {
     std::vector<float> answer;
     answer.reserve(static_cast<std::size_t>(flat.width_px) * static_cast<std::size_t>(flat.height_px));
@@ -125,8 +125,7 @@ void WhiteImage::window(int x, int y, int width, int height, float* out, int str
         std::fill(to, to + first, 0.0F);
         std::fill(to + last, to + width, 0.0F);
         const int count = last - first;
-        // Windows are asked for from left to right, and their rows lie pages apart: no machine fetches them ahead by
-        // itself.
+        // Windows are read from left to right, with rows pages apart: hardware does not prefetch them.
         __builtin_prefetch(white_.data + from_y * white_.stride_bytes +
                            std::clamp(x + 2 * width, 0, width_px() - 1) * white_.sample_bytes());
         const auto copy = [&](const FrameView& frame, auto action8, auto action16) {

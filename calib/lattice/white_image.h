@@ -1,4 +1,4 @@
-// A white frame less its dark frame and over its flat one, read in windows: no copy of the whole frame is made.
+// A white frame, corrected by dark and flat frame. Read in windows: the whole frame is not copied.
 #pragma once
 
 #include <cstdint>
@@ -12,22 +12,20 @@ namespace hord::calib {
 
 class WhiteImage {
   public:
-    // The frames are borrowed. A flat frame shows what each pixel makes of even light (no lenslets in front of it);
-    // with one, light is multiplied by the flat's mean over the flat, less its dark level. Fails with invalid_argument
-    // when the sizes of `white`, `dark` and `flat` differ, a side is below 24 px (three lenslets of the smallest
-    // pitch), or the flat is dark.
+    // The frames are not copied and must outlive the image. A flat frame is one of even light without lenslets; light
+    // is multiplied by the mean of flat minus dark over flat minus dark. Fails with invalid_argument if the sizes of
+    // the frames differ, a side is below 24 px (three lenslets of the smallest pitch), or the flat is dark.
     static Result<WhiteImage> open(const FrameView& white, const std::optional<FrameView>& dark,
                                    const std::optional<FrameView>& flat = {});
 
     [[nodiscard]] int width_px() const { return white_.width_px; }
     [[nodiscard]] int height_px() const { return white_.height_px; }
 
-    // Light at one pixel, in DN; may be slightly negative where a dark frame is subtracted.
+    // Light at one pixel, DN; may be slightly negative after subtraction of a dark frame.
     [[nodiscard]] float at(int x, int y) const;
-    // The largest value a sample of this frame takes: at or above it a pixel is saturated. Full scale, or, where many
-    // samples share the frame's own maximum, that maximum.
+    // A sample at or above this value is saturated: full scale, or the frame's maximum if many samples have it.
     [[nodiscard]] std::uint32_t saturated_dn() const { return saturated_dn_; }
-    // Whether any of every 4th pixel is saturated: a frame without is spared a closer look.
+    // True if one of every 4th pixel is saturated.
     [[nodiscard]] bool any_saturated() const { return any_saturated_; }
     [[nodiscard]] bool saturated(int x, int y) const { return white_.sample(x, y) >= saturated_dn_; }
 

@@ -14,13 +14,14 @@ namespace {
 
 using algo::GridModelKind;
 
-constexpr std::array kRungs{GridModelKind::similarity, GridModelKind::affine, GridModelKind::homography,
-                            GridModelKind::radial1, GridModelKind::cubic};
+constexpr std::array kModels{GridModelKind::similarity, GridModelKind::affine, GridModelKind::homography,
+                             GridModelKind::radial1, GridModelKind::cubic};
 constexpr std::size_t kMinTilts = 3;  // besides the empty field
 constexpr std::size_t kMinForCubic = 10;
-constexpr double kCaptureError = 0.02;  // px: what a capture is trusted to
-constexpr double kEdgeError = 0.1;  // px: what the map must be good to at the lenslet's edge, as is noticed as drift
-constexpr double kMinTilt = 1e-9;   // rad
+constexpr double kCaptureError = 0.02;  // px, of a capture
+constexpr double kEdgeError =
+    0.1;  // px: largest error of the map at the lenslet's edge; drift is detected from there on
+constexpr double kMinTilt = 1e-9;  // rad
 
 struct Plane {
     Eigen::Matrix2d map;  // px a rad
@@ -39,8 +40,8 @@ Plane plane_through(const std::vector<Point>& points) {
     return {solution.bottomRows(2).transpose(), solution.row(0).transpose()};
 }
 
-// The spread of the tilts across the line that they lie nearest to, root of the sum of squares, px: how well the map is
-// known across it.
+// The spread of the tilts across the line nearest to them, root of the sum of squares, px: it limits the accuracy of
+// the map in that direction.
 double thin_spread_px(const std::vector<Point>& points) {
     Eigen::MatrixX2d of(static_cast<Eigen::Index>(points.size()), 2);
     Eigen::MatrixX2d seen(of.rows(), 2);
@@ -84,8 +85,8 @@ Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt
                       "capture directions on both sides of that line");
     }
 
-    // The gauge: directions along the sensor's axes make the linear part symmetric; polar decomposition gives the
-    // stage's turn.
+    // Directions along the sensor's axes make the linear part symmetric; polar decomposition gives the stage's
+    // rotation.
     const Plane plane = plane_through(points);
     const Eigen::JacobiSVD<Eigen::Matrix2d> svd(plane.map, Eigen::ComputeFullU | Eigen::ComputeFullV);
     if (!(svd.singularValues()(1) > 0))
@@ -103,12 +104,12 @@ Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt
     frame.middle_x_px = empty.offset_px.x_px;  // distortion is about undeflected light
     frame.middle_y_px = empty.offset_px.y_px;
     frame.radius_px = 0.5 * pitch_px;
-    const auto rungs = std::span(kRungs).first(tilts.size() >= kMinForCubic ? kRungs.size() : kRungs.size() - 1);
-    Climbed climbed = climb(frame, points, {}, rungs);
-    if (!climbed.choice) return refuse("no direction map fits the tilts", "check the angles in tilts.toml");
-    fit.ladder = std::move(climbed.ladder);
-    const RungReport& winner = fit.ladder[climbed.choice->rung];
-    const auto solved = solve(climbed.choice->grid, points);
+    const auto models = std::span(kModels).first(tilts.size() >= kMinForCubic ? kModels.size() : kModels.size() - 1);
+    ModelSelection selection = select_model(frame, points, {}, models);
+    if (!selection.choice) return refuse("no direction map fits the tilts", "check the angles in tilts.toml");
+    fit.candidates = std::move(selection.candidates);
+    const ModelReport& winner = fit.candidates[selection.choice->index];
+    const auto solved = solve(selection.choice->grid, points);
     if (!solved) return refuse("the direction map does not settle", "check the angles in tilts.toml");
     fit.left_out_x_px = winner.cv_x_rms_px;
     fit.left_out_y_px = winner.cv_y_rms_px;
@@ -120,9 +121,9 @@ Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt
     }
     fit.captures = static_cast<int>(points.size());
     fit.unobservable = solved->unobservable;
-    fit.map = {solved->grid.rung, solved->grid.parameters, span, frame.radius_px, empty.offset_px};
+    fit.map = {solved->grid.model, solved->grid.parameters, span, frame.radius_px, empty.offset_px};
     fit.reason = fmt::format("{}: {}; a capture left out is predicted to {:.4f} px in x, {:.4f} px in y",
-                             name_of(winner.rung), winner.verdict, fit.left_out_x_px, fit.left_out_y_px);
+                             name_of(winner.model), winner.verdict, fit.left_out_x_px, fit.left_out_y_px);
 
     const double variance = variance_of(*solved);
     fit.noise_px = std::sqrt(variance);
@@ -130,9 +131,7 @@ Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt
     fit.sigma.assign(solved->grid.parameters.size(), 0.0);
     for (Eigen::Index k = 0; k < inverse.rows(); ++k)
         fit.sigma[static_cast<std::size_t>(k)] = std::sqrt(std::max(0.0, inverse(k, k) * variance));
-    const auto steps = fit.map.px_a_rad({});
-    fit.scale_px_a_rad =
-        std::sqrt(std::abs(steps.along_u.x_px * steps.along_v.y_px - steps.along_u.y_px * steps.along_v.x_px));
+    fit.scale_px_a_rad = fit.map.px_a_rad({}).mean_px();
     // Scale and rotation are the symmetric and antisymmetric parts of four equally well known numbers.
     double moment = 0;
     for (const Point& p : points) moment += (p.uv.u * p.uv.u + p.uv.v * p.uv.v) * span * span;

@@ -1,4 +1,4 @@
-// Where the spots of one capture lie, against the lenslets' centres.
+// Measures the spots of one capture relative to the lenslets' centres.
 #include <algorithm>
 #include <cmath>
 
@@ -16,7 +16,7 @@ constexpr std::size_t kFoldLenslets = 3000;
 constexpr double kMinMatch = 0.5;  // as of the white frame's lenslets
 constexpr double kMinAmplitude = 0.08;
 
-// The light of many lenslets laid over one another, one pixel a cell: the place of the spot to a pixel or so.
+// The position of the spot to about a pixel: the light of many lenslets, summed pixel by pixel.
 std::optional<PixelPoint> coarse_place(const WhiteImage& image, const std::vector<PixelPoint>& centres, double pitch) {
     const int half = static_cast<int>(std::floor(0.5 * pitch));
     const int side = 2 * half + 1;
@@ -33,7 +33,7 @@ std::optional<PixelPoint> coarse_place(const WhiteImage& image, const std::vecto
     }
     const auto [low, high] = std::minmax_element(fold.begin(), fold.end());
     if (!(*high > *low)) return std::nullopt;
-    // The centre of gravity of what is brighter than half way up.
+    // The centre of gravity above half of the range.
     const double level = 0.5 * (*low + *high);
     double sum = 0, x_sum = 0, y_sum = 0;
     std::size_t at = 0;
@@ -51,7 +51,7 @@ std::optional<PixelPoint> coarse_place(const WhiteImage& image, const std::vecto
 struct Mean {
     double value = 0, sigma = 0, spread = 0;
 };
-// Without what is further off than five robust standard deviations.
+// The mean without values off by more than five robust standard deviations.
 Mean robust_mean(std::vector<double> values) {
     std::vector<double> sorted = values;
     const double median = common::upper_median(std::span(sorted));
@@ -87,7 +87,7 @@ Result<SpotPlace> measure_spots(const FrameView& frame, const std::optional<Fram
     if (!coarse)
         return fail(ErrorCode::refused, "the capture shows no spot in the lenslets",
                     "let collimated light in, below saturation");
-    // Learned from the lenslets nearest to the middle.
+    // The profile is learned from the lenslets nearest to the middle.
     const PixelPoint middle{0.5 * frame.width_px, 0.5 * frame.height_px};
     const auto far = [&](const PixelPoint& p) { return std::hypot(p.x_px - middle.x_px, p.y_px - middle.y_px); };
     std::sort(centres.begin(), centres.end(),

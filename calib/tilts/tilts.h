@@ -1,13 +1,12 @@
-// From captures of collimated light at known tilts to the direction map r(i,j).
+// Calibrates the direction map r(i,j) from captures of collimated light at known tilts.
 //
-// Collimated light from one direction is one spot in every lenslet, at the same place from its centre. The mean place
-// of a capture, against its known direction, is one point of the map; tilts of a stage and deviations of known wedges
-// serve alike. The capture without a tilt or part (the empty field) is what undeflected light looks like: it defines
-// zero, not the stage.
+// Collimated light from one direction makes one spot in every lenslet, at the same offset from its centre. The mean
+// offset of a capture and its known direction are one point of the map; tilts of a stage and known wedges are
+// equivalent. The capture without tilt and part (the empty field) defines zero.
 //
-// The rotation of the stage's axes against the sensor's cannot be told from a rotation of the map: directions are given
-// along the sensor's axes (the map's linear part is made symmetric), and what is left over is reported as the stage's
-// rotation.
+// A rotation between the axes of stage and sensor cannot be distinguished from a rotation of the map: directions are
+// along the sensor's axes (the linear part of the map is symmetric), and the remainder is reported as the rotation of
+// the stage.
 #pragma once
 
 #include <filesystem>
@@ -24,7 +23,7 @@
 
 namespace hord::calib {
 
-// -- what was captured: tilts.toml, in the folder of the frames
+// -- the list of captures: tilts.toml, in the folder of the frames
 
 struct TiltEntry {
     std::string frame;  // file, relative to the folder
@@ -39,16 +38,15 @@ struct TiltList {
 Result<TiltList> parse_tilts(std::string_view text, std::string_view name);
 Result<TiltList> read_tilts(const std::filesystem::path& file);
 
-// -- what one capture says
+// -- one capture
 
 struct SpotPlace {
-    algo::PixelPoint offset_px;  // from the lenslets' centres, mean over them without outliers
+    algo::PixelPoint offset_px;  // from the lenslets' centres, robust mean
     algo::PixelPoint sigma_px;   // of that mean
     double spread_px = 0;        // of single lenslets, an axis
     int lenslets = 0;
 };
-// Fails with `refused` where there is no spot, or fewer than 4 lenslets show one; with invalid_argument for frames of
-// another size.
+// Fails with `refused` if fewer than 4 lenslets show a spot, with invalid_argument for frames of another size.
 Result<SpotPlace> measure_spots(const FrameView& frame, const std::optional<FrameView>& dark,
                                 const std::optional<FrameView>& flat, const GridCalibration& grid);
 
@@ -62,21 +60,21 @@ struct Tilt {
 
 struct DirectionFit {
     algo::DirectionMap map;
-    std::vector<RungReport> ladder;
+    std::vector<ModelReport> candidates;
     std::string reason;
     std::vector<double> sigma;  // one a parameter, px; 0 where fixed
     std::vector<Unobservable> unobservable;
     double noise_px = 0;                          // of one capture and axis, from the residuals
-    double left_out_x_px = 0, left_out_y_px = 0;  // RMS of captures that the fit has not seen, each in turn
+    double left_out_x_px = 0, left_out_y_px = 0;  // RMS error of captures, each left out in turn
     double scale_px_a_rad = 0, scale_sigma = 0;   // mean over both axes, and its standard error
     double stage_rotation_rad = 0, stage_rotation_sigma = 0;
     bool mirrored = false;  // the stage's axes are a mirror image of the sensor's
-    int captures = 0;       // the empty field's included
+    int captures = 0;       // including the empty field
 };
 
-// Fails with `refused`, with the reason: fewer than three tilts besides the empty field; tilts nearly on one line (then
-// the map across it is not known to 0.1 px at the lenslet's edge, each capture being good to 0.02 px); spots that
-// follow no map to 0.1 px.
+// Fails with `refused`, with the reason: fewer than three tilts besides the empty field; tilts nearly on one line (the
+// map across it would be known worse than to 0.1 px at the lenslet's edge, with captures known to 0.02 px); spots that
+// no map predicts to 0.1 px.
 Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt> tilts, double pitch_px);
 
 }  // namespace hord::calib

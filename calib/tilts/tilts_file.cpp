@@ -1,4 +1,4 @@
-// tilts.toml: which frame was captured at which direction.
+// tilts.toml: the frames and their directions.
 #include <fstream>
 #include <iterator>
 #include <numbers>
@@ -11,9 +11,9 @@
 namespace hord::calib {
 namespace {
 
-constexpr double kLargest = 0.5;  // rad: beyond it "small angle" is no name for a deflection
+constexpr double kLargest = 0.5;  // rad: beyond it the small-angle approximation is not valid
 
-// One angle, in radians or degrees; exactly one of both.
+// One angle, in radians or degrees; exactly one of them.
 void angle(common::TomlTable& table, std::string_view axis, double& value) {
     const std::string rad = fmt::format("{}_rad", axis);
     const std::string deg = fmt::format("{}_deg", axis);

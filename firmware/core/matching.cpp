@@ -9,8 +9,8 @@ namespace {
 PartReason reason_of(algo::Reason reason) {
     switch (reason) {
         case algo::Reason::none: return PartReason::none;
-        case algo::Reason::deflection: return PartReason::deflection;
-        case algo::Reason::slope: return PartReason::slope;
+        case algo::Reason::neighbours_disagree: return PartReason::deflection;
+        case algo::Reason::deflection_gradient: return PartReason::slope;
         case algo::Reason::absorption: return PartReason::absorption;
         case algo::Reason::too_dark: return PartReason::too_dark;
         case algo::Reason::saturated: return PartReason::saturated;

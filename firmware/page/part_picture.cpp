@@ -62,7 +62,7 @@ std::optional<FeatureView> chosen(const std::vector<FeatureView>& views, const s
                                   algo::Reason reason) {
     const auto named = [&](std::string_view name) { return std::ranges::find(views, name, &FeatureView::name); };
     auto found = named(!feature.empty()                         ? std::string_view(feature)
-                           : reason == algo::Reason::slope      ? "slope"
+                           : reason == algo::Reason::deflection_gradient      ? "slope"
                            : reason == algo::Reason::absorption ? "transmission"
                                                                 : "");
     if (found == views.end() && feature.empty()) found = views.begin();

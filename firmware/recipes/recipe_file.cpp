@@ -363,7 +363,7 @@ std::string format(const NumberedRecipe& numbered, const std::string& reference_
     for (const algo::Tolerance& t : r.tolerances) {
         text += "\n[[tolerate]]\nkinds = [";
         for (unsigned k = 0, named = 0; k < kDefectKinds; ++k) {
-            if (t.is_about(static_cast<algo::DefectKind>(k)))
+            if (t.applies_to(static_cast<algo::DefectKind>(k)))
                 text += fmt::format("{}\"{}\"", named++ == 0 ? "" : ", ", name_of(static_cast<algo::DefectKind>(k)));
         }
         text += fmt::format("]\nlargest_mm = {}\nnumber = {}\n", t.largest_mm, t.number);

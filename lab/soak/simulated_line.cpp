@@ -250,7 +250,7 @@ Judged SimulatedLine::judge_by_token(const hal::FrameLease& frame) const {
         judged.reason = algo::Reason::nothing_to_see;
     } else {
         judged.verdict = token->bad ? algo::Verdict::reject : algo::Verdict::pass;
-        judged.reason = token->bad ? algo::Reason::deflection : algo::Reason::none;
+        judged.reason = token->bad ? algo::Reason::neighbours_disagree : algo::Reason::none;
     }
     return judged;
 }

@@ -33,7 +33,7 @@ algo::LensletGrid grid_of(bool hexagonal) {
     grid.rows = hexagonal ? 640 : kLenslets;
     grid.origin_u = 0.5 * (grid.columns - 1);
     grid.origin_v = 0.5 * (grid.rows - 1) * (hexagonal ? 0.8660254037844386 : 1);
-    grid.rung = algo::GridModelKind::similarity;
+    grid.model = algo::GridModelKind::similarity;
     grid.parameters = {0.5 * grid.width_px, 0.5 * grid.height_px, pitch * 0.9986295, pitch * 0.0523360};
     return grid;
 }

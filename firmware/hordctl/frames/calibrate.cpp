@@ -30,7 +30,7 @@ struct CalibrateArguments {
 };
 
 Json to_json(const calib::DirectionFit& fit) {
-    return {{"model", name_of(fit.map.rung)},
+    return {{"model", name_of(fit.map.model)},
             {"reason", fit.reason},
             {"captures", fit.captures},
             {"scale_px_a_rad", fit.scale_px_a_rad},
@@ -45,12 +45,12 @@ Json to_json(const calib::DirectionFit& fit) {
 Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& found,
              const std::optional<calib::DirectionFit>& directions) {
     const calib::GridFit& fit = found.fit;
-    Json ladder = Json::array(), unobservable = Json::array();
-    for (const auto& rung : fit.ladder) {
-        ladder.push_back({{"model", name_of(rung)},
-                          {"cv_rms_x_px", rung.cv_x_rms_px},
-                          {"cv_rms_y_px", rung.cv_y_rms_px},
-                          {"verdict", rung.verdict}});
+    Json candidates = Json::array(), unobservable = Json::array();
+    for (const auto& model : fit.candidates) {
+        candidates.push_back({{"model", name_of(model)},
+                              {"cv_rms_x_px", model.cv_x_rms_px},
+                              {"cv_rms_y_px", model.cv_y_rms_px},
+                              {"verdict", model.verdict}});
     }
     for (const auto& parameter : fit.unobservable) unobservable.push_back(parameter.name);
     Json json{{"white", arguments.white},
@@ -59,9 +59,9 @@ Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& 
               {"rows", fit.grid.rows},
               {"pitch_px", found.pitch_px},
               {"rotation_deg", found.rotation_rad * 180 / std::numbers::pi},
-              {"model", name_of(fit.grid.rung)},
+              {"model", name_of(fit.grid.model)},
               {"reason", fit.reason},
-              {"ladder", ladder},
+              {"ladder", candidates},
               {"unobservable", unobservable},
               {"lenslets",
                {{"inside", found.inside},
@@ -203,7 +203,7 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
     const calib::GridFit& fit = found->fit;
     fmt::print("{} lattice, {} x {} lenslets, pitch {:.4f} px, rotation {:.4f} degrees\n", name_of(fit.grid.kind),
                fit.grid.columns, fit.grid.rows, found->pitch_px, found->rotation_rad * 180 / std::numbers::pi);
-    fmt::print("model: {} ({})\n", name_of(fit.grid.rung), fit.reason);
+    fmt::print("model: {} ({})\n", name_of(fit.grid.model), fit.reason);
     fmt::print(
         "lenslets: {} complete, {} found, {} missing, {} displaced with places of their own, {} rejected, {} "
         "saturated\n",

@@ -91,7 +91,7 @@ cv::Mat draw_residuals(const calib::GridCalibration& found) {
     const auto& fit = found.fit;
     text(image,
          fmt::format("Residuals of {}: {:.4f} / {:.4f} px rms (x / y), {:.3f} px at most; arrows {:.0f} times enlarged",
-                     name_of(fit.grid.rung), fit.rms_x_px, fit.rms_y_px, fit.max_px, enlarge),
+                     name_of(fit.grid.model), fit.rms_x_px, fit.rms_y_px, fit.max_px, enlarge),
          {kMargin, 26});
     text(image,
          fmt::format("{} lenslets fitted{}; orange crosses: {} measured that do not fit", fit.used,
@@ -142,18 +142,19 @@ cv::Mat draw_centres(const FrameView& white, const calib::GridCalibration& found
 }
 
 cv::Mat draw_models(const calib::GridCalibration& found) {
-    const auto& ladder = found.fit.ladder;
+    const auto& candidates = found.fit.candidates;
     constexpr int kRow = 64, kLeft = 310, kBar = 640, kTop = 90;
     constexpr double kVerdictSize = 0.42;
     const std::string title =
         "Error on lenslets that a model has not seen, px (both axes together, rms over blocks left out; single "
         "lenslets: of another frame)";
     int width = std::max(kLeft + kBar + 170, width_of(title) + 2 * kMargin);
-    for (const auto& rung : ladder) width = std::max(width, kLeft + width_of(rung.verdict, kVerdictSize) + kMargin);
-    cv::Mat image(kTop + kRow * static_cast<int>(ladder.size()) + 50, width, CV_8UC3, kPaper);
+    for (const auto& model : candidates)
+        width = std::max(width, kLeft + width_of(model.verdict, kVerdictSize) + kMargin);
+    cv::Mat image(kTop + kRow * static_cast<int>(candidates.size()) + 50, width, CV_8UC3, kPaper);
     double low = 1e9, high = 1e-9;
-    for (const auto& rung : ladder) {
-        const double error = std::hypot(rung.cv_x_rms_px, rung.cv_y_rms_px);
+    for (const auto& model : candidates) {
+        const double error = std::hypot(model.cv_x_rms_px, model.cv_y_rms_px);
         if (!std::isfinite(error) || !(error > 0)) continue;
         low = std::min(low, error);
         high = std::max(high, error);
@@ -165,20 +166,20 @@ cv::Mat draw_models(const calib::GridCalibration& found) {
     };
     text(image, title, {kMargin, 28});
     text(image, found.fit.reason.substr(0, found.fit.reason.find(';')), {kMargin, 54}, 0.45);
-    const int bottom = kTop + kRow * static_cast<int>(ladder.size());
+    const int bottom = kTop + kRow * static_cast<int>(candidates.size());
     for (double decade = first; decade <= last; decade += 1) {
         const int x = x_of(std::pow(10, decade));
         cv::line(image, {x, kTop - 14}, {x, bottom}, kFaint, 1);
         text(image, fmt::format("{:g}", std::pow(10, decade)), {x - 18, bottom + 24}, 0.5);
     }
-    for (std::size_t k = 0; k < ladder.size(); ++k) {
-        const auto& rung = ladder[k];
+    for (std::size_t k = 0; k < candidates.size(); ++k) {
+        const auto& model = candidates[k];
         const int y = kTop + kRow * static_cast<int>(k);
-        const cv::Scalar ink = rung.chosen ? kGood : cv::Scalar(180, 140, 90);
-        text(image, fmt::format("{} ({})", name_of(rung), rung.parameters), {kMargin, y + 20}, 0.5,
-             rung.chosen ? kGood : kInk);
-        text(image, rung.verdict, {kLeft + 4, y + 42}, kVerdictSize);
-        const double error = std::hypot(rung.cv_x_rms_px, rung.cv_y_rms_px);
+        const cv::Scalar ink = model.chosen ? kGood : cv::Scalar(180, 140, 90);
+        text(image, fmt::format("{} ({})", name_of(model), model.parameters), {kMargin, y + 20}, 0.5,
+             model.chosen ? kGood : kInk);
+        text(image, model.verdict, {kLeft + 4, y + 42}, kVerdictSize);
+        const double error = std::hypot(model.cv_x_rms_px, model.cv_y_rms_px);
         if (!std::isfinite(error) || !(error > 0)) continue;
         cv::rectangle(image, {kLeft, y + 6}, {std::max(kLeft + 2, x_of(error)), y + 26}, ink, cv::FILLED);
         text(image, fmt::format("{:.4f}", error), {x_of(error) + 8, y + 22}, 0.5);

@@ -1,4 +1,5 @@
-// Light, dark level, evenness and dust, estimated from drawn parts: seen in time, at the right place, and not imagined.
+// Light, dark level, evenness and dust, estimated from drawn parts: detected in time, at the right place, without false
+// alarms.
 #include <array>
 #include <cmath>
 #include <random>
@@ -21,8 +22,7 @@ struct Spot {
     double takes = 0.5;  // of the light
 };
 
-// What an inspection says of drawn parts: each lies a little differently, has a slope of light of its own, photon
-// noise, and some have a flaw.
+// Inspections of drawn parts: each with its own pose, slope of light and photon noise; some have a flaw.
 class Line {
   public:
     explicit Line(const Extents& extents = {64, 48, 5, 5})
@@ -30,7 +30,7 @@ class Line {
 
     double noise = kNoiseAt500Electrons;
     double flawed = 0;                                 // share of the parts
-    double flaw_m = -1, flaw_n = -1, flaw_within = 0;  // where: anywhere, or within so much of a place
+    double flaw_m = -1, flaw_n = -1, flaw_within = 0;  // where: anywhere, or within flaw_within of a place
     bool flaw_fixed = false;                           // in the part, at that place, in every part
     bool reference = false;
     double moves = 0;  // standard deviation of the part's place, lenslets, along each axis
@@ -102,7 +102,7 @@ DustEstimator dust_of(const Line& line, int window = 100) {
     return std::move(*DustEstimator::create(line.extents(), window));
 }
 
-// Parts until the estimator first says `specks` or more; 0: never within `most`.
+// Parts until the estimator first reports `specks` or more; 0: not within `most` parts.
 int parts_until(DustEstimator& estimator, Line& line, bool specks, int most) {
     for (int k = 1; k <= most; ++k) {
         if (estimator.add(line.part()) && (estimator.latest()->specks > 0) == specks) return k;
@@ -218,7 +218,7 @@ TEST(Dust, with_a_reference_is_told_from_a_flaw_of_every_part_once_the_parts_mov
     moving.flawed = 1, moving.flaw_fixed = true, moving.flaw_m = 20, moving.flaw_n = 20;
     DustEstimator other = dust_of(moving);
     EXPECT_EQ(parts_until(other, moving, true, 1000), 0) << "a flaw that moves with the parts is no dust";
-    // Parts that move less than the flaw is wide: it is seen at one place, but never said to be dust.
+    // Parts that move less than the flaw is wide: it is found at one place, but not reported as dust.
     for (const double moves : {0.3, 0.6, 0.9, 1.1, 1.25}) {
         Line some({56, 40, 5, 5});
         some.reference = true;
@@ -429,7 +429,7 @@ TEST(Ageing, nothing_allocates_after_set_up_and_impossible_windows_are_refused) 
     EXPECT_TRUE(trend->latest() && dust->latest());
 }
 
-// The smallest light fields that there are.
+// The smallest light fields.
 TEST(Ageing, works_on_fields_of_three_lenslets) {
     const Extents tiny{3, 3, 3, 3};
     auto trend = LightTrend::create(tiny, 25);

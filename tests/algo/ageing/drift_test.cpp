@@ -1,4 +1,4 @@
-// Drift of the grid from production frames: noticed in time, measured, and not imagined.
+// Drift of the grid from production frames: detected in time, measured, without false alarms.
 #include "algo/ageing/drift.h"
 
 #include <algorithm>
@@ -19,8 +19,7 @@ struct Moved {
     double x = 0, y = 0, turn = 0, growth = 0;
 };
 
-// Frames of parts that are never quite alike: each a lens of another strength at another place, over the middle of the
-// field.
+// Frames of different parts: each a lens of another strength at another place, over the middle of the field.
 class Line {
   public:
     Frame part(const Moved& moved) {
@@ -83,8 +82,8 @@ TEST(Drift, a_tenth_of_a_pixel_is_measured_within_fifty_parts) {
         for (int k = 0; k < 50; ++k) estimator.add(line.part(moved).view());
         ASSERT_TRUE(estimator.latest());
         const Drift& drift = *estimator.latest();
-        // The mean of a spot that 9 bins cut off and dark levels bite into moves a little less than the spot: a tenth
-        // is left for it.
+        // The mean of a spot that 9 bins and the dark level truncate moves less than the spot: a tenth is allowed for
+        // it.
         EXPECT_NEAR(drift.shift_x_bins, moved.x, 0.01);
         EXPECT_NEAR(drift.shift_y_bins, moved.y, 0.01);
         EXPECT_NEAR(drift.turn_rad, moved.turn, 5e-5);
@@ -143,7 +142,7 @@ TEST(DriftSinceCalibration, is_measured_from_the_first_window_on_whatever_had_mo
     }
 }
 
-// A lens deflects as a grid that has grown: light that every part deflects alike is not free light.
+// A lens deflects like a grid that has grown: light that every part deflects alike is not free light.
 TEST(DriftSinceCalibration, identical_parts_are_not_taken_for_it) {
     Line line;
     DriftEstimator estimator = calibrated();

@@ -10,7 +10,7 @@
 namespace hord::algo {
 namespace {
 
-// 3x3 lenslets of 3x3 bins: sample (x, y) is 10 * y + x, so every mass tells where it came from.
+// 3x3 lenslets of 3x3 bins: sample (x, y) is 10 * y + x, so every mass identifies its sample.
 Frame numbered(int bits) {
     Frame frame(9, 9, bits);
     for (int y = 0; y < 9; ++y) {
@@ -117,7 +117,7 @@ std::vector<Isa> isas_here() {
     return isas;
 }
 
-// Every number of bins, odd, even and rectangular, 8 to 16 bits: masses as defined, sums exact, by whatever instruction
+// Every number of bins, odd, even and rectangular, 8 to 16 bits: masses as defined, sums exact, by every instruction
 // set.
 TEST(Decode, holds_for_every_number_of_bins_and_every_bit_depth) {
     std::mt19937 random(2);

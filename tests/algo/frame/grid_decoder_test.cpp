@@ -1,4 +1,4 @@
-// One decoder for every lattice: which way is taken, that nothing is lost on it, and what is refused.
+// One decoder for every lattice: choice of the path, equality with that path, refusals.
 #include "algo/frame/grid_decoder.h"
 
 #include <algorithm>
@@ -6,10 +6,12 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/support/decode_whole.h"
+
 namespace hord::algo {
 namespace {
 
-// A square lattice of 20 x 18 lenslets of 16 px about the middle of a frame that just holds it, turned.
+// A rotated square lattice of 20 x 18 lenslets of 16 px about the middle of a frame of its size.
 LensletGrid lattice(double turn_rad) {
     LensletGrid grid;
     grid.columns = 20;
@@ -18,7 +20,7 @@ LensletGrid lattice(double turn_rad) {
     grid.height_px = 288;
     grid.origin_u = 9.5;
     grid.origin_v = 8.5;
-    grid.rung = GridModelKind::similarity;
+    grid.model = GridModelKind::similarity;
     grid.parameters = {159.5, 143.5, 16 * std::cos(turn_rad), 16 * std::sin(turn_rad)};
     return grid;
 }
@@ -44,11 +46,11 @@ TEST(GridDecoder, an_upright_square_lattice_is_read_lenslet_by_lenslet) {
         EXPECT_EQ(decoder->extents(), (Extents{20, 18, 8, 8}));
         const Frame raw = noise(320, 288, bits);
         const auto resampler = Resampler::create(grid, even_layout(grid, 8, 8));
-        EXPECT_TRUE(same(*decoder->decode(raw.view()), *resampler->decode(raw.view()))) << bits;
+        EXPECT_TRUE(same(*decoder->decode(raw.view()), test::decode_whole(*resampler, raw.view()))) << bits;
     }
 }
 
-// Turned by a third of a degree, a corner of each outer column leaves the frame; the lattice stays itself without them.
+// Rotated by a third of a degree, a corner of each outer column leaves the frame; the columns are dropped.
 TEST(GridDecoder, lenslets_outside_the_frame_are_left_out_with_their_column) {
     LensletGrid grid = lattice(0);
     grid.columns = 22;
@@ -76,7 +78,7 @@ TEST(GridDecoder, a_turned_or_hexagonal_lattice_is_read_onto_an_upright_one) {
         EXPECT_TRUE(decoder->regrids());
         const Frame raw = noise(320, 288, 12);
         auto regridder = Regridder::create(grid, even_layout(grid, 9, 7));
-        const Frame wanted = *regridder->decode(raw.view());
+        const Frame wanted = test::decode_whole(*regridder, raw.view());
         Frame out = decoder->frame(12);
         for (int again = 0; again < 2; ++again) {  // nothing of a frame is left in the next
             ASSERT_TRUE(decoder->decode(noise(320, 288, 12).view(), out));

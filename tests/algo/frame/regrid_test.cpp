@@ -7,6 +7,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "tests/support/decode_whole.h"
+
 namespace hord::algo {
 namespace {
 
@@ -23,7 +25,7 @@ LensletGrid lattice(Stagger stagger, int parity = 0) {
     grid.origin_u = 0.5 * (grid.columns - 1) * (stagger == Stagger::columns ? 0.8660254037844386 : 1);
     grid.origin_v = 0.5 * (grid.rows - 1) * (stagger == Stagger::rows ? 0.8660254037844386 : 1);
     grid.span = 14;
-    grid.rung = GridModelKind::radial1;
+    grid.model = GridModelKind::radial1;
     grid.parameters = {199.3, 190.2, 14 * 16.4, -14 * 0.9, 14 * 0.8, 14 * 16.5, 0.002, -0.001, 0.004};
     grid.middle_x_px = 199.5;
     grid.middle_y_px = 189.5;
@@ -45,29 +47,29 @@ TEST_P(Regrid, a_level_stays_the_same_level_wherever_there_are_lenslets) {
     const LensletGrid grid = lattice(GetParam().first, GetParam().second);
     auto regridder = Regridder::create(grid, even_layout(grid, 7, 5));
     ASSERT_TRUE(regridder) << regridder.error().message();
-    const auto decoded = regridder->decode(filled(400, 380, 16, [](double, double) { return 65535; }).view());
-    ASSERT_TRUE(decoded);
+    const auto decoded =
+        test::decode_whole(*regridder, filled(400, 380, 16, [](double, double) { return 65535; }).view());
     const Extents& e = regridder->extents();
     for (int n = 2; n < e.n - 2; ++n) {
         for (int m = 2; m < e.m - 2; ++m) {
             for (int j = 0; j < 5; ++j) {
                 for (int i = 0; i < 7; ++i)
-                    ASSERT_EQ(decoded->view().sample(m * 7 + i, n * 5 + j), 65535U) << m << "," << n;
+                    ASSERT_EQ(decoded.view().sample(m * 7 + i, n * 5 + j), 65535U) << m << "," << n;
             }
         }
     }
 }
 
 TEST_P(Regrid, light_that_rises_along_the_sensor_rises_along_the_square_lattice) {
-    // Interpolation of a ramp is exact; what is left are the places of lenslets and boxes and the weights: as in
-    // resample_test, and 1/512 of the ramp's step between lenslets each for four weights.
+    // Interpolation of a ramp is exact. Errors are those of positions and weights as in resample_test, and 1/512 of the
+    // ramp's step between lenslets for each of four weights.
     const double slope_x = 60, slope_y = 45;
     const LensletGrid grid = lattice(GetParam().first, GetParam().second);
     const BinLayout layout = even_layout(grid, 5, 5);
     auto regridder = Regridder::create(grid, layout);
     ASSERT_TRUE(regridder);
-    const auto decoded = regridder->decode(
-        filled(400, 380, 16, [&](double x, double y) { return 2000 + slope_x * x + slope_y * y; }).view());
+    const auto decoded = test::decode_whole(
+        *regridder, filled(400, 380, 16, [&](double x, double y) { return 2000 + slope_x * x + slope_y * y; }).view());
     const double tolerance =
         (slope_x + slope_y) * (1.0 / 32 + 0.025 + 0.125 / layout.box_x_px + 4.0 / 512 * 17 / 2) + 1;
     const Extents& e = regridder->extents();
@@ -75,9 +77,9 @@ TEST_P(Regrid, light_that_rises_along_the_sensor_rises_along_the_square_lattice)
         for (int m = 2; m < e.m - 2; ++m) {
             const double x = regridder->first_px().x_px + m * regridder->pitch_px();
             const double y = regridder->first_px().y_px + n * regridder->pitch_px();
-            EXPECT_NEAR(decoded->view().sample(m * 5 + 2, n * 5 + 2), 2000 + slope_x * x + slope_y * y, tolerance)
+            EXPECT_NEAR(decoded.view().sample(m * 5 + 2, n * 5 + 2), 2000 + slope_x * x + slope_y * y, tolerance)
                 << m << "," << n;
-            EXPECT_NEAR(decoded->view().sample(m * 5 + 4, n * 5 + 2),
+            EXPECT_NEAR(decoded.view().sample(m * 5 + 4, n * 5 + 2),
                         2000 + slope_x * (x + 2 * layout.box_x_px) + slope_y * y, tolerance);
         }
     }
@@ -90,7 +92,7 @@ TEST_P(Regrid, rows_in_any_order_are_those_of_the_whole_frame) {
     std::uint32_t state = 1;
     const Frame raw =
         filled(400, 380, 8, [&](double, double) { return (state = state * 1664525U + 1013904223U) >> 24U; });
-    const auto whole = regridder->decode(raw.view());
+    const auto whole = test::decode_whole(*regridder, raw.view());
     const Extents& e = regridder->extents();
     std::vector<std::uint16_t> row(static_cast<std::size_t>(e.width_px() * e.j));
     regridder->begin_frame();
@@ -98,7 +100,7 @@ TEST_P(Regrid, rows_in_any_order_are_those_of_the_whole_frame) {
         regridder->decode_row(raw.view(), n, row);
         for (int j = 0; j < e.j; ++j) {
             for (int x = 0; x < e.width_px(); ++x)
-                ASSERT_EQ(row[static_cast<std::size_t>(j * e.width_px() + x)], whole->view().sample(x, n * e.j + j));
+                ASSERT_EQ(row[static_cast<std::size_t>(j * e.width_px() + x)], whole.view().sample(x, n * e.j + j));
         }
     }
 }
@@ -115,11 +117,12 @@ TEST(RegridBits, are_the_same_on_every_machine) {
     auto regridder = Regridder::create(grid, even_layout(grid, 9, 9));
     ASSERT_TRUE(regridder);
     std::uint32_t state = 7;
-    const auto decoded = regridder->decode(
-        filled(400, 380, 12, [&](double, double) { return (state = state * 1664525U + 1013904223U) >> 20U; }).view());
+    const auto decoded = test::decode_whole(*regridder, filled(400, 380, 12, [&](double, double) {
+                                                            return (state = state * 1664525U + 1013904223U) >> 20U;
+                                                        }).view());
     std::uint64_t hash = 14695981039346656037U;
-    for (int y = 0; y < decoded->height_px(); ++y) {
-        for (int x = 0; x < decoded->width_px(); ++x) hash = (hash ^ decoded->view().sample(x, y)) * 1099511628211U;
+    for (int y = 0; y < decoded.height_px(); ++y) {
+        for (int x = 0; x < decoded.width_px(); ++x) hash = (hash ^ decoded.view().sample(x, y)) * 1099511628211U;
     }
     EXPECT_EQ(hash, 3741898740600764857U);
 }
@@ -136,12 +139,11 @@ TEST(RegridBits, of_eight_bit_frames_are_those_of_the_same_samples_in_a_deeper_f
         const auto light = [&](double x, double y) {
             return samples[static_cast<std::size_t>(y) * 400 + static_cast<std::size_t>(x)];
         };
-        const auto narrow = regridder->decode(filled(400, 380, 8, light).view()),
-                   deep = regridder->decode(filled(400, 380, 12, light).view());
-        ASSERT_TRUE(narrow && deep);
-        for (int y = 0; y < narrow->height_px(); ++y) {
-            for (int x = 0; x < narrow->width_px(); ++x)
-                ASSERT_EQ(narrow->view().sample(x, y), deep->view().sample(x, y)) << x << "," << y;
+        const auto narrow = test::decode_whole(*regridder, filled(400, 380, 8, light).view()),
+                   deep = test::decode_whole(*regridder, filled(400, 380, 12, light).view());
+        for (int y = 0; y < narrow.height_px(); ++y) {
+            for (int x = 0; x < narrow.width_px(); ++x)
+                ASSERT_EQ(narrow.view().sample(x, y), deep.view().sample(x, y)) << x << "," << y;
         }
     }
 }
@@ -151,9 +153,9 @@ TEST(RegridBits, places_without_lenslets_have_no_light) {
     grid.columns = 12;  // the right half of the frame has none
     auto regridder = Regridder::create(grid, even_layout(grid, 5, 5));
     ASSERT_TRUE(regridder) << regridder.error().message();
-    const auto decoded = regridder->decode(filled(400, 380, 8, [](double, double) { return 200; }).view());
+    const auto decoded = test::decode_whole(*regridder, filled(400, 380, 8, [](double, double) { return 200; }).view());
     const Extents& e = regridder->extents();
-    EXPECT_EQ(decoded->view().sample(5 * (e.m - 2), 5 * e.n / 2), 0U);
+    EXPECT_EQ(decoded.view().sample(5 * (e.m - 2), 5 * e.n / 2), 0U);
 }
 
 }  // namespace

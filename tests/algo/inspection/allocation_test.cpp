@@ -1,5 +1,4 @@
-// After set-up nothing allocates: every use of the heap is counted in this program, by whatever thread. And workspaces
-// stay small.
+// After set-up nothing allocates: this program counts every use of the heap, by any thread. Workspaces stay small.
 #include <random>
 
 #include <gtest/gtest.h>

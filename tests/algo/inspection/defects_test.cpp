@@ -80,7 +80,7 @@ TEST(Defects, have_a_centroid_an_area_and_a_peak) {
     EXPECT_FLOAT_EQ(found.defects[0].n, 1.5F);
     EXPECT_EQ(found.defects[0].area, 4U);
     EXPECT_EQ(found.defects[0].peak, 6);
-    EXPECT_EQ(found.reason, Reason::deflection);
+    EXPECT_EQ(found.reason, Reason::neighbours_disagree);
     EXPECT_FLOAT_EQ(found.score, 3);
 }
 
@@ -103,8 +103,8 @@ TEST(Defects, come_most_severe_first_and_give_the_reason) {
     EXPECT_EQ(found.defects[0].m, 12);  // 6 of 2
     EXPECT_EQ(found.defects[1].m, 6);   // 0.8 missing of 0.5
     EXPECT_EQ(found.defects[2].m, 0);   // 3 of 2
-    EXPECT_EQ(found.reason, Reason::deflection);
-    EXPECT_EQ(find({"...f...", "......."}).reason, Reason::slope);
+    EXPECT_EQ(found.reason, Reason::neighbours_disagree);
+    EXPECT_EQ(find({"...f...", "......."}).reason, Reason::deflection_gradient);
     EXPECT_EQ(find({"...t...", "......."}).reason, Reason::absorption);
     EXPECT_FLOAT_EQ(find({"...t...", "......."}).defects[0].peak, 0.8F);
 }

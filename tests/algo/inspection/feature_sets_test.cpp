@@ -1,5 +1,5 @@
-// The features that a recipe chooses: each is the map it is named for, what is not chosen is not there, and the usual
-// choice is what it always was.
+// The features that a recipe chooses: each gives its own map, features that are not chosen give none, and the results
+// of the default choice do not change.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -37,7 +37,7 @@ Pipeline pipeline_for(const Extents& e, int bits, const Recipe& recipe, int thre
     return std::move(*made);
 }
 
-// A noisy lens with an opaque hole, a dim spot and a saturated sample: something of everything.
+// A noisy lens with an opaque hole, a dim spot and a saturated sample.
 Frame eventful(const Extents& e, int bits) {
     Frame frame = drawn(e, 8, 225, lens(e, 0.4 * std::min(e.m, e.n), 0.35 * std::min(e.i, e.j)));
     frame = specked(frame, e, 0.4 * e.m, 0.55 * e.n, 1.7, 0);
@@ -48,8 +48,8 @@ Frame eventful(const Extents& e, int bits) {
 
 const Extents kGeometries[] = {{41, 37, 9, 9}, {30, 3, 5, 7}, {17, 33, 8, 10}, {3, 20, 3, 15}};
 
-// Whole numbers only, so that no library's rounding has a say: a lens of light that wanders, dark and bright places,
-// saturated samples.
+// Integers only, so that no library's rounding matters: a lens with changing light, dark and bright regions, saturated
+// samples.
 Frame counted_frame(const Extents& e, std::uint32_t seed) {
     Frame frame(e.width_px(), e.height_px(), 8);
     std::uint32_t state = seed;
@@ -86,7 +86,7 @@ std::uint64_t digest(const Inspection& seen) {
     return hash;
 }
 
-// The literals were computed before there was a choice.
+// The literals are those of the pipeline without a choice of features.
 TEST(Rungs, the_usual_ones_give_the_bits_they_always_gave) {
     const struct {
         Extents extents;
@@ -182,11 +182,11 @@ TEST(Rungs, what_is_off_is_empty_and_judged_by_nobody) {
     Recipe chi2 = only(Feature::chi2, false, false);
     chi2.gradient_limit = 0.02F;
     const Case cases[] = {
-        {emd, true, true, false, false, worst(all->emd, 0.3F), Reason::deflection},
-        {slopes, false, false, true, false, worst(all->frobenius, 0.1F), Reason::slope},
+        {emd, true, true, false, false, worst(all->emd, 0.3F), Reason::neighbours_disagree},
+        {slopes, false, false, true, false, worst(all->frobenius, 0.1F), Reason::deflection_gradient},
         {only(std::nullopt, false, true), false, false, false, true,
          (1 - least_light) / (1 - Recipe{}.transmission_limit), Reason::absorption},
-        {chi2, false, true, false, false, 0, Reason::deflection},
+        {chi2, false, true, false, false, 0, Reason::neighbours_disagree},
     };
     for (const Case& c : cases) {
         Pipeline pipeline = pipeline_for(e, 8, c.recipe);

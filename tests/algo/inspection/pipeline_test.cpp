@@ -1,4 +1,4 @@
-// The pipeline's contract: what it refuses, what it says of extremes, its symmetries, its memory.
+// The pipeline's contract: refusals, extreme frames, symmetries, memory.
 #include "algo/inspection/pipeline.h"
 
 #include <cmath>
@@ -82,7 +82,7 @@ TEST(Pipeline, computes_a_light_field_by_hand) {
         EXPECT_EQ(seen->mask[k] & kNoGradient, k == 4 ? kValid : kBorder);
     }
     EXPECT_EQ(seen->verdict, Verdict::reject);
-    EXPECT_EQ(seen->reason, Reason::deflection);
+    EXPECT_EQ(seen->reason, Reason::neighbours_disagree);
     ASSERT_EQ(seen->defects.size(), 1U);
     EXPECT_EQ(seen->defects[0].m, 1);
     EXPECT_EQ(seen->defects[0].n, 1);

@@ -1,4 +1,4 @@
-// What must hold of any light field: mirroring, exchanging rows and columns, exposure, geometry, noise.
+// Properties of any light field: mirroring, exchange of rows and columns, exposure, geometry, noise.
 #include <algorithm>
 #include <cmath>
 #include <vector>
@@ -38,7 +38,7 @@ Seen inspected(const Extents& e, const Frame& frame, const Recipe& recipe = {}) 
             {seen->mask.begin(), seen->mask.end()}};
 }
 
-// A noisy lens with a dark speck, a dim one, and a saturated lenslet: something of everything.
+// A noisy lens with a dark speck, a dim one, and a saturated lenslet.
 Frame eventful(const Extents& e, std::uint64_t seed) {
     Frame frame = drawn(e, 8, 225, lens(e, 0.4 * std::min(e.m, e.n), 0.35 * std::min(e.i, e.j)));
     frame = specked(frame, e, 0.4 * e.m, 0.55 * e.n, 1.7, 0);
@@ -49,7 +49,7 @@ Frame eventful(const Extents& e, std::uint64_t seed) {
 
 const Extents kGeometries[] = {{41, 47, 9, 9}, {44, 36, 8, 10}, {40, 40, 5, 3}, {36, 40, 15, 14}};
 
-// Every map, to the bit, and every judgement, whatever the number of threads.
+// Every map, to the bit, and every verdict, for any number of threads.
 TEST(Threads, do_not_change_the_answer) {
     for (const Extents& e : {Extents{41, 47, 9, 9}, Extents{40, 3, 5, 5}, Extents{33, 16, 9, 9}, Extents{33, 17, 8, 8},
                              Extents{21, 65, 4, 6}}) {
@@ -164,7 +164,7 @@ TEST(Exposure, from_a_quarter_to_nominal_gives_the_same_verdict_in_noise) {
     }
 }
 
-// The default limits' reason, in algo/recipe/recipe.h: a part that bends light over the whole range of 9 bins
+// The reason for the default limits (algo/recipe/recipe.h): a part that deflects light over the whole range of 9 bins
 // within 40 lenslets passes.
 TEST(DefaultLimits, pass_a_lens_over_the_whole_range_in_40_lenslets_and_refuse_one_twice_as_steep) {
     const Extents e{64, 64, 9, 9};
@@ -173,11 +173,12 @@ TEST(DefaultLimits, pass_a_lens_over_the_whole_range_in_40_lenslets_and_refuse_o
             << seed;
         const Seen steep = inspected(e, noisy(drawn(e, 8, 240, lens(e, 9, 3.8)), {10, 2, 1}, seed));
         EXPECT_EQ(steep.verdict, Verdict::reject) << seed;
-        EXPECT_EQ(steep.reason, Reason::slope);
+        EXPECT_EQ(steep.reason, Reason::deflection_gradient);
     }
 }
 
-// Odd, even and rectangular bins at 8 to 16 bits: a lens passes, with a speck or a jump of its deflection it does not.
+// Odd, even and rectangular bins at 8 to 16 bits: a lens passes; with a speck or a step of its deflection it is
+// rejected.
 TEST(Geometry, of_any_bins_and_bit_depth_is_judged_alike) {
     for (const auto& [i, j] :
          {std::pair(3, 3), std::pair(4, 4), std::pair(3, 15), std::pair(7, 8), std::pair(10, 10), std::pair(15, 15)}) {
@@ -207,7 +208,7 @@ TEST(Geometry, of_any_bins_and_bit_depth_is_judged_alike) {
     }
 }
 
-// One lenslet that bends its light shows as its four neighbours, one region around the true place.
+// One lenslet that deflects its light shows as its four neighbours, one region around the true position.
 TEST(Geometry, a_defect_of_one_lenslet_is_found_where_it_is) {
     const Extents e{30, 30, 9, 9};
     const Frame frame = drawn(e, 8, 240, [](int m, int n) -> Spot {

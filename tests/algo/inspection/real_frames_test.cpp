@@ -1,5 +1,5 @@
-// The verdict on light fields that an independent program traced: good parts pass, defects are found at their true
-// places - also in noise, at other exposures and bit depths, and wherever the part lies in the field.
+// Verdicts on light fields that an independent program traced: good parts pass, defects are found at their true
+// positions; also with noise, at other exposures and bit depths, and for other positions of the part in the field.
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@ namespace {
 using namespace hord;
 using namespace hord::algo::testing;
 
-constexpr float kNear = 2;  // lenslets: how far a found centre may be from the true one
+constexpr float kNear = 2;  // lenslets, from the found centre to the true one
 
 struct Scene {
     const char* name;

@@ -1,4 +1,4 @@
-// The rim rule of algo/inspection/rim.h, step by step, on fields drawn as text.
+// The rule of the rim (docs/notes/inspection.md), step by step, on fields drawn as text.
 #include "algo/inspection/rim.h"
 
 #include <string>
@@ -62,12 +62,12 @@ TEST(Rim, of_a_part_in_the_open_is_its_outline) {
                                "..ppppppp..", "...........", "..........."}),
                      1),
               expected);
-    // The middle of a lens deflects nothing, a cut is dark, a bubble disturbed: all inside, all judged.
+    // The middle of a lens does not deflect, a cut is dark, a bubble is disturbed: all are inside and judged.
     EXPECT_EQ(marked(field_of({"...........", "...........", "..ppppppp..", "..pzzzdpp..", "..pzzzddp..", "..pzzzppp..",
                                "..ppppppp..", "...........", "..........."}),
                      1),
               expected);
-    // A camera that is off by half a bin sees the same.
+    // The same for a camera that is off by half a bin.
     EXPECT_EQ(marked(field_of({"...........", "...........", "..ppppppp..", "..ppppppp..", "..ppppppp..", "..ppppppp..",
                                "..ppppppp..", "...........", "..........."},
                               0.5),

@@ -1,4 +1,4 @@
-// Learning what good parts look like, finding where a part lies, and judging it against them.
+// Learning a reference from good parts, registering a part, and judging it against the reference.
 #include <array>
 #include <cmath>
 #include <cstdlib>
@@ -31,8 +31,7 @@ constexpr float kReadDn = 2;
 const LightLevels kLevels{6, 60, 4095};
 constexpr double kHalfM = 15, kHalfN = 12;  // of the elliptic part, lenslets
 
-// A part that deflection_shifts light more along x than along y, in free light: nothing about it is round. One electron
-// a DN.
+// A part in free light that deflects light more along x than along y, so that it is not round. One electron a DN.
 Frame part(
     const Pose& pose, const std::function<void(int, int, Spot&)>& defect = [](int, int, Spot&) {}) {
     const PoseMap map(pose, kField);
@@ -84,7 +83,7 @@ Result<Learned> learn(std::size_t count, const std::function<Frame(std::size_t)>
         kField, kBits, count, [&](std::size_t k) -> Result<Frame> { return frame(k); }, options);
 }
 
-// Of sixteen parts that lie a little differently each.
+// Learned from sixteen parts with slightly different poses.
 const Learned& learned() {
     static const Learned all = [] {
         std::vector<Frame> frames;
@@ -121,7 +120,7 @@ Judged judge(const Frame& frame, const Recipe& with = recipe(), int threads = 1)
 
 TEST(Reference, parts_are_registered_to_a_small_fraction_of_a_lenslet) {
     ASSERT_TRUE(learned().left_out.empty()) << learned().left_out[0].why;
-    // The reference lies in the middle of the parts' poses, wherever that is: differences count.
+    // The reference's pose is the median of the parts': only differences are compared.
     for (std::uint64_t k = 0; k < 16; ++k) {
         const Pose a = wobble(k), b = wobble((k + 1) % 16);
         const Pose &p = *learned().poses[k], &q = *learned().poses[(k + 1) % 16];
@@ -172,7 +171,7 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
         // Light and the rest: variance 1; deflection_shift: of two, 2.
         for (std::size_t w = 0; w < kDeviations; ++w) {
             const double variance = squares[w] / count / (w == 1 ? 2 : 1);
-            // The spread counts dark bins with more noise than they have (algo/reference/reference_comparison.h).
+            // For the scattering, dark bins count with more noise than they have (docs/notes/reference.md).
             EXPECT_GT(variance, w == 2 ? 0.1 : 0.3) << "light " << light << ", score " << w;
             EXPECT_LT(variance, 1.7) << "light " << light << ", score " << w;
         }
@@ -189,8 +188,8 @@ TEST(Reference, a_good_part_passes_however_it_lies) {
     }
 }
 
-// What gradients and transmission limits do not see: a tenth less light, a spread a third wider in two lenslets, a
-// deflection_shift of a tenth of a bin.
+// Below the limits of gradients and transmission: a tenth less light, a spread a third wider in two lenslets, a shift
+// of a tenth of a bin.
 TEST(Reference, weak_defects_are_found_where_they_are_and_named) {
     struct Case {
         const char* name;
@@ -218,7 +217,7 @@ TEST(Reference, weak_defects_are_found_where_they_are_and_named) {
     }
 }
 
-// The mean of several parts' light: of what lies at different places of a lenslet.
+// The mean light of several parts whose lenslets lie at different positions.
 Frame mean_of(const std::vector<Frame>& frames) {
     Frame mean(frames[0].width_px(), frames[0].height_px(), frames[0].bits());
     const auto count = static_cast<std::uint32_t>(frames.size());
@@ -232,8 +231,7 @@ Frame mean_of(const std::vector<Frame>& frames) {
     return mean;
 }
 
-// Both make the spread of deflections wider: a dimple because it deflection_shifts the light of one lenslet to several
-// places.
+// Both widen the spread of deflections: a dimple because it deflects the light of one lenslet to several places.
 TEST(Reference, a_dimple_is_a_surface_and_haze_scatters) {
     for (const double radius : {1.5, 2.5}) {
         std::vector<Frame> dimple, haze;
@@ -312,7 +310,7 @@ TEST(Reference, small_defects_are_tolerated_as_the_recipe_says) {
     EXPECT_FALSE(Pipeline::create(kField, kBits, r));
 }
 
-// Without the EMD the rows are read another way; what a reference says of them is the same.
+// Without the EMD rows are decoded into the SoA layout; the comparison with the reference is the same.
 TEST(Reference, judges_the_same_without_any_gradient) {
     const Frame bad = seen(part({0.3, -0.2, 0},
                                 [](int m, int n, Spot& spot) {
@@ -346,7 +344,7 @@ TEST(Reference, the_judgement_does_not_depend_on_the_number_of_threads) {
     for (const int threads : {2, 5}) EXPECT_EQ(judge(frame, recipe(), threads).z_score, alone.z_score);
 }
 
-// Dark bins count with little noise. One that reads ten standard deviations of that looks like a deflection_shift.
+// Dark bins count with little noise. One that reads ten standard deviations of it looks like a shift.
 TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
     const Reference& r = learned().reference;
     const Pose pose{0.2, -0.1, 0};
@@ -387,8 +385,8 @@ TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
     EXPECT_GT(looked_at, 80);
 }
 
-// Along a part's row reference HORDs are interpolated column by column: the same as from all sixteen lenslets around at
-// once, where the row is level.
+// Along a part's row reference HORDs are interpolated between rows, then between columns: if the row is horizontal, the
+// same as from all sixteen lenslets around at once.
 TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
     const Reference& r = learned().reference;
     const ReferenceSampler reader(r, best_isa());
@@ -408,7 +406,7 @@ TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
                 const ReferenceSampler::ReferenceHord a = reader.read(at.m, at.n, 0.8, alone.data());
                 with_hord += a.has_hord ? 1 : 0;
                 row.move_to(block);
-                if ((row.plain() >> lane & 1U) == 0) continue;
+                if ((row.complete() >> lane & 1U) == 0) continue;
                 ReferenceRowSampler::Lanes lanes{};
                 for (std::size_t c = 0; c < 4; ++c)
                     lanes.weights[c][lane] = static_cast<float>(cubic_at(at.m - column).of[c]);
@@ -436,13 +434,13 @@ TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
         }
         EXPECT_GT(compared, 400);
         EXPECT_GT(wide, 50);
-        // Not where the reference ends, and a row that is steep in few lenslets more.
+        // All lanes but those at the edges of the reference, and a few more if the row is steep.
         EXPECT_GT(compared, with_hord * 6 / 10) << sine;
     }
 }
 
-// Rows of bins and columns of bins are not worked on alike (algo/reference/template_fit.h), but light that moves by
-// some bins along either has moved as far.
+// Rows and columns of bins are processed differently (algo/reference/template_fit.h), but a shift along either has the
+// same result.
 TEST(Reference, light_moves_as_far_along_rows_of_bins_as_along_columns) {
     const Extents e{24, 8, 9, 9};
     Reference r;
@@ -514,7 +512,7 @@ TEST(Reference, the_comparison_has_the_same_bits_on_every_instruction_set) {
             const Difference &a = all[0][k], &b = other[k];
             const bool same = a.has_hord == b.has_hord && a.light == b.light && a.x == b.x && a.y == b.y &&
                 a.scattering == b.scattering && a.chi2 == b.chi2 && a.degrees == b.degrees &&
-                a.x_variance == b.x_variance && a.blur_variance == b.blur_variance;
+                a.x_variance == b.x_variance && a.scattering_variance == b.scattering_variance;
             ASSERT_TRUE(same) << k;
         }
     }
@@ -531,7 +529,7 @@ TEST(Learning, names_the_parts_that_differ_from_all_others) {
     ASSERT_TRUE(all) << all.error().message();
     EXPECT_EQ(all->reference.parts, 10U);
     ASSERT_EQ(all->left_out.size(), 2U);
-    EXPECT_EQ(all->left_out[0].part, 9U);  // it cannot be registered: that is seen first
+    EXPECT_EQ(all->left_out[0].part, 9U);  // it cannot be registered, which is checked first
     EXPECT_EQ(all->left_out[1].part, 4U);
     EXPECT_FALSE(all->poses[4]);
 }
@@ -577,14 +575,14 @@ TEST(Learning, tells_the_read_noise_from_the_bins_without_light) {
         ASSERT_TRUE(read) << read.error().message();
         EXPECT_NEAR(*read, electrons, 0.1 * electrons) << electrons;
     }
-    // 8 bits, where noise is less than a DN and what is below 0 is cut off.
+    // 8 bits: noise is less than a DN and values below 0 are clipped.
     const Frame coarse = drawn(kField, 8, 150, [](int, int) { return Spot{0.3, -0.4, 0.9}; });
     for (const double dn : {0.4, 0.6, 1.0}) {
         const auto read = told(noisy(coarse, {10, 10 * dn, 1}, 8), {3, 20, 255});
         ASSERT_TRUE(read) << read.error().message();
         EXPECT_NEAR(*read, dn, 0.1 * dn);
     }
-    // Light everywhere: nothing to tell it from.
+    // Light everywhere: there are no dark bins.
     Frame bright = clean;
     for (int y = 0; y < bright.height_px(); ++y) {
         for (int x = 0; x < bright.width_px(); ++x) bright.set(x, y, 1000);
@@ -615,8 +613,8 @@ TEST(Learning, the_same_frames_give_the_same_reference) {
     EXPECT_TRUE(check(a->reference));
 }
 
-// Parts that wobble, some with a flaw, judged against the reference: no dust is imagined, a fading light is, and a
-// speck is found where it lies.
+// Parts of changing poses, some with a flaw, judged against the reference: no false dust; fading light and a speck are
+// found.
 TEST(Reference, ageing_optics_are_told_from_parts_that_wobble) {
     constexpr int kWindow = 50;
     const char* more = std::getenv("HORD_AGEING_PARTS");                // by hand

@@ -138,7 +138,7 @@ std::uint64_t of_comparison(const Reference& r, const FrameView& frame, Isa isa)
             const Scores scores = scores_of(d, r);
             sum.add(std::span<const float>(scores));
             const float all[] = {d.light,      d.light_variance, d.x,    d.y,       d.x_variance, d.y_variance,
-                                 d.scattering, d.blur_variance,  d.chi2, d.degrees, d.sum};
+                                 d.scattering, d.scattering_variance,  d.chi2, d.degrees, d.sum};
             sum.add(std::span<const float>(all));
         }
     }

@@ -1,4 +1,4 @@
-// From a white frame to the grid, against frames of known truth.
+// Calibration from white frames of known truth.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@ namespace {
 using test::White;
 using ::testing::HasSubstr;
 
-// Of the fitted grid against the truth, at 20 ke- a pixel: what is asked of a calibration.
+// Required accuracy of the fitted grid at 20 ke- a pixel.
 constexpr double kGridRms = 0.001;
 constexpr double kGridMax = 0.005;
 
@@ -63,7 +63,7 @@ TEST(CalibrateGrid, forty_five_degrees_is_a_rotation_like_any_other) {
 }
 
 TEST(CalibrateGrid, integer_pitch_at_no_rotation_has_no_bias_of_the_pixel_phase) {
-    // All lenslets fall on the pixels alike, so that nothing averages out.
+    // All lenslets have the same position relative to the pixels, so that no error averages out.
     expect_grid({.width_px = 500, .height_px = 500, .pitch_px = 20}, 0.002, kGridMax);
     expect_grid({.width_px = 500,
                  .height_px = 500,
@@ -107,7 +107,7 @@ TEST(CalibrateGrid, sharp_edges_do_not_shift_centres_with_their_place_on_the_pix
 
 // -- single lenslets
 
-// An array whose lenslets are each a little away from where they should be: no smooth model knows of that.
+// An array whose lenslets each have a small shift, which no smooth model describes.
 TEST(CalibrateGrid, misplaced_lenslets_get_places_of_their_own) {
     for (const bool hexagonal : {false, true}) {
         SCOPED_TRACE(hexagonal);
@@ -123,16 +123,17 @@ TEST(CalibrateGrid, misplaced_lenslets_get_places_of_their_own) {
         const auto calibration = calibrate_grid(drawn.frame.view());
         ASSERT_TRUE(calibration) << calibration.error().message();
         const GridFit& fit = calibration->fit;
-        ASSERT_FALSE(fit.grid.shifts_px.empty()) << fit.ladder.back().verdict;
-        EXPECT_TRUE(fit.ladder.back().single_lenslets);
-        EXPECT_TRUE(fit.ladder.back().chosen);
-        EXPECT_EQ(std::count_if(fit.ladder.begin(), fit.ladder.end(), [](const RungReport& r) { return r.chosen; }), 1);
+        ASSERT_FALSE(fit.grid.shifts_px.empty()) << fit.candidates.back().verdict;
+        EXPECT_TRUE(fit.candidates.back().single_lenslets);
+        EXPECT_TRUE(fit.candidates.back().chosen);
+        EXPECT_EQ(
+            std::count_if(fit.candidates.begin(), fit.candidates.end(), [](const ModelReport& r) { return r.chosen; }),
+            1);
         EXPECT_THAT(fit.reason, HasSubstr("every lenslet's own shift"));
         EXPECT_NEAR(fit.shifts.rms_px, white.misplaced_px, 0.1 * white.misplaced_px);
         EXPECT_GT(fit.shifts.share, 0.98);
         EXPECT_LT(fit.shifts.left_x_px, 0.2 * fit.cv_x_rms_px);
-        // The truth: lenslets that were measured are where they are said to be, to the noise of a centre and half a
-        // thousandth.
+        // Measured lenslets are at their true positions, to the noise of a centre and half a thousandth.
         algo::LensletGrid smooth = fit.grid;
         smooth.shifts_px.clear();
         double with = 0, without = 0;
@@ -157,8 +158,7 @@ TEST(CalibrateGrid, misplaced_lenslets_get_places_of_their_own) {
     }
 }
 
-// A few lenslets lie off, the others in their places: the model is made of the others, and the few are read where they
-// are.
+// A few displaced lenslets: the model is fitted to the others, and the few are decoded at their own positions.
 TEST(CalibrateGrid, a_few_displaced_lenslets_get_places_of_their_own) {
     White white{.width_px = 600, .height_px = 600, .pitch_px = 18.7, .rotation_deg = 2};
     // One in each of some cells of the lattice, and so never two side by side.
@@ -183,14 +183,14 @@ TEST(CalibrateGrid, a_few_displaced_lenslets_get_places_of_their_own) {
     EXPECT_EQ(displaced, calibration->displaced);
 }
 
-// What only one half of a lenslet's light says is dirt; what is far off, or at the light's edge, something else.
+// A shift of one half of a lenslet's light is dirt; large shifts, or those at the edge of the light, are not used.
 TEST(CalibrateGrid, centres_that_are_not_to_be_believed_get_no_place) {
     GridFit fit;
     fit.grid.kind = algo::LatticeKind::square;
     fit.grid.columns = 6;
     fit.grid.rows = 3;
     fit.grid.span = 1;
-    fit.grid.rung = algo::GridModelKind::affine;
+    fit.grid.model = algo::GridModelKind::affine;
     fit.grid.parameters = {10, 10, 20, 0, 0, 20};
     fit.rejected = 6;
     const auto off_by = [](int m, int n, double dx, double split) {
@@ -232,7 +232,7 @@ TEST(CalibrateGrid, lenslets_in_their_places_get_none) {
         const auto calibration = calibrate_grid(test::draw(one).frame.view());
         ASSERT_TRUE(calibration) << calibration.error().message();
         EXPECT_TRUE(calibration->fit.grid.shifts_px.empty()) << calibration->fit.reason;
-        EXPECT_THAT(calibration->fit.ladder.back().verdict, HasSubstr("not needed"));
+        EXPECT_THAT(calibration->fit.candidates.back().verdict, HasSubstr("not needed"));
     }
 }
 
@@ -252,7 +252,7 @@ TEST(CalibrateGrid, a_dark_quarter_is_missing_and_not_invented) {
         EXPECT_FALSE(seen.centre_px.x_px > 360 && seen.centre_px.y_px > 360) << seen.m << "," << seen.n;
     }
     EXPECT_NEAR(calibration->missing, calibration->complete / 4, calibration->complete / 30);
-    // Of those that light reaches whole, none is missing: neither the dark quarter nor those at its edge are asked for.
+    // No fully lit lenslet is missing: neither the dark quarter nor its edge is expected.
     EXPECT_NEAR(calibration->whole, calibration->complete * 3 / 4, calibration->complete / 20);
     EXPECT_EQ(calibration->whole_found, calibration->whole);
 }

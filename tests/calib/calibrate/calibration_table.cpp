@@ -30,7 +30,7 @@ void synthetic_row(const char* name, const White& white) {
     const auto compared = calib::test::compare(drawn, *calibration, white.pitch_px);
     std::printf("| %s | %d of %d | %d | %.5f | %.5f | %s | %.0f |\n", name, compared.found_alive,
                 compared.alive_complete, compared.invented, compared.rms_px, compared.max_px,
-                name_of(calibration->fit.grid.rung).data(), spent);
+                name_of(calibration->fit.grid.model).data(), spent);
     std::fflush(stdout);
 }
 
@@ -52,7 +52,7 @@ void real_row(const std::filesystem::path& folder, const char* name) {
     std::printf("| %s | %s | %.3f | %d | %d of %d | %d | %d | %.4f / %.4f | %s | %s |\n", name,
                 name_of(fit.grid.kind).data(), calibration->pitch_px, calibration->found, calibration->whole_found,
                 calibration->whole, calibration->displaced, calibration->rejected, fit.cv_x_rms_px, fit.cv_y_rms_px,
-                name_of(fit.grid.rung).data(), single);
+                name_of(fit.grid.model).data(), single);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include "algo/frame/regrid.h"
 #include "algo/inspection/pipeline.h"
 #include "tests/calib/support/synthetic.h"
+#include "tests/support/decode_whole.h"
 
 namespace hord::calib {
 namespace {
@@ -106,10 +107,10 @@ Difference decode_and_compare(bool hexagonal, double pitch, const Scene& scene, 
         const auto [dx, dy] = scene.deflection_bins(x, y);
         return std::pair(dx * layout.box_x_px, dy * layout.box_y_px);
     };
-    const auto decoded = regridder->decode(test::draw(object).frame.view());
+    const auto decoded = hord::test::decode_whole(*regridder, test::draw(object).frame.view());
     const auto wanted =
         ideal(regridder->extents(), regridder->first_px(), regridder->pitch_px(), scene, object.peak_dn);
-    return compare_emd(*decoded, wanted, regridder->extents());
+    return compare_emd(decoded, wanted, regridder->extents());
 }
 
 TEST(DecodeFeatures, a_rotated_distorted_hexagonal_array_sees_what_the_ideal_one_sees) {

@@ -1,4 +1,4 @@
-// Photographs of real lenslet arrays: the facts that a frame is refused, or measured as well as it has been.
+// Photographs of real lenslet arrays: each is refused, or measured as accurately as before.
 #include <cstdlib>
 #include <filesystem>
 

@@ -1,4 +1,4 @@
-// The calibration file: what is written is read, and what was touched is refused.
+// The calibration file: written files are read back, edited files are refused.
 #include "calib/files/grid_toml.h"
 
 #include <fstream>

@@ -1,4 +1,4 @@
-// The ladder, its derivatives, its covariance and its refusals, on centres made from formulas.
+// Model selection, derivatives, covariance and refusals, on centres made from formulas.
 #include "calib/fit/grid_fit.h"
 
 #include <gmock/gmock.h>
@@ -29,14 +29,14 @@ LensletGrid frame_of(int columns, int rows) {
     return grid;
 }
 
-// A true grid of each rung, with every one of its terms in use.
-LensletGrid true_grid(GridModelKind rung, int columns = 24, int rows = 20) {
+// A true grid of each model, with all of its terms in use.
+LensletGrid true_grid(GridModelKind model, int columns = 24, int rows = 20) {
     LensletGrid grid = frame_of(columns, rows);
     const double s = 20 * grid.span;
-    grid.rung = rung;
-    grid.parameters.assign(static_cast<std::size_t>(parameter_count(rung)), 0.0);
+    grid.model = model;
+    grid.parameters.assign(static_cast<std::size_t>(parameter_count(model)), 0.0);
     std::vector<double>& p = grid.parameters;
-    if (rung == GridModelKind::cubic || rung == GridModelKind::quintic) {
+    if (model == GridModelKind::cubic || model == GridModelKind::quintic) {
         const std::size_t half = p.size() / 2;
         Random random(7);
         for (double& value : p) value = random.uniform() - 0.5;
@@ -87,10 +87,10 @@ double worst(const LensletGrid& a, const LensletGrid& b) {
 }
 
 TEST(GridFit, analytic_derivatives_agree_with_numeric_ones) {
-    for (const GridModelKind rung : algo::kGridRungs) {
-        SCOPED_TRACE(name_of(rung));
-        LensletGrid grid = true_grid(rung);
-        const auto count = static_cast<std::size_t>(parameter_count(rung));
+    for (const GridModelKind model : algo::kGridModels) {
+        SCOPED_TRACE(name_of(model));
+        LensletGrid grid = true_grid(model);
+        const auto count = static_cast<std::size_t>(parameter_count(model));
         for (const LensletGrid::Uv uv : {LensletGrid::Uv{0.3, -0.7}, {-0.9, 0.2}, {0, 0}, {1, 1}}) {
             std::vector<double> of_x(count), of_y(count);
             derivatives(grid, uv, of_x.data(), of_y.data());
@@ -105,37 +105,38 @@ TEST(GridFit, analytic_derivatives_agree_with_numeric_ones) {
                 const double size = 1 + std::abs(of_x[k]) + std::abs(of_y[k]);
                 // Central differences: the second derivative's share is below step^2, the rounding below 1e-13 / step.
                 EXPECT_NEAR((high.x_px - low.x_px) / (2 * step), of_x[k], 1e-6 * size)
-                    << parameter_name(rung, static_cast<int>(k));
+                    << parameter_name(model, static_cast<int>(k));
                 EXPECT_NEAR((high.y_px - low.y_px) / (2 * step), of_y[k], 1e-6 * size)
-                    << parameter_name(rung, static_cast<int>(k));
+                    << parameter_name(model, static_cast<int>(k));
             }
         }
     }
 }
 
 TEST(GridFit, every_rung_finds_its_own_grid_again) {
-    for (const GridModelKind rung : algo::kGridRungs) {
-        SCOPED_TRACE(name_of(rung));
-        const LensletGrid truth = true_grid(rung);
+    for (const GridModelKind model : algo::kGridModels) {
+        SCOPED_TRACE(name_of(model));
+        const LensletGrid truth = true_grid(model);
         auto seen = observe(truth, 0, 1);
-        const auto fit = fit_grid(frame_of(24, 20), seen, {.only = rung});
+        const auto fit = fit_grid(frame_of(24, 20), seen, {.only = model});
         ASSERT_TRUE(fit) << fit.error().message();
         EXPECT_LT(worst(fit->grid, truth), 1e-6);
     }
 }
 
 TEST(GridFit, the_image_gets_the_model_that_it_requires_and_no_more) {
-    for (const GridModelKind rung : {GridModelKind::similarity, GridModelKind::affine, GridModelKind::homography,
-                                     GridModelKind::radial1, GridModelKind::cubic}) {
-        SCOPED_TRACE(name_of(rung));
-        auto truth = true_grid(rung);
-        if (rung == GridModelKind::similarity) truth.parameters[3] = 3;
+    for (const GridModelKind model : {GridModelKind::similarity, GridModelKind::affine, GridModelKind::homography,
+                                      GridModelKind::radial1, GridModelKind::cubic}) {
+        SCOPED_TRACE(name_of(model));
+        auto truth = true_grid(model);
+        if (model == GridModelKind::similarity) truth.parameters[3] = 3;
         auto seen = observe(truth, 0.01, 3);
         const auto fit = fit_grid(frame_of(24, 20), seen);
         ASSERT_TRUE(fit) << fit.error().message();
-        EXPECT_EQ(fit->grid.rung, rung) << fit->reason;
-        EXPECT_THAT(fit->reason, ::testing::HasSubstr(std::string(name_of(rung))));
-        EXPECT_EQ(std::count_if(fit->ladder.begin(), fit->ladder.end(), [](const RungReport& r) { return r.chosen; }),
+        EXPECT_EQ(fit->grid.model, model) << fit->reason;
+        EXPECT_THAT(fit->reason, ::testing::HasSubstr(std::string(name_of(model))));
+        EXPECT_EQ(std::count_if(fit->candidates.begin(), fit->candidates.end(),
+                                [](const ModelReport& r) { return r.chosen; }),
                   1);
     }
 }

@@ -1,4 +1,4 @@
-// The direction map from captures at known tilts: against truth, and what it refuses.
+// The direction map from captures at known tilts: accuracy and refusals.
 #include "calib/tilts/tilts.h"
 
 #include <numbers>
@@ -104,7 +104,7 @@ TEST(DirectionFit, a_linear_camera_needs_no_cubic_and_a_stage_in_the_mirror_is_r
     const auto tilts = tilts_of(camera, together(ring(6, 0.03), ring(8, 0.06)), 0.005, 4);
     const auto fit = fit_directions(empty_of(camera), tilts, camera.pitch);
     ASSERT_TRUE(fit) << fit.error().message();
-    EXPECT_EQ(fit->map.rung, algo::GridModelKind::similarity) << fit->reason;
+    EXPECT_EQ(fit->map.model, algo::GridModelKind::similarity) << fit->reason;
     EXPECT_TRUE(fit->mirrored);
     EXPECT_LT(worst(camera, fit->map, 0.06), kLeftOut);
 }
@@ -115,7 +115,7 @@ TEST(DirectionFit, three_tilts_give_an_affine_map_and_fewer_are_refused) {
     camera.shear = 0.05;
     const auto fit = fit_directions(empty_of(camera), tilts_of(camera, ring(3, 0.05), 0.001, 1), camera.pitch);
     ASSERT_TRUE(fit) << fit.error().message();
-    EXPECT_LE(fit->map.rung, algo::GridModelKind::affine);
+    EXPECT_LE(fit->map.model, algo::GridModelKind::affine);
     const auto two = fit_directions(empty_of(camera), tilts_of(camera, ring(2, 0.05), 0.001, 1), camera.pitch);
     ASSERT_FALSE(two);
     EXPECT_THAT(two.error().message(), HasSubstr("2 tilts"));
@@ -126,7 +126,7 @@ TEST(DirectionFit, a_cubic_map_needs_ten_tilts) {
     const auto tilts = tilts_of(camera, together(ring(4, 0.03), ring(5, 0.055)), 0.0005, 1);
     const auto nine = fit_directions(empty_of(camera), tilts, camera.pitch);
     ASSERT_TRUE(nine) << nine.error().message();
-    for (const RungReport& rung : nine->ladder) EXPECT_NE(rung.rung, algo::GridModelKind::cubic);
+    for (const ModelReport& model : nine->candidates) EXPECT_NE(model.model, algo::GridModelKind::cubic);
 }
 
 TEST(DirectionFit, nearly_collinear_tilts_are_refused) {
@@ -232,7 +232,7 @@ TEST_F(TiltFrames, captured_frames_give_the_map_to_a_fiftieth_of_a_pixel) {
 }
 
 TEST_F(TiltFrames, a_flat_frame_takes_away_what_single_pixels_do) {
-    // Pixels whose answer rises by half across every lenslet pull all spots the same way; without the flat frame that
+    // Pixels whose response rises by half across every lenslet move all spots the same way; without the flat frame that
     // is a shift.
     const auto answer = [](double x, double) { return 0.75 + 0.5 * (std::fmod(x, 12.0) / 12.0); };
     Frame flat(kSide, kSide, 16);

@@ -140,7 +140,7 @@ class Shadow {
                                   : v == 1 ? algo::Verdict::reject
                                            : algo::Verdict::unfit,
                               v >= 2       ? algo::Reason::none
-                                  : v == 1 ? algo::Reason::slope
+                                  : v == 1 ? algo::Reason::deflection_gradient
                                            : algo::Reason::too_dark,
                               0,
                               0};

@@ -35,7 +35,7 @@ class Encoder : public ::testing::Test {
         rig.belt(100);
         rig.light_comes(part);
         rig.frame_comes(part);
-        rig.judged(part, Verdict::reject, Reason::slope);
+        rig.judged(part, Verdict::reject, Reason::deflection_gradient);
         return part;
     }
 

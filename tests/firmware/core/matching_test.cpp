@@ -36,7 +36,7 @@ TEST_F(Running, a_good_part_is_exposed_judged_and_let_go) {
 TEST_F(Running, a_bad_part_is_ejected_when_it_is_there) {
     const TimePoint edge = rig.now;
     const auto part = rig.part_is_seen();
-    rig.judged(part, Verdict::reject, Reason::deflection);
+    rig.judged(part, Verdict::reject, Reason::neighbours_disagree);
     EXPECT_TRUE(rig.rejects.empty());
     rig.now = edge + kDeadline - milliseconds(1);
     rig.send(Tick{});
@@ -86,7 +86,7 @@ TEST_F(Running, a_verdict_after_the_deadline_changes_nothing) {
 
 TEST_F(Running, a_second_judgement_of_the_same_part_is_ignored) {
     const auto part = rig.part_is_seen();
-    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.judged(part, Verdict::reject, Reason::deflection_gradient);
     rig.judged(part, Verdict::pass);
     rig.advance(milliseconds(150));
     rig.confirmed(part);

@@ -40,7 +40,7 @@ TEST_F(Running, an_unconfirmed_rejection_stops_the_line) {
 TEST_F(Running, a_confirmation_after_the_pulse_is_late) {
     const TimePoint edge = rig.now;
     const auto part = rig.part_is_seen();
-    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.judged(part, Verdict::reject, Reason::deflection_gradient);
     rig.now = edge + kPulseEnd + Duration(1);
     rig.send(Tick{});  // the loop was held up: the command itself is too late
     EXPECT_FALSE(rig.rejected(part));
@@ -55,7 +55,7 @@ TEST_F(Running, what_is_acknowledged_after_the_part_was_at_the_ejector_is_late) 
         one.bring_to(State::continuous_execution);
         const TimePoint edge = one.now;
         const auto part = one.part_is_seen();
-        one.judged(part, Verdict::reject, Reason::slope);
+        one.judged(part, Verdict::reject, Reason::deflection_gradient);
         ASSERT_TRUE(one.advance_until_rejected(part));
         one.now = edge + one.core.config().transport + (in_time ? Duration(0) : Duration(1));
         ASSERT_LT(one.now, edge + kPulseEnd);
@@ -69,7 +69,7 @@ TEST_F(Running, what_is_acknowledged_after_the_part_was_at_the_ejector_is_late) 
 TEST_F(Running, a_command_after_the_part_is_at_the_ejector_is_given_and_counted_late) {
     const TimePoint edge = rig.now;
     const auto part = rig.part_is_seen();
-    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.judged(part, Verdict::reject, Reason::deflection_gradient);
     rig.now = edge + milliseconds(181);
     rig.send(Tick{});
     EXPECT_TRUE(rig.rejected(part));
@@ -82,7 +82,7 @@ TEST_F(Running, with_the_rejector_down_bad_parts_stop_the_line) {
     const auto part = rig.part_is_seen();
     rig.send(DeviceLost{Device::rejector});
     EXPECT_EQ(rig.core.state(), State::error);
-    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.judged(part, Verdict::reject, Reason::deflection_gradient);
     rig.advance(milliseconds(150));
     EXPECT_FALSE(rig.rejected(part));
     EXPECT_EQ(rig.only_result().reject, RejectState::failed);
@@ -93,7 +93,7 @@ TEST_F(Running, with_the_rejector_down_bad_parts_stop_the_line) {
 TEST_F(Running, a_rejector_that_is_back_before_the_deadline_is_commanded_and_not_trusted) {
     const auto part = rig.part_is_seen();
     rig.send(DeviceLost{Device::rejector});
-    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.judged(part, Verdict::reject, Reason::deflection_gradient);
     rig.send(DeviceUp{Device::rejector});
     rig.advance(milliseconds(150));
     EXPECT_TRUE(rig.rejected(part));
@@ -105,7 +105,7 @@ TEST_F(Running, a_rejector_that_is_back_before_the_deadline_is_commanded_and_not
 // Without an encoder the positions of parts are unknown once the line stops.
 TEST_F(Running, an_error_stops_the_line_and_no_rejection_counts_from_then_on) {
     const auto first = rig.part_is_seen();
-    rig.judged(first, Verdict::reject, Reason::slope);
+    rig.judged(first, Verdict::reject, Reason::deflection_gradient);
     rig.advance(milliseconds(50));
     const auto second = rig.part_is_seen();
     rig.judged(second, Verdict::pass);
@@ -121,7 +121,7 @@ TEST_F(Running, an_error_stops_the_line_and_no_rejection_counts_from_then_on) {
 
 TEST_F(Running, a_reset_ends_the_story_of_parts_whose_place_was_lost) {
     const auto part = rig.part_is_seen();
-    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.judged(part, Verdict::reject, Reason::deflection_gradient);
     rig.send(DeviceLost{Device::strobe});
     rig.send(Command::reset);
     EXPECT_EQ(rig.only_result().reject, RejectState::failed);
@@ -132,7 +132,7 @@ TEST_F(Running, a_reset_ends_the_story_of_parts_whose_place_was_lost) {
 
 TEST_F(Running, arming_waits_until_the_ejector_rests) {
     const auto part = rig.part_is_seen();
-    rig.judged(part, Verdict::reject, Reason::slope);
+    rig.judged(part, Verdict::reject, Reason::deflection_gradient);
     ASSERT_TRUE(rig.advance_until_rejected(part));
     rig.send(DeviceLost{Device::strobe});
     rig.send(DeviceUp{Device::strobe});

@@ -84,7 +84,7 @@ TEST_F(PlcCommands, a_single_shot_inspects_one_part) {
 
 TEST_F(PlcCommands, a_result_says_where_the_worst_defect_is_and_which_recipe_judged) {
     open();
-    inspector.answer = {0, false, algo::Verdict::reject, algo::Reason::slope, 2, 1.5F, 17, 42};
+    inspector.answer = {0, false, algo::Verdict::reject, algo::Reason::deflection_gradient, 2, 1.5F, 17, 42};
     running();
     part();
     light_and_frame();

@@ -123,8 +123,8 @@ TEST_F(ReferenceFile, a_recipe_that_names_it_survives_being_written_and_read) {
     EXPECT_EQ(once->recipe.reject_score, 5.5F);
     ASSERT_EQ(once->recipe.tolerances.size(), 1U);
     const algo::Tolerance& t = once->recipe.tolerances[0];
-    EXPECT_TRUE(t.is_about(algo::DefectKind::scratch) && t.is_about(algo::DefectKind::absorbing) &&
-                !t.is_about(algo::DefectKind::surface));
+    EXPECT_TRUE(t.applies_to(algo::DefectKind::scratch) && t.applies_to(algo::DefectKind::absorbing) &&
+                !t.applies_to(algo::DefectKind::surface));
     ASSERT_TRUE(t.where);
     EXPECT_FLOAT_EQ(t.where->centre.m, 3);  // the middle of 5 is 2, and 0.5 mm is a lenslet
     EXPECT_FLOAT_EQ(t.where->centre.n, 1);

@@ -137,7 +137,7 @@ TEST_F(TeachInTest, takes_what_shows_a_part_whatever_the_verdict_and_nothing_els
     inspected(4, Frame(14, 14, kDrawnBits));  // another size
     inspected(5, Frame(kDrawnExtents.width_px(), kDrawnExtents.height_px(), 8));
     EXPECT_EQ(taken, 0U);
-    for (const auto reason : {algo::Reason::none, algo::Reason::deflection, algo::Reason::slope,
+    for (const auto reason : {algo::Reason::none, algo::Reason::neighbours_disagree, algo::Reason::deflection_gradient,
                               algo::Reason::absorption, algo::Reason::not_registered}) {
         inspected(6, drawn_lens(6), reason);
     }

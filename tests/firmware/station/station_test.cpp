@@ -84,7 +84,7 @@ TEST_F(StationTest, carries_a_good_part_through) {
 
 TEST_F(StationTest, carries_a_bad_part_to_the_ejector) {
     answer.judged.verdict = algo::Verdict::reject;
-    answer.judged.reason = algo::Reason::slope;
+    answer.judged.reason = algo::Reason::deflection_gradient;
     run();
     const hal::TimePoint edge = loop.now();
     part();

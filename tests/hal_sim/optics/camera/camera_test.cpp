@@ -65,7 +65,7 @@ algo::LensletGrid grid_of(const Scene& scene) {
     grid.stagger = algo::Stagger::rows;
     grid.columns = scene.camera.extents.m, grid.rows = scene.camera.extents.n;
     grid.origin_u = 0.5 * (grid.columns - 1) + 0.25, grid.origin_v = std::sqrt(3.0) / 2 * 0.5 * (grid.rows - 1);
-    grid.rung = algo::GridModelKind::radial1;
+    grid.model = algo::GridModelKind::radial1;
     grid.width_px = array.width_px, grid.height_px = array.height_px;
     grid.middle_x_px = 0.5 * (array.width_px - 1), grid.middle_y_px = 0.5 * (array.height_px - 1);
     grid.radius_px = 0.5 * std::max(array.width_px, array.height_px);

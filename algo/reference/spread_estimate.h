@@ -1,0 +1,53 @@
+// How much good parts differ from the reference HORDs, lenslet by lenslet, beyond noise: pass 4 of
+// algo/reference/reference_learner.h, which is its only user.
+//
+// Trimmed: the largest of a lenslet's squared deviations is left out, the mean is corrected for that as if they were
+// normal, and averaged over 3x3 lenslets. At edges deviations are not normal (they depend on where the edge lies
+// between lenslets): where the median over the 3x3 of the spread that the largest ones imply is larger, that is taken.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "algo/reference/reference.h"
+#include "algo/reference/reference_comparison.h"
+
+namespace hord::algo {
+
+// The upper median; 0 of no values.
+double median_or_0(std::vector<double> values);
+
+class SpreadEstimate {
+  public:
+    explicit SpreadEstimate(const Extents& extents);
+
+    // One lenslet of a part, with its gradients where it has a HORD.
+    void add(std::uint32_t part, const Difference& difference, float emd, float frobenius);
+
+    // Writes spread, emd and frobenius of the reference. `parts`: how many were added.
+    void finish(double parts, Reference& reference) const;
+
+    // No lenslet with a HORD was added.
+    [[nodiscard]] bool empty() const { return chi2_ratios_.empty(); }
+    // Chi-square over what noise gives, the median over the lenslets of all parts.
+    [[nodiscard]] double median_chi2_ratio() const { return median_or_0(chi2_ratios_); }
+
+    // Of each of `count` parts: the number of lenslets whose deviation it makes alone, its share of the sum of squared
+    // scores being more than Grubbs' test allows among `parts` parts.
+    [[nodiscard]] std::vector<double> sole_deviations(std::size_t count, double parts) const;
+
+  private:
+    struct Sums {
+        std::array<float, kDeviations> squares{}, largest{}, variance{};
+        float scores = 0, largest_score = 0;
+        std::uint32_t largest_part = 0;
+        std::uint16_t count = 0, hords = 0;
+        float emd = 0, frobenius = 0;
+    };
+    Extents extents_;
+    std::vector<Sums> sums_;  // one a lenslet
+    std::vector<double> chi2_ratios_;
+};
+
+}  // namespace hord::algo
