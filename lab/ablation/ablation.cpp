@@ -14,6 +14,7 @@
 #include "lab/experiment/result_cache.h"
 #include "lab/experiment/scenes.h"
 #include "lab/report/tables.h"
+#include "lab/report/template.h"
 
 namespace hord::lab {
 namespace {
@@ -359,26 +360,24 @@ Result<ExperimentReport> run_ablation(const ExperimentOptions& options) {
     report.files.push_back(options.out / "ablation.csv");
 
     const algo::Extents& e = scenes.front().camera.extents;
-    report.opening = fmt::format(
-        "# What each physical effect does to detection\n\n"
-        "Made by `hord-lab experiment ablation --out DIR{} --seed {}`.\n\n"
-        "Each scene is rendered clean and with its defect, {}x{} lenslets, 12 bit: without any effect, and with one "
-        "alone of those that a scene can name (docs/scene.md). The effects are\n"
-        "those of a plausible cell: {}\n\n"
-        "Contrast: the defect's peak over the 99th percentile of the clean part's interior, as in paper.md. An effect "
-        "*matters* in a scene if it changes a contrast that is seen (from {:g}) by more than {:.0f} %\n"
-        "(contrasts above {:g} are plain and count as that), or the clean part's score (1 rejects) by more than {:g}, "
-        "or a verdict of the default recipe. Effects that add up, or hide one another, are not seen this way.\n"
-        "Crosstalk between lenslets is not tried: it takes eight times the rendering time.\n",
-        options.quick ? " --quick" : "", options.seed, e.m, e.n, describe_effects(), kVisible, 100 * kMatters, kPlain,
-        kMatters);
-    report.text = "## Over all scenes\n\n" + to_markdown(summary) +
-        fmt::format("\n**The basis of the defaults.** Every effect is off unless a scene names it, for an effect that "
-                    "is off costs nothing. These scenes need: {}. They can do without: {}.\n",
-                    needed.empty() ? "none" : needed, not_needed.empty() ? "none" : not_needed) +
-        "\nRendering time is processor time of the clean and the defective part, the largest ratio of all scenes; a "
-        "tenth more or less is chance.\n";
-    for (const Ablated& scene : ablated) report.text += "\n## " + scene.scene + "\n\n" + to_markdown(table_of(scene));
+    std::string scene_tables;
+    for (const Ablated& scene : ablated)
+        scene_tables += (scene_tables.empty() ? "## " : "\n## ") + scene.scene + "\n\n" + to_markdown(table_of(scene));
+    report.text = fill_report("ablation",
+                              {{"quick", options.quick ? "yes" : ""},
+                               {"seed", std::to_string(options.seed)},
+                               {"m", std::to_string(e.m)},
+                               {"n", std::to_string(e.n)},
+                               {"effects", describe_effects()},
+                               {"visible", fmt::format("{:g}", kVisible)},
+                               {"matters_percent", fmt::format("{:.0f}", 100 * kMatters)},
+                               {"plain", fmt::format("{:g}", kPlain)},
+                               {"matters", fmt::format("{:g}", kMatters)},
+                               {"claims", describe(report.claims)},
+                               {"summary", to_markdown(summary)},
+                               {"needed", needed.empty() ? "none" : needed},
+                               {"not_needed", not_needed.empty() ? "none" : not_needed},
+                               {"scenes", scene_tables}});
     return report;
 }
 

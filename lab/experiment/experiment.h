@@ -35,8 +35,7 @@ struct Claim {
 };
 
 struct ExperimentReport {
-    std::string opening;  // for people, Markdown: title and what was done, before the claims
-    std::string text;     // the rest, after them; without an opening, all of it, and the claims follow
+    std::string text;  // the whole report, Markdown
     std::vector<Claim> claims;
     std::vector<std::filesystem::path> files;  // written
     [[nodiscard]] bool as_expected() const;    // every claim was decided and came out as expected
@@ -49,11 +48,9 @@ struct Experiment {
     Result<ExperimentReport> (*run)(const ExperimentOptions& options);
 };
 
-// The claims as a Markdown table; all on one line each: holds / does not hold / undecided.
+// The claims as a Markdown table, with the outcome of each: holds, does not hold, or undecided. Empty for no claims.
 std::string describe(std::span<const Claim> claims);
 
-// The whole report, Markdown.
-std::string to_markdown(const ExperimentReport& report);
 // Fails with io.
 Result<void> write_report(const std::filesystem::path& file, const ExperimentReport& report);
 

@@ -11,6 +11,7 @@
 #include "lab/paper/paper_vary.h"
 #include "lab/paper/paper_views.h"
 #include "lab/report/tables.h"
+#include "lab/report/template.h"
 
 namespace hord::lab {
 namespace {
@@ -243,36 +244,19 @@ Result<ExperimentReport> run_paper(const ExperimentOptions& options) {
     report.files.insert(report.files.end(), varied->files.begin(), varied->files.end());
 
     const sim::Scene& scene = figure->scenes[kClean].scene;
-    report.opening = fmt::format(
-        "# The paper's figure, from the simulated cell\n\n"
-        "Made by `hord-lab experiment paper --out DIR{} --seed {}`.\n\n"
-        "A double-convex lens (R 190 mm, aperture radius 10 mm, index 1.5) in a field of {} mm, {}x{} lenslets of "
-        "{:.1f} um, 9x9 bins of 15 mrad, a source of {} bin\n"
-        "radius, 8 bit, no noise. Cut: a sphere of 1.5 mm radius that bites 1 mm deep into the face towards the "
-        "camera. Bubble: air, radius 0.5 mm, in the middle.\n"
-        "Absorber: a disc of 0.4 mm radius that lets half of the light through. Telecentric camera: {}x{} pixels over "
-        "the same field, an area light of 60 mm half width at\n"
-        "40 mm. *The paper gives neither the sizes of its defects nor its area light*: what depends on them is varied "
-        "below.\n",
-        options.quick ? " --quick" : "", options.seed, scene.camera.field_mm, lenslets, lenslets,
-        1000 * scene.camera.field_mm / lenslets, scene.light.source_radius_bins, lenslets, lenslets);
-    report.text = fmt::format(
-        "## The pictures\n\n"
-        "![clean lens, cut, bubble and absorber by EMD gradient, Frobenius norm, transmission and telecentric "
-        "camera](paper.png)\n\n"
-        "Grey: no HORD (dark lenslets) and the field's edge. Colours end at six times the clean interior's 99th "
-        "percentile. Close up, with a fifth column in which dark\n"
-        "lenslets are taken as evenly lit, since the paper leaves open what a dark lenslet's histogram is:\n\n"
-        "![the same, close up](paper-close.png)\n\n"
-        "## How clearly the defects stand out\n\n"
-        "Peak: the largest value within three lenslets of the defect (of missing or surplus light, for transmission "
-        "and telecentric camera). Seen: at least {} times the clean\n"
-        "interior's 99th percentile, which counts as at least 1 % for light. Contrast to noise: (mean at the defect - "
-        "clean mean) over the clean standard deviation, where the\n"
-        "noise is the clean lens' own texture. Blob: where the value is that large, holes filled; its radius is that "
-        "of a disc of the same area.\n\n{}\n{}"
-        "## The same bits every time\n\nFNV-1a of the frame's samples and the maps' floats:\n\n{}",
-        kVisible, to_markdown(table), varied->text, hashes_of(*figure));
+    report.text = fill_report("paper",
+                              {{"quick", options.quick ? "yes" : ""},
+                               {"seed", std::to_string(options.seed)},
+                               {"field_mm", fmt::format("{}", scene.camera.field_mm)},
+                               {"lenslets", std::to_string(lenslets)},
+                               {"pitch_um", fmt::format("{:.1f}", 1000 * scene.camera.field_mm / lenslets)},
+                               {"source_radius_bins", fmt::format("{}", scene.light.source_radius_bins)},
+                               {"claims", describe(report.claims)},
+                               {"visible", fmt::format("{}", kVisible)},
+                               {"contrasts", to_markdown(table)},
+                               {"panel_distance_mm", fmt::format("{:g}", scene.telecentric.panel_distance_mm)},
+                               {"varied", varied->text},
+                               {"hashes", hashes_of(*figure)}});
     options.progress(1, "");
     return report;
 }

@@ -181,19 +181,7 @@ Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim:
          !by_bubbles.empty(), by_bubbles.empty() ? nowhere : by_bubbles, false});
     report.claims.push_back({"The same with an inclusion of index 1.52 in place of the air bubble",
                              !by_inclusions.empty(), by_inclusions.empty() ? nowhere : by_inclusions});
-    report.text = fmt::format(
-        "## Where the paper's picture comes out\n\n"
-        "Peak over what counts as nothing (the clean interior's 99th percentile, at least 1 % for light), in **bold** "
-        "where the defect is seen; bubbles in the middle of the\n"
-        "lens, named by radius; the telecentric camera with area lights of several half widths, {:g} mm behind the "
-        "measurement plane (and the angle they reach).\n\n{}\n"
-        "No area light hides an air bubble in glass: light that its flank turns by more than the critical angle (42 "
-        "degrees) cannot leave the lens, so that a dark ring\n"
-        "stays. What hides it is size: a bubble darkens its pixel by about its share of the pixel's area, and below 2 "
-        "% that is not seen. A defect that turns light by\n"
-        "less than the light reaches, such as a sphere of nearly the lens' own index, is hidden; a cut that turns it "
-        "by more is not.\n\n",
-        lens.telecentric.panel_distance_mm, to_markdown(table));
+    report.text = to_markdown(table);
     return report;
 }
 

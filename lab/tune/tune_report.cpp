@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "lab/report/scatter.h"
+#include "lab/report/template.h"
 
 namespace hord::lab {
 namespace {
@@ -55,6 +56,52 @@ const RungMeasured* most_disturbed(const Tuned& tuned) {
 
 // The share of good parts that may be rejected though none of so many was, 95 % sure.
 double most_unseen(std::size_t good) { return 1 - std::pow(0.05, 1.0 / static_cast<double>(good)); }
+
+void add_choice(TemplateFields& fields, const Tuned& tuned) {
+    const RungMeasured &chosen = tuned.rungs[*tuned.chosen], &best = tuned.rungs[*tuned.best];
+    const auto yes = [](bool is) { return std::string(is ? "yes" : ""); };
+    fields["chosen"] = chosen.rung.name();
+    fields["chosen_auc"] = with_interval(chosen.auc);
+    fields["chosen_ms"] = fmt::format("{:.3g}", chosen.wall_ms);
+    fields["budget_ms"] = fmt::format("{:g}", tuned.budget_ms);
+    fields["as_good"] = fmt::format("{}", kAsGood);
+    fields["as_fast"] = fmt::format("{:g}", 100 * kAsFast);
+    fields["best"] = &chosen != &best ? best.rung.name() : "";
+    fields["best_auc"] = with_interval(best.auc);
+    fields["behind"] = with_interval(chosen.behind);
+    fields["apart"] = yes(chosen.apart());
+    std::size_t alike = 0;
+    std::string& not_considered = fields["not_considered"];
+    for (const RungMeasured& m : tuned.rungs) {
+        alike += m.fits && &m != &best && !m.apart() ? 1U : 0U;
+        if (!m.fits && m.no_limit.empty() && m.auc.value > best.auc.value + kAsGood) {
+            not_considered += fmt::format("Over the budget and better: {}, AUC {}, {:.3g} ms.\n", m.rung.name(),
+                                          with_interval(m.auc), m.wall_ms);
+        }
+        if (!m.no_limit.empty())
+            not_considered += fmt::format("Without a limit, and not considered: {}: {}.\n", m.rung.name(), m.no_limit);
+    }
+    fields["alike"] = alike == 0 ? ""
+        : alike == 1             ? "1 other rung that fits is"
+                                 : fmt::format("{} other rungs that fit are", alike);
+    fields["separates"] = yes(best.auc.low >= 1);
+    fields["limits"] = limits_of(chosen.recipe.recipe);
+    fields["false_rejects"] = fmt::format("{:g}", 100 * tuned.false_rejects);
+    fields["margin"] = fmt::format("{:g}", 100 * kMargin);
+    fields["found"] = std::to_string(chosen.found);
+    fields["rejected"] = chosen.rejected == 0 ? "none" : std::to_string(chosen.rejected);
+    fields["one_rejected"] = yes(chosen.rejected == 1);
+    fields["most_unseen"] = fmt::format("{:.2g}", 100 * most_unseen(tuned.good));
+    fields["reference"] = yes(chosen.rung.reference);
+    fields["unregistered"] = tuned.unregistered == 0 ? ""
+        : tuned.unregistered == 1                    ? "1 good frame is"
+                                                     : fmt::format("{} good frames are", tuned.unregistered);
+    fields["one_unregistered"] = yes(tuned.unregistered == 1);
+    const RungMeasured* disturbed = most_disturbed(tuned);
+    fields["disturbed"] = disturbed != nullptr ? disturbed->rung.name() : "";
+    fields["disturbed_wall_ms"] = disturbed != nullptr ? fmt::format("{:.3g}", disturbed->wall_ms) : "";
+    fields["disturbed_processor_ms"] = disturbed != nullptr ? fmt::format("{:.3g}", disturbed->processor_ms) : "";
+}
 
 }  // namespace
 
@@ -120,63 +167,17 @@ Json to_json(const Tuned& tuned) {
 
 std::string describe(const Tuned& tuned) {
     const algo::Extents& e = tuned.extents;
-    std::string text;
-    const auto say = [&](const std::string& line) { text += line + "\n"; };
-    say(fmt::format(
-        "{} good and {} bad frames of {}x{} lenslets of {}x{} bins, {} bits; judged by {} thread{}, median of 25 "
-        "times.",
-        tuned.good, tuned.bad, e.m, e.n, e.i, e.j, tuned.bits, tuned.threads, tuned.threads == 1 ? "" : "s"));
-    if (!tuned.chosen) return text;
-    const RungMeasured &chosen = tuned.rungs[*tuned.chosen], &best = tuned.rungs[*tuned.best];
-    say(fmt::format(
-        "Chosen: {}, AUC {}, {:.3g} ms of the {:g} ms allowed: the fastest within {} of the best (of those within {:g} "
-        "% of its time, the simplest).",
-        chosen.rung.name(), with_interval(chosen.auc), chosen.wall_ms, tuned.budget_ms, kAsGood, 100 * kAsFast));
-    if (&chosen != &best) {
-        say(fmt::format("The best that fits is {}, AUC {}. The chosen one is {} below it: these frames {}.",
-                        best.rung.name(), with_interval(best.auc), with_interval(chosen.behind),
-                        chosen.apart() ? "tell the two apart" : "do not tell the two apart"));
-    }
-    std::size_t alike = 0;
-    for (const RungMeasured& m : tuned.rungs) alike += m.fits && &m != &best && !m.apart() ? 1U : 0U;
-    if (alike > 0) {
-        say(
-            fmt::format("{} other rung{} that fit{} {} within the interval of the best: which of them is best, these "
-                        "frames do not say. More frames, above all of bad parts that are hard to see, would.",
-                        alike, alike == 1 ? "" : "s", alike == 1 ? "s" : "", alike == 1 ? "is" : "are"));
-    }
-    if (best.auc.low >= 1)
-        say("No good frame scores as high as any bad one does, by the best rung. The interval, drawn from these "
-            "frames, knows nothing of harder parts.");
-    for (const RungMeasured& m : tuned.rungs) {
-        if (!m.fits && m.no_limit.empty() && m.auc.value > best.auc.value + kAsGood) {
-            say(fmt::format("Over the budget and better: {}, AUC {}, {:.3g} ms.", m.rung.name(), with_interval(m.auc),
-                            m.wall_ms));
-        }
-        if (!m.no_limit.empty())
-            say(fmt::format("Without a limit, and not considered: {}: {}.", m.rung.name(), m.no_limit));
-    }
-    say(
-        fmt::format("The limits ({}) rest on {} good frames: what {:g} % of good parts exceed if their worst values "
-                    "follow a Gumbel distribution, at least {:g} % above the highest seen. At them {} of {} bad "
-                    "frames are found. That {} of {} good ones {} rejected shows only that at most {:.2g} % are (95 % "
-                    "sure); the rest is the fit's.",
-                    limits_of(chosen.recipe.recipe), tuned.good, 100 * tuned.false_rejects, 100 * kMargin, chosen.found,
-                    tuned.bad, chosen.rejected == 0 ? "none" : std::to_string(chosen.rejected), tuned.good,
-                    chosen.rejected == 1 ? "is" : "are", 100 * most_unseen(tuned.good)));
-    if (chosen.rung.reference)
-        say("The reference should come from other good parts than those measured here: parts that it was learned from "
-            "look better than new ones will.");
-    if (tuned.unregistered > 0)
-        say(fmt::format("{} good frame{} not found by the reference: a station would reject {}.", tuned.unregistered,
-                        tuned.unregistered == 1 ? " is" : "s are", tuned.unregistered == 1 ? "it" : "them"));
-    if (const RungMeasured* m = most_disturbed(tuned)) {
-        say(
-            fmt::format("The machine was busy with other things: {} took {:.3g} ms, of which it worked {:.3g}. Measure "
-                        "again on a quiet one before you trust the times.",
-                        m->rung.name(), m->wall_ms, m->processor_ms));
-    }
-    return text;
+    TemplateFields fields{{"good", std::to_string(tuned.good)},
+                          {"bad", std::to_string(tuned.bad)},
+                          {"m", std::to_string(e.m)},
+                          {"n", std::to_string(e.n)},
+                          {"i", std::to_string(e.i)},
+                          {"j", std::to_string(e.j)},
+                          {"bits", std::to_string(tuned.bits)},
+                          {"threads", fmt::format("{} thread{}", tuned.threads, tuned.threads == 1 ? "" : "s")},
+                          {"chosen", ""}};
+    if (tuned.chosen) add_choice(fields, tuned);
+    return fill_report("tune", fields);
 }
 
 std::string recipe_text(const Tuned& tuned, const std::string& made) {
