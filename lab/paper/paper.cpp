@@ -14,6 +14,8 @@
 #include "lab/report/template.h"
 
 namespace hord::lab {
+
+using namespace firmware;
 namespace {
 
 constexpr double kAbsorberTransmission = 0.5;

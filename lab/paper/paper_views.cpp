@@ -7,6 +7,8 @@
 #include "drivers/files/frame_file.h"
 
 namespace hord::lab {
+
+using namespace firmware;
 namespace {
 
 // A frame of the scene, from the folder if the cells vouch for it.

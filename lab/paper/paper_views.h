@@ -12,8 +12,6 @@
 
 namespace hord::lab {
 
-using namespace firmware;
-
 // The instruments, in the order of the figure. The `even` forms give a dark lenslet an evenly filled HORD; the paper
 // leaves it open.
 enum class View : std::uint8_t { emd, frobenius, transmission, telecentric, emd_even, frobenius_even };
@@ -47,8 +45,8 @@ Result<SceneViews> see(const sim::Scene& scene, const std::filesystem::path& fol
 
 // The map in the figure's colours: the same scale for a view of all scenes. `around` > 0: only so many lenslets about
 // (m, n).
-Picture picture_of(const SceneViews& views, View view, const std::string& title, float high);
-Picture close_picture_of(const SceneViews& views, View view, const std::string& title, float high, double m, double n,
-                         int lenslets);
+firmware::Picture picture_of(const SceneViews& views, View view, const std::string& title, float high);
+firmware::Picture close_picture_of(const SceneViews& views, View view, const std::string& title, float high, double m,
+                                   double n, int lenslets);
 
 }  // namespace hord::lab
