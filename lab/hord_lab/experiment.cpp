@@ -1,4 +1,4 @@
-// hord-lab experiment: questions asked of the simulated cell, answered with files, a report and claims.
+// hord-lab experiment: runs an experiment on the simulated cell and writes its report.
 #include <memory>
 
 #include <fmt/format.h>

@@ -37,7 +37,7 @@ std::array<sim::Scene, kScenes> scenes_of_figure(int lenslets, std::uint64_t see
     return scenes;
 }
 
-// Of 360 directions from the centre, the share in which the map is bright within four lenslets of the lens' edge.
+// The share of 360 directions from the centre in which the map is bright within four lenslets of the lens' edge.
 double bright_share_of_rim(const SceneViews& clean, View view, const Interior& interior) {
     const algo::Extents& e = clean.scene.camera.extents;
     const double radius = sim::DoubleConvexLens{}.aperture_radius_mm / clean.scene.camera.field_mm * e.m;
@@ -60,7 +60,7 @@ double bright_share_of_rim(const SceneViews& clean, View view, const Interior& i
 struct Figure {
     std::vector<SceneViews> scenes;
     std::array<Interior, kViews> interior;
-    std::array<std::array<Contrast, kViews>, kScenes> contrast;  // of kClean: nothing
+    std::array<std::array<Contrast, kViews>, kScenes> contrast;  // kClean: unused
 
     [[nodiscard]] const Contrast& of(SceneNumber scene, View view) const {
         return contrast[scene][static_cast<std::size_t>(view)];
@@ -71,7 +71,8 @@ struct Figure {
     }
 };
 
-Result<Figure> see_figure(const ExperimentOptions& options, int lenslets, ResultCache& cells, double share_of_work) {
+Result<Figure> inspect_figure(const ExperimentOptions& options, int lenslets, ResultCache& cells,
+                              double share_of_work) {
     Figure figure;
     const auto scenes = scenes_of_figure(lenslets, options.seed);
     for (std::size_t s = 0; s < kScenes; ++s) {
@@ -79,7 +80,7 @@ Result<Figure> see_figure(const ExperimentOptions& options, int lenslets, Result
             options.progress(share_of_work * (static_cast<double>(s) + done) / static_cast<double>(scenes.size()),
                              "rendering " + scenes[s].name);
         };
-        auto views = see(scenes[s], options.out, options.threads, cells, progress);
+        auto views = inspect_scene(scenes[s], options.out, options.threads, cells, progress);
         if (!views) return tl::unexpected(views.error());
         figure.scenes.push_back(std::move(*views));
     }
@@ -152,7 +153,7 @@ Table contrast_table(const Figure& figure) {
     return table;
 }
 
-// How far off a blob's size is, as a factor of at least 1. Closer means: by more than a twentieth.
+// The ratio of a blob's size and the true one, at least 1. One size counts as closer if its ratio is smaller by 5 %.
 double size_error(double blob, double truth) { return blob > 0 ? std::max(blob / truth, truth / blob) : 1e9; }
 constexpr double kCloser = 1.05;
 
@@ -210,8 +211,8 @@ std::vector<Claim> claims_of(const Figure& f, bool quick) {
 std::string hashes_of(const Figure& figure) {
     Table table{{"scene", "frame", "EMD", "Frobenius", "transmission", "telecentric"}, {}};
     for (const SceneViews& seen : figure.scenes) {
-        table.rows.push_back({seen.scene.name, seen.frame_hash, hash_of(seen.sight.emd), hash_of(seen.sight.frobenius),
-                              hash_of(seen.sight.transmission), hash_of(seen.telecentric)});
+        table.rows.push_back({seen.scene.name, seen.frame_hash, hash_of(seen.maps.emd), hash_of(seen.maps.frobenius),
+                              hash_of(seen.maps.transmission), hash_of(seen.telecentric)});
     }
     return to_markdown(table);
 }
@@ -225,7 +226,7 @@ Result<ExperimentReport> run_paper(const ExperimentOptions& options) {
                           {{"experiment", "paper"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
     if (!cells) return tl::unexpected(cells.error());
     constexpr double kShareOfFigure = 0.6;
-    const auto figure = see_figure(options, lenslets, *cells, kShareOfFigure);
+    const auto figure = inspect_figure(options, lenslets, *cells, kShareOfFigure);
     if (!figure) return tl::unexpected(figure.error());
 
     ExperimentReport report;

@@ -1,4 +1,4 @@
-// The trade-off in words, tables and plots: what to choose, when, at what price.
+// The trade-off's report: tables, claims and the fields of docs/results/templates/tradeoff.md.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -79,7 +79,7 @@ Table centre_table(const std::vector<Rated>& all) {
     return table;
 }
 
-// Which feature finds most at each slope and light, and which fast one finds as much.
+// The feature that finds most at each slope and light, and the fastest that finds as much.
 Table choice_table(const TradeoffResults& results) {
     Table table{{"slope", "photons", "the light alone"}, {}};
     for (const Kind kind : {Kind::neighbours, Kind::reference}) {
@@ -106,7 +106,7 @@ Table choice_table(const TradeoffResults& results) {
     return table;
 }
 
-// Which fast one is as good as the best most often, over the points of the choice table.
+// The features that are the fastest as good as the best, with how often, over the points of the choice table.
 std::string in_short(const TradeoffResults& results) {
     std::map<Kind, std::map<std::string, int>> times;
     int points = 0;
@@ -132,7 +132,7 @@ std::string in_short(const TradeoffResults& results) {
     return text;
 }
 
-// How much is found by the features of kShown over points along one axis.
+// Detection by the features of kShown at points along one axis.
 Table axis_table(const TradeoffResults& results, const std::string& axis,
                  const std::vector<std::pair<std::string, TradeoffPoint>>& along) {
     Table table{{axis}, {}};
@@ -175,7 +175,7 @@ std::string axes_text(const TradeoffResults& results) {
         [&](const std::string& title, const std::string& axis, const std::function<bool(const TradeoffPoint&)>& is_on,
             const std::function<std::string(const TradeoffPoint&)>& label, const std::string& note = {}) {
             const auto along = along_of(results, is_on, label);
-            if (along.size() < 2) return;  // the quick form
+            if (along.size() < 2) return;
             axes += (axes.empty() ? "### " : "\n### ") + title + "\n\n" + note +
                 to_markdown(axis_table(results, axis, along));
         };

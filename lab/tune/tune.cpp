@@ -4,13 +4,13 @@
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <ctime>
 #include <deque>
 
 #include <fmt/format.h>
 
 #include "algo/frame/mask.h"
 #include "algo/inspection/pipeline.h"
+#include "lab/report/cpu_time.h"
 #include "lab/tune/worst_value.h"
 
 namespace hord::lab {
@@ -41,11 +41,6 @@ double rounded_up(double value) {
     return std::ceil(value / unit - 1e-9) * unit;
 }
 
-double processor_ms() {
-    timespec now{};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-    return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
-}
 double wall_ms() {
     return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
@@ -279,9 +274,9 @@ Result<void> Tuner::measure_times() {
         options_.progress(0.6 + 0.2 * (round + 1) / (kRounds + 1), "timing");
         const FrameView frame = timed_[static_cast<std::size_t>(round + 1) % timed_.size()].view();
         for (std::size_t k = 0; k < pipelines.size(); ++k) {
-            const double processor_before = processor_ms(), wall_before = wall_ms();
+            const double processor_before = process_cpu_ms(), wall_before = wall_ms();
             const auto inspection = pipelines[k].inspect(frame);
-            const double wall_after = wall_ms(), processor_after = processor_ms();
+            const double wall_after = wall_ms(), processor_after = process_cpu_ms();
             if (!inspection) return tl::unexpected(inspection.error());
             if (round < 0) continue;
             wall[k].push_back(wall_after - wall_before);
